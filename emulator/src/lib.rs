@@ -1,0 +1,1 @@
+//! An STM32F446 that runs the release firmware unmodified.

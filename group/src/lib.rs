@@ -1,0 +1,1 @@
+//! The group file: which robots move as one body, and where each stands in it.

@@ -1,0 +1,1 @@
+//! The master PC: drives a group of robots over one CAN bus.

@@ -1,0 +1,3 @@
+//! The `omnibus` command.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! A virtual CAN bus, plants, and robots native or emulated.
