@@ -31,11 +31,16 @@ pub enum SimError {
 
 impl SimError {
     pub(crate) fn geometry(node: u8, error: impl fmt::Debug) -> Self {
-        Self::Robot { node, problem: format!("its geometry is not usable: {error:?}") }
+        Self::Robot {
+            node,
+            problem: format!("its geometry is not usable: {error:?}"),
+        }
     }
 
     pub(crate) fn wheels(error: impl fmt::Debug) -> Self {
-        Self::Plant { problem: format!("a robot's wheels have no kinematics: {error:?}") }
+        Self::Plant {
+            problem: format!("a robot's wheels have no kinematics: {error:?}"),
+        }
     }
 }
 
@@ -43,8 +48,16 @@ impl fmt::Display for SimError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Robot { node, problem } => write!(f, "robot with node {node}: {problem}"),
-            Self::Stopped { node, time_ns, problem } => {
-                write!(f, "robot with node {node} stopped at {:.6} s: {problem}", *time_ns as f64 * 1e-9)
+            Self::Stopped {
+                node,
+                time_ns,
+                problem,
+            } => {
+                write!(
+                    f,
+                    "robot with node {node} stopped at {:.6} s: {problem}",
+                    *time_ns as f64 * 1e-9
+                )
             }
             Self::Plant { problem } => write!(f, "plant: {problem}"),
         }

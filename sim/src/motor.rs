@@ -72,7 +72,11 @@ impl Motor {
             0.0
         };
         let torque = self.constant * self.current - self.viscous * self.rate;
-        let brake = if drive.brake_released { 0.0 } else { BRAKE_TORQUE };
+        let brake = if drive.brake_released {
+            0.0
+        } else {
+            BRAKE_TORQUE
+        };
         let free = self.rate + dt * torque / self.inertia;
         let held = dt * (self.friction + brake) / self.inertia;
         let rate = if free > held {
@@ -116,7 +120,10 @@ impl WheelEncoder {
     /// An encoder that stands at 0 at angle 0.
     #[must_use]
     pub fn new(parameters: &Encoder) -> Self {
-        Self { counts_per_rad: f64::from(parameters.counts_per_revolution) / TAU, counts: 0 }
+        Self {
+            counts_per_rad: f64::from(parameters.counts_per_revolution) / TAU,
+            counts: 0,
+        }
     }
 
     /// Follows the wheel to an angle (rad, unwrapped); returns the counts that went by.
@@ -151,7 +158,11 @@ mod tests {
     const STEP: f64 = 100e-6;
 
     fn driven(duty: f64) -> Drive {
-        Drive { duty, enabled: true, brake_released: true }
+        Drive {
+            duty,
+            enabled: true,
+            brake_released: true,
+        }
     }
 
     fn run(motor: &mut Motor, seconds: f64, drive: Drive) {
@@ -167,26 +178,42 @@ mod tests {
         run(&mut motor, 0.25, driven(0.5));
         let (k, j, r) = (0.8f32 as f64, 0.4f32 as f64, 0.3f32 as f64);
         let expected = 12.0 / k * (1.0 - (-0.25 * k * k / (j * r)).exp());
-        assert!((motor.rate() / expected - 1.0).abs() < 5e-4, "{} {expected}", motor.rate());
+        assert!(
+            (motor.rate() / expected - 1.0).abs() < 5e-4,
+            "{} {expected}",
+            motor.rate()
+        );
     }
 
     /// The duty that the group file's feedforward gives for a rate must end at that rate.
     #[test]
     fn feedforward_holds_its_rate() {
-        let parameters = Parameters { inductance: 3e-4, friction: 1.0, viscous: 0.02, ..MOTOR };
+        let parameters = Parameters {
+            inductance: 3e-4,
+            friction: 1.0,
+            viscous: 0.02,
+            ..MOTOR
+        };
         let f = parameters.feedforward();
         for rate in [15.0, -4.0] {
             let mut motor = Motor::new(&parameters);
             let duty = f.duty_static * f32::signum(rate) + f.duty_per_rate * rate;
             run(&mut motor, 4.0, driven(duty.into()));
-            assert!((motor.rate() - f64::from(rate)).abs() < 1e-4, "{}", motor.rate());
+            assert!(
+                (motor.rate() - f64::from(rate)).abs() < 1e-4,
+                "{}",
+                motor.rate()
+            );
         }
     }
 
     /// Dry friction of 1 N m takes 1 * 0.3 / 0.8 V, 0.0156 of 24 V.
     #[test]
     fn stands_below_the_breakaway_duty() {
-        let parameters = Parameters { friction: 1.0, ..MOTOR };
+        let parameters = Parameters {
+            friction: 1.0,
+            ..MOTOR
+        };
         let mut motor = Motor::new(&parameters);
         run(&mut motor, 1.0, driven(0.0156));
         assert_eq!((motor.rate(), motor.angle()), (0.0, 0.0));
@@ -197,11 +224,18 @@ mod tests {
     /// Disabled, only friction slows it: 1 N m on 0.4 kg m2 is 2.5 rad/s2.
     #[test]
     fn coasts_when_disabled_and_stops_for_good() {
-        let parameters = Parameters { friction: 1.0, ..MOTOR };
+        let parameters = Parameters {
+            friction: 1.0,
+            ..MOTOR
+        };
         let mut motor = Motor::new(&parameters);
         run(&mut motor, 3.0, driven(0.5));
         let before = motor.rate();
-        let off = Drive { duty: 1.0, enabled: false, brake_released: true };
+        let off = Drive {
+            duty: 1.0,
+            enabled: false,
+            brake_released: true,
+        };
         run(&mut motor, 1.0, off);
         assert!((before - motor.rate() - 2.5).abs() < 1e-6);
         run(&mut motor, 10.0, off);
@@ -213,13 +247,23 @@ mod tests {
     #[test]
     fn the_brake_holds() {
         let mut motor = Motor::new(&MOTOR);
-        run(&mut motor, 1.0, Drive { duty: 0.2, enabled: true, brake_released: false });
+        run(
+            &mut motor,
+            1.0,
+            Drive {
+                duty: 0.2,
+                enabled: true,
+                brake_released: false,
+            },
+        );
         assert_eq!(motor.angle(), 0.0);
     }
 
     #[test]
     fn encoder_counts_are_whole_and_even_about_zero() {
-        let mut encoder = WheelEncoder::new(&Encoder { counts_per_revolution: 8.0 });
+        let mut encoder = WheelEncoder::new(&Encoder {
+            counts_per_revolution: 8.0,
+        });
         let eighth = TAU / 8.0;
         assert_eq!(encoder.follow(0.9 * eighth), 0);
         assert_eq!(encoder.follow(-0.1 * eighth), -1);

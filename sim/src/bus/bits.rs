@@ -54,7 +54,11 @@ struct Stuffer {
 impl Stuffer {
     fn push(&mut self, bit: bool) {
         self.count += 1;
-        self.run = if self.level == Some(bit) { self.run + 1 } else { 1 };
+        self.run = if self.level == Some(bit) {
+            self.run + 1
+        } else {
+            1
+        };
         self.level = Some(bit);
         if self.run == 5 {
             self.count += 1;

@@ -20,7 +20,11 @@ impl Candump {
     /// A log into this writer; give it a buffered one.
     #[must_use]
     pub fn new(out: Box<dyn Write + Send>) -> Self {
-        Self { out, line: String::new(), failed: None }
+        Self {
+            out,
+            line: String::new(),
+            failed: None,
+        }
     }
 
     /// Appends one frame that ended at this time, ns.
@@ -46,14 +50,22 @@ impl Candump {
 
 impl std::fmt::Debug for Candump {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Candump").field("failed", &self.failed).finish_non_exhaustive()
+        f.debug_struct("Candump")
+            .field("failed", &self.failed)
+            .finish_non_exhaustive()
     }
 }
 
 fn format_line(line: &mut String, end_ns: u64, frame: &Frame) {
     let us = end_ns / 1_000;
     // Writing into a string cannot fail.
-    let _ = write!(line, "({}.{:06}) can0 {:03X}#", us / 1_000_000, us % 1_000_000, frame.id());
+    let _ = write!(
+        line,
+        "({}.{:06}) can0 {:03X}#",
+        us / 1_000_000,
+        us % 1_000_000,
+        frame.id()
+    );
     for byte in frame.data() {
         let _ = write!(line, "{byte:02X}");
     }
@@ -67,7 +79,11 @@ mod tests {
     #[test]
     fn a_line_is_what_candump_writes() {
         let mut line = String::new();
-        format_line(&mut line, 12_000_345_678, &Frame::new(0x81, &[0xE8, 0x03]).unwrap());
+        format_line(
+            &mut line,
+            12_000_345_678,
+            &Frame::new(0x81, &[0xE8, 0x03]).unwrap(),
+        );
         assert_eq!(line, "(12.000345) can0 081#E803\n");
         line.clear();
         format_line(&mut line, 0, &Frame::new(0x80, &[]).unwrap());

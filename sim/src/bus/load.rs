@@ -99,7 +99,14 @@ mod tests {
         meter.busy(10, 40);
         meter.busy(180, 240);
         meter.busy(250, 260);
-        assert_eq!(meter.read(300), BusLoad { mean: 1.0 / 3.0, largest: 0.5, window_ns: 100 });
+        assert_eq!(
+            meter.read(300),
+            BusLoad {
+                mean: 1.0 / 3.0,
+                largest: 0.5,
+                window_ns: 100
+            }
+        );
     }
 
     #[test]

@@ -97,7 +97,12 @@ impl Bus {
         self.free_at_ns = end_ns + u64::from(INTERMISSION) * BIT_NS;
         self.load.busy(now_ns, self.free_at_ns);
         self.frames += 1;
-        self.transfer = Some(Transfer { sender, frame, start_ns: now_ns, end_ns });
+        self.transfer = Some(Transfer {
+            sender,
+            frame,
+            start_ns: now_ns,
+            end_ns,
+        });
         self.transfer
     }
 
@@ -162,7 +167,9 @@ mod tests {
     #[test]
     fn two_nodes_with_one_identifier_are_counted() {
         let mut bus = Bus::new(1_000_000);
-        let transfer = bus.arbitrate(0, [(3, frame(5)), (4, frame(5))].into_iter()).unwrap();
+        let transfer = bus
+            .arbitrate(0, [(3, frame(5)), (4, frame(5))].into_iter())
+            .unwrap();
         assert_eq!((transfer.sender, bus.collisions()), (3, 1));
     }
 }

@@ -10,7 +10,9 @@
 //! while translating loses as if each were alone. The contact plant is for that.
 
 use group::{GroupFile, Tables};
-use kinematics::{FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates};
+use kinematics::{
+    FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates,
+};
 
 use super::Plant;
 use super::formation::{Formation, advance};
@@ -49,7 +51,10 @@ impl TablePlant {
                 Tables::Ideal => IDEAL,
             },
             rigid: group.simulation.rigid,
-            wheels: members.iter().map(|(_, g)| rolling(g)).collect::<Result<_, _>>()?,
+            wheels: members
+                .iter()
+                .map(|(_, g)| rolling(g))
+                .collect::<Result<_, _>>()?,
             formation,
             group: start,
             alone: poses.clone(),
@@ -104,7 +109,9 @@ impl Plant for TablePlant {
 }
 
 /// The members' places and wheels in double precision, with exactly the values the robots are told.
-pub(crate) fn members(group: &GroupFile) -> Result<Vec<(Pose<f64>, FourWheelGeometry<f64>)>, SimError> {
+pub(crate) fn members(
+    group: &GroupFile,
+) -> Result<Vec<(Pose<f64>, FourWheelGeometry<f64>)>, SimError> {
     group
         .robots
         .iter()
@@ -120,7 +127,10 @@ pub(crate) fn members(group: &GroupFile) -> Result<Vec<(Pose<f64>, FourWheelGeom
                 f64::from(robot.geometry.wheel_radius()),
                 f64::from(robot.geometry.roller_angle()),
             );
-            Ok((place, wheels.map_err(|error| SimError::geometry(robot.node, error))?))
+            Ok((
+                place,
+                wheels.map_err(|error| SimError::geometry(robot.node, error))?,
+            ))
         })
         .collect()
 }

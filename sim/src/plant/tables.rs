@@ -24,7 +24,10 @@ impl Axis {
         let asked = asked.abs();
         let ratio = |row: &Row| row.1 / row.0;
         let above = self.0.partition_point(|row| row.0 <= asked);
-        match (above.checked_sub(1).and_then(|below| self.0.get(below)), self.0.get(above)) {
+        match (
+            above.checked_sub(1).and_then(|below| self.0.get(below)),
+            self.0.get(above),
+        ) {
             (Some(low), Some(high)) => {
                 let part = (asked - low.0) / (high.0 - low.0);
                 ratio(low) + part * (ratio(high) - ratio(low))
@@ -90,7 +93,11 @@ pub const PHYSICAL: Losses = Losses {
 };
 
 /// No losses.
-pub const IDEAL: Losses = Losses { longitudinal: Axis(&[]), lateral: Axis(&[]), yaw: Axis(&[]) };
+pub const IDEAL: Losses = Losses {
+    longitudinal: Axis(&[]),
+    lateral: Axis(&[]),
+    yaw: Axis(&[]),
+};
 
 #[cfg(test)]
 mod tests {
@@ -100,7 +107,7 @@ mod tests {
     fn interpolates_the_ratio_and_holds_the_ends() {
         // Halfway between 0.96928 and 0.96842.
         assert!((VIRTUAL.lateral.ratio(150.0) - 0.96885).abs() < 1e-12);
-        assert_eq!(VIRTUAL.lateral.ratio(0.0), 0.96928);
+        assert_eq!(VIRTUAL.lateral.ratio(0.0), 96.928 / 100.0);
         assert_eq!(VIRTUAL.lateral.ratio(-5000.0), 483.2 / 500.0);
         assert_eq!(IDEAL.yaw.ratio(1.0), 1.0);
     }
