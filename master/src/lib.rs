@@ -1,5 +1,12 @@
 //! The master PC: drives a group of robots over one CAN bus.
 
+pub mod configure;
+pub mod curve;
+pub mod error;
+pub mod follow;
+pub mod link;
 pub mod metrics;
 pub mod record;
 pub mod report;
+pub mod sdo;
+pub mod session;

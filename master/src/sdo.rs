@@ -41,7 +41,7 @@ pub fn show(value: Value) -> String {
 /// What is to be done with an object.
 #[derive(Clone, Copy)]
 enum Transfer {
-    Read(Kind),
+    Read,
     Write(Value),
 }
 
@@ -51,7 +51,7 @@ impl<L: Link> Group<'_, L> {
     /// # Errors
     /// When the robot refuses, does not answer, or answers with another type.
     pub fn read(&mut self, node: u8, address: Address, kind: Kind) -> Result<Value, MasterError> {
-        let data = self.transfer(node, address, Transfer::Read(kind))?;
+        let data = self.transfer(node, address, Transfer::Read)?;
         Value::from_bytes(kind, &data).map_err(|error| MasterError::Answer {
             node,
             object: name(address),
@@ -106,7 +106,7 @@ impl<L: Link> Group<'_, L> {
         let mut client = SdoClient::new(server, Micros(ANSWER_TIMEOUT_US));
         let (now, index, sub) = (self.link.now(), address.index, address.sub);
         match what {
-            Transfer::Read(_) => client.upload(now, index, sub),
+            Transfer::Read => client.upload(now, index, sub),
             Transfer::Write(value) => {
                 let length = usize::from(value.kind().bytes());
                 client.download(now, index, sub, &value.to_bytes()[..length])
@@ -139,7 +139,7 @@ impl<L: Link> Group<'_, L> {
                 node,
                 object: name(address),
                 value: match what {
-                    Transfer::Read(_) => "read".into(),
+                    Transfer::Read => "read".into(),
                     Transfer::Write(value) => show(value),
                 },
                 abort: AbortCode::from_code(code).unwrap_or(AbortCode::General),
