@@ -107,7 +107,7 @@ impl<L: Link> Group<'_, L> {
     pub(crate) fn identify(&mut self, index: usize, deadline: Micros) -> Result<(), MasterError> {
         let node = self.members()[index].node;
         loop {
-            match self.read(node, address::WIRE_VERSION, Kind::U16) {
+            match self.wire.read(node, address::WIRE_VERSION, Kind::U16) {
                 Ok(Value::U16(version)) if version == protocol::WIRE_VERSION => return Ok(()),
                 Ok(value) => {
                     return Err(MasterError::WireVersion {
@@ -115,7 +115,7 @@ impl<L: Link> Group<'_, L> {
                         found: value.to_bits(),
                     });
                 }
-                Err(MasterError::NodeSilent { .. }) if self.link.now().0 < deadline.0 => {}
+                Err(MasterError::NodeSilent { .. }) if self.wire.now().0 < deadline.0 => {}
                 Err(error) => return Err(error),
             }
         }
@@ -131,7 +131,7 @@ impl<L: Link> Group<'_, L> {
         let file = self.file;
         for robot in &file.robots {
             for (at, value) in parameters(file, robot, compensation) {
-                self.write_checked(robot.node, at, value)?;
+                self.wire.write_checked(robot.node, at, value)?;
             }
         }
         for robot in &file.robots {
@@ -142,7 +142,9 @@ impl<L: Link> Group<'_, L> {
 
     /// Reads whether a robot finds its configuration complete.
     fn check_configuration(&mut self, node: u8) -> Result<(), MasterError> {
-        let status = self.read(node, address::CONFIGURATION_STATUS, Kind::U32)?;
+        let status = self
+            .wire
+            .read(node, address::CONFIGURATION_STATUS, Kind::U32)?;
         let bits = status.to_bits();
         if bits == 0 {
             return Ok(());

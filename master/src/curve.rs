@@ -172,11 +172,7 @@ impl Plan {
                 "m/s2",
                 limits.linear_acceleration,
             ),
-            (
-                "limits.yaw_acceleration",
-                "rad/s2",
-                limits.yaw_acceleration,
-            ),
+            ("limits.yaw_acceleration", "rad/s2", limits.yaw_acceleration),
         ];
         for (asked, (limit_name, unit, limit)) in largest.into_iter().zip(allowed) {
             if asked > limit {

@@ -25,7 +25,8 @@ pub enum MasterError {
     /// A robot speaks another version of the protocol.
     #[error(
         "node {node}: wire version {found}, this master speaks {}; flash the robot with the \
-         firmware of this release", protocol::WIRE_VERSION
+         firmware of this release",
+        protocol::WIRE_VERSION
     )]
     WireVersion {
         /// The node.

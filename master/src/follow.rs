@@ -70,7 +70,7 @@ impl<L: Link> Group<'_, L> {
                 pose,
                 twist,
             };
-            observe(&mut self.link, &instant);
+            observe(self.link(), &instant);
             k += 1.0;
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! The master PC: drives a group of robots over one CAN bus.
 
+pub mod bus;
 pub mod configure;
 pub mod curve;
 pub mod error;
@@ -10,3 +11,9 @@ pub mod record;
 pub mod report;
 pub mod sdo;
 pub mod session;
+pub mod wire;
+
+#[cfg(test)]
+mod fake;
+#[cfg(test)]
+mod session_tests;

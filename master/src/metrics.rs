@@ -111,11 +111,7 @@ mod tests {
     use super::*;
 
     fn pose(x: f32, y: f32) -> Pose {
-        Pose {
-            x,
-            y,
-            heading: 0.0,
-        }
+        Pose { x, y, heading: 0.0 }
     }
 
     /// The rows of Table 6: max and min in mm, nominal 2500 mm, and the error it prints.
@@ -143,7 +139,10 @@ mod tests {
                 },
             ];
             let errors = path_errors(&path).unwrap();
-            assert!((errors.x_percent - printed).abs() < LAST_DIGIT, "{max} {min}");
+            assert!(
+                (errors.x_percent - printed).abs() < LAST_DIGIT,
+                "{max} {min}"
+            );
             assert_eq!(errors.y_percent, 0.0);
         }
     }

@@ -1,8 +1,9 @@
 //! Reading and writing one object of one robot, over any link.
 //!
-//! The transfer itself is `canopen`'s SDO client; this file gives it time and frames, keeps the
-//! master's heartbeat going meanwhile and lets the session hear everything else that arrives. One
-//! transfer runs at a time, which a robot needs anyway: it has one SDO server.
+//! The transfer itself is `canopen`'s SDO client; this file gives it time and frames, and keeps the
+//! master's heartbeat going meanwhile. What else arrives waits in the wire's backlog, from which
+//! the session takes it. One transfer runs at a time, which a robot needs anyway: it has one SDO
+//! server.
 
 use canopen::client::{Outcome, SdoClient, SdoError};
 use canopen::{AbortCode, Micros, NodeId};
@@ -10,7 +11,7 @@ use protocol::{Address, Kind, OBJECTS, Value};
 
 use crate::error::MasterError;
 use crate::link::Link;
-use crate::session::Group;
+use crate::wire::Wire;
 
 /// How long a robot may take for one answer, in µs.
 pub const ANSWER_TIMEOUT_US: u64 = 250_000;
@@ -45,7 +46,7 @@ enum Transfer {
     Write(Value),
 }
 
-impl<L: Link> Group<'_, L> {
+impl<L: Link> Wire<L> {
     /// Reads an object of a type.
     ///
     /// # Errors
@@ -71,7 +72,7 @@ impl<L: Link> Group<'_, L> {
     /// Writes an object and reads it back.
     ///
     /// # Errors
-    /// As [`Group::write`] and [`Group::read`], and when the value read is not the value written.
+    /// As [`Wire::write`] and [`Wire::read`], and when the value read is not the value written.
     pub fn write_checked(
         &mut self,
         node: u8,
@@ -118,10 +119,16 @@ impl<L: Link> Group<'_, L> {
             while let Some(frame) = client.pop_frame() {
                 self.link.send(&frame)?;
             }
-            let outcome = match self.link.receive(self.wake(client.next_deadline()))? {
+            let outcome = match self
+                .link
+                .receive(self.wake(client.next_deadline().unwrap_or(now)))?
+            {
                 Some((at, frame)) => {
-                    self.hear(&frame);
-                    client.on_frame(at, &frame)
+                    let outcome = client.on_frame(at, &frame);
+                    if outcome.is_none() {
+                        self.backlog.push_back((at, frame));
+                    }
+                    outcome
                 }
                 None => client.poll(self.link.now()),
             };

@@ -15,7 +15,7 @@
 
 use std::collections::BTreeSet;
 
-use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
+use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, client};
 use group::GroupFile;
 use kinematics::Twist;
 use protocol::{
@@ -26,18 +26,12 @@ use protocol::{
 use crate::error::MasterError;
 use crate::link::Link;
 use crate::record::Recorder;
+use crate::wire::Wire;
 
-/// The master's own node id.
-const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
-    Some(node) => node,
-    None => NodeId::MIN,
-};
 /// How long robots may take to answer after the master came, in µs: a reset robot boots in far less.
 const CONNECT_TIMEOUT_US: u64 = 3_000_000;
 /// How long members may take from NMT start until all are ready, in µs.
 const START_TIMEOUT_US: u64 = 2_000_000;
-/// Period of the master's heartbeat, in µs.
-pub const HEARTBEAT_PERIOD_US: u64 = 100_000;
 /// The twist goes out this long before its SYNC at most, in µs.
 const MAX_LEAD_US: u64 = 2_000;
 /// SYNCs without a status after which a member counts as missing.
@@ -60,7 +54,7 @@ pub struct Member {
 
 /// A group of robots on a bus.
 pub struct Group<'a, L> {
-    pub(crate) link: L,
+    pub(crate) wire: Wire<L>,
     pub(crate) file: &'a GroupFile,
     members: Vec<Member>,
     strangers: BTreeSet<u8>,
@@ -69,7 +63,6 @@ pub struct Group<'a, L> {
     counter: u8,
     began: Micros,
     next_sync: Micros,
-    next_heartbeat: Micros,
     running: bool,
 }
 
@@ -87,7 +80,7 @@ impl<'a, L: Link> Group<'a, L> {
             silent_syncs: 0,
         });
         let mut group = Self {
-            link,
+            wire: Wire::commanding(link),
             file,
             members: members.collect(),
             strangers: BTreeSet::new(),
@@ -96,7 +89,6 @@ impl<'a, L: Link> Group<'a, L> {
             counter: 0,
             began: now,
             next_sync: now,
-            next_heartbeat: now,
             running: false,
         };
         let deadline = Micros(now.0 + CONNECT_TIMEOUT_US);
@@ -124,9 +116,14 @@ impl<'a, L: Link> Group<'a, L> {
         &self.recorder
     }
 
+    /// The wire, for reading and writing objects.
+    pub fn wire(&mut self) -> &mut Wire<L> {
+        &mut self.wire
+    }
+
     /// The link, for an observer of a simulated world.
     pub fn link(&mut self) -> &mut L {
-        &mut self.link
+        &mut self.wire.link
     }
 
     /// Period of SYNC in µs.
@@ -146,7 +143,7 @@ impl<'a, L: Link> Group<'a, L> {
     /// # Errors
     /// When the link fails.
     pub fn command(&mut self, command: NmtCommand) -> Result<(), MasterError> {
-        Ok(self.link.send(&client::nmt(command, NmtTarget::All))?)
+        self.wire.send(&client::nmt(command, NmtTarget::All))
     }
 
     /// Listens until `until`, sending the master's heartbeat whenever it is due.
@@ -154,32 +151,10 @@ impl<'a, L: Link> Group<'a, L> {
     /// # Errors
     /// When the link fails.
     pub fn listen(&mut self, until: Micros) -> Result<(), MasterError> {
-        loop {
-            self.beat()?;
-            let stop = until.0.min(self.next_heartbeat.0);
-            match self.link.receive(Micros(stop))? {
-                Some((_, frame)) => self.hear(&frame),
-                None if stop == until.0 => return Ok(()),
-                None => {}
-            }
-        }
-    }
-
-    /// Sends the master's heartbeat when it is due.
-    pub(crate) fn beat(&mut self) -> Result<(), MasterError> {
-        let now = self.link.now();
-        if now.0 >= self.next_heartbeat.0 {
-            let frame = client::heartbeat(MASTER, NmtState::Operational);
-            self.link.send(&frame)?;
-            self.next_heartbeat = Micros(now.0 + HEARTBEAT_PERIOD_US);
+        while let Some((_, frame)) = self.wire.next(until)? {
+            self.hear(&frame);
         }
         Ok(())
-    }
-
-    /// When to stop waiting so that neither `deadline` nor the master's heartbeat is missed.
-    pub(crate) fn wake(&self, deadline: Option<Micros>) -> Micros {
-        let heartbeat = self.next_heartbeat;
-        deadline.map_or(heartbeat, |deadline| deadline.min(heartbeat))
     }
 
     /// Takes in whatever a robot said. Frames that are not the robots' are no concern of the master;
@@ -190,7 +165,7 @@ impl<'a, L: Link> Group<'a, L> {
             let member = self.members.iter_mut().find(|m| m.node == node.get());
             match member {
                 Some(member) => member.nmt = Some(state),
-                None if node == MASTER => {}
+                None if node.get() == protocol::MASTER => {}
                 None => {
                     self.strangers.insert(node.get());
                 }
@@ -226,22 +201,31 @@ impl<'a, L: Link> Group<'a, L> {
     /// Starts SYNC with a standing setpoint, then the robots, and returns once all are ready to move.
     ///
     /// # Errors
-    /// When a member does not get ready in time, or the link fails.
+    /// When a member does not get ready in time, or the link fails; all robots are then back in
+    /// PRE-OPERATIONAL.
     pub fn start(&mut self) -> Result<(), MasterError> {
-        self.next_sync = Micros(self.link.now().0 + self.period_us());
+        let started = self.bring_up();
+        if started.is_err() {
+            self.ramp_down(self.period_us())?;
+        }
+        started
+    }
+
+    fn bring_up(&mut self) -> Result<(), MasterError> {
+        self.next_sync = Micros(self.wire.now().0 + self.period_us());
         self.began = self.next_sync;
         for _ in 0..4 {
             self.cycle(Twist::default())?;
         }
         self.command(NmtCommand::Start)?;
-        let deadline = self.link.now().0 + START_TIMEOUT_US;
+        let deadline = self.wire.now().0 + START_TIMEOUT_US;
         loop {
             self.cycle(Twist::default())?;
             let Some(waiting) = self.members.iter().find(|m| !self.is_ready(m)) else {
                 self.running = true;
                 return Ok(());
             };
-            if self.link.now().0 > deadline {
+            if self.wire.now().0 > deadline {
                 return Err(MasterError::NotReady {
                     node: waiting.node,
                     nmt: waiting.nmt,
@@ -276,12 +260,12 @@ impl<'a, L: Link> Group<'a, L> {
             sequence: self.sequence,
             group: self.file.group_id,
         };
-        self.link
+        self.wire
             .send(&Frame::of(cob::GROUP_TWIST, setpoint.encode()))?;
         self.listen(sync_at)?;
         let judged = self.judge();
         self.counter = self.counter % SYNC_OVERFLOW + 1;
-        self.link.send(&client::sync(Some(self.counter)))?;
+        self.wire.send(&client::sync(Some(self.counter)))?;
         let t = (sync_at.0 as f64 - self.began.0 as f64) * 1e-6;
         let members = self.members.len();
         self.recorder.open(t, self.sequence, twist, members);
@@ -332,17 +316,17 @@ impl<'a, L: Link> Group<'a, L> {
     /// Only when the link itself fails.
     pub fn ramp_down(&mut self, patience_us: u64) -> Result<(), MasterError> {
         self.running = false;
-        let deadline = self.link.now().0 + patience_us;
-        self.next_sync = Micros(self.next_sync.0.max(self.link.now().0 + self.lead_us()));
+        let deadline = self.wire.now().0 + patience_us;
+        self.next_sync = Micros(self.next_sync.0.max(self.wire.now().0 + self.lead_us()));
         // Two SYNCs until the first standing setpoint is in force, one more to be measured.
         for cycle in 0.. {
             self.cycle(Twist::default())?;
-            if self.link.now().0 > deadline || (cycle > 3 && self.stands()) {
+            if self.wire.now().0 > deadline || (cycle > 3 && self.stands()) {
                 break;
             }
         }
         self.command(NmtCommand::EnterPreOperational)?;
-        let settle = Micros(self.link.now().0 + self.period_us());
+        let settle = Micros(self.wire.now().0 + self.period_us());
         self.listen(settle)
     }
 

@@ -51,7 +51,12 @@ pub fn ensure_target() -> anyhow::Result<()> {
         .output()
         .context("cannot start rustc: install Rust from https://rustup.rs")?;
     let sysroot = PathBuf::from(String::from_utf8_lossy(&sysroot.stdout).trim());
-    if sysroot.join("lib/rustlib").join(TARGET).join("lib").is_dir() {
+    if sysroot
+        .join("lib/rustlib")
+        .join(TARGET)
+        .join("lib")
+        .is_dir()
+    {
         return Ok(());
     }
     eprintln!("adding the {TARGET} target with rustup");
@@ -70,7 +75,12 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let elf = crate::firmware::build()?;
     let mut command = command();
     command
-        .args(["test", "--workspace", "--features", "omnibus-firmware/emulated"])
+        .args([
+            "test",
+            "--workspace",
+            "--features",
+            "omnibus-firmware/emulated",
+        ])
         .args(rest)
         .env("OMNIBUS_ELF", elf);
     run(&mut command)

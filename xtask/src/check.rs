@@ -19,7 +19,8 @@ const SHAPE: RangeInclusive<f64> = 0.0..=5.0;
 pub fn demo(path: &Path) -> anyhow::Result<()> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let json = serde_json::from_str(&text).with_context(|| format!("{} is not JSON", path.display()))?;
+    let json =
+        serde_json::from_str(&text).with_context(|| format!("{} is not JSON", path.display()))?;
     promises(&json).with_context(|| path.display().to_string())?;
     println!("{}: as promised", path.display());
     Ok(())
@@ -41,7 +42,11 @@ fn within(run: &Value, field: &str, bounds: &RangeInclusive<f64>) -> anyhow::Res
 }
 
 fn promises(json: &Value) -> anyhow::Result<()> {
-    ensure!(json["backend"] == "emulator", "backend is {}", json["backend"]);
+    ensure!(
+        json["backend"] == "emulator",
+        "backend is {}",
+        json["backend"]
+    );
     ensure!(json["robots"] == 3, "robots is {}", json["robots"]);
     let run = |word: &str| {
         json["runs"]

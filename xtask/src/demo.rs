@@ -55,7 +55,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         BackendName::Native => None,
     };
     let folder = cargo::target_folder().join("demo");
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot create {}", folder.display()))?;
 
     let mut runs = Vec::new();
     for compensation in [false, true] {
@@ -80,7 +81,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;
-    write(&folder.join("trajectory.svg"), &report::charts::map(&report).to_svg()?)?;
+    write(
+        &folder.join("trajectory.svg"),
+        &report::charts::map(&report).to_svg()?,
+    )?;
     let json = arguments
         .json
         .clone()
@@ -90,7 +94,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     println!("{}", report::table::to_table(&report));
     println!("Axes as in the paper: x lateral, y longitudinal.");
     println!("report   {}", html.display());
-    println!("frames   {}", folder.join("compensation-*.candump.log").display());
+    println!(
+        "frames   {}",
+        folder.join("compensation-*.candump.log").display()
+    );
     println!("json     {}", json.display());
     Ok(())
 }
@@ -99,7 +106,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 const PROGRESS_STEPS: f64 = 1000.0;
 
 fn bar(name: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{prefix:<34} [{bar:30}] {percent:>3} %  {elapsed} {msg}");
+    let style =
+        ProgressStyle::with_template("{prefix:<34} [{bar:30}] {percent:>3} %  {elapsed} {msg}");
     let bar = ProgressBar::new(PROGRESS_STEPS as u64);
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_prefix(name.to_owned());

@@ -55,9 +55,7 @@ fn vector_table(bytes: &[u8]) -> anyhow::Result<()> {
         .context("no .vector_table: the linker script did not take part (build.rs, memory.x)")?;
     let (address, size) = (section.address(), section.size());
     if address != FLASH_ORIGIN || size == 0 {
-        bail!(
-            ".vector_table is at 0x{address:08x} with {size} bytes, not at 0x{FLASH_ORIGIN:08x}"
-        );
+        bail!(".vector_table is at 0x{address:08x} with {size} bytes, not at 0x{FLASH_ORIGIN:08x}");
     }
     Ok(())
 }

@@ -175,9 +175,8 @@ impl Chart {
             .y_labels(7)
             .draw()?;
         for (color, points) in &self.outlines {
-            chart.draw_series([
-                Polygon::new(points.clone(), color.mix(0.12).filled()).into_dyn(),
-            ])?;
+            chart
+                .draw_series([Polygon::new(points.clone(), color.mix(0.12).filled()).into_dyn()])?;
             let closed = points.iter().chain(points.first()).copied();
             chart.draw_series(LineSeries::new(closed, color.mix(0.7)))?;
         }

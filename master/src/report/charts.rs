@@ -45,10 +45,7 @@ fn line(
 }
 
 /// The theory of the first run, dashed.
-fn theory(
-    report: &Report,
-    points: impl Fn(&TruthRow) -> (f64, f64),
-) -> Option<Series> {
+fn theory(report: &Report, points: impl Fn(&TruthRow) -> (f64, f64)) -> Option<Series> {
     Some(Series {
         label: "theory".into(),
         color: None,
@@ -78,10 +75,7 @@ fn corners(robot: &Outline, group: &Pose) -> Vec<(f64, f64)> {
             f64::from(pose.y) + sin * x + cos * y,
         )
     };
-    let (l, w) = (
-        f64::from(robot.half_wheelbase),
-        f64::from(robot.half_track),
-    );
+    let (l, w) = (f64::from(robot.half_wheelbase), f64::from(robot.half_track));
     [(l, w), (l, -w), (-l, -w), (-l, w)]
         .map(|(x, y)| {
             let (x, y) = place(&robot.mount, x, y);
@@ -157,9 +151,10 @@ const AXES: [Axis; 2] = [
 pub fn displacements(report: &Report) -> Vec<Chart> {
     let of_axis = |axis: &Axis| {
         let at = |pose: &Pose| to_paper(pose)[axis.index];
-        let lines = report.runs.iter().map(|run| {
-            line(run, label(run), Some(color(run)), |row| at(&row.group))
-        });
+        let lines = report
+            .runs
+            .iter()
+            .map(|run| line(run, label(run), Some(color(run)), |row| at(&row.group)));
         let series = lines.chain(theory(report, |row| (row.t, at(&row.theory))));
         let title = format!("{} displacement", axis.name);
         let unit = format!("{} / m", axis.symbol);
@@ -195,7 +190,10 @@ pub fn velocities(report: &Report) -> Vec<Chart> {
             }
         });
         let wanted = theory(report, |row| {
-            let [x, y] = [-f64::from(row.theory_twist.vy), f64::from(row.theory_twist.vx)];
+            let [x, y] = [
+                -f64::from(row.theory_twist.vy),
+                f64::from(row.theory_twist.vx),
+            ];
             (row.t, [x, y][axis.index])
         });
         let title = format!("{} velocity", axis.name);
@@ -249,7 +247,10 @@ pub fn wheel_rates(report: &Report, run: &Run, robot: usize) -> Chart {
     });
     let node = report.robots.get(robot).map_or(0, |outline| outline.node);
     chart(
-        &format!("wheel rates of node {node}, compensation {}", run.compensation_word()),
+        &format!(
+            "wheel rates of node {node}, compensation {}",
+            run.compensation_word()
+        ),
         "rate / (rad/s)",
         WIDE,
         wheels.collect(),

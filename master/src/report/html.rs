@@ -132,16 +132,28 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     );
     out.push_str("<div class=\"cards\">");
     let mut card = |value: String, text: &str| {
-        let _ = write!(out, "<div class=\"card\"><b>{value}</b><span>{text}</span></div>");
+        let _ = write!(
+            out,
+            "<div class=\"card\"><b>{value}</b><span>{text}</span></div>"
+        );
     };
     for run in &report.runs {
         let text = format!("lateral error, compensation {}", run.compensation_word());
         card(percent(run.errors.x_percent), &text);
     }
     let shape = report.runs.iter().map(|run| run.shape_error_mm);
-    card(format!("{:.2} mm", shape.fold(0.0, f64::max)), "largest shape error");
-    card(format!("{:.1} %", report.bus_load_percent()), "largest bus load");
-    card(format!("{:.2}", report.realtime_factor()), "emulated time / real time");
+    card(
+        format!("{:.2} mm", shape.fold(0.0, f64::max)),
+        "largest shape error",
+    );
+    card(
+        format!("{:.1} %", report.bus_load_percent()),
+        "largest bus load",
+    );
+    card(
+        format!("{:.2}", report.realtime_factor()),
+        "emulated time / real time",
+    );
     out.push_str("</div>");
 
     figure(&mut out, "map", &charts::map(report))?;

@@ -46,8 +46,16 @@ pub fn to_table(report: &Report) -> String {
         or_dash(paper.map(|p| p.1)),
     );
     let mm = |value: f64| format!("{value:.2} mm");
-    row("rms tracking error", &|run| mm(run.errors.rms_mm), "-".into());
-    row("shape error, largest", &|run| mm(run.shape_error_mm), "-".into());
+    row(
+        "rms tracking error",
+        &|run| mm(run.errors.rms_mm),
+        "-".into(),
+    );
+    row(
+        "shape error, largest",
+        &|run| mm(run.shape_error_mm),
+        "-".into(),
+    );
     row(
         "bus load, largest",
         &|run| format!("{:.1} %", run.bus_load_percent),
