@@ -110,6 +110,12 @@ impl Plan {
         self.motion.duration()
     }
 
+    /// Where the curve begins.
+    #[must_use]
+    pub fn start(&self) -> Pose<f64> {
+        self.motion.at(0.0).0
+    }
+
     /// Pose and twist asked for `t` seconds after the start, both in the world frame of the curve.
     #[must_use]
     #[expect(

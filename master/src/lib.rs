@@ -3,6 +3,7 @@
 pub mod bus;
 pub mod configure;
 pub mod curve;
+pub mod drive;
 pub mod error;
 pub mod follow;
 pub mod link;
@@ -11,6 +12,7 @@ pub mod record;
 pub mod report;
 pub mod sdo;
 pub mod session;
+pub mod sim_link;
 pub mod wire;
 
 #[cfg(test)]

@@ -52,3 +52,17 @@ impl<L: Link + ?Sized> Link for &mut L {
         (**self).receive(until)
     }
 }
+
+impl<L: Link + ?Sized> Link for Box<L> {
+    fn now(&self) -> Micros {
+        (**self).now()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        (**self).send(frame)
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        (**self).receive(until)
+    }
+}

@@ -212,7 +212,9 @@ impl<'a, L: Link> Group<'a, L> {
     }
 
     fn bring_up(&mut self) -> Result<(), MasterError> {
-        self.next_sync = Micros(self.wire.now().0 + self.period_us());
+        // On whole periods of the link's clock: an observer who samples at that rate sees every SYNC.
+        let period = self.period_us();
+        self.next_sync = Micros((self.wire.now().0 / period + 2) * period);
         self.began = self.next_sync;
         for _ in 0..4 {
             self.cycle(Twist::default())?;

@@ -98,7 +98,7 @@ fn figures(report: &Report) -> String {
     row("largest tracking error", &|run| mm(run.errors.max_mm), None);
     row("largest shape error", &|run| mm(run.shape_error_mm), None);
     row(
-        "largest bus load over one SYNC period",
+        "largest bus load over 100 ms",
         &|run| format!("{:.1} %", run.bus_load_percent),
         None,
     );

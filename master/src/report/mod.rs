@@ -23,7 +23,7 @@ pub struct Run {
     pub errors: PathErrors,
     /// Largest distance of a robot from its place in the group, in mm.
     pub shape_error_mm: f64,
-    /// Largest bus load over one SYNC period, in per cent.
+    /// Largest bus load over 100 ms while driving, in per cent.
     pub bus_load_percent: f64,
     /// Time on the robots' clocks over time on the wall.
     pub realtime_factor: f64,
@@ -42,7 +42,7 @@ impl Run {
 }
 
 /// What the robots ran on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum BackendName {
     /// The firmware's control code compiled for this machine.
     Native,
@@ -58,6 +58,12 @@ impl BackendName {
             Self::Native => "native",
             Self::Emulator => "emulator",
         }
+    }
+}
+
+impl std::fmt::Display for BackendName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.word())
     }
 }
 
