@@ -12,6 +12,7 @@ pub mod formation;
 pub mod table;
 pub mod tables;
 
+use group::{GroupFile, Plant as Kind};
 use kinematics::Pose;
 
 use crate::error::SimError;
@@ -35,4 +36,24 @@ pub trait Plant: Send {
     /// How far the robot farthest from its place in the group is now, mm. For connected robots: how far
     /// its wheels would have taken it, had it been alone.
     fn shape_error_mm(&self) -> f64;
+
+    /// Angles of a robot's wheels, rad, if the plant turns them itself; `None` when they are where the
+    /// motors turned them.
+    fn wheel_angles(&self, robot: usize) -> Option<[f64; 4]> {
+        let _ = robot;
+        None
+    }
+}
+
+/// The plant that a group file asks for, with the group frame at `start`.
+///
+/// # Errors
+/// When it cannot be built from the group, or is not to be had.
+pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimError> {
+    match &group.simulation.plant {
+        Kind::Table(tables) => Ok(Box::new(table::TablePlant::new(group, *tables, start)?)),
+        other => Err(SimError::Plant {
+            problem: format!("{other:?} is not built in; use \"table\""),
+        }),
+    }
 }
