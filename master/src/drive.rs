@@ -51,7 +51,7 @@ pub enum DriveError {
     #[error(transparent)]
     Master(#[from] MasterError),
     /// The simulated world.
-    #[error("simulation: {0}")]
+    #[error(transparent)]
     Sim(#[from] sim::SimError),
     /// The firmware image.
     #[error("{path}: {problem}; build it with `cargo xtask size`")]

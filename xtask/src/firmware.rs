@@ -67,10 +67,10 @@ pub fn print_size(elf: &Path) -> anyhow::Result<()> {
     let (mut flash, mut ram) = (0, 0);
     println!("{:<16} {:>10} {:>9}", "section", "address", "bytes");
     for section in file.sections() {
-        let SectionFlags::Elf { sh_flags } = section.flags() else {
+        let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
             continue;
         };
-        if sh_flags & u64::from(SHF_ALLOC) == 0 || section.size() == 0 {
+        if sh_flags.0 & u64::from(SHF_ALLOC.0) == 0 || section.size() == 0 {
             continue;
         }
         let (name, address) = (section.name().unwrap_or("?"), section.address());

@@ -5,7 +5,7 @@ use anyhow::bail;
 use kinematics::Twist;
 use omnibus::session::Group;
 
-use super::Target;
+use super::{Target, say};
 
 /// Longest time the group may take to come to rest, in µs.
 const STOP_PATIENCE_US: u64 = 5_000_000;
@@ -72,10 +72,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (index, robot) in file.robots.iter().enumerate() {
         let last = rows.iter().rev().find_map(|row| row.members[index].pose);
         if let Some(pose) = last {
-            println!(
+            say(format_args!(
                 "node {}: by its wheels the group came to x {:.3} m, y {:.3} m, heading {:.4} rad",
                 robot.node, pose.x, pose.y, pose.heading
-            );
+            ))?;
         }
     }
     Ok(())

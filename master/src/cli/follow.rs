@@ -9,7 +9,7 @@ use omnibus::curve::Curve;
 use omnibus::drive::{self, Drive};
 use omnibus::report;
 
-use super::Target;
+use super::{Target, say};
 
 /// Resolution of the progress bar.
 const STEPS: f64 = 1000.0;
@@ -77,10 +77,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.json {
-        print!("{}", report::json::to_json(&report));
+        say(report::json::to_json(&report).trim_end())?;
     } else {
-        println!("{}", report::table::to_table(&report));
-        println!("Axes as in the paper: x lateral, y longitudinal.");
+        say(report::table::to_table(&report))?;
+        say("Axes as in the paper: x lateral, y longitudinal.")?;
     }
     Ok(())
 }

@@ -7,6 +7,8 @@ use group::GroupFile;
 use omnibus::{configure, sdo};
 use serde_json::json;
 
+use super::say;
+
 #[derive(clap::Subcommand)]
 pub enum Command {
     /// Says whether a group file is good, and what is wrong with it otherwise.
@@ -33,13 +35,13 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
         Command::Check { files } => {
             for file in files {
                 let group = GroupFile::load(file)?;
-                println!(
+                say(format_args!(
                     "{}: group '{}', {} robots, nodes {:?}: good",
                     file.display(),
                     group.name,
                     group.robots.len(),
                     group.robots.iter().map(|r| r.node).collect::<Vec<_>>(),
-                );
+                ))?;
             }
             Ok(())
         }
@@ -81,6 +83,6 @@ fn show(group: &GroupFile, node: Option<u8>, json: bool) -> anyhow::Result<()> {
         cells.extend(columns.iter().map(|column| sdo::show(column[row].1)));
         table.add_row(cells);
     }
-    println!("{table}");
+    say(&table)?;
     Ok(())
 }

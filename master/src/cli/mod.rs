@@ -1,5 +1,6 @@
 //! What the commands share: which bus, which group, and how both are opened.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use ::group::GroupFile;
@@ -89,9 +90,20 @@ impl Target {
     }
 }
 
+/// Prints a line. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).
+pub fn say(line: impl std::fmt::Display) -> anyhow::Result<()> {
+    writeln!(std::io::stdout().lock(), "{line}")?;
+    Ok(())
+}
+
 /// Prints a value as JSON.
 pub fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
-    let text = serde_json::to_string_pretty(value).context("cannot write JSON")?;
-    println!("{text}");
-    Ok(())
+    say(serde_json::to_string_pretty(value).context("cannot write JSON")?)
+}
+
+/// Whether a command only failed because nobody reads its output any more.
+pub fn reader_gone(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<std::io::Error>()
+        .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }

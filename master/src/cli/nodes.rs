@@ -11,7 +11,7 @@ use omnibus::wire::Wire;
 use protocol::{Address, Code, Kind, MemberState, Value, address};
 use serde_json::json;
 
-use super::Target;
+use super::{Target, say};
 
 /// How long robots are listened for before they are asked, in µs.
 const LISTEN_US: u64 = 500_000;
@@ -122,9 +122,12 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
             },
         ]);
     }
-    println!("{table}");
+    say(&table)?;
     for node in missing {
-        println!("node {node} of group '{}' does not answer", group.name);
+        say(format_args!(
+            "node {node} of group '{}' does not answer",
+            group.name
+        ))?;
     }
     Ok(())
 }
@@ -171,6 +174,6 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     if arguments.json {
         return super::print_json(&json!({"group": group.name, "robots": rows}));
     }
-    println!("{table}");
+    say(&table)?;
     Ok(())
 }

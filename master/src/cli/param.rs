@@ -6,7 +6,7 @@ use omnibus::{configure, sdo, wire::Wire};
 use protocol::object::Access;
 use protocol::{Address, Kind, OBJECTS, Object, Value};
 
-use super::Target;
+use super::{Target, say};
 
 #[derive(clap::Subcommand)]
 pub enum Command {
@@ -71,7 +71,7 @@ fn parse(kind: Kind, text: &str) -> anyhow::Result<Value> {
 
 pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
-        Command::List => list(),
+        Command::List => list()?,
         Command::Get {
             object,
             node,
@@ -80,12 +80,12 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
             let object = find(object)?;
             let mut wire = Wire::visiting(target.link(&target.group()?)?);
             let value = wire.read(*node, object.address, object.kind)?;
-            println!(
+            say(format_args!(
                 "{} = {} {}",
                 sdo::name(object.address),
                 sdo::show(value),
                 object.unit
-            );
+            ))?;
         }
         Command::Set {
             object,
@@ -110,37 +110,45 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
             })?;
             let mut wire = Wire::visiting(target.link(&target.group()?)?);
             wire.write_checked(*node, object.address, value)?;
-            println!(
+            say(format_args!(
                 "{} = {} {}",
                 sdo::name(object.address),
                 sdo::show(value),
                 object.unit
-            );
+            ))?;
         }
         Command::Diff { target } => diff(target)?,
     }
     Ok(())
 }
 
-fn list() {
+fn list() -> anyhow::Result<()> {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header([
         "object", "name", "type", "access", "unit", "from", "to", "default",
     ]);
     for object in OBJECTS {
+        let writable = matches!(object.access, Access::ReadWrite | Access::Parameter);
+        let limit = |value: Value| {
+            if writable {
+                sdo::show(value)
+            } else {
+                String::new()
+            }
+        };
         table.add_row([
             object.address.to_string(),
             object.name.to_owned(),
             object.kind.name().to_owned(),
             object.access.eds().to_owned(),
             object.unit.to_owned(),
-            sdo::show(object.min),
-            sdo::show(object.max),
-            sdo::show(object.default),
+            limit(object.min),
+            limit(object.max),
+            limit(object.default),
         ]);
     }
-    println!("{table}");
+    say(&table)
 }
 
 fn diff(target: &Target) -> anyhow::Result<()> {
@@ -152,13 +160,13 @@ fn diff(target: &Target) -> anyhow::Result<()> {
             let found = wire.read(robot.node, at, wanted.kind())?;
             if found.to_bits() != wanted.to_bits() {
                 differences += 1;
-                println!(
+                say(format_args!(
                     "node {}: {} is {}, the group file has {}",
                     robot.node,
                     sdo::name(at),
                     sdo::show(found),
                     sdo::show(wanted),
-                );
+                ))?;
             }
         }
     }
@@ -167,6 +175,6 @@ fn diff(target: &Target) -> anyhow::Result<()> {
             "{differences} parameters differ; `omnibus follow` and `omnibus drive` write the file's"
         );
     }
-    println!("all robots hold what the group file says");
+    say("all robots hold what the group file says")?;
     Ok(())
 }
