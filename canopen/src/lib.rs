@@ -37,6 +37,7 @@ mod abort;
 mod bytes;
 pub mod client;
 mod config;
+mod crc;
 mod device;
 mod event;
 mod frame;
@@ -47,7 +48,7 @@ mod time;
 
 pub use abort::AbortCode;
 pub use config::{CobId, Config, Identity, Mapping, PdoConfig};
-pub use device::{Device, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_TPDO};
+pub use device::{Device, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_SDO, MAX_TPDO};
 pub use event::{Counters, Event, RpdoSet};
 pub use frame::Frame;
 pub use nmt::{NmtCommand, NmtState, NmtTarget};

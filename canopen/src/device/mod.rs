@@ -32,6 +32,7 @@ use tpdo::Tpdos;
 pub use heartbeat::MAX_CONSUMERS;
 pub use pdo::MAX_MAPPED;
 pub use rpdo::MAX_RPDO;
+pub use sdo::MAX_SDO;
 pub use tpdo::MAX_TPDO;
 
 const SDO_REQUEST: u16 = 0x600;
@@ -113,6 +114,7 @@ impl Device {
         self.core.out.clear_next();
         self.core.poll_heartbeat(now);
         self.core.poll_tpdos(now, od);
+        self.sdo.poll(now, &mut self.core);
     }
 
     /// The application has brought its objects up to date after a SYNC: reads and queues the
@@ -123,7 +125,9 @@ impl Device {
 
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.core.out.pop_frame()
+        let node = self.core.node;
+        let queued = self.core.out.pop_frame();
+        queued.or_else(|| self.sdo.pop_frame(node))
     }
 
     /// The next event.
