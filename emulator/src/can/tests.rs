@@ -83,7 +83,7 @@ fn the_lowest_identifier_leaves_first() {
     }
     assert_eq!(
         can.read(1000, 8).unwrap() >> 24,
-        0b001_000_00,
+        0b0010_0000,
         "LOW and CODE name mailbox 0, TME none"
     );
     let mut order = Vec::new();

@@ -1,0 +1,93 @@
+//! The paper's `C`, equation (18): how much faster the wheels must be driven than geometry says.
+//!
+//! A robot that is asked for 500 mm/s sideways and makes 483 has a lateral coefficient of 1.035. The same
+//! numbers, inverted, turn measured wheel rates back into the velocity the robot really had.
+
+use crate::arithmetic::Real;
+use crate::error::CompensationError;
+use crate::frame::Twist;
+
+/// Commanded over achieved velocity, per axis of the robot's own frame.
+///
+/// Larger than 1 on a robot that loses velocity by slip; 1 is no compensation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VelocityCompensation<S = f32> {
+    longitudinal: S,
+    lateral: S,
+    yaw: S,
+}
+
+impl VelocityCompensation {
+    /// No compensation: the wheels do exactly what geometry says.
+    pub const NONE: Self = Self {
+        longitudinal: 1.0,
+        lateral: 1.0,
+        yaw: 1.0,
+    };
+}
+
+impl<S: Real> VelocityCompensation<S> {
+    /// Coefficients along x, along y, and about z; each a plain factor near 1.
+    ///
+    /// # Errors
+    ///
+    /// [`CompensationError`] naming the coefficient that is zero, negative, NaN or infinite. (The paper
+    /// prints 0 for an axis that is not used; taken literally that deletes every rotation. Use 1.)
+    pub fn new(longitudinal: S, lateral: S, yaw: S) -> Result<Self, CompensationError> {
+        for (value, field) in [
+            (longitudinal, "longitudinal"),
+            (lateral, "lateral"),
+            (yaw, "yaw"),
+        ] {
+            if !value.is_finite() {
+                return Err(CompensationError::NotFinite(field));
+            }
+            if value <= S::zero() {
+                return Err(CompensationError::NotPositive(field));
+            }
+        }
+        Ok(Self {
+            longitudinal,
+            lateral,
+            yaw,
+        })
+    }
+
+    /// Coefficient along x.
+    #[must_use]
+    pub const fn longitudinal(&self) -> S {
+        self.longitudinal
+    }
+
+    /// Coefficient along y.
+    #[must_use]
+    pub const fn lateral(&self) -> S {
+        self.lateral
+    }
+
+    /// Coefficient about z.
+    #[must_use]
+    pub const fn yaw(&self) -> S {
+        self.yaw
+    }
+
+    /// The velocity to ask of the wheels so that the robot achieves `desired` (robot frame).
+    #[must_use]
+    pub fn apply(&self, desired: Twist<S>) -> Twist<S> {
+        Twist {
+            vx: desired.vx * self.longitudinal,
+            vy: desired.vy * self.lateral,
+            omega: desired.omega * self.yaw,
+        }
+    }
+
+    /// The velocity the robot achieves when its wheels are asked for `asked` (robot frame).
+    #[must_use]
+    pub fn remove(&self, asked: Twist<S>) -> Twist<S> {
+        Twist {
+            vx: asked.vx / self.longitudinal,
+            vy: asked.vy / self.lateral,
+            omega: asked.omega / self.yaw,
+        }
+    }
+}

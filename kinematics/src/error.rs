@@ -1,0 +1,89 @@
+//! What can be wrong with the numbers a robot is described by.
+//!
+//! Every error names the field, so that whoever reads a configuration file can say which line to mend.
+//! All of them are found while an object is built; nothing after that can fail.
+
+use core::fmt;
+
+/// Why a wheel or a robot cannot be built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum GeometryError {
+    /// The named field is NaN or infinite.
+    NotFinite(&'static str),
+    /// The named field must be greater than zero.
+    NotPositive(&'static str),
+    /// The roller angle is 0 or ±90 degrees or beyond: such a wheel is an ordinary wheel, or cannot drive.
+    RollerAngle,
+    /// Fewer than three wheels.
+    TooFewWheels,
+    /// No wheel resists motion along some direction: all roller axles are parallel.
+    TranslationUncontrolled,
+    /// All roller axles meet in one point, about which the robot turns freely.
+    YawUncontrolled,
+}
+
+impl fmt::Display for GeometryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite(field) => write!(f, "{field} is not a finite number"),
+            Self::NotPositive(field) => write!(f, "{field} must be greater than zero"),
+            Self::RollerAngle => {
+                f.write_str("roller_angle must be between 0 and 90 degrees, both excluded")
+            }
+            Self::TooFewWheels => f.write_str("a robot needs at least three wheels"),
+            Self::TranslationUncontrolled => f.write_str(
+                "all roller axles are parallel: motion across them cannot be controlled",
+            ),
+            Self::YawUncontrolled => {
+                f.write_str("all roller axles meet in one point: yaw cannot be controlled")
+            }
+        }
+    }
+}
+
+impl core::error::Error for GeometryError {}
+
+/// Why a mount is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MountError {
+    /// The named field is NaN or infinite.
+    NotFinite(&'static str),
+}
+
+impl fmt::Display for MountError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite(field) => write!(f, "{field} is not a finite number"),
+        }
+    }
+}
+
+impl core::error::Error for MountError {}
+
+/// Why a velocity compensation is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CompensationError {
+    /// The named coefficient is NaN or infinite.
+    NotFinite(&'static str),
+    /// The named coefficient is zero or negative: it would delete or reverse the motion.
+    NotPositive(&'static str),
+}
+
+impl fmt::Display for CompensationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite(field) => write!(f, "{field} is not a finite number"),
+            Self::NotPositive(field) => {
+                write!(
+                    f,
+                    "{field} must be greater than zero (1 is no compensation)"
+                )
+            }
+        }
+    }
+}
+
+impl core::error::Error for CompensationError {}

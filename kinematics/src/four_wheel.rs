@@ -1,0 +1,174 @@
+//! The usual robot: four wheels in a rectangle, rollers mirrored, and its four wheel rates.
+
+use crate::arithmetic::Real;
+use crate::error::GeometryError;
+use crate::wheel::Wheel;
+
+/// A symmetric four-wheel robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FourWheelGeometry<S = f32> {
+    half_track: S,
+    half_wheelbase: S,
+    wheel_radius: S,
+    roller_angle: S,
+}
+
+impl<S: Real> FourWheelGeometry<S> {
+    /// Half the distance between left and right wheel centres (m), half the distance between front and
+    /// rear (m), the wheel radius (m), and the angle between roller axle and wheel axle (rad).
+    ///
+    /// # Errors
+    ///
+    /// [`GeometryError`] naming the field that is not finite or not positive, or a roller angle outside
+    /// 0 to 90 degrees.
+    pub fn new(
+        half_track: S,
+        half_wheelbase: S,
+        wheel_radius: S,
+        roller_angle: S,
+    ) -> Result<Self, GeometryError> {
+        for (value, field) in [
+            (half_track, "half_track"),
+            (half_wheelbase, "half_wheelbase"),
+            (wheel_radius, "wheel_radius"),
+        ] {
+            if !value.is_finite() {
+                return Err(GeometryError::NotFinite(field));
+            }
+            if value <= S::zero() {
+                return Err(GeometryError::NotPositive(field));
+            }
+        }
+        if !roller_angle.is_finite() {
+            return Err(GeometryError::NotFinite("roller_angle"));
+        }
+        if roller_angle <= S::zero() || roller_angle >= S::frac_pi_2() {
+            return Err(GeometryError::RollerAngle);
+        }
+        Ok(Self {
+            half_track,
+            half_wheelbase,
+            wheel_radius,
+            roller_angle,
+        })
+    }
+
+    /// Half the distance between left and right wheel centres, m.
+    #[must_use]
+    pub const fn half_track(&self) -> S {
+        self.half_track
+    }
+
+    /// Half the distance between front and rear wheel centres, m.
+    #[must_use]
+    pub const fn half_wheelbase(&self) -> S {
+        self.half_wheelbase
+    }
+
+    /// Wheel radius, m.
+    #[must_use]
+    pub const fn wheel_radius(&self) -> S {
+        self.wheel_radius
+    }
+
+    /// Angle between roller axle and wheel axle, rad.
+    #[must_use]
+    pub const fn roller_angle(&self) -> S {
+        self.roller_angle
+    }
+
+    /// The four wheels: front left, front right, rear left, rear right.
+    ///
+    /// # Errors
+    ///
+    /// None in practice: the fields were checked when the geometry was built.
+    pub fn wheels(&self) -> Result<[Wheel<S>; 4], GeometryError> {
+        let Self {
+            half_track: w,
+            half_wheelbase: h,
+            wheel_radius: r,
+            roller_angle: g,
+        } = *self;
+        let ahead = S::zero();
+        Ok([
+            Wheel::new(h, w, ahead, g, r)?,
+            Wheel::new(h, -w, ahead, -g, r)?,
+            Wheel::new(-h, w, ahead, -g, r)?,
+            Wheel::new(-h, -w, ahead, g, r)?,
+        ])
+    }
+}
+
+/// Angular velocities of the four wheels, rad/s; positive rolls the base forward.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WheelRates<S = f32> {
+    /// Front left, rad/s.
+    pub front_left: S,
+    /// Front right, rad/s.
+    pub front_right: S,
+    /// Rear left, rad/s.
+    pub rear_left: S,
+    /// Rear right, rad/s.
+    pub rear_right: S,
+}
+
+impl WheelRates {
+    /// All wheels standing.
+    pub const ZERO: Self = Self {
+        front_left: 0.0,
+        front_right: 0.0,
+        rear_left: 0.0,
+        rear_right: 0.0,
+    };
+}
+
+impl<S> From<[S; 4]> for WheelRates<S> {
+    /// In the order front left, front right, rear left, rear right.
+    fn from([front_left, front_right, rear_left, rear_right]: [S; 4]) -> Self {
+        Self {
+            front_left,
+            front_right,
+            rear_left,
+            rear_right,
+        }
+    }
+}
+
+impl<S> From<WheelRates<S>> for [S; 4] {
+    /// In the order front left, front right, rear left, rear right.
+    fn from(rates: WheelRates<S>) -> Self {
+        [
+            rates.front_left,
+            rates.front_right,
+            rates.rear_left,
+            rates.rear_right,
+        ]
+    }
+}
+
+/// Scales all wheels by one factor so that none exceeds `limit` (rad/s), which keeps the direction of
+/// motion; returns the rates and that factor, 1 when nothing had to give.
+///
+/// A limit of zero, below zero or NaN permits no motion. A NaN rate yields the scale 0 and standing wheels.
+#[must_use]
+#[inline]
+pub fn desaturate<S: Real>(rates: WheelRates<S>, limit: S) -> (WheelRates<S>, S) {
+    let [a, b, c, d]: [S; 4] = rates.into();
+    // Written with comparisons that a NaN fails, so that a NaN ends in the last branch.
+    let within = |rate: S| rate <= limit && rate >= -limit;
+    if within(a) && within(b) && within(c) && within(d) {
+        return (rates, S::one());
+    }
+    let larger = |x: S, y: S| if x > y { x } else { y };
+    let fastest = larger(larger(a.abs(), b.abs()), larger(c.abs(), d.abs()));
+    let sum = a + b + c + d;
+    if limit > S::zero() && sum.is_finite() {
+        let scale = limit / fastest;
+        (
+            WheelRates::from([a * scale, b * scale, c * scale, d * scale]),
+            scale,
+        )
+    } else {
+        (WheelRates::from([S::zero(); 4]), S::zero())
+    }
+}

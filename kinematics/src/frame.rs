@@ -1,0 +1,142 @@
+//! Velocity and pose of a body in the plane.
+//!
+//! REP-103: x forward, y left, heading counter-clockwise. A [`Twist`] does not carry its frame; the
+//! functions that take one say which they mean, and the two that change it are here.
+
+use core::ops::{Add, Mul, Neg, Sub};
+
+use crate::arithmetic::Real;
+
+/// Velocity of a body in the plane.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Twist<S = f32> {
+    /// Velocity along x, forward positive, m/s.
+    pub vx: S,
+    /// Velocity along y, left positive, m/s.
+    pub vy: S,
+    /// Angular velocity, counter-clockwise positive, rad/s.
+    pub omega: S,
+}
+
+impl Twist {
+    /// Standing still.
+    pub const ZERO: Self = Self {
+        vx: 0.0,
+        vy: 0.0,
+        omega: 0.0,
+    };
+}
+
+impl<S: Real> Twist<S> {
+    /// A twist from its components, m/s, m/s, rad/s.
+    #[must_use]
+    pub const fn new(vx: S, vy: S, omega: S) -> Self {
+        Self { vx, vy, omega }
+    }
+
+    /// The same velocity, given in the world frame, seen from a body with this heading (rad).
+    #[must_use]
+    pub fn to_body(self, heading: S) -> Self {
+        let (sin, cos) = heading.sine_cosine();
+        self.rotated(-sin, cos)
+    }
+
+    /// The same velocity, given in the frame of a body with this heading (rad), in the world frame.
+    #[must_use]
+    pub fn to_world(self, heading: S) -> Self {
+        let (sin, cos) = heading.sine_cosine();
+        self.rotated(sin, cos)
+    }
+
+    /// The linear part turned counter-clockwise by the angle with this sine and cosine.
+    pub(crate) fn rotated(self, sin: S, cos: S) -> Self {
+        Self {
+            vx: cos * self.vx - sin * self.vy,
+            vy: sin * self.vx + cos * self.vy,
+            omega: self.omega,
+        }
+    }
+}
+
+impl<S: Add<Output = S>> Add for Twist<S> {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            vx: self.vx + other.vx,
+            vy: self.vy + other.vy,
+            omega: self.omega + other.omega,
+        }
+    }
+}
+
+impl<S: Sub<Output = S>> Sub for Twist<S> {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self {
+            vx: self.vx - other.vx,
+            vy: self.vy - other.vy,
+            omega: self.omega - other.omega,
+        }
+    }
+}
+
+impl<S: Mul<Output = S> + Copy> Mul<S> for Twist<S> {
+    type Output = Self;
+    fn mul(self, factor: S) -> Self {
+        Self {
+            vx: self.vx * factor,
+            vy: self.vy * factor,
+            omega: self.omega * factor,
+        }
+    }
+}
+
+impl<S: Neg<Output = S>> Neg for Twist<S> {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self {
+            vx: -self.vx,
+            vy: -self.vy,
+            omega: -self.omega,
+        }
+    }
+}
+
+/// Position and heading of a body in the plane.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose<S = f32> {
+    /// Position along x, m.
+    pub x: S,
+    /// Position along y, m.
+    pub y: S,
+    /// Heading, counter-clockwise positive, 0 along x, rad.
+    pub heading: S,
+}
+
+impl Pose {
+    /// At the origin, heading along x.
+    pub const ZERO: Self = Self {
+        x: 0.0,
+        y: 0.0,
+        heading: 0.0,
+    };
+}
+
+impl<S: Real> Pose<S> {
+    /// A pose from its components, m, m, rad.
+    #[must_use]
+    pub const fn new(x: S, y: S, heading: S) -> Self {
+        Self { x, y, heading }
+    }
+
+    /// A pose given in the frame of `self`, in the frame `self` is given in.
+    #[must_use]
+    pub fn compose(self, inner: Self) -> Self {
+        let (sin, cos) = self.heading.sine_cosine();
+        Self {
+            x: self.x + cos * inner.x - sin * inner.y,
+            y: self.y + sin * inner.x + cos * inner.y,
+            heading: self.heading + inner.heading,
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Where a member stands in its group: the paper's `K_j`, equation (11).
+//!
+//! A group moves as one body, so every member's velocity follows from the group's: the same angular
+//! velocity, plus what the lever arm adds, seen in the member's own directions.
+
+use crate::arithmetic::Real;
+use crate::error::MountError;
+use crate::frame::{Pose, Twist};
+
+/// Pose of a member in the group frame, with its sine and cosine worked out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mount<S = f32> {
+    pose: Pose<S>,
+    sin: S,
+    cos: S,
+}
+
+impl Mount {
+    /// At the origin of the group frame: a robot alone is a group of one.
+    pub const IDENTITY: Self = Self {
+        pose: Pose::ZERO,
+        sin: 0.0,
+        cos: 1.0,
+    };
+}
+
+impl<S: Real> Mount<S> {
+    /// A member whose own frame has this pose in the group frame (m, m, rad).
+    ///
+    /// # Errors
+    ///
+    /// [`MountError`] naming the component that is NaN or infinite.
+    pub fn new(pose: Pose<S>) -> Result<Self, MountError> {
+        for (value, field) in [(pose.x, "x"), (pose.y, "y"), (pose.heading, "heading")] {
+            if !value.is_finite() {
+                return Err(MountError::NotFinite(field));
+            }
+        }
+        let (sin, cos) = pose.heading.sine_cosine();
+        if !sin.is_finite() {
+            return Err(MountError::NotFinite("heading"));
+        }
+        Ok(Self { pose, sin, cos })
+    }
+
+    /// Pose of the member's frame in the group frame.
+    #[must_use]
+    pub const fn pose(&self) -> Pose<S> {
+        self.pose
+    }
+
+    /// The member's velocity, in its own frame, when the group moves with `group` (group frame).
+    #[must_use]
+    pub fn to_member(&self, group: Twist<S>) -> Twist<S> {
+        Twist {
+            vx: group.vx - group.omega * self.pose.y,
+            vy: group.vy + group.omega * self.pose.x,
+            omega: group.omega,
+        }
+        .rotated(-self.sin, self.cos)
+    }
+
+    /// The group's velocity, in the group frame, when the member moves with `member` (its own frame).
+    #[must_use]
+    pub fn to_group(&self, member: Twist<S>) -> Twist<S> {
+        let turned = member.rotated(self.sin, self.cos);
+        Twist {
+            vx: turned.vx + turned.omega * self.pose.y,
+            vy: turned.vy - turned.omega * self.pose.x,
+            omega: turned.omega,
+        }
+    }
+
+    /// `K_j` in rows: member twist = K_j times group twist.
+    #[must_use]
+    pub fn matrix(&self) -> [[S; 3]; 3] {
+        let Self { pose, sin, cos } = *self;
+        [
+            [cos, sin, sin * pose.x - cos * pose.y],
+            [-sin, cos, cos * pose.x + sin * pose.y],
+            [S::zero(), S::zero(), S::one()],
+        ]
+    }
+}

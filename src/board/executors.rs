@@ -1,0 +1,50 @@
+//! The two executors.
+//!
+//! The bus side runs in thread mode, at the lowest priority. The control side runs in the UART5 interrupt:
+//! the serial port is not used on this board, so its vector is free to be pended by software. Whatever the bus
+//! side is doing, a control tick interrupts it. The priorities, strongest first:
+//!
+//! | priority | interrupt | why |
+//! |---|---|---|
+//! | 1 | TIM9 (time) | wakes everything; a few microseconds at most |
+//! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
+//! | 3 | CAN1 transmit | refills a mailbox |
+//! | 6 | UART5 (control executor) | the control tick |
+//! | - | thread mode | the bus side |
+
+#![expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+
+use cortex_m::peripheral::NVIC;
+use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use static_cell::StaticCell;
+
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+static BUS: StaticCell<Executor> = StaticCell::new();
+
+/// Starts the control executor and returns its spawner.
+pub fn start_control() -> SendSpawner {
+    interrupt::UART5.set_priority(Priority::P6);
+    CONTROL.start(interrupt::UART5)
+}
+
+/// Returns the executor of the bus side. To be called once.
+pub fn bus() -> &'static mut Executor {
+    BUS.init(Executor::new())
+}
+
+#[interrupt]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt the executor was started on, and nothing else calls it.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+/// Sets the priorities of the interrupts that the HAL has enabled.
+pub fn set_priorities() {
+    interrupt::TIM1_BRK_TIM9.set_priority(Priority::P1);
+    interrupt::CAN1_RX0.set_priority(Priority::P2);
+    interrupt::CAN1_TX.set_priority(Priority::P3);
+    // A pended request from before a warm reset must not run a handler early.
+    NVIC::unpend(interrupt::UART5);
+}

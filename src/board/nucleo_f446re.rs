@@ -1,0 +1,219 @@
+//! NUCLEO-F446RE (STM32F446RET6, LQFP64): clocks, pins, peripherals.
+//!
+//! | function | peripheral | pins |
+//! |---|---|---|
+//! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PA8 PA9 PA10 PA11 |
+//! | direction, same order; high rolls the base forward | GPIO | PC0 PC1 PC2 PC3 |
+//! | encoders, same order; count up when the base rolls forward | TIM2 TIM3 TIM4 TIM5 | PA15/PB3 PC6/PC7 PB6/PB7 PA0/PA1 |
+//! | CAN | CAN1 | PB8 receive, PB9 transmit |
+//! | driver enable, high is enabled | GPIO | PB0 |
+//! | holding brake, high is released | GPIO | PB1 |
+//! | emergency stop, normally closed to ground; high stops | TIM1 BKIN | PB12 |
+//! | driver fault, low is a fault | GPIO | PB13 |
+//! | node id switches, closed to ground is 1 | GPIO | PC8 (bit 0) PC9 PC10 PC11 |
+//! | LED LD2 | GPIO | PA5 |
+//! | user button | GPIO | PC13 |
+//!
+//! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
+
+use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
+use embassy_stm32::peripherals::{IWDG, TIM2, TIM3, TIM4, TIM5};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::qei::{self, Qei};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Config, pac, uid};
+
+use super::can::Can;
+use super::drive::Drive;
+use super::executors;
+
+/// Bit of port B that enables the motor drivers.
+pub const DRIVER_ENABLE_PB: usize = 0;
+/// Bit of port B that releases the holding brake.
+pub const BRAKE_RELEASE_PB: usize = 1;
+
+/// Time without feeding after which the watchdog resets the chip, for an LSI of exactly 32 kHz. The data sheet
+/// allows 17 to 47 kHz, so the reset comes 34 to 94 ms after the last feeding.
+const WATCHDOG_TIMEOUT_US: u32 = 50_000;
+
+/// Everything the tasks use.
+pub struct Board {
+    /// CAN controller.
+    pub can: Can,
+    /// Motor outputs and brake.
+    pub drive: Drive,
+    /// Encoder counters.
+    pub encoders: Encoders,
+    /// Low when a motor driver reports a fault.
+    pub driver_fault: Input<'static>,
+    /// LED LD2.
+    pub led: Output<'static>,
+    /// Watchdog, running.
+    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    /// Value of the four switches, 0..=15.
+    pub node_switches: u8,
+    /// The chip's unique number.
+    pub uid: [u8; 12],
+    /// Why the chip was reset.
+    pub reset_cause: ResetCause,
+}
+
+/// Why the chip was reset (RCC_CSR, RM0390 6.3.21).
+#[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
+pub enum ResetCause {
+    /// Power-on or brown-out.
+    Power,
+    /// The reset pin alone: button or debugger.
+    Pin,
+    /// Reset by software.
+    Software,
+    /// The independent watchdog: a task made no progress, or the program failed.
+    Watchdog,
+    /// Window watchdog or low-power reset, which the firmware does not use.
+    Other,
+}
+
+/// The four encoder counters.
+pub struct Encoders {
+    front_left: Qei<'static, TIM2>,
+    front_right: Qei<'static, TIM3>,
+    rear_left: Qei<'static, TIM4>,
+    rear_right: Qei<'static, TIM5>,
+}
+
+impl Encoders {
+    /// Returns the counts front left, front right, rear left, rear right; they wrap at 16 bits and go up when the
+    /// wheel rolls the base forward.
+    pub fn counts(&self) -> [u16; 4] {
+        [
+            self.front_left.count(),
+            self.front_right.count(),
+            self.rear_left.count(),
+            self.rear_right.count(),
+        ]
+    }
+}
+
+impl Board {
+    /// Sets up clocks, pins and peripherals. Outputs are safe from the first statements on; the watchdog runs
+    /// when this returns. To be called once.
+    pub fn new() -> Self {
+        let p = embassy_stm32::init(clocks());
+        let driver_enable = Output::new(p.PB0, Level::Low, Speed::Low);
+        let brake_release = Output::new(p.PB1, Level::Low, Speed::Low);
+        let direction = [
+            Output::new(p.PC0, Level::High, Speed::Low),
+            Output::new(p.PC1, Level::High, Speed::Low),
+            Output::new(p.PC2, Level::High, Speed::Low),
+            Output::new(p.PC3, Level::High, Speed::Low),
+        ];
+        let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_TIMEOUT_US);
+        watchdog.unleash();
+
+        // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them costs 5 cycles.
+        pac::FLASH.acr().modify(|w| {
+            w.set_prften(true);
+            w.set_icen(true);
+            w.set_dcen(true);
+        });
+
+        let pwm = [
+            Flex::new(p.PA8),
+            Flex::new(p.PA9),
+            Flex::new(p.PA10),
+            Flex::new(p.PA11),
+        ];
+        let drive = Drive::new(
+            p.TIM1,
+            pwm,
+            Flex::new(p.PB12),
+            direction,
+            driver_enable,
+            brake_release,
+        );
+
+        let encoder = qei::Config {
+            ch1_pull: Pull::Up,
+            ch2_pull: Pull::Up,
+            ..qei::Config::default()
+        };
+        let encoders = Encoders {
+            front_left: Qei::new(p.TIM2, p.PA15, p.PB3, encoder),
+            front_right: Qei::new(p.TIM3, p.PC6, p.PC7, encoder),
+            rear_left: Qei::new(p.TIM4, p.PB6, p.PB7, encoder),
+            rear_right: Qei::new(p.TIM5, p.PA0, p.PA1, encoder),
+        };
+
+        let switches = [
+            Input::new(p.PC8, Pull::Up),
+            Input::new(p.PC9, Pull::Up),
+            Input::new(p.PC10, Pull::Up),
+            Input::new(p.PC11, Pull::Up),
+        ];
+        // The pull-ups are about 40 kOhm; 20 us charge 100 pF of wiring five times over.
+        cortex_m::asm::delay(20 * 180);
+        let node_switches = switches
+            .iter()
+            .rev()
+            .fold(0, |value, switch| value << 1 | u8::from(switch.is_low()));
+
+        let driver_fault = Input::new(p.PB13, Pull::Up);
+        let led = Output::new(p.PA5, Level::Low, Speed::Low);
+        executors::set_priorities();
+        let can = Can::new(p.CAN1, p.PB8, p.PB9);
+
+        Self {
+            can,
+            drive,
+            encoders,
+            driver_fault,
+            led,
+            watchdog,
+            node_switches,
+            uid: uid::uid(),
+            reset_cause: reset_cause(),
+        }
+    }
+}
+
+/// 180 MHz from the 8 MHz that the ST-LINK feeds into the HSE input: 8 / 4 x 180 / 2. APB1 45 MHz, APB2 90 MHz.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse {
+        freq: Hertz(8_000_000),
+        mode: HseMode::Bypass,
+    });
+    config.rcc.pll_src = PllSource::HSE;
+    config.rcc.pll = Some(Pll {
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL180,
+        divp: Some(PllPDiv::DIV2),
+        divq: None,
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV1;
+    config.rcc.apb1_pre = APBPrescaler::DIV4;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config
+}
+
+/// Reads why the chip was reset and clears the flags. Several flags can be set: the pin flag always is.
+fn reset_cause() -> ResetCause {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    if flags.wdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.wwdgrstf() || flags.lpwrrstf() {
+        ResetCause::Other
+    } else if flags.sftrstf() {
+        ResetCause::Software
+    } else if flags.porrstf() || flags.borrstf() {
+        ResetCause::Power
+    } else {
+        ResetCause::Pin
+    }
+}

@@ -1,0 +1,92 @@
+//! What happens when the program is wrong: panic, HardFault, an interrupt nobody handles, stack overflow.
+//!
+//! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line in the log. Then
+//! nothing: interrupts stay masked, the watchdog is no longer fed, and resets the chip. The robot comes back disabled.
+//!
+//! The HardFault entry sets the stack pointer anew before anything else, because the most likely fault is a stack
+//! that has run out (see `memory.x`), and a handler that pushes onto it would lock the core up with outputs on.
+
+#![expect(
+    unsafe_code,
+    reason = "fault handlers run outside the language's rules"
+)]
+
+use core::panic::PanicInfo;
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::exception;
+
+use super::post_mortem::{self, Failure};
+use super::{drive, stack};
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    drive::cut();
+    if let Some(location) = info.location() {
+        post_mortem::write(Failure::Panic {
+            file: post_mortem::tail(location.file()),
+            line: location.line(),
+        });
+        defmt::error!("panic at {=str}:{=u32}", location.file(), location.line());
+    }
+    wait_for_reset()
+}
+
+/// defmt's own assertions end here as well.
+#[defmt::panic_handler]
+fn defmt_panic() -> ! {
+    cortex_m::interrupt::disable();
+    drive::cut();
+    wait_for_reset()
+}
+
+/// Takes a fresh stack and calls [`hard_fault`] with the stack pointer of the fault.
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+extern "C" fn hard_fault_entry() -> ! {
+    core::arch::naked_asm!(
+        "mrs r0, MSP",
+        "ldr r1, =_stack_start",
+        "msr MSP, r1",
+        "b {handler}",
+        handler = sym hard_fault,
+    )
+}
+
+extern "C" fn hard_fault(sp: u32) -> ! {
+    cortex_m::interrupt::disable();
+    drive::cut();
+    // The core has pushed r0..r3, r12, lr, pc, psr, unless the stack had no room for them.
+    const FRAME_BYTES: u32 = 32;
+    const PC_OFFSET: u32 = 24;
+    let pc = if sp.is_multiple_of(4) && stack::contains(sp, FRAME_BYTES) {
+        // SAFETY: the address is aligned and inside the stack, which is RAM.
+        unsafe { core::ptr::read_volatile((sp + PC_OFFSET) as *const u32) }
+    } else {
+        0
+    };
+    // SAFETY: reading the fault status changes nothing.
+    let scb = unsafe { &*SCB::PTR };
+    let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
+    let failure = Failure::HardFault { pc, sp, cfsr, bfar };
+    post_mortem::write(failure);
+    defmt::error!("{}", failure);
+    wait_for_reset()
+}
+
+#[exception]
+unsafe fn DefaultHandler(interrupt: i16) {
+    cortex_m::interrupt::disable();
+    drive::cut();
+    let failure = Failure::UnhandledInterrupt(interrupt);
+    post_mortem::write(failure);
+    defmt::error!("{}", failure);
+    wait_for_reset()
+}
+
+fn wait_for_reset() -> ! {
+    loop {
+        cortex_m::asm::nop();
+    }
+}
