@@ -6,8 +6,8 @@
 //! nothing else.
 
 use super::{Access, Answer, Server, State};
-use crate::crc::crc16;
 use crate::AbortCode;
+use crate::crc::crc16;
 
 /// Segments the client may send before it must wait for the acknowledgement: few enough for a
 /// receive queue of modest size.
