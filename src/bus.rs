@@ -1,21 +1,15 @@
 //! The bus task: frames in, frames out.
 
 use embassy_futures::select::{Either, select};
-use embassy_stm32::gpio::Output;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::{Duration, Instant, Timer};
 
 use crate::board::can::{Can, Frame};
+use crate::handover::BUS_PROGRESS;
+use crate::led::{self, Pattern};
 
 /// Sends a heartbeat every 100 ms and echoes nothing else.
 #[embassy_executor::task]
-pub async fn bus(
-    mut can: Can,
-    node: u8,
-    mut led: Output<'static>,
-    mut watchdog: IndependentWatchdog<'static, IWDG>,
-) {
+pub async fn bus(mut can: Can, node: u8) {
     let mut heartbeat = Frame {
         id: 0x700 + u16::from(node),
         length: 1,
@@ -27,8 +21,8 @@ pub async fn bus(
     let mut received: u32 = 0;
     let mut health = can.health();
     loop {
-        watchdog.pet();
-        let tick = Instant::now() + Duration::from_millis(5);
+        BUS_PROGRESS.made();
+        let tick = Instant::now() + Duration::from_millis(2);
         match select(can.receive(), Timer::at(tick)).await {
             Either::First(frame) => {
                 received += 1;
@@ -44,8 +38,12 @@ pub async fn bus(
         }
         if Instant::now() >= next {
             next += Duration::from_millis(100);
-            led.toggle();
             let now = can.health();
+            led::show(if now.bus_off {
+                Pattern::Flickering
+            } else {
+                Pattern::Blinking
+            });
             if now != health {
                 defmt::warn!("{}", now);
                 health = now;

@@ -7,6 +7,14 @@ mod board;
 mod bus;
 #[cfg(target_os = "none")]
 mod control;
+#[cfg(target_os = "none")]
+mod handover;
+#[cfg(target_os = "none")]
+mod health;
+#[cfg(target_os = "none")]
+mod led;
+#[cfg(target_os = "none")]
+mod watchdog;
 
 #[cfg(target_os = "none")]
 use {defmt_rtt as _, embassy_executor as _};
@@ -14,27 +22,30 @@ use {defmt_rtt as _, embassy_executor as _};
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let board = board::Board::new();
+    use board::{Board, executors, post_mortem};
+    use defmt::unwrap;
+
+    let board = Board::new();
     defmt::info!(
         "reset: {}, node {=u8}, uid {=[u8]:02x}",
         board.reset_cause,
         2 + board.node_switches,
         board.uid
     );
+    if let Some(failure) = post_mortem::take() {
+        defmt::error!("the last run ended with {}", failure);
+    }
 
-    let control = board::executors::start_control();
-    control.spawn(defmt::unwrap!(control::control(
+    executors::start_control().spawn(unwrap!(control::control(
         board.drive,
         board.encoders,
         board.driver_fault
     )));
-    board::executors::bus().run(|spawner| {
-        spawner.spawn(defmt::unwrap!(bus::bus(
-            board.can,
-            2 + board.node_switches,
-            board.led,
-            board.watchdog
-        )));
+    executors::bus().run(|bus| {
+        bus.spawn(unwrap!(bus::bus(board.can, 2 + board.node_switches)));
+        bus.spawn(unwrap!(watchdog::watchdog(board.watchdog)));
+        bus.spawn(unwrap!(led::led(board.led)));
+        bus.spawn(unwrap!(health::health()));
     })
 }
 

@@ -1,6 +1,68 @@
-//! What Omnibus says on the CAN bus.
+//! What Omnibus says on the CAN bus, in one place for robot, simulator and master.
+//!
+//! Three kinds of thing live here and no behaviour at all:
+//!
+//! - [`pdo`]: the eight bytes of every process data frame, with their scaling. Encoding saturates
+//!   and rounds to nearest; a value that is not a number becomes the reserved "invalid" pattern;
+//!   decoding refuses a wrong length, an unknown state and an invalid value by name.
+//! - [`table`]: one declaration per object of the dictionary. The robot's dictionary, the EDS, the
+//!   protocol page and the master's parameter list are all made from it.
+//! - [`code`]: the numbers of limits (active but moving) and faults (latched, outputs off).
+//!
+//! The bytes are versioned by [`WIRE_VERSION`], which is itself an object: a master reads it before
+//! it starts anything.
 #![no_std]
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation
+    )
+)]
 
 #[cfg(test)]
 extern crate std;
+
+pub mod address;
+pub mod cob;
+pub mod code;
+pub mod object;
+pub mod pdo;
+pub mod scaling;
+pub mod table;
+
+pub use address::Address;
+pub use code::{Code, Fault, Limit, Reaction};
+pub use object::{Access, Entry, Kind, Object, Value};
+pub use pdo::{
+    DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,
+    WheelRateReport,
+};
+pub use table::{ENTRIES, OBJECTS, entry};
+
+/// Version of every byte layout and object meaning in this crate. It goes up by one with any
+/// change that would make an older master or robot misread a frame.
+pub const WIRE_VERSION: u16 = 1;
+
+/// Node number of the master.
+pub const MASTER: u8 = 1;
+
+/// Lowest node number of a robot.
+pub const FIRST_ROBOT: u8 = 2;
+
+/// Highest node number of a robot.
+pub const LAST_ROBOT: u8 = 17;
+
+/// Robots that fit on one bus.
+pub const MAX_ROBOTS: usize = 16;
+
+/// Every bit that may be set in a member mask: bit *n* stands for node *n*, robots are 2 to 17.
+pub const MEMBER_MASK: u32 = 0x0003_FFFC;
+
+/// True for a node number a robot may have.
+#[must_use]
+pub const fn is_robot(node: u8) -> bool {
+    node >= FIRST_ROBOT && node <= LAST_ROBOT
+}

@@ -8,6 +8,8 @@ pub mod can;
 pub mod drive;
 pub mod executors;
 mod nucleo_f446re;
-pub mod safe_state;
+pub mod post_mortem;
+mod safe_state;
+pub mod stack;
 
 pub use nucleo_f446re::{Board, Encoders};

@@ -1,7 +1,7 @@
 //! What happens when the program is wrong: panic, HardFault, an interrupt nobody handles, stack overflow.
 //!
-//! Outputs first: drivers off, brake engaged, PWM off. Then one line in the log. Then nothing: interrupts stay
-//! masked, the watchdog is no longer fed, and resets the chip within its 50 ms. The robot comes back disabled.
+//! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line in the log. Then
+//! nothing: interrupts stay masked, the watchdog is no longer fed, and resets the chip. The robot comes back disabled.
 //!
 //! The HardFault entry sets the stack pointer anew before anything else, because the most likely fault is a stack
 //! that has run out (see `memory.x`), and a handler that pushes onto it would lock the core up with outputs on.
@@ -16,15 +16,19 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 
-use super::drive;
+use super::post_mortem::{self, Failure};
+use super::{drive, stack};
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     drive::cut();
-    match info.location() {
-        Some(location) => defmt::error!("panic at {=str}:{=u32}", location.file(), location.line()),
-        None => defmt::error!("panic"),
+    if let Some(location) = info.location() {
+        post_mortem::write(Failure::Panic {
+            file: post_mortem::tail(location.file()),
+            line: location.line(),
+        });
+        defmt::error!("panic at {=str}:{=u32}", location.file(), location.line());
     }
     wait_for_reset()
 }
@@ -50,17 +54,24 @@ extern "C" fn hard_fault_entry() -> ! {
     )
 }
 
-extern "C" fn hard_fault(stack_pointer: u32) -> ! {
+extern "C" fn hard_fault(sp: u32) -> ! {
     cortex_m::interrupt::disable();
     drive::cut();
-    // SAFETY: reading the fault status has no effect on anything else.
+    // The core has pushed r0..r3, r12, lr, pc, psr, unless the stack had no room for them.
+    const FRAME_BYTES: u32 = 32;
+    const PC_OFFSET: u32 = 24;
+    let pc = if sp.is_multiple_of(4) && stack::contains(sp, FRAME_BYTES) {
+        // SAFETY: the address is aligned and inside the stack, which is RAM.
+        unsafe { core::ptr::read_volatile((sp + PC_OFFSET) as *const u32) }
+    } else {
+        0
+    };
+    // SAFETY: reading the fault status changes nothing.
     let scb = unsafe { &*SCB::PTR };
-    defmt::error!(
-        "HardFault: sp {=u32:#010x}, cfsr {=u32:#010x}, bfar {=u32:#010x}",
-        stack_pointer,
-        scb.cfsr.read(),
-        scb.bfar.read()
-    );
+    let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
+    let failure = Failure::HardFault { pc, sp, cfsr, bfar };
+    post_mortem::write(failure);
+    defmt::error!("{}", failure);
     wait_for_reset()
 }
 
@@ -68,7 +79,9 @@ extern "C" fn hard_fault(stack_pointer: u32) -> ! {
 unsafe fn DefaultHandler(interrupt: i16) {
     cortex_m::interrupt::disable();
     drive::cut();
-    defmt::error!("interrupt {=i16} has no handler", interrupt);
+    let failure = Failure::UnhandledInterrupt(interrupt);
+    post_mortem::write(failure);
+    defmt::error!("{}", failure);
     wait_for_reset()
 }
 

@@ -1,0 +1,154 @@
+//! From SI to the integers on the wire and back, once, at this edge.
+//!
+//! Every scaled field is a signed integer times a least significant bit. Encoding rounds to
+//! nearest (halves away from zero) and saturates at the largest magnitude that is *not* the
+//! invalid pattern; the most negative integer is reserved for "invalid" and is what a NaN becomes.
+//! The error of a value in range is therefore at most half an LSB, which a test asserts. (Beyond
+//! 420 m an `f32` itself has coarser steps than a pose; the error is one LSB there.)
+
+/// Steps per m/s in a twist field: one LSB is 0.1 mm/s, the range is +-3.2767 m/s.
+pub const VELOCITY_STEPS: f32 = 10_000.0;
+
+/// Steps per rad/s in a twist field: one LSB is 0.1 mrad/s, the range is +-3.2767 rad/s.
+pub const YAW_RATE_STEPS: f32 = 10_000.0;
+
+/// Steps per rad/s of a wheel rate or slip residual: one LSB is 2 mrad/s, the range +-65.534 rad/s.
+pub const WHEEL_RATE_STEPS: f32 = 500.0;
+
+/// Steps per metre of a pose field: one LSB is 0.1 mm, the range is +-838.8607 m.
+pub const POSITION_STEPS: f32 = 10_000.0;
+
+/// Steps per radian of a heading: one LSB is 0.1 mrad. A heading in (-pi, pi] always fits.
+pub const HEADING_STEPS: f32 = 10_000.0;
+
+/// The bit pattern of an invalid 16-bit field.
+pub const INVALID_I16: i16 = i16::MIN;
+
+/// The bit pattern of an invalid 24-bit field.
+pub const INVALID_I24: i32 = -0x80_0000;
+
+const MAX_I24: i32 = 0x7F_FFFF;
+
+/// Nearest integer to `value`, halves away from zero, saturating at the range of `i32`; NaN is 0.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "saturating is what is wanted; the fraction is looked at separately"
+)]
+fn nearest(value: f32) -> i32 {
+    let whole = value as i32;
+    let rest = value - whole as f32;
+    if rest >= 0.5 {
+        whole.saturating_add(1)
+    } else if rest <= -0.5 {
+        whole.saturating_sub(1)
+    } else {
+        whole
+    }
+}
+
+/// `value` in steps, rounded to nearest and saturated to +-32767; NaN becomes [`INVALID_I16`].
+#[must_use]
+pub fn encode_i16(value: f32, steps: f32) -> i16 {
+    if value.is_nan() {
+        return INVALID_I16;
+    }
+    let limit = i32::from(i16::MAX);
+    i16::try_from(nearest(value * steps).clamp(-limit, limit)).unwrap_or(INVALID_I16)
+}
+
+/// `raw` steps as a number, or `None` when the field is marked invalid.
+#[must_use]
+pub fn decode_i16(raw: i16, steps: f32) -> Option<f32> {
+    (raw != INVALID_I16).then(|| f32::from(raw) / steps)
+}
+
+/// `value` in steps, rounded to nearest and saturated to +-8388607; NaN becomes [`INVALID_I24`].
+#[must_use]
+pub fn encode_i24(value: f32, steps: f32) -> i32 {
+    if value.is_nan() {
+        return INVALID_I24;
+    }
+    nearest(value * steps).clamp(-MAX_I24, MAX_I24)
+}
+
+/// `raw` steps as a number, or `None` when the field is marked invalid.
+#[must_use]
+pub fn decode_i24(raw: i32, steps: f32) -> Option<f32> {
+    // Every 24-bit integer is exact in an f32.
+    (raw != INVALID_I24).then(|| raw as f32 / steps)
+}
+
+/// The three little-endian bytes of a 24-bit integer.
+#[must_use]
+pub const fn i24_to_bytes(value: i32) -> [u8; 3] {
+    let [a, b, c, _] = value.to_le_bytes();
+    [a, b, c]
+}
+
+/// The sign-extended integer in three little-endian bytes.
+#[must_use]
+pub const fn i24_from_bytes([a, b, c]: [u8; 3]) -> i32 {
+    i32::from_le_bytes([0, a, b, c]) >> 8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_to_nearest_and_not_towards_zero() {
+        assert_eq!(encode_i16(0.000_149, VELOCITY_STEPS), 1);
+        assert_eq!(encode_i16(0.000_151, VELOCITY_STEPS), 2);
+        assert_eq!(encode_i16(-0.000_149, VELOCITY_STEPS), -1);
+        assert_eq!(encode_i16(-0.000_151, VELOCITY_STEPS), -2);
+        assert_eq!(nearest(2.5), 3);
+        assert_eq!(nearest(-2.5), -3);
+        // Adding a half and truncating would make a one of this.
+        assert_eq!(nearest(0.499_999_97), 0);
+    }
+
+    #[test]
+    fn saturates_short_of_the_invalid_pattern() {
+        assert_eq!(encode_i16(4.0, VELOCITY_STEPS), 32767);
+        assert_eq!(encode_i16(-4.0, VELOCITY_STEPS), -32767);
+        assert_eq!(encode_i16(f32::INFINITY, VELOCITY_STEPS), 32767);
+        assert_eq!(encode_i16(f32::NEG_INFINITY, VELOCITY_STEPS), -32767);
+        assert_eq!(encode_i24(-1e9, POSITION_STEPS), -8_388_607);
+        assert_eq!(encode_i24(1e9, POSITION_STEPS), 8_388_607);
+    }
+
+    #[test]
+    fn not_a_number_is_invalid_and_comes_back_as_none() {
+        assert_eq!(encode_i16(f32::NAN, VELOCITY_STEPS), i16::MIN);
+        assert_eq!(decode_i16(i16::MIN, VELOCITY_STEPS), None);
+        assert_eq!(encode_i24(f32::NAN, POSITION_STEPS), INVALID_I24);
+        assert_eq!(decode_i24(INVALID_I24, POSITION_STEPS), None);
+    }
+
+    #[test]
+    fn error_is_at_most_half_a_step() {
+        // Half a step, plus the rounding of the f32 itself near 3.2.
+        let bound = 0.5e-4 + 3e-7;
+        for i in -32_000_i16..32_000 {
+            let value = f32::from(i) * 1.0237e-4 * 0.97;
+            let back = decode_i16(encode_i16(value, VELOCITY_STEPS), VELOCITY_STEPS).unwrap();
+            assert!((back - value).abs() <= bound, "{value} came back as {back}");
+        }
+    }
+
+    #[test]
+    fn every_integer_survives_the_way_there_and_back() {
+        for raw in -32767..=32767_i16 {
+            let value = decode_i16(raw, VELOCITY_STEPS).unwrap();
+            assert_eq!(encode_i16(value, VELOCITY_STEPS), raw);
+        }
+        for raw in (-8_388_607..=8_388_607_i32).step_by(97) {
+            assert_eq!(i24_from_bytes(i24_to_bytes(raw)), raw);
+            let value = decode_i24(raw, POSITION_STEPS).unwrap();
+            let back = encode_i24(value, POSITION_STEPS);
+            // Up to 2^22 steps an f32 resolves half a step.
+            let bound = i32::from(raw.abs() >= 1 << 22);
+            assert!((back - raw).abs() <= bound, "{raw} came back as {back}");
+        }
+    }
+}

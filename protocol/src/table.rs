@@ -1,0 +1,863 @@
+//! Every object of a robot beyond the communication profile, declared once.
+//!
+//! A parameter marked *required* has a default only so that it can be read: the robot refuses to
+//! enable its drivers until it has been written. A parameter is checked against its limits when it
+//! is written, and the whole set once more, as a set, when the robot is started; object 0x2002:1
+//! says then what is wrong.
+
+use crate::address::{self as at, Address, history, motor};
+use crate::object::{Access, Entry, Kind, Object, Value};
+use crate::{MEMBER_MASK, WIRE_VERSION};
+
+/// Limits and default of a REAL32.
+const fn real(min: f32, max: f32, default: f32) -> [Value; 3] {
+    [Value::F32(min), Value::F32(max), Value::F32(default)]
+}
+
+/// Limits and default of an UNSIGNED8.
+const fn byte(min: u8, max: u8, default: u8) -> [Value; 3] {
+    [Value::U8(min), Value::U8(max), Value::U8(default)]
+}
+
+/// Limits and default of an UNSIGNED16.
+const fn word(min: u16, max: u16, default: u16) -> [Value; 3] {
+    [Value::U16(min), Value::U16(max), Value::U16(default)]
+}
+
+/// Limits and default of an UNSIGNED32.
+const fn long(min: u32, max: u32, default: u32) -> [Value; 3] {
+    [Value::U32(min), Value::U32(max), Value::U32(default)]
+}
+
+const IDENTITY: &[Object] = &[
+    wire_version(),
+    Object::state(
+        at::SERIAL_NUMBER,
+        "Serial number",
+        "",
+        Kind::U32,
+        "Also 0x1018:4.",
+    ),
+    Object::state(
+        at::FIRMWARE_VERSION,
+        "Firmware version",
+        "",
+        Kind::U32,
+        "Major, minor, patch in the upper three bytes; the lowest is 0.",
+    ),
+    Object::state(
+        at::RESET_CAUSE,
+        "Reset cause",
+        "",
+        Kind::U8,
+        "0 power, 1 reset pin, 2 software, 3 independent watchdog, 4 window watchdog, 5 low power, 6 brown-out.",
+    ),
+    Object::state(
+        at::CONFIGURATION_STATUS,
+        "Configuration status",
+        "",
+        Kind::U32,
+        "0 when the configuration is complete and valid. Otherwise index, sub-index and reason of the first objection from the top down: reason 1 not written, 2 does not fit the rest.",
+    ),
+    Object::state(
+        at::CONFIGURATION_CRC,
+        "Configuration CRC",
+        "",
+        Kind::U32,
+        "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each, so that a master can tell whether a robot has the configuration it means.",
+    ),
+];
+
+const fn wire_version() -> Object {
+    let version = Value::U16(WIRE_VERSION);
+    let mut object = Object::parameter(
+        at::WIRE_VERSION,
+        "Wire version",
+        "",
+        [version, version, version],
+        "Changes with the meaning of any byte on the bus. A master refuses a robot that has another.",
+    );
+    object.access = Access::Const;
+    object.persistent = false;
+    object
+}
+
+const ROBOT: &[Object] = &[
+    Object::required(
+        at::HALF_TRACK,
+        "Half track",
+        "m",
+        real(0.02, 5.0, 0.2),
+        "Half the distance between left and right wheel centres.",
+    ),
+    Object::required(
+        at::HALF_WHEELBASE,
+        "Half wheelbase",
+        "m",
+        real(0.02, 5.0, 0.2),
+        "Half the distance between front and rear wheel centres.",
+    ),
+    Object::required(
+        at::WHEEL_RADIUS,
+        "Wheel radius",
+        "m",
+        real(0.01, 1.0, 0.05),
+        "From the wheel axle to the ground under a roller.",
+    ),
+    Object::required(
+        at::ROLLER_ANGLE,
+        "Roller angle",
+        "rad",
+        real(0.1, 1.47, core::f32::consts::FRAC_PI_4),
+        "Between roller axle and wheel axle.",
+    ),
+    Object::required(
+        at::MOUNT_X,
+        "Mount x",
+        "m",
+        real(-50.0, 50.0, 0.0),
+        "Position of the robot in the group frame, forward.",
+    ),
+    Object::required(
+        at::MOUNT_Y,
+        "Mount y",
+        "m",
+        real(-50.0, 50.0, 0.0),
+        "Position of the robot in the group frame, left.",
+    ),
+    Object::required(
+        at::MOUNT_HEADING,
+        "Mount heading",
+        "rad",
+        real(-6.3, 6.3, 0.0),
+        "Heading of the robot in the group frame, counter-clockwise.",
+    ),
+    Object::required(
+        at::COMPENSATION_LONGITUDINAL,
+        "Longitudinal compensation",
+        "",
+        real(0.5, 2.0, 1.0),
+        "Commanded over achieved velocity along x of the robot.",
+    ),
+    Object::required(
+        at::COMPENSATION_LATERAL,
+        "Lateral compensation",
+        "",
+        real(0.5, 2.0, 1.0),
+        "Commanded over achieved velocity along y of the robot.",
+    ),
+    Object::required(
+        at::COMPENSATION_YAW,
+        "Yaw compensation",
+        "",
+        real(0.5, 2.0, 1.0),
+        "Commanded over achieved angular velocity.",
+    ),
+];
+
+const WHEELS: &[Object] = &[
+    Object::required(
+        at::ENCODER_COUNTS,
+        "Encoder counts per wheel revolution",
+        "counts",
+        real(16.0, 1_000_000.0, 2048.0),
+        "After the gear, all edges counted. May be a fraction, as gear ratios are.",
+    ),
+    Object::required(
+        at::ENCODER_REVERSED,
+        "Reversed encoders",
+        "",
+        byte(0, 15, 0),
+        "Bit 0 front left, 1 front right, 2 rear left, 3 rear right: this encoder counts down when the wheel rolls the base forward.",
+    ),
+    Object::required(
+        at::MOTOR_REVERSED,
+        "Reversed motors",
+        "",
+        byte(0, 15, 0),
+        "Bits as above: this motor rolls the base backward with a positive duty.",
+    ),
+    Object::parameter(
+        at::OBSERVER_BANDWIDTH,
+        "Observer bandwidth",
+        "rad/s",
+        real(5.0, 400.0, 100.0),
+        "Natural frequency of the wheel-rate observer.",
+    ),
+];
+
+const fn motor_record(wheel: u16) -> [Object; 5] {
+    [
+        Object::required(
+            motor::static_friction(wheel),
+            "Static friction",
+            "V",
+            real(0.0, 50.0, 0.0),
+            "Voltage at which the wheel just keeps turning.",
+        ),
+        Object::required(
+            motor::speed(wheel),
+            "Speed feedforward",
+            "V s/rad",
+            real(0.0, 100.0, 0.0),
+            "Additional voltage per wheel rate.",
+        ),
+        Object::required(
+            motor::acceleration(wheel),
+            "Acceleration feedforward",
+            "V s^2/rad",
+            real(0.0, 50.0, 0.0),
+            "Additional voltage per wheel acceleration.",
+        ),
+        Object::required(
+            motor::proportional(wheel),
+            "Proportional gain",
+            "V s/rad",
+            real(0.0, 100.0, 0.0),
+            "Voltage per error of the wheel rate.",
+        ),
+        Object::required(
+            motor::integral(wheel),
+            "Integral gain",
+            "V/rad",
+            real(0.0, 2000.0, 0.0),
+            "Voltage per error of the wheel angle.",
+        ),
+    ]
+}
+
+const SUPPLY: &[Object] = &[
+    Object::required(
+        at::SUPPLY_NOMINAL,
+        "Nominal supply",
+        "V",
+        real(1.0, 100.0, 24.0),
+        "Voltage at full duty where the supply is not measured.",
+    ),
+    Object::parameter(
+        at::SUPPLY_MINIMUM,
+        "Minimum supply",
+        "V",
+        real(0.0, 100.0, 0.0),
+        "Below this for 100 ms the robot comes to rest; 0 for no check.",
+    ),
+];
+
+const LIMITS: &[Object] = &[
+    Object::required(
+        at::WHEEL_RATE_MAX,
+        "Maximum wheel rate",
+        "rad/s",
+        real(0.1, 65.0, 10.0),
+        "What this robot's wheels can follow; sets its permitted group scale.",
+    ),
+    Object::required(
+        at::ACCELERATION,
+        "Group acceleration",
+        "m/s^2",
+        real(0.01, 20.0, 1.0),
+        "Largest acceleration of the group frame's origin. The same in every member.",
+    ),
+    Object::required(
+        at::ACCELERATION_YAW,
+        "Group angular acceleration",
+        "rad/s^2",
+        real(0.01, 50.0, 1.0),
+        "The same about z.",
+    ),
+    Object::required(
+        at::JERK,
+        "Group jerk",
+        "m/s^3",
+        real(0.1, 2000.0, 20.0),
+        "Largest change of acceleration per second. The same in every member.",
+    ),
+    Object::required(
+        at::JERK_YAW,
+        "Group angular jerk",
+        "rad/s^3",
+        real(0.1, 5000.0, 20.0),
+        "The same about z.",
+    ),
+    Object::required(
+        at::DECELERATION,
+        "Ramp deceleration",
+        "m/s^2",
+        real(0.05, 20.0, 1.0),
+        "Of every ramp to standstill, along the direction of motion. The same in every member.",
+    ),
+    Object::required(
+        at::DECELERATION_YAW,
+        "Ramp angular deceleration",
+        "rad/s^2",
+        real(0.05, 50.0, 1.0),
+        "The same about z; the slower of the two decides.",
+    ),
+    Object::parameter(
+        at::SLIP_LIMIT,
+        "Slip limit",
+        "rad/s",
+        real(0.0, 60.0, 1.0),
+        "Slip residual above which the slip limit is reported; 0 for never.",
+    ),
+    Object::parameter(
+        at::SLIP_FAULT,
+        "Slip fault",
+        "rad/s",
+        real(0.0, 60.0, 0.0),
+        "Slip residual above which, for 100 ms, the robot comes to rest; 0 for never.",
+    ),
+    Object::parameter(
+        at::STRAIN_LIMIT,
+        "Strain limit",
+        "m/s",
+        real(0.0, 5.0, 0.05),
+        "Difference between this robot's and another member's measured group twist, at this robot's place, above which the strain limit is reported; 0 for never.",
+    ),
+    Object::parameter(
+        at::STRAIN_FAULT,
+        "Strain fault",
+        "m/s",
+        real(0.0, 5.0, 0.0),
+        "The same, above which, for 100 ms, the robot comes to rest; 0 for never.",
+    ),
+    Object::parameter(
+        at::BLOCKED_RATE,
+        "Blocked wheel",
+        "rad/s",
+        real(0.0, 60.0, 2.0),
+        "Wheel rate asked for and not reached that means a blocked or dead wheel; 0 for no check.",
+    ),
+    Object::parameter(
+        at::WHEEL_FAULT_TIME,
+        "Wheel fault time",
+        "ms",
+        word(10, 2000, 200),
+        "How long that must last.",
+    ),
+];
+
+const GROUP: &[Object] = &[
+    Object::required(
+        at::GROUP_ID,
+        "Group",
+        "",
+        byte(0, 255, 0),
+        "Group twists for another group are not for this robot.",
+    ),
+    Object::required(
+        at::MEMBERS,
+        "Members",
+        "",
+        long(4, MEMBER_MASK, 4),
+        "Bit n stands for node n; robots are 2 to 17. This robot must be among them.",
+    ),
+    Object::parameter(
+        at::SYNC_PERIOD,
+        "SYNC period",
+        "us",
+        long(2_000, 100_000, 10_000),
+        "Also the time over which one setpoint passes into the next.",
+    ),
+    Object::parameter(
+        at::SYNC_TIMEOUT,
+        "SYNC timeout",
+        "ms",
+        word(4, 1000, 50),
+        "Moving, without SYNC for this long: ramp down.",
+    ),
+    Object::parameter(
+        at::SETPOINT_TIMEOUT,
+        "Setpoint timeout",
+        "ms",
+        word(4, 5000, 100),
+        "Moving, without a fresh setpoint for this long: ramp down.",
+    ),
+    Object::parameter(
+        at::HEARTBEAT_TIMEOUT,
+        "Master heartbeat timeout",
+        "ms",
+        word(10, 10_000, 500),
+        "Armed or moving, without the master's heartbeat for this long: ramp down.",
+    ),
+];
+
+const COMMISSIONING: &[Object] = &[Object::command(
+    at::COMMISSIONING,
+    "Commissioning permission",
+    "",
+    Kind::U8,
+    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area clear. Gone after every change of the NMT state.",
+)];
+
+const fn twist_fields(
+    index: u16,
+    access: Access,
+    name: [&'static str; 5],
+    of: &'static str,
+) -> [Object; 5] {
+    const fn field(
+        address: Address,
+        access: Access,
+        name: &'static str,
+        unit: &'static str,
+        kind: Kind,
+        text: &'static str,
+    ) -> Object {
+        let mut object = Object::state(address, name, unit, kind, text).mapped();
+        object.access = access;
+        object
+    }
+    let [vx, vy, omega, sequence, group] = name;
+    [
+        field(
+            Address::new(index, 1),
+            access,
+            vx,
+            "0.1 mm/s",
+            Kind::I16,
+            of,
+        ),
+        field(
+            Address::new(index, 2),
+            access,
+            vy,
+            "0.1 mm/s",
+            Kind::I16,
+            of,
+        ),
+        field(
+            Address::new(index, 3),
+            access,
+            omega,
+            "0.1 mrad/s",
+            Kind::I16,
+            of,
+        ),
+        field(Address::new(index, 4), access, sequence, "", Kind::U8, of),
+        field(Address::new(index, 5), access, group, "", Kind::U8, of),
+    ]
+}
+
+const SETPOINT: [Object; 5] = twist_fields(
+    at::SETPOINT_VX.index,
+    Access::ReadWrite,
+    ["vx", "vy", "omega", "sequence", "group"],
+    "Group twist as received by RPDO1, in the group frame; -32768 is invalid.",
+);
+
+const ALONE: [Object; 5] = twist_fields(
+    at::ALONE_VX.index,
+    Access::ReadWrite,
+    ["vx", "vy", "omega", "sequence", "group"],
+    "Commissioning twist as received by RPDO2, in the robot's frame; -32768 is invalid.",
+);
+
+const STATUS: &[Object] = &[
+    Object::state(
+        at::STATE,
+        "State",
+        "",
+        Kind::U8,
+        "0 unconfigured, 1 ready, 2 armed, 3 moving, 4 alone, 5 ramping, 6 faulted.",
+    )
+    .mapped(),
+    Object::state(
+        at::STATUS_SEQUENCE,
+        "Echoed sequence",
+        "",
+        Kind::U8,
+        "Of the setpoint latched at the last SYNC.",
+    )
+    .mapped(),
+    Object::state(
+        at::STATUS_SCALE,
+        "Permitted group scale",
+        "1/65535",
+        Kind::U16,
+        "Scale at which this robot's own wheels can follow; 0 stops the group.",
+    )
+    .mapped(),
+    Object::state(
+        at::STATUS_SLIP,
+        "Slip residual",
+        "2 mrad/s",
+        Kind::I16,
+        "Wheel rates that no rigid motion explains; -32768 when not measured.",
+    )
+    .mapped(),
+    Object::state(
+        at::STATUS_CODE,
+        "Limit or fault",
+        "",
+        Kind::U16,
+        "0 nothing, below 0x1000 a limit, else a fault; the number is that of the emergency message.",
+    )
+    .mapped(),
+];
+
+const MEASURED: [Object; 5] = twist_fields(
+    at::MEASURED_VX.index,
+    Access::ReadOnly,
+    ["vx", "vy", "omega", "sequence", "group"],
+    "Velocity of the group as this robot's wheels measure it, in the group frame.",
+);
+
+const POSE: &[Object] = &[
+    Object::state(
+        at::POSE_X,
+        "x",
+        "0.1 mm",
+        Kind::I24,
+        "Position of the group frame since the robot was configured.",
+    )
+    .mapped(),
+    Object::state(
+        at::POSE_Y,
+        "y",
+        "0.1 mm",
+        Kind::I24,
+        "The same to the left.",
+    )
+    .mapped(),
+    Object::state(
+        at::POSE_HEADING,
+        "Heading",
+        "0.1 mrad",
+        Kind::I16,
+        "Heading of the group frame, within +-pi.",
+    )
+    .mapped(),
+];
+
+const fn rate(address: Address, name: &'static str) -> Object {
+    Object::state(
+        address,
+        name,
+        "2 mrad/s",
+        Kind::I16,
+        "Measured wheel rate; positive rolls the base forward.",
+    )
+    .mapped()
+}
+
+const RATES: &[Object] = &[
+    rate(at::RATE_FRONT_LEFT, "Front left"),
+    rate(at::RATE_FRONT_RIGHT, "Front right"),
+    rate(at::RATE_REAR_LEFT, "Rear left"),
+    rate(at::RATE_REAR_RIGHT, "Rear right"),
+];
+
+const fn counter(address: Address, name: &'static str, text: &'static str) -> Object {
+    Object::state(address, name, "", Kind::U32, text)
+}
+
+const DIAGNOSTICS: &[Object] = &[
+    Object::state(
+        at::SUPPLY,
+        "Supply voltage",
+        "V",
+        Kind::F32,
+        "As measured; 0 where it is not.",
+    ),
+    counter(
+        at::LATE_TICKS,
+        "Late ticks",
+        "Control ticks more than half a period late.",
+    ),
+    counter(at::LOST_SYNCS, "Lost SYNCs", "Gaps in the SYNC counter."),
+    counter(
+        at::IGNORED_SETPOINTS,
+        "Ignored setpoints",
+        "Invalid, or with a sequence that does not follow the last.",
+    ),
+    counter(
+        at::REFUSED_WRITES,
+        "Refused writes",
+        "Writes to this table that were refused.",
+    ),
+    counter(
+        at::STOPS,
+        "Stops",
+        "Times a fault brought the robot to rest.",
+    ),
+    counter(
+        at::WATCHDOG_RESETS,
+        "Watchdog resets",
+        "Since the parameters were last reset to defaults.",
+    ),
+    counter(
+        at::CAN_ERRORS,
+        "CAN errors",
+        "Frames lost by overflow or bus-off.",
+    ),
+];
+
+const fn history_record(time: bool) -> [Object; history::DEPTH as usize] {
+    const NAMES: [&str; 8] = [
+        "Newest", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth",
+    ];
+    let [a, b, c, d, e, f, g, h] = NAMES;
+    const fn one(time: bool, nth: u8, name: &'static str) -> Object {
+        if time {
+            Object::state(
+                history::time(nth),
+                name,
+                "ms",
+                Kind::U32,
+                "When that fault appeared, since the robot started.",
+            )
+        } else {
+            Object::state(
+                history::code(nth),
+                name,
+                "",
+                Kind::U16,
+                "Fault code; 0 when there was none.",
+            )
+        }
+    }
+    [
+        one(time, 1, a),
+        one(time, 2, b),
+        one(time, 3, c),
+        one(time, 4, d),
+        one(time, 5, e),
+        one(time, 6, f),
+        one(time, 7, g),
+        one(time, 8, h),
+    ]
+}
+
+const PARTS: &[&[Object]] = &[
+    IDENTITY,
+    ROBOT,
+    WHEELS,
+    &motor_record(0),
+    &motor_record(1),
+    &motor_record(2),
+    &motor_record(3),
+    SUPPLY,
+    LIMITS,
+    GROUP,
+    COMMISSIONING,
+    &SETPOINT,
+    &ALONE,
+    STATUS,
+    &MEASURED,
+    POSE,
+    RATES,
+    DIAGNOSTICS,
+    &history_record(false),
+    &history_record(true),
+];
+
+/// Name of the object or record at an index, for the EDS and the protocol page.
+pub const RECORDS: &[(u16, &str)] = &[
+    (0x2000, "Wire version"),
+    (0x2001, "Device"),
+    (0x2002, "Configuration"),
+    (0x2010, "Geometry"),
+    (0x2011, "Mount"),
+    (0x2012, "Compensation"),
+    (0x2020, "Wheels"),
+    (0x2021, "Motor front left"),
+    (0x2022, "Motor front right"),
+    (0x2023, "Motor rear left"),
+    (0x2024, "Motor rear right"),
+    (0x2025, "Supply"),
+    (0x2030, "Limits"),
+    (0x2031, "Thresholds"),
+    (0x2040, "Group"),
+    (0x2041, "Times"),
+    (0x2050, "Commissioning"),
+    (0x2100, "Group twist"),
+    (0x2101, "Commissioning twist"),
+    (0x2110, "Status"),
+    (0x2111, "Measured twist"),
+    (0x2112, "Pose"),
+    (0x2113, "Wheel rates"),
+    (0x2120, "Measurements"),
+    (0x2121, "Counters"),
+    (0x2122, "Fault codes"),
+    (0x2123, "Fault times"),
+];
+
+/// How many objects there are.
+pub const COUNT: usize = count();
+
+/// How many of them are parameters and so have a slot in the robot's store.
+pub const PARAMETERS: usize = parameters();
+
+/// Every object, by rising address.
+pub const OBJECTS: &[Object] = &FLAT;
+
+/// The same without the texts, for the robot.
+pub static ENTRIES: [Entry; COUNT] = entries();
+
+const FLAT: [Object; COUNT] = flat();
+
+const fn count() -> usize {
+    let mut parts = PARTS;
+    let mut count = 0;
+    while let Some((part, rest)) = parts.split_first() {
+        count += part.len();
+        parts = rest;
+    }
+    count
+}
+
+const fn parameters() -> usize {
+    let mut objects = OBJECTS;
+    let mut count = 0;
+    while let Some((object, rest)) = objects.split_first() {
+        if matches!(object.access, Access::Parameter) {
+            count += 1;
+        }
+        objects = rest;
+    }
+    count
+}
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn flat() -> [Object; COUNT] {
+    let mut out = [wire_version(); COUNT];
+    let mut parts = PARTS;
+    let mut next = 0;
+    while let Some((part, rest)) = parts.split_first() {
+        let mut part: &[Object] = part;
+        while let Some((object, others)) = part.split_first() {
+            assert!(
+                next == 0 || out[next - 1].address.packed() < object.address.packed(),
+                "the table is not in order"
+            );
+            out[next] = *object;
+            next += 1;
+            part = others;
+        }
+        parts = rest;
+    }
+    out
+}
+
+#[expect(
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation,
+    reason = "evaluated by the compiler only, with the number of parameters asserted"
+)]
+const fn entries() -> [Entry; COUNT] {
+    assert!(PARAMETERS < 256, "slots are bytes");
+    let mut out = [Entry::of(&FLAT[0], None); COUNT];
+    let (mut next, mut slot) = (0, 0_usize);
+    while next < COUNT {
+        let object = &FLAT[next];
+        out[next] = if matches!(object.access, Access::Parameter) {
+            slot += 1;
+            Entry::of(object, Some((slot - 1) as u8))
+        } else {
+            Entry::of(object, None)
+        };
+        next += 1;
+    }
+    out
+}
+
+/// The entry of an object, or `None` when there is no such object.
+#[must_use]
+pub fn entry(address: Address) -> Option<&'static Entry> {
+    let found = ENTRIES
+        .binary_search_by_key(&address.packed(), |entry| entry.address.packed())
+        .ok()?;
+    ENTRIES.get(found)
+}
+
+/// The highest sub-index at an index: what sub-index 0 of a record reads. `None` when there is no
+/// such index, 0 when it is no record.
+#[must_use]
+pub fn highest_sub(index: u16) -> Option<u8> {
+    let end = ENTRIES.partition_point(|entry| entry.address.index <= index);
+    let last = ENTRIES.get(end.checked_sub(1)?)?;
+    (last.address.index == index).then_some(last.address.sub)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_object_is_found_by_its_address() {
+        for object in OBJECTS {
+            let entry = entry(object.address).unwrap();
+            assert_eq!(entry.address, object.address);
+            assert_eq!(entry.kind, object.kind);
+        }
+        assert!(entry(Address::new(0x2000, 1)).is_none());
+        assert!(entry(Address::new(0x2FFF, 0)).is_none());
+    }
+
+    #[test]
+    fn every_default_is_within_its_own_limits() {
+        for object in OBJECTS {
+            assert_eq!(
+                object.default.check(object.min, object.max),
+                Ok(()),
+                "{:?} {}",
+                object.address,
+                object.name
+            );
+            assert_eq!(object.min.kind(), object.kind);
+            assert_eq!(object.max.kind(), object.kind);
+        }
+    }
+
+    #[test]
+    fn slots_count_the_parameters_without_gaps() {
+        let slots: std::vec::Vec<u8> = ENTRIES.iter().filter_map(|entry| entry.slot).collect();
+        let want: std::vec::Vec<u8> = (0..u8::try_from(PARAMETERS).unwrap()).collect();
+        assert_eq!(slots, want);
+    }
+
+    #[test]
+    fn records_name_every_index_once() {
+        let mut indices: std::vec::Vec<u16> =
+            OBJECTS.iter().map(|object| object.address.index).collect();
+        indices.dedup();
+        let named: std::vec::Vec<u16> = RECORDS.iter().map(|(index, _)| *index).collect();
+        assert_eq!(indices, named);
+    }
+
+    #[test]
+    fn sub_indices_of_a_record_have_no_gaps() {
+        for (index, _) in RECORDS {
+            let subs: std::vec::Vec<u8> = OBJECTS
+                .iter()
+                .filter(|object| object.address.index == *index)
+                .map(|object| object.address.sub)
+                .collect();
+            let highest = highest_sub(*index).unwrap();
+            if highest == 0 {
+                assert_eq!(subs, [0]);
+            } else {
+                let want: std::vec::Vec<u8> = (1..=highest).collect();
+                assert_eq!(subs, want, "index {index:04X}");
+            }
+        }
+        assert_eq!(highest_sub(0x2003), None);
+        assert_eq!(highest_sub(0x1FFF), None);
+    }
+
+    #[test]
+    fn what_changes_the_motion_is_locked_while_operational() {
+        for object in OBJECTS.iter().filter(|object| object.required) {
+            assert_eq!(object.access, Access::Parameter);
+            assert!(object.persistent);
+        }
+    }
+
+    #[test]
+    fn wire_version_is_an_object() {
+        let entry = entry(at::WIRE_VERSION).unwrap();
+        assert_eq!(entry.default, Value::U16(WIRE_VERSION));
+        assert_eq!(entry.access, Access::Const);
+    }
+}

@@ -1,0 +1,115 @@
+//! What the program said before it died: one record that survives a reset, not a loss of power.
+//!
+//! The panic and fault handlers write it, start-up reads it once and forgets it. It lies in RAM that start-up
+//! leaves alone (`.uninit`). After power-on it holds noise, which the magic number and the checksum refuse.
+
+#![expect(unsafe_code, reason = "a static that is not initialised")]
+
+use core::mem::MaybeUninit;
+use core::ptr::addr_of_mut;
+
+/// How the program failed.
+#[derive(Clone, Copy, defmt::Format)]
+pub enum Failure {
+    /// A Rust panic: the end of the file's name, and the line.
+    Panic {
+        /// Last bytes of the file name, padded with spaces in front.
+        file: [u8; FILE_LENGTH],
+        /// Line, from 1.
+        line: u32,
+    },
+    /// A fault exception.
+    HardFault {
+        /// Address of the instruction; 0 when the stack held no frame.
+        pc: u32,
+        /// Stack pointer at the fault.
+        sp: u32,
+        /// Configurable fault status register.
+        cfsr: u32,
+        /// Address that could not be accessed, if `cfsr` says it is valid.
+        bfar: u32,
+    },
+    /// An interrupt without a handler; its number counts from 0, exceptions are negative.
+    UnhandledInterrupt(i16),
+}
+
+/// Bytes of the file name that are kept.
+pub const FILE_LENGTH: usize = 24;
+
+const MAGIC: u32 = 0x6d6f_7274;
+const WORDS: usize = 8;
+type Words = [u32; WORDS];
+
+#[unsafe(link_section = ".uninit.post_mortem")]
+static mut RECORD: MaybeUninit<Words> = MaybeUninit::uninit();
+
+/// Keeps `failure` for the next start. Interrupts must be masked.
+pub fn write(failure: Failure) {
+    let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];
+    match failure {
+        Failure::Panic { file, line } => {
+            words[1] = 1 | line << 8;
+            for (word, bytes) in words[2..].iter_mut().zip(file.chunks_exact(4)) {
+                *word = bytes.try_into().map_or(0, u32::from_le_bytes);
+            }
+        }
+        Failure::HardFault { pc, sp, cfsr, bfar } => {
+            words[1] = 2;
+            words[2..6].copy_from_slice(&[pc, sp, cfsr, bfar]);
+        }
+        Failure::UnhandledInterrupt(number) => {
+            words[1] = 3;
+            words[2] = u32::from(number.cast_unsigned());
+        }
+    }
+    words[0] = MAGIC ^ fold(&words);
+    // SAFETY: interrupts are masked and there is one core, so nothing else accesses the record.
+    unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
+}
+
+/// Takes the record of the last run, if there is one. Called once at start-up, before the executors run.
+pub fn take() -> Option<Failure> {
+    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly uninitialised.
+    let words = unsafe {
+        let words = addr_of_mut!(RECORD).read_volatile().assume_init();
+        addr_of_mut!(RECORD).write_volatile(MaybeUninit::new([0; WORDS]));
+        words
+    };
+    if words[0] != MAGIC ^ fold(&words) {
+        return None;
+    }
+    match words[1] & 0xFF {
+        1 => {
+            let mut file = [b' '; FILE_LENGTH];
+            for (bytes, word) in file.chunks_exact_mut(4).zip(&words[2..]) {
+                bytes.copy_from_slice(&word.to_le_bytes());
+            }
+            let line = words[1] >> 8;
+            Some(Failure::Panic { file, line })
+        }
+        2 => Some(Failure::HardFault {
+            pc: words[2],
+            sp: words[3],
+            cfsr: words[4],
+            bfar: words[5],
+        }),
+        3 => Some(Failure::UnhandledInterrupt(words[2] as u16 as i16)),
+        _ => None,
+    }
+}
+
+/// Sum of the content, without the word that holds it.
+fn fold(words: &Words) -> u32 {
+    words[1..]
+        .iter()
+        .fold(1, |sum: u32, word| sum.rotate_left(5).wrapping_add(*word))
+}
+
+/// The last [`FILE_LENGTH`] bytes of `name`.
+pub fn tail(name: &str) -> [u8; FILE_LENGTH] {
+    let mut file = [b' '; FILE_LENGTH];
+    for (to, from) in file.iter_mut().rev().zip(name.bytes().rev()) {
+        *to = from;
+    }
+    file
+}

@@ -1,0 +1,42 @@
+//! How deep the one stack has been.
+//!
+//! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has been used. All
+//! interrupts and both executors share this stack. It cannot see a word that was written with the pattern itself,
+//! and it sees the deepest call ever made, not the present one.
+
+#![expect(unsafe_code, reason = "the stack's limits are linker symbols")]
+
+use core::ptr::{addr_of, read_volatile};
+
+unsafe extern "C" {
+    /// Lowest address of the stack, from `memory.x`.
+    static _stack_end: u32;
+    /// First address above the stack.
+    static _stack_start: u32;
+}
+
+/// What cortex-m-rt paints the stack with.
+const PAINT: u32 = 0xCCCC_CCCC;
+
+/// Bytes of stack that have been used since boot, and its size.
+pub fn high_water() -> (usize, usize) {
+    // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that nobody else
+    // writes below the present stack pointer except interrupts, whose writes only make the answer one call older.
+    unsafe {
+        let end = addr_of!(_stack_end);
+        let start = addr_of!(_stack_start);
+        let size = start as usize - end as usize;
+        let mut word = end;
+        while word < start && read_volatile(word) == PAINT {
+            word = word.add(1);
+        }
+        (start as usize - word as usize, size)
+    }
+}
+
+/// Whether `address` lies in the stack with `bytes` above it.
+pub fn contains(address: u32, bytes: u32) -> bool {
+    let end = addr_of!(_stack_end) as usize as u32;
+    let start = addr_of!(_stack_start) as usize as u32;
+    (end..=start.saturating_sub(bytes)).contains(&address)
+}

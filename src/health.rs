@@ -1,0 +1,34 @@
+//! The health task: once a second it compares how the robot's own machinery is doing with the worst so far, and logs
+//! what got worse. Silent when nothing did.
+
+use embassy_time::{Duration, Ticker};
+
+use crate::board::stack;
+use crate::handover::CONTROL_LATENESS;
+
+/// Lateness of a control tick worth a line, in microseconds: a tenth of its period.
+const LATE_US: u32 = 100;
+
+/// Stack growth worth a line.
+const STACK_STEP_BYTES: usize = 128;
+
+/// Watches stack and lateness.
+#[embassy_executor::task]
+pub async fn health() {
+    let mut ticker = Ticker::every(Duration::from_secs(1));
+    let mut stack_worst = 0;
+    let mut late_worst_us = LATE_US;
+    loop {
+        ticker.next().await;
+        let (used, size) = stack::high_water();
+        if used >= stack_worst + STACK_STEP_BYTES {
+            defmt::info!("stack: {=usize} of {=usize} bytes used", used, size);
+            stack_worst = used;
+        }
+        let late_us = CONTROL_LATENESS.take();
+        if late_us > late_worst_us {
+            defmt::warn!("control tick {=u32} us late", late_us);
+            late_worst_us = late_us;
+        }
+    }
+}
