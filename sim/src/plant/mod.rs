@@ -5,10 +5,12 @@
 //! compensation, and above all it does not know what was commanded.
 //!
 //! - [`table`]: the losses the paper measured, interpolated over speed.
+//! - [`contact`]: rollers, friction, rigid bodies.
 //! - [`external`]: another program, over TCP.
 //! - [`formation`]: what connected robots do with motions that do not quite agree, and how far they
 //!   disagree.
 
+pub mod contact;
 pub mod external;
 pub mod formation;
 pub mod table;
@@ -62,10 +64,12 @@ pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimE
         Kind::External { address } => Ok(Box::new(external::ExternalPlant::connect(
             group, address, start,
         )?)),
-        Kind::Contact { .. } => {
-            let problem =
-                "the contact plant is not built in; use \"table\" or \"external\"".to_owned();
-            Err(SimError::Plant { problem })
+        Kind::Contact { rollers } => {
+            let contact = contact::Contact {
+                rollers: *rollers,
+                ..contact::Contact::default()
+            };
+            Ok(Box::new(contact::ContactPlant::new(group, contact, start)?))
         }
     }
 }
