@@ -8,6 +8,7 @@
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
 //! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
 
+mod emergency;
 mod heartbeat;
 mod objects;
 mod outbox;
@@ -19,10 +20,11 @@ mod tpdo;
 
 use crate::nmt;
 use crate::{
-    AbortCode, Config, Counters, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
+    AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
     ObjectDictionary, ResetScope,
 };
 
+use emergency::Emergencies;
 use heartbeat::Heartbeat;
 use outbox::Outbox;
 use rpdo::Rpdos;
@@ -32,6 +34,7 @@ use tpdo::Tpdos;
 pub use heartbeat::MAX_CONSUMERS;
 pub use pdo::MAX_MAPPED;
 pub use rpdo::MAX_RPDO;
+pub use sdo::MAX_SDO;
 pub use tpdo::MAX_TPDO;
 
 const SDO_REQUEST: u16 = 0x600;
@@ -49,6 +52,9 @@ struct Core {
     node: Option<NodeId>,
     state: NmtState,
     out: Outbox,
+    /// 0x1F80.
+    startup: u32,
+    emergencies: Emergencies,
     heartbeat: Heartbeat,
     sync: Sync,
     rpdos: Rpdos,
@@ -66,6 +72,8 @@ impl Device {
                 node: config.node,
                 state: NmtState::Initialising,
                 out: Outbox::new(),
+                startup: config.startup,
+                emergencies: Emergencies::new(&config, config.node),
                 heartbeat: Heartbeat::new(&config),
                 sync: Sync::new(&config),
                 rpdos: Rpdos::new(&config, config.node),
@@ -112,7 +120,12 @@ impl Device {
         }
         self.core.out.clear_next();
         self.core.poll_heartbeat(now);
+        self.core.poll_sync(now, od);
+        self.core.poll_rpdos(now);
         self.core.poll_tpdos(now, od);
+        self.sdo.poll(now, &mut self.core);
+        self.core.poll_overflow(now);
+        self.core.poll_emergencies(now);
     }
 
     /// The application has brought its objects up to date after a SYNC: reads and queues the
@@ -123,7 +136,9 @@ impl Device {
 
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.core.out.pop_frame()
+        let node = self.core.node;
+        let queued = self.core.out.pop_frame();
+        queued.or_else(|| self.sdo.pop_frame(node))
     }
 
     /// The next event.
@@ -164,6 +179,24 @@ impl Device {
     /// as soon as its inhibit time allows (types 254 and 255).
     pub fn trigger_tpdo(&mut self, number: u8) {
         self.core.trigger_tpdo(number);
+    }
+
+    /// An error has appeared: sends an emergency message with this code and sets the bit of its
+    /// class in 0x1001, until [`clear_error`](Self::clear_error). Errors with the same code and the
+    /// same first byte of `info` are the same error and announced once.
+    pub fn raise_error(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
+        self.core.raise(now, code, class, info);
+    }
+
+    /// The error with this code and this first byte of `info` has gone.
+    pub fn clear_error(&mut self, now: Micros, code: u16, detail: u8) {
+        self.core.clear(now, code, detail);
+    }
+
+    /// The error register, object 0x1001.
+    #[must_use]
+    pub fn error_register(&self) -> u8 {
+        self.core.emergencies.register()
     }
 
     /// Reads any object, as an SDO client would.
@@ -247,6 +280,9 @@ impl Core {
         self.out.send(Frame::of(node.cob_id(HEARTBEAT), [0]));
         self.start_heartbeat(now);
         self.enter(now, NmtState::PreOperational);
+        if self.startup & Config::STARTUP_BY_MASTER == 0 {
+            self.enter(now, NmtState::Operational);
+        }
     }
 
     /// Changes the NMT state, if it is another one.
@@ -258,12 +294,9 @@ impl Core {
         self.state = to;
         self.rpdos.clear();
         self.enter_tpdos(now);
-        match to {
-            NmtState::Stopped => {
-                self.out.clear_frames();
-                self.sync.clear();
-            }
-            NmtState::Initialising | NmtState::PreOperational | NmtState::Operational => {}
+        self.enter_sync(now, from, to);
+        if to == NmtState::Stopped {
+            self.out.clear_frames();
         }
         self.out.emit(Event::NmtChanged { from, to });
     }
@@ -275,6 +308,8 @@ impl Core {
         self.out.clear_frames();
         self.out.clear_next();
         self.node = self.config.node;
+        self.startup = self.config.startup;
+        self.emergencies.reset(&self.config, self.node);
         self.heartbeat = Heartbeat::new(&self.config);
         self.sync = Sync::new(&self.config);
         self.rpdos = Rpdos::new(&self.config, self.node);

@@ -15,6 +15,8 @@ pub(super) struct Outbox {
     events: Deque<Event, EVENTS>,
     counters: Counters,
     next: Micros,
+    /// Frames have been dropped since this was last taken.
+    overflowed: bool,
 }
 
 impl Outbox {
@@ -26,19 +28,32 @@ impl Outbox {
                 tx_overflow: 0,
                 event_overflow: 0,
                 sync_gaps: 0,
+                syncs_lost: 0,
+                pdos_late: 0,
                 rpdo_too_short: 0,
                 rpdo_refused: 0,
                 sdo_aborts: 0,
                 heartbeats_lost: 0,
             },
             next: Micros::MAX,
+            overflowed: false,
         }
     }
 
     pub fn send(&mut self, frame: Frame) {
         if self.frames.push_back(frame).is_err() {
             self.count(|counters| &mut counters.tx_overflow);
+            self.overflowed = true;
         }
+    }
+
+    pub fn is_full(&self) -> bool {
+        self.frames.is_full()
+    }
+
+    /// Whether frames have been dropped since the last call.
+    pub fn take_overflowed(&mut self) -> bool {
+        core::mem::take(&mut self.overflowed)
     }
 
     pub fn emit(&mut self, event: Event) {
@@ -73,8 +88,12 @@ impl Outbox {
         self.events.pop_front()
     }
 
+    /// When `poll` has something to do.
     pub const fn next(&self) -> Micros {
-        self.next
+        match self.overflowed {
+            true => Micros::ZERO,
+            false => self.next,
+        }
     }
 
     pub const fn counters(&self) -> Counters {

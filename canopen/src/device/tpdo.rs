@@ -174,8 +174,11 @@ impl Core {
     }
 
     pub(super) fn send_synchronous_tpdos<O: ObjectDictionary>(&mut self, now: Micros, od: &O) {
-        let _ = now;
         if self.state != NmtState::Operational {
+            return;
+        }
+        if self.sync.window_is_over(now) {
+            self.out.count(|counters| &mut counters.pdos_late);
             return;
         }
         let counter = self.sync.counter();
