@@ -401,7 +401,9 @@ impl World {
             return;
         };
         for (n, unit) in self.units.iter_mut().enumerate() {
-            if first + n != transfer.sender && unit.connected && unit.robot.pending().is_some() {
+            if first + n == transfer.sender {
+                unit.robot.begin();
+            } else if unit.connected && unit.robot.pending().is_some() {
                 unit.robot.lost_arbitration();
             }
         }
