@@ -23,7 +23,7 @@ const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware
 /// Which bus, and which group on it.
 #[derive(clap::Args)]
 pub struct Target {
-    /// sim:GROUP.toml, socketcan:INTERFACE or slcan:DEVICE.
+    /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE or slcan-tcp://HOST:PORT.
     #[arg(long)]
     pub bus: BusAddress,
     /// Group file; a simulated bus has its own.
@@ -80,12 +80,7 @@ impl Target {
                 let world = omnibus::drive::world(group, self.elf()?, start)?;
                 Ok(Box::new(SimLink::new(world, self.bus.to_string())))
             }
-            BusAddress::SocketCan(_) | BusAddress::Slcan(_) => {
-                bail!(
-                    "{}: this adapter is not supported yet; use sim:GROUP.toml",
-                    self.bus
-                )
-            }
+            real => Ok(Box::new(omnibus::adapter::open(real)?)),
         }
     }
 }
