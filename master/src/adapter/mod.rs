@@ -22,13 +22,15 @@ mod socket_can;
 
 /// What a reading thread says: a frame, or why there will be no more.
 type Heard = io::Result<(Micros, Frame)>;
+/// Hands a frame to the adapter.
+type Write = dyn FnMut(&Frame) -> io::Result<()>;
 
 /// A link over an adapter.
 pub struct AdapterLink {
     bus: String,
     started: Instant,
     heard: Receiver<Heard>,
-    write: Box<dyn FnMut(&Frame) -> io::Result<()>>,
+    write: Box<Write>,
 }
 
 impl AdapterLink {

@@ -37,14 +37,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let limits = &file.limits;
     let speed = twist.vx.hypot(twist.vy);
-    // Written so that NaN is refused too.
-    if !(speed <= limits.linear_speed) {
+    if speed.is_nan() || speed > limits.linear_speed {
         bail!(
             "--vx, --vy: {speed} m/s is not within the group's limits.linear_speed, {} m/s",
             limits.linear_speed
         );
     }
-    if !(twist.omega.abs() <= limits.yaw_rate) {
+    if twist.omega.is_nan() || twist.omega.abs() > limits.yaw_rate {
         bail!(
             "--omega: {} rad/s is not within the group's limits.yaw_rate, {} rad/s",
             twist.omega,
