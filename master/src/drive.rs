@@ -14,6 +14,7 @@ use group::GroupFile;
 use kinematics::{Pose, WheelRates};
 use sim::{Backend, Options, TruthSample, World};
 
+use crate::abort::Abort;
 use crate::curve::Curve;
 use crate::error::MasterError;
 use crate::follow::Instant;
@@ -44,6 +45,8 @@ pub struct Drive<'a> {
     pub elf: Option<&'a Path>,
     /// Where to write every frame as a candump log.
     pub candump: Option<PathBuf>,
+    /// By which the drive can be stopped on the way.
+    pub abort: Abort,
 }
 
 /// Why a drive gave no result.
@@ -172,6 +175,7 @@ pub fn simulated(
     let mut link = SimLink::new(world, format!("sim:{}", drive.group.name));
     let mut group = Group::connect(&mut link, drive.group)?;
     progress(DRIVING.start / 2.0, "configuring");
+    group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
     group.start()?;
     let world = &mut group.link().world;
@@ -221,6 +225,7 @@ pub fn measured<L: Link>(
     plan.check(&drive.group.limits)?;
     let mut group = Group::connect(link, drive.group)?;
     progress(DRIVING.start / 2.0, "configuring");
+    group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
     group.start()?;
     let mut instants = Vec::new();

@@ -1,5 +1,6 @@
 //! The master PC: drives a group of robots over one CAN bus.
 
+pub mod abort;
 pub mod adapter;
 pub mod bus;
 pub mod configure;

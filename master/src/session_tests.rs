@@ -212,3 +212,21 @@ fn a_robot_that_does_not_arm_is_named() {
     );
     assert_stopped(&bus);
 }
+
+#[test]
+fn asked_to_stop_it_ramps_down() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.configure(true).unwrap();
+    group.start().unwrap();
+    let abort = group.abort();
+    let plan = Curve::FigureEight.plan(true);
+    let stopped = group.follow(&plan, &mut |_, instant| {
+        if instant.t >= 2.0 && !abort.is_asked() {
+            abort.ask();
+        }
+    });
+    assert_eq!(stopped, Err(MasterError::Aborted));
+    assert_stopped(&bus);
+}

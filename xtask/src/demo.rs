@@ -69,6 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             compensation,
             elf: elf.as_deref(),
             candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
+            abort: omnibus::abort::Abort::default(),
         };
         let run = drive::simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);

@@ -55,6 +55,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let link = arguments.target.link(&file)?;
     let mut group = Group::connect(link, &file)?;
+    group.set_abort(super::abort_on_ctrl_c()?);
     group.configure(true)?;
     group.start()?;
     let periods = (arguments.seconds * 1e6 / group.period_us() as f64).ceil() as u64;

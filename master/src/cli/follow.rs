@@ -57,6 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         compensation: arguments.compensation == Switch::On,
         elf: target.elf()?,
         candump: arguments.candump.clone(),
+        abort: super::abort_on_ctrl_c()?,
     };
     let tell = &mut |share: f64, phase| {
         progress.set_position((share * STEPS) as u64);

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use ::group::GroupFile;
 use anyhow::{Context as _, bail};
 use kinematics::Pose;
+use omnibus::abort::Abort;
 use omnibus::bus::BusAddress;
 use omnibus::link::Link;
 use omnibus::report::BackendName;
@@ -83,6 +84,14 @@ impl Target {
             real => Ok(Box::new(omnibus::adapter::open(real)?)),
         }
     }
+}
+
+/// An abort that Ctrl-C asks for: once ramps down, twice stops at once.
+pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
+    let abort = Abort::default();
+    let shared = abort.clone();
+    ctrlc::set_handler(move || shared.ask()).context("cannot watch for Ctrl-C")?;
+    Ok(abort)
 }
 
 /// Prints a line. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).
