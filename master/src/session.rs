@@ -239,6 +239,10 @@ impl<'a, L: Link> Group<'a, L> {
             self.cycle(Twist::default())?;
             let Some(waiting) = self.members.iter().find(|m| !self.is_ready(m)) else {
                 self.running = true;
+                // A status is only sent in OPERATIONAL; the last heartbeat may be older.
+                for member in &mut self.members {
+                    member.nmt = Some(NmtState::Operational);
+                }
                 return Ok(());
             };
             if self.wire.now().0 > deadline {
