@@ -49,6 +49,16 @@ fn values_are_of_the_type_the_table_has() {
 }
 
 #[test]
+fn every_required_object_is_written() {
+    let file = file();
+    let written = parameters(&file, &file.robots[0], true);
+    for object in protocol::OBJECTS.iter().filter(|object| object.required) {
+        let found = written.iter().any(|(at, _)| *at == object.address);
+        assert!(found, "{} {}", object.address, object.name);
+    }
+}
+
+#[test]
 fn a_missing_robot_is_named_and_nothing_is_started() {
     let file = file();
     let mut bus = FakeBus::new(&[2, 4]);
