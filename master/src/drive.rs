@@ -10,6 +10,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::time::Instant as WallClock;
 
+use emulator::Firmware;
 use group::GroupFile;
 use kinematics::{Pose, WheelRates};
 use sim::{Backend, Options, TruthSample, World};
@@ -140,10 +141,11 @@ pub fn world(group: &GroupFile, elf: Option<&Path>, start: Pose<f64>) -> Result<
     let backend = match elf {
         None => Backend::Native,
         Some(path) => {
-            return Err(DriveError::Firmware {
+            let image = Firmware::load(path).map_err(|error| DriveError::Firmware {
                 path: path.display().to_string(),
-                problem: "emulated robots are not there yet".into(),
-            });
+                problem: error.to_string(),
+            })?;
+            Backend::Emulator(image)
         }
     };
     let options = Options {
