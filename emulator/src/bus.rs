@@ -77,11 +77,12 @@ impl Shared {
     pub(crate) fn with<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
         let mut soc = lock(&self.soc);
         soc.now = self.now.load(Relaxed);
-        let hz = soc.clock.hz();
+        let (hz, requests) = (soc.clock.hz(), soc.can.requests());
         let result = f(&mut soc);
         let before = self.next_event.swap(soc.next_event, Relaxed);
         if soc.next_event < before
             || soc.clock.hz() != hz
+            || soc.can.requests() != requests
             || soc.stop.is_some()
             || soc.reset_request != 0
             || soc.flash.busy_until().is_some()
