@@ -114,6 +114,8 @@ pub struct Config {
     pub error_behaviour: u8,
     /// Object 0x1F80, bit 2 clear: goes to OPERATIONAL by itself after boot-up. Other bits must be 0.
     pub startup: u32,
+    /// Whether there is a [`Storage`](crate::Storage): objects 0x1010 and 0x1011.
+    pub storage: bool,
     /// Objects 0x1400 and 0x1600 on. Their number cannot change at run time.
     pub rpdos: &'static [PdoConfig],
     /// Objects 0x1800 and 0x1A00 on. Their number cannot change at run time.
@@ -145,6 +147,7 @@ impl Config {
         emergency_inhibit_100us: 0,
         error_behaviour: 0,
         startup: Self::STARTUP_BY_MASTER,
+        storage: false,
         rpdos: &[],
         tpdos: &[],
     };

@@ -96,6 +96,13 @@ pub enum Event {
     /// Communication has failed (heartbeat lost or bus-off) and object 0x1029 has changed the NMT
     /// state; the change is the event before.
     CommunicationError,
+    /// The CAN controller went bus-off; what was waiting to be sent is gone.
+    BusOff,
+    /// The pause after a bus-off is over: bring the CAN controller back, then call
+    /// [`on_bus_recovered`](crate::Device::on_bus_recovered).
+    RecoverBus,
+    /// The device is back on the bus.
+    BusRecovered,
     /// An SDO client has written an object, successfully.
     ObjectWritten {
         /// Index of the object.
@@ -122,6 +129,8 @@ pub struct Counters {
     pub rpdo_too_short: u32,
     /// RPDO objects the application refused.
     pub rpdo_refused: u32,
+    /// Times the CAN controller went bus-off.
+    pub bus_off: u32,
     /// SDO transfers this device aborted.
     pub sdo_aborts: u32,
     /// Heartbeats of monitored nodes that did not come in time.

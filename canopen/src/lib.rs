@@ -45,6 +45,7 @@ mod frame;
 mod nmt;
 mod node;
 mod od;
+mod storage;
 mod time;
 
 pub use abort::AbortCode;
@@ -56,4 +57,5 @@ pub use frame::Frame;
 pub use nmt::{NmtCommand, NmtState, NmtTarget};
 pub use node::NodeId;
 pub use od::{ObjectDictionary, PdoDirection, ResetScope};
+pub use storage::{Storage, StoreProgress, StoreScope};
 pub use time::Micros;

@@ -46,10 +46,15 @@ pub(super) struct Emergencies {
     overrun: Timer,
 }
 
+/// 0x1014 as it is by default.
+pub(super) fn default_cob_id(node: Option<NodeId>) -> u32 {
+    node.map_or(OFF, |node| u32::from(node.cob_id(EMERGENCY)))
+}
+
 impl Emergencies {
     pub fn new(config: &Config, node: Option<NodeId>) -> Self {
         Self {
-            cob_id: node.map_or(OFF, |node| u32::from(node.cob_id(EMERGENCY))),
+            cob_id: default_cob_id(node),
             inhibit_100us: config.emergency_inhibit_100us,
             behaviour: config.error_behaviour,
             active: [None; ACTIVE],
@@ -187,10 +192,21 @@ impl Core {
         self.emergencies.active.iter().any(Option::is_some)
     }
 
+    /// Tells that the device is back on the bus; there is nothing to take back later.
+    pub(super) fn announce_recovery(&mut self, now: Micros) {
+        let code = Emergency::BUS_OFF_RECOVERED;
+        let errors = &mut self.emergencies;
+        let class = ErrorClass::Communication as u8 | ErrorClass::Generic as u8;
+        errors.announce(code, errors.register() | class, [0; 5]);
+        errors.remember(code, [0; 5]);
+        self.poll_emergencies(now);
+    }
+
     /// Sends the messages that may go out now.
     pub(super) fn poll_emergencies(&mut self, now: Micros) {
         match self.state {
             NmtState::Initialising | NmtState::Stopped => return,
+            NmtState::PreOperational | NmtState::Operational if self.out.is_muted() => return,
             NmtState::PreOperational | NmtState::Operational => {}
         }
         let errors = &mut self.emergencies;

@@ -8,13 +8,16 @@
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
 //! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
 
+mod bus_off;
 mod emergency;
 mod heartbeat;
+mod lss;
 mod objects;
 mod outbox;
 mod pdo;
 mod rpdo;
 mod sdo;
+mod store;
 mod sync;
 mod tpdo;
 
@@ -24,8 +27,10 @@ use crate::{
     ObjectDictionary, ResetScope,
 };
 
+use bus_off::BusOff;
 use emergency::Emergencies;
 use heartbeat::Heartbeat;
+use lss::Lss;
 use outbox::Outbox;
 use rpdo::Rpdos;
 use sync::Sync;
@@ -55,6 +60,10 @@ struct Core {
     /// 0x1F80.
     startup: u32,
     emergencies: Emergencies,
+    bus_off: BusOff,
+    lss: Lss,
+    /// The application is saving or restoring.
+    storing: bool,
     heartbeat: Heartbeat,
     sync: Sync,
     rpdos: Rpdos,
@@ -74,6 +83,9 @@ impl Device {
                 out: Outbox::new(),
                 startup: config.startup,
                 emergencies: Emergencies::new(&config, config.node),
+                bus_off: BusOff::new(),
+                lss: Lss::new(config.node),
+                storing: false,
                 heartbeat: Heartbeat::new(&config),
                 sync: Sync::new(&config),
                 rpdos: Rpdos::new(&config, config.node),
@@ -87,6 +99,9 @@ impl Device {
     /// they were received.
     pub fn on_frame<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
         let core = &mut self.core;
+        if frame.id() == lss::REQUEST {
+            return core.on_lss(now, frame, od);
+        }
         let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
             return;
         };
@@ -112,13 +127,14 @@ impl Device {
     /// [`on_sync_done`](Self::on_sync_done) has not been called since the last SYNC.
     pub fn poll<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
         if self.core.state == NmtState::Initialising {
-            self.core.boot(now);
+            self.core.boot(now, od);
         }
         self.core.on_sync_done(now, od);
         if now < self.core.out.next() {
             return;
         }
         self.core.out.clear_next();
+        self.core.poll_bus_off(now);
         self.core.poll_heartbeat(now);
         self.core.poll_sync(now, od);
         self.core.poll_rpdos(now);
@@ -199,6 +215,23 @@ impl Device {
         self.core.emergencies.register()
     }
 
+    /// The CAN controller has gone bus-off. Nothing is sent until
+    /// [`on_bus_recovered`](Self::on_bus_recovered); [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.core.on_bus_off(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.core.on_bus_recovered(now);
+    }
+
+    /// Saving or restoring that was [pending](crate::StoreProgress::Pending) has ended: tells the
+    /// SDO client that waits for it.
+    pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
+        self.sdo.finish_store(&mut self.core, result);
+    }
+
     /// Reads any object, as an SDO client would.
     ///
     /// # Errors
@@ -273,10 +306,11 @@ fn heartbeat_sender(id: u16) -> Option<NodeId> {
 
 impl Core {
     /// Goes on the bus: boot-up frame, then PRE-OPERATIONAL. Not without a node-ID.
-    fn boot(&mut self, now: Micros) {
+    fn boot<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
         let Some(node) = self.node else {
             return;
         };
+        self.load(now, od);
         self.out.send(Frame::of(node.cob_id(HEARTBEAT), [0]));
         self.start_heartbeat(now);
         self.enter(now, NmtState::PreOperational);
@@ -307,7 +341,7 @@ impl Core {
         self.enter(now, NmtState::Initialising);
         self.out.clear_frames();
         self.out.clear_next();
-        self.node = self.config.node;
+        self.node = self.lss.node;
         self.startup = self.config.startup;
         self.emergencies.reset(&self.config, self.node);
         self.heartbeat = Heartbeat::new(&self.config);
@@ -315,7 +349,7 @@ impl Core {
         self.rpdos = Rpdos::new(&self.config, self.node);
         self.tpdos = Tpdos::new(&self.config, self.node);
         od.reset(scope);
-        self.boot(now);
+        self.boot(now, od);
     }
 }
 

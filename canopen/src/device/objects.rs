@@ -4,8 +4,8 @@
 //! A value is checked completely before anything changes.
 
 use super::Core;
-use super::heartbeat;
 use super::pdo::{self, LAST_SYNCHRONOUS, MAX_MAPPED, Map};
+use super::{heartbeat, store};
 use crate::bytes::{high_u16, low_u8, put, u8_of, u16_of, u32_of};
 use crate::time::Timer;
 use crate::{AbortCode, Config, Micros, NmtState, ObjectDictionary, PdoDirection};
@@ -44,7 +44,12 @@ impl Core {
     }
 
     /// `None` if the object is not the device's.
-    fn read_own(&self, index: u16, sub: u8, out: &mut [u8]) -> Option<Result<usize, AbortCode>> {
+    pub(super) fn read_own(
+        &self,
+        index: u16,
+        sub: u8,
+        out: &mut [u8],
+    ) -> Option<Result<usize, AbortCode>> {
         let config = &self.config;
         Some(match index {
             0x1000 => single(sub, out, &config.device_type.to_le_bytes()),
@@ -61,6 +66,7 @@ impl Core {
             0x100A if !config.software_version.is_empty() => {
                 single(sub, out, config.software_version.as_bytes())
             }
+            0x1010 | 0x1011 if config.storage => store::read(index, sub, out),
             0x1016 => self.read_consumer(sub, out),
             0x1017 => single(sub, out, &self.heartbeat.period_ms.to_le_bytes()),
             0x1018 => {
@@ -104,13 +110,13 @@ impl Core {
     }
 
     /// `None` if the object is not the device's.
-    fn write_own<O: ObjectDictionary>(
+    pub(super) fn write_own<O: ObjectDictionary>(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &O,
+        od: &mut O,
     ) -> Option<Result<(), AbortCode>> {
         // Reading settles whether the object exists at all.
         let mut scratch = [0; 64];
@@ -122,6 +128,7 @@ impl Core {
         Some(match index {
             0x1001 | 0x1003 | 0x1014 | 0x1015 | 0x1029 => self.emergencies.write(index, sub, data),
             0x1005..=0x1007 | 0x1019 => self.write_sync(now, index, data),
+            0x1010 | 0x1011 => self.write_store(index, sub, data, od),
             0x1016 if sub != 0 => self.write_consumer(sub, data),
             0x1017 => u16_of(data).map(|period| {
                 self.heartbeat.period_ms = period;

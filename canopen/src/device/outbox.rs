@@ -17,6 +17,8 @@ pub(super) struct Outbox {
     next: Micros,
     /// Frames have been dropped since this was last taken.
     overflowed: bool,
+    /// Off the bus: frames are dropped without counting.
+    muted: bool,
 }
 
 impl Outbox {
@@ -32,19 +34,32 @@ impl Outbox {
                 pdos_late: 0,
                 rpdo_too_short: 0,
                 rpdo_refused: 0,
+                bus_off: 0,
                 sdo_aborts: 0,
                 heartbeats_lost: 0,
             },
             next: Micros::MAX,
             overflowed: false,
+            muted: false,
         }
     }
 
     pub fn send(&mut self, frame: Frame) {
+        if self.muted {
+            return;
+        }
         if self.frames.push_back(frame).is_err() {
             self.count(|counters| &mut counters.tx_overflow);
             self.overflowed = true;
         }
+    }
+
+    pub fn set_muted(&mut self, muted: bool) {
+        self.muted = muted;
+    }
+
+    pub fn is_muted(&self) -> bool {
+        self.muted
     }
 
     pub fn is_full(&self) -> bool {

@@ -54,7 +54,7 @@ impl Rpdo {
         deadline: Timer::OFF,
     };
 
-    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+    pub fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
         Self {
             cob_id: pdo::default_cob_id(config, node),
             transmission: config.transmission,

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// The pre-defined identifier.
-const SYNC: u32 = 0x80;
+pub(super) const SYNC: u32 = 0x80;
 
 /// Bit 30 of 0x1005: the device produces SYNC.
 const PRODUCER: u32 = 1 << 30;

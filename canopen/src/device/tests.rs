@@ -1,9 +1,12 @@
 //! Frame sequences in, golden bytes out. The bytes are those of CiA 301, worked out by hand.
 
+mod bus_off;
 mod emergency;
+mod lss;
 mod network;
 mod pdo;
 mod sdo;
+mod store;
 
 use std::vec::Vec;
 
@@ -16,6 +19,48 @@ pub(super) const NODE: NodeId = match NodeId::new(5) {
     None => NodeId::MIN,
 };
 
+/// Non-volatile memory of the bench.
+#[derive(Default, Clone)]
+pub(super) struct Memory {
+    pub image: Vec<u8>,
+    pub saved: Vec<StoreScope>,
+    pub restored: Vec<StoreScope>,
+    pub node: Option<Option<NodeId>>,
+    pub progress: Option<StoreProgress>,
+}
+
+impl Storage for Memory {
+    fn save(
+        &mut self,
+        scope: StoreScope,
+        communication: &[u8],
+    ) -> Result<StoreProgress, AbortCode> {
+        self.saved.push(scope);
+        if scope.has_communication() {
+            self.image = communication.to_vec();
+        }
+        self.progress.ok_or(AbortCode::Hardware)
+    }
+
+    fn restore(&mut self, scope: StoreScope) -> Result<StoreProgress, AbortCode> {
+        self.restored.push(scope);
+        if scope.has_communication() {
+            self.image.clear();
+        }
+        self.progress.ok_or(AbortCode::Hardware)
+    }
+
+    fn load(&mut self, out: &mut [u8]) -> usize {
+        out[..self.image.len()].copy_from_slice(&self.image);
+        self.image.len()
+    }
+
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<(), AbortCode> {
+        self.node = Some(node);
+        Ok(())
+    }
+}
+
 /// Application objects: 0x2000 u16 setpoint, 0x2001 u32 in 0..=1000 and not while operational,
 /// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only, 0x2005 any bytes.
 #[derive(Default)]
@@ -26,6 +71,7 @@ pub(super) struct Objects {
     pub write_only: u8,
     pub long: Vec<u8>,
     pub resets: Vec<ResetScope>,
+    pub memory: Memory,
 }
 
 pub(super) const LONG: &[u8] = b"twelve bytes";
@@ -74,6 +120,10 @@ impl ObjectDictionary for Objects {
             (0x2000..=0x2005, _, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
+    }
+
+    fn storage(&mut self) -> Option<&mut dyn Storage> {
+        Some(&mut self.memory)
     }
 
     fn reset(&mut self, scope: ResetScope) {

@@ -64,6 +64,10 @@ enum State {
     },
     /// Has sent the end of the block upload and expects its confirmation.
     BlockUploadEnd,
+    /// The application is saving or restoring; this is the answer when it is done.
+    Storing {
+        answer: [u8; 8],
+    },
 }
 
 pub(super) struct Server {
@@ -136,8 +140,15 @@ impl Server {
             return;
         };
         let request = *frame.padded();
+        let was_storing = core.storing;
         let mut access = Access { now, core, od };
         let answer = match self.handle(request, &mut access) {
+            Ok(Some(answer)) if core.storing && !was_storing => {
+                // The client waits as long as it takes; the application always comes back.
+                self.timer = Timer::OFF;
+                self.state = State::Storing { answer };
+                return;
+            }
             Ok(answer) => answer,
             Err(code) => {
                 let [_, low, high, sub, ..] = request;
@@ -153,7 +164,7 @@ impl Server {
                 Some(abort(core, index, sub, code))
             }
         };
-        if self.state != State::Idle {
+        if !matches!(self.state, State::Idle | State::Storing { .. }) {
             self.timer = Timer::at(now + TIMEOUT);
             core.out.wake(self.timer);
         }
@@ -174,6 +185,22 @@ impl Server {
         core.out.wake(self.timer);
     }
 
+    /// The application has saved or restored, or failed to.
+    pub fn finish_store(&mut self, core: &mut Core, result: Result<(), AbortCode>) {
+        core.storing = false;
+        let State::Storing { answer } = self.state else {
+            return;
+        };
+        self.reset();
+        let answer = match result {
+            Ok(()) => answer,
+            Err(code) => abort(core, self.index, self.sub, code),
+        };
+        if let Some(node) = core.node {
+            core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
+        }
+    }
+
     /// The next segment of a block upload.
     pub fn pop_frame(&mut self, node: Option<NodeId>) -> Option<Frame> {
         let id = node?.cob_id(SDO_RESPONSE);
@@ -188,6 +215,11 @@ impl Server {
         let [command, low, high, sub, a, b, c, d] = request;
         if let State::BlockDownload { seq } = self.state {
             return self.on_block_segment(seq, request);
+        }
+        if let State::Storing { .. } = self.state
+            && command >> 5 != ABORT
+        {
+            return Err(AbortCode::NoResource);
         }
         let index = u16::from_le_bytes([low, high]);
         match command >> 5 {
