@@ -161,9 +161,8 @@ impl World {
             heartbeat: true,
             counter: 0,
             log: Vec::new(),
-            /// All events but SYNC, with the node of the robot.
-    pub events: Vec<(u8, Event)>,
-    wire: VecDeque::new(),
+            events: Vec::new(),
+            wire: VecDeque::new(),
         };
         world.run(5);
         world
