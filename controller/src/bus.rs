@@ -13,20 +13,25 @@
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
-use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
+use canopen::{Device, ErrorClass, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
 use kinematics::{Twist, desaturate};
+use protocol::address::SYNC_PERIOD;
+use protocol::code::FaultClass;
 use protocol::{
-    Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport, cob,
+    APPLY_DELAY_US, Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale,
+    WheelRateReport, cob,
 };
 
 use crate::agreement::{Agreement, Verdict};
+use crate::clock::SyncClock;
 use crate::configuration::Configuration;
 use crate::dictionary::{Counters, Dictionary};
 use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{Happening, State};
+use crate::strain::Strain;
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 20_000;
@@ -46,6 +51,8 @@ pub enum Event {
     Fault(Fault),
     /// The NMT state changed.
     Nmt(NmtState),
+    /// The platform should bring the CAN controller back on the bus.
+    RecoverBus,
     /// A SYNC was received.
     Sync {
         /// Its counter.
@@ -62,8 +69,11 @@ pub struct BusSide {
     dictionary: Dictionary,
     state: State,
     configuration: Option<Configuration>,
-    handed: Option<Configuration>,
+    /// The control side has not been given the configuration yet.
+    to_hand: bool,
     agreement: Agreement,
+    clock: SyncClock,
+    strain: Strain,
     setpoints: Setpoints,
     own_setpoints: Setpoints,
     /// Published with the latched sequence.
@@ -75,7 +85,8 @@ pub struct BusSide {
     last_heartbeat: Micros,
     report: Report,
     command: Command,
-    emergencies: Deque<Frame, 4>,
+    /// Faults announced and not yet declared over, one bit each.
+    announced: u32,
     events: Deque<Event, 8>,
 }
 
@@ -89,7 +100,9 @@ impl BusSide {
             dictionary: Dictionary::new(identity::device(&identity)),
             state: State::Ready,
             configuration: None,
-            handed: None,
+            to_hand: false,
+            clock: SyncClock::new(),
+            strain: Strain::new(),
             agreement: Agreement::new(),
             setpoints: Setpoints::new(),
             own_setpoints: Setpoints::new(),
@@ -100,7 +113,7 @@ impl BusSide {
             last_heartbeat: Micros::ZERO,
             report: Report::default(),
             command: Command::default(),
-            emergencies: Deque::new(),
+            announced: 0,
             events: Deque::new(),
         }
     }
@@ -120,6 +133,11 @@ impl BusSide {
                 && let Ok(status) = MemberStatus::try_from(frame.data())
             {
                 self.agreement.hear(node, &status);
+            } else if let Some(node) = cob::measured_sender(id)
+                && node != self.identity.node.get()
+                && let Ok(measured) = MeasuredTwist::try_from(frame.data())
+            {
+                self.strain.hear(node, measured.twist);
             }
         }
         self.device.on_frame(at, frame, &mut self.dictionary);
@@ -152,15 +170,33 @@ impl BusSide {
     }
 
     /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this start.
+    ///
+    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the history.
     pub fn on_fault(&mut self, now: Micros, fault: Fault) {
-        self.happen(Happening::Failed(fault), now);
+        if matches!(self.state, State::Ready | State::Faulted(_)) {
+            self.record(fault, now);
+        } else {
+            self.happen(Happening::Failed(fault), now);
+        }
+    }
+
+    /// The CAN controller went off the bus: ramps down; nothing is sent until
+    /// [`BusSide::on_bus_recovered`]. [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.on_fault(now, Fault::BusOff);
+        self.device.on_bus_off(now);
+        self.drain(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.device.on_bus_recovered(now);
+        self.drain(now);
     }
 
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.emergencies
-            .pop_front()
-            .or_else(|| self.device.pop_frame())
+        self.device.pop_frame()
     }
 
     /// The next event.
@@ -192,7 +228,11 @@ impl BusSide {
 
     /// A configuration the control side must take over before the next command; given once.
     pub fn take_configuration(&mut self) -> Option<Configuration> {
-        self.handed.take()
+        if core::mem::take(&mut self.to_hand) {
+            self.configuration
+        } else {
+            None
+        }
     }
 
     /// What the robot is doing.
@@ -239,6 +279,7 @@ impl BusSide {
                     *lost = lost.wrapping_add(1);
                     self.setpoints.note_disorder();
                 }
+                canopen::Event::RecoverBus => self.tell(Event::RecoverBus),
                 _ => {}
             }
         }
@@ -257,13 +298,14 @@ impl BusSide {
         };
         if self.configuration != Some(configuration) {
             self.configuration = Some(configuration);
-            self.handed = Some(configuration);
+            self.to_hand = true;
         }
         self.command.configuration = configuration.crc;
         self.command.start = self.command.start.wrapping_add(1);
         self.last_heartbeat = now;
         self.setpoints.restart();
         self.own_setpoints.restart();
+        self.strain.restart();
         self.own = Scale::ZERO;
         self.agreement = Agreement::new();
         self.happen(Happening::Started, now);
@@ -272,6 +314,8 @@ impl BusSide {
     /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
     fn on_sync(&mut self, at: Micros) {
         self.last_sync = at;
+        let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
+        self.clock.on_sync(at, period_us as f32);
         let Some(configuration) = self.configuration else {
             self.publish(None);
             return;
@@ -288,6 +332,13 @@ impl BusSide {
         *counter = counter.wrapping_add(ignored);
         if reception == Reception::TwoMasters {
             self.happen(Happening::Failed(Fault::TwoMasters), at);
+        }
+        if let Some(fault) = self
+            .strain
+            .on_sync(at, self.report.measured, &configuration)
+            && self.state == State::Moving
+        {
+            self.happen(Happening::Failed(fault), at);
         }
         self.vote(&configuration);
         self.follow_alone(at, &configuration);
@@ -371,7 +422,7 @@ impl BusSide {
         if matches!(self.state, State::Moving | State::Alone) {
             self.command.target = target;
             self.command.sequence = sequence;
-            self.command.at = at;
+            self.command.at = self.clock.estimate().unwrap_or(at) + Micros(APPLY_DELAY_US);
             self.command.update = self.command.update.wrapping_add(1);
         }
     }
@@ -409,7 +460,9 @@ impl BusSide {
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
         let limit = self.report.limit.or_else(|| {
-            if self.setpoints.is_disturbed() {
+            if moving && self.strain.is_limit() {
+                Some(Limit::Strain)
+            } else if self.setpoints.is_disturbed() {
                 Some(Limit::Setpoint)
             } else if moving && self.scale < Scale::ONE {
                 Some(if self.scale_is_own {
@@ -482,30 +535,49 @@ impl BusSide {
         if let Some(fault) = to.fault()
             && from.fault() != Some(fault)
         {
-            let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
-            self.dictionary.history.push(fault, time_ms);
             let stops = &mut self.dictionary.counters.stops;
             *stops = stops.wrapping_add(1);
-            self.emergency(fault.code(), fault.error_register());
-            self.tell(Event::Fault(fault));
-        } else if from.fault().is_some() && to.fault().is_none() {
-            self.emergency(0, 0);
+            self.record(fault, now);
+        } else if to == State::Armed {
+            self.clear_record(now);
         }
         self.tell(Event::State { from, to });
     }
 
-    /// Queues an emergency message (CiA 301 7.2.7); code 0 is "error reset".
-    fn emergency(&mut self, code: u16, register: u8) {
-        let [low, high] = code.to_le_bytes();
-        let data = [low, high, register, 0, 0, 0, 0, 0];
-        if let Some(frame) = Frame::new(cob::emergency(self.identity.node.get()), &data) {
-            let _ = self.emergencies.push_back(frame);
+    /// Announces a fault by an emergency message and keeps it in the history.
+    fn record(&mut self, fault: Fault, now: Micros) {
+        let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
+        self.dictionary.history.push(fault, time_ms);
+        let class = match fault.error_class() {
+            FaultClass::Generic => ErrorClass::Generic,
+            FaultClass::Voltage => ErrorClass::Voltage,
+            FaultClass::Communication => ErrorClass::Communication,
+            FaultClass::Manufacturer => ErrorClass::Manufacturer,
+        };
+        self.device.raise_error(now, fault.code(), class, [0; 5]);
+        self.announced |= announced_bit(fault);
+        self.tell(Event::Fault(fault));
+    }
+
+    /// Says that everything announced is over.
+    fn clear_record(&mut self, now: Micros) {
+        for fault in Fault::ALL {
+            if self.announced & announced_bit(*fault) != 0 {
+                self.device.clear_error(now, fault.code(), 0);
+            }
         }
+        self.announced = 0;
     }
 
     fn tell(&mut self, event: Event) {
         let _ = self.events.push_back(event);
     }
+}
+
+/// The bit of a fault in [`BusSide::announced`].
+fn announced_bit(fault: Fault) -> u32 {
+    let place = Fault::ALL.iter().position(|one| *one == fault);
+    place.map_or(0, |place| 1 << (place % 32))
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

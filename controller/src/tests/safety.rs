@@ -263,3 +263,114 @@ fn any_frame_at_any_time_never_panics() {
         world.log.clear();
     }
 }
+
+/// Two members whose wheels disagree: one has slipped its load.
+fn disagreeing(limit: f32, fault: f32) -> World {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    for node in [2, 3] {
+        world
+            .write(node, at::STRAIN_LIMIT, Value::F32(limit))
+            .unwrap();
+        world
+            .write(node, at::STRAIN_FAULT, Value::F32(fault))
+            .unwrap();
+    }
+    world.start();
+    world.run(30);
+    world
+}
+
+#[test]
+fn members_that_disagree_report_strain_then_stop() {
+    let mut world = disagreeing(0.05, 0.2);
+    world.drive(FORWARD, 1000);
+    assert_eq!(world.status(2).code, protocol::Code::None);
+    // A frame as robot 3 would send it when its wheels have lost a sixth of the speed.
+    let slipping = |world: &mut World, vx: f32, millis: u32| {
+        for _ in 0..millis / 10 {
+            let frame = protocol::MeasuredTwist {
+                twist: Twist::new(vx, 0.0, 0.0),
+                sequence: world.sequence,
+                group: super::world::GROUP,
+            };
+            world.until(10, |world| world.now % 10_000 == 5_000);
+            world.send(3, cob::measured_twist(3), &frame.encode());
+            world.step();
+        }
+    };
+    slipping(&mut world, 0.5, 50);
+    assert_eq!(
+        world.status(2).code,
+        protocol::Code::Limit(protocol::Limit::Strain)
+    );
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    slipping(&mut world, 0.3, 200);
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::StrainExcess));
+}
+
+#[test]
+fn a_robot_that_was_reset_by_its_watchdog_remembers_it_and_stays_off() {
+    let mut world = World::new(&[2]);
+    let now = canopen::Micros(world.robots[0].offset);
+    world.robots[0].bus.on_fault(now, Fault::WatchdogReset);
+    world.run(200);
+    assert_eq!(
+        world.read(2, history::code(1)),
+        Ok(u32::from(Fault::WatchdogReset.code()))
+    );
+    assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+    assert_eq!(world.emergencies(2), [Fault::WatchdogReset.code()]);
+    let error_register = protocol::Address::new(0x1001, 0);
+    assert_ne!(world.read(2, error_register), Ok(0));
+    world.configure();
+    world.start();
+    world.run(30);
+    assert_eq!(world.read(2, error_register), Ok(0), "the start clears it");
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+}
+
+#[test]
+fn bus_off_ramps_down() {
+    let mut world = moving(&[2]);
+    let now = canopen::Micros(world.now + world.robots[0].offset);
+    world.robots[0].bus.on_fault(now, Fault::BusOff);
+    world.run(50);
+    assert!(world.robots[0].outputs.drivers_enabled, "braking");
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::BusOff));
+}
+
+#[test]
+fn a_fault_from_before_the_boot_up_is_announced_after_it() {
+    let mut bus = crate::BusSide::new(crate::Identity::new(canopen::NodeId::new(2).unwrap(), 1));
+    bus.on_fault(canopen::Micros(10), Fault::Crash);
+    bus.poll(canopen::Micros(20));
+    let frames: std::vec::Vec<_> = core::iter::from_fn(|| bus.pop_frame()).collect();
+    assert_eq!(frames[0].id(), cob::heartbeat(2));
+    let [low, high] = Fault::Crash.code().to_le_bytes();
+    let emergency = frames.iter().find(|frame| frame.id() == cob::emergency(2));
+    assert_eq!(emergency.unwrap().data()[..2], [low, high]);
+}
+
+#[test]
+fn after_bus_off_nothing_is_sent_until_the_bus_is_back() {
+    let mut world = moving(&[2]);
+    let offset = world.robots[0].offset;
+    let bus = &mut world.robots[0].bus;
+    bus.on_bus_off(canopen::Micros(world.now + offset));
+    let before = world.log.len();
+    world.run(60);
+    let own = |frame: &canopen::Frame| frame.id() == cob::member_status(2);
+    assert!(!world.log[before..].iter().any(|(_, frame)| own(frame)));
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::BusOff));
+    let now = canopen::Micros(world.now + offset);
+    assert!(world.events.contains(&(2, crate::Event::RecoverBus)));
+    world.robots[0].bus.on_bus_recovered(now);
+    world.run(10);
+    world.start();
+    world.run(50);
+    assert!(world.log.iter().rev().take(50).any(|(_, frame)| own(frame)));
+}
