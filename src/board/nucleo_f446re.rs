@@ -61,19 +61,24 @@ pub struct Board {
     pub reset_cause: ResetCause,
 }
 
-/// Why the chip was reset (RCC_CSR, RM0390 6.3.21).
+/// Why the chip was reset (RCC_CSR, RM0390 6.3.21), with the numbers of the object "reset cause".
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
+#[repr(u8)]
 pub enum ResetCause {
-    /// Power-on or brown-out.
-    Power,
+    /// Power-on.
+    Power = 0,
     /// The reset pin alone: button or debugger.
-    Pin,
+    Pin = 1,
     /// Reset by software.
-    Software,
+    Software = 2,
     /// The independent watchdog: a task made no progress, or the program failed.
-    Watchdog,
-    /// Window watchdog or low-power reset, which the firmware does not use.
-    Other,
+    Watchdog = 3,
+    /// The window watchdog, which the firmware does not use.
+    WindowWatchdog = 4,
+    /// A low-power mode entered by mistake.
+    LowPower = 5,
+    /// The supply sagged.
+    BrownOut = 6,
 }
 
 /// The four encoder counters.
@@ -201,18 +206,23 @@ fn clocks() -> Config {
     config
 }
 
-/// Reads why the chip was reset and clears the flags. Several flags can be set: the pin flag always is.
+/// Reads why the chip was reset and clears the flags. The pin flag is set by every reset, the brown-out flag by
+/// power-on too, so the order matters.
 fn reset_cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     if flags.wdgrstf() {
         ResetCause::Watchdog
-    } else if flags.wwdgrstf() || flags.lpwrrstf() {
-        ResetCause::Other
+    } else if flags.wwdgrstf() {
+        ResetCause::WindowWatchdog
+    } else if flags.lpwrrstf() {
+        ResetCause::LowPower
     } else if flags.sftrstf() {
         ResetCause::Software
-    } else if flags.porrstf() || flags.borrstf() {
+    } else if flags.porrstf() {
         ResetCause::Power
+    } else if flags.borrstf() {
+        ResetCause::BrownOut
     } else {
         ResetCause::Pin
     }
