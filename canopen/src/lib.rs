@@ -1,6 +1,56 @@
-//! A CiA 301 device without I/O.
+//! A CANopen device (CiA 301 version 4.2) without I/O.
+//!
+//! The crate knows neither a CAN controller nor a clock. Whoever owns both hands every received
+//! frame to [`Device::on_frame`] in the order of reception, together with the time it came in,
+//! calls [`Device::poll`] when [`Device::next_deadline`] has passed, and takes frames to send from
+//! [`Device::pop_frame`] and things to know from [`Device::pop_event`]. All state is in the
+//! `Device`, so a process may run as many nodes as it likes.
+//!
+//! The communication objects (0x1000 to 0x1FFF) live in the device; everything else is the
+//! application's and is reached through the [`ObjectDictionary`] trait.
+//!
+//! What can fill up: the transmit queue and the event queue. Both drop the newest entry, count it
+//! ([`Device::counters`]) and carry on. What it cannot do: remote frames, 29-bit identifiers and
+//! node guarding, which CiA 301 itself advises against.
+//!
+//! The [`client`] module is the other end: what a master needs to talk to such devices.
+
 #![no_std]
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss
+    )
+)]
 
 #[cfg(test)]
 extern crate std;
+
+mod abort;
+mod bytes;
+pub mod client;
+mod config;
+mod device;
+mod event;
+mod frame;
+mod nmt;
+mod node;
+mod od;
+mod time;
+
+pub use abort::AbortCode;
+pub use config::{CobId, Config, Identity, Mapping, PdoConfig};
+pub use device::{Device, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_TPDO};
+pub use event::{Counters, Event, RpdoSet};
+pub use frame::Frame;
+pub use nmt::{NmtCommand, NmtState, NmtTarget};
+pub use node::NodeId;
+pub use od::{ObjectDictionary, PdoDirection, ResetScope};
+pub use time::Micros;

@@ -1,0 +1,10 @@
+//! The other end of the bus: what a master needs to talk to CANopen devices.
+//!
+//! [`SdoClient`] reads and writes the objects of one device; the functions here make and read the
+//! frames of the other services. No I/O here either.
+
+mod messages;
+mod sdo;
+
+pub use messages::{heartbeat, nmt, parse_heartbeat, parse_nmt, sync};
+pub use sdo::{Busy, Outcome, SdoClient, SdoError};

@@ -1,0 +1,123 @@
+//! Heartbeat: this device's own (0x1017) and those it listens for (0x1016).
+//!
+//! A consumer starts with the first heartbeat it hears, as CiA 301, 7.2.8.3.2.2 wants: a node that
+//! was never there is not lost.
+
+use super::{Core, HEARTBEAT};
+use crate::time::Timer;
+use crate::{Config, Event, Frame, Micros, NmtState, NodeId};
+
+/// How many heartbeats a device can monitor: the master and sixteen peers.
+pub const MAX_CONSUMERS: usize = 17;
+
+#[derive(Clone, Copy)]
+pub(super) struct Consumer {
+    /// As in 0x1016: node-ID in bits 16 to 23, time in ms below.
+    pub entry: u32,
+    timer: Timer,
+    state: Option<NmtState>,
+}
+
+pub(super) struct Heartbeat {
+    /// 0x1017.
+    pub period_ms: u16,
+    timer: Timer,
+    pub consumers: [Consumer; MAX_CONSUMERS],
+}
+
+impl Consumer {
+    const OFF: Self = Self {
+        entry: 0,
+        timer: Timer::OFF,
+        state: None,
+    };
+
+    pub const fn new(entry: u32) -> Self {
+        Self { entry, ..Self::OFF }
+    }
+
+    pub const fn node(&self) -> Option<NodeId> {
+        let [_, _, node, _] = self.entry.to_le_bytes();
+        NodeId::new(node)
+    }
+
+    pub const fn millis(&self) -> u16 {
+        crate::bytes::low_u16(self.entry)
+    }
+
+    /// CiA 301 ignores entries without a node or without a time.
+    pub const fn is_used(&self) -> bool {
+        self.millis() != 0 && self.node().is_some()
+    }
+}
+
+impl Heartbeat {
+    pub fn new(config: &Config) -> Self {
+        let mut consumers = [Consumer::OFF; MAX_CONSUMERS];
+        for (consumer, (node, millis)) in consumers.iter_mut().zip(config.consumers) {
+            *consumer = Consumer::new(u32::from(node.get()) << 16 | u32::from(*millis));
+        }
+        Self {
+            period_ms: config.heartbeat_ms,
+            timer: Timer::OFF,
+            consumers,
+        }
+    }
+}
+
+impl Core {
+    /// Starts a heartbeat period now.
+    pub(super) fn start_heartbeat(&mut self, now: Micros) {
+        self.heartbeat.timer = Timer::after_millis(now, self.heartbeat.period_ms);
+        self.out.wake(self.heartbeat.timer);
+    }
+
+    pub(super) fn on_heartbeat(&mut self, now: Micros, sender: NodeId, frame: &Frame) {
+        let &[code] = frame.data() else {
+            return;
+        };
+        let Some(state) = NmtState::from_code(code) else {
+            return;
+        };
+        let used = |consumer: &&mut Consumer| consumer.is_used() && consumer.node() == Some(sender);
+        let Some(consumer) = self.heartbeat.consumers.iter_mut().find(used) else {
+            return;
+        };
+        consumer.timer = Timer::after_millis(now, consumer.millis());
+        self.out.wake(consumer.timer);
+        let node = sender;
+        match consumer.state.replace(state) {
+            None => self.out.emit(Event::HeartbeatStarted { node, state }),
+            Some(before) if before != state => {
+                self.out.emit(Event::HeartbeatChanged { node, state });
+            }
+            Some(_) => {}
+        }
+    }
+
+    pub(super) fn poll_heartbeat(&mut self, now: Micros) {
+        let heartbeat = &mut self.heartbeat;
+        if let (Some(node), true) = (self.node, heartbeat.timer.due(now)) {
+            self.out
+                .send(Frame::of(node.cob_id(HEARTBEAT), [self.state.code()]));
+            // In step with the last one due, unless a whole period has been missed.
+            let on_time = Timer::after_millis(heartbeat.timer.moment(), heartbeat.period_ms);
+            heartbeat.timer = match on_time.due(now) {
+                true => Timer::after_millis(now, heartbeat.period_ms),
+                false => on_time,
+            };
+        }
+        self.out.wake(heartbeat.timer);
+        for consumer in &mut heartbeat.consumers {
+            if consumer.timer.due(now) {
+                consumer.timer = Timer::OFF;
+                consumer.state = None;
+                self.out.count(|counters| &mut counters.heartbeats_lost);
+                if let Some(node) = consumer.node() {
+                    self.out.emit(Event::HeartbeatLost { node });
+                }
+            }
+            self.out.wake(consumer.timer);
+        }
+    }
+}

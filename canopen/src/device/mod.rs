@@ -1,0 +1,288 @@
+//! The device: hands every frame to the service it belongs to.
+//!
+//! `Core` holds the communication objects and the services that act by themselves (one file each);
+//! the SDO server sits beside it, because it needs all of them at once. Frames are handled
+//! completely in the order they come in, so nothing here can swap a setpoint and a SYNC.
+//!
+//! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
+//! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
+//! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
+
+mod heartbeat;
+mod objects;
+mod outbox;
+mod pdo;
+mod rpdo;
+mod sdo;
+mod sync;
+mod tpdo;
+
+use crate::nmt;
+use crate::{
+    AbortCode, Config, Counters, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
+    ObjectDictionary, ResetScope,
+};
+
+use heartbeat::Heartbeat;
+use outbox::Outbox;
+use rpdo::Rpdos;
+use sync::Sync;
+use tpdo::Tpdos;
+
+pub use heartbeat::MAX_CONSUMERS;
+pub use pdo::MAX_MAPPED;
+pub use rpdo::MAX_RPDO;
+pub use tpdo::MAX_TPDO;
+
+const SDO_REQUEST: u16 = 0x600;
+const HEARTBEAT: u16 = 0x700;
+
+/// A CANopen device.
+pub struct Device {
+    core: Core,
+    sdo: sdo::Server,
+}
+
+/// All of the device but the SDO server.
+struct Core {
+    config: Config,
+    node: Option<NodeId>,
+    state: NmtState,
+    out: Outbox,
+    heartbeat: Heartbeat,
+    sync: Sync,
+    rpdos: Rpdos,
+    tpdos: Tpdos,
+}
+
+impl Device {
+    /// Makes a device that is not on the bus yet: the first [`poll`](Self::poll) sends the boot-up
+    /// frame and enters PRE-OPERATIONAL.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        Self {
+            core: Core {
+                config,
+                node: config.node,
+                state: NmtState::Initialising,
+                out: Outbox::new(),
+                heartbeat: Heartbeat::new(&config),
+                sync: Sync::new(&config),
+                rpdos: Rpdos::new(&config, config.node),
+                tpdos: Tpdos::new(&config, config.node),
+            },
+            sdo: sdo::Server::new(),
+        }
+    }
+
+    /// Handles a received frame. `now` is the time of its reception; frames must come in the order
+    /// they were received.
+    pub fn on_frame<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+        let core = &mut self.core;
+        let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
+            return;
+        };
+        let id = frame.id();
+        if id == core.sync.id() {
+            core.on_sync(now, frame, od);
+        } else if id == 0 {
+            self.on_nmt(now, frame, node, od);
+        } else if core.state == NmtState::Stopped {
+            if let Some(sender) = heartbeat_sender(id) {
+                core.on_heartbeat(now, sender, frame);
+            }
+        } else if id == node.cob_id(SDO_REQUEST) {
+            self.sdo.on_request(now, frame, core, od);
+        } else if let Some(sender) = heartbeat_sender(id) {
+            core.on_heartbeat(now, sender, frame);
+        } else {
+            core.on_rpdo(now, frame, od);
+        }
+    }
+
+    /// Does what is due: boot-up, heartbeats, time-outs, and the synchronous TPDOs if
+    /// [`on_sync_done`](Self::on_sync_done) has not been called since the last SYNC.
+    pub fn poll<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+        if self.core.state == NmtState::Initialising {
+            self.core.boot(now);
+        }
+        self.core.on_sync_done(now, od);
+        if now < self.core.out.next() {
+            return;
+        }
+        self.core.out.clear_next();
+        self.core.poll_heartbeat(now);
+        self.core.poll_tpdos(now, od);
+    }
+
+    /// The application has brought its objects up to date after a SYNC: reads and queues the
+    /// synchronous TPDOs. Does nothing if no SYNC is waiting for that.
+    pub fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+        self.core.on_sync_done(now, od);
+    }
+
+    /// The next frame to send.
+    pub fn pop_frame(&mut self) -> Option<Frame> {
+        self.core.out.pop_frame()
+    }
+
+    /// The next event.
+    pub fn pop_event(&mut self) -> Option<Event> {
+        self.core.out.pop_event()
+    }
+
+    /// When [`poll`](Self::poll) has something to do, at the earliest; it may turn out to be
+    /// nothing. `None` if only a frame can make it so.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Micros> {
+        let booting = self.core.state == NmtState::Initialising && self.core.node.is_some();
+        if booting || self.core.sync.waits_for_application() {
+            return Some(Micros::ZERO);
+        }
+        Some(self.core.out.next()).filter(|next| *next != Micros::MAX)
+    }
+
+    /// The NMT state.
+    #[must_use]
+    pub const fn state(&self) -> NmtState {
+        self.core.state
+    }
+
+    /// The node-ID, if it has one.
+    #[must_use]
+    pub const fn node(&self) -> Option<NodeId> {
+        self.core.node
+    }
+
+    /// What went wrong so far.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.core.out.counters()
+    }
+
+    /// The value in TPDO `number` (1 is 0x1800) has changed: sends it at the next SYNC (type 0) or
+    /// as soon as its inhibit time allows (types 254 and 255).
+    pub fn trigger_tpdo(&mut self, number: u8) {
+        self.core.trigger_tpdo(number);
+    }
+
+    /// Reads any object, as an SDO client would.
+    ///
+    /// # Errors
+    /// Those of [`ObjectDictionary::read`].
+    pub fn read<O: ObjectDictionary>(
+        &self,
+        index: u16,
+        sub: u8,
+        out: &mut [u8],
+        od: &O,
+    ) -> Result<usize, AbortCode> {
+        self.core.read(index, sub, out, od)
+    }
+
+    /// Writes any object, as an SDO client would.
+    ///
+    /// # Errors
+    /// Those of [`ObjectDictionary::write`].
+    pub fn write<O: ObjectDictionary>(
+        &mut self,
+        now: Micros,
+        index: u16,
+        sub: u8,
+        data: &[u8],
+        od: &mut O,
+    ) -> Result<(), AbortCode> {
+        self.core.write(now, index, sub, data, od)
+    }
+
+    fn on_nmt<O: ObjectDictionary>(
+        &mut self,
+        now: Micros,
+        frame: &Frame,
+        node: NodeId,
+        od: &mut O,
+    ) {
+        let Some((command, target)) = nmt::parse(frame) else {
+            return;
+        };
+        if !target.includes(node) {
+            return;
+        }
+        let core = &mut self.core;
+        core.out.emit(Event::NmtCommand(command));
+        match command {
+            NmtCommand::Start => core.enter(now, NmtState::Operational),
+            NmtCommand::Stop => core.enter(now, NmtState::Stopped),
+            NmtCommand::EnterPreOperational => core.enter(now, NmtState::PreOperational),
+            NmtCommand::ResetNode => core.reset(now, ResetScope::Application, od),
+            NmtCommand::ResetCommunication => core.reset(now, ResetScope::Communication, od),
+        }
+        match self.core.state {
+            NmtState::Initialising | NmtState::Stopped => self.sdo.reset(),
+            NmtState::PreOperational | NmtState::Operational => {}
+        }
+        if matches!(
+            command,
+            NmtCommand::ResetNode | NmtCommand::ResetCommunication
+        ) {
+            self.sdo.reset();
+        }
+    }
+}
+
+/// The node a heartbeat or boot-up frame comes from.
+fn heartbeat_sender(id: u16) -> Option<NodeId> {
+    match id & 0x780 {
+        HEARTBEAT => NodeId::of_cob_id(id),
+        _ => None,
+    }
+}
+
+impl Core {
+    /// Goes on the bus: boot-up frame, then PRE-OPERATIONAL. Not without a node-ID.
+    fn boot(&mut self, now: Micros) {
+        let Some(node) = self.node else {
+            return;
+        };
+        self.out.send(Frame::of(node.cob_id(HEARTBEAT), [0]));
+        self.start_heartbeat(now);
+        self.enter(now, NmtState::PreOperational);
+    }
+
+    /// Changes the NMT state, if it is another one.
+    fn enter(&mut self, now: Micros, to: NmtState) {
+        let from = self.state;
+        if from == to {
+            return;
+        }
+        self.state = to;
+        self.rpdos.clear();
+        self.enter_tpdos(now);
+        match to {
+            NmtState::Stopped => {
+                self.out.clear_frames();
+                self.sync.clear();
+            }
+            NmtState::Initialising | NmtState::PreOperational | NmtState::Operational => {}
+        }
+        self.out.emit(Event::NmtChanged { from, to });
+    }
+
+    /// Brings the communication objects, and the application's if it is in the scope, back to their
+    /// power-on values and boots again.
+    fn reset<O: ObjectDictionary>(&mut self, now: Micros, scope: ResetScope, od: &mut O) {
+        self.enter(now, NmtState::Initialising);
+        self.out.clear_frames();
+        self.out.clear_next();
+        self.node = self.config.node;
+        self.heartbeat = Heartbeat::new(&self.config);
+        self.sync = Sync::new(&self.config);
+        self.rpdos = Rpdos::new(&self.config, self.node);
+        self.tpdos = Tpdos::new(&self.config, self.node);
+        od.reset(scope);
+        self.boot(now);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,172 @@
+//! Receive PDOs: latched until the next SYNC (types 0 to 240) or written at once (254, 255).
+//!
+//! Only in OPERATIONAL; every change of the NMT state throws away what is latched. A later frame of
+//! the same PDO replaces an earlier one that no SYNC has applied.
+
+use super::Core;
+use super::pdo::{self, LAST_SYNCHRONOUS, Map};
+use crate::{Config, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary, PdoConfig, RpdoSet};
+
+/// How many receive PDOs a device can have.
+pub const MAX_RPDO: usize = 20;
+
+/// No frame has this identifier.
+const NOT_LISTENING: u16 = u16::MAX;
+
+#[derive(Clone, Copy)]
+pub(super) struct Rpdo {
+    /// 0x1400, sub-index 1.
+    pub cob_id: u32,
+    /// Sub-index 2.
+    pub transmission: u8,
+    /// Sub-index 5: the longest time between two frames.
+    pub deadline_ms: u16,
+    /// 0x1600.
+    pub map: Map,
+    data: [u8; 8],
+}
+
+pub(super) struct Rpdos {
+    list: [Rpdo; MAX_RPDO],
+    count: usize,
+    /// The identifiers of those that are on, side by side to be searched fast.
+    listening: [u16; MAX_RPDO],
+    /// Bit n: number n + 1 holds a frame for the next SYNC.
+    latched: u32,
+}
+
+impl Rpdo {
+    const OFF: Self = Self {
+        cob_id: pdo::OFF,
+        transmission: 1,
+        deadline_ms: 0,
+        map: Map::EMPTY,
+        data: [0; 8],
+    };
+
+    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+        Self {
+            cob_id: pdo::default_cob_id(config, node),
+            transmission: config.transmission,
+            deadline_ms: config.event_ms,
+            map: Map::new(config.mapping),
+            data: [0; 8],
+        }
+    }
+
+    /// Writes the content to the application's objects.
+    fn apply<O: ObjectDictionary>(
+        &self,
+        number: u8,
+        state: NmtState,
+        out: &mut super::Outbox,
+        od: &mut O,
+    ) {
+        let mut rest = self.data.get(..usize::from(self.map.bytes)).unwrap_or(&[]);
+        if self.map.is_default && od.rpdo(number, rest) {
+            return;
+        }
+        for (index, sub, len) in self.map.objects() {
+            let Some((value, behind)) = rest.split_at_checked(usize::from(len)) else {
+                return;
+            };
+            rest = behind;
+            // Indices below 0x20 are the data types: a gap in the mapping.
+            if index < 0x20 {
+                continue;
+            }
+            if let Err(code) = od.write(index, sub, value, state) {
+                out.count(|counters| &mut counters.rpdo_refused);
+                out.emit(Event::RpdoRefused { number, code });
+            }
+        }
+    }
+}
+
+impl Rpdos {
+    pub fn new(config: &Config, node: Option<NodeId>) -> Self {
+        let mut rpdos = Self {
+            list: [Rpdo::OFF; MAX_RPDO],
+            count: config.rpdos.len().min(MAX_RPDO),
+            listening: [NOT_LISTENING; MAX_RPDO],
+            latched: 0,
+        };
+        for (rpdo, config) in rpdos.list.iter_mut().zip(config.rpdos) {
+            *rpdo = Rpdo::new(config, node);
+        }
+        rpdos.listen();
+        rpdos
+    }
+
+    /// The PDO at 0x1400 plus `at`.
+    pub fn get(&self, at: u16) -> Option<&Rpdo> {
+        self.list.get(..self.count)?.get(usize::from(at))
+    }
+
+    pub fn get_mut(&mut self, at: u16) -> Option<&mut Rpdo> {
+        self.list.get_mut(..self.count)?.get_mut(usize::from(at))
+    }
+
+    /// The identifiers may have changed.
+    pub fn listen(&mut self) {
+        for (id, rpdo) in self.listening.iter_mut().zip(&self.list) {
+            *id = match rpdo.cob_id & pdo::OFF == 0 {
+                true => crate::bytes::low_u16(rpdo.cob_id) & 0x7FF,
+                false => NOT_LISTENING,
+            };
+        }
+    }
+
+    /// Forgets everything latched.
+    pub fn clear(&mut self) {
+        self.latched = 0;
+    }
+}
+
+impl Core {
+    pub(super) fn on_rpdo<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+        let _ = now;
+        if self.state != NmtState::Operational {
+            return;
+        }
+        let rpdos = &mut self.rpdos;
+        let mut number: u8 = 0;
+        for (id, rpdo) in rpdos.listening.iter().zip(&mut rpdos.list) {
+            let bit = 1u32 << number;
+            number = number.wrapping_add(1);
+            if *id != frame.id() {
+                continue;
+            }
+            if frame.len() < rpdo.map.bytes {
+                self.out.count(|counters| &mut counters.rpdo_too_short);
+                self.out.emit(Event::RpdoTooShort { number });
+                continue;
+            }
+            rpdo.data = *frame.padded();
+            if rpdo.transmission <= LAST_SYNCHRONOUS {
+                rpdos.latched |= bit;
+            } else {
+                rpdo.apply(number, self.state, &mut self.out, od);
+                self.out.emit(Event::RpdoApplied { number });
+            }
+        }
+    }
+
+    /// Writes what has been latched since the last SYNC.
+    pub(super) fn apply_rpdos<O: ObjectDictionary>(&mut self, od: &mut O) -> RpdoSet {
+        let latched = core::mem::take(&mut self.rpdos.latched);
+        let mut left = latched;
+        let mut number: u8 = 1;
+        for rpdo in &self.rpdos.list {
+            if left == 0 {
+                break;
+            }
+            if left & 1 == 1 {
+                rpdo.apply(number, self.state, &mut self.out, od);
+            }
+            left >>= 1;
+            number = number.wrapping_add(1);
+        }
+        RpdoSet(latched)
+    }
+}

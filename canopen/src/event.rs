@@ -1,0 +1,115 @@
+//! What the device tells the application.
+
+use crate::{AbortCode, Micros, NmtCommand, NmtState, NodeId};
+
+/// A set of receive PDOs by number, 1 to 32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RpdoSet(pub(crate) u32);
+
+impl RpdoSet {
+    /// Whether RPDO `number` (1 is 0x1400) is in the set.
+    #[must_use]
+    pub const fn contains(self, number: u8) -> bool {
+        matches!(number, 1..=32) && self.0 >> (number - 1) & 1 == 1
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}
+
+/// Something the application may want to act on. Events come in the order of their causes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Event {
+    /// An NMT command for this node came in. The change it makes, if any, is the next event.
+    NmtCommand(NmtCommand),
+    /// The NMT state is now another one. From and to `Initialising` too, at resets.
+    NmtChanged {
+        /// The state before.
+        from: NmtState,
+        /// The state now.
+        to: NmtState,
+    },
+    /// A SYNC came in. The synchronous RPDOs that were waiting for it have just been written; the
+    /// synchronous TPDOs are read at the next `on_sync_done` or `poll`.
+    Sync {
+        /// The counter, if the frame had one.
+        counter: Option<u8>,
+        /// When the frame was received.
+        at: Micros,
+        /// Which RPDOs it applied.
+        applied: RpdoSet,
+    },
+    /// The SYNC counter skipped: SYNC frames have been lost.
+    SyncGap {
+        /// The counter that should have come.
+        expected: u8,
+        /// The one that came.
+        received: u8,
+    },
+    /// An event-driven RPDO (type 254 or 255) was received and written.
+    RpdoApplied {
+        /// 1 is 0x1400.
+        number: u8,
+    },
+    /// An RPDO was shorter than its mapping and has been discarded.
+    RpdoTooShort {
+        /// 1 is 0x1400.
+        number: u8,
+    },
+    /// The application refused an object of an RPDO.
+    RpdoRefused {
+        /// 1 is 0x1400.
+        number: u8,
+        /// Why.
+        code: AbortCode,
+    },
+    /// A monitored node has been heard of for the first time, or again after it was lost.
+    HeartbeatStarted {
+        /// Whose heartbeat.
+        node: NodeId,
+        /// Its state.
+        state: NmtState,
+    },
+    /// A monitored node has changed its state.
+    HeartbeatChanged {
+        /// Whose heartbeat.
+        node: NodeId,
+        /// Its state now; `Initialising` is its boot-up.
+        state: NmtState,
+    },
+    /// A monitored node has not been heard of for its consumer heartbeat time.
+    HeartbeatLost {
+        /// Whose heartbeat.
+        node: NodeId,
+    },
+    /// An SDO client has written an object, successfully.
+    ObjectWritten {
+        /// Index of the object.
+        index: u16,
+        /// Sub-index of the object.
+        sub: u8,
+    },
+}
+
+/// What went wrong since the start, counted; never reset, wraps around.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames that found the transmit queue full and were dropped.
+    pub tx_overflow: u32,
+    /// Events that found the event queue full and were dropped.
+    pub event_overflow: u32,
+    /// Gaps seen in the SYNC counter.
+    pub sync_gaps: u32,
+    /// RPDOs that were too short for their mapping.
+    pub rpdo_too_short: u32,
+    /// RPDO objects the application refused.
+    pub rpdo_refused: u32,
+    /// SDO transfers this device aborted.
+    pub sdo_aborts: u32,
+    /// Heartbeats of monitored nodes that did not come in time.
+    pub heartbeats_lost: u32,
+}

@@ -1,0 +1,127 @@
+//! One classic CAN data frame with an 11-bit identifier.
+//!
+//! Neither remote nor extended frames exist here: whoever reads the CAN controller drops them.
+//! Bytes past the length are kept at zero, so that comparing frames compares their content.
+
+use core::fmt;
+
+/// A CAN data frame: 11-bit identifier and up to eight bytes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    id: u16,
+    len: u8,
+    bytes: [u8; 8],
+}
+
+impl Frame {
+    /// The largest identifier, 0x7FF.
+    pub const MAX_ID: u16 = 0x7FF;
+
+    /// Makes a frame; `None` if the identifier has more than 11 bits or the data more than eight bytes.
+    #[must_use]
+    pub fn new(id: u16, data: &[u8]) -> Option<Self> {
+        if id > Self::MAX_ID {
+            return None;
+        }
+        let mut bytes = [0; 8];
+        bytes.get_mut(..data.len())?.copy_from_slice(data);
+        let len = u8::try_from(data.len()).ok()?;
+        Some(Self { id, len, bytes })
+    }
+
+    /// Makes a frame from an array whose length the compiler has checked. The identifier is cut to
+    /// 11 bits.
+    #[must_use]
+    pub fn of<const N: usize>(id: u16, data: [u8; N]) -> Self {
+        const { assert!(N <= 8, "a CAN frame carries at most eight bytes") };
+        let mut bytes = [0; 8];
+        for (to, from) in bytes.iter_mut().zip(data) {
+            *to = from;
+        }
+        Self {
+            id: id & Self::MAX_ID,
+            len: u8::try_from(N).unwrap_or(8),
+            bytes,
+        }
+    }
+
+    /// The first `len` (at most eight) of eight bytes.
+    pub(crate) fn prefix(id: u16, mut bytes: [u8; 8], len: u8) -> Self {
+        for unused in bytes.iter_mut().skip(usize::from(len)) {
+            *unused = 0;
+        }
+        Self {
+            id: id & Self::MAX_ID,
+            len: len.min(8),
+            bytes,
+        }
+    }
+
+    /// The identifier, 0 to 0x7FF.
+    #[must_use]
+    pub const fn id(&self) -> u16 {
+        self.id
+    }
+
+    /// The data bytes, zero to eight of them.
+    #[must_use]
+    pub fn data(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
+    }
+
+    /// All eight bytes; those past [`data`](Self::data) are zero.
+    #[must_use]
+    pub const fn padded(&self) -> &[u8; 8] {
+        &self.bytes
+    }
+
+    /// The number of data bytes, 0 to 8.
+    #[must_use]
+    pub const fn len(&self) -> u8 {
+        self.len
+    }
+
+    /// Whether the frame carries no data at all.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}
+
+/// `181#0011AABB`, as candump writes it.
+impl fmt::Debug for Frame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:03X}#", self.id)?;
+        for byte in self.data() {
+            write!(f, "{byte:02X}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refuses_what_a_classic_frame_cannot_carry() {
+        assert_eq!(Frame::new(0x800, &[]), None);
+        assert_eq!(Frame::new(0x181, &[0; 9]), None);
+        let frame = Frame::new(0x7FF, &[1, 2, 3]).unwrap();
+        assert_eq!((frame.id(), frame.data()), (0x7FF, &[1, 2, 3][..]));
+        assert_eq!(frame, Frame::of(0x7FF, [1, 2, 3]));
+    }
+
+    #[test]
+    fn prefix_clears_what_it_leaves_out() {
+        assert_eq!(Frame::prefix(0x181, [9; 8], 2), Frame::of(0x181, [9, 9]));
+    }
+
+    #[test]
+    fn prints_like_candump() {
+        assert_eq!(
+            std::format!("{:?}", Frame::of(0x81, [0x10, 0x82])),
+            "081#1082"
+        );
+    }
+}
