@@ -1,22 +1,19 @@
 //! The bus task: frames in, frames out.
 
+use canopen::Frame;
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Instant, Timer};
 
-use crate::board::can::{Can, Frame};
+use crate::board::can::Can;
 use crate::handover::BUS_PROGRESS;
 use crate::led::{self, Pattern};
 
 /// Sends a heartbeat every 100 ms and echoes nothing else.
 #[embassy_executor::task]
 pub async fn bus(mut can: Can, node: u8) {
-    let mut heartbeat = Frame {
-        id: 0x700 + u16::from(node),
-        length: 1,
-        data: [0; 8],
-    };
-    let _ = can.try_send(&heartbeat);
-    heartbeat.data[0] = 0x7F;
+    let id = 0x700 + u16::from(node);
+    let _ = can.try_send(&Frame::of(id, [0]));
+    let heartbeat = Frame::of(id, [0x7F]);
     let mut next = Instant::now();
     let mut received: u32 = 0;
     let mut health = can.health();
@@ -29,8 +26,8 @@ pub async fn bus(mut can: Can, node: u8) {
                 if received == 1 {
                     defmt::info!(
                         "first frame {=u16:#x} at {=u64} us",
-                        frame.frame.id,
-                        frame.at.as_micros()
+                        frame.frame.id(),
+                        frame.at.0
                     );
                 }
             }
