@@ -27,7 +27,8 @@ use embassy_stm32::{Peri, bind_interrupts, interrupt, pac, rcc};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::waitqueue::AtomicWaker;
-use embassy_time::Instant;
+
+use super::now;
 
 /// Frames the receive queue can hold.
 pub const RX_QUEUE_LENGTH: usize = 32;
@@ -52,6 +53,13 @@ pub struct Health {
     pub bus_off: bool,
     /// Whether it is error passive at the moment.
     pub error_passive: bool,
+}
+
+impl Health {
+    /// Frames lost on reception since boot, for either reason.
+    pub fn lost(&self) -> u32 {
+        self.overruns.wrapping_add(self.queue_overflows)
+    }
 }
 
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
@@ -148,6 +156,11 @@ impl Can {
         RX_QUEUE.receive().await
     }
 
+    /// Takes the oldest received frame, if there is one.
+    pub fn try_receive(&self) -> Option<Received> {
+        RX_QUEUE.try_receive().ok()
+    }
+
     /// Puts a frame into a free mailbox; `false` when all three are taken.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
@@ -214,10 +227,6 @@ fn enable_interrupts() {
         interrupt::CAN1_RX0.enable();
         interrupt::CAN1_TX.enable();
     }
-}
-
-fn now() -> Micros {
-    Micros(Instant::now().as_micros())
 }
 
 struct RxHandler;
