@@ -101,8 +101,21 @@ pub struct Config {
     pub heartbeat_ms: u16,
     /// Object 0x1016, whose heartbeat is expected within how many ms.
     pub consumers: &'static [(NodeId, u16)],
+    /// Object 0x1006, SYNC period in us; 0 for none.
+    pub sync_period_us: u32,
+    /// Object 0x1007, how long after a SYNC its PDOs are good, in us; 0 for any time.
+    pub sync_window_us: u32,
     /// Object 0x1019, highest value of the SYNC counter; 0 for SYNC without counter.
     pub sync_overflow: u8,
+    /// Object 0x1015, shortest time between two emergency messages in units of 100 us.
+    pub emergency_inhibit_100us: u16,
+    /// Object 0x1029, sub-index 1: what a lost heartbeat or bus-off does to an operational device:
+    /// 0 brings it to PRE-OPERATIONAL, 1 nothing, 2 to STOPPED.
+    pub error_behaviour: u8,
+    /// Object 0x1F80, bit 2 clear: goes to OPERATIONAL by itself after boot-up. Other bits must be 0.
+    pub startup: u32,
+    /// Whether there is a [`Storage`](crate::Storage): objects 0x1010 and 0x1011.
+    pub storage: bool,
     /// Objects 0x1400 and 0x1600 on. Their number cannot change at run time.
     pub rpdos: &'static [PdoConfig],
     /// Objects 0x1800 and 0x1A00 on. Their number cannot change at run time.
@@ -110,6 +123,9 @@ pub struct Config {
 }
 
 impl Config {
+    /// The value of object 0x1F80 of a device that waits for the NMT master to start it.
+    pub const STARTUP_BY_MASTER: u32 = 1 << 2;
+
     /// No node-ID, no heartbeat, no PDOs.
     pub const DEFAULT: Self = Self {
         node: None,
@@ -125,7 +141,13 @@ impl Config {
         software_version: "",
         heartbeat_ms: 0,
         consumers: &[],
+        sync_period_us: 0,
+        sync_window_us: 0,
         sync_overflow: 0,
+        emergency_inhibit_100us: 0,
+        error_behaviour: 0,
+        startup: Self::STARTUP_BY_MASTER,
+        storage: false,
         rpdos: &[],
         tpdos: &[],
     };

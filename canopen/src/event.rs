@@ -50,6 +50,8 @@ pub enum Event {
         /// The one that came.
         received: u8,
     },
+    /// No SYNC came within one and a half periods (0x1006) while OPERATIONAL.
+    SyncLost,
     /// An event-driven RPDO (type 254 or 255) was received and written.
     RpdoApplied {
         /// 1 is 0x1400.
@@ -57,6 +59,11 @@ pub enum Event {
     },
     /// An RPDO was shorter than its mapping and has been discarded.
     RpdoTooShort {
+        /// 1 is 0x1400.
+        number: u8,
+    },
+    /// An RPDO did not come within its deadline (event timer).
+    RpdoLate {
         /// 1 is 0x1400.
         number: u8,
     },
@@ -86,6 +93,16 @@ pub enum Event {
         /// Whose heartbeat.
         node: NodeId,
     },
+    /// Communication has failed (heartbeat lost or bus-off) and object 0x1029 has changed the NMT
+    /// state; the change is the event before.
+    CommunicationError,
+    /// The CAN controller went bus-off; what was waiting to be sent is gone.
+    BusOff,
+    /// The pause after a bus-off is over: bring the CAN controller back, then call
+    /// [`on_bus_recovered`](crate::Device::on_bus_recovered).
+    RecoverBus,
+    /// The device is back on the bus.
+    BusRecovered,
     /// An SDO client has written an object, successfully.
     ObjectWritten {
         /// Index of the object.
@@ -104,10 +121,16 @@ pub struct Counters {
     pub event_overflow: u32,
     /// Gaps seen in the SYNC counter.
     pub sync_gaps: u32,
+    /// SYNCs that did not come in time.
+    pub syncs_lost: u32,
+    /// RPDOs that did not come in time, and synchronous PDOs outside the window of 0x1007.
+    pub pdos_late: u32,
     /// RPDOs that were too short for their mapping.
     pub rpdo_too_short: u32,
     /// RPDO objects the application refused.
     pub rpdo_refused: u32,
+    /// Times the CAN controller went bus-off.
+    pub bus_off: u32,
     /// SDO transfers this device aborted.
     pub sdo_aborts: u32,
     /// Heartbeats of monitored nodes that did not come in time.

@@ -9,7 +9,7 @@
 //! while that PDO is mapped as the [`Config`](crate::Config) says; as soon as a master has mapped
 //! something else, the mapping is what counts.
 
-use crate::{AbortCode, NmtState};
+use crate::{AbortCode, NmtState, Storage};
 
 /// Which way a PDO carries its objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -69,6 +69,11 @@ pub trait ObjectDictionary {
     /// bytes, or `None` to have every mapped object read on its own.
     fn tpdo(&self, number: u8, out: &mut [u8; 8]) -> Option<usize> {
         let _ = (number, out);
+        None
+    }
+
+    /// The non-volatile memory behind objects 0x1010 and 0x1011, if there is one.
+    fn storage(&mut self) -> Option<&mut dyn Storage> {
         None
     }
 

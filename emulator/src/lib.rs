@@ -1,1 +1,52 @@
 //! An STM32F446 that runs the release firmware unmodified.
+//!
+//! The image that is flashed into a robot is loaded here byte for byte and executed. The processor core with its
+//! interrupt controller, system timer and cycle counter comes from [`rsemu`]; everything ST put around it is
+//! modelled in this crate from the reference manual RM0390 rev 6, one file per peripheral, each naming its
+//! sections. Nothing here knows what the firmware does: a [`Board`] has pins, PWM outputs, encoder inputs and
+//! a CAN controller, and whoever simulates the world connects them.
+//!
+//! Peripherals do no work per clock cycle. A counter is computed from the time when somebody reads it, and each
+//! peripheral says when something will next happen in it by itself; a core that sleeps skips straight to that
+//! moment. Time is counted in core clock cycles (see [`clock`]), so two runs with the same inputs are the same to
+//! the cycle.
+//!
+//! What the firmware touches and this crate does not model stops the run with a [`Stop`] that names the register
+//! and the source line: silence would look like working hardware. The same goes for an access to a peripheral
+//! whose clock is off and for a clock the chip is not specified for.
+//!
+//! ```no_run
+//! use emulator::{Board, BoardConfig, Firmware, Port};
+//!
+//! let firmware = Firmware::load("target/thumbv7em-none-eabihf/release/omnibus-firmware")?;
+//! let mut board = Board::new(&firmware, BoardConfig::default());
+//! board.set_input(Port::B, 12, false);
+//! board.run_until(10_000_000)?; // 10 ms of the world's time
+//! for line in board.take_log() {
+//!     println!("{line}");
+//! }
+//! println!("{:?}", board.pwm(1, 1));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#![warn(missing_docs)]
+
+mod board;
+mod bus;
+pub mod can;
+pub mod clock;
+mod firmware;
+pub mod profile;
+mod rtt;
+mod soc;
+mod stop;
+pub mod system;
+pub mod timer;
+
+pub use board::{Board, BoardConfig, ResetCause};
+pub use can::{CanError, CanFrame, CanId, CanPort};
+pub use firmware::{Firmware, LoadError, Symbol};
+pub use rtt::{Level, LogLine};
+pub use stop::{Stop, StopKind};
+pub use system::gpio::{PinLevel, Port};
+pub use timer::PwmState;

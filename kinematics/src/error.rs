@@ -17,6 +17,12 @@ pub enum GeometryError {
     RollerAngle,
     /// Fewer than three wheels.
     TooFewWheels,
+    /// A weight is negative or not finite.
+    Weight,
+    /// The roller axles are so nearly parallel that motion across them is 100 times harder to control.
+    TranslationPoor,
+    /// The roller axles so nearly meet in one point that yaw is 100 times harder to control than it could be.
+    YawPoor,
     /// No wheel resists motion along some direction: all roller axles are parallel.
     TranslationUncontrolled,
     /// All roller axles meet in one point, about which the robot turns freely.
@@ -32,6 +38,13 @@ impl fmt::Display for GeometryError {
                 f.write_str("roller_angle must be between 0 and 90 degrees, both excluded")
             }
             Self::TooFewWheels => f.write_str("a robot needs at least three wheels"),
+            Self::Weight => f.write_str("weights must be finite and not negative"),
+            Self::TranslationPoor => f.write_str(
+                "all roller axles are nearly parallel: motion across them is poorly controlled",
+            ),
+            Self::YawPoor => {
+                f.write_str("all roller axles nearly meet in one point: yaw is poorly controlled")
+            }
             Self::TranslationUncontrolled => f.write_str(
                 "all roller axles are parallel: motion across them cannot be controlled",
             ),
@@ -87,3 +100,24 @@ impl fmt::Display for CompensationError {
 }
 
 impl core::error::Error for CompensationError {}
+
+/// Why a matrix cannot be kept in another scalar.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RangeError {
+    /// The matrix to the wheels has entries too large: wheels too small or levers too long.
+    Inverse,
+    /// The matrix back has entries too large: wheels too large or levers too long.
+    Forward,
+}
+
+impl fmt::Display for RangeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Inverse => "wheel rates per velocity are too large for fixed point",
+            Self::Forward => "velocities per wheel rate are too large for fixed point",
+        })
+    }
+}
+
+impl core::error::Error for RangeError {}

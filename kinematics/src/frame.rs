@@ -5,7 +5,7 @@
 
 use core::ops::{Add, Mul, Neg, Sub};
 
-use crate::arithmetic::Real;
+use crate::arithmetic::{Real, Scalar};
 
 /// Velocity of a body in the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -25,6 +25,25 @@ impl Twist {
         vy: 0.0,
         omega: 0.0,
     };
+}
+
+impl<S: Scalar> Twist<S> {
+    /// The same twist in another scalar, rounded to the nearest and, in fixed point, saturated.
+    #[must_use]
+    pub fn convert<T: Scalar>(self) -> Twist<T> {
+        Twist {
+            vx: T::constant(self.vx.widen()),
+            vy: T::constant(self.vy.widen()),
+            omega: T::constant(self.omega.widen()),
+        }
+    }
+
+    /// Whether any component stands at the end of its scalar's range, so that the true one may lie beyond.
+    #[must_use]
+    #[inline]
+    pub fn is_saturated(&self) -> bool {
+        self.vx.is_saturated() | self.vy.is_saturated() | self.omega.is_saturated()
+    }
 }
 
 impl<S: Real> Twist<S> {

@@ -139,7 +139,7 @@ fn figure_eight_is_the_papers_in_our_frame() {
     assert!((twist.vx + 0.555_360_367_270).abs() < 1e-9);
     assert!((eight.duration() - 20.0).abs() < 1e-12);
     // Fastest sideways at the crossing: 2 l w = 1.570 796 m/s.
-    assert!((eight.at(5.0).1.vy - 1.570_796_326_795).abs() < 1e-9);
+    assert!((eight.at(5.0).1.vy - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
 }
 
 fn velocity_is_the_derivative(trajectory: &impl Trajectory<f64>) {

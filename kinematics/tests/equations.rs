@@ -105,7 +105,7 @@ fn odd_wheels() -> Vec<PaperWheel<f64>> {
     let mut wheels = Vec::new();
     for alpha in [0.3, 1.9, -2.4] {
         for beta in [0.0, -0.3, 1.1] {
-            for gamma in [0.785_398_163_397_448_3, -0.6, 1.2] {
+            for gamma in [std::f64::consts::FRAC_PI_4, -0.6, 1.2] {
                 wheels.push(PaperWheel {
                     l: 0.61,
                     alpha,
@@ -288,7 +288,7 @@ fn eq_08_world_velocity_of_the_four_wheel_robot() {
 
 /// Members as the paper places them: heading delta, distance D, bearing psi.
 const PLACES: [(f64, f64, f64); 4] = [
-    (0.0, 1.2, 1.570_796_326_794_896_6),
+    (0.0, 1.2, std::f64::consts::FRAC_PI_2),
     (0.0, 0.9, 0.0),
     (0.523_598_775_598_298_8, 1.5, 2.1),
     (-1.1, 0.7, -0.4),

@@ -1,3 +1,67 @@
-//! Workspace tasks.
+//! Workspace tasks: `cargo xtask demo | test | size | flash | check-elf | check-demo`.
+//!
+//! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
+//! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
+//! downloaded except what `rustup` and `cargo` fetch themselves.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+mod cargo;
+mod check;
+mod demo;
+mod firmware;
+mod flash;
+
+/// Workspace tasks of Omnibus.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Drives a group of emulated robots along a curve, without and with compensation.
+    Demo(demo::Arguments),
+    /// Runs all Rust tests of the workspace, those that need the firmware image included.
+    Test {
+        /// Arguments for `cargo test`, after `--`.
+        #[arg(last = true)]
+        rest: Vec<String>,
+    },
+    /// Prints the size of the firmware image by section.
+    Size,
+    /// Builds the firmware and writes it to a board with probe-rs.
+    Flash(flash::Arguments),
+    /// Checks that the firmware image is bootable: its vector table is at 0x08000000.
+    CheckElf,
+    /// Checks the JSON of a demo against what the project promises.
+    CheckDemo {
+        /// File written by `cargo xtask demo --json`.
+        json: std::path::PathBuf,
+    },
+}
+
+fn run(task: Task) -> anyhow::Result<()> {
+    match task {
+        Task::Demo(arguments) => demo::run(&arguments),
+        Task::Test { rest } => cargo::test(&rest),
+        Task::Size => firmware::print_size(&firmware::build()?),
+        Task::Flash(arguments) => flash::run(&arguments),
+        Task::CheckElf => firmware::check(&firmware::build()?),
+        Task::CheckDemo { json } => check::demo(&json),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().task) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

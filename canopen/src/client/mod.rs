@@ -3,8 +3,13 @@
 //! [`SdoClient`] reads and writes the objects of one device; the functions here make and read the
 //! frames of the other services. No I/O here either.
 
+mod lss;
 mod messages;
 mod sdo;
 
+pub use lss::{
+    FastScan, LssAnswer, Scanned, lss_inquire_node, lss_select, lss_set_node, lss_store,
+    lss_switch_all, parse_lss,
+};
 pub use messages::{heartbeat, nmt, parse_heartbeat, parse_nmt, sync};
 pub use sdo::{Busy, Outcome, SdoClient, SdoError};

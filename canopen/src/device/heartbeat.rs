@@ -5,7 +5,7 @@
 
 use super::{Core, HEARTBEAT};
 use crate::time::Timer;
-use crate::{Config, Event, Frame, Micros, NmtState, NodeId};
+use crate::{Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, NodeId};
 
 /// How many heartbeats a device can monitor: the master and sixteen peers.
 pub const MAX_CONSUMERS: usize = 17;
@@ -87,7 +87,10 @@ impl Core {
         self.out.wake(consumer.timer);
         let node = sender;
         match consumer.state.replace(state) {
-            None => self.out.emit(Event::HeartbeatStarted { node, state }),
+            None => {
+                self.clear(now, Emergency::HEARTBEAT_LOST, node.get());
+                self.out.emit(Event::HeartbeatStarted { node, state });
+            }
             Some(before) if before != state => {
                 self.out.emit(Event::HeartbeatChanged { node, state });
             }
@@ -108,16 +111,32 @@ impl Core {
             };
         }
         self.out.wake(heartbeat.timer);
-        for consumer in &mut heartbeat.consumers {
-            if consumer.timer.due(now) {
-                consumer.timer = Timer::OFF;
-                consumer.state = None;
-                self.out.count(|counters| &mut counters.heartbeats_lost);
-                if let Some(node) = consumer.node() {
-                    self.out.emit(Event::HeartbeatLost { node });
-                }
+        let mut lost = false;
+        for at in 0..MAX_CONSUMERS {
+            let Some(consumer) = self.heartbeat.consumers.get_mut(at) else {
+                break;
+            };
+            if !consumer.timer.due(now) {
+                self.out.wake(consumer.timer);
+                continue;
             }
-            self.out.wake(consumer.timer);
+            consumer.timer = Timer::OFF;
+            consumer.state = None;
+            lost = true;
+            self.out.count(|counters| &mut counters.heartbeats_lost);
+            if let Some(node) = consumer.node() {
+                self.out.emit(Event::HeartbeatLost { node });
+                let info = [node.get(), 0, 0, 0, 0];
+                self.raise(
+                    now,
+                    Emergency::HEARTBEAT_LOST,
+                    ErrorClass::Communication,
+                    info,
+                );
+            }
+        }
+        if lost {
+            self.react_to_communication_error(now);
         }
     }
 }

@@ -8,22 +8,29 @@
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
 //! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
 
+mod bus_off;
+mod emergency;
 mod heartbeat;
+mod lss;
 mod objects;
 mod outbox;
 mod pdo;
 mod rpdo;
 mod sdo;
+mod store;
 mod sync;
 mod tpdo;
 
 use crate::nmt;
 use crate::{
-    AbortCode, Config, Counters, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
+    AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
     ObjectDictionary, ResetScope,
 };
 
+use bus_off::BusOff;
+use emergency::Emergencies;
 use heartbeat::Heartbeat;
+use lss::Lss;
 use outbox::Outbox;
 use rpdo::Rpdos;
 use sync::Sync;
@@ -32,6 +39,7 @@ use tpdo::Tpdos;
 pub use heartbeat::MAX_CONSUMERS;
 pub use pdo::MAX_MAPPED;
 pub use rpdo::MAX_RPDO;
+pub use sdo::MAX_SDO;
 pub use tpdo::MAX_TPDO;
 
 const SDO_REQUEST: u16 = 0x600;
@@ -49,6 +57,13 @@ struct Core {
     node: Option<NodeId>,
     state: NmtState,
     out: Outbox,
+    /// 0x1F80.
+    startup: u32,
+    emergencies: Emergencies,
+    bus_off: BusOff,
+    lss: Lss,
+    /// The application is saving or restoring.
+    storing: bool,
     heartbeat: Heartbeat,
     sync: Sync,
     rpdos: Rpdos,
@@ -66,6 +81,11 @@ impl Device {
                 node: config.node,
                 state: NmtState::Initialising,
                 out: Outbox::new(),
+                startup: config.startup,
+                emergencies: Emergencies::new(&config, config.node),
+                bus_off: BusOff::new(),
+                lss: Lss::new(config.node),
+                storing: false,
                 heartbeat: Heartbeat::new(&config),
                 sync: Sync::new(&config),
                 rpdos: Rpdos::new(&config, config.node),
@@ -79,6 +99,9 @@ impl Device {
     /// they were received.
     pub fn on_frame<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
         let core = &mut self.core;
+        if frame.id() == lss::REQUEST {
+            return core.on_lss(now, frame, od);
+        }
         let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
             return;
         };
@@ -104,15 +127,21 @@ impl Device {
     /// [`on_sync_done`](Self::on_sync_done) has not been called since the last SYNC.
     pub fn poll<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
         if self.core.state == NmtState::Initialising {
-            self.core.boot(now);
+            self.core.boot(now, od);
         }
         self.core.on_sync_done(now, od);
         if now < self.core.out.next() {
             return;
         }
         self.core.out.clear_next();
+        self.core.poll_bus_off(now);
         self.core.poll_heartbeat(now);
+        self.core.poll_sync(now, od);
+        self.core.poll_rpdos(now);
         self.core.poll_tpdos(now, od);
+        self.sdo.poll(now, &mut self.core);
+        self.core.poll_overflow(now);
+        self.core.poll_emergencies(now);
     }
 
     /// The application has brought its objects up to date after a SYNC: reads and queues the
@@ -123,7 +152,9 @@ impl Device {
 
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.core.out.pop_frame()
+        let node = self.core.node;
+        let queued = self.core.out.pop_frame();
+        queued.or_else(|| self.sdo.pop_frame(node))
     }
 
     /// The next event.
@@ -164,6 +195,41 @@ impl Device {
     /// as soon as its inhibit time allows (types 254 and 255).
     pub fn trigger_tpdo(&mut self, number: u8) {
         self.core.trigger_tpdo(number);
+    }
+
+    /// An error has appeared: sends an emergency message with this code and sets the bit of its
+    /// class in 0x1001, until [`clear_error`](Self::clear_error). Errors with the same code and the
+    /// same first byte of `info` are the same error and announced once.
+    pub fn raise_error(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
+        self.core.raise(now, code, class, info);
+    }
+
+    /// The error with this code and this first byte of `info` has gone.
+    pub fn clear_error(&mut self, now: Micros, code: u16, detail: u8) {
+        self.core.clear(now, code, detail);
+    }
+
+    /// The error register, object 0x1001.
+    #[must_use]
+    pub fn error_register(&self) -> u8 {
+        self.core.emergencies.register()
+    }
+
+    /// The CAN controller has gone bus-off. Nothing is sent until
+    /// [`on_bus_recovered`](Self::on_bus_recovered); [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.core.on_bus_off(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.core.on_bus_recovered(now);
+    }
+
+    /// Saving or restoring that was [pending](crate::StoreProgress::Pending) has ended: tells the
+    /// SDO client that waits for it.
+    pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
+        self.sdo.finish_store(&mut self.core, result);
     }
 
     /// Reads any object, as an SDO client would.
@@ -240,13 +306,17 @@ fn heartbeat_sender(id: u16) -> Option<NodeId> {
 
 impl Core {
     /// Goes on the bus: boot-up frame, then PRE-OPERATIONAL. Not without a node-ID.
-    fn boot(&mut self, now: Micros) {
+    fn boot<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
         let Some(node) = self.node else {
             return;
         };
+        self.load(now, od);
         self.out.send(Frame::of(node.cob_id(HEARTBEAT), [0]));
         self.start_heartbeat(now);
         self.enter(now, NmtState::PreOperational);
+        if self.startup & Config::STARTUP_BY_MASTER == 0 {
+            self.enter(now, NmtState::Operational);
+        }
     }
 
     /// Changes the NMT state, if it is another one.
@@ -258,12 +328,9 @@ impl Core {
         self.state = to;
         self.rpdos.clear();
         self.enter_tpdos(now);
-        match to {
-            NmtState::Stopped => {
-                self.out.clear_frames();
-                self.sync.clear();
-            }
-            NmtState::Initialising | NmtState::PreOperational | NmtState::Operational => {}
+        self.enter_sync(now, from, to);
+        if to == NmtState::Stopped {
+            self.out.clear_frames();
         }
         self.out.emit(Event::NmtChanged { from, to });
     }
@@ -274,13 +341,15 @@ impl Core {
         self.enter(now, NmtState::Initialising);
         self.out.clear_frames();
         self.out.clear_next();
-        self.node = self.config.node;
+        self.node = self.lss.node;
+        self.startup = self.config.startup;
+        self.emergencies.reset(&self.config, self.node);
         self.heartbeat = Heartbeat::new(&self.config);
         self.sync = Sync::new(&self.config);
         self.rpdos = Rpdos::new(&self.config, self.node);
         self.tpdos = Tpdos::new(&self.config, self.node);
         od.reset(scope);
-        self.boot(now);
+        self.boot(now, od);
     }
 }
 

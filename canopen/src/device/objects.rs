@@ -4,10 +4,11 @@
 //! A value is checked completely before anything changes.
 
 use super::Core;
-use super::heartbeat;
 use super::pdo::{self, LAST_SYNCHRONOUS, MAX_MAPPED, Map};
-use crate::bytes::{high_u16, low_u8, low_u16, put, u8_of, u16_of, u32_of};
-use crate::{AbortCode, Micros, NmtState, ObjectDictionary, PdoDirection};
+use super::{heartbeat, store};
+use crate::bytes::{high_u16, low_u8, put, u8_of, u16_of, u32_of};
+use crate::time::Timer;
+use crate::{AbortCode, Config, Micros, NmtState, ObjectDictionary, PdoDirection};
 
 /// The highest sub-index of 0x1400 on.
 const RPDO_LAST: u8 = 5;
@@ -43,12 +44,21 @@ impl Core {
     }
 
     /// `None` if the object is not the device's.
-    fn read_own(&self, index: u16, sub: u8, out: &mut [u8]) -> Option<Result<usize, AbortCode>> {
+    pub(super) fn read_own(
+        &self,
+        index: u16,
+        sub: u8,
+        out: &mut [u8],
+    ) -> Option<Result<usize, AbortCode>> {
         let config = &self.config;
         Some(match index {
             0x1000 => single(sub, out, &config.device_type.to_le_bytes()),
-            0x1001 => single(sub, out, &[0]),
-            0x1005 => single(sub, out, &self.sync.cob_id.to_le_bytes()),
+            0x1001 | 0x1003 | 0x1014 | 0x1015 | 0x1029 => self.emergencies.read(index, sub, out),
+            0x1005..=0x1007 | 0x1019 if sub != 0 => Err(AbortCode::NoSubIndex),
+            0x1005 => put(out, &self.sync.cob_id.to_le_bytes()),
+            0x1006 => put(out, &self.sync.period_us.to_le_bytes()),
+            0x1007 => put(out, &self.sync.window_us.to_le_bytes()),
+            0x1019 => put(out, &[self.sync.overflow]),
             0x1008 if !config.name.is_empty() => single(sub, out, config.name.as_bytes()),
             0x1009 if !config.hardware_version.is_empty() => {
                 single(sub, out, config.hardware_version.as_bytes())
@@ -56,6 +66,7 @@ impl Core {
             0x100A if !config.software_version.is_empty() => {
                 single(sub, out, config.software_version.as_bytes())
             }
+            0x1010 | 0x1011 if config.storage => store::read(index, sub, out),
             0x1016 => self.read_consumer(sub, out),
             0x1017 => single(sub, out, &self.heartbeat.period_ms.to_le_bytes()),
             0x1018 => {
@@ -69,7 +80,7 @@ impl Core {
                     _ => Err(AbortCode::NoSubIndex),
                 }
             }
-            0x1019 => single(sub, out, &[self.sync.overflow]),
+            0x1F80 => single(sub, out, &self.startup.to_le_bytes()),
             0x1400..=0x15FF => {
                 let rpdo = self.rpdos.get(index - 0x1400)?;
                 match sub {
@@ -99,27 +110,38 @@ impl Core {
     }
 
     /// `None` if the object is not the device's.
-    fn write_own<O: ObjectDictionary>(
+    pub(super) fn write_own<O: ObjectDictionary>(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &O,
+        od: &mut O,
     ) -> Option<Result<(), AbortCode>> {
-        // Whatever cannot be read does not exist; that settles missing sub-indices too.
+        // Reading settles whether the object exists at all.
         let mut scratch = [0; 64];
-        if let Err(code) = self.read_own(index, sub, &mut scratch)? {
+        if let Err(code @ (AbortCode::NoObject | AbortCode::NoSubIndex)) =
+            self.read_own(index, sub, &mut scratch)?
+        {
             return Some(Err(code));
         }
         Some(match index {
-            0x1005 => self.write_sync_id(data),
+            0x1001 | 0x1003 | 0x1014 | 0x1015 | 0x1029 => self.emergencies.write(index, sub, data),
+            0x1005..=0x1007 | 0x1019 => self.write_sync(now, index, data),
+            0x1010 | 0x1011 => self.write_store(index, sub, data, od),
             0x1016 if sub != 0 => self.write_consumer(sub, data),
             0x1017 => u16_of(data).map(|period| {
                 self.heartbeat.period_ms = period;
                 self.start_heartbeat(now);
             }),
-            0x1019 => self.write_sync_overflow(data),
+            0x1F80 => match u32_of(data) {
+                Ok(startup @ (0 | Config::STARTUP_BY_MASTER)) => {
+                    self.startup = startup;
+                    Ok(())
+                }
+                Ok(_) => Err(AbortCode::InvalidValue),
+                Err(code) => Err(code),
+            },
             0x1400..=0x15FF if sub != 0 => self.write_rpdo(index - 0x1400, sub, data),
             0x1600..=0x17FF => {
                 let rpdo = self.rpdos.get_mut(index - 0x1600)?;
@@ -134,28 +156,6 @@ impl Core {
             }
             _ => Err(AbortCode::ReadOnly),
         })
-    }
-
-    fn write_sync_id(&mut self, data: &[u8]) -> Result<(), AbortCode> {
-        let cob_id = u32_of(data)?;
-        // Bit 30 would make the device a producer, bit 29 asks for 29-bit identifiers.
-        let id = low_u16(cob_id);
-        if cob_id > 0x7FF || pdo::is_restricted(id) {
-            return Err(AbortCode::InvalidValue);
-        }
-        self.sync.cob_id = cob_id;
-        Ok(())
-    }
-
-    fn write_sync_overflow(&mut self, data: &[u8]) -> Result<(), AbortCode> {
-        match u8_of(data)? {
-            overflow @ (0 | 2..=240) => {
-                self.sync.overflow = overflow;
-                Ok(())
-            }
-            1 => Err(AbortCode::ValueTooLow),
-            241..=u8::MAX => Err(AbortCode::ValueTooHigh),
-        }
     }
 
     fn read_consumer(&self, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
@@ -196,7 +196,10 @@ impl Core {
                 self.rpdos.listen();
             }
             2 => rpdo.transmission = transmission(data)?,
-            _ => rpdo.deadline_ms = u16_of(data)?,
+            _ => {
+                rpdo.deadline_ms = u16_of(data)?;
+                rpdo.deadline = Timer::OFF;
+            }
         }
         Ok(())
     }
@@ -219,7 +222,7 @@ impl Core {
         }
         if operational {
             tpdo.restart(now);
-            self.out.wake(crate::time::Timer::at(now));
+            self.out.wake(Timer::at(now));
         }
         Ok(())
     }

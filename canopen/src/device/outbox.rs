@@ -15,6 +15,10 @@ pub(super) struct Outbox {
     events: Deque<Event, EVENTS>,
     counters: Counters,
     next: Micros,
+    /// Frames have been dropped since this was last taken.
+    overflowed: bool,
+    /// Off the bus: frames are dropped without counting.
+    muted: bool,
 }
 
 impl Outbox {
@@ -26,19 +30,45 @@ impl Outbox {
                 tx_overflow: 0,
                 event_overflow: 0,
                 sync_gaps: 0,
+                syncs_lost: 0,
+                pdos_late: 0,
                 rpdo_too_short: 0,
                 rpdo_refused: 0,
+                bus_off: 0,
                 sdo_aborts: 0,
                 heartbeats_lost: 0,
             },
             next: Micros::MAX,
+            overflowed: false,
+            muted: false,
         }
     }
 
     pub fn send(&mut self, frame: Frame) {
+        if self.muted {
+            return;
+        }
         if self.frames.push_back(frame).is_err() {
             self.count(|counters| &mut counters.tx_overflow);
+            self.overflowed = true;
         }
+    }
+
+    pub fn set_muted(&mut self, muted: bool) {
+        self.muted = muted;
+    }
+
+    pub fn is_muted(&self) -> bool {
+        self.muted
+    }
+
+    pub fn is_full(&self) -> bool {
+        self.frames.is_full()
+    }
+
+    /// Whether frames have been dropped since the last call.
+    pub fn take_overflowed(&mut self) -> bool {
+        core::mem::take(&mut self.overflowed)
     }
 
     pub fn emit(&mut self, event: Event) {
@@ -73,8 +103,12 @@ impl Outbox {
         self.events.pop_front()
     }
 
+    /// When `poll` has something to do.
     pub const fn next(&self) -> Micros {
-        self.next
+        match self.overflowed {
+            true => Micros::ZERO,
+            false => self.next,
+        }
     }
 
     pub const fn counters(&self) -> Counters {

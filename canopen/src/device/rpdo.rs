@@ -5,10 +5,17 @@
 
 use super::Core;
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};
-use crate::{Config, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary, PdoConfig, RpdoSet};
+use crate::time::Timer;
+use crate::{
+    Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary,
+    PdoConfig, RpdoSet,
+};
 
 /// How many receive PDOs a device can have.
 pub const MAX_RPDO: usize = 20;
+
+const MAX_RPDO_NUMBER: u8 = 20;
+const _: () = assert!(MAX_RPDO == MAX_RPDO_NUMBER as usize && MAX_RPDO <= 32);
 
 /// No frame has this identifier.
 const NOT_LISTENING: u16 = u16::MAX;
@@ -24,6 +31,8 @@ pub(super) struct Rpdo {
     /// 0x1600.
     pub map: Map,
     data: [u8; 8],
+    /// Runs from one frame to the next.
+    pub deadline: Timer,
 }
 
 pub(super) struct Rpdos {
@@ -42,15 +51,16 @@ impl Rpdo {
         deadline_ms: 0,
         map: Map::EMPTY,
         data: [0; 8],
+        deadline: Timer::OFF,
     };
 
-    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+    pub fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
         Self {
             cob_id: pdo::default_cob_id(config, node),
             transmission: config.transmission,
             deadline_ms: config.event_ms,
             map: Map::new(config.mapping),
-            data: [0; 8],
+            ..Self::OFF
         }
     }
 
@@ -117,38 +127,89 @@ impl Rpdos {
         }
     }
 
-    /// Forgets everything latched.
+    /// The first PDO from `from` on that listens to this identifier.
+    fn find(&self, from: usize, id: u16) -> Option<usize> {
+        let listening = self.listening.get(from..)?;
+        let at = listening.iter().position(|listens| *listens == id)?;
+        Some(from.saturating_add(at))
+    }
+
+    /// Forgets everything latched, and the deadlines.
     pub fn clear(&mut self) {
         self.latched = 0;
+        for rpdo in &mut self.list {
+            rpdo.deadline = Timer::OFF;
+        }
     }
 }
 
 impl Core {
     pub(super) fn on_rpdo<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
-        let _ = now;
         if self.state != NmtState::Operational {
             return;
         }
-        let rpdos = &mut self.rpdos;
-        let mut number: u8 = 0;
-        for (id, rpdo) in rpdos.listening.iter().zip(&mut rpdos.list) {
-            let bit = 1u32 << number;
-            number = number.wrapping_add(1);
-            if *id != frame.id() {
-                continue;
-            }
-            if frame.len() < rpdo.map.bytes {
-                self.out.count(|counters| &mut counters.rpdo_too_short);
-                self.out.emit(Event::RpdoTooShort { number });
-                continue;
-            }
+        let mut from = 0;
+        while let Some(at) = self.rpdos.find(from, frame.id()) {
+            from = at.saturating_add(1);
+            self.take_rpdo(now, at, frame, od);
+        }
+    }
+
+    /// Takes a frame of the PDO at 0x1400 plus `at`.
+    fn take_rpdo<O: ObjectDictionary>(
+        &mut self,
+        now: Micros,
+        at: usize,
+        frame: &Frame,
+        od: &mut O,
+    ) {
+        let number = u8::try_from(at).unwrap_or(u8::MAX).saturating_add(1);
+        let late = self.sync.window_is_over(now);
+        let Some(rpdo) = self.rpdos.list.get_mut(at) else {
+            return;
+        };
+        if frame.len() < rpdo.map.bytes {
+            self.out.count(|counters| &mut counters.rpdo_too_short);
+            self.out.emit(Event::RpdoTooShort { number });
+            let info = [number, frame.len(), rpdo.map.bytes, 0, 0];
+            let class = ErrorClass::Communication;
+            return self.raise(now, Emergency::PDO_LENGTH, class, info);
+        }
+        rpdo.deadline = Timer::after_millis(now, rpdo.deadline_ms);
+        self.out.wake(rpdo.deadline);
+        if rpdo.transmission > LAST_SYNCHRONOUS {
             rpdo.data = *frame.padded();
-            if rpdo.transmission <= LAST_SYNCHRONOUS {
-                rpdos.latched |= bit;
-            } else {
-                rpdo.apply(number, self.state, &mut self.out, od);
-                self.out.emit(Event::RpdoApplied { number });
+            rpdo.apply(number, self.state, &mut self.out, od);
+            self.out.emit(Event::RpdoApplied { number });
+        } else if late {
+            // Past the window of 0x1007 nothing is taken until the next SYNC.
+            self.out.count(|counters| &mut counters.pdos_late);
+        } else {
+            rpdo.data = *frame.padded();
+            self.rpdos.latched |= 1u32.checked_shl(u32::from(number - 1)).unwrap_or(0);
+        }
+        if self.has_errors() {
+            self.clear(now, Emergency::PDO_LENGTH, number);
+            self.clear(now, Emergency::RPDO_TIMEOUT, number);
+        }
+    }
+
+    /// Reports the PDOs that have not come in time.
+    pub(super) fn poll_rpdos(&mut self, now: Micros) {
+        for number in 1..=MAX_RPDO_NUMBER {
+            let Some(rpdo) = self.rpdos.get_mut(u16::from(number - 1)) else {
+                break;
+            };
+            if !rpdo.deadline.due(now) {
+                self.out.wake(rpdo.deadline);
+                continue;
             }
+            rpdo.deadline = Timer::OFF;
+            self.out.count(|counters| &mut counters.pdos_late);
+            self.out.emit(Event::RpdoLate { number });
+            let info = [number, 0, 0, 0, 0];
+            let class = ErrorClass::Communication;
+            self.raise(now, Emergency::RPDO_TIMEOUT, class, info);
         }
     }
 

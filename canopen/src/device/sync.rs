@@ -1,35 +1,67 @@
 //! SYNC: applies the waiting RPDOs, then lets the application and the synchronous TPDOs have their
 //! turn.
+//!
+//! As a consumer (the usual case) the device watches the counter (0x1019) for gaps and, while
+//! OPERATIONAL, the period (0x1006) for silence. As the producer (bit 30 of 0x1005) it sends SYNC
+//! itself and takes its own as if it had received it. Its counter starts at 1 when the device
+//! leaves STOPPED, as CiA 301, 7.2.5.3.2 asks.
 
 use super::Core;
-use crate::{Config, Event, Frame, Micros, NmtState, ObjectDictionary};
+use super::pdo::is_restricted;
+use crate::bytes::{low_u16, u8_of, u32_of};
+use crate::time::Timer;
+use crate::{
+    AbortCode, Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, ObjectDictionary,
+};
 
 /// The pre-defined identifier.
-const SYNC: u32 = 0x80;
+pub(super) const SYNC: u32 = 0x80;
+
+/// Bit 30 of 0x1005: the device produces SYNC.
+const PRODUCER: u32 = 1 << 30;
+
+/// No frame has this identifier.
+const NONE: u16 = u16::MAX;
 
 pub(super) struct Sync {
     /// 0x1005.
     pub cob_id: u32,
+    /// The identifier to listen for.
+    id: u16,
+    /// 0x1006.
+    pub period_us: u32,
+    /// 0x1007.
+    pub window_us: u32,
     /// 0x1019: highest counter, 0 for none.
     pub overflow: u8,
     /// Counter of the last SYNC, if it had one.
     counter: Option<u8>,
     /// A SYNC came and its TPDOs have not been sent yet.
     waits: bool,
+    /// When synchronous PDOs of the last SYNC are too late.
+    window: Timer,
+    /// Of a consumer when SYNC is missing, of the producer when the next one is due.
+    timer: Timer,
 }
 
 impl Sync {
     pub const fn new(config: &Config) -> Self {
         Self {
             cob_id: SYNC,
+            id: low_u16(SYNC),
+            period_us: config.sync_period_us,
+            window_us: config.sync_window_us,
             overflow: config.sync_overflow,
             counter: None,
             waits: false,
+            window: Timer::OFF,
+            timer: Timer::OFF,
         }
     }
 
+    /// The identifier to listen for.
     pub const fn id(&self) -> u16 {
-        crate::bytes::low_u16(self.cob_id)
+        self.id
     }
 
     pub const fn counter(&self) -> Option<u8> {
@@ -40,10 +72,17 @@ impl Sync {
         self.waits
     }
 
-    /// Forgets the last SYNC.
-    pub fn clear(&mut self) {
-        self.counter = None;
-        self.waits = false;
+    /// Whether a synchronous PDO comes too late for the last SYNC.
+    pub fn window_is_over(&self, now: Micros) -> bool {
+        self.window.due(now)
+    }
+
+    const fn is_producer(&self) -> bool {
+        self.cob_id & PRODUCER != 0
+    }
+
+    fn period(&self) -> Micros {
+        Micros(u64::from(self.period_us))
     }
 
     /// Takes a new counter; returns what it should have been if SYNCs are missing.
@@ -59,33 +98,165 @@ impl Sync {
         };
         (received != expected).then_some((expected, received))
     }
+
+    /// The producer's next frame.
+    fn produce(&self) -> Frame {
+        let last = self.counter.unwrap_or(0);
+        let id = low_u16(self.cob_id);
+        match self.overflow {
+            0 => Frame::of(id, []),
+            overflow if last >= overflow => Frame::of(id, [1]),
+            _ => Frame::of(id, [last.saturating_add(1)]),
+        }
+    }
 }
 
 impl Core {
     pub(super) fn on_sync<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
-        let counter = match (self.state, frame.data()) {
-            (NmtState::Initialising | NmtState::Stopped, _) => return,
-            (NmtState::PreOperational | NmtState::Operational, &[]) => None,
-            (NmtState::PreOperational | NmtState::Operational, &[counter]) => Some(counter),
-            (NmtState::PreOperational | NmtState::Operational, _) => return,
+        match self.state {
+            NmtState::Initialising | NmtState::Stopped => return,
+            NmtState::PreOperational | NmtState::Operational => {}
+        }
+        let counter = match *frame.data() {
+            [] => None,
+            [counter] => Some(counter),
+            _ => return,
         };
         let applied = self.apply_rpdos(od);
         if let Some((expected, received)) = self.sync.advance(counter) {
             self.out.count(|counters| &mut counters.sync_gaps);
             self.out.emit(Event::SyncGap { expected, received });
         }
-        self.sync.waits = true;
-        let at = now;
+        let sync = &mut self.sync;
+        sync.waits = true;
+        if sync.window_us != 0 {
+            sync.window = Timer::at(now + Micros(u64::from(sync.window_us)));
+        }
+        if sync.period_us != 0 && !sync.is_producer() && self.state == NmtState::Operational {
+            let silence = Micros(u64::from(sync.period_us).saturating_mul(3) / 2);
+            sync.timer = Timer::at(now + silence);
+            self.out.wake(sync.timer);
+        }
+        let wrong_length = counter.is_some() != (sync.overflow != 0);
         self.out.emit(Event::Sync {
             counter,
-            at,
+            at: now,
             applied,
         });
+        if wrong_length {
+            // Taken all the same: to miss it would be worse for what depends on it.
+            let info = [frame.len(), 0, 0, 0, 0];
+            let class = ErrorClass::Communication;
+            self.raise(now, Emergency::SYNC_LENGTH, class, info);
+        } else if self.has_errors() {
+            self.clear(now, Emergency::SYNC_LENGTH, 1 - frame.len().min(1));
+            self.clear(now, Emergency::SYNC_LOST, 0);
+        }
     }
 
     pub(super) fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
         if core::mem::take(&mut self.sync.waits) {
             self.send_synchronous_tpdos(now, od);
         }
+    }
+
+    /// The NMT state has changed.
+    pub(super) fn enter_sync(&mut self, now: Micros, from: NmtState, to: NmtState) {
+        let sync = &mut self.sync;
+        match to {
+            NmtState::Initialising | NmtState::Stopped => {
+                sync.counter = None;
+                sync.waits = false;
+                sync.timer = Timer::OFF;
+                sync.window = Timer::OFF;
+            }
+            // A producer goes on in step.
+            NmtState::PreOperational | NmtState::Operational if sync.is_producer() => {
+                if matches!(from, NmtState::Initialising | NmtState::Stopped) {
+                    self.start_sync(now);
+                }
+            }
+            NmtState::PreOperational | NmtState::Operational => sync.timer = Timer::OFF,
+        }
+    }
+
+    /// The producer begins a period now.
+    fn start_sync(&mut self, now: Micros) {
+        let sync = &mut self.sync;
+        sync.timer = match sync.is_producer() && sync.period_us != 0 {
+            true => Timer::at(now + sync.period()),
+            false => Timer::OFF,
+        };
+        self.out.wake(sync.timer);
+    }
+
+    pub(super) fn poll_sync<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+        if self.sync.timer.due(now) {
+            if self.sync.is_producer() {
+                let frame = self.sync.produce();
+                self.out.send(frame);
+                let on_time = Timer::at(self.sync.timer.moment() + self.sync.period());
+                self.sync.timer = match on_time.due(now) {
+                    true => Timer::at(now + self.sync.period()),
+                    false => on_time,
+                };
+                self.on_sync(now, &frame, od);
+            } else {
+                self.sync.timer = Timer::OFF;
+                self.out.count(|counters| &mut counters.syncs_lost);
+                self.out.emit(Event::SyncLost);
+                self.raise(now, Emergency::SYNC_LOST, ErrorClass::Communication, [0; 5]);
+            }
+        }
+        self.out.wake(self.sync.timer);
+    }
+
+    /// Writes one of 0x1005, 0x1006, 0x1007 and 0x1019.
+    pub(super) fn write_sync(
+        &mut self,
+        now: Micros,
+        index: u16,
+        data: &[u8],
+    ) -> Result<(), AbortCode> {
+        let sync = &mut self.sync;
+        match index {
+            0x1005 => {
+                let cob_id = u32_of(data)?;
+                let moves = cob_id & !PRODUCER != sync.cob_id & !PRODUCER;
+                let wrong = cob_id & !PRODUCER > 0x7FF || is_restricted(low_u16(cob_id));
+                if wrong || (moves && sync.is_producer()) {
+                    return Err(AbortCode::InvalidValue);
+                }
+                sync.cob_id = cob_id;
+                // A producer does not listen: there is one per bus.
+                sync.id = match sync.is_producer() {
+                    true => NONE,
+                    false => low_u16(cob_id),
+                };
+                self.start_sync(now);
+            }
+            0x1006 => {
+                sync.period_us = u32_of(data)?;
+                self.start_sync(now);
+            }
+            0x1007 => {
+                sync.window_us = u32_of(data)?;
+                sync.window = Timer::OFF;
+            }
+            _ => {
+                let overflow = u8_of(data)?;
+                match overflow {
+                    0 | 2..=240 => {}
+                    1 => return Err(AbortCode::ValueTooLow),
+                    241..=u8::MAX => return Err(AbortCode::ValueTooHigh),
+                }
+                // Producer and consumers must not change it while SYNC runs.
+                if sync.period_us != 0 {
+                    return Err(AbortCode::DeviceState);
+                }
+                sync.overflow = overflow;
+            }
+        }
+        Ok(())
     }
 }

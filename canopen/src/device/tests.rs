@@ -1,8 +1,12 @@
 //! Frame sequences in, golden bytes out. The bytes are those of CiA 301, worked out by hand.
 
+mod bus_off;
+mod emergency;
+mod lss;
 mod network;
 mod pdo;
 mod sdo;
+mod store;
 
 use std::vec::Vec;
 
@@ -15,15 +19,59 @@ pub(super) const NODE: NodeId = match NodeId::new(5) {
     None => NodeId::MIN,
 };
 
+/// Non-volatile memory of the bench.
+#[derive(Default, Clone)]
+pub(super) struct Memory {
+    pub image: Vec<u8>,
+    pub saved: Vec<StoreScope>,
+    pub restored: Vec<StoreScope>,
+    pub node: Option<Option<NodeId>>,
+    pub progress: Option<StoreProgress>,
+}
+
+impl Storage for Memory {
+    fn save(
+        &mut self,
+        scope: StoreScope,
+        communication: &[u8],
+    ) -> Result<StoreProgress, AbortCode> {
+        self.saved.push(scope);
+        if scope.has_communication() {
+            self.image = communication.to_vec();
+        }
+        self.progress.ok_or(AbortCode::Hardware)
+    }
+
+    fn restore(&mut self, scope: StoreScope) -> Result<StoreProgress, AbortCode> {
+        self.restored.push(scope);
+        if scope.has_communication() {
+            self.image.clear();
+        }
+        self.progress.ok_or(AbortCode::Hardware)
+    }
+
+    fn load(&mut self, out: &mut [u8]) -> usize {
+        out[..self.image.len()].copy_from_slice(&self.image);
+        self.image.len()
+    }
+
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<(), AbortCode> {
+        self.node = Some(node);
+        Ok(())
+    }
+}
+
 /// Application objects: 0x2000 u16 setpoint, 0x2001 u32 in 0..=1000 and not while operational,
-/// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only.
+/// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only, 0x2005 any bytes.
 #[derive(Default)]
 pub(super) struct Objects {
     pub setpoint: u16,
     pub limited: u32,
     pub measured: u16,
     pub write_only: u8,
+    pub long: Vec<u8>,
     pub resets: Vec<ResetScope>,
+    pub memory: Memory,
 }
 
 pub(super) const LONG: &[u8] = b"twelve bytes";
@@ -36,7 +84,8 @@ impl ObjectDictionary for Objects {
             (0x2002, 0) => bytes::put(out, &self.measured.to_le_bytes()),
             (0x2003, 0) => bytes::put(out, LONG),
             (0x2004, 0) => Err(AbortCode::WriteOnly),
-            (0x2000..=0x2004, _) => Err(AbortCode::NoSubIndex),
+            (0x2005, 0) => bytes::put(out, &self.long),
+            (0x2000..=0x2005, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
     }
@@ -57,7 +106,8 @@ impl ObjectDictionary for Objects {
             },
             (0x2002 | 0x2003, 0) => return Err(AbortCode::ReadOnly),
             (0x2004, 0) => self.write_only = bytes::u8_of(data)?,
-            (0x2000..=0x2004, _) => return Err(AbortCode::NoSubIndex),
+            (0x2005, 0) => self.long = data.to_vec(),
+            (0x2000..=0x2005, _) => return Err(AbortCode::NoSubIndex),
             _ => return Err(AbortCode::NoObject),
         }
         Ok(())
@@ -66,10 +116,14 @@ impl ObjectDictionary for Objects {
     fn mappable(&self, index: u16, sub: u8, direction: PdoDirection) -> Result<u8, AbortCode> {
         match (index, sub, direction) {
             (0x2000, 0, PdoDirection::Receive) | (0x2002, 0, PdoDirection::Transmit) => Ok(16),
-            (0x2000..=0x2004, 0, _) => Err(AbortCode::NotMappable),
-            (0x2000..=0x2004, _, _) => Err(AbortCode::NoSubIndex),
+            (0x2000..=0x2005, 0, _) => Err(AbortCode::NotMappable),
+            (0x2000..=0x2005, _, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
+    }
+
+    fn storage(&mut self) -> Option<&mut dyn Storage> {
+        Some(&mut self.memory)
     }
 
     fn reset(&mut self, scope: ResetScope) {
@@ -247,7 +301,7 @@ proptest! {
             if take {
                 bench.events();
                 for frame in bench.frames() {
-                    prop_assert!(matches!(frame.id(), 0x185 | 0x585 | 0x705), "{:?}", frame);
+                    prop_assert!(matches!(frame.id(), 0x085 | 0x185 | 0x585 | 0x705), "{:?}", frame);
                 }
             }
         }

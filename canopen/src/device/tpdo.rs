@@ -56,7 +56,7 @@ impl Tpdo {
         inhibited_until: Micros::ZERO,
     };
 
-    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+    pub fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
         Self {
             cob_id: pdo::default_cob_id(config, node),
             transmission: config.transmission,
@@ -65,6 +65,16 @@ impl Tpdo {
             map: Map::new(config.mapping),
             ..Self::OFF
         }
+    }
+
+    /// Sub-indices 2, 3, 5 and 6: number, value and its length.
+    pub fn parameters(&self) -> [(u8, [u8; 2], usize); 4] {
+        [
+            (2, [self.transmission, 0], 1),
+            (3, self.inhibit_100us.to_le_bytes(), 2),
+            (5, self.event_ms.to_le_bytes(), 2),
+            (6, [self.sync_start, 0], 1),
+        ]
     }
 
     const fn is_on(&self) -> bool {
@@ -174,8 +184,11 @@ impl Core {
     }
 
     pub(super) fn send_synchronous_tpdos<O: ObjectDictionary>(&mut self, now: Micros, od: &O) {
-        let _ = now;
         if self.state != NmtState::Operational {
+            return;
+        }
+        if self.sync.window_is_over(now) {
+            self.out.count(|counters| &mut counters.pdos_late);
             return;
         }
         let counter = self.sync.counter();

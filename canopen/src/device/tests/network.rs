@@ -241,3 +241,54 @@ fn sync_follows_its_identifier() {
     bench.receive(0x90, []);
     assert_eq!(bench.events().len(), 1);
 }
+
+#[test]
+fn a_producer_sends_sync_and_takes_its_own() {
+    let mut bench = Bench::booted(Config {
+        heartbeat_ms: 0,
+        ..CONFIG
+    });
+    bench.write(0x1019, 0, &[3]).unwrap();
+    bench.write(0x1006, 0, &10_000u32.to_le_bytes()).unwrap();
+    assert_eq!(bench.write(0x1019, 0, &[0]), Err(0x0800_0022));
+    bench.write(0x1005, 0, &[0x80, 0, 0, 0x40]).unwrap();
+    // While it produces its identifier stays.
+    assert_eq!(
+        bench.write(0x1005, 0, &[0x90, 0, 0, 0x40]),
+        Err(0x0609_0030)
+    );
+    bench.receive(0, [1, 0]);
+    bench.receive(0x181, [7, 0]);
+    bench.events();
+    bench.pass(50);
+    let frames = bench.frames();
+    let syncs: Vec<_> = frames.iter().filter(|frame| frame.id() == 0x80).collect();
+    assert_eq!(
+        syncs
+            .iter()
+            .map(|frame| frame.data()[0])
+            .collect::<Vec<_>>(),
+        [1, 2, 3, 1, 2]
+    );
+    assert_eq!(frames.len(), 10, "a TPDO for each: {frames:?}");
+    assert_eq!(bench.od.setpoint, 7);
+    bench.receive(0, [2, 0]);
+    bench.pass(50);
+    assert_eq!(bench.frames(), []);
+    bench.receive(0, [1, 0]);
+    bench.pass(10);
+    assert_eq!(bench.frames()[0], Frame::of(0x80, [1]));
+}
+
+#[test]
+fn a_device_may_start_itself() {
+    let mut bench = Bench::cold(Config {
+        startup: 0,
+        ..CONFIG
+    });
+    bench.poll();
+    assert_eq!(bench.frames()[0], Frame::of(0x705, [0]));
+    assert_eq!(bench.device.state(), NmtState::Operational);
+    assert_eq!(bench.write(0x1F80, 0, &[1, 0, 0, 0]), Err(0x0609_0030));
+    assert_eq!(bench.write(0x1F80, 0, &[4, 0, 0, 0]), Ok(()));
+}

@@ -82,6 +82,83 @@ fn a_short_setpoint_is_discarded_and_counted_a_long_one_is_cut() {
     assert_eq!(bench.od.setpoint, 0x0201);
 }
 
+/// A config whose RPDO1 is this one.
+fn with_rpdo(rpdo: PdoConfig) -> Config {
+    Config {
+        rpdos: std::vec![rpdo].leak(),
+        heartbeat_ms: 0,
+        ..CONFIG
+    }
+}
+
+#[test]
+fn an_rpdo_that_misses_its_deadline_is_reported_once_until_it_comes_again() {
+    for transmission in [1, 254, 255] {
+        let mut bench = Bench::operational(with_rpdo(PdoConfig {
+            event_ms: 50,
+            transmission,
+            ..CONFIG.rpdos[0]
+        }));
+        // Nothing is expected before the first.
+        bench.pass(1_000);
+        assert_eq!(bench.frames(), []);
+        bench.receive(0x181, [1, 0]);
+        bench.pass(49);
+        bench.receive(0x181, [1, 0]);
+        bench.pass(49);
+        assert_eq!(bench.frames(), []);
+        bench.pass(1);
+        let late = Frame::of(0x085, [0x50, 0x82, 0x11, 1, 0, 0, 0, 0]);
+        assert_eq!(bench.frames(), [late]);
+        assert!(bench.events().contains(&Event::RpdoLate { number: 1 }));
+        bench.pass(1_000);
+        assert_eq!(bench.frames(), []);
+        bench.receive(0x181, [1, 0]);
+        let over = Frame::of(0x085, [0, 0, 0, 0x50, 0x82, 1, 0, 0]);
+        assert_eq!(bench.frames(), [over]);
+        // Out of OPERATIONAL nothing is expected either.
+        bench.receive(0, [128, 0]);
+        bench.pass(1_000);
+        assert_eq!(bench.frames(), []);
+    }
+}
+
+#[test]
+fn past_the_synchronous_window_pdos_wait_for_the_next_sync() {
+    let mut bench = Bench::operational(Config {
+        heartbeat_ms: 0,
+        sync_window_us: 2_000,
+        ..CONFIG
+    });
+    bench.receive(0x80, []);
+    bench.poll();
+    assert_eq!(bench.frames().len(), 1);
+    bench.pass(1);
+    bench.receive(0x181, [1, 0]);
+    bench.pass(1);
+    bench.receive(0x181, [2, 0]);
+    bench.receive(0x80, []);
+    assert_eq!(bench.od.setpoint, 1);
+    bench.now = bench.now + Micros::from_millis(2);
+    bench.poll();
+    assert_eq!(bench.frames(), []);
+    assert_eq!(bench.device.counters().pdos_late, 2);
+}
+
+#[test]
+fn every_synchronous_type_of_an_rpdo_waits_for_one_sync() {
+    for transmission in [0, 1, 2, 240] {
+        let mut bench = Bench::operational(with_rpdo(PdoConfig {
+            transmission,
+            ..CONFIG.rpdos[0]
+        }));
+        bench.receive(0x181, [1, 0]);
+        assert_eq!(bench.od.setpoint, 0);
+        bench.receive(0x80, []);
+        assert_eq!(bench.od.setpoint, 1);
+    }
+}
+
 #[test]
 fn an_event_driven_setpoint_is_applied_at_once() {
     let mut bench = Bench::operational(CONFIG);
@@ -132,6 +209,139 @@ fn every_third_sync() {
         sent.push(bench.frames().len());
     }
     assert_eq!(sent, [0, 0, 1, 0, 0, 1, 0]);
+}
+
+/// Operational, with this as TPDO1, what entering OPERATIONAL sent taken.
+fn with_tpdo(tpdo: PdoConfig) -> Bench {
+    Bench::operational(Config {
+        tpdos: std::vec![tpdo].leak(),
+        heartbeat_ms: 0,
+        ..CONFIG
+    })
+}
+
+#[test]
+fn type_0_is_sent_at_the_sync_after_a_change_and_only_then() {
+    let mut bench = with_tpdo(PdoConfig {
+        transmission: 0,
+        ..CONFIG.tpdos[0]
+    });
+    let mut sent = Vec::new();
+    for changed in [false, true, false, true, true, false] {
+        if changed {
+            bench.device.trigger_tpdo(1);
+            bench.poll();
+            assert_eq!(bench.frames(), []);
+        }
+        bench.receive(0x80, []);
+        bench.poll();
+        sent.push(bench.frames().len() == 1);
+    }
+    assert_eq!(sent, [false, true, false, true, true, false]);
+}
+
+#[test]
+fn event_driven_types_are_sent_on_a_change_and_by_the_event_timer() {
+    for transmission in [254, 255] {
+        let mut bench = with_tpdo(PdoConfig {
+            transmission,
+            event_ms: 30,
+            ..CONFIG.tpdos[0]
+        });
+        bench.receive(0x80, []);
+        bench.pass(29);
+        assert_eq!(bench.frames(), []);
+        bench.pass(1);
+        assert_eq!(bench.frames().len(), 1);
+        bench.pass(20);
+        bench.device.trigger_tpdo(1);
+        bench.poll();
+        assert_eq!(bench.frames().len(), 1);
+        // The timer counts from the last frame.
+        bench.pass(29);
+        assert_eq!(bench.frames(), []);
+        bench.pass(1);
+        assert_eq!(bench.frames().len(), 1);
+    }
+}
+
+#[test]
+fn an_event_driven_tpdo_is_sent_once_on_entering_operational() {
+    let mut bench = with_tpdo(PdoConfig {
+        transmission: 255,
+        ..CONFIG.tpdos[0]
+    });
+    for _ in 0..2 {
+        bench.receive(0, [128, 0]);
+        bench.receive(0, [1, 0]);
+        bench.poll();
+        assert_eq!(bench.frames().len(), 1);
+        bench.pass(1_000);
+        assert_eq!(bench.frames(), []);
+    }
+}
+
+#[test]
+fn the_inhibit_time_holds_back_and_loses_nothing() {
+    let mut bench = with_tpdo(PdoConfig {
+        transmission: 254,
+        inhibit_100us: 100,
+        ..CONFIG.tpdos[0]
+    });
+    bench.pass(10);
+    bench.device.trigger_tpdo(1);
+    bench.poll();
+    assert_eq!(bench.frames().len(), 1);
+    bench.pass(2);
+    bench.device.trigger_tpdo(1);
+    bench.pass(2);
+    bench.od.measured = 7;
+    bench.device.trigger_tpdo(1);
+    bench.pass(5);
+    assert_eq!(bench.frames(), []);
+    bench.pass(1);
+    assert_eq!(bench.frames(), [Frame::of(0x185, [7, 0])]);
+    bench.pass(100);
+    assert_eq!(bench.frames(), []);
+}
+
+#[test]
+fn timers_of_a_tpdo_follow_its_parameters() {
+    let mut bench = with_tpdo(PdoConfig {
+        transmission: 255,
+        ..CONFIG.tpdos[0]
+    });
+    // The inhibit time and the start value belong to a PDO that is off.
+    assert_eq!(bench.write(0x1800, 3, &[10, 0]), Err(0x0800_0022));
+    assert_eq!(bench.write(0x1800, 6, &[1]), Err(0x0800_0022));
+    bench.write(0x1800, 5, &[20, 0]).unwrap();
+    bench.frames();
+    bench.pass(20);
+    assert_eq!(bench.frames().len(), 1);
+    bench.write(0x1800, 1, &[0x85, 1, 0, 0x80]).unwrap();
+    bench.write(0x1800, 3, &[10, 0]).unwrap();
+    bench.write(0x1800, 6, &[3]).unwrap();
+    bench.pass(100);
+    assert_eq!(bench.frames(), []);
+}
+
+#[test]
+fn a_start_value_puts_tpdos_of_several_nodes_in_step() {
+    let mut bench = Bench::booted(CONFIG);
+    bench.write(0x1800, 1, &[0x85, 1, 0, 0x80]).unwrap();
+    bench.write(0x1800, 2, &[2]).unwrap();
+    bench.write(0x1800, 6, &[5]).unwrap();
+    bench.write(0x1800, 1, &[0x85, 1, 0, 0]).unwrap();
+    bench.receive(0, [1, 0]);
+    let mut sent = Vec::new();
+    for counter in 2..=9 {
+        bench.receive(0x80, [counter]);
+        bench.poll();
+        if bench.frames().iter().any(|frame| frame.id() == 0x185) {
+            sent.push(counter);
+        }
+    }
+    assert_eq!(sent, [5, 7, 9]);
 }
 
 #[test]
@@ -222,6 +432,18 @@ fn a_full_transmit_queue_is_counted() {
     }
     assert_eq!(bench.frames().len(), 16);
     assert_eq!(bench.device.counters().tx_overflow, 4);
+    // The emergency about it waits for room, and is taken back after a second without overflow.
+    bench.pass(1);
+    assert_eq!(
+        bench.frames(),
+        [Frame::of(0x085, [0x10, 0x81, 0x11, 0, 0, 0, 0, 0])]
+    );
+    bench.pass(1_000);
+    assert!(
+        bench
+            .frames()
+            .contains(&Frame::of(0x085, [0, 0, 0, 0x10, 0x81, 0, 0, 0]))
+    );
 }
 
 /// Takes and gives whole PDOs.

@@ -4,6 +4,13 @@
 //! what [`pop_frame`](SdoClient::pop_frame) gives, hand over every frame received, and call
 //! [`poll`](SdoClient::poll) when [`next_deadline`](SdoClient::next_deadline) has passed. Each
 //! transfer ends in exactly one [`Outcome`].
+//!
+//! Values of up to four bytes are written expedited, longer ones in segments; `upload_block` and
+//! `download_block` use the block protocol with CRC, which is several times faster for long values.
+//! What an upload comes as is the device's choice and handled either way.
+
+mod block;
+mod segmented;
 
 use crate::time::Timer;
 use crate::{AbortCode, Frame, Micros, NodeId};
@@ -11,8 +18,9 @@ use crate::{AbortCode, Frame, Micros, NodeId};
 const REQUEST: u16 = 0x600;
 const RESPONSE: u16 = 0x580;
 
-/// The most bytes one transfer can carry.
-const CAPACITY: usize = 4;
+/// In an initiate request or answer.
+const EXPEDITED: u8 = 0b10;
+const SIZE_INDICATED: u8 = 0b01;
 
 /// The client has a transfer in progress, or the value is too long for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,8 +66,34 @@ pub enum Outcome {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
-    Uploading,
-    Downloading,
+    /// Expects the answer to the start of an upload.
+    Upload,
+    /// Expects a segment with this toggle bit.
+    UploadSegment {
+        toggle: bool,
+    },
+    /// Expects the answer to the start of a download.
+    Download,
+    /// Expects the confirmation of a segment with this toggle bit.
+    DownloadSegment {
+        toggle: bool,
+    },
+    /// Expects the answer to the start of a block upload.
+    BlockUpload,
+    /// Expects segments; `seq` is the last one in order.
+    BlockUploadSegment {
+        seq: u8,
+    },
+    /// Has the last segment and expects the end.
+    BlockUploadEnd,
+    /// Expects the answer to the start of a block download.
+    BlockDownload,
+    /// Sends segments; `seq` is the last one sent.
+    BlockDownloadSegment {
+        seq: u8,
+    },
+    /// Expects the confirmation of the end.
+    BlockDownloadEnd,
 }
 
 /// An SDO client.
@@ -71,11 +105,22 @@ pub struct SdoClient {
     sub: u8,
     timer: Timer,
     outgoing: Option<Frame>,
-    data: [u8; CAPACITY],
+    /// Segments per block in a download.
+    block_size: u8,
+    with_crc: bool,
+    /// The length the device announced for an upload.
+    announced: Option<usize>,
+    /// How much of the value has been received, or sent and confirmed.
+    at: usize,
+    /// How much of the buffer is the value.
     len: usize,
+    data: [u8; Self::CAPACITY],
 }
 
 impl SdoClient {
+    /// The most bytes one transfer can carry: 146 segments.
+    pub const CAPACITY: usize = 1022;
+
     /// Makes a client of `server` that waits `timeout` for every answer.
     #[must_use]
     pub const fn new(server: NodeId, timeout: Micros) -> Self {
@@ -87,8 +132,12 @@ impl SdoClient {
             sub: 0,
             timer: Timer::OFF,
             outgoing: None,
-            data: [0; CAPACITY],
+            block_size: 0,
+            with_crc: false,
+            announced: None,
+            at: 0,
             len: 0,
+            data: [0; Self::CAPACITY],
         }
     }
 
@@ -109,58 +158,65 @@ impl SdoClient {
     /// # Errors
     /// [`Busy`] if a transfer is in progress.
     pub fn upload(&mut self, now: Micros, index: u16, sub: u8) -> Result<(), Busy> {
-        self.start(now, State::Uploading, index, sub)?;
-        self.len = 0;
+        self.start(now, State::Upload, index, sub)?;
         self.request(0x40, [0; 4]);
+        Ok(())
+    }
+
+    /// Starts to read an object by block transfer.
+    ///
+    /// # Errors
+    /// [`Busy`] if a transfer is in progress.
+    pub fn upload_block(&mut self, now: Micros, index: u16, sub: u8) -> Result<(), Busy> {
+        self.start(now, State::BlockUpload, index, sub)?;
+        self.request_block_upload();
         Ok(())
     }
 
     /// Starts to write an object: `data` is its value, little-endian.
     ///
     /// # Errors
-    /// [`Busy`] if a transfer is in progress or the data are empty or too long.
+    /// [`Busy`] if a transfer is in progress or the data are longer than
+    /// [`CAPACITY`](Self::CAPACITY).
     pub fn download(&mut self, now: Micros, index: u16, sub: u8, data: &[u8]) -> Result<(), Busy> {
-        let unused = match data.len() {
-            1 => 3,
-            2 => 2,
-            3 => 1,
-            4 => 0,
-            _ => return Err(Busy),
-        };
-        self.start(now, State::Downloading, index, sub)?;
-        let mut value = [0; 4];
-        for (to, from) in value.iter_mut().zip(data) {
-            *to = *from;
+        self.start_with(now, State::Download, index, sub, data)?;
+        match *data {
+            [a] => self.request(0x2F, [a, 0, 0, 0]),
+            [a, b] => self.request(0x2B, [a, b, 0, 0]),
+            [a, b, c] => self.request(0x27, [a, b, c, 0]),
+            [a, b, c, d] => self.request(0x23, [a, b, c, d]),
+            _ => self.request(0x20 | SIZE_INDICATED, self.len_bytes()),
         }
-        self.request(0x23 | unused << 2, value);
+        Ok(())
+    }
+
+    /// Starts to write an object by block transfer.
+    ///
+    /// # Errors
+    /// [`Busy`] if a transfer is in progress or the data are longer than
+    /// [`CAPACITY`](Self::CAPACITY).
+    pub fn download_block(
+        &mut self,
+        now: Micros,
+        index: u16,
+        sub: u8,
+        data: &[u8],
+    ) -> Result<(), Busy> {
+        self.start_with(now, State::BlockDownload, index, sub, data)?;
+        self.request_block_download();
         Ok(())
     }
 
     /// Hands over a received frame; those of other services and devices are ignored.
     pub fn on_frame(&mut self, now: Micros, frame: &Frame) -> Option<Outcome> {
-        let _ = now;
         if frame.id() != self.server.cob_id(RESPONSE) || self.is_idle() || frame.len() != 8 {
             return None;
         }
-        let [command, low, high, sub, a, b, c, d] = *frame.padded();
-        let same = u16::from_le_bytes([low, high]) == self.index && sub == self.sub;
-        if command >> 5 == 4 {
-            // Some devices leave the multiplexer of an abort empty.
-            let code = u32::from_le_bytes([a, b, c, d]);
-            return Some(self.finish(Outcome::Failed(SdoError::Aborted(code))));
-        }
-        match (self.state, command >> 5) {
-            (State::Uploading, 2) if same && command & 0b10 != 0 => {
-                self.data = [a, b, c, d];
-                self.len = match command & 1 {
-                    1 => 4 - usize::from(command >> 2 & 0b11),
-                    _ => 4,
-                };
-                Some(self.finish(Outcome::Uploaded))
-            }
-            (State::Downloading, 3) if same => Some(self.finish(Outcome::Downloaded)),
-            (State::Idle | State::Uploading | State::Downloading, _) => {
-                let code = AbortCode::CommandSpecifier;
+        self.timer = Timer::at(now + self.timeout);
+        match self.handle(*frame.padded()) {
+            Ok(None) => None,
+            Ok(Some(outcome)) => Some(self.finish(outcome)),
+            Err(code) => {
                 self.request(0x80, code.code().to_le_bytes());
                 Some(self.finish(Outcome::Failed(SdoError::Protocol(code))))
             }
@@ -178,7 +234,11 @@ impl SdoClient {
 
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.outgoing.take()
+        let segment = self.outgoing.take();
+        segment.or_else(|| {
+            let bytes = self.next_block_segment()?;
+            Some(Frame::of(self.server.cob_id(REQUEST), bytes))
+        })
     }
 
     /// When [`poll`](Self::poll) has something to do.
@@ -193,19 +253,110 @@ impl SdoClient {
         self.data.get(..self.len).unwrap_or(&[])
     }
 
+    /// Takes an answer of the device.
+    fn handle(&mut self, answer: [u8; 8]) -> Result<Option<Outcome>, AbortCode> {
+        let [command, low, high, sub, a, b, c, d] = answer;
+        if let State::BlockUploadSegment { seq } = self.state {
+            return self.on_block_segment(seq, answer);
+        }
+        if command >> 5 == 4 {
+            // Some devices leave the index of an abort empty, so it is not compared.
+            let code = u32::from_le_bytes([a, b, c, d]);
+            return Ok(Some(Outcome::Failed(SdoError::Aborted(code))));
+        }
+        let same = u16::from_le_bytes([low, high]) == self.index && sub == self.sub;
+        match (self.state, command >> 5) {
+            (State::Upload, 2) if same => self.on_upload(command, [a, b, c, d]),
+            (State::UploadSegment { toggle }, 0) => self.on_upload_segment(toggle, answer),
+            (State::Download, 3) if same => Ok(self.on_download()),
+            (State::DownloadSegment { toggle }, 1) => self.on_download_segment(toggle, command),
+            (State::BlockUpload, 6) if same => self.on_block_upload(command, [a, b, c, d]),
+            // A device may answer the request for a block transfer with a plain one.
+            (State::BlockUpload, 2) if same => self.on_upload(command, [a, b, c, d]),
+            (State::BlockUploadEnd, 6) => self.on_block_upload_end(command, [low, high]),
+            (State::BlockDownload, 5) if same => self.on_block_download(command, a),
+            (State::BlockDownloadSegment { seq }, 5) => self.on_block_ack(seq, command, low, high),
+            (State::BlockDownloadEnd, 5) if command & 0b11 == 1 => Ok(Some(Outcome::Downloaded)),
+            _ => Err(AbortCode::CommandSpecifier),
+        }
+    }
+
     fn start(&mut self, now: Micros, state: State, index: u16, sub: u8) -> Result<(), Busy> {
         if !self.is_idle() {
             return Err(Busy);
         }
         (self.state, self.index, self.sub) = (state, index, sub);
+        (self.at, self.len, self.announced) = (0, 0, None);
         self.timer = Timer::at(now + self.timeout);
         Ok(())
     }
 
+    fn start_with(
+        &mut self,
+        now: Micros,
+        state: State,
+        index: u16,
+        sub: u8,
+        data: &[u8],
+    ) -> Result<(), Busy> {
+        if data.len() > Self::CAPACITY {
+            return Err(Busy);
+        }
+        self.start(now, state, index, sub)?;
+        self.len = data.len();
+        for (to, from) in self.data.iter_mut().zip(data) {
+            *to = *from;
+        }
+        Ok(())
+    }
+
+    /// Adds received bytes to the value.
+    fn collect(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+        let end = self.at.saturating_add(bytes.len());
+        self.data
+            .get_mut(self.at..end)
+            .ok_or(AbortCode::OutOfMemory)?
+            .copy_from_slice(bytes);
+        self.at = end;
+        Ok(())
+    }
+
+    /// The value is complete, if it is as long as announced.
+    fn uploaded(&mut self, len: usize) -> Result<Option<Outcome>, AbortCode> {
+        match self.announced {
+            Some(announced) if len > announced => Err(AbortCode::TooLong),
+            Some(announced) if len < announced => Err(AbortCode::TooShort),
+            Some(_) | None => {
+                self.len = len;
+                Ok(Some(Outcome::Uploaded))
+            }
+        }
+    }
+
+    /// Up to seven bytes of the value from `at` on, and how many are unused.
+    fn segment(&self, at: usize) -> ([u8; 7], u8) {
+        let mut bytes = [0; 7];
+        let mut unused = 7u8;
+        let rest = self.data.get(..self.len).and_then(|value| value.get(at..));
+        for (to, from) in bytes.iter_mut().zip(rest.unwrap_or(&[])) {
+            *to = *from;
+            unused = unused.saturating_sub(1);
+        }
+        (bytes, unused)
+    }
+
+    fn len_bytes(&self) -> [u8; 4] {
+        u32::try_from(self.len).unwrap_or(0).to_le_bytes()
+    }
+
+    /// Queues a request that starts with the object's index and sub-index.
     fn request(&mut self, command: u8, value: [u8; 4]) {
         let [low, high] = self.index.to_le_bytes();
         let [a, b, c, d] = value;
-        let bytes = [command, low, high, self.sub, a, b, c, d];
+        self.queue([command, low, high, self.sub, a, b, c, d]);
+    }
+
+    fn queue(&mut self, bytes: [u8; 8]) {
         self.outgoing = Some(Frame::of(self.server.cob_id(REQUEST), bytes));
     }
 

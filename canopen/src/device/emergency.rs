@@ -1,0 +1,262 @@
+//! The emergency service: errors that are there, those that were, and the messages about them.
+//!
+//! An error is known by its code and the first byte that comes with it (of an RPDO error, the
+//! number of the RPDO). It is announced once when it appears and once when it has gone. Messages
+//! wait while the device is STOPPED or the inhibit time runs; if too many wait, the oldest go.
+
+use heapless::Deque;
+
+use super::Core;
+use crate::bytes::{low_u16, put, u8_of, u16_of, u32_of};
+use crate::emergency::{EMERGENCY, Emergency, ErrorClass};
+use crate::time::Timer;
+use crate::{AbortCode, Config, Event, Frame, Micros, NmtState, NodeId};
+
+use super::pdo::{OFF, is_restricted};
+
+/// Errors that can be present at the same time and be told apart.
+const ACTIVE: usize = 8;
+/// Entries of the error history, object 0x1003.
+const HISTORY: usize = 8;
+/// Messages that can wait.
+const WAITING: usize = 8;
+
+/// An error that is present.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Active {
+    code: u16,
+    detail: u8,
+    class: u8,
+}
+
+pub(super) struct Emergencies {
+    /// 0x1014.
+    cob_id: u32,
+    /// 0x1015.
+    inhibit_100us: u16,
+    /// 0x1029, sub-index 1.
+    behaviour: u8,
+    active: [Option<Active>; ACTIVE],
+    /// 0x1003, newest first.
+    history: [u32; HISTORY],
+    history_len: u8,
+    waiting: Deque<[u8; 8], WAITING>,
+    inhibited_until: Micros,
+    /// When the transmit queue counts as healthy again.
+    overrun: Timer,
+}
+
+/// 0x1014 as it is by default.
+pub(super) fn default_cob_id(node: Option<NodeId>) -> u32 {
+    node.map_or(OFF, |node| u32::from(node.cob_id(EMERGENCY)))
+}
+
+impl Emergencies {
+    pub fn new(config: &Config, node: Option<NodeId>) -> Self {
+        Self {
+            cob_id: default_cob_id(node),
+            inhibit_100us: config.emergency_inhibit_100us,
+            behaviour: config.error_behaviour,
+            active: [None; ACTIVE],
+            history: [0; HISTORY],
+            history_len: 0,
+            waiting: Deque::new(),
+            inhibited_until: Micros::ZERO,
+            overrun: Timer::OFF,
+        }
+    }
+
+    /// After an NMT reset the parameters are new and the history is kept.
+    pub fn reset(&mut self, config: &Config, node: Option<NodeId>) {
+        let (history, history_len) = (self.history, self.history_len);
+        *self = Self::new(config, node);
+        (self.history, self.history_len) = (history, history_len);
+    }
+
+    /// 0x1001.
+    pub fn register(&self) -> u8 {
+        let present = self.active.iter().flatten();
+        present.fold(0, |register, error| {
+            register | error.class | ErrorClass::Generic as u8
+        })
+    }
+
+    fn announce(&mut self, code: u16, register: u8, info: [u8; 5]) {
+        let message = Emergency {
+            code,
+            register,
+            info,
+        };
+        if self.waiting.is_full() {
+            self.waiting.pop_front();
+        }
+        // There is room now.
+        let _ = self.waiting.push_back(message.encode());
+    }
+
+    fn remember(&mut self, code: u16, info: [u8; 5]) {
+        let [a, b, ..] = info;
+        self.history.rotate_right(1);
+        if let Some(newest) = self.history.first_mut() {
+            *newest = u32::from(code) | u32::from(u16::from_le_bytes([a, b])) << 16;
+        }
+        self.history_len = self.history_len.saturating_add(1).min(8);
+    }
+
+    pub fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
+        match (index, sub) {
+            (0x1001, 0) => put(out, &[self.register()]),
+            (0x1003, 0) => put(out, &[self.history_len]),
+            (0x1003, 1..=8) if sub > self.history_len => Err(AbortCode::NoData),
+            (0x1003, 1..=8) => {
+                let entry = self.history.get(usize::from(sub.saturating_sub(1)));
+                put(out, &entry.ok_or(AbortCode::NoSubIndex)?.to_le_bytes())
+            }
+            (0x1014, 0) => put(out, &self.cob_id.to_le_bytes()),
+            (0x1015, 0) => put(out, &self.inhibit_100us.to_le_bytes()),
+            (0x1029, 0) => put(out, &[1]),
+            (0x1029, 1) => put(out, &[self.behaviour]),
+            _ => Err(AbortCode::NoSubIndex),
+        }
+    }
+
+    pub fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
+        match (index, sub) {
+            (0x1003, 0) => match u8_of(data)? {
+                0 => self.history_len = 0,
+                _ => return Err(AbortCode::InvalidValue),
+            },
+            (0x1014, 0) => self.cob_id = self.check_cob_id(u32_of(data)?)?,
+            (0x1015, 0) => self.inhibit_100us = u16_of(data)?,
+            (0x1029, 1) => match u8_of(data)? {
+                behaviour @ 0..=2 => self.behaviour = behaviour,
+                _ => return Err(AbortCode::InvalidValue),
+            },
+            _ => return Err(AbortCode::ReadOnly),
+        }
+        Ok(())
+    }
+
+    /// The identifier can be changed only while the service is off.
+    fn check_cob_id(&self, new: u32) -> Result<u32, AbortCode> {
+        let moves_while_on = self.cob_id & OFF == 0 && new & OFF == 0 && new != self.cob_id;
+        let wrong = new & OFF == 0 && (new > 0x7FF || is_restricted(low_u16(new)));
+        match moves_while_on || wrong {
+            true => Err(AbortCode::InvalidValue),
+            false => Ok(new),
+        }
+    }
+}
+
+impl Core {
+    /// An error has appeared. If it is present already, nothing happens.
+    pub(super) fn raise(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
+        let [detail, ..] = info;
+        let class = class as u8;
+        let error = Active {
+            code,
+            detail,
+            class,
+        };
+        let errors = &mut self.emergencies;
+        if errors.active.contains(&Some(error)) {
+            return;
+        }
+        if let Some(free) = errors.active.iter_mut().find(|place| place.is_none()) {
+            *free = Some(error);
+        }
+        let register = errors.register() | class | ErrorClass::Generic as u8;
+        errors.announce(code, register, info);
+        errors.remember(code, info);
+        self.poll_emergencies(now);
+    }
+
+    /// An error has gone. If it was not present, nothing happens.
+    pub(super) fn clear(&mut self, now: Micros, code: u16, detail: u8) {
+        let errors = &mut self.emergencies;
+        let is_it = |place: &&mut Option<Active>| {
+            place.is_some_and(|error| error.code == code && error.detail == detail)
+        };
+        let Some(place) = errors.active.iter_mut().find(is_it) else {
+            return;
+        };
+        *place = None;
+        let [low, high] = code.to_le_bytes();
+        let register = errors.register();
+        errors.announce(0, register, [low, high, detail, 0, 0]);
+        self.poll_emergencies(now);
+    }
+
+    /// Whether any error is present: cheap, for paths taken by every frame.
+    pub(super) fn has_errors(&self) -> bool {
+        self.emergencies.active.iter().any(Option::is_some)
+    }
+
+    /// Tells that the device is back on the bus; there is nothing to take back later.
+    pub(super) fn announce_recovery(&mut self, now: Micros) {
+        let code = Emergency::BUS_OFF_RECOVERED;
+        let errors = &mut self.emergencies;
+        let class = ErrorClass::Communication as u8 | ErrorClass::Generic as u8;
+        errors.announce(code, errors.register() | class, [0; 5]);
+        errors.remember(code, [0; 5]);
+        self.poll_emergencies(now);
+    }
+
+    /// Sends the messages that may go out now.
+    pub(super) fn poll_emergencies(&mut self, now: Micros) {
+        match self.state {
+            NmtState::Initialising | NmtState::Stopped => return,
+            NmtState::PreOperational | NmtState::Operational if self.out.is_muted() => return,
+            NmtState::PreOperational | NmtState::Operational => {}
+        }
+        let errors = &mut self.emergencies;
+        while now >= errors.inhibited_until {
+            if self.out.is_full() && !errors.waiting.is_empty() {
+                errors.inhibited_until = now + Micros::from_millis(1);
+                break;
+            }
+            let Some(message) = errors.waiting.pop_front() else {
+                return;
+            };
+            if errors.cob_id & OFF == 0 {
+                self.out.send(Frame::of(low_u16(errors.cob_id), message));
+                let inhibit = u64::from(errors.inhibit_100us).saturating_mul(100);
+                errors.inhibited_until = now + Micros(inhibit);
+                if inhibit == 0 {
+                    errors.inhibited_until = Micros::ZERO;
+                }
+            }
+        }
+        if !errors.waiting.is_empty() {
+            self.out.wake(Timer::at(errors.inhibited_until));
+        }
+    }
+
+    /// Reports a transmit queue that has overflowed; a second without overflow ends the error.
+    pub(super) fn poll_overflow(&mut self, now: Micros) {
+        if self.out.take_overflowed() {
+            self.emergencies.overrun = Timer::at(now + Micros::from_millis(1_000));
+            self.raise(
+                now,
+                Emergency::CAN_OVERRUN,
+                ErrorClass::Communication,
+                [0; 5],
+            );
+        } else if self.emergencies.overrun.due(now) {
+            self.emergencies.overrun = Timer::OFF;
+            self.clear(now, Emergency::CAN_OVERRUN, 0);
+        }
+        self.out.wake(self.emergencies.overrun);
+    }
+
+    /// Does what object 0x1029 asks for when communication has failed.
+    pub(super) fn react_to_communication_error(&mut self, now: Micros) {
+        let to = match (self.emergencies.behaviour, self.state) {
+            (0, NmtState::Operational) => NmtState::PreOperational,
+            (2, NmtState::Operational | NmtState::PreOperational) => NmtState::Stopped,
+            _ => return,
+        };
+        self.enter(now, to);
+        self.out.emit(Event::CommunicationError);
+    }
+}

@@ -1,0 +1,196 @@
+//! The LSS slave: lets a master find the device by its identity and give it a node-ID (CiA 305).
+//!
+//! Requests come on 0x7E5, answers go out on 0x7E4, in every NMT state and without a node-ID too. A
+//! device without one boots as soon as it has got one and is switched back to waiting; a device that
+//! has one takes the new one at the next reset. The bit rate cannot be changed: the board sets it.
+
+use super::Core;
+use crate::bytes::{high_u16, low_u16};
+use crate::{AbortCode, Frame, Identity, Micros, NodeId, ObjectDictionary, ResetScope};
+
+pub(super) const REQUEST: u16 = 0x7E5;
+const RESPONSE: u16 = 0x7E4;
+
+/// "No node-ID" on the wire.
+const UNCONFIGURED: u8 = 0xFF;
+
+/// The error code of a node-ID or a bit rate that cannot be.
+const REFUSED: u8 = 1;
+
+pub(super) struct Lss {
+    /// Listens to configuration commands.
+    configuring: bool,
+    /// How many parts of the identity have matched in a selective switch.
+    selected: u8,
+    /// How many parts of the identity a remote identification has matched.
+    identified: u8,
+    /// Which part of the identity fastscan is at.
+    scanned: u8,
+    /// The node-ID from the next reset on.
+    pub node: Option<NodeId>,
+}
+
+impl Lss {
+    pub const fn new(node: Option<NodeId>) -> Self {
+        Self {
+            configuring: false,
+            selected: 0,
+            identified: 0,
+            scanned: 0,
+            node,
+        }
+    }
+}
+
+/// Vendor, product, revision or serial number.
+const fn part(identity: &Identity, which: u8) -> Option<u32> {
+    match which {
+        0 => Some(identity.vendor),
+        1 => Some(identity.product),
+        2 => Some(identity.revision),
+        3 => Some(identity.serial),
+        _ => None,
+    }
+}
+
+impl Core {
+    pub(super) fn on_lss<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+        if frame.len() != 8 {
+            return;
+        }
+        let [command, a, b, c, d, ..] = *frame.padded();
+        let number = u32::from_le_bytes([a, b, c, d]);
+        let configuring = self.lss.configuring;
+        match command {
+            0x04 => self.switch_lss(now, a, od),
+            0x40..=0x43 if !configuring => self.select_lss(command - 0x40, number),
+            0x46..=0x4B => self.identify_lss(command - 0x46, number),
+            0x4C if self.node.is_none() && self.lss.node.is_none() => self.answer_lss(0x50, [0; 4]),
+            0x51 if !configuring => self.scan_lss(frame),
+            0x11 if configuring => {
+                let error = match (NodeId::new(a), a) {
+                    (None, UNCONFIGURED) | (Some(_), _) => {
+                        self.lss.node = NodeId::new(a);
+                        0
+                    }
+                    (None, _) => REFUSED,
+                };
+                self.answer_lss(0x11, [error, 0, 0, 0]);
+            }
+            0x13 if configuring => self.answer_lss(0x13, [REFUSED, 0, 0, 0]),
+            0x17 if configuring => {
+                let node = self.lss.node;
+                let saved = match od.storage() {
+                    Some(storage) => storage.save_node(node),
+                    None => Err(AbortCode::UnsupportedAccess),
+                };
+                let error = match saved {
+                    Ok(()) => 0,
+                    Err(AbortCode::UnsupportedAccess) => 1,
+                    Err(_) => 2,
+                };
+                self.answer_lss(0x17, [error, 0, 0, 0]);
+            }
+            0x5A..=0x5D if configuring => {
+                let number = part(&self.config.identity, command - 0x5A).unwrap_or(0);
+                self.answer_lss(command, number.to_le_bytes());
+            }
+            0x5E if configuring => {
+                let node = self.node.map_or(UNCONFIGURED, NodeId::get);
+                self.answer_lss(0x5E, [node, 0, 0, 0]);
+            }
+            _ => {}
+        }
+    }
+
+    fn answer_lss(&mut self, command: u8, value: [u8; 4]) {
+        let [a, b, c, d] = value;
+        let answer = [command, a, b, c, d, 0, 0, 0];
+        self.out.send(Frame::of(RESPONSE, answer));
+    }
+
+    /// Switch state global.
+    fn switch_lss<O: ObjectDictionary>(&mut self, now: Micros, mode: u8, od: &mut O) {
+        match mode {
+            0 => {
+                self.lss.configuring = false;
+                if self.node.is_none() && self.lss.node.is_some() {
+                    self.reset(now, ResetScope::Communication, od);
+                }
+            }
+            1 => self.lss.configuring = true,
+            _ => {}
+        }
+        (self.lss.selected, self.lss.scanned) = (0, 0);
+    }
+
+    /// One of the four frames of switch state selective.
+    fn select_lss(&mut self, which: u8, number: u32) {
+        let in_order = self.lss.selected == which || which == 0;
+        self.lss.selected = match in_order && part(&self.config.identity, which) == Some(number) {
+            true => which.saturating_add(1),
+            false => 0,
+        };
+        if self.lss.selected == 4 {
+            self.lss.selected = 0;
+            self.lss.configuring = true;
+            self.answer_lss(0x44, [0; 4]);
+        }
+    }
+
+    /// One of the six frames of identify remote slave: vendor, product, then the bounds of revision
+    /// and serial number.
+    fn identify_lss(&mut self, which: u8, number: u32) {
+        let identity = &self.config.identity;
+        let matches = match which {
+            0 => identity.vendor == number,
+            1 => identity.product == number,
+            // The major revisions must be the same, the minor one lie between.
+            2 => {
+                high_u16(identity.revision) == high_u16(number)
+                    && low_u16(identity.revision) >= low_u16(number)
+            }
+            3 => {
+                high_u16(identity.revision) == high_u16(number)
+                    && low_u16(identity.revision) <= low_u16(number)
+            }
+            4 => identity.serial >= number,
+            _ => identity.serial <= number,
+        };
+        let in_order = self.lss.identified == which || which == 0;
+        self.lss.identified = match in_order && matches {
+            true => which.saturating_add(1),
+            false => 0,
+        };
+        if self.lss.identified == 6 {
+            self.lss.identified = 0;
+            self.answer_lss(0x4F, [0; 4]);
+        }
+    }
+
+    /// Fastscan: only a device without a node-ID takes part.
+    fn scan_lss(&mut self, frame: &Frame) {
+        if self.node.is_some() || self.lss.node.is_some() {
+            return;
+        }
+        let [_, a, b, c, d, bit, sub, next] = *frame.padded();
+        let number = u32::from_le_bytes([a, b, c, d]);
+        if bit == 0x80 {
+            self.lss.scanned = 0;
+            return self.answer_lss(0x4F, [0; 4]);
+        }
+        let Some(own) = part(&self.config.identity, sub) else {
+            return;
+        };
+        let differs = (own ^ number).checked_shr(u32::from(bit)).unwrap_or(1);
+        if sub != self.lss.scanned || next > 3 || differs != 0 {
+            return;
+        }
+        if bit == 0 {
+            // The last part confirmed: this device is found.
+            self.lss.configuring = sub == 3 && next == 0;
+            self.lss.scanned = next;
+        }
+        self.answer_lss(0x4F, [0; 4]);
+    }
+}

@@ -1,0 +1,352 @@
+//! The SDO server: lets a client read and write every object (CiA 301, 7.2.4).
+//!
+//! Requests come on 0x600 plus node-ID, answers go out on 0x580 plus node-ID. Values of up to four
+//! bytes travel in the request or answer itself; longer ones in segments (`segmented`) or blocks
+//! with CRC (`block`), and are collected in one buffer, so that the application sees a value whole
+//! or not at all. What does not fit the buffer is refused.
+//!
+//! There is one transfer at a time. While it lasts, the start of another one is refused with
+//! 0x060A0023 and the first goes on; a client that falls silent loses it after `TIMEOUT`.
+
+mod block;
+mod segmented;
+
+use super::Core;
+use crate::time::Timer;
+use crate::{AbortCode, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary};
+
+/// The longest value, in bytes, that can be read or written: 73 segments.
+pub const MAX_SDO: usize = 511;
+
+/// How long a transfer waits for the client.
+const TIMEOUT: Micros = Micros::from_millis(1_000);
+
+const SDO_RESPONSE: u16 = 0x580;
+
+/// Client command specifiers, bits 5 to 7 of the first byte.
+const DOWNLOAD_SEGMENT: u8 = 0;
+const DOWNLOAD: u8 = 1;
+const UPLOAD: u8 = 2;
+const UPLOAD_SEGMENT: u8 = 3;
+const ABORT: u8 = 4;
+const BLOCK_UPLOAD: u8 = 5;
+const BLOCK_DOWNLOAD: u8 = 6;
+
+/// Bits of an initiate request or response.
+const EXPEDITED: u8 = 0b10;
+const SIZE_INDICATED: u8 = 0b01;
+
+/// An answer, or none, or the reason to abort.
+type Answer = Result<Option<[u8; 8]>, AbortCode>;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Idle,
+    /// Expects the next segment with this toggle bit.
+    Download {
+        toggle: bool,
+    },
+    /// Expects the request for the next segment with this toggle bit.
+    Upload {
+        toggle: bool,
+    },
+    /// Expects segments; `seq` is the last one in order.
+    BlockDownload {
+        seq: u8,
+    },
+    /// Has acknowledged the last segment and expects the end request.
+    BlockDownloadEnd,
+    /// Expects the client to start the block upload.
+    BlockUploadStart,
+    /// Sends segments whenever nothing else is to be sent; `seq` is the last one sent.
+    BlockUpload {
+        seq: u8,
+    },
+    /// Has sent the end of the block upload and expects its confirmation.
+    BlockUploadEnd,
+    /// The application is saving or restoring; this is the answer when it is done.
+    Storing {
+        answer: [u8; 8],
+    },
+}
+
+pub(super) struct Server {
+    state: State,
+    index: u16,
+    sub: u8,
+    /// The length the client announced for a download.
+    announced: Option<usize>,
+    /// Segments per block in an upload.
+    block_size: u8,
+    with_crc: bool,
+    timer: Timer,
+    /// How much of the buffer is the value.
+    len: usize,
+    /// How much of it the client has sent, or has confirmed.
+    at: usize,
+    buffer: [u8; MAX_SDO],
+}
+
+/// What a request needs to reach the objects.
+struct Access<'a, O> {
+    now: Micros,
+    core: &'a mut Core,
+    od: &'a mut O,
+}
+
+impl<O: ObjectDictionary> Access<'_, O> {
+    fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
+        self.core.read(index, sub, out, self.od)
+    }
+
+    fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
+        self.core.write(self.now, index, sub, data, self.od)?;
+        self.core.out.emit(Event::ObjectWritten { index, sub });
+        Ok(())
+    }
+}
+
+impl Server {
+    pub const fn new() -> Self {
+        Self {
+            state: State::Idle,
+            index: 0,
+            sub: 0,
+            announced: None,
+            block_size: 0,
+            with_crc: false,
+            timer: Timer::OFF,
+            len: 0,
+            at: 0,
+            buffer: [0; MAX_SDO],
+        }
+    }
+
+    /// Forgets any transfer without a word.
+    pub fn reset(&mut self) {
+        self.state = State::Idle;
+        self.timer = Timer::OFF;
+    }
+
+    pub fn on_request<O: ObjectDictionary>(
+        &mut self,
+        now: Micros,
+        frame: &Frame,
+        core: &mut Core,
+        od: &mut O,
+    ) {
+        let speaks = matches!(core.state, NmtState::PreOperational | NmtState::Operational);
+        let (Some(node), true, 8) = (core.node, speaks, frame.len()) else {
+            return;
+        };
+        let request = *frame.padded();
+        let was_storing = core.storing;
+        let mut access = Access { now, core, od };
+        let answer = match self.handle(request, &mut access) {
+            Ok(Some(answer)) if core.storing && !was_storing => {
+                // The client waits as long as it takes; the application always comes back.
+                self.timer = Timer::OFF;
+                self.state = State::Storing { answer };
+                return;
+            }
+            Ok(answer) => answer,
+            Err(code) => {
+                let [_, low, high, sub, ..] = request;
+                // A refused start leaves the running transfer alone.
+                let running = self.state != State::Idle && code != AbortCode::NoResource;
+                let (index, sub) = match running {
+                    true => (self.index, self.sub),
+                    false => (u16::from_le_bytes([low, high]), sub),
+                };
+                if code != AbortCode::NoResource {
+                    self.reset();
+                }
+                Some(abort(core, index, sub, code))
+            }
+        };
+        if !matches!(self.state, State::Idle | State::Storing { .. }) {
+            self.timer = Timer::at(now + TIMEOUT);
+            core.out.wake(self.timer);
+        }
+        if let Some(answer) = answer {
+            core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
+        }
+    }
+
+    /// Gives up a transfer whose client has fallen silent.
+    pub fn poll(&mut self, now: Micros, core: &mut Core) {
+        if self.timer.due(now) {
+            self.reset();
+            let answer = abort(core, self.index, self.sub, AbortCode::Timeout);
+            if let Some(node) = core.node {
+                core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
+            }
+        }
+        core.out.wake(self.timer);
+    }
+
+    /// The application has saved or restored, or failed to.
+    pub fn finish_store(&mut self, core: &mut Core, result: Result<(), AbortCode>) {
+        core.storing = false;
+        let State::Storing { answer } = self.state else {
+            return;
+        };
+        self.reset();
+        let answer = match result {
+            Ok(()) => answer,
+            Err(code) => abort(core, self.index, self.sub, code),
+        };
+        if let Some(node) = core.node {
+            core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
+        }
+    }
+
+    /// The next segment of a block upload.
+    pub fn pop_frame(&mut self, node: Option<NodeId>) -> Option<Frame> {
+        let id = node?.cob_id(SDO_RESPONSE);
+        Some(Frame::of(id, self.next_segment()?))
+    }
+
+    fn handle<O: ObjectDictionary>(
+        &mut self,
+        request: [u8; 8],
+        access: &mut Access<'_, O>,
+    ) -> Answer {
+        let [command, low, high, sub, a, b, c, d] = request;
+        if let State::BlockDownload { seq } = self.state {
+            return self.on_block_segment(seq, request);
+        }
+        if let State::Storing { .. } = self.state
+            && command >> 5 != ABORT
+        {
+            return Err(AbortCode::NoResource);
+        }
+        let index = u16::from_le_bytes([low, high]);
+        match command >> 5 {
+            ABORT => {
+                self.reset();
+                Ok(None)
+            }
+            DOWNLOAD => {
+                self.start(index, sub)?;
+                self.download(command, [a, b, c, d], access)
+            }
+            UPLOAD => {
+                self.start(index, sub)?;
+                self.upload(access)
+            }
+            DOWNLOAD_SEGMENT => self.on_download_segment(request, access),
+            UPLOAD_SEGMENT => self.on_upload_segment(command),
+            BLOCK_DOWNLOAD if command & 1 == 0 => {
+                self.start(index, sub)?;
+                self.start_block_download(command, u32::from_le_bytes([a, b, c, d]), access)
+            }
+            BLOCK_DOWNLOAD => self.end_block_download(command, [low, high], access),
+            BLOCK_UPLOAD => match command & 0b11 {
+                0 => {
+                    self.start(index, sub)?;
+                    self.start_block_upload(command, a, access)
+                }
+                1 => self.end_block_upload(),
+                2 => self.on_block_acknowledge(low, high),
+                _ => self.on_block_start(),
+            },
+            _ => Err(AbortCode::CommandSpecifier),
+        }
+    }
+
+    /// A transfer of this object is to begin.
+    fn start(&mut self, index: u16, sub: u8) -> Result<(), AbortCode> {
+        if self.state != State::Idle {
+            return Err(AbortCode::NoResource);
+        }
+        (self.index, self.sub) = (index, sub);
+        (self.len, self.at, self.announced) = (0, 0, None);
+        Ok(())
+    }
+
+    /// Reads the object into the buffer.
+    fn fetch<O: ObjectDictionary>(&mut self, access: &Access<'_, O>) -> Result<(), AbortCode> {
+        let len = access.read(self.index, self.sub, &mut self.buffer)?;
+        self.len = len.min(MAX_SDO);
+        Ok(())
+    }
+
+    /// Checks what can be checked before the data of a download come.
+    fn announce<O: ObjectDictionary>(
+        &mut self,
+        announced: Option<u32>,
+        access: &Access<'_, O>,
+    ) -> Result<(), AbortCode> {
+        let probe = access.read(self.index, self.sub, &mut self.buffer);
+        if let Err(code @ (AbortCode::NoObject | AbortCode::NoSubIndex)) = probe {
+            return Err(code);
+        }
+        self.announced = announced.and_then(|len| usize::try_from(len).ok());
+        match self.announced {
+            Some(len) if len > MAX_SDO => Err(AbortCode::OutOfMemory),
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    /// Adds received bytes to the buffer.
+    fn collect(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+        let end = self.at.saturating_add(bytes.len());
+        self.buffer
+            .get_mut(self.at..end)
+            .ok_or(AbortCode::OutOfMemory)?
+            .copy_from_slice(bytes);
+        self.at = end;
+        Ok(())
+    }
+
+    /// Writes the object from the buffer, if it is as long as announced.
+    fn deliver<O: ObjectDictionary>(
+        &mut self,
+        len: usize,
+        access: &mut Access<'_, O>,
+    ) -> Result<(), AbortCode> {
+        match self.announced {
+            Some(announced) if len > announced => return Err(AbortCode::TooLong),
+            Some(announced) if len < announced => return Err(AbortCode::TooShort),
+            Some(_) | None => {}
+        }
+        let value = self.buffer.get(..len).ok_or(AbortCode::OutOfMemory)?;
+        access.write(self.index, self.sub, value)?;
+        self.reset();
+        Ok(())
+    }
+
+    /// Up to seven bytes of the value from `at` on, and how many are unused.
+    fn segment(&self, at: usize) -> ([u8; 7], u8) {
+        let mut bytes = [0; 7];
+        let mut unused = 7u8;
+        let rest = self
+            .buffer
+            .get(..self.len)
+            .and_then(|value| value.get(at..));
+        for (to, from) in bytes.iter_mut().zip(rest.unwrap_or(&[])) {
+            *to = *from;
+            unused = unused.saturating_sub(1);
+        }
+        (bytes, unused)
+    }
+
+    /// A frame that starts with the object's index and sub-index.
+    fn reply(&self, command: u8, value: [u8; 4]) -> [u8; 8] {
+        let [low, high] = self.index.to_le_bytes();
+        let [a, b, c, d] = value;
+        [command, low, high, self.sub, a, b, c, d]
+    }
+
+    fn len_bytes(&self) -> [u8; 4] {
+        u32::try_from(self.len).unwrap_or(0).to_le_bytes()
+    }
+}
+
+fn abort(core: &mut Core, index: u16, sub: u8, code: AbortCode) -> [u8; 8] {
+    core.out.count(|counters| &mut counters.sdo_aborts);
+    let [low, high] = index.to_le_bytes();
+    let [a, b, c, d] = code.code().to_le_bytes();
+    [0x80, low, high, sub, a, b, c, d]
+}

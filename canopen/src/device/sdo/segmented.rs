@@ -1,0 +1,99 @@
+//! Expedited and segmented transfers (CiA 301, 7.2.4.3.3 to 7.2.4.3.8).
+
+use super::{Access, Answer, EXPEDITED, SIZE_INDICATED, Server, State};
+use crate::{AbortCode, ObjectDictionary};
+
+/// The toggle bit of a segment.
+const TOGGLE: u8 = 0x10;
+/// The bit of the last segment.
+const LAST: u8 = 0x01;
+
+impl Server {
+    pub(super) fn upload<O: ObjectDictionary>(&mut self, access: &Access<'_, O>) -> Answer {
+        self.fetch(access)?;
+        let unused = match self.len {
+            1 => 3,
+            2 => 2,
+            3 => 1,
+            4 => 0,
+            _ => {
+                self.state = State::Upload { toggle: false };
+                return Ok(Some(self.reply(0x40 | SIZE_INDICATED, self.len_bytes())));
+            }
+        };
+        let [a, b, c, d, ..] = self.segment(0).0;
+        let command = 0x40 | unused << 2 | EXPEDITED | SIZE_INDICATED;
+        Ok(Some(self.reply(command, [a, b, c, d])))
+    }
+
+    pub(super) fn on_upload_segment(&mut self, command: u8) -> Answer {
+        let State::Upload { toggle } = self.state else {
+            return Err(AbortCode::CommandSpecifier);
+        };
+        if (command & TOGGLE != 0) != toggle {
+            return Err(AbortCode::ToggleBit);
+        }
+        let ([a, b, c, d, e, f, g], unused) = self.segment(self.at);
+        self.at = self.at.saturating_add(7);
+        let mut answer = unused << 1 | if toggle { TOGGLE } else { 0 };
+        if self.at < self.len {
+            self.state = State::Upload { toggle: !toggle };
+        } else {
+            answer |= LAST;
+            self.reset();
+        }
+        Ok(Some([answer, a, b, c, d, e, f, g]))
+    }
+
+    pub(super) fn download<O: ObjectDictionary>(
+        &mut self,
+        command: u8,
+        value: [u8; 4],
+        access: &mut Access<'_, O>,
+    ) -> Answer {
+        let indicated = command & SIZE_INDICATED != 0;
+        if command & EXPEDITED == 0 {
+            let len = u32::from_le_bytes(value);
+            self.announce(indicated.then_some(len), access)?;
+            self.state = State::Download { toggle: false };
+            return Ok(Some(self.reply(0x60, [0; 4])));
+        }
+        let len = match indicated {
+            true => 4 - usize::from(command >> 2 & 0b11),
+            // The client does not say: as long as the object is, four bytes if it cannot be read.
+            false => match self.fetch(access) {
+                Ok(()) => self.len,
+                Err(_) => 4,
+            },
+        };
+        let value = value.get(..len).unwrap_or(&value);
+        access.write(self.index, self.sub, value)?;
+        Ok(Some(self.reply(0x60, [0; 4])))
+    }
+
+    pub(super) fn on_download_segment<O: ObjectDictionary>(
+        &mut self,
+        request: [u8; 8],
+        access: &mut Access<'_, O>,
+    ) -> Answer {
+        let State::Download { toggle } = self.state else {
+            return Err(AbortCode::CommandSpecifier);
+        };
+        let [command, bytes @ ..] = request;
+        if (command & TOGGLE != 0) != toggle {
+            return Err(AbortCode::ToggleBit);
+        }
+        let used = 7 - usize::from(command >> 1 & 0b111);
+        self.collect(bytes.get(..used).unwrap_or(&bytes))?;
+        if self.announced.is_some_and(|announced| self.at > announced) {
+            return Err(AbortCode::TooLong);
+        }
+        if command & LAST != 0 {
+            self.deliver(self.at, access)?;
+        } else {
+            self.state = State::Download { toggle: !toggle };
+        }
+        let answer = 0x20 | if toggle { TOGGLE } else { 0 };
+        Ok(Some([answer, 0, 0, 0, 0, 0, 0, 0]))
+    }
+}

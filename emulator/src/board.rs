@@ -1,0 +1,521 @@
+//! One board: the core, the chip around it, and the loop that runs them.
+//!
+//! The loop steps the core until the next thing that a peripheral has announced, lets that happen, and goes on.
+//! While the core sleeps it advances the clock in one step instead. Whatever an instruction changes in the
+//! peripherals (an earlier event, another clock, a reason to stop) raises a flag that ends the inner loop, so
+//! nothing is noticed later than one instruction.
+//!
+//! Between two runs the world may set pins, turn encoders and deliver frames; they take effect at the time the
+//! last run ended, before the next instruction.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+use rsemu::core::device::{Device, ResetKind};
+use rsemu::core::space::{AddressSpace, RamStore};
+use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+
+use crate::bus::{self, Shared};
+use crate::can::{Can, CanPort};
+use crate::firmware::{FLASH_BASE, Firmware};
+use crate::profile::Profile;
+use crate::rtt::{Log, LogLine};
+use crate::soc::Soc;
+use crate::stop::{Stop, StopKind};
+use crate::system::gpio::{PinLevel, Port};
+use crate::system::{flash, rcc};
+use crate::timer::PwmState;
+
+/// What differs from board to board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoardConfig {
+    /// Error of the crystal in parts per million, positive when it runs fast.
+    pub crystal_ppm: f64,
+    /// The chip's unique number (RM0390 section 34.1).
+    pub uid: [u8; 12],
+    /// Frequency at the HSE input, 0 for none. The NUCLEO gets 8 MHz from its ST-LINK.
+    pub hse_hz: u64,
+    /// Frequency of the watchdog's oscillator; the data sheet allows 17 to 47 kHz.
+    pub lsi_hz: u64,
+    /// Ends the run when the processor takes a HardFault, instead of letting the firmware's handler deal with it.
+    pub stop_on_hard_fault: bool,
+}
+
+impl Default for BoardConfig {
+    fn default() -> Self {
+        Self {
+            crystal_ppm: 0.0,
+            uid: *b"OMNIBUS-0001",
+            hse_hz: 8_000_000,
+            lsi_hz: 32_000,
+            stop_on_hard_fault: false,
+        }
+    }
+}
+
+/// Why the chip was last reset, by RCC_CSR.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power-on.
+    Power,
+    /// Reset pin.
+    Pin,
+    /// SYSRESETREQ.
+    Software,
+    /// Independent watchdog.
+    Watchdog,
+}
+
+/// Core cycles after which a running core is looked at although nothing happened: 11 us at 180 MHz.
+const LOOK_CYCLES: u64 = 2_000;
+/// Core cycles between two looks at the log buffer: 1 ms at 180 MHz.
+const LOG_CYCLES: u64 = 180_000;
+/// Steps of one cycle in a row after which the core is asked whether it sleeps.
+const QUIET_STEPS: u32 = 6;
+
+/// An emulated board.
+#[derive(Debug)]
+pub struct Board {
+    firmware: Firmware,
+    config: BoardConfig,
+    cpu: Arc<ArmV7m>,
+    shared: Arc<Shared>,
+    ram: Arc<RamStore>,
+    flash: Arc<RamStore>,
+    log: Log,
+    now: u64,
+    asleep: bool,
+    next_log: u64,
+    instructions: u64,
+    slept: u64,
+    resets: u32,
+    last_cause: ResetCause,
+    profile: Option<Profile>,
+}
+
+impl Board {
+    /// A board with the firmware flashed, at the moment of power-on, world time 0.
+    ///
+    /// # Panics
+    /// Never: the address map is fixed and valid.
+    #[must_use]
+    pub fn new(firmware: &Firmware, config: BoardConfig) -> Self {
+        let flash = Arc::new(RamStore::new(flash::SIZE));
+        flash
+            .write_at(0, firmware.flash())
+            .expect("the image has the size of the flash");
+        let ram = Arc::new(RamStore::new(bus::RAM_SIZE));
+        let soc = Soc::new(
+            Arc::clone(&flash),
+            config.crystal_ppm,
+            config.hse_hz,
+            config.lsi_hz,
+        );
+        let shared = Arc::new(Shared::new(soc));
+        let space = bus::address_space(&shared, &flash, &ram, config.uid)
+            .expect("the address map is valid");
+        // 16 priority levels (RM0390 section 10.1.1).
+        let cpu = Arc::new(ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(4)));
+        cpu.attach_space(Arc::new(space));
+        shared.attach(&cpu);
+        let log = Log::new(Arc::clone(&ram), firmware);
+        Self {
+            firmware: firmware.clone(),
+            config,
+            cpu,
+            shared,
+            ram,
+            flash,
+            log,
+            now: 0,
+            asleep: false,
+            next_log: 0,
+            instructions: 0,
+            slept: 0,
+            resets: 0,
+            last_cause: ResetCause::Power,
+            profile: None,
+        }
+    }
+
+    /// Runs until world time `t_ns`.
+    ///
+    /// # Errors
+    /// [`Stop`] when the firmware does what cannot be emulated. The board can still be looked at, not run on.
+    pub fn run_until(&mut self, t_ns: u64) -> Result<(), Stop> {
+        self.run(t_ns, None).map(|_| ())
+    }
+
+    /// Runs until world time `t_ns`, or until the firmware has asked for a frame to be sent that was not pending
+    /// before. Returns the time reached.
+    ///
+    /// # Errors
+    /// As [`Board::run_until`].
+    pub fn run_until_request(&mut self, t_ns: u64) -> Result<u64, Stop> {
+        let seen = self.with_can(|can, _| can.requests());
+        self.run(t_ns, Some(seen))?;
+        Ok(self.world_ns(self.now).min(t_ns))
+    }
+
+    fn run(&mut self, t_ns: u64, requests: Option<u64>) -> Result<(), Stop> {
+        self.shared.attention.store(true, Relaxed);
+        let mut target = 0;
+        let mut stall = None;
+        loop {
+            if self.shared.attention.swap(false, Relaxed) {
+                let (reset, stop, sent);
+                (target, stall, reset, stop, sent) = self.shared.look(|soc| {
+                    let stall = soc
+                        .flash
+                        .busy_until()
+                        .map(|ps| soc.clock.cycle_at_local(ps));
+                    let target = soc.clock.cycle_at_world(t_ns);
+                    (
+                        target,
+                        stall,
+                        soc.reset_request,
+                        soc.stop.clone(),
+                        soc.can.requests(),
+                    )
+                });
+                if let Some(kind) = stop {
+                    // The core has already gone past the instruction; two bytes back is inside it.
+                    return Err(self.stop(kind, self.cpu.pc().wrapping_sub(2)));
+                }
+                if reset != 0 {
+                    self.system_reset(reset);
+                    continue;
+                }
+                if requests.is_some_and(|seen| sent != seen) {
+                    break;
+                }
+            }
+            let next = self.shared.next_event.load(Relaxed);
+            if self.now >= next {
+                self.shared.with(Soc::dispatch);
+                continue;
+            }
+            if self.now >= target {
+                break;
+            }
+            if self.now >= self.next_log {
+                self.drain_log();
+            }
+            let limit = target.min(next).min(self.next_log);
+            match stall.filter(|until| *until > self.now) {
+                // The core fetches from the flash that is busy: it waits, interrupts too.
+                Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
+                _ if self.asleep && !self.shared.lines_changed.swap(false, Relaxed) => {
+                    self.sleep_to(limit)?
+                }
+                _ => self.execute(limit.min(self.now + LOOK_CYCLES)),
+            }
+        }
+        self.drain_log();
+        Ok(())
+    }
+
+    /// Steps the core until a cycle, or until something needs attention.
+    fn execute(&mut self, limit: u64) {
+        if self.profile.is_some() {
+            self.execute_profiled(limit);
+        } else {
+            let mut quiet = 0;
+            self.asleep = false;
+            loop {
+                let cycles = self.cpu.step();
+                self.now += cycles;
+                self.instructions += 1;
+                self.shared.now.store(self.now, Relaxed);
+                if self.shared.attention.load(Relaxed) {
+                    break;
+                }
+                if cycles == 1 {
+                    quiet += 1;
+                    if quiet == QUIET_STEPS {
+                        quiet = 0;
+                        if self.cpu.is_asleep() || self.cpu.is_locked_up() {
+                            self.instructions -= u64::from(QUIET_STEPS) - 1;
+                            self.asleep = true;
+                            break;
+                        }
+                    }
+                } else {
+                    quiet = 0;
+                }
+                if self.now >= limit {
+                    break;
+                }
+            }
+        }
+        if self.cpu.reset_requested() {
+            self.system_reset(rcc::cause::SOFTWARE);
+        } else if self.config.stop_on_hard_fault && self.cpu.current_exception().0 == 3 {
+            self.shared
+                .with(|soc| soc.stop.get_or_insert(StopKind::HardFault).clone());
+        }
+    }
+
+    fn execute_profiled(&mut self, limit: u64) {
+        self.asleep = false;
+        while self.now < limit {
+            let pc = self.cpu.pc();
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.shared.now.store(self.now, Relaxed);
+            if cycles == 1
+                && self.cpu.pc() == pc
+                && (self.cpu.is_asleep() || self.cpu.is_locked_up())
+            {
+                self.asleep = true;
+                break;
+            }
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
+            if let Some(profile) = &mut self.profile {
+                profile.count(&self.firmware, pc, cycles, entered);
+            }
+            if self.shared.attention.load(Relaxed) {
+                break;
+            }
+        }
+    }
+
+    /// Whether the last step was the entry into an exception handler and not an instruction: the link register
+    /// holds a return code and the program counter the handler's first address.
+    fn entered_exception(&self) -> bool {
+        let regs = self.cpu.regs();
+        let vector = self.cpu.vtor() + 4 * u32::from(regs.exception().0);
+        regs.in_handler()
+            && regs.r[14] >= 0xFFFF_FFE0
+            && self
+                .read_word(vector)
+                .is_some_and(|to| to & !1 == regs.r[15])
+    }
+
+    /// Lets time pass while the core sleeps. SysTick and the cycle counter go on counting, as with the debug unit's
+    /// DBG_SLEEP, which the HAL sets.
+    fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
+        if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {
+            return Err(self.stop(StopKind::LockedUp, self.cpu.pc()));
+        }
+        let span = limit - self.now;
+        let (span, wake) = self.cpu.with_sys(|sys| {
+            let mut span = span;
+            if sys.syst_csr & 3 == 3 {
+                let left = u64::from(sys.syst_cvr & 0xFF_FFFF);
+                span = span
+                    .min(if left == 0 {
+                        u64::from(sys.syst_rvr) + 1
+                    } else {
+                        left
+                    })
+                    .max(1);
+            }
+            sys.tick_cyccnt(span);
+            let wake = sys.tick_systick(span) && sys.syst_csr & 2 != 0;
+            if wake {
+                sys.set_pending(rsemu::cpu::arm::v7m::sys::Exception::SYSTICK, true);
+            }
+            (span, wake)
+        });
+        if wake {
+            self.shared.lines_changed.store(true, Relaxed);
+        }
+        self.slept += span;
+        self.skip_to(self.now + span);
+        Ok(())
+    }
+
+    fn skip_to(&mut self, cycle: u64) {
+        self.now = cycle;
+        self.shared.now.store(cycle, Relaxed);
+    }
+
+    fn system_reset(&mut self, causes: u32) {
+        self.drain_log();
+        self.shared.with(|soc| soc.system_reset(causes));
+        self.cpu.reset(ResetKind::Cold);
+        self.log.reset();
+        self.asleep = false;
+        self.resets += 1;
+        self.last_cause = match causes {
+            rcc::cause::IWDG => ResetCause::Watchdog,
+            rcc::cause::SOFTWARE => ResetCause::Software,
+            _ => ResetCause::Pin,
+        };
+        self.shared.attention.store(true, Relaxed);
+    }
+
+    fn stop(&self, kind: StopKind, pc: u32) -> Stop {
+        Stop {
+            kind,
+            pc,
+            location: self.firmware.location(pc),
+            t_ns: self.world_ns(self.now),
+        }
+    }
+
+    fn drain_log(&mut self) {
+        self.next_log = self.now + LOG_CYCLES;
+        let (shared, now) = (&self.shared, self.now);
+        // A control block that is not initialised yet gives nothing, and there is nothing to do about it.
+        let _ = self.log.drain(&self.firmware, || {
+            shared.look(|soc| soc.clock.world_ns(now)) / 1000
+        });
+    }
+
+    /// World time in ns of a cycle.
+    pub(crate) fn world_ns(&self, cycle: u64) -> u64 {
+        self.shared.look(|soc| soc.clock.world_ns(cycle))
+    }
+
+    /// World time in ns that the board has reached; up to one instruction beyond what it was run to.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.world_ns(self.now)
+    }
+
+    /// When the core sleeps: world time in ns of the next thing that can happen by itself; `None` when nothing
+    /// can. When the core runs: now.
+    #[must_use]
+    pub fn next_event_ns(&self) -> Option<u64> {
+        if !self.asleep || self.shared.lines_changed.load(Relaxed) {
+            return Some(self.now_ns());
+        }
+        let next = self.shared.next_event.load(Relaxed);
+        let systick = self
+            .cpu
+            .with_sys(|sys| (sys.syst_csr & 3 == 3).then_some(u64::from(sys.syst_cvr) + 1));
+        let next = systick.map_or(next, |left| next.min(self.now + left));
+        (next != u64::MAX).then(|| self.world_ns(next))
+    }
+
+    /// Whether the core sleeps.
+    #[must_use]
+    pub fn is_asleep(&self) -> bool {
+        self.asleep
+    }
+
+    /// Connects a pin to a level outside. Until this is called, a pin is open.
+    pub fn set_input(&mut self, port: Port, pin: u8, high: bool) {
+        self.shared.with(|soc| soc.set_input(port, pin & 15, high));
+    }
+
+    /// What a pin does to the wire it is connected to.
+    #[must_use]
+    pub fn output(&self, port: Port, pin: u8) -> PinLevel {
+        self.shared.look(|soc| soc.output(port, pin & 15))
+    }
+
+    /// State of a PWM output: timer 1..=14, channel 1..=4.
+    #[must_use]
+    pub fn pwm(&self, timer: usize, channel: usize) -> PwmState {
+        self.shared.look(|soc| soc.pwm(timer, channel))
+    }
+
+    /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature edges, positive
+    /// when channel 1 leads. Counted only in encoder mode and with the pins switched to the timer.
+    pub fn encoder_add(&mut self, timer: usize, edges: i32) {
+        self.shared.with(|soc| soc.encoder_add(timer, edges));
+    }
+
+    /// The CAN connector.
+    pub fn can(&mut self) -> CanPort<'_> {
+        CanPort { board: self }
+    }
+
+    pub(crate) fn with_can<T>(&self, f: impl FnOnce(&mut Can, u64) -> T) -> T {
+        self.shared.with(|soc| {
+            let now = soc.now;
+            soc.can.sync(now);
+            let result = f(&mut soc.can, now);
+            soc.settle();
+            result
+        })
+    }
+
+    pub(crate) fn can_bit_rate(&self) -> Option<u32> {
+        self.shared.look(|soc| soc.can_bit_rate())
+    }
+
+    pub(crate) fn can_pins_connected(&self) -> bool {
+        self.shared.look(|soc| soc.can_connected())
+    }
+
+    /// Log lines decoded since the last call.
+    pub fn take_log(&mut self) -> Vec<LogLine> {
+        self.log.take()
+    }
+
+    /// Instructions executed since power-on. Entries into exceptions count as one, except while profiling.
+    #[must_use]
+    pub fn instructions(&self) -> u64 {
+        self.instructions
+    }
+
+    /// Core clock cycles since power-on, and how many of them the core slept.
+    #[must_use]
+    pub fn cycles(&self) -> (u64, u64) {
+        (self.now, self.slept)
+    }
+
+    /// Core clock in Hz by the board's own crystal.
+    #[must_use]
+    pub fn hclk_hz(&self) -> u64 {
+        self.shared.look(|soc| soc.clock.hz())
+    }
+
+    /// Why the chip was last reset.
+    #[must_use]
+    pub fn reset_cause(&self) -> ResetCause {
+        self.last_cause
+    }
+
+    /// How often the chip has been reset since power-on.
+    #[must_use]
+    pub fn resets(&self) -> u32 {
+        self.resets
+    }
+
+    /// Pulls the reset pin for a moment.
+    pub fn press_reset(&mut self) {
+        self.system_reset(rcc::cause::PIN);
+    }
+
+    /// Reads a word of RAM or flash, as a debugger would.
+    #[must_use]
+    pub fn read_word(&self, address: u32) -> Option<u32> {
+        let mut word = [0; 4];
+        self.read_memory(address, &mut word)?;
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// Reads RAM or flash, as a debugger would.
+    pub fn read_memory(&self, address: u32, to: &mut [u8]) -> Option<()> {
+        let (store, base) = match address {
+            0x2000_0000.. => (&self.ram, 0x2000_0000),
+            0x0800_0000.. => (&self.flash, FLASH_BASE),
+            _ => (&self.flash, 0),
+        };
+        store.read_at(u64::from(address - base), to).ok()
+    }
+
+    /// Begins to count instructions per function; slower by about half.
+    pub fn start_profile(&mut self) {
+        self.profile = Some(Profile::default());
+    }
+
+    /// Ends counting and returns what was counted.
+    pub fn take_profile(&mut self) -> Option<Profile> {
+        self.profile.take()
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        // Core and address space refer to the peripherals; letting go of the space frees them all.
+        self.cpu
+            .attach_space(Arc::new(AddressSpace::new("none", 32)));
+    }
+}

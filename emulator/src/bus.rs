@@ -1,0 +1,215 @@
+//! The address map and the way from the core to the peripherals and back.
+//!
+//! The core reads flash and RAM directly. Everything else comes through [`Window`], which asks the peripherals
+//! under one lock (never contended: a board is run by one thread) at the cycle the run loop has published, and
+//! then hands changed interrupt lines to the core.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+
+use rsemu::core::space::{
+    AccessConstraints, AddressSpace, Mapping, MemAttrs, MemOps, MemResult, Perms, RamStore, Region,
+    RomStore, RomWrite,
+};
+use rsemu::core::value::Width;
+use rsemu::cpu::arm::v7m::ArmV7m;
+
+use crate::firmware::FLASH_BASE;
+use crate::rtt::RAM_BASE;
+use crate::soc::{DBGMCU, IrqLines, Soc};
+use crate::system::flash;
+
+/// Bytes of RAM: SRAM1 of 112 KiB and SRAM2 of 16 KiB behind it (RM0390 section 2.2.3).
+pub(crate) const RAM_SIZE: u64 = 128 * 1024;
+
+/// First address and size of system memory, where ST keeps the unique number and the flash size.
+const SYSTEM_MEMORY: (u32, usize) = (0x1FFF_0000, 0x8000);
+const UID: usize = 0x7A10;
+const FLASH_SIZE_KIB: usize = 0x7A22;
+
+/// What the core and the peripherals share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    soc: Mutex<Soc>,
+    /// Cycle of the instruction under way.
+    pub(crate) now: AtomicU64,
+    /// Copy of [`Soc::next_event`].
+    pub(crate) next_event: AtomicU64,
+    /// The run loop has to look: a stop, a reset, an earlier event, another clock.
+    pub(crate) attention: AtomicBool,
+    /// An interrupt line has changed since the core last looked.
+    pub(crate) lines_changed: AtomicBool,
+    cpu: OnceLock<Weak<ArmV7m>>,
+    lines: Mutex<IrqLines>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // A panic elsewhere has already ended this board; its state is still worth looking at.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    pub(crate) fn new(soc: Soc) -> Self {
+        Self {
+            soc: Mutex::new(soc),
+            now: AtomicU64::new(0),
+            next_event: AtomicU64::new(u64::MAX),
+            attention: AtomicBool::new(false),
+            lines_changed: AtomicBool::new(false),
+            cpu: OnceLock::new(),
+            lines: Mutex::new([0; 4]),
+        }
+    }
+
+    pub(crate) fn attach(&self, cpu: &Arc<ArmV7m>) {
+        // Set once, by the board that owns both.
+        let _ = self.cpu.set(Arc::downgrade(cpu));
+    }
+
+    /// Does something with the peripherals at the present cycle, without consequences.
+    pub(crate) fn look<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
+        let mut soc = lock(&self.soc);
+        soc.now = self.now.load(Relaxed);
+        f(&mut soc)
+    }
+
+    /// Does something with the peripherals and passes on what came of it.
+    pub(crate) fn with<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
+        let mut soc = lock(&self.soc);
+        soc.now = self.now.load(Relaxed);
+        let hz = soc.clock.hz();
+        let result = f(&mut soc);
+        let before = self.next_event.swap(soc.next_event, Relaxed);
+        if soc.next_event < before
+            || soc.clock.hz() != hz
+            || soc.stop.is_some()
+            || soc.reset_request != 0
+            || soc.flash.busy_until().is_some()
+        {
+            self.attention.store(true, Relaxed);
+        }
+        let mut lines = lock(&self.lines);
+        if *lines != soc.irq
+            && let Some(cpu) = self.cpu.get().and_then(Weak::upgrade)
+        {
+            for (word, (old, new)) in lines.iter().zip(soc.irq).enumerate() {
+                let mut changed = old ^ new;
+                while changed != 0 {
+                    let bit = changed.trailing_zeros();
+                    changed &= changed - 1;
+                    cpu.set_irq((32 * word as u32 + bit) as u16, new >> bit & 1 != 0);
+                }
+            }
+            *lines = soc.irq;
+            self.lines_changed.store(true, Relaxed);
+        }
+        result
+    }
+}
+
+/// A range of addresses behind which peripherals are.
+#[derive(Debug)]
+struct Window {
+    base: u32,
+    shared: Arc<Shared>,
+}
+
+impl MemOps for Window {
+    fn read(&self, offset: u64, dst: &mut [u8], attrs: MemAttrs) -> MemResult {
+        if attrs.debug {
+            dst.fill(0);
+            return Ok(());
+        }
+        let address = self.base.wrapping_add(offset as u32);
+        let word = self.shared.with(|soc| soc.read(address, dst.len() as u32));
+        dst.copy_from_slice(&word.to_le_bytes()[..dst.len().min(4)]);
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, src: &[u8], _: MemAttrs) -> MemResult {
+        let mut word = [0; 4];
+        word[..src.len().min(4)].copy_from_slice(&src[..src.len().min(4)]);
+        let address = self.base.wrapping_add(offset as u32);
+        self.shared
+            .with(|soc| soc.write(address, src.len() as u32, u32::from_le_bytes(word)));
+        Ok(())
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        AccessConstraints::IO
+            .with_widths(Width::U8, Width::U32)
+            .with_natural_alignment(true)
+    }
+}
+
+/// Stores to the flash array.
+#[derive(Debug)]
+struct FlashWrites {
+    shared: Arc<Shared>,
+}
+
+impl MemOps for FlashWrites {
+    fn read(&self, _: u64, dst: &mut [u8], _: MemAttrs) -> MemResult {
+        dst.fill(0xFF);
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, src: &[u8], _: MemAttrs) -> MemResult {
+        self.shared.with(|soc| soc.program_flash(offset, src));
+        Ok(())
+    }
+}
+
+/// Builds the address space of one board (RM0390 section 2.2.2).
+pub(crate) fn address_space(
+    shared: &Arc<Shared>,
+    flash: &Arc<RamStore>,
+    ram: &Arc<RamStore>,
+    uid: [u8; 12],
+) -> Result<AddressSpace, rsemu::core::Error> {
+    let space = AddressSpace::new("stm32f446", 32);
+    let mut map = space.topology();
+    // At 0 the flash appears again: the chip boots from it (section 2.3).
+    for base in [0, FLASH_BASE] {
+        let region = Region::ram("flash", Arc::clone(flash));
+        map.map_with(
+            Mapping::new(region, u64::from(base))
+                .with_perms(Perms::RX)
+                .with_priority(1),
+        )?;
+    }
+    let writes = Region::io(
+        "flash programming",
+        flash::SIZE,
+        Arc::new(FlashWrites {
+            shared: Arc::clone(shared),
+        }),
+    );
+    map.map_with(Mapping::new(writes, u64::from(FLASH_BASE)).with_perms(Perms::WRITE))?;
+    map.map(Region::ram("ram", Arc::clone(ram)), u64::from(RAM_BASE))?;
+
+    let mut system = vec![0xFF; SYSTEM_MEMORY.1];
+    system[UID..UID + 12].copy_from_slice(&uid);
+    system[FLASH_SIZE_KIB..FLASH_SIZE_KIB + 2].copy_from_slice(&512_u16.to_le_bytes());
+    let system = Region::rom(
+        "system memory",
+        Arc::new(RomStore::new(system)),
+        RomWrite::Fault,
+    );
+    map.map(system, u64::from(SYSTEM_MEMORY.0))?;
+
+    for (name, base, length) in [
+        ("APB and AHB1", 0x4000_0000, 0x0200_0000),
+        ("AHB2", 0x5000_0000, 0x0010_0000),
+        ("AHB3", 0xA000_0000, 0x0000_2000),
+        ("DBGMCU", DBGMCU, 0x400),
+    ] {
+        let window = Window {
+            base,
+            shared: Arc::clone(shared),
+        };
+        map.map(Region::io(name, length, Arc::new(window)), u64::from(base))?;
+    }
+    drop(map);
+    Ok(space)
+}

@@ -1,0 +1,106 @@
+//! The controller as seen from the bus.
+
+use super::{CanError, CanFrame};
+use crate::board::Board;
+
+/// A board's CAN connector. All times are the board's present, the end of its last run.
+///
+/// A bus works in rounds: it asks every node for its [`pending`](Self::pending) frame, gives the bus to the one
+/// whose [`arbitration`](CanFrame::arbitration) is smallest with [`begin`](Self::begin), tells the others that
+/// they [lost](Self::lost_arbitration), lets the frame's bits pass, and then tells the sender that it was
+/// [`transmitted`](Self::transmitted) or [failed](Self::error), and the others that they
+/// [received](Self::receive) it.
+pub struct CanPort<'a> {
+    pub(crate) board: &'a mut Board,
+}
+
+impl CanPort<'_> {
+    /// Nominal bit rate in bit/s that the clock tree and the bit timing give, without the crystal's error; `None`
+    /// while the controller is not on the bus: not started, bus-off, or its pins not switched to it.
+    #[must_use]
+    pub fn bit_rate(&self) -> Option<u32> {
+        self.board.can_bit_rate()
+    }
+
+    /// Share of a bit before the sample point.
+    #[must_use]
+    pub fn sample_point(&self) -> f32 {
+        self.board.with_can(|can, _| can.sample_point())
+    }
+
+    /// The frame that wants the bus next.
+    #[must_use]
+    pub fn pending(&self) -> Option<CanFrame> {
+        self.bit_rate()?;
+        self.board
+            .with_can(|can, _| can.pending())
+            .map(|(frame, _)| frame)
+    }
+
+    /// World time in ns at which the pending frame was requested.
+    #[must_use]
+    pub fn pending_since_ns(&self) -> Option<u64> {
+        self.bit_rate()?;
+        let (_, cycle) = self.board.with_can(|can, _| can.pending())?;
+        Some(self.board.world_ns(cycle))
+    }
+
+    /// Puts the pending frame on the wire: from here on no other mailbox overtakes it and it cannot be
+    /// aborted.
+    pub fn begin(&mut self) -> Option<CanFrame> {
+        self.bit_rate()?;
+        self.board.with_can(|can, _| can.begin())
+    }
+
+    /// The frame went out and was acknowledged.
+    pub fn transmitted(&mut self) {
+        self.board.with_can(|can, _| can.transmitted());
+    }
+
+    /// Another node's frame had priority.
+    pub fn lost_arbitration(&mut self) {
+        self.board.with_can(|can, _| can.lost_arbitration());
+    }
+
+    /// The transmission failed.
+    pub fn error(&mut self, error: CanError) {
+        self.board
+            .with_can(|can, now| can.transmit_error(now, error));
+    }
+
+    /// Another node's frame has arrived complete.
+    pub fn receive(&mut self, frame: &CanFrame) {
+        if self.board.can_pins_connected() {
+            self.board.with_can(|can, now| can.receive(now, frame));
+        }
+    }
+
+    /// Another node's frame was broken.
+    pub fn receive_error(&mut self, error: CanError) {
+        self.board.with_can(|can, _| can.receive_error(error));
+    }
+
+    /// Whether this node answers frames with a dominant acknowledge bit.
+    #[must_use]
+    pub fn acknowledges(&self) -> bool {
+        self.bit_rate().is_some() && self.board.with_can(|can, _| !can.silent())
+    }
+
+    /// Whether the node is bus-off.
+    #[must_use]
+    pub fn bus_off(&self) -> bool {
+        self.board.with_can(|can, _| can.bus_off())
+    }
+
+    /// Whether the node is error passive.
+    #[must_use]
+    pub fn error_passive(&self) -> bool {
+        self.board.with_can(|can, _| can.error_passive())
+    }
+
+    /// Transmit and receive error counters.
+    #[must_use]
+    pub fn error_counters(&self) -> (u32, u32) {
+        self.board.with_can(|can, _| can.error_counters())
+    }
+}

@@ -1,0 +1,210 @@
+//! bxCAN reception (RM0390 rev 6, sections 30.7.3 and 30.7.4): 28 filter banks and two FIFOs of three.
+
+use super::{BTR_LBKM, Can, CanFrame, CanId, Mode, ier, mcr, msr};
+
+const FMP: u32 = 3;
+const FULL: u32 = 1 << 3;
+const FOVR: u32 = 1 << 4;
+const RFOM: u32 = 1 << 5;
+const FINIT: u32 = 1;
+
+/// One receive FIFO: the mailboxes as their four register words, the oldest first.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Fifo {
+    mailboxes: [[u32; 4]; 3],
+    count: usize,
+    full: bool,
+    overrun: bool,
+}
+
+impl Fifo {
+    pub(super) fn rfr(&self) -> u32 {
+        self.count as u32 & FMP | u32::from(self.full) << 3 | u32::from(self.overrun) << 4
+    }
+
+    pub(super) fn write_rfr(&mut self, value: u32) {
+        if value & FULL != 0 {
+            self.full = false;
+        }
+        if value & FOVR != 0 {
+            self.overrun = false;
+        }
+        if value & RFOM != 0 && self.count > 0 {
+            self.mailboxes.rotate_left(1);
+            self.count -= 1;
+            self.full = false;
+        }
+    }
+
+    pub(super) fn read(&self, offset: u32) -> u32 {
+        self.mailboxes[0][(offset / 4) as usize]
+    }
+
+    pub(super) fn interrupt(&self, pending: bool, full: bool, overrun: bool) -> bool {
+        (pending && self.count > 0) || (full && self.full) || (overrun && self.overrun)
+    }
+
+    fn push(&mut self, mailbox: [u32; 4], locked: bool) {
+        match self.count {
+            3 => {
+                // 30.7.3: an overrun replaces the newest frame, or with RFLM is dropped.
+                self.overrun = true;
+                if !locked {
+                    self.mailboxes[2] = mailbox;
+                }
+            }
+            count => {
+                self.mailboxes[count] = mailbox;
+                self.count += 1;
+                self.full = self.count == 3;
+            }
+        }
+    }
+}
+
+/// The filter banks.
+#[derive(Debug, Clone)]
+pub(super) struct Filters {
+    fmr: u32,
+    list_mode: u32,
+    wide: u32,
+    to_fifo_1: u32,
+    active: u32,
+    banks: [[u32; 2]; 28],
+}
+
+impl Default for Filters {
+    fn default() -> Self {
+        Self {
+            fmr: 0x2A1C_0E01,
+            list_mode: 0,
+            wide: 0,
+            to_fifo_1: 0,
+            active: 0,
+            banks: [[0; 2]; 28],
+        }
+    }
+}
+
+const BANKS: u32 = 0x0FFF_FFFF;
+
+impl Filters {
+    pub(super) fn read(&self, offset: u32) -> Option<u32> {
+        Some(match offset {
+            0x200 => self.fmr,
+            0x204 => self.list_mode,
+            0x20C => self.wide,
+            0x214 => self.to_fifo_1,
+            0x21C => self.active,
+            0x240..=0x31C => self.banks[((offset - 0x240) / 8) as usize][(offset / 4 % 2) as usize],
+            _ => return None,
+        })
+    }
+
+    pub(super) fn write(&mut self, offset: u32, value: u32) -> Option<()> {
+        let init = self.fmr & FINIT != 0;
+        match offset {
+            0x200 => self.fmr = (value & 0x3F01) | (self.fmr & !0x3F01),
+            // 30.9.4: mode, scale and assignment change only in filter initialisation mode.
+            0x204 if init => self.list_mode = value & BANKS,
+            0x20C if init => self.wide = value & BANKS,
+            0x214 if init => self.to_fifo_1 = value & BANKS,
+            0x204 | 0x20C | 0x214 => {}
+            0x21C => self.active = value & BANKS,
+            0x240..=0x31C => {
+                let bank = (offset - 0x240) / 8;
+                if init || self.active >> bank & 1 == 0 {
+                    self.banks[bank as usize][(offset / 4 % 2) as usize] = value;
+                }
+            }
+            _ => return None,
+        }
+        Some(())
+    }
+
+    /// The filters of a bank as (identifier, mask) pairs in their 32-bit layout, narrow ones widened.
+    fn of_bank(&self, bank: usize) -> Vec<(u32, u32)> {
+        let [one, two] = self.banks[bank];
+        let (list, wide) = (self.list_mode >> bank & 1 != 0, self.wide >> bank & 1 != 0);
+        let halves = [one & 0xFFFF, one >> 16, two & 0xFFFF, two >> 16];
+        match (list, wide) {
+            (false, true) => vec![(one, two)],
+            (true, true) => vec![(one, !0), (two, !0)],
+            (false, false) => vec![(halves[0], halves[1]), (halves[2], halves[3])],
+            (true, false) => halves.iter().map(|half| (*half, 0xFFFF)).collect(),
+        }
+    }
+
+    /// FIFO and filter match index of a frame, or `None` when no filter lets it in. Among several the rules
+    /// of 30.7.4 choose: 32 bits before 16, list before mask, then the lower number.
+    fn accept(&self, frame: &CanFrame) -> Option<(usize, u32)> {
+        if self.fmr & FINIT != 0 {
+            return None;
+        }
+        let word = frame.mailbox_ir();
+        // 16 bits: STID[10:0] RTR IDE EXID[17:15] (figure 368).
+        let (base, extension, ide) = match frame.id() {
+            CanId::Standard(id) => (u32::from(id), 0, 0),
+            CanId::Extended(id) => (id >> 18, id >> 15 & 7, 1),
+        };
+        let half = base << 5 | u32::from(frame.is_remote()) << 4 | ide << 3 | extension;
+        let mut numbers = [0; 2];
+        let mut best: Option<((bool, bool), usize, u32)> = None;
+        // CAN1 owns the banks below CAN2SB.
+        for bank in 0..((self.fmr >> 8 & 0x3F) as usize).min(28) {
+            let fifo = (self.to_fifo_1 >> bank & 1) as usize;
+            let (list, wide) = (self.list_mode >> bank & 1 != 0, self.wide >> bank & 1 != 0);
+            for (id, mask) in self.of_bank(bank) {
+                let number = numbers[fifo];
+                numbers[fifo] += 1;
+                let value = if wide { word & !1 } else { half };
+                let id = if wide { id & !1 } else { id };
+                let matches = self.active >> bank & 1 != 0
+                    && (value ^ id) & mask & if wide { !1 } else { !0 } == 0;
+                let rank = (!wide, !list);
+                if matches && best.is_none_or(|(other, ..)| rank < other) {
+                    best = Some((rank, fifo, number));
+                }
+            }
+        }
+        best.map(|(_, fifo, number)| (fifo, number))
+    }
+}
+
+impl Can {
+    /// A frame was received without error. In silent mode and when bus-off it is not acknowledged, but that is
+    /// for the bus to know.
+    pub fn receive(&mut self, now: u64, frame: &CanFrame) {
+        self.sync(now);
+        if self.mode == Mode::Sleep {
+            // 30.4.3: the frame that wakes the controller is lost.
+            if self.ier & ier::WKUIE != 0 {
+                self.msr_flags |= msr::WKUI;
+            }
+            if self.mcr & mcr::AWUM != 0 {
+                self.mcr &= !mcr::SLEEP;
+                self.joins_at = Some(now + 11 * self.cycles_per_bit());
+            }
+            return;
+        }
+        if self.on_bus() {
+            self.errors.received();
+            self.accept(now, frame);
+        }
+    }
+
+    pub(super) fn accept(&mut self, now: u64, frame: &CanFrame) {
+        debug_assert!(self.mode == Mode::Normal || self.btr & BTR_LBKM != 0);
+        if let Some((fifo, number)) = self.filters.accept(frame) {
+            let time = (now / self.cycles_per_bit()) as u32 & 0xFFFF;
+            let [low, high] = frame.mailbox_data();
+            let mailbox = [
+                frame.mailbox_ir(),
+                u32::from(frame.dlc()) | number << 8 | time << 16,
+                low,
+                high,
+            ];
+            self.fifos[fifo].push(mailbox, self.mcr & mcr::RFLM != 0);
+        }
+    }
+}

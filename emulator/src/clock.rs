@@ -1,0 +1,140 @@
+//! Time on one board: core clock cycles, the crystal's time, the world's time.
+//!
+//! Everything on the chip that counts the core clock (timers, the core itself) is modelled in whole HCLK
+//! cycles since power-on, so that nothing rounds and two runs are the same to the cycle. The world outside
+//! counts nanoseconds. Between the two stands *local* time: the time the board's own crystal would show,
+//! which runs fast by [`Clock::new`]'s parts per million. A clock switch (RCC) starts a new segment: cycles
+//! before it keep their time, cycles after it last as long as the new frequency says.
+//!
+//! The internal oscillators are taken to err as the crystal does; what has its own tolerance (the LSI that
+//! feeds the watchdog) brings its own frequency.
+
+/// Core clock frequency after reset: the internal oscillator HSI, 16 MHz (RM0390 rev 6, section 6.2.2).
+pub const HSI_HZ: u64 = 16_000_000;
+
+const PS_PER_S: u128 = 1_000_000_000_000;
+
+/// Maps core cycles to local time and local time to the world's time.
+#[derive(Debug, Clone)]
+pub struct Clock {
+    /// Crystal error in parts per 10^12, positive when the board's clock runs fast.
+    error_e12: i64,
+    segment_cycle: u64,
+    segment_ps: u64,
+    hz: u64,
+}
+
+impl Clock {
+    /// A clock at power-on, at the world's time zero, with a crystal that runs fast by `crystal_ppm`.
+    #[must_use]
+    pub fn new(crystal_ppm: f64) -> Self {
+        Self {
+            // Half a million ppm either way is far beyond anything that oscillates.
+            error_e12: (crystal_ppm.clamp(-5e5, 5e5) * 1e6).round() as i64,
+            segment_cycle: 0,
+            segment_ps: 0,
+            hz: HSI_HZ,
+        }
+    }
+
+    /// Core clock (HCLK) in Hz by the board's own crystal.
+    #[must_use]
+    pub fn hz(&self) -> u64 {
+        self.hz
+    }
+
+    /// Real frequency over nominal frequency.
+    #[must_use]
+    pub fn rate(&self) -> f64 {
+        1.0 + self.error_e12 as f64 * 1e-12
+    }
+
+    /// From cycle `now` on, one cycle lasts 1 / `hz`.
+    pub fn set_hz(&mut self, now: u64, hz: u64) {
+        if hz != self.hz && hz != 0 {
+            self.segment_ps = self.local_ps(now);
+            self.segment_cycle = now;
+            self.hz = hz;
+        }
+    }
+
+    /// Local time in ps of the start of a cycle, rounded down.
+    #[must_use]
+    pub fn local_ps(&self, cycle: u64) -> u64 {
+        let cycles = u128::from(cycle.saturating_sub(self.segment_cycle));
+        self.segment_ps + (cycles * PS_PER_S / u128::from(self.hz)) as u64
+    }
+
+    /// First cycle that starts at or after a local time in ps.
+    #[must_use]
+    pub fn cycle_at_local(&self, ps: u64) -> u64 {
+        let ps = u128::from(ps.saturating_sub(self.segment_ps));
+        self.segment_cycle + (ps * u128::from(self.hz)).div_ceil(PS_PER_S) as u64
+    }
+
+    /// Local time in ps at a world time in ns.
+    #[must_use]
+    pub fn world_to_local_ps(&self, t_ns: u64) -> u64 {
+        let ps = i128::from(t_ns) * 1000;
+        (ps + ps * i128::from(self.error_e12) / PS_PER_S as i128) as u64
+    }
+
+    /// World time in ns, rounded up, at a local time in ps.
+    #[must_use]
+    pub fn local_to_world_ns(&self, ps: u64) -> u64 {
+        let scale = PS_PER_S as i128 + i128::from(self.error_e12);
+        let ns = i128::from(ps) * PS_PER_S as i128 / scale;
+        (ns as u128).div_ceil(1000) as u64
+    }
+
+    /// World time in ns, rounded up, of a cycle.
+    #[must_use]
+    pub fn world_ns(&self, cycle: u64) -> u64 {
+        self.local_to_world_ns(self.local_ps(cycle))
+    }
+
+    /// First cycle at or after a world time in ns.
+    #[must_use]
+    pub fn cycle_at_world(&self, t_ns: u64) -> u64 {
+        self.cycle_at_local(self.world_to_local_ps(t_ns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_whole_cycles_without_drift() {
+        let mut clock = Clock::new(0.0);
+        clock.set_hz(16_000, 180_000_000); // after 1 ms of HSI
+        assert_eq!(clock.world_ns(16_000), 1_000_000);
+        // One hour at 180 MHz later: 180e6 x 3600 cycles.
+        assert_eq!(clock.world_ns(16_000 + 648_000_000_000), 3_600_001_000_000);
+        assert_eq!(
+            clock.cycle_at_world(3_600_001_000_000),
+            16_000 + 648_000_000_000
+        );
+    }
+
+    #[test]
+    fn a_fast_crystal_counts_more_cycles_in_the_same_world_time() {
+        let fast = Clock::new(50.0);
+        let slow = Clock::new(-50.0);
+        // 1 s at 16 MHz +- 50 ppm is 16 000 000 +- 800 cycles.
+        assert_eq!(fast.cycle_at_world(1_000_000_000), 16_000_800);
+        assert_eq!(slow.cycle_at_world(1_000_000_000), 15_999_200);
+        // And back: the rounding is within the last nanosecond.
+        assert!(fast.world_ns(16_000_800).abs_diff(1_000_000_000) <= 1);
+    }
+
+    #[test]
+    fn a_clock_switch_keeps_the_past() {
+        let mut clock = Clock::new(0.0);
+        clock.set_hz(1_600, 8_000_000); // at 100 us
+        clock.set_hz(2_400, 180_000_000); // 800 cycles of 125 ns: at 200 us
+        assert_eq!(clock.world_ns(2_400), 200_000);
+        assert_eq!(clock.world_ns(2_580), 201_000);
+        assert_eq!(clock.cycle_at_world(201_000), 2_580);
+    }
+}

@@ -1,0 +1,276 @@
+//! The image: what is flashed, its symbols, its table of log strings, its debug information.
+//!
+//! Segments are placed by their physical address, as a programmer does it, so that initial values of variables
+//! are in flash for the start-up code to copy. Debug information is searched only when somebody asks where an
+//! address is, which is when something has gone wrong.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use addr2line::gimli;
+use defmt_decoder::{Locations, Table};
+use object::read::elf::{ElfFile32, ProgramHeader};
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+
+use crate::system::flash;
+
+/// First address of flash.
+pub(crate) const FLASH_BASE: u32 = 0x0800_0000;
+
+/// Why an image cannot be loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// The file cannot be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What went wrong.
+        source: std::io::Error,
+    },
+    /// Not an ELF file for a 32-bit little-endian Arm.
+    #[error("not an ELF file for a 32-bit little-endian Arm: {0}")]
+    NotArmElf(String),
+    /// Bytes outside the flash.
+    #[error("{length} bytes at {address:#010x} are outside the flash (512 KiB at 0x08000000)")]
+    OutsideFlash {
+        /// Where they should go.
+        address: u32,
+        /// How many.
+        length: u32,
+    },
+    /// Nothing at the start of flash: the linker script was missing.
+    #[error("no vector table at 0x08000000: was the linker script used?")]
+    NoVectorTable,
+    /// The log table was written by another version of defmt.
+    #[error("defmt table: {0}")]
+    Defmt(String),
+}
+
+/// A function or variable of the image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Symbol {
+    /// Name, demangled.
+    pub name: String,
+    /// First address; without the Thumb bit.
+    pub address: u32,
+    /// Bytes.
+    pub size: u32,
+}
+
+struct Image {
+    elf: Vec<u8>,
+    flash: Vec<u8>,
+    functions: Vec<Symbol>,
+    variables: HashMap<String, Symbol>,
+    table: Option<Table>,
+    locations: Locations,
+}
+
+/// A firmware image, shared by all boards that run it.
+#[derive(Clone)]
+pub struct Firmware {
+    image: Arc<Image>,
+}
+
+impl std::fmt::Debug for Firmware {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Firmware({} functions)", self.image.functions.len())
+    }
+}
+
+impl Firmware {
+    /// Loads an ELF file.
+    ///
+    /// # Errors
+    /// [`LoadError`] tells what is wrong with the file.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
+        let path = path.as_ref();
+        let elf = std::fs::read(path).map_err(|source| LoadError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        Self::from_elf(elf)
+    }
+
+    /// Loads the content of an ELF file.
+    ///
+    /// # Errors
+    /// [`LoadError`] tells what is wrong with it.
+    pub fn from_elf(elf: Vec<u8>) -> Result<Self, LoadError> {
+        let not_elf = |error: object::Error| LoadError::NotArmElf(error.to_string());
+        let file = ElfFile32::<object::LittleEndian>::parse(&*elf).map_err(not_elf)?;
+        if file.architecture() != object::Architecture::Arm {
+            return Err(LoadError::NotArmElf(format!("{:?}", file.architecture())));
+        }
+        let mut flash = vec![0xFF; flash::SIZE as usize];
+        let mut vectors = false;
+        let endian = object::LittleEndian;
+        for header in file.elf_program_headers() {
+            let data = header.data(endian, &*elf).unwrap_or(&[]);
+            if header.p_type(endian) != object::elf::PT_LOAD || data.is_empty() {
+                continue;
+            }
+            let address = header.p_paddr(endian);
+            let start = address.wrapping_sub(FLASH_BASE) as usize;
+            let Some(place) = start
+                .checked_add(data.len())
+                .and_then(|end| flash.get_mut(start..end))
+            else {
+                return Err(LoadError::OutsideFlash {
+                    address,
+                    length: data.len() as u32,
+                });
+            };
+            place.copy_from_slice(data);
+            vectors |= start == 0;
+        }
+        if !vectors {
+            return Err(LoadError::NoVectorTable);
+        }
+
+        let mut functions = Vec::new();
+        let mut variables = HashMap::new();
+        for symbol in file.symbols() {
+            let Ok(raw) = symbol.name() else { continue };
+            let address = symbol.address() as u32;
+            let entry = Symbol {
+                name: demangle(raw),
+                address: address & !1,
+                size: symbol.size() as u32,
+            };
+            match symbol.kind() {
+                SymbolKind::Text if entry.size > 0 => functions.push(entry),
+                SymbolKind::Data | SymbolKind::Tls | SymbolKind::Unknown => {
+                    variables.insert(raw.to_owned(), Symbol { address, ..entry });
+                }
+                _ => {}
+            }
+        }
+        functions.sort_by_key(|symbol| (symbol.address, symbol.size));
+        functions.dedup_by_key(|symbol| symbol.address);
+
+        let bad_table = |error: &dyn std::fmt::Display| LoadError::Defmt(error.to_string());
+        let table = Table::parse(&elf).map_err(|error| bad_table(&error))?;
+        let locations = match &table {
+            Some(table) => table.get_locations(&elf).unwrap_or_default(),
+            None => Locations::new(),
+        };
+        drop(file);
+        Ok(Self {
+            image: Arc::new(Image {
+                elf,
+                flash,
+                functions,
+                variables,
+                table,
+                locations,
+            }),
+        })
+    }
+
+    /// Content of the flash after programming.
+    pub(crate) fn flash(&self) -> &[u8] {
+        &self.image.flash
+    }
+
+    pub(crate) fn defmt_table(&self) -> Option<&Table> {
+        self.image.table.as_ref()
+    }
+
+    pub(crate) fn defmt_locations(&self) -> &Locations {
+        &self.image.locations
+    }
+
+    /// A variable or linker symbol by its exact name.
+    #[must_use]
+    pub fn variable(&self, name: &str) -> Option<&Symbol> {
+        self.image.variables.get(name)
+    }
+
+    /// All functions, by address.
+    #[must_use]
+    pub fn functions(&self) -> &[Symbol] {
+        &self.image.functions
+    }
+
+    /// The function that contains an address.
+    #[must_use]
+    pub fn function_at(&self, address: u32) -> Option<&Symbol> {
+        self.function_index(address)
+            .map(|index| &self.image.functions[index])
+    }
+
+    pub(crate) fn function_index(&self, address: u32) -> Option<usize> {
+        let next = self
+            .image
+            .functions
+            .partition_point(|symbol| symbol.address <= address);
+        let index = next.checked_sub(1)?;
+        let symbol = &self.image.functions[index];
+        (address - symbol.address < symbol.size).then_some(index)
+    }
+
+    /// Function, file and line of an address: "function (file:line)", with the functions inlined there,
+    /// innermost first.
+    #[must_use]
+    pub fn location(&self, address: u32) -> Option<String> {
+        let file = ElfFile32::<object::LittleEndian>::parse(&*self.image.elf).ok()?;
+        let load = |id: gimli::SectionId| -> Result<_, gimli::Error> {
+            let data = file
+                .section_by_name(id.name())
+                .and_then(|section| section.data().ok());
+            Ok(gimli::EndianSlice::new(
+                data.unwrap_or(&[]),
+                gimli::LittleEndian,
+            ))
+        };
+        let dwarf = gimli::Dwarf::load(load).ok()?;
+        let context = addr2line::Context::from_dwarf(dwarf).ok()?;
+        let mut frames = context
+            .find_frames(u64::from(address))
+            .skip_all_loads()
+            .ok()?;
+        let mut parts = Vec::new();
+        while let Ok(Some(frame)) = frames.next() {
+            let name = frame
+                .function
+                .as_ref()
+                .and_then(|function| function.raw_name().ok());
+            let name = name.map_or(Cow::Borrowed("?"), |name| Cow::Owned(demangle(&name)));
+            parts.push(match frame.location {
+                Some(at) => format!(
+                    "{name} ({}:{})",
+                    at.file.unwrap_or("?"),
+                    at.line.unwrap_or(0)
+                ),
+                None => name.into_owned(),
+            });
+        }
+        (!parts.is_empty()).then(|| parts.join(" < "))
+    }
+}
+
+/// The readable part of a mangled name: path segments of the legacy scheme; other names stay.
+fn demangle(raw: &str) -> String {
+    rustc_demangle::demangle(raw).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_an_image_is_refused() {
+        assert!(matches!(
+            Firmware::from_elf(b"hello".to_vec()),
+            Err(LoadError::NotArmElf(_))
+        ));
+        assert!(matches!(
+            Firmware::load("/nonexistent"),
+            Err(LoadError::Io { .. })
+        ));
+    }
+}

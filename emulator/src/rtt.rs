@@ -1,0 +1,187 @@
+//! The log: SEGGER RTT's ring buffer in the guest's RAM, decoded with the image's defmt table.
+//!
+//! The control block is found by its symbol. It holds, after an identifier of 16 bytes and the numbers of up and
+//! down channels, one descriptor per channel: name, buffer, size, write offset, read offset, flags. Draining is
+//! what a debug probe does: copy what lies between the two offsets, then advance the read offset.
+
+use std::fmt;
+use std::sync::Arc;
+
+use defmt_decoder::{DecodeError, Encoding};
+use rsemu::core::space::RamStore;
+
+use crate::firmware::Firmware;
+
+/// First address of RAM.
+pub(crate) const RAM_BASE: u32 = 0x2000_0000;
+
+/// Severity of a log line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[allow(missing_docs)]
+pub enum Level {
+    Trace,
+    Debug,
+    Info,
+    Warn,
+    Error,
+    /// `defmt::println!`, which has no level.
+    Print,
+}
+
+/// One decoded line of the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LogLine {
+    /// World time in microseconds at which it was taken out of the buffer.
+    pub time_us: u64,
+    /// Severity.
+    pub level: Level,
+    /// The firmware's own time stamp, if it makes one.
+    pub timestamp: Option<String>,
+    /// The message.
+    pub text: String,
+    /// "file:line" of the log statement.
+    pub location: Option<String>,
+}
+
+impl fmt::Display for LogLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.timestamp {
+            Some(timestamp) => write!(f, "{timestamp} ")?,
+            None => write!(f, "{:.6} ", self.time_us as f64 * 1e-6)?,
+        }
+        write!(f, "{:?} {}", self.level, self.text)?;
+        match &self.location {
+            Some(location) => write!(f, " [{location}]"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Reads one board's log.
+#[derive(Debug)]
+pub(crate) struct Log {
+    ram: Arc<RamStore>,
+    control: Option<u32>,
+    bytes: Vec<u8>,
+    lines: Vec<LogLine>,
+}
+
+const UP_CHANNEL_0: u32 = 24;
+
+impl Log {
+    pub(crate) fn new(ram: Arc<RamStore>, firmware: &Firmware) -> Self {
+        let control = firmware
+            .variable("_SEGGER_RTT")
+            .map(|symbol| symbol.address);
+        Self {
+            ram,
+            control,
+            bytes: Vec::new(),
+            lines: Vec::new(),
+        }
+    }
+
+    fn word(&self, address: u32) -> Option<u32> {
+        let mut word = [0; 4];
+        self.ram
+            .read_at(u64::from(address.checked_sub(RAM_BASE)?), &mut word)
+            .ok()?;
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// Forgets an unfinished frame: after a reset the encoder starts anew.
+    pub(crate) fn reset(&mut self) {
+        self.bytes.clear();
+    }
+
+    /// Copies what the firmware has written, and decodes it.
+    pub(crate) fn drain(
+        &mut self,
+        firmware: &Firmware,
+        time_us: impl FnOnce() -> u64,
+    ) -> Option<()> {
+        let channel = self.control? + UP_CHANNEL_0;
+        let (write, read) = (self.word(channel + 12)?, self.word(channel + 16)?);
+        if write == read {
+            return Some(());
+        }
+        let (buffer, size) = (self.word(channel + 4)?, self.word(channel + 8)?);
+        // Before the start-up code has run, the control block is whatever the RAM holds.
+        if write >= size || read >= size || size > 0x2_0000 {
+            return None;
+        }
+        let mut at = read;
+        while at != write {
+            let mut byte = [0];
+            self.ram
+                .read_at(u64::from((buffer + at).checked_sub(RAM_BASE)?), &mut byte)
+                .ok()?;
+            self.bytes.push(byte[0]);
+            at = (at + 1) % size;
+        }
+        self.ram
+            .write_at(u64::from(channel + 16 - RAM_BASE), &write.to_le_bytes())
+            .ok()?;
+        self.decode(firmware, time_us());
+        Some(())
+    }
+
+    fn decode(&mut self, firmware: &Firmware, time_us: u64) {
+        let Some(table) = firmware.defmt_table() else {
+            return;
+        };
+        // Whole frames only: in the rzCOBS encoding a zero ends each.
+        let complete = match table.encoding() {
+            Encoding::Rzcobs => self
+                .bytes
+                .iter()
+                .rposition(|byte| *byte == 0)
+                .map_or(0, |at| at + 1),
+            _ => self.bytes.len(),
+        };
+        let mut decoder = table.new_stream_decoder();
+        decoder.received(&self.bytes[..complete]);
+        loop {
+            match decoder.decode() {
+                Ok(frame) => {
+                    let level = match frame.level().map(|level| level.as_str()) {
+                        Some("trace") => Level::Trace,
+                        Some("debug") => Level::Debug,
+                        Some("info") => Level::Info,
+                        Some("warn") => Level::Warn,
+                        Some(_) => Level::Error,
+                        None => Level::Print,
+                    };
+                    let location = firmware.defmt_locations().get(&frame.index());
+                    self.lines.push(LogLine {
+                        time_us,
+                        level,
+                        timestamp: frame
+                            .display_timestamp()
+                            .map(|timestamp| timestamp.to_string()),
+                        text: frame.display_message().to_string(),
+                        location: location.map(|at| format!("{}:{}", at.file.display(), at.line)),
+                    });
+                }
+                Err(DecodeError::UnexpectedEof) => break,
+                Err(DecodeError::Malformed) => {
+                    self.lines.push(LogLine {
+                        time_us,
+                        level: Level::Error,
+                        timestamp: None,
+                        text: "malformed log frame".to_owned(),
+                        location: None,
+                    });
+                    if !table.encoding().can_recover() {
+                        break;
+                    }
+                }
+            }
+        }
+        self.bytes.drain(..complete);
+    }
+
+    pub(crate) fn take(&mut self) -> Vec<LogLine> {
+        std::mem::take(&mut self.lines)
+    }
+}

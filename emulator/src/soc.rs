@@ -1,0 +1,562 @@
+//! The chip around the core: all peripherals of one board, how they are reached, and what connects them.
+//!
+//! Accesses come with an address and leave with a value, or with a reason to stop. After each write the interrupt
+//! lines and the time of the next event are worked out anew; that is cheap beside the instruction that wrote, and
+//! nothing can be forgotten.
+
+use std::sync::Arc;
+
+use rsemu::core::space::RamStore;
+
+use crate::can::Can;
+use crate::clock::Clock;
+use crate::stop::StopKind;
+use crate::system::exti::Exti;
+use crate::system::flash::Flash;
+use crate::system::gpio::{Gpio, Mode, PinLevel, Port};
+use crate::system::iwdg::Iwdg;
+use crate::system::map::{self, Entry, Gate, Unit, irq};
+use crate::system::pins::{self, Route};
+use crate::system::pwr::Pwr;
+use crate::system::rcc::{Rcc, cause};
+use crate::timer::{Kind, PwmState, Timer};
+
+/// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze registers.
+pub(crate) const DBGMCU: u32 = 0xE004_2000;
+
+/// Interrupt lines as a bitmap.
+pub(crate) type IrqLines = [u32; 4];
+
+/// All peripherals.
+#[derive(Debug)]
+pub(crate) struct Soc {
+    pub(crate) now: u64,
+    pub(crate) clock: Clock,
+    pub(crate) rcc: Rcc,
+    pwr: Pwr,
+    pub(crate) flash: Flash,
+    gpio: [Gpio; 8],
+    exti: Exti,
+    iwdg: Iwdg,
+    /// TIM1..TIM14 at their numbers; index 0 is never addressed.
+    timers: [Timer; 15],
+    pub(crate) can: Can,
+    dbgmcu: [u32; 4],
+    pub(crate) irq: IrqLines,
+    pub(crate) next_event: u64,
+    pub(crate) stop: Option<StopKind>,
+    /// A reset that a peripheral asks for, as bits of RCC_CSR.
+    pub(crate) reset_request: u32,
+}
+
+fn timer_kind(number: usize) -> Kind {
+    match number {
+        1 | 8 => Kind::ADVANCED,
+        2 | 5 => Kind::GENERAL_32,
+        3 | 4 => Kind::GENERAL_16,
+        9 | 12 => Kind::TWO_CHANNELS,
+        6 | 7 => Kind::BASIC,
+        _ => Kind::ONE_CHANNEL,
+    }
+}
+
+fn on_apb2(timer: usize) -> bool {
+    matches!(timer, 1 | 8..=11)
+}
+
+impl Soc {
+    pub(crate) fn new(flash: Arc<RamStore>, crystal_ppm: f64, hse_hz: u64, lsi_hz: u64) -> Self {
+        Self {
+            now: 0,
+            clock: Clock::new(crystal_ppm),
+            rcc: Rcc::new(hse_hz),
+            pwr: Pwr::default(),
+            flash: Flash::new(flash),
+            gpio: Port::ALL.map(Gpio::new),
+            exti: Exti::default(),
+            iwdg: Iwdg::new(lsi_hz),
+            timers: std::array::from_fn(|number| Timer::new(timer_kind(number))),
+            can: Can::default(),
+            // STM32F446 revision A, DEV_ID 0x421.
+            dbgmcu: [0x1000_0421, 0, 0, 0],
+            irq: [0; 4],
+            next_event: u64::MAX,
+            stop: None,
+            reset_request: 0,
+        }
+    }
+
+    /// A system reset, for a reason given as bits of RCC_CSR.
+    pub(crate) fn system_reset(&mut self, causes: u32) {
+        let now = self.now;
+        self.rcc.reset(causes | cause::PIN);
+        self.pwr = Pwr::default();
+        self.flash.reset();
+        self.gpio.iter_mut().for_each(Gpio::reset);
+        self.exti.reset();
+        self.exti.reset_syscfg();
+        self.iwdg.reset();
+        self.timers.iter_mut().for_each(|timer| timer.reset(now));
+        self.can.reset();
+        self.reset_request = 0;
+        self.apply_clocks();
+        self.settle();
+    }
+
+    fn now_ps(&self) -> u64 {
+        self.clock.local_ps(self.now)
+    }
+
+    /// Reads `width` bytes.
+    pub(crate) fn read(&mut self, address: u32, width: u32) -> u32 {
+        let shift = 8 * (address & 3);
+        let mask = if width >= 4 {
+            u32::MAX
+        } else {
+            (1 << (8 * width)) - 1
+        };
+        let aligned = address & !3;
+        if aligned & !0x3FF == DBGMCU {
+            return (self
+                .dbgmcu
+                .get((aligned & 0x3FF) as usize / 4)
+                .copied()
+                .unwrap_or(0)
+                >> shift)
+                & mask;
+        }
+        let Some(entry) = map::find(aligned) else {
+            return self.unmodelled("nothing (reserved address)".to_owned(), address, None);
+        };
+        if let Some(value) = self.unclocked(entry, address, None) {
+            return value;
+        }
+        let offset = aligned - entry.base;
+        match self.read_word(entry.unit, offset) {
+            Ok(word) => (word >> shift) & mask,
+            Err(what) => self.unmodelled(describe(entry, offset, what), address, None),
+        }
+    }
+
+    /// Writes the low `width` bytes of `value`.
+    pub(crate) fn write(&mut self, address: u32, width: u32, value: u32) {
+        let aligned = address & !3;
+        if aligned & !0x3FF == DBGMCU {
+            if let Some(register) = self
+                .dbgmcu
+                .get_mut((aligned & 0x3FF) as usize / 4)
+                .filter(|_| aligned & 0x3FF != 0)
+            {
+                *register = value;
+            }
+            return;
+        }
+        let Some(entry) = map::find(aligned) else {
+            self.unmodelled(
+                "nothing (reserved address)".to_owned(),
+                address,
+                Some(value),
+            );
+            return;
+        };
+        if self.unclocked(entry, address, Some(value)).is_some() {
+            return;
+        }
+        let offset = aligned - entry.base;
+        let word = match width {
+            4.. => Ok(value),
+            // Section 2.2.1: the APB bridges copy narrow data to the whole word.
+            1 if !on_ahb(entry) => Ok((value & 0xFF) * 0x0101_0101),
+            2 if !on_ahb(entry) => Ok((value & 0xFFFF) * 0x0001_0001),
+            _ => {
+                let shift = 8 * (address & 3);
+                let mask = ((1 << (8 * width)) - 1) << shift;
+                // A set/reset register has nothing to keep in its other bytes.
+                let keep = matches!(entry.unit, Unit::Gpio(_)) && offset == 0x18;
+                let old = if keep {
+                    Ok(0)
+                } else {
+                    self.read_word(entry.unit, offset)
+                };
+                old.map(|old| (old & !mask) | (value << shift & mask))
+            }
+        };
+        if let Err(what) = word.and_then(|word| self.write_word(entry.unit, offset, word)) {
+            self.unmodelled(describe(entry, offset, what), address, Some(value));
+        }
+        self.settle();
+    }
+
+    fn unmodelled(&mut self, what: String, address: u32, written: Option<u32>) -> u32 {
+        self.stop.get_or_insert(StopKind::Unmodelled {
+            what,
+            address,
+            written,
+        });
+        0
+    }
+
+    /// Notes an access to a peripheral that has no clock, or is in reset.
+    fn unclocked(&mut self, entry: &Entry, address: u32, written: Option<u32>) -> Option<u32> {
+        if entry.unit == Unit::Other
+            || (self.rcc.enabled(entry.gate) && !self.rcc.in_reset(entry.gate))
+        {
+            return None;
+        }
+        let what = describe(entry, (address & !3) - entry.base, "");
+        self.stop.get_or_insert(StopKind::Unclocked {
+            what,
+            address,
+            written,
+        });
+        Some(0)
+    }
+
+    fn read_word(&mut self, unit: Unit, offset: u32) -> Result<u32, &'static str> {
+        let (now, now_ps) = (self.now, self.now_ps());
+        match unit {
+            Unit::Timer(number) => self.timers[number]
+                .read(now, offset)
+                .map_err(|error| error.0),
+            Unit::Gpio(port) => self.gpio[port as usize].read(offset).ok_or(""),
+            Unit::Can1 => self.can.read(now, offset).ok_or(""),
+            Unit::Rcc => {
+                self.apply_clocks();
+                self.rcc.read(now_ps, offset).ok_or("")
+            }
+            Unit::Pwr => self.pwr.read(now_ps, offset).ok_or(""),
+            Unit::Flash => self.flash.read(now_ps, offset).ok_or(""),
+            Unit::Exti => self.exti.read(offset).ok_or(""),
+            Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
+            Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
+            Unit::Other => Err(""),
+        }
+    }
+
+    fn write_word(&mut self, unit: Unit, offset: u32, value: u32) -> Result<(), &'static str> {
+        let (now, now_ps) = (self.now, self.now_ps());
+        match unit {
+            Unit::Timer(number) => self.timers[number]
+                .write(now, offset, value)
+                .map_err(|error| error.0),
+            Unit::Gpio(port) => {
+                let before = self.gpio[port as usize].idr();
+                self.gpio[port as usize].write(offset, value).ok_or("")?;
+                self.pins_changed(port, before);
+                Ok(())
+            }
+            Unit::Can1 => self.can.write(now, offset, value).ok_or(""),
+            Unit::Rcc => {
+                self.rcc
+                    .write(now_ps, offset, value, self.pwr.backup_access())
+                    .ok_or("")?;
+                if (0x10..0x28).contains(&offset) {
+                    self.apply_resets();
+                }
+                self.apply_clocks();
+                Ok(())
+            }
+            Unit::Pwr => self.pwr.write(now_ps, offset, value).ok_or(""),
+            Unit::Flash => {
+                self.flash.write(now_ps, offset, value).ok_or("")?;
+                self.check_clocks();
+                Ok(())
+            }
+            Unit::Exti => self.exti.write(offset, value).ok_or(""),
+            Unit::Syscfg => self.exti.write_syscfg(offset, value).ok_or("memory remap"),
+            Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
+            Unit::Other => Err(""),
+        }
+    }
+
+    /// A store to the flash array.
+    pub(crate) fn program_flash(&mut self, offset: u64, data: &[u8]) {
+        let now_ps = self.now_ps();
+        self.flash.program(now_ps, offset, data);
+        self.settle();
+    }
+
+    /// Resets what RCC holds in reset.
+    fn apply_resets(&mut self) {
+        for entry in map::PERIPHERALS {
+            if !self.rcc.in_reset(entry.gate) {
+                continue;
+            }
+            match entry.unit {
+                Unit::Timer(number) => self.timers[number].reset(self.now),
+                Unit::Gpio(port) => {
+                    let before = self.gpio[port as usize].idr();
+                    self.gpio[port as usize].reset();
+                    self.pins_changed(port, before);
+                }
+                Unit::Can1 => self.can.reset(),
+                Unit::Pwr => self.pwr = Pwr::default(),
+                Unit::Syscfg => self.exti.reset_syscfg(),
+                _ => {}
+            }
+        }
+    }
+
+    /// Takes over the clock tree that RCC now describes.
+    fn apply_clocks(&mut self) {
+        let clocks = self.rcc.clocks(self.now_ps());
+        let hclk = clocks.hclk.max(1);
+        for (number, timer) in self.timers.iter_mut().enumerate() {
+            let clock = if on_apb2(number) {
+                clocks.timer2
+            } else {
+                clocks.timer1
+            };
+            timer.set_ratio(self.now, hclk / clock.max(1));
+        }
+        self.can.set_ratio(hclk / clocks.pclk1.max(1));
+        if hclk != self.clock.hz() {
+            self.clock.set_hz(self.now, hclk);
+            self.check_clocks();
+        }
+    }
+
+    /// Stops when the chip is clocked outside what the manual allows.
+    fn check_clocks(&mut self) {
+        let now_ps = self.now_ps();
+        let clocks = self.rcc.clocks(now_ps);
+        let fault = self.rcc.pll_fault(now_ps).or_else(|| {
+            [
+                (
+                    clocks.hclk,
+                    self.flash.max_hclk(),
+                    "HCLK with these flash wait states (RM0390 table 6)",
+                ),
+                (
+                    clocks.hclk,
+                    self.pwr.max_hclk(now_ps),
+                    "HCLK with this voltage scale (RM0390 section 5.1.4)",
+                ),
+                (clocks.pclk1, 45_000_000, "APB1 (RM0390 section 6.2)"),
+                (clocks.pclk2, 90_000_000, "APB2 (RM0390 section 6.2)"),
+            ]
+            .into_iter()
+            .find(|(is, max, _)| is > max)
+            .map(|(is, max, what)| format!("{what}: {is} Hz, at most {max} Hz"))
+        });
+        if let Some(fault) = fault {
+            self.stop.get_or_insert(StopKind::Clock(fault));
+        }
+    }
+
+    /// Everything that follows from a pin having changed: edges for EXTI, the break inputs.
+    fn pins_changed(&mut self, port: Port, before: u32) {
+        let after = self.gpio[port as usize].idr();
+        for pin in 0..16 {
+            if (before ^ after) >> pin & 1 != 0 {
+                self.exti.edge(port, pin, after >> pin & 1 != 0);
+            }
+        }
+        for timer in [1, 8] {
+            let level = pins::break_input(timer).any(|route| {
+                self.connected(route) && self.gpio[route.port as usize].level(route.pin)
+            });
+            self.timers[timer].set_break_input(self.now, level);
+        }
+    }
+
+    fn connected(&self, route: &Route) -> bool {
+        self.gpio[route.port as usize].mode(route.pin) == Mode::Alternate(route.af)
+    }
+
+    fn timer_clocked(&self, number: usize) -> bool {
+        let gate = map::PERIPHERALS
+            .iter()
+            .find(|entry| entry.unit == Unit::Timer(number))
+            .map_or(Gate::None, |e| e.gate);
+        self.rcc.enabled(gate)
+    }
+
+    /// Connects a pin to a level outside.
+    pub(crate) fn set_input(&mut self, port: Port, pin: u8, level: bool) {
+        let before = self.gpio[port as usize].idr();
+        self.gpio[port as usize].set_external(pin, level);
+        self.pins_changed(port, before);
+        self.settle();
+    }
+
+    /// What a pin does to its wire.
+    pub(crate) fn output(&mut self, port: Port, pin: u8) -> PinLevel {
+        let gpio = &self.gpio[port as usize];
+        let open_drain = gpio.open_drain(pin);
+        let level = match gpio.mode(pin) {
+            Mode::Alternate(af) => {
+                let route = Route { port, pin, af };
+                match pins::timer_at(port, pin, af) {
+                    Some((timer, channel)) => {
+                        self.timers[timer].sync(self.now);
+                        self.timers[timer].level(channel - 1)
+                    }
+                    // Idle: recessive.
+                    None if pins::CAN1_TX.contains(&route) => Some(true),
+                    None => None,
+                }
+            }
+            _ => return gpio.driven(pin),
+        };
+        match level {
+            Some(true) if !open_drain => PinLevel::High,
+            Some(false) => PinLevel::Low,
+            _ => PinLevel::Floating,
+        }
+    }
+
+    /// A PWM output as it arrives at a pin.
+    pub(crate) fn pwm(&mut self, timer: usize, channel: usize) -> PwmState {
+        if !(1..=14).contains(&timer) || !(1..=4).contains(&channel) {
+            return PwmState::default();
+        }
+        self.timers[timer].sync(self.now);
+        let state = self.timers[timer].pwm(channel - 1, self.clock.hz());
+        let connected = pins::timer_channel(timer, channel).any(|route| self.connected(route));
+        if connected && self.timer_clocked(timer) {
+            state
+        } else {
+            PwmState {
+                duty: 0.0,
+                active: false,
+                ..state
+            }
+        }
+    }
+
+    /// Turns the encoder on a timer's first two channels.
+    pub(crate) fn encoder_add(&mut self, timer: usize, edges: i32) {
+        let wired =
+            |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
+        if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
+            self.timers[timer].encoder_add(self.now, edges);
+            self.settle();
+        }
+    }
+
+    /// Whether CAN1 has its pins.
+    pub(crate) fn can_connected(&self) -> bool {
+        pins::CAN1_RX.iter().any(|route| self.connected(route))
+            && pins::CAN1_TX.iter().any(|route| self.connected(route))
+    }
+
+    /// The CAN bit rate by the board's own crystal, in bit/s.
+    pub(crate) fn can_bit_rate(&self) -> Option<u32> {
+        if !self.can_connected() || !self.can.on_bus() {
+            return None;
+        }
+        let pclk1 = self.rcc.clocks(self.now_ps()).pclk1;
+        let clocks = self.can.clocks_per_bit();
+        Some(((pclk1 + clocks / 2) / clocks) as u32)
+    }
+
+    /// Whether a watchdog will reset the chip in the end.
+    pub(crate) fn watchdog_running(&self) -> bool {
+        self.iwdg.expires_at().is_some()
+    }
+
+    /// Lets everything that is due by `now` happen.
+    pub(crate) fn dispatch(&mut self) {
+        let (now, now_ps) = (self.now, self.now_ps());
+        for timer in &mut self.timers {
+            timer.sync(now);
+        }
+        self.can.sync(now);
+        self.flash.sync(now_ps);
+        if self.iwdg.expires_at().is_some_and(|at| now_ps >= at) {
+            self.reset_request |= cause::IWDG;
+        }
+        self.settle();
+    }
+
+    /// Works out the interrupt lines and the time of the next event.
+    pub(crate) fn settle(&mut self) {
+        self.irq = [0; 4];
+        let mut line = |number: u16, on: bool| {
+            self.irq[usize::from(number / 32)] |= u32::from(on) << (number % 32);
+        };
+        let mut next = u64::MAX;
+        for (number, timer) in self.timers.iter().enumerate().skip(1) {
+            let on = timer.lines();
+            let any = on.update || on.compare || on.trigger || on.breaking;
+            match number {
+                1 => {
+                    line(irq::TIM1_BRK_TIM9, on.breaking);
+                    line(irq::TIM1_UP_TIM10, on.update);
+                    line(irq::TIM1_TRG_COM_TIM11, on.trigger);
+                    line(irq::TIM1_CC, on.compare);
+                }
+                8 => {
+                    line(irq::TIM8_BRK_TIM12, on.breaking);
+                    line(irq::TIM8_UP_TIM13, on.update);
+                    line(irq::TIM8_TRG_COM_TIM14, on.trigger);
+                    line(irq::TIM8_CC, on.compare);
+                }
+                _ => line(timer_irq(number), any),
+            }
+            if let Some(at) = timer.next_event() {
+                next = next.min(at);
+            }
+        }
+        let can = self.can.lines();
+        line(irq::CAN1_TX, can.tx);
+        line(irq::CAN1_RX0, can.rx[0]);
+        line(irq::CAN1_RX1, can.rx[1]);
+        line(irq::CAN1_SCE, can.sce);
+        line(irq::FLASH, self.flash.line());
+        for (number, on) in self.exti.lines() {
+            line(number, on);
+        }
+        next = next.min(self.can.next_event().unwrap_or(u64::MAX));
+        for at_ps in [self.flash.busy_until(), self.iwdg.expires_at()]
+            .into_iter()
+            .flatten()
+        {
+            next = next.min(self.clock.cycle_at_local(at_ps));
+        }
+        self.next_event = next;
+    }
+}
+
+fn timer_irq(number: usize) -> u16 {
+    match number {
+        2 => irq::TIM2,
+        3 => irq::TIM3,
+        4 => irq::TIM4,
+        5 => irq::TIM5,
+        6 => irq::TIM6_DAC,
+        7 => irq::TIM7,
+        9 => irq::TIM1_BRK_TIM9,
+        10 => irq::TIM1_UP_TIM10,
+        11 => irq::TIM1_TRG_COM_TIM11,
+        12 => irq::TIM8_BRK_TIM12,
+        13 => irq::TIM8_UP_TIM13,
+        _ => irq::TIM8_TRG_COM_TIM14,
+    }
+}
+
+fn on_ahb(entry: &Entry) -> bool {
+    entry.base >= 0x4002_0000
+}
+
+fn describe(entry: &Entry, offset: u32, what: &str) -> String {
+    let register = match entry.unit {
+        Unit::Timer(_) => Timer::register_name(offset),
+        Unit::Gpio(_) => Gpio::register_name(offset),
+        Unit::Can1 => Can::register_name(offset),
+        Unit::Rcc => Rcc::register_name(offset),
+        Unit::Flash => Flash::register_name(offset),
+        _ => "",
+    };
+    let register = if register.is_empty() {
+        format!("+{offset:#x}")
+    } else {
+        register.to_owned()
+    };
+    if what.is_empty() {
+        format!("{}_{register}", entry.name)
+    } else {
+        format!("{}_{register}: {what}", entry.name)
+    }
+}

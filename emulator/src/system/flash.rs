@@ -1,0 +1,319 @@
+//! Flash interface (RM0390 rev 6, section 3): wait states, key sequences, erase and program.
+//!
+//! The array itself is memory that the core reads directly; writes to it come here. An operation takes the data
+//! sheet's typical time (DS10693 rev 10, table 49), and because the chip has one bank, the core cannot fetch from
+//! it meanwhile: it stalls, interrupts wait, only the watchdog goes on. A reset in the middle of an erase
+//! leaves the first half of the sector erased and the rest as it was, which is one of the outcomes that real
+//! flash has.
+
+use std::sync::Arc;
+
+use rsemu::core::space::RamStore;
+
+/// Bytes of flash.
+pub const SIZE: u64 = 512 * 1024;
+
+/// First byte and length of each sector (3.3, table 5).
+pub const SECTORS: [(u64, u64); 8] = [
+    (0x0_0000, 0x4000),
+    (0x0_4000, 0x4000),
+    (0x0_8000, 0x4000),
+    (0x0_C000, 0x4000),
+    (0x1_0000, 0x1_0000),
+    (0x2_0000, 0x2_0000),
+    (0x4_0000, 0x2_0000),
+    (0x6_0000, 0x2_0000),
+];
+
+const MS: u64 = 1_000_000_000; // ps
+/// Typical time of one program operation, any width: 16 us.
+const PROGRAM_PS: u64 = 16_000_000;
+
+const SR_EOP: u32 = 1;
+const SR_OPERR: u32 = 1 << 1;
+const SR_WRPERR: u32 = 1 << 4;
+const SR_PGPERR: u32 = 1 << 6;
+const SR_PGSERR: u32 = 1 << 7;
+const SR_BSY: u32 = 1 << 16;
+const CR_PG: u32 = 1;
+const CR_SER: u32 = 1 << 1;
+const CR_MER: u32 = 1 << 2;
+const CR_STRT: u32 = 1 << 16;
+const CR_EOPIE: u32 = 1 << 24;
+const CR_ERRIE: u32 = 1 << 25;
+const CR_LOCK: u32 = 1 << 31;
+
+/// An erase under way.
+#[derive(Debug, Clone, Copy)]
+struct Erase {
+    start: u64,
+    length: u64,
+}
+
+/// The flash interface and its array.
+#[derive(Debug)]
+pub struct Flash {
+    array: Arc<RamStore>,
+    acr: u32,
+    cr: u32,
+    sr: u32,
+    optcr: u32,
+    keys: u8,
+    locked_out: bool,
+    busy_until: u64,
+    erase: Option<Erase>,
+}
+
+impl Flash {
+    /// The interface to an array, after reset.
+    #[must_use]
+    pub fn new(array: Arc<RamStore>) -> Self {
+        Self {
+            array,
+            acr: 0,
+            cr: CR_LOCK,
+            sr: 0,
+            optcr: 0x0FFF_AAED,
+            keys: 0,
+            locked_out: false,
+            busy_until: 0,
+            erase: None,
+        }
+    }
+
+    /// A system reset; an erase that was under way is left half done.
+    pub fn reset(&mut self) {
+        if let Some(erase) = self.erase.take() {
+            // The range is a sector of the array, which the array has.
+            let _ = self.array.fill(erase.start, erase.length / 2, 0xFF);
+        }
+        *self = Self::new(Arc::clone(&self.array));
+    }
+
+    /// Finishes what has finished by a local time in ps.
+    pub fn sync(&mut self, now_ps: u64) {
+        if self.sr & SR_BSY != 0 && now_ps >= self.busy_until {
+            self.sr &= !SR_BSY;
+            self.cr &= !CR_STRT;
+            if self.cr & CR_EOPIE != 0 {
+                self.sr |= SR_EOP;
+            }
+            if let Some(erase) = self.erase.take() {
+                let _ = self.array.fill(erase.start, erase.length, 0xFF);
+            }
+        }
+    }
+
+    /// Local time in ps at which the operation under way ends.
+    #[must_use]
+    pub fn busy_until(&self) -> Option<u64> {
+        (self.sr & SR_BSY != 0).then_some(self.busy_until)
+    }
+
+    /// Interrupt line.
+    #[must_use]
+    pub fn line(&self) -> bool {
+        let errors = self.sr & (SR_OPERR | SR_WRPERR | SR_PGPERR | SR_PGSERR) != 0;
+        (self.sr & SR_EOP != 0 && self.cr & CR_EOPIE != 0) || (errors && self.cr & CR_ERRIE != 0)
+    }
+
+    /// Wait states in use.
+    #[must_use]
+    pub fn wait_states(&self) -> u32 {
+        self.acr & 0xF
+    }
+
+    /// The highest core clock in Hz that the wait states allow at 2.7 to 3.6 V (3.4.1, table 6).
+    #[must_use]
+    pub fn max_hclk(&self) -> u64 {
+        30_000_000 * u64::from(self.wait_states() + 1)
+    }
+
+    /// Reads a register; `None` for an offset without one.
+    pub fn read(&mut self, now_ps: u64, offset: u32) -> Option<u32> {
+        self.sync(now_ps);
+        Some(match offset {
+            0x00 => self.acr,
+            0x04 | 0x08 => 0,
+            0x0C => self.sr,
+            0x10 => self.cr,
+            0x14 => self.optcr,
+            _ => return None,
+        })
+    }
+
+    /// Writes a register; `None` for an offset without one, or option byte programming, which is not modelled.
+    pub fn write(&mut self, now_ps: u64, offset: u32, value: u32) -> Option<()> {
+        self.sync(now_ps);
+        match offset {
+            0x00 => self.acr = value & 0x1F0F,
+            0x04 => self.write_key(value),
+            // Flags are cleared by writing one.
+            0x0C => self.sr &= !(value & 0x1F3),
+            0x10 => self.write_cr(now_ps, value),
+            _ => return None,
+        }
+        Some(())
+    }
+
+    fn write_key(&mut self, key: u32) {
+        self.keys = match (self.keys, key) {
+            (0, 0x4567_0123) if !self.locked_out => 1,
+            (1, 0xCDEF_89AB) => {
+                self.cr &= !CR_LOCK;
+                0
+            }
+            _ => {
+                // 3.5.1: a wrong sequence locks until the next reset.
+                self.locked_out = true;
+                0
+            }
+        };
+    }
+
+    fn write_cr(&mut self, now_ps: u64, value: u32) {
+        if self.cr & CR_LOCK != 0 || self.sr & SR_BSY != 0 {
+            return;
+        }
+        self.cr = value & 0x8301_03FF;
+        if value & CR_STRT == 0 || value & (CR_SER | CR_MER) == 0 {
+            return;
+        }
+        // Typical erase times by parallelism: x8, x16, x32 (and x64, which needs an external voltage).
+        let column = (value >> 8 & 3).min(2) as usize;
+        let (start, length, ms) = if value & CR_MER != 0 {
+            (0, SIZE, [8_000, 5_500, 4_000][column])
+        } else {
+            let Some(&(start, length)) = SECTORS.get((value >> 3 & 0xF) as usize) else {
+                self.sr |= SR_OPERR;
+                return;
+            };
+            let times = match length {
+                0x4000 => [400, 300, 250],
+                0x1_0000 => [1200, 700, 550],
+                _ => [2000, 1300, 1000],
+            };
+            (start, length, times[column])
+        };
+        self.erase = Some(Erase { start, length });
+        self.sr |= SR_BSY;
+        self.busy_until = now_ps + ms * MS;
+    }
+
+    /// A write to the array at an offset. Bits can only be cleared; what is not allowed sets an error flag and
+    /// leaves the array alone (3.5.4).
+    pub fn program(&mut self, now_ps: u64, offset: u64, data: &[u8]) {
+        self.sync(now_ps);
+        let width = 1_usize << (self.cr >> 8 & 3);
+        if self.cr & CR_LOCK != 0 {
+            self.sr |= SR_WRPERR;
+        } else if self.cr & CR_PG == 0 || self.sr & SR_BSY != 0 {
+            self.sr |= SR_PGSERR;
+        } else if data.len() != width {
+            self.sr |= SR_PGPERR;
+        } else {
+            let mut old = [0xFF_u8; 8];
+            let old = &mut old[..data.len()];
+            let _ = self.array.read_at(offset, old);
+            for (old, new) in old.iter_mut().zip(data) {
+                *old &= new;
+            }
+            let _ = self.array.write_at(offset, old);
+            self.sr |= SR_BSY;
+            self.busy_until = now_ps + PROGRAM_PS;
+        }
+    }
+
+    /// Name of the register at an offset.
+    #[must_use]
+    pub fn register_name(offset: u32) -> &'static str {
+        match offset {
+            0x00 => "ACR",
+            0x04 => "KEYR",
+            0x08 => "OPTKEYR",
+            0x0C => "SR",
+            0x10 => "CR",
+            0x14 => "OPTCR",
+            _ => "?",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flash() -> (Flash, Arc<RamStore>) {
+        let array = Arc::new(RamStore::new(SIZE));
+        array.fill(0, SIZE, 0).unwrap();
+        (Flash::new(Arc::clone(&array)), array)
+    }
+
+    fn unlock(flash: &mut Flash) {
+        flash.write(0, 4, 0x4567_0123).unwrap();
+        flash.write(0, 4, 0xCDEF_89AB).unwrap();
+    }
+
+    fn byte(array: &RamStore, at: u64) -> u8 {
+        array.read_u8(at).unwrap()
+    }
+
+    const ERASE_SECTOR_1_X32: u32 = CR_SER | 1 << 3 | 2 << 8 | CR_STRT;
+
+    #[test]
+    fn erases_one_sector_in_its_time() {
+        let (mut flash, array) = flash();
+        unlock(&mut flash);
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        assert_eq!(flash.busy_until(), Some(250 * MS));
+        assert_eq!(flash.read(250 * MS - 1, 0x0C), Some(SR_BSY));
+        assert_eq!(flash.read(250 * MS, 0x0C), Some(0));
+        assert_eq!((byte(&array, 0x3FFF), byte(&array, 0x4000)), (0, 0xFF));
+        assert_eq!((byte(&array, 0x7FFF), byte(&array, 0x8000)), (0xFF, 0));
+    }
+
+    #[test]
+    fn programs_words_and_only_clears_bits() {
+        let (mut flash, array) = flash();
+        unlock(&mut flash);
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
+        flash.program(250 * MS, 0x4000, &[0x12, 0x34, 0x56, 0x78]);
+        flash.program(300 * MS, 0x4000, &[0xF0, 0xFF, 0xFF, 0xFF]);
+        assert_eq!(byte(&array, 0x4000), 0x10);
+        assert_eq!(byte(&array, 0x4003), 0x78);
+    }
+
+    #[test]
+    fn refuses_while_locked_busy_or_with_the_wrong_width() {
+        let (mut flash, array) = flash();
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        assert_eq!(flash.busy_until(), None, "locked");
+        unlock(&mut flash);
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
+        flash.program(250 * MS, 0x4000, &[0, 0]);
+        assert_eq!(flash.read(250 * MS, 0x0C), Some(SR_PGPERR));
+        assert_eq!(byte(&array, 0x4000), 0xFF);
+    }
+
+    #[test]
+    fn a_wrong_key_locks_until_reset() {
+        let (mut flash, _) = flash();
+        flash.write(0, 4, 1).unwrap();
+        unlock(&mut flash);
+        assert_ne!(flash.read(0, 0x10).unwrap() & CR_LOCK, 0);
+        flash.reset();
+        unlock(&mut flash);
+        assert_eq!(flash.read(0, 0x10).unwrap() & CR_LOCK, 0);
+    }
+
+    #[test]
+    fn a_reset_leaves_an_erase_half_done() {
+        let (mut flash, array) = flash();
+        unlock(&mut flash);
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        flash.reset();
+        assert_eq!((byte(&array, 0x5FFF), byte(&array, 0x6000)), (0xFF, 0));
+    }
+}

@@ -1,0 +1,280 @@
+//! General-purpose I/O (RM0390 rev 6, section 7): one port of 16 pins.
+//!
+//! A pin has a level from outside (or none), a pull resistor, and maybe a driver inside: the output register or,
+//! in alternate-function mode, a peripheral. What a peripheral drives is asked of the peripheral; this file only
+//! says which one has the pin.
+
+/// A GPIO port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[allow(missing_docs)]
+pub enum Port {
+    A,
+    B,
+    C,
+    D,
+    E,
+    F,
+    G,
+    H,
+}
+
+impl Port {
+    /// All ports, in order.
+    pub const ALL: [Self; 8] = [
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::D,
+        Self::E,
+        Self::F,
+        Self::G,
+        Self::H,
+    ];
+}
+
+/// What a pin does to the wire it is connected to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PinLevel {
+    /// Driven low.
+    Low,
+    /// Driven high.
+    High,
+    /// Not driven: an input, analog, or an open drain that is off. What the wire's level is then is decided
+    /// outside.
+    Floating,
+}
+
+/// Function of a pin (MODER, 7.4.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Input, the state after reset.
+    Input,
+    /// Output of ODR.
+    Output,
+    /// Alternate function, 0..=15.
+    Alternate(u8),
+    /// Analog; the digital input is off and reads 0.
+    Analog,
+}
+
+/// One port.
+#[derive(Debug, Clone)]
+pub struct Gpio {
+    port: Port,
+    moder: u32,
+    otyper: u32,
+    ospeedr: u32,
+    pupdr: u32,
+    odr: u32,
+    lckr: u32,
+    afr: [u32; 2],
+    /// Levels given from outside, and which pins have one.
+    external: u32,
+    connected: u32,
+}
+
+impl Gpio {
+    /// A port after reset, with nothing connected. Ports A and B wake up with the debug pins switched (7.4).
+    #[must_use]
+    pub fn new(port: Port) -> Self {
+        let (moder, ospeedr, pupdr) = match port {
+            Port::A => (0xA800_0000, 0x0C00_0000, 0x6400_0000),
+            Port::B => (0x0000_0280, 0x0000_00C0, 0x0000_0100),
+            _ => (0, 0, 0),
+        };
+        Self {
+            port,
+            moder,
+            otyper: 0,
+            ospeedr,
+            pupdr,
+            odr: 0,
+            lckr: 0,
+            afr: [0; 2],
+            external: 0,
+            connected: 0,
+        }
+    }
+
+    /// Resets the port; what is connected stays.
+    pub fn reset(&mut self) {
+        let (external, connected) = (self.external, self.connected);
+        *self = Self::new(self.port);
+        self.external = external;
+        self.connected = connected;
+    }
+
+    /// Connects a pin to a level outside.
+    pub fn set_external(&mut self, pin: u8, level: bool) {
+        let bit = 1 << (pin & 15);
+        self.connected |= bit;
+        self.external = if level {
+            self.external | bit
+        } else {
+            self.external & !bit
+        };
+    }
+
+    /// Function of a pin.
+    #[must_use]
+    pub fn mode(&self, pin: u8) -> Mode {
+        let pin = u32::from(pin & 15);
+        match self.moder >> (2 * pin) & 3 {
+            0 => Mode::Input,
+            1 => Mode::Output,
+            2 => Mode::Alternate((self.afr[(pin / 8) as usize] >> (4 * (pin % 8)) & 0xF) as u8),
+            _ => Mode::Analog,
+        }
+    }
+
+    /// What the output register does to a pin; [`PinLevel::Floating`] in any mode but output.
+    #[must_use]
+    pub fn driven(&self, pin: u8) -> PinLevel {
+        let high = self.odr >> (pin & 15) & 1 != 0;
+        match (self.mode(pin), high, self.open_drain(pin)) {
+            (Mode::Output, false, _) => PinLevel::Low,
+            (Mode::Output, true, false) => PinLevel::High,
+            _ => PinLevel::Floating,
+        }
+    }
+
+    /// Whether a pin is open-drain.
+    #[must_use]
+    pub fn open_drain(&self, pin: u8) -> bool {
+        self.otyper >> (pin & 15) & 1 != 0
+    }
+
+    /// Level at the input of a pin: its own output, else the level outside, else the pull, else low.
+    #[must_use]
+    pub fn level(&self, pin: u8) -> bool {
+        let pin = pin & 15;
+        match self.driven(pin) {
+            PinLevel::High => true,
+            PinLevel::Low => false,
+            PinLevel::Floating if self.connected >> pin & 1 != 0 => self.external >> pin & 1 != 0,
+            PinLevel::Floating => self.pupdr >> (2 * pin) & 3 == 1,
+        }
+    }
+
+    /// The input register (7.4.5): analog pins read 0.
+    #[must_use]
+    pub fn idr(&self) -> u32 {
+        (0..16).fold(0, |idr, pin| {
+            idr | u32::from(self.mode(pin) != Mode::Analog && self.level(pin)) << pin
+        })
+    }
+
+    /// Reads a register; `None` for an offset without one.
+    #[must_use]
+    pub fn read(&self, offset: u32) -> Option<u32> {
+        Some(match offset {
+            0x00 => self.moder,
+            0x04 => self.otyper,
+            0x08 => self.ospeedr,
+            0x0C => self.pupdr,
+            0x10 => self.idr(),
+            0x14 => self.odr,
+            0x18 => 0,
+            0x1C => self.lckr,
+            0x20 => self.afr[0],
+            0x24 => self.afr[1],
+            _ => return None,
+        })
+    }
+
+    /// Writes a register; `None` for an offset without one, or the lock register, which is not modelled.
+    pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
+        match offset {
+            0x00 => self.moder = value,
+            0x04 => self.otyper = value & 0xFFFF,
+            0x08 => self.ospeedr = value,
+            0x0C => self.pupdr = value,
+            0x10 => {}
+            0x14 => self.odr = value & 0xFFFF,
+            // 7.4.7: where both a set and a reset bit are written, set wins.
+            0x18 => self.odr = (self.odr & !(value >> 16)) | (value & 0xFFFF),
+            0x20 => self.afr[0] = value,
+            0x24 => self.afr[1] = value,
+            _ => return None,
+        }
+        Some(())
+    }
+
+    /// Name of the register at an offset.
+    #[must_use]
+    pub fn register_name(offset: u32) -> &'static str {
+        match offset {
+            0x00 => "MODER",
+            0x04 => "OTYPER",
+            0x08 => "OSPEEDR",
+            0x0C => "PUPDR",
+            0x10 => "IDR",
+            0x14 => "ODR",
+            0x18 => "BSRR",
+            0x1C => "LCKR",
+            0x20 => "AFRL",
+            0x24 => "AFRH",
+            _ => "?",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reset_values_keep_the_debug_port() {
+        assert_eq!(Gpio::new(Port::A).read(0), Some(0xA800_0000));
+        assert_eq!(Gpio::new(Port::A).mode(13), Mode::Alternate(0));
+        assert_eq!(Gpio::new(Port::B).mode(4), Mode::Alternate(0));
+    }
+
+    #[test]
+    fn an_output_register_without_output_mode_drives_nothing() {
+        let mut gpio = Gpio::new(Port::C);
+        gpio.write(0x18, 1).unwrap();
+        assert_eq!(gpio.driven(0), PinLevel::Floating);
+        gpio.write(0x00, 1).unwrap();
+        assert_eq!(gpio.driven(0), PinLevel::High);
+        gpio.write(0x18, 1 << 16).unwrap();
+        assert_eq!(gpio.driven(0), PinLevel::Low);
+    }
+
+    #[test]
+    fn set_wins_over_reset() {
+        let mut gpio = Gpio::new(Port::C);
+        gpio.write(0x18, 0x0001_0001).unwrap();
+        assert_eq!(gpio.read(0x14), Some(1));
+    }
+
+    #[test]
+    fn pulls_decide_what_an_open_input_reads() {
+        let mut gpio = Gpio::new(Port::C);
+        gpio.write(0x0C, 0b10_01).unwrap();
+        assert_eq!(gpio.idr() & 3, 0b01);
+        gpio.set_external(0, false);
+        gpio.set_external(1, true);
+        assert_eq!(gpio.idr() & 3, 0b10);
+    }
+
+    #[test]
+    fn open_drain_only_pulls_down() {
+        let mut gpio = Gpio::new(Port::C);
+        gpio.write(0x00, 1).unwrap();
+        gpio.write(0x04, 1).unwrap();
+        assert_eq!(gpio.driven(0), PinLevel::Low);
+        gpio.write(0x14, 1).unwrap();
+        assert_eq!(gpio.driven(0), PinLevel::Floating);
+        gpio.set_external(0, true);
+        assert_eq!(gpio.idr() & 1, 1);
+    }
+
+    #[test]
+    fn an_analog_pin_reads_zero() {
+        let mut gpio = Gpio::new(Port::C);
+        gpio.set_external(0, true);
+        gpio.write(0x00, 3).unwrap();
+        assert_eq!(gpio.idr() & 1, 0);
+    }
+}

@@ -1,0 +1,10 @@
+//! The system peripherals: address map, clocks, power, flash, pins, external interrupts, watchdog.
+
+pub mod exti;
+pub mod flash;
+pub mod gpio;
+pub mod iwdg;
+pub mod map;
+pub mod pins;
+pub mod pwr;
+pub mod rcc;

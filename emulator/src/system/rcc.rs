@@ -1,0 +1,500 @@
+//! Reset and clock control (RM0390 rev 6, section 6).
+//!
+//! Computes what the registers really say: an oscillator is ready after its start-up time, a PLL after its lock
+//! time and only when its source runs, and the frequencies of core, buses and timers come out of the multipliers
+//! and dividers that were written. A wrong PLL therefore shows as a wrong CAN bit rate, and a switch to a clock
+//! that is not ready does not happen, as on the chip (6.2.6).
+//!
+//! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45) gives no
+//! typical value, its largest.
+
+use crate::clock::HSI_HZ;
+use crate::system::map::Gate;
+
+const US: u64 = 1_000_000; // ps
+
+/// HSI start-up, typical 2.2 us.
+const HSI_START_PS: u64 = 2_200_000;
+/// HSE start-up with a crystal, typical 2 ms. In bypass the clock is there at once.
+const HSE_START_PS: u64 = 2_000 * US;
+/// PLL lock, 75..200 us.
+const PLL_LOCK_PS: u64 = 200 * US;
+/// LSI start-up, 40 us at most.
+const LSI_START_PS: u64 = 40 * US;
+/// LSE start-up, typical 2 s.
+const LSE_START_PS: u64 = 2_000_000 * US;
+
+/// Bits of CSR that tell the reset cause (6.3.21).
+pub mod cause {
+    /// Brown-out or power-on.
+    pub const BOR: u32 = 1 << 25;
+    /// Reset pin. Every internal reset pulls the pin too.
+    pub const PIN: u32 = 1 << 26;
+    /// Power-on.
+    pub const POR: u32 = 1 << 27;
+    /// Software (SYSRESETREQ).
+    pub const SOFTWARE: u32 = 1 << 28;
+    /// Independent watchdog.
+    pub const IWDG: u32 = 1 << 29;
+}
+
+const RMVF: u32 = 1 << 24;
+const CAUSES: u32 = 0xFE00_0000;
+
+/// Register offsets.
+pub mod reg {
+    #![allow(missing_docs)]
+    pub const CR: u32 = 0x00;
+    pub const PLLCFGR: u32 = 0x04;
+    pub const CFGR: u32 = 0x08;
+    pub const CIR: u32 = 0x0C;
+    pub const AHB1RSTR: u32 = 0x10;
+    pub const APB2RSTR: u32 = 0x24;
+    pub const AHB1ENR: u32 = 0x30;
+    pub const APB2ENR: u32 = 0x44;
+    pub const BDCR: u32 = 0x70;
+    pub const CSR: u32 = 0x74;
+}
+
+/// The frequencies that the registers ask for, in Hz by the board's own crystal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Clocks {
+    /// System clock.
+    pub sysclk: u64,
+    /// Core, memory and AHB clock.
+    pub hclk: u64,
+    /// APB1 peripheral clock (CAN).
+    pub pclk1: u64,
+    /// APB2 peripheral clock.
+    pub pclk2: u64,
+    /// Clock of TIM2..7 and TIM12..14.
+    pub timer1: u64,
+    /// Clock of TIM1 and TIM8..11.
+    pub timer2: u64,
+}
+
+/// An oscillator or PLL: since when it is on.
+#[derive(Debug, Clone, Copy, Default)]
+struct Source {
+    ready_at: Option<u64>,
+}
+
+impl Source {
+    fn switch(&mut self, on: bool, now_ps: u64, delay: u64) {
+        if !on {
+            self.ready_at = None;
+        } else if self.ready_at.is_none() {
+            self.ready_at = Some(now_ps + delay);
+        }
+    }
+
+    fn ready(self, now_ps: u64) -> bool {
+        self.ready_at.is_some_and(|at| now_ps >= at)
+    }
+}
+
+/// RCC.
+#[derive(Debug, Clone)]
+pub struct Rcc {
+    hse_hz: u64,
+    cr: u32,
+    pllcfgr: u32,
+    cfgr: u32,
+    cir: u32,
+    /// RSTR, ENR and LPENR banks as plain words; index is offset / 4.
+    banks: [u32; 0x28],
+    bdcr: u32,
+    csr: u32,
+    hsi: Source,
+    hse: Source,
+    plls: [Source; 3],
+    lsi: Source,
+    lse: Source,
+}
+
+impl Rcc {
+    /// RCC after power-on, on a board that feeds `hse_hz` into the HSE input.
+    #[must_use]
+    pub fn new(hse_hz: u64) -> Self {
+        let mut rcc = Self {
+            hse_hz,
+            cr: 0,
+            pllcfgr: 0,
+            cfgr: 0,
+            cir: 0,
+            banks: [0; 0x28],
+            bdcr: 0,
+            csr: cause::BOR | cause::PIN | cause::POR,
+            hsi: Source { ready_at: Some(0) },
+            hse: Source::default(),
+            plls: [Source::default(); 3],
+            lsi: Source::default(),
+            lse: Source::default(),
+        };
+        rcc.reset(0);
+        rcc
+    }
+
+    /// A system reset for a reason given as bits of CSR. The backup domain and the causes stay.
+    pub fn reset(&mut self, causes: u32) {
+        self.cr = 0x83;
+        self.pllcfgr = 0x2400_3010;
+        self.cfgr = 0;
+        self.cir = 0;
+        self.banks = [0; 0x28];
+        self.banks[0x30 / 4] = 0x0010_0000;
+        self.banks[0x50 / 4] = 0x7E67_91FF;
+        self.banks[0x54 / 4] = 0x0000_00F1;
+        self.banks[0x58 / 4] = 0x0000_0003;
+        self.banks[0x60 / 4] = 0x3FFF_CFFF;
+        self.banks[0x64 / 4] = 0x00C7_7F33;
+        self.banks[0x84 / 4] = 0x2400_3010;
+        self.banks[0x88 / 4] = 0x2400_3010;
+        self.csr |= causes;
+        self.hsi = Source { ready_at: Some(0) };
+        self.hse = Source::default();
+        self.plls = [Source::default(); 3];
+        // LSION is in CSR, which a system reset clears but for the causes (6.3.21).
+        self.csr &= CAUSES;
+        self.lsi = Source::default();
+    }
+
+    /// The reset causes, as in CSR.
+    #[must_use]
+    pub fn causes(&self) -> u32 {
+        self.csr & CAUSES
+    }
+
+    /// Whether a gate is open.
+    #[must_use]
+    pub fn enabled(&self, gate: Gate) -> bool {
+        let (offset, bit) = match gate {
+            Gate::None => return true,
+            Gate::Ahb1(bit) => (0x30, bit),
+            Gate::Ahb2(bit) => (0x34, bit),
+            Gate::Ahb3(bit) => (0x38, bit),
+            Gate::Apb1(bit) => (0x40, bit),
+            Gate::Apb2(bit) => (0x44, bit),
+        };
+        self.banks[offset / 4] >> bit & 1 != 0
+    }
+
+    /// Whether the reset bit that belongs to a gate is set.
+    #[must_use]
+    pub fn in_reset(&self, gate: Gate) -> bool {
+        let (offset, bit) = match gate {
+            Gate::None => return false,
+            Gate::Ahb1(bit) => (0x10, bit),
+            Gate::Ahb2(bit) => (0x14, bit),
+            Gate::Ahb3(bit) => (0x18, bit),
+            Gate::Apb1(bit) => (0x20, bit),
+            Gate::Apb2(bit) => (0x24, bit),
+        };
+        self.banks[offset / 4] >> bit & 1 != 0
+    }
+
+    /// Reads a register at a local time in ps; `None` for an offset without one.
+    #[must_use]
+    pub fn read(&self, now_ps: u64, offset: u32) -> Option<u32> {
+        Some(match offset {
+            reg::CR => {
+                let mut value = self.cr;
+                for (source, bit) in [
+                    (self.hsi, 1),
+                    (self.hse, 17),
+                    (self.plls[0], 25),
+                    (self.plls[1], 27),
+                    (self.plls[2], 29),
+                ] {
+                    value |= u32::from(source.ready(now_ps)) << bit;
+                }
+                value
+            }
+            reg::PLLCFGR => self.pllcfgr,
+            reg::CFGR => (self.cfgr & !0xC) | (self.switched(now_ps) << 2),
+            reg::CIR => self.cir,
+            reg::BDCR => self.bdcr | u32::from(self.lse.ready(now_ps)) << 1,
+            reg::CSR => self.csr | u32::from(self.lsi.ready(now_ps)) << 1,
+            0x10..=0x18
+            | 0x20
+            | 0x24
+            | 0x30..=0x38
+            | 0x40
+            | 0x44
+            | 0x50..=0x58
+            | 0x60
+            | 0x64
+            | 0x80..=0x94 => self.banks[(offset / 4) as usize],
+            _ => return None,
+        })
+    }
+
+    /// Writes a register at a local time in ps; `None` for an offset without one. `backup_access` is PWR_CR.DBP.
+    pub fn write(
+        &mut self,
+        now_ps: u64,
+        offset: u32,
+        value: u32,
+        backup_access: bool,
+    ) -> Option<()> {
+        match offset {
+            reg::CR => self.write_cr(now_ps, value),
+            reg::PLLCFGR => {
+                // 6.3.2: to be written only while the PLL is off.
+                if self.cr & 1 << 24 == 0 {
+                    self.pllcfgr = value & 0x7F43_7FFF;
+                }
+            }
+            reg::CFGR => self.cfgr = value & 0xFFFF_FFF3 & !0x300,
+            reg::CIR => self.cir = value & 0x7F00,
+            reg::BDCR => {
+                if backup_access {
+                    self.bdcr = if value & 1 << 16 != 0 {
+                        1 << 16
+                    } else {
+                        value & 0x0001_830D
+                    };
+                    let delay = if value & 4 != 0 { 0 } else { LSE_START_PS };
+                    self.lse.switch(self.bdcr & 1 != 0, now_ps, delay);
+                }
+            }
+            reg::CSR => {
+                if value & RMVF != 0 {
+                    self.csr &= !CAUSES;
+                }
+                self.csr = (self.csr & CAUSES) | (value & 1);
+                self.lsi.switch(value & 1 != 0, now_ps, LSI_START_PS);
+            }
+            0x10..=0x18
+            | 0x20
+            | 0x24
+            | 0x30..=0x38
+            | 0x40
+            | 0x44
+            | 0x50..=0x58
+            | 0x60
+            | 0x64
+            | 0x80..=0x94 => {
+                self.banks[(offset / 4) as usize] = value;
+            }
+            _ => return None,
+        }
+        Some(())
+    }
+
+    fn write_cr(&mut self, now_ps: u64, value: u32) {
+        const HSEBYP: u32 = 1 << 18;
+        let mut value = value & 0x150D_00F9;
+        // A clock that feeds the system cannot be switched off (6.3.1).
+        match self.switched(now_ps) {
+            0 => value |= 1,
+            1 => value |= 1 << 16,
+            _ => value |= 1 << 24,
+        }
+        self.cr = value;
+        self.hsi.switch(value & 1 != 0, now_ps, HSI_START_PS);
+        let delay = if value & HSEBYP != 0 { 0 } else { HSE_START_PS };
+        self.hse
+            .switch(value & 1 << 16 != 0 && self.hse_hz != 0, now_ps, delay);
+        let fed = if self.pllcfgr & 1 << 22 != 0 {
+            self.hse
+        } else {
+            self.hsi
+        };
+        for (index, pll) in self.plls.iter_mut().enumerate() {
+            let on = value >> (24 + 2 * index) & 1 != 0;
+            // Without an input it never locks.
+            match fed.ready_at {
+                Some(at) => pll.switch(on, now_ps.max(at), PLL_LOCK_PS),
+                None => pll.switch(false, now_ps, 0),
+            }
+        }
+    }
+
+    /// The system clock in use (SWS): what SW asks for, if it is ready.
+    fn switched(&self, now_ps: u64) -> u32 {
+        match self.cfgr & 3 {
+            1 if self.hse.ready(now_ps) => 1,
+            2 if self.plls[0].ready(now_ps) => 2,
+            // Asked for and not ready: what ran before goes on. Everything starts from HSI.
+            _ => 0,
+        }
+    }
+
+    /// Input frequency of the PLLs in Hz.
+    fn pll_source(&self) -> u64 {
+        if self.pllcfgr & 1 << 22 != 0 {
+            self.hse_hz
+        } else {
+            HSI_HZ
+        }
+    }
+
+    /// Frequency of the main PLL's output P in Hz (6.3.2).
+    #[must_use]
+    pub fn pll_p(&self) -> u64 {
+        let m = u64::from(self.pllcfgr & 0x3F).max(1);
+        let n = u64::from(self.pllcfgr >> 6 & 0x1FF);
+        let p = 2 * (u64::from(self.pllcfgr >> 16 & 3) + 1);
+        self.pll_source() * n / m / p
+    }
+
+    /// What is wrong with the PLL that feeds the system, by the limits of 6.3.2 and the data sheet.
+    #[must_use]
+    pub fn pll_fault(&self, now_ps: u64) -> Option<String> {
+        if self.switched(now_ps) != 2 {
+            return None;
+        }
+        let m = u64::from(self.pllcfgr & 0x3F);
+        let n = u64::from(self.pllcfgr >> 6 & 0x1FF);
+        if m < 2 || !(50..=432).contains(&n) {
+            return Some(format!("PLLM {m} or PLLN {n} is out of range"));
+        }
+        let input = self.pll_source() / m;
+        let vco = self.pll_source() * n / m;
+        if !(950_000..=2_100_000).contains(&input) {
+            return Some(format!(
+                "PLL input of {input} Hz, allowed are 0.95 to 2.1 MHz"
+            ));
+        }
+        (!(100_000_000..=432_000_000).contains(&vco))
+            .then(|| format!("PLL VCO at {vco} Hz, allowed are 100 to 432 MHz"))
+    }
+
+    /// The frequencies in effect at a local time in ps.
+    #[must_use]
+    pub fn clocks(&self, now_ps: u64) -> Clocks {
+        let sysclk = match self.switched(now_ps) {
+            1 => self.hse_hz,
+            2 => self.pll_p(),
+            _ => HSI_HZ,
+        };
+        let hclk = sysclk
+            / match self.cfgr >> 4 & 0xF {
+                hpre @ 8..=11 => 1 << (hpre - 7),
+                hpre @ 12..=15 => 1 << (hpre - 6),
+                _ => 1,
+            };
+        let divider = |ppre: u32| if ppre < 4 { 1 } else { 1 << (ppre - 3) };
+        let (d1, d2) = (divider(self.cfgr >> 10 & 7), divider(self.cfgr >> 13 & 7));
+        // 6.2: timers run at twice the bus clock when it is divided; with TIMPRE at four times, up to HCLK.
+        let timpre = self.banks[0x8C / 4] >> 24 & 1 != 0;
+        let timer = |d: u64| match (timpre, d) {
+            (false, 1) | (true, 1..=4) => hclk,
+            (false, d) => hclk / d * 2,
+            (true, d) => hclk / d * 4,
+        };
+        Clocks {
+            sysclk,
+            hclk,
+            pclk1: hclk / d1,
+            pclk2: hclk / d2,
+            timer1: timer(d1),
+            timer2: timer(d2),
+        }
+    }
+
+    /// Name of the register at an offset.
+    #[must_use]
+    pub fn register_name(offset: u32) -> &'static str {
+        match offset {
+            reg::CR => "CR",
+            reg::PLLCFGR => "PLLCFGR",
+            reg::CFGR => "CFGR",
+            reg::CIR => "CIR",
+            0x10..=0x27 => "xxxRSTR",
+            0x30..=0x47 => "xxxENR",
+            0x50..=0x67 => "xxxLPENR",
+            reg::BDCR => "BDCR",
+            reg::CSR => "CSR",
+            _ => "?",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HSEON_BYP: u32 = 1 << 16 | 1 << 18;
+    const PLLON: u32 = 1 << 24;
+
+    /// 8 MHz / `m` x `n` / 2 as the system clock, APB1 by 4, APB2 by 2.
+    fn running_from_pll(m: u32, n: u32) -> Rcc {
+        let mut rcc = Rcc::new(8_000_000);
+        rcc.write(0, reg::CR, 0x83 | HSEON_BYP, false).unwrap();
+        rcc.write(0, reg::PLLCFGR, 1 << 22 | n << 6 | m, false)
+            .unwrap();
+        rcc.write(0, reg::CR, 0x83 | HSEON_BYP | PLLON, false)
+            .unwrap();
+        rcc.write(PLL_LOCK_PS, reg::CFGR, 2 | 5 << 10 | 4 << 13, false)
+            .unwrap();
+        rcc
+    }
+
+    #[test]
+    fn reset_values() {
+        let rcc = Rcc::new(8_000_000);
+        assert_eq!(rcc.read(0, reg::CR), Some(0x83));
+        assert_eq!(rcc.read(0, reg::PLLCFGR), Some(0x2400_3010));
+        assert_eq!(rcc.read(0, reg::CSR), Some(0x0E00_0000));
+        assert_eq!(rcc.clocks(0).hclk, 16_000_000);
+    }
+
+    #[test]
+    fn the_tree_at_180_mhz() {
+        let clocks = running_from_pll(4, 180).clocks(PLL_LOCK_PS);
+        assert_eq!(
+            clocks,
+            Clocks {
+                sysclk: 180_000_000,
+                hclk: 180_000_000,
+                pclk1: 45_000_000,
+                pclk2: 90_000_000,
+                timer1: 90_000_000,
+                timer2: 180_000_000
+            }
+        );
+    }
+
+    #[test]
+    fn a_pll_takes_its_time_to_lock() {
+        let mut rcc = Rcc::new(8_000_000);
+        rcc.write(0, reg::CR, 0x83 | PLLON, false).unwrap();
+        assert_eq!(rcc.read(PLL_LOCK_PS - 1, reg::CR).unwrap() & 1 << 25, 0);
+        assert_ne!(rcc.read(PLL_LOCK_PS, reg::CR).unwrap() & 1 << 25, 0);
+    }
+
+    #[test]
+    fn without_hse_the_pll_never_locks_and_the_switch_does_not_happen() {
+        let mut rcc = Rcc::new(0);
+        rcc.write(0, reg::PLLCFGR, 1 << 22 | 180 << 6 | 4, false)
+            .unwrap();
+        rcc.write(0, reg::CR, 0x83 | HSEON_BYP | PLLON, false)
+            .unwrap();
+        rcc.write(1, reg::CFGR, 2, false).unwrap();
+        let late = 10_000_000 * US;
+        assert_eq!(rcc.read(late, reg::CR).unwrap() & (1 << 17 | 1 << 25), 0);
+        assert_eq!(rcc.read(late, reg::CFGR).unwrap() & 0xC, 0);
+        assert_eq!(rcc.clocks(late).hclk, 16_000_000);
+    }
+
+    #[test]
+    fn pll_limits() {
+        assert_eq!(running_from_pll(4, 180).pll_fault(PLL_LOCK_PS), None);
+        assert!(
+            running_from_pll(2, 90).pll_fault(PLL_LOCK_PS).is_some(),
+            "4 MHz into the PLL"
+        );
+        assert!(running_from_pll(4, 433).pll_fault(PLL_LOCK_PS).is_some());
+    }
+
+    #[test]
+    fn causes_are_kept_until_removed() {
+        let mut rcc = Rcc::new(8_000_000);
+        rcc.write(0, reg::CSR, RMVF, false).unwrap();
+        assert_eq!(rcc.causes(), 0);
+        rcc.reset(cause::IWDG | cause::PIN);
+        assert_eq!(rcc.causes(), 0x2400_0000);
+    }
+}

@@ -1,0 +1,117 @@
+//! What a timer drives its channels with: PWM, forced and idle levels (RM0390 rev 6, sections 17.3.8 to 17.3.12).
+
+use super::{Timer, bdtr};
+
+/// What a PWM output does.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PwmState {
+    /// Fraction of the time the pin is high, 0..=1. A pin that the timer does not drive counts as low.
+    pub duty: f32,
+    /// Duration of one PWM period in nanoseconds of the board's own time; 0 while the counter stands.
+    pub period_ns: u64,
+    /// Whether the timer drives the pin: channel enabled, outputs not cut (MOE), counter running, pin switched to
+    /// the timer.
+    pub active: bool,
+}
+
+impl Timer {
+    /// Whether the outputs as a whole are enabled: MOE where there is one.
+    #[must_use]
+    pub fn outputs_enabled(&self) -> bool {
+        !self.kind.advanced || self.bdtr & bdtr::MOE != 0
+    }
+
+    /// State of a channel's output (from 0), as of the last [`Timer::sync`]; `hz` is the core clock.
+    #[must_use]
+    pub fn pwm(&self, channel: usize, hz: u64) -> PwmState {
+        if channel >= self.kind.channels {
+            return PwmState::default();
+        }
+        let enabled = self.ccer >> (4 * channel) & 1 != 0;
+        let inverted = self.ccer >> (4 * channel + 1) & 1 != 0;
+        let running = self.enabled() && self.arr.active != 0;
+        let period_ns = if running {
+            (u128::from(self.period() * self.tick()) * 1_000_000_000 / u128::from(hz)) as u64
+        } else {
+            0
+        };
+        if !self.outputs_enabled() {
+            // Table of output control bits (17.4.9): with OSSI the pin is driven to its idle level.
+            let idle =
+                self.cr2 >> (8 + 2 * channel) & 1 != 0 && self.bdtr & bdtr::OSSI != 0 && enabled;
+            return PwmState {
+                duty: if idle { 1.0 } else { 0.0 },
+                period_ns,
+                active: false,
+            };
+        }
+        if !enabled {
+            return PwmState {
+                duty: 0.0,
+                period_ns,
+                active: false,
+            };
+        }
+        let reference = if running {
+            self.reference_duty(channel)
+        } else {
+            f32::from(u8::from(self.reference(channel)))
+        };
+        PwmState {
+            duty: if inverted { 1.0 - reference } else { reference },
+            period_ns,
+            active: running,
+        }
+    }
+
+    fn mode(&self, channel: usize) -> u32 {
+        let half = self.ccmr[channel / 2] >> (8 * (channel % 2));
+        if half & 3 != 0 { 0 } else { half >> 4 & 7 }
+    }
+
+    /// Share of a period for which OCxREF is high.
+    fn reference_duty(&self, channel: usize) -> f32 {
+        let (ccr, arr) = (self.ccr[channel].active as f64, self.arr.active as f64);
+        let high_in_mode_1 = if self.cr1 & super::cr1::CMS != 0 {
+            ccr / arr
+        } else if self.cr1 & super::cr1::DIR != 0 {
+            // Down: low while the counter is above CCR; 0 % is not possible (17.3.9).
+            (ccr + 1.0) / (arr + 1.0)
+        } else {
+            ccr / (arr + 1.0)
+        }
+        .min(1.0);
+        match self.mode(channel) {
+            6 => high_in_mode_1 as f32,
+            7 => (1.0 - high_in_mode_1) as f32,
+            5 => 1.0,
+            _ => 0.0,
+        }
+    }
+
+    /// Level of OCxREF at the last [`Timer::sync`].
+    #[must_use]
+    pub fn reference(&self, channel: usize) -> bool {
+        let (count, ccr) = (self.count(), self.ccr[channel].active);
+        let falling = self.cr1 & super::cr1::DIR != 0 && self.cr1 & super::cr1::CMS == 0;
+        let in_mode_1 = if falling { count <= ccr } else { count < ccr };
+        match self.mode(channel) {
+            6 => in_mode_1,
+            7 => !in_mode_1,
+            5 => true,
+            _ => false,
+        }
+    }
+
+    /// Level of a channel's pin at the last [`Timer::sync`]; `None` when the timer leaves it floating.
+    #[must_use]
+    pub fn level(&self, channel: usize) -> Option<bool> {
+        if channel >= self.kind.channels || self.ccer >> (4 * channel) & 1 == 0 {
+            return None;
+        }
+        if !self.outputs_enabled() {
+            return (self.bdtr & bdtr::OSSI != 0).then(|| self.cr2 >> (8 + 2 * channel) & 1 != 0);
+        }
+        Some(self.reference(channel) ^ (self.ccer >> (4 * channel + 1) & 1 != 0))
+    }
+}

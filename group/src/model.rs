@@ -1,0 +1,177 @@
+//! The group as the programs use it: SI units, REP-103 axes, every value checked.
+//!
+//! Nothing here can be built with a value that breaks a rule except by hand; [`GroupFile::load`] is the
+//! way in. `f32` where a robot will hold the value (it travels as REAL32), `f64` where only the
+//! simulated world uses it.
+
+use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
+
+/// Lowest node identifier of a robot; node 1 is the master.
+pub const FIRST_NODE: u8 = 2;
+/// Highest node identifier of a robot: sixteen on one bus.
+pub const LAST_NODE: u8 = 17;
+
+/// A whole group.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupFile {
+    /// Short name, for reports.
+    pub name: String,
+    /// Group identifier on the bus, 1..=255; robots ignore setpoints of other groups.
+    pub group_id: u8,
+    /// Period of SYNC in microseconds, a whole number of milliseconds.
+    pub sync_period_us: u32,
+    /// Limits of the group's motion, the same in every member.
+    pub limits: Limits,
+    /// The members, in the order of the file.
+    pub robots: Vec<Robot>,
+    /// What a simulated world needs to be told.
+    pub simulation: Simulation,
+}
+
+/// Limits of the group's motion, in the group frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Speed of the group frame's origin, m/s.
+    pub linear_speed: f32,
+    /// Yaw rate, rad/s.
+    pub yaw_rate: f32,
+    /// m/s².
+    pub linear_acceleration: f32,
+    /// rad/s².
+    pub yaw_acceleration: f32,
+    /// m/s³.
+    pub linear_jerk: f32,
+    /// rad/s³.
+    pub yaw_jerk: f32,
+    /// A setpoint older than this stops the group, microseconds.
+    pub command_timeout_us: u32,
+}
+
+/// One member.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// CANopen node identifier, [`FIRST_NODE`]..=[`LAST_NODE`].
+    pub node: u8,
+    /// Pose in the group frame: metres, radians, counter-clockwise.
+    pub mount: Pose,
+    /// Wheels and where they are.
+    pub geometry: FourWheelGeometry,
+    /// What the master writes into the robot against its losses; 1 is none.
+    pub compensation: VelocityCompensation,
+    /// Fastest wheel rate that may be asked for, rad/s.
+    pub max_wheel_rate: f32,
+    /// The wheel's encoder.
+    pub encoder: Encoder,
+    /// The wheel's motor with its gear.
+    pub motor: Motor,
+    /// Gains of the wheel-rate loop.
+    pub control: Control,
+}
+
+/// The encoder of a wheel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Encoder {
+    /// Quadrature counts per revolution of the *wheel* (lines times 4 times gear ratio).
+    pub counts_per_revolution: f32,
+}
+
+/// Motor and gear as seen from the wheel: torques and rates are the wheel's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motor {
+    /// Supply voltage of the bridge, V.
+    pub supply: f32,
+    /// Back-EMF constant in V·s/rad; the same number is the torque constant in N·m/A.
+    pub constant: f32,
+    /// Winding resistance, Ω.
+    pub resistance: f32,
+    /// Winding inductance, H.
+    pub inductance: f32,
+    /// Inertia the motor turns, kg·m²: rotor, gear, wheel, and this wheel's share of the robot.
+    pub inertia: f32,
+    /// Dry friction torque, N·m.
+    pub friction: f32,
+    /// Viscous friction, N·m·s/rad.
+    pub viscous: f32,
+}
+
+/// Gains of the wheel-rate loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Control {
+    /// Duty per rad/s of rate error.
+    pub proportional: f32,
+    /// Duty per rad of accumulated rate error.
+    pub integral: f32,
+}
+
+/// Duty that holds or changes a wheel rate, from the motor's own data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feedforward {
+    /// Duty that overcomes dry friction, with the sign of the rate.
+    pub duty_static: f32,
+    /// Duty per rad/s.
+    pub duty_per_rate: f32,
+    /// Duty per rad/s².
+    pub duty_per_acceleration: f32,
+}
+
+impl Motor {
+    /// The feedforward that fits this motor: steady state of
+    /// `duty * supply = constant * rate + resistance * torque / constant`.
+    #[must_use]
+    pub fn feedforward(&self) -> Feedforward {
+        let duty_per_torque = self.resistance / (self.constant * self.supply);
+        Feedforward {
+            duty_static: self.friction * duty_per_torque,
+            duty_per_rate: self.constant / self.supply + self.viscous * duty_per_torque,
+            duty_per_acceleration: self.inertia * duty_per_torque,
+        }
+    }
+
+    /// Rate at full duty without load, rad/s.
+    #[must_use]
+    pub fn no_load_rate(&self) -> f32 {
+        let f = self.feedforward();
+        (1.0 - f.duty_static) / f.duty_per_rate
+    }
+}
+
+/// What a simulated world needs to be told and a real one knows by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulation {
+    /// All members are bolted to one load; otherwise each moves alone.
+    pub rigid: bool,
+    /// How wheel motion becomes robot motion.
+    pub plant: Plant,
+    /// Crystal error of every robot in parts per million, in the order of `robots`.
+    pub crystal_ppm: Vec<f64>,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// How wheel motion becomes robot motion.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Plant {
+    /// Measured losses over speed.
+    Table(Tables),
+    /// Rollers, friction and rigid-body dynamics.
+    Contact {
+        /// Rollers per wheel.
+        rollers: u8,
+    },
+    /// Another simulator, reached over TCP.
+    External {
+        /// `host:port`.
+        address: String,
+    },
+}
+
+/// Which measured losses the table plant has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tables {
+    /// The paper's virtual robot, Tables 3 and 5.
+    Virtual,
+    /// The paper's physical robot, Tables 7 and 8.
+    Physical,
+    /// No losses.
+    Ideal,
+}

@@ -1,0 +1,79 @@
+//! The group files that come with the workspace, and what a file's values become.
+
+use std::f32::consts::{FRAC_PI_4, PI};
+
+use omnibus_group::{GroupFile, Plant, Tables};
+
+fn load(name: &str) -> GroupFile {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/");
+    GroupFile::load(format!("{path}{name}.toml")).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn tcc_3_is_the_papers_virtual_robot_three_times() {
+    let group = load("tcc-3");
+    assert_eq!(group.name, "tcc-3");
+    assert_eq!(group.sync_period_us, 10_000);
+    let nodes: Vec<u8> = group.robots.iter().map(|r| r.node).collect();
+    assert_eq!(nodes, [2, 3, 4]);
+    let along: Vec<f32> = group.robots.iter().map(|r| r.mount.x).collect();
+    assert_eq!(along, [1.2, 0.0, -1.2]);
+    for robot in &group.robots {
+        assert_eq!((robot.mount.y, robot.mount.heading), (0.0, 0.0));
+        assert_eq!(robot.geometry.half_track(), 0.370);
+        assert_eq!(robot.geometry.half_wheelbase(), 0.350);
+        assert_eq!(robot.geometry.wheel_radius(), 0.1524);
+        assert_eq!(robot.geometry.roller_angle(), FRAC_PI_4);
+        assert_eq!(robot.compensation.longitudinal(), 1.002);
+        assert_eq!(robot.compensation.lateral(), 1.033);
+        assert_eq!(robot.compensation.yaw(), 1.0195);
+    }
+    assert!(group.simulation.rigid);
+    assert_eq!(group.simulation.plant, Plant::Table(Tables::Virtual));
+    assert_eq!(group.simulation.crystal_ppm, [-30.0, 5.0, 40.0]);
+}
+
+#[test]
+fn every_group_file_of_the_workspace_is_valid() {
+    for name in ["tcc-3", "tcc-2", "scc-2", "acc-2", "single"] {
+        assert_eq!(load(name).name, name);
+    }
+    let turned = load("acc-2").robots[1].mount.heading;
+    assert!((turned - PI / 6.0).abs() < 1e-6, "{turned}");
+}
+
+#[test]
+fn an_entry_overrides_the_robot_table_field_by_field() {
+    let text =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml"))
+            .unwrap();
+    let text = text.replace(
+        "node = 3",
+        "node = 3\nwheel_radius = 0.15\ncompensation = { lateral = 1.1 }",
+    );
+    let group = GroupFile::parse("tcc-2.toml", &text).unwrap();
+    assert_eq!(group.robots[0].geometry.wheel_radius(), 0.1524);
+    assert_eq!(group.robots[1].geometry.wheel_radius(), 0.15);
+    assert_eq!(group.robots[1].geometry.half_track(), 0.370);
+    assert_eq!(group.robots[1].compensation.lateral(), 1.1);
+    assert_eq!(group.robots[1].compensation.longitudinal(), 1.002);
+}
+
+/// The feedforward of tcc-3's motor by hand: 0.3 ohm, 0.8 V s/rad, 24 V.
+#[test]
+fn feedforward_follows_from_the_motor() {
+    let f = load("single").robots[0].motor.feedforward();
+    // Torque of 1 N m takes 0.3 / 0.8 = 0.375 V, 0.015625 of 24 V.
+    assert!((f.duty_static - 0.015_625).abs() < 1e-7, "{f:?}");
+    assert!(
+        (f.duty_per_rate - (0.8 / 24.0 + 0.02 * 0.015_625)).abs() < 1e-7,
+        "{f:?}"
+    );
+    assert!(
+        (f.duty_per_acceleration - 0.4 * 0.015_625).abs() < 1e-7,
+        "{f:?}"
+    );
+    // (24 - 0.375) / (0.8 + 0.02 * 0.375) = 29.257 rad/s.
+    let top = load("single").robots[0].motor.no_load_rate();
+    assert!((top - 29.257).abs() < 1e-3, "{top}");
+}

@@ -1,0 +1,299 @@
+//! What a group file is refused for, with the exact text a person reads.
+//!
+//! Each case takes one valid file, changes one thing, and expects one sentence: file, line, field,
+//! problem, remedy. Lines are those of [`VALID`].
+
+use omnibus_group::GroupFile;
+
+const VALID: &str = r#"name = "pair"
+group_id = 7
+sync_period_ms = 10
+
+[limits]
+linear_speed = 2.0
+
+[robot]
+half_track = 0.37
+half_wheelbase = 0.35
+wheel_radius = 0.1524
+roller_angle_deg = 45
+max_wheel_rate = 22
+encoder = { counts_per_revolution = 40000 }
+motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
+
+[[robots]]
+node = 2
+x = 0.6
+
+[[robots]]
+node = 3
+x = -0.6
+compensation = { lateral = 1.033 }
+
+[simulation]
+crystal_ppm = [0, 20]
+"#;
+
+/// The refusal of [`VALID`] with one piece of text replaced.
+fn refusal(from: &str, to: &str) -> String {
+    assert_eq!(VALID.matches(from).count(), 1, "{from:?} must occur once");
+    GroupFile::parse("pair.toml", &VALID.replace(from, to))
+        .expect_err("must be refused")
+        .to_string()
+}
+
+#[test]
+fn accepts_the_file_the_cases_start_from() {
+    let group = GroupFile::parse("pair.toml", VALID).unwrap();
+    assert_eq!(group.robots.len(), 2);
+}
+
+#[test]
+fn unknown_key_names_the_key_that_was_meant() {
+    assert_eq!(
+        refusal("wheel_radius", "wheel_raduis"),
+        "pair.toml:11: wheel_raduis: unknown key; did you mean `wheel_radius`?"
+    );
+}
+
+#[test]
+fn unknown_key_lists_the_keys_there_are() {
+    assert_eq!(
+        refusal(
+            "compensation = { lateral = 1.033 }",
+            "compensation = { sideways = 1.033 }"
+        ),
+        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, yaw"
+    );
+}
+
+#[test]
+fn zero_radius() {
+    assert_eq!(
+        refusal("wheel_radius = 0.1524", "wheel_radius = 0"),
+        "pair.toml:11: robot.wheel_radius: is 0; give a number greater than 0"
+    );
+}
+
+#[test]
+fn negative_dimension() {
+    assert_eq!(
+        refusal("half_track = 0.37", "half_track = -0.37"),
+        "pair.toml:9: robot.half_track: is -0.37; give a number greater than 0"
+    );
+}
+
+#[test]
+fn radius_that_is_zero_in_the_robot() {
+    assert_eq!(
+        refusal("wheel_radius = 0.1524", "wheel_radius = 1e-60"),
+        "pair.toml:11: robot.wheel_radius: is 0.000000000000000000000000000000000000000000000000000000000001; \
+         give a number greater than 0"
+    );
+}
+
+#[test]
+fn not_a_number() {
+    assert_eq!(
+        refusal("x = -0.6", "x = nan"),
+        "pair.toml:23: robots[1].x: is nan; give a finite number"
+    );
+}
+
+#[test]
+fn infinite() {
+    assert_eq!(
+        refusal("linear_speed = 2.0", "linear_speed = inf"),
+        "pair.toml:6: limits.linear_speed: is inf; give a number greater than 0"
+    );
+}
+
+#[test]
+fn two_robots_with_one_node() {
+    assert_eq!(
+        refusal("node = 3", "node = 2"),
+        "pair.toml:22: robots[1].node: node 2 is already robots[0]; give every robot a node of its own"
+    );
+}
+
+#[test]
+fn the_masters_node() {
+    assert_eq!(
+        refusal("node = 3", "node = 1"),
+        "pair.toml:22: robots[1].node: is 1; give a robot's node, 2 to 17 (1 is the master)"
+    );
+}
+
+#[test]
+fn node_beyond_the_last() {
+    assert_eq!(
+        refusal("node = 3", "node = 18"),
+        "pair.toml:22: robots[1].node: is 18; give a robot's node, 2 to 17 (1 is the master)"
+    );
+}
+
+#[test]
+fn node_left_out() {
+    assert_eq!(
+        refusal("node = 3\n", ""),
+        "pair.toml:21: robots[1].node: is missing; give it in this entry"
+    );
+}
+
+#[test]
+fn empty_group() {
+    let text = "name = \"none\"\ngroup_id = 1\nrobots = []\n";
+    assert_eq!(
+        GroupFile::parse("none.toml", text).unwrap_err().to_string(),
+        "none.toml:3: robots: the group is empty; add a `[[robots]]` entry for every robot"
+    );
+    let text = "name = \"none\"\ngroup_id = 1\n";
+    assert_eq!(
+        GroupFile::parse("none.toml", text).unwrap_err().to_string(),
+        "none.toml:3: robots: the group is empty; add a `[[robots]]` entry for every robot"
+    );
+}
+
+#[test]
+fn seventeen_robots() {
+    let robots: String = (2..=18)
+        .map(|node| format!("[[robots]]\nnode = {node}\n"))
+        .collect();
+    let text = format!("name = \"many\"\ngroup_id = 1\n{robots}");
+    assert_eq!(
+        GroupFile::parse("many.toml", &text)
+            .unwrap_err()
+            .to_string(),
+        "many.toml:35: robots: 17 robots in one group; keep at most 16 on one bus"
+    );
+}
+
+#[test]
+fn compensation_of_zero() {
+    assert_eq!(
+        refusal("lateral = 1.033", "lateral = 0"),
+        "pair.toml:24: robots[1].compensation.lateral: is 0; give 1 for no compensation; 0 would delete the axis"
+    );
+}
+
+#[test]
+fn compensation_that_is_not_a_number() {
+    assert_eq!(
+        refusal("lateral = 1.033", "yaw = nan"),
+        "pair.toml:24: robots[1].compensation.yaw: is nan; give a finite number"
+    );
+}
+
+#[test]
+fn roller_angle_of_a_right_angle() {
+    assert_eq!(
+        refusal("roller_angle_deg = 45", "roller_angle_deg = 90"),
+        "pair.toml:12: robot.roller_angle_deg: is 90; give the angle between roller axle and wheel axle in degrees, \
+         above 0 and below 90"
+    );
+}
+
+#[test]
+fn a_dimension_left_out() {
+    assert_eq!(
+        refusal("half_wheelbase = 0.35\n", ""),
+        "pair.toml:16: robots[0].half_wheelbase: is missing; give it in `[robot]` or in this entry"
+    );
+}
+
+#[test]
+fn wheel_rate_beyond_the_motor() {
+    assert_eq!(
+        refusal("max_wheel_rate = 22", "max_wheel_rate = 31"),
+        "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motor ends at 30.0; \
+         lower it, or mend motor.supply and motor.constant"
+    );
+}
+
+#[test]
+fn group_of_nobody() {
+    assert_eq!(
+        refusal("group_id = 7", "group_id = 0"),
+        "pair.toml:2: group_id: is 0; give a whole number from 1 to 255"
+    );
+}
+
+#[test]
+fn name_of_nothing() {
+    assert_eq!(
+        refusal("name = \"pair\"", "name = \" \""),
+        "pair.toml:1: name: is empty; give the group a short name"
+    );
+}
+
+#[test]
+fn a_required_key_left_out() {
+    assert_eq!(
+        refusal("group_id = 7\n", ""),
+        "pair.toml:1: group_id: is missing; add `group_id = ...`"
+    );
+}
+
+#[test]
+fn period_between_milliseconds() {
+    assert_eq!(
+        refusal("sync_period_ms = 10", "sync_period_ms = 0.5"),
+        "pair.toml:3: sync_period_ms: is 0.5; give whole milliseconds, 1 to 10000"
+    );
+}
+
+#[test]
+fn text_where_a_number_belongs() {
+    assert_eq!(
+        refusal("wheel_radius = 0.1524", "wheel_radius = \"0.1524\""),
+        "pair.toml:11: wheel_radius: `\"0.1524\"` is not right here; give a number"
+    );
+}
+
+#[test]
+fn crystals_of_other_robots() {
+    assert_eq!(
+        refusal("[0, 20]", "[0, 20, 40]"),
+        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value a robot, in their order"
+    );
+}
+
+#[test]
+fn crystal_that_no_crystal_has() {
+    assert_eq!(
+        refusal("[0, 20]", "[0, 20000]"),
+        "pair.toml:27: simulation.crystal_ppm: is 20000; give an error between -1000 and 1000 ppm"
+    );
+}
+
+#[test]
+fn plant_nobody_knows() {
+    assert_eq!(
+        refusal("[simulation]\n", "[simulation]\nplant = \"ice\"\n"),
+        "pair.toml:27: plant: \"ice\" is not one of its values; use one of: table, contact, external"
+    );
+}
+
+#[test]
+fn external_plant_without_an_address() {
+    assert_eq!(
+        refusal("[simulation]\n", "[simulation]\nplant = \"external\"\n"),
+        "pair.toml:27: simulation.address: is missing; give the other simulator's `host:port`"
+    );
+}
+
+#[test]
+fn text_that_is_not_toml() {
+    let text = refusal("x = 0.6", "x = 0.6.2");
+    assert!(text.starts_with("pair.toml:19: x: "), "{text}");
+    assert!(text.ends_with("; mend the TOML at this place"), "{text}");
+}
+
+#[test]
+fn a_file_that_is_not_there() {
+    let error = GroupFile::load("no/such.toml").unwrap_err();
+    assert_eq!(error.line, None);
+    let text = error.to_string();
+    assert!(text.starts_with("no/such.toml: cannot be read ("), "{text}");
+    assert!(text.ends_with("; give the path of a group file"), "{text}");
+}

@@ -1,0 +1,71 @@
+//! Which bus: the text after `--bus`, and what it means.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// A bus as named on the command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusAddress {
+    /// `sim:GROUP.toml`: a simulated world in this process, with the robots of a group file.
+    Sim(PathBuf),
+    /// `socketcan:can0`: a Linux CAN interface.
+    SocketCan(String),
+    /// `slcan:/dev/ttyACM0`: a serial adapter that speaks slcan.
+    Slcan(PathBuf),
+}
+
+/// Why a text names no bus.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE \
+     (for example sim:groups/tcc-3.toml, socketcan:can0, slcan:/dev/ttyACM0)"
+)]
+pub struct NoBus(String);
+
+impl FromStr for BusAddress {
+    type Err = NoBus;
+
+    fn from_str(text: &str) -> Result<Self, NoBus> {
+        match text.split_once(':') {
+            Some((_, "")) | None => Err(NoBus(text.into())),
+            Some(("sim", file)) => Ok(Self::Sim(file.into())),
+            Some(("socketcan", interface)) => Ok(Self::SocketCan(interface.into())),
+            Some(("slcan", device)) => Ok(Self::Slcan(device.into())),
+            Some(_) => Err(NoBus(text.into())),
+        }
+    }
+}
+
+impl std::fmt::Display for BusAddress {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Sim(file) => write!(f, "sim:{}", file.display()),
+            Self::SocketCan(interface) => write!(f, "socketcan:{interface}"),
+            Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_and_written_alike() {
+        for text in [
+            "sim:groups/tcc-3.toml",
+            "socketcan:can0",
+            "slcan:/dev/ttyACM0",
+        ] {
+            assert_eq!(text.parse::<BusAddress>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn anything_else_is_refused_with_examples() {
+        for text in ["", "can0", "sim:", "usb:1"] {
+            let error = text.parse::<BusAddress>().unwrap_err().to_string();
+            assert!(error.contains("socketcan:can0"), "{error}");
+        }
+    }
+}

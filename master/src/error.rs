@@ -1,0 +1,158 @@
+//! What can go wrong between the master and a group. Every message names the node and the object
+//! or field, and ends in what to do about it; nothing here ever moved because of an error, and a
+//! group that was moving is ramped down by whoever receives one.
+
+use canopen::{AbortCode, NmtState};
+use protocol::{Fault, MemberState};
+
+use crate::link::LinkError;
+
+/// An error of the master.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MasterError {
+    /// The bus itself.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A robot of the group file gave no sign of life.
+    #[error(
+        "node {node} does not answer; check its power, its node switches (id minus 2), the bit \
+         rate (1 Mbit/s) and the termination of the bus"
+    )]
+    NodeSilent {
+        /// The node.
+        node: u8,
+    },
+    /// A robot speaks another version of the protocol.
+    #[error(
+        "node {node}: wire version {found}, this master speaks {}; flash the robot with the \
+         firmware of this release",
+        protocol::WIRE_VERSION
+    )]
+    WireVersion {
+        /// The node.
+        node: u8,
+        /// What the node says.
+        found: u32,
+    },
+    /// A robot refused a parameter.
+    #[error("node {node}: {object} = {value} was refused: {abort}; {}", remedy(*abort))]
+    Refused {
+        /// The node.
+        node: u8,
+        /// Name and address of the object.
+        object: String,
+        /// What was to be written, or "read".
+        value: String,
+        /// The reason the node gave.
+        abort: AbortCode,
+    },
+    /// A robot answered an SDO request with something that is no answer to it.
+    #[error("node {node}: {object}: {problem}; two masters on one bus confuse each other so")]
+    Answer {
+        /// The node.
+        node: u8,
+        /// Name and address of the object.
+        object: String,
+        /// What was wrong with it.
+        problem: String,
+    },
+    /// A parameter read back is not what was written.
+    #[error(
+        "node {node}: {object} reads back as {found}, written was {written}; another master may \
+         be writing to it"
+    )]
+    ReadBack {
+        /// The node.
+        node: u8,
+        /// Name and address of the object.
+        object: String,
+        /// What was written.
+        written: String,
+        /// What came back.
+        found: String,
+    },
+    /// A robot finds its configuration incomplete or contradictory.
+    #[error("node {node}: {object} {reason}; correct the group file")]
+    Configuration {
+        /// The node.
+        node: u8,
+        /// Name and address of the object it objects to.
+        object: String,
+        /// Its reason.
+        reason: String,
+    },
+    /// A robot did not get ready to move.
+    #[error(
+        "node {node} did not get ready to move: NMT state {nmt:?}, member state {state:?}, code \
+         {code}; read its fault list"
+    )]
+    NotReady {
+        /// The node.
+        node: u8,
+        /// Its NMT state as last heard.
+        nmt: Option<NmtState>,
+        /// Its member state as last heard.
+        state: Option<MemberState>,
+        /// Its limit or fault.
+        code: String,
+    },
+    /// A robot reported a fault while the group was running.
+    #[error("node {node}: fault {} ({:#06x}): {} The group ramps down.", fault.name(), fault.code(), fault.text().trim())]
+    MemberFault {
+        /// The node.
+        node: u8,
+        /// The fault.
+        fault: Fault,
+    },
+    /// A robot stopped reporting while the group was running.
+    #[error(
+        "node {node} has sent no status for {syncs} SYNCs; the group ramps down. Check its power \
+         and the bus wiring"
+    )]
+    MemberMissing {
+        /// The node.
+        node: u8,
+        /// SYNCs without a status.
+        syncs: u32,
+    },
+    /// A robot left the OPERATIONAL state while the group was running.
+    #[error("node {node} left OPERATIONAL (now {state:?}); the group ramps down")]
+    MemberLeft {
+        /// The node.
+        node: u8,
+        /// Its state as last heard.
+        state: NmtState,
+    },
+    /// A curve asks for more than the group may do.
+    #[error(
+        "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; choose \
+         a slower curve or raise {limit_name} in the group file"
+    )]
+    TooFast {
+        /// Name of the curve.
+        trajectory: String,
+        /// Largest value asked for.
+        asked: f32,
+        /// Unit of both values.
+        unit: &'static str,
+        /// Field of the group file.
+        limit_name: &'static str,
+        /// Its value.
+        limit: f32,
+    },
+}
+
+/// What to do about an SDO abort.
+fn remedy(abort: AbortCode) -> &'static str {
+    match abort {
+        AbortCode::NoObject | AbortCode::NoSubIndex => {
+            "the robot's firmware is of another release: flash it"
+        }
+        AbortCode::ValueTooHigh | AbortCode::ValueTooLow | AbortCode::InvalidValue => {
+            "correct the value in the group file"
+        }
+        AbortCode::DeviceState => "it can only be written in PRE-OPERATIONAL",
+        AbortCode::Timeout => "check the bus wiring and that the node is powered",
+        _ => "see the object's text in docs/can-protocol.md",
+    }
+}

@@ -1,0 +1,170 @@
+//! Robots made of cardboard, for tests of the master alone: they answer SDO, follow NMT, echo
+//! setpoints at SYNC, and misbehave on request. They do not move. Time is virtual.
+
+use std::collections::{HashMap, VecDeque};
+
+use canopen::{AbortCode, Frame, Micros, NmtState, client};
+use protocol::{Address, Code, Fault, MeasuredTwist, MemberState, MemberStatus, Scale, cob};
+
+use crate::link::{Link, LinkError};
+
+/// How long a robot takes to answer, in µs.
+const ANSWER_US: u64 = 300;
+
+/// One cardboard robot.
+pub struct FakeRobot {
+    pub node: u8,
+    /// Objects as last written.
+    pub store: HashMap<Address, Vec<u8>>,
+    pub nmt: NmtState,
+    /// Refuses writes to this object.
+    pub refuses: Option<(Address, AbortCode)>,
+    /// Reads back this object as zeros.
+    pub forgets: Option<Address>,
+    /// Says nothing from this time on, µs.
+    pub silent_from: u64,
+    /// Reports this fault from this time on, µs.
+    pub fault: Option<(u64, Fault)>,
+    sequence: u8,
+}
+
+impl FakeRobot {
+    pub fn new(node: u8) -> Self {
+        let wire = protocol::WIRE_VERSION.to_le_bytes().to_vec();
+        let store = [
+            (protocol::address::WIRE_VERSION, wire),
+            (protocol::address::CONFIGURATION_STATUS, vec![0; 4]),
+        ];
+        Self {
+            node,
+            store: store.into(),
+            nmt: NmtState::PreOperational,
+            refuses: None,
+            forgets: None,
+            silent_from: u64::MAX,
+            fault: None,
+            sequence: 0,
+        }
+    }
+
+    fn sdo(&mut self, data: &[u8]) -> Vec<u8> {
+        let (index, sub) = (u16::from_le_bytes([data[1], data[2]]), data[3]);
+        let at = Address::new(index, sub);
+        let abort = |code: AbortCode| {
+            let mut out = vec![0x80, data[1], data[2], data[3]];
+            out.extend(code.code().to_le_bytes());
+            out
+        };
+        if data[0] == 0x40 {
+            let Some(value) = self.store.get(&at) else {
+                return abort(AbortCode::NoObject);
+            };
+            let mut out = vec![0x43 | ((4 - value.len() as u8) << 2), data[1], data[2], sub];
+            out.extend(value);
+            if self.forgets == Some(at) {
+                out[4..].fill(0);
+            }
+            out.resize(8, 0);
+            return out;
+        }
+        if let Some((refused, code)) = self.refuses
+            && refused == at
+        {
+            return abort(code);
+        }
+        let length = 4 - usize::from(data[0] >> 2 & 3);
+        self.store.insert(at, data[4..4 + length].to_vec());
+        vec![0x60, data[1], data[2], sub, 0, 0, 0, 0]
+    }
+}
+
+/// A bus with cardboard robots.
+pub struct FakeBus {
+    now: u64,
+    pub robots: Vec<FakeRobot>,
+    waiting: VecDeque<(u64, Frame)>,
+    /// Everything the master sent.
+    pub sent: Vec<(u64, Frame)>,
+}
+
+impl FakeBus {
+    pub fn new(nodes: &[u8]) -> Self {
+        Self {
+            now: 0,
+            robots: nodes.iter().map(|node| FakeRobot::new(*node)).collect(),
+            waiting: VecDeque::new(),
+            sent: Vec::new(),
+        }
+    }
+
+    /// What the master sent with an identifier.
+    pub fn sent_as(&self, id: u16) -> Vec<(u64, Vec<u8>)> {
+        let frames = self.sent.iter().filter(|(_, frame)| frame.id() == id);
+        frames
+            .map(|(at, frame)| (*at, frame.data().to_vec()))
+            .collect()
+    }
+}
+
+impl Link for FakeBus {
+    fn now(&self) -> Micros {
+        Micros(self.now)
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        self.sent.push((self.now, *frame));
+        let (now, id, data) = (self.now, frame.id(), frame.data());
+        for robot in self.robots.iter_mut().filter(|r| now < r.silent_from) {
+            let mut say = |id: u16, data: &[u8]| {
+                let frame = Frame::new(id, data).unwrap();
+                self.waiting.push_back((now + ANSWER_US, frame));
+            };
+            if id == cob::sdo_request(robot.node) {
+                let answer = robot.sdo(data);
+                say(cob::sdo_response(robot.node), &answer);
+            } else if let Some((command, _)) = client::parse_nmt(frame) {
+                robot.nmt = match command {
+                    canopen::NmtCommand::Start => NmtState::Operational,
+                    _ => NmtState::PreOperational,
+                };
+                say(cob::heartbeat(robot.node), &[robot.nmt.code()]);
+            } else if id == cob::GROUP_TWIST {
+                robot.sequence = data[6];
+            } else if id == cob::SYNC && robot.nmt == NmtState::Operational {
+                let code = match robot.fault {
+                    Some((from, fault)) if now >= from => Code::Fault(fault),
+                    _ => Code::None,
+                };
+                let status = MemberStatus {
+                    state: MemberState::Armed,
+                    sequence: robot.sequence,
+                    scale: Scale::ONE,
+                    slip_residual: Some(0.0),
+                    code,
+                };
+                say(cob::member_status(robot.node), &status.encode());
+                let measured = MeasuredTwist {
+                    twist: kinematics::Twist::default(),
+                    sequence: robot.sequence,
+                    group: data[0],
+                };
+                say(cob::measured_twist(robot.node), &measured.encode());
+            }
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        match self.waiting.front() {
+            Some((at, _)) if *at <= until.0 => {
+                let (at, frame) = self.waiting.pop_front().unwrap();
+                self.now = self.now.max(at);
+                Ok(Some((Micros(at), frame)))
+            }
+            _ => {
+                self.now = self.now.max(until.0);
+                Ok(None)
+            }
+        }
+    }
+}

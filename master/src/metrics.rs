@@ -1,0 +1,191 @@
+//! How far a driven path is from the path asked for: the figures of the paper's Tables 6 and 9.
+//!
+//! The paper judges a curve by the relative error of displacement (RED): the mean of the largest
+//! and the smallest coordinate's magnitude over the nominal amplitude, minus one, per axis. For a
+//! curve about the origin `(|max| + |min|) / 2` is half of the extent, so the extent is what is
+//! compared here: it gives the same number and does not depend on where the run started. The
+//! denominator is the extent of the theory over the very instants that were sampled, so a shortened
+//! run is judged by what it asked for and not by a curve it never finished.
+//!
+//! Everything in the crate is REP-103 (x forward, y left). The axes of these figures are the
+//! paper's: x lateral (right positive), y longitudinal (forward positive). [`to_paper`] is the one
+//! place where a path changes frame.
+//!
+//! Nothing here knows where a path came from: a simulated plant, odometry or a motion-capture
+//! system all end as [`PathPoint`]s.
+
+use kinematics::Pose;
+
+/// Where the group was asked to be and where it was, at one instant. Both in one frame (REP-103,
+/// m, m, rad), both about the curve's own origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// Time since the first instant of the curve, in s.
+    pub t: f64,
+    /// The pose the curve asks for at `t`.
+    pub theory: Pose,
+    /// The pose the group had at `t`.
+    pub actual: Pose,
+}
+
+/// The figures of one run. Axes as in the paper: x lateral, y longitudinal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathErrors {
+    /// Relative error of the lateral displacement, in per cent; negative means too short.
+    pub x_percent: f64,
+    /// Relative error of the longitudinal displacement, in per cent; negative means too short.
+    pub y_percent: f64,
+    /// Root mean square of the distance between theory and group at the same instant, in mm.
+    pub rms_mm: f64,
+    /// Largest distance between theory and group at the same instant, in mm.
+    pub max_mm: f64,
+}
+
+/// Why a path cannot be judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MetricsError {
+    /// Fewer than two instants were recorded.
+    #[error("a path of fewer than two points has no displacement error")]
+    TooShort,
+    /// A coordinate is NaN or infinite.
+    #[error("the recorded path holds a coordinate that is not a number")]
+    NotFinite,
+}
+
+/// Coordinates of a REP-103 position in the paper's frame: `[x lateral right, y forward]`, in m.
+#[must_use]
+pub fn to_paper(pose: &Pose) -> [f64; 2] {
+    [-f64::from(pose.y), f64::from(pose.x)]
+}
+
+/// Largest minus smallest of `values`.
+fn extent(values: impl Iterator<Item = f64>) -> f64 {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
+    high - low
+}
+
+/// Relative error of displacement in per cent, from two extents; 0 for an axis that was not to move.
+fn red_percent(actual: f64, theory: f64) -> f64 {
+    if theory > 0.0 {
+        (actual / theory - 1.0) * 100.0
+    } else {
+        0.0
+    }
+}
+
+/// Judges `path` against its own theory.
+///
+/// # Errors
+/// When there are fewer than two points or a coordinate is not finite.
+pub fn path_errors(path: &[PathPoint]) -> Result<PathErrors, MetricsError> {
+    if path.len() < 2 {
+        return Err(MetricsError::TooShort);
+    }
+    let finite = |pose: &Pose| pose.x.is_finite() && pose.y.is_finite();
+    if !path.iter().all(|p| finite(&p.theory) && finite(&p.actual)) {
+        return Err(MetricsError::NotFinite);
+    }
+    let axis = |axis: usize| {
+        red_percent(
+            extent(path.iter().map(|p| to_paper(&p.actual)[axis])),
+            extent(path.iter().map(|p| to_paper(&p.theory)[axis])),
+        )
+    };
+    let distance = |p: &PathPoint| {
+        let ([x, y], [x0, y0]) = (to_paper(&p.actual), to_paper(&p.theory));
+        (x - x0).hypot(y - y0)
+    };
+    let squares: f64 = path.iter().map(|p| distance(p).powi(2)).sum();
+    Ok(PathErrors {
+        x_percent: axis(0),
+        y_percent: axis(1),
+        rms_mm: (squares / path.len() as f64).sqrt() * 1000.0,
+        max_mm: path.iter().map(distance).fold(0.0, f64::max) * 1000.0,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(x: f32, y: f32) -> Pose {
+        Pose { x, y, heading: 0.0 }
+    }
+
+    /// The rows of Table 6: max and min in mm, nominal 2500 mm, and the error it prints.
+    #[test]
+    fn table_6_errors_follow_from_its_extents() {
+        /// Table 6 prints two decimals.
+        const LAST_DIGIT: f64 = 0.006;
+        let rows = [
+            (2430.51, -2395.56, -3.48),
+            (2494.11, -2498.98, -0.14),
+            (2423.55, -2430.37, -2.92),
+            (2494.90, -2490.90, -0.28),
+        ];
+        for (max, min, printed) in rows {
+            let path = [
+                PathPoint {
+                    t: 0.0,
+                    theory: pose(0.0, -2.5),
+                    actual: pose(0.0, -max / 1000.0),
+                },
+                PathPoint {
+                    t: 1.0,
+                    theory: pose(0.0, 2.5),
+                    actual: pose(0.0, -min / 1000.0),
+                },
+            ];
+            let errors = path_errors(&path).unwrap();
+            assert!(
+                (errors.x_percent - printed).abs() < LAST_DIGIT,
+                "{max} {min}"
+            );
+            assert_eq!(errors.y_percent, 0.0);
+        }
+    }
+
+    #[test]
+    fn lateral_is_the_papers_x_and_forward_its_y() {
+        assert_eq!(to_paper(&pose(1.0, 0.25)), [-0.25, 1.0]);
+    }
+
+    #[test]
+    fn rms_is_of_the_distance_at_the_same_instant() {
+        let point = |dx: f32, dy: f32| PathPoint {
+            t: 0.0,
+            theory: pose(1.0, 1.0),
+            actual: pose(1.0 + dx, 1.0 + dy),
+        };
+        // 3-4-5: distances 5 mm and 0 mm; the root mean square is 5 / sqrt 2.
+        let errors = path_errors(&[point(0.003, 0.004), point(0.0, 0.0)]).unwrap();
+        assert!((errors.rms_mm - 5.0 / 2f64.sqrt()).abs() < 1e-3);
+        assert!((errors.max_mm - 5.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_start_away_from_the_origin_changes_nothing() {
+        let point = |theory: f32, actual: f32| PathPoint {
+            t: 0.0,
+            theory: pose(theory, 0.0),
+            actual: pose(actual, 0.0),
+        };
+        let centred = path_errors(&[point(-1.0, -0.96), point(1.0, 0.96)]).unwrap();
+        let from_start = path_errors(&[point(-1.0, -1.0), point(1.0, 0.92)]).unwrap();
+        assert!((centred.y_percent - -4.0).abs() < 1e-4);
+        assert!((from_start.y_percent - centred.y_percent).abs() < 1e-4);
+    }
+
+    #[test]
+    fn refuses_what_cannot_be_judged() {
+        assert_eq!(path_errors(&[]), Err(MetricsError::TooShort));
+        let bad = PathPoint {
+            t: 0.0,
+            theory: pose(0.0, 0.0),
+            actual: pose(f32::NAN, 0.0),
+        };
+        assert_eq!(path_errors(&[bad, bad]), Err(MetricsError::NotFinite));
+    }
+}

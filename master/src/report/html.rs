@@ -1,0 +1,214 @@
+//! The report as one self-contained HTML page: no scripts, no fonts, no network; it can be mailed.
+//!
+//! Text that came from a file (names of groups and curves) is escaped; charts are inline SVG.
+
+use std::fmt::Write as _;
+
+use super::chart::{Chart, ChartError};
+use super::{Report, charts, paper_table_6, table::percent};
+
+const STYLE: &str = "
+:root{color-scheme:light}
+body{font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,sans-serif;color:#2d343e;
+background:#f4f6f8;margin:0}
+main{max-width:1100px;margin:0 auto;padding:32px 20px 64px}
+h1{font-size:30px;line-height:1.2;margin:0 0 6px}
+h2{font-size:20px;margin:44px 0 10px}
+p{max-width:72ch}
+.lead{color:#5b6673;margin:0 0 24px}
+.cards{display:flex;flex-wrap:wrap;gap:12px;margin:22px 0}
+.card{background:#fff;border:1px solid #e1e6eb;border-radius:8px;padding:12px 18px;flex:1 1 150px}
+.card b{display:block;font-size:23px;font-variant-numeric:tabular-nums}
+.card span{color:#5b6673;font-size:14px}
+table{border-collapse:collapse;background:#fff;border:1px solid #e1e6eb;
+font-variant-numeric:tabular-nums}
+th,td{padding:8px 16px;text-align:right;border-bottom:1px solid #e9edf1}
+th:first-child,td:first-child{text-align:left}
+thead th{font-weight:600;border-bottom:2px solid #cfd6dd}
+td.paper,th.paper{color:#5b6673}
+figure{background:#fff;border:1px solid #e1e6eb;border-radius:8px;margin:12px 0;padding:6px}
+figure svg{display:block;width:100%;height:auto;max-width:1040px;margin:0 auto}
+figure.map svg{max-width:760px}
+figcaption{display:flex;flex-wrap:wrap;gap:4px 20px;justify-content:center;font-size:14px;
+color:#5b6673;padding:0 0 8px}
+figcaption i{display:inline-block;width:22px;margin-right:7px;vertical-align:middle}
+.pair{display:grid;grid-template-columns:1fr 1fr;gap:12px}
+.pair figure{margin:0}
+@media (max-width:760px){.pair{grid-template-columns:1fr}}
+code{background:#e9edf1;border-radius:4px;padding:1px 5px;font-size:90%}
+";
+
+/// Text made safe between tags.
+#[must_use]
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+fn figure(out: &mut String, class: &str, chart: &Chart) -> Result<(), ChartError> {
+    let svg = chart.to_svg()?;
+    let _ = write!(out, "<figure class=\"{class}\">{svg}");
+    if !chart.equal_axes {
+        out.push_str("<figcaption>");
+        for series in &chart.series {
+            let style = if series.dashed { "dashed" } else { "solid" };
+            let _ = write!(
+                out,
+                "<span><i style=\"border-top:3px {style} {}\"></i>{}</span>",
+                Chart::css_color(series),
+                escape(&series.label),
+            );
+        }
+        out.push_str("</figcaption>");
+    }
+    out.push_str("</figure>");
+    Ok(())
+}
+
+/// The figures beside the paper's.
+fn figures(report: &Report) -> String {
+    let mut out = String::from("<table><thead><tr><th></th>");
+    for run in &report.runs {
+        let _ = write!(out, "<th>compensation {}</th>", run.compensation_word());
+    }
+    out.push_str("<th class=\"paper\">paper, off (Table 6)</th></tr></thead><tbody>");
+    let paper = paper_table_6(&report.trajectory);
+    let mut row = |name: &str, value: &dyn Fn(&super::Run) -> String, paper: Option<f64>| {
+        let _ = write!(out, "<tr><td>{name}</td>");
+        for run in &report.runs {
+            let _ = write!(out, "<td>{}</td>", value(run));
+        }
+        let paper = paper.map_or_else(|| "&ndash;".to_owned(), percent);
+        let _ = write!(out, "<td class=\"paper\">{paper}</td></tr>");
+    };
+    row(
+        "x, lateral displacement error",
+        &|run| percent(run.errors.x_percent),
+        paper.map(|p| p.0),
+    );
+    row(
+        "y, longitudinal displacement error",
+        &|run| percent(run.errors.y_percent),
+        paper.map(|p| p.1),
+    );
+    let mm = |value: f64| format!("{value:.2} mm");
+    row("rms tracking error", &|run| mm(run.errors.rms_mm), None);
+    row("largest tracking error", &|run| mm(run.errors.max_mm), None);
+    row("largest shape error", &|run| mm(run.shape_error_mm), None);
+    row(
+        "largest bus load over 100 ms",
+        &|run| format!("{:.1} %", run.bus_load_percent),
+        None,
+    );
+    row(
+        "emulated time / real time",
+        &|run| format!("{:.2}", run.realtime_factor),
+        None,
+    );
+    out.push_str("</tbody></table>");
+    out
+}
+
+/// The page.
+///
+/// # Errors
+/// When a chart cannot be drawn.
+pub fn to_html(report: &Report) -> Result<String, ChartError> {
+    let robots = report.robots.len();
+    let title = escape(&format!("{}, {} robots", report.trajectory, robots));
+    let mut out = format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>Omnibus: {title}</title><style>{STYLE}</style></head><body><main>\
+         <h1>{title} as one body</h1>"
+    );
+    let _ = write!(
+        out,
+        "<p class=\"lead\">Group <code>{}</code> on the <code>{}</code> backend.</p>",
+        escape(&report.config),
+        report.backend.word(),
+    );
+    out.push_str("<div class=\"cards\">");
+    let mut card = |value: String, text: &str| {
+        let _ = write!(
+            out,
+            "<div class=\"card\"><b>{value}</b><span>{text}</span></div>"
+        );
+    };
+    for run in &report.runs {
+        let text = format!("lateral error, compensation {}", run.compensation_word());
+        card(percent(run.errors.x_percent), &text);
+    }
+    let shape = report.runs.iter().map(|run| run.shape_error_mm);
+    card(
+        format!("{:.2} mm", shape.fold(0.0, f64::max)),
+        "largest shape error",
+    );
+    card(
+        format!("{:.1} %", report.bus_load_percent()),
+        "largest bus load",
+    );
+    card(
+        format!("{:.2}", report.realtime_factor()),
+        "emulated time / real time",
+    );
+    out.push_str("</div>");
+
+    figure(&mut out, "map", &charts::map(report))?;
+    out.push_str("<h2>Figures</h2>");
+    out.push_str(&figures(report));
+    out.push_str(
+        "<p>Axes here are the paper's: x lateral (right positive), y longitudinal (forward \
+         positive). Displacement error is the relative error of Table 6: half of the path's \
+         extent over half of the curve's, minus one. The tracking error is the distance to where \
+         the curve is at the same instant, the known delay of the setpoint pipeline included in \
+         the setpoints. The shape error is the largest distance of a robot from its place in the \
+         group. The paper's robot was one virtual prototype; it printed no numbers for its \
+         compensated curves.</p>",
+    );
+    out.push_str("<h2>Displacement</h2><div class=\"pair\">");
+    for chart in charts::displacements(report) {
+        figure(&mut out, "", &chart)?;
+    }
+    out.push_str("</div><h2>Velocity</h2><div class=\"pair\">");
+    for chart in charts::velocities(report) {
+        figure(&mut out, "", &chart)?;
+    }
+    out.push_str("</div><h2>Tracking and shape</h2>");
+    figure(&mut out, "", &charts::tracking(report))?;
+    figure(&mut out, "", &charts::shape(report))?;
+    out.push_str(
+        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward.</p>",
+    );
+    for run in &report.runs {
+        for robot in 0..robots {
+            figure(&mut out, "", &charts::wheel_rates(report, run, robot))?;
+        }
+    }
+    out.push_str(provenance(report));
+    out.push_str("</main></body></html>\n");
+    Ok(out)
+}
+
+/// Where the numbers come from, said for the backend that made them.
+fn provenance(report: &Report) -> &'static str {
+    match report.backend {
+        super::BackendName::Emulator => {
+            "<h2>Where this comes from</h2><p>Every robot is an emulated STM32F446 that runs the \
+             release image of the firmware unmodified. The master sends group twists and SYNC as \
+             CAN frames over a virtual bus; the emulated timers' PWM registers drive motor models; \
+             the wheels' motion comes back through the encoder counters and, through the plant of \
+             the paper's Tables 3 and 5, becomes the path drawn here. Nothing of this has run on \
+             hardware.</p>"
+        }
+        super::BackendName::Native => {
+            "<h2>Where this comes from</h2><p>Every robot is the firmware's control code compiled \
+             for this machine. The master sends group twists and SYNC as CAN frames over a virtual \
+             bus; the duty cycles drive motor models; the wheels' motion comes back as encoder \
+             counts and, through the plant of the paper's Tables 3 and 5, becomes the path drawn \
+             here. Nothing of this has run on hardware.</p>"
+        }
+    }
+}

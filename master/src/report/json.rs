@@ -1,0 +1,57 @@
+//! The figures of a report as JSON, for scripts and tests. The names are fixed; axes are the
+//! paper's (`x_percent` lateral, `y_percent` longitudinal).
+
+use serde::Serialize;
+
+use super::Report;
+
+#[derive(Serialize)]
+struct Run {
+    compensation: &'static str,
+    x_percent: f64,
+    y_percent: f64,
+    rms_mm: f64,
+    shape_error_mm: f64,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    backend: &'static str,
+    config: &'a str,
+    trajectory: &'a str,
+    robots: usize,
+    realtime_factor: f64,
+    bus_load_percent: f64,
+    runs: Vec<Run>,
+}
+
+/// Rounds to four decimals: more would pretend to an accuracy nobody measured.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
+/// The report's figures as an indented JSON document with a final newline.
+#[must_use]
+pub fn to_json(report: &Report) -> String {
+    let document = Document {
+        backend: report.backend.word(),
+        config: &report.config,
+        trajectory: &report.trajectory,
+        robots: report.robots.len(),
+        realtime_factor: rounded(report.realtime_factor()),
+        bus_load_percent: rounded(report.bus_load_percent()),
+        runs: report
+            .runs
+            .iter()
+            .map(|run| Run {
+                compensation: run.compensation_word(),
+                x_percent: rounded(run.errors.x_percent),
+                y_percent: rounded(run.errors.y_percent),
+                rms_mm: rounded(run.errors.rms_mm),
+                shape_error_mm: rounded(run.shape_error_mm),
+            })
+            .collect(),
+    };
+    // Serialising plain numbers and strings into memory has no way to fail.
+    serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"
+}

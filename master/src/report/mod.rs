@@ -1,0 +1,127 @@
+//! The report of one or more runs: a table for the terminal, an HTML page with charts, a JSON file.
+//!
+//! [`Report`] holds the figures and the rows they came from; the submodules only present them, each
+//! in its own way: [`table`] (terminal), [`html`] (one self-contained page, no scripts), [`json`]
+//! (for programs). The paper's printed values stand beside the measured ones wherever the paper
+//! ran the same curve; where it printed none, none is shown.
+
+pub mod chart;
+pub mod charts;
+pub mod html;
+pub mod json;
+pub mod table;
+
+use crate::metrics::PathErrors;
+use crate::record::{Row, TruthRow};
+
+/// One drive along the curve.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Whether the members compensated for wheel slip.
+    pub compensation: bool,
+    /// Displacement and tracking errors.
+    pub errors: PathErrors,
+    /// Largest distance of a robot from its place in the group, in mm.
+    pub shape_error_mm: f64,
+    /// Largest bus load over 100 ms while driving, in per cent.
+    pub bus_load_percent: f64,
+    /// Time on the robots' clocks over time on the wall.
+    pub realtime_factor: f64,
+    /// What the observer saw, in order of time.
+    pub truth: Vec<TruthRow>,
+    /// What the master heard, in order of time.
+    pub rows: Vec<Row>,
+}
+
+impl Run {
+    /// "on" or "off".
+    #[must_use]
+    pub fn compensation_word(&self) -> &'static str {
+        if self.compensation { "on" } else { "off" }
+    }
+}
+
+/// What the robots ran on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum BackendName {
+    /// The firmware's control code compiled for this machine.
+    Native,
+    /// The firmware image on emulated microcontrollers.
+    Emulator,
+}
+
+impl BackendName {
+    /// The word used on the command line and in JSON.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Native => "native",
+            Self::Emulator => "emulator",
+        }
+    }
+}
+
+impl std::fmt::Display for BackendName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// A robot as drawn on the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outline {
+    /// Node id, for labels.
+    pub node: u8,
+    /// Pose in the group frame.
+    pub mount: kinematics::Pose,
+    /// Half of the distance between left and right wheels, in m.
+    pub half_track: f32,
+    /// Half of the distance between front and rear wheels, in m.
+    pub half_wheelbase: f32,
+}
+
+/// Everything a report shows.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// What the robots ran on.
+    pub backend: BackendName,
+    /// Name of the group.
+    pub config: String,
+    /// Name of the curve.
+    pub trajectory: String,
+    /// The robots of the group.
+    pub robots: Vec<Outline>,
+    /// The drives, in the order they were made.
+    pub runs: Vec<Run>,
+}
+
+impl Report {
+    /// Largest bus load of all runs, in per cent.
+    #[must_use]
+    pub fn bus_load_percent(&self) -> f64 {
+        self.runs
+            .iter()
+            .map(|run| run.bus_load_percent)
+            .fold(0.0, f64::max)
+    }
+
+    /// Smallest ratio of emulated time over real time of all runs.
+    #[must_use]
+    pub fn realtime_factor(&self) -> f64 {
+        self.runs
+            .iter()
+            .map(|run| run.realtime_factor)
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// What the paper printed for the same curve (Table 6, virtual prototype, without compensation):
+/// relative error of displacement in per cent, lateral and longitudinal.
+#[must_use]
+pub fn paper_table_6(trajectory: &str) -> Option<(f64, f64)> {
+    match trajectory {
+        "circle" => Some((-3.48, -0.14)),
+        "figure-eight" => Some((-2.92, -0.28)),
+        _ => None,
+    }
+}

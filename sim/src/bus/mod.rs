@@ -1,0 +1,175 @@
+//! The virtual CAN bus: who may send, how long it takes, and how full the wire is.
+//!
+//! One frame at a time. When the wire has been free for the intermission, every node that has something
+//! to send takes part in arbitration and the lowest identifier wins, as on the wire. The winner's frame
+//! then occupies the bus for its exact number of bits, see [`bits`]; everybody hears it when it ends.
+//!
+//! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as in
+//! life. Two nodes sending one identifier at the same time would destroy each other's frames on a real
+//! bus; here the first node wins and the case is counted in [`Bus::collisions`].
+
+pub mod bits;
+pub mod candump;
+mod load;
+
+use canopen::Frame;
+
+pub use load::{BusLoad, LoadMeter};
+
+use bits::{INTERMISSION, frame_bits};
+
+/// One bit at 1 Mbit/s, ns.
+pub const BIT_NS: u64 = 1_000;
+
+/// A frame on its way over the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Transfer {
+    /// Who sends it.
+    pub sender: usize,
+    /// What.
+    pub frame: Frame,
+    /// When its first bit was on the wire, ns.
+    pub start_ns: u64,
+    /// When its last bit has been, ns: everybody has received it.
+    pub end_ns: u64,
+}
+
+/// The wire.
+#[derive(Debug)]
+pub struct Bus {
+    transfer: Option<Transfer>,
+    free_at_ns: u64,
+    load: LoadMeter,
+    frames: u64,
+    collisions: u64,
+}
+
+impl Bus {
+    /// A free bus at time 0 whose load is measured over windows of this length, ns.
+    #[must_use]
+    pub fn new(load_window_ns: u64) -> Self {
+        Self {
+            transfer: None,
+            free_at_ns: 0,
+            load: LoadMeter::new(load_window_ns),
+            frames: 0,
+            collisions: 0,
+        }
+    }
+
+    /// When the frame on the wire ends, ns; `None` when there is none.
+    #[must_use]
+    pub fn transfer_end_ns(&self) -> Option<u64> {
+        self.transfer.map(|t| t.end_ns)
+    }
+
+    /// The earliest time at which another frame may start, ns.
+    #[must_use]
+    pub fn free_at_ns(&self) -> u64 {
+        self.free_at_ns
+    }
+
+    /// Whether a frame may start now.
+    #[must_use]
+    pub fn is_free(&self, now_ns: u64) -> bool {
+        self.transfer.is_none() && now_ns >= self.free_at_ns
+    }
+
+    /// Arbitration among the nodes that want to send, each with the frame it would send first. Call only
+    /// when the bus [is free](Self::is_free). Returns the transfer that begins.
+    pub fn arbitrate(
+        &mut self,
+        now_ns: u64,
+        contenders: impl Iterator<Item = (usize, Frame)>,
+    ) -> Option<Transfer> {
+        debug_assert!(self.is_free(now_ns));
+        let mut winner: Option<(usize, Frame)> = None;
+        for (sender, frame) in contenders {
+            match winner {
+                Some((_, best)) if best.id() < frame.id() => {}
+                Some((_, best)) if best.id() == frame.id() => self.collisions += 1,
+                _ => winner = Some((sender, frame)),
+            }
+        }
+        let (sender, frame) = winner?;
+        let bits = u64::from(frame_bits(&frame));
+        let end_ns = now_ns + bits * BIT_NS;
+        self.free_at_ns = end_ns + u64::from(INTERMISSION) * BIT_NS;
+        self.load.busy(now_ns, self.free_at_ns);
+        self.frames += 1;
+        self.transfer = Some(Transfer {
+            sender,
+            frame,
+            start_ns: now_ns,
+            end_ns,
+        });
+        self.transfer
+    }
+
+    /// The transfer that has ended by now, once.
+    pub fn finish(&mut self, now_ns: u64) -> Option<Transfer> {
+        self.transfer.take_if(|t| t.end_ns <= now_ns)
+    }
+
+    /// Load up to now.
+    #[must_use]
+    pub fn load(&self, now_ns: u64) -> BusLoad {
+        self.load.read(now_ns)
+    }
+
+    /// Time the wire has been taken up to now, ns, intermissions included.
+    #[must_use]
+    pub fn busy_ns(&self, now_ns: u64) -> u64 {
+        self.load.busy_ns(now_ns)
+    }
+
+    /// Frames that were sent.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// How often two nodes tried to send one identifier at the same time.
+    #[must_use]
+    pub fn collisions(&self) -> u64 {
+        self.collisions
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(id: u16) -> Frame {
+        Frame::new(id, &[]).unwrap()
+    }
+
+    #[test]
+    fn the_lowest_identifier_wins_whoever_sends_it() {
+        let mut bus = Bus::new(1_000_000);
+        let contenders = [(0, frame(0x181)), (1, frame(0x080)), (2, frame(0x182))];
+        let transfer = bus.arbitrate(0, contenders.into_iter()).unwrap();
+        assert_eq!((transfer.sender, transfer.frame.id()), (1, 0x080));
+    }
+
+    #[test]
+    fn the_wire_is_free_after_the_intermission() {
+        let mut bus = Bus::new(1_000_000);
+        // Identifier 0 without data: 50 bits (see `bits`).
+        bus.arbitrate(7, [(0, frame(0))].into_iter()).unwrap();
+        assert_eq!(bus.finish(50_006), None);
+        assert_eq!(bus.finish(50_007).unwrap().end_ns, 50_007);
+        assert_eq!(bus.finish(50_007), None);
+        assert!(!bus.is_free(53_006));
+        assert!(bus.is_free(53_007));
+    }
+
+    #[test]
+    fn two_nodes_with_one_identifier_are_counted() {
+        let mut bus = Bus::new(1_000_000);
+        let transfer = bus
+            .arbitrate(0, [(3, frame(5)), (4, frame(5))].into_iter())
+            .unwrap();
+        assert_eq!((transfer.sender, bus.collisions()), (3, 1));
+    }
+}

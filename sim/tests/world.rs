@@ -1,0 +1,240 @@
+//! The world with robots that do one simple thing: bus order and times, wheels and encoders, truth.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+use canopen::{Frame, Micros};
+use group::GroupFile;
+use omnibus_sim::motor::Drive;
+use omnibus_sim::robot::{Robot, Wake};
+use omnibus_sim::{Options, SimError, World, plant};
+
+/// What a [`Puppet`] saw and what it shall do.
+#[derive(Default)]
+struct Strings {
+    send: VecDeque<Frame>,
+    received: Vec<(u64, Frame)>,
+    counts: [i64; 4],
+    duty: f64,
+    lost: u32,
+}
+
+/// A robot on strings: sends what it is given, drives all wheels at one duty.
+struct Puppet {
+    strings: Arc<Mutex<Strings>>,
+    now_ns: u64,
+}
+
+impl Robot for Puppet {
+    fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
+        assert!(time_ns > self.now_ns, "time only goes forward");
+        self.now_ns = time_ns;
+        Ok(())
+    }
+    fn wake(&self) -> Wake {
+        Wake::Never
+    }
+    fn pending(&self) -> Option<Frame> {
+        self.strings.lock().unwrap().send.front().copied()
+    }
+    fn transmitted(&mut self) {
+        self.strings.lock().unwrap().send.pop_front();
+    }
+    fn lost_arbitration(&mut self) {
+        self.strings.lock().unwrap().lost += 1;
+    }
+    fn receive(&mut self, frame: &Frame) {
+        self.strings
+            .lock()
+            .unwrap()
+            .received
+            .push((self.now_ns, *frame));
+    }
+    fn drives(&self) -> [Drive; 4] {
+        let duty = self.strings.lock().unwrap().duty;
+        [Drive {
+            duty,
+            enabled: true,
+            brake_released: true,
+        }; 4]
+    }
+    fn turn_encoders(&mut self, counts: [i32; 4]) {
+        let mut strings = self.strings.lock().unwrap();
+        for (sum, count) in strings.counts.iter_mut().zip(counts) {
+            *sum += i64::from(count);
+        }
+    }
+    fn set_emergency_stop(&mut self, _: bool) {}
+    fn set_driver_fault(&mut self, _: bool) {}
+}
+
+fn world(name: &str) -> (World, Vec<Arc<Mutex<Strings>>>) {
+    let path = format!("{}/../groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let group = GroupFile::load(path).unwrap();
+    let strings: Vec<_> = group.robots.iter().map(|_| Arc::default()).collect();
+    let robots = strings.iter().map(|strings: &Arc<Mutex<Strings>>| {
+        Box::new(Puppet {
+            strings: strings.clone(),
+            now_ns: 0,
+        }) as Box<dyn Robot>
+    });
+    let robots = robots.collect();
+    let options = Options::default();
+    let plant = plant::build(&group, options.start).unwrap();
+    (
+        World::with_parts(&group, robots, plant, options).unwrap(),
+        strings,
+    )
+}
+
+fn frame(id: u16) -> Frame {
+    Frame::new(id, &[]).unwrap()
+}
+
+/// Three frames wait at time 0. They go out by identifier; 0 takes 50 bits and 3 of intermission, the
+/// others 0x555's length of 45 and 0x556's, which differs only in its CRC.
+#[test]
+fn frames_go_out_by_identifier_and_take_their_bits() {
+    let (mut world, strings) = world("tcc-2");
+    strings[0].lock().unwrap().send.push_back(frame(0x555));
+    strings[1].lock().unwrap().send.push_back(frame(0));
+    world.send(frame(0x556));
+    assert_eq!(
+        world.receive(Micros(1_000)),
+        Ok(Some((Micros(50), frame(0))))
+    );
+    assert_eq!(
+        world.receive(Micros(1_000)),
+        Ok(Some((Micros(50 + 3 + 45), frame(0x555))))
+    );
+    assert_eq!(world.receive(Micros(1_000)), Ok(None));
+    assert_eq!(world.now(), Micros(1_000));
+    let first = strings[0].lock().unwrap();
+    let heard: Vec<_> = first.received.iter().map(|(at, f)| (*at, f.id())).collect();
+    assert_eq!(heard[0], (50_000, 0));
+    assert_eq!(heard[1].1, 0x556);
+    assert_eq!(heard.len(), 2);
+    assert_eq!(first.lost, 1);
+    assert_eq!(world.frames(), 3);
+}
+
+#[test]
+fn the_masters_frames_keep_their_order() {
+    let (mut world, strings) = world("single");
+    for id in [0x700, 0x100, 0x300] {
+        world.send(frame(id));
+    }
+    world.run_until(Micros(1_000)).unwrap();
+    let heard: Vec<_> = strings[0]
+        .lock()
+        .unwrap()
+        .received
+        .iter()
+        .map(|(_, f)| f.id())
+        .collect();
+    assert_eq!(heard, [0x700, 0x100, 0x300]);
+}
+
+#[test]
+fn a_pulled_connector_neither_hears_nor_speaks() {
+    let (mut world, strings) = world("tcc-2");
+    world.set_connected(0, false);
+    strings[0].lock().unwrap().send.push_back(frame(1));
+    world.send(frame(2));
+    world.run_until(Micros(1_000)).unwrap();
+    assert!(strings[0].lock().unwrap().received.is_empty());
+    assert_eq!(strings[1].lock().unwrap().received.len(), 1);
+    world.set_connected(0, true);
+    world.run_until(Micros(2_000)).unwrap();
+    assert_eq!(strings[1].lock().unwrap().received.len(), 2);
+}
+
+/// A duty that ends at 10 rad/s: after 4 s the rate is there, the encoders agree with the wheels to a
+/// count, and the robots have gone forward by wheel angle times radius times Table 3's ratio.
+#[test]
+fn duty_turns_wheels_and_wheels_move_the_group() {
+    let (mut world, strings) = world("tcc-3");
+    // tcc-3's motor: static 0.015625, per rad/s 0.8/24 + 0.02 * 0.015625.
+    for strings in &strings {
+        strings.lock().unwrap().duty = 0.015_625 + 10.0 * (0.8 / 24.0 + 0.02 * 0.015_625);
+    }
+    world.run_until(Micros(4_000_000)).unwrap();
+    let truth = world.truth();
+    for (robot, strings) in truth.robots.iter().zip(&strings) {
+        for (rate, (angle, counts)) in <[f64; 4]>::from(robot.wheel_rates).into_iter().zip(
+            robot
+                .wheel_angles
+                .into_iter()
+                .zip(strings.lock().unwrap().counts),
+        ) {
+            assert!((rate - 10.0).abs() < 1e-4, "{rate}");
+            assert_eq!(
+                counts,
+                (angle * 40_000.0 / std::f64::consts::TAU).floor() as i64
+            );
+        }
+    }
+    // 10 rad/s is 1.524 m/s, past the table's last row.
+    let samples = world.take_truth();
+    assert_eq!(samples.len(), 400);
+    let (a, b) = (&samples[299], &samples[399]);
+    assert_eq!((a.time_ns, b.time_ns), (3_000_000_000, 4_000_000_000));
+    let speed = b.group.x - a.group.x;
+    assert!((speed - 1.524 * 498.905 / 500.0).abs() < 1e-4, "{speed}");
+    assert!(world.worst_shape_error_mm() < 1e-6);
+}
+
+/// A frame a millisecond of 48 bits and intermission: 4.8 %.
+#[test]
+fn load_is_the_bits_that_were_sent() {
+    let (mut world, _) = world("single");
+    for millisecond in 0..100 {
+        world.send(frame(0x555));
+        world.run_until(Micros((millisecond + 1) * 1_000)).unwrap();
+    }
+    let load = world.bus_load();
+    assert!((load.mean - 0.048).abs() < 1e-12, "{load:?}");
+    assert!((load.largest - 0.048).abs() < 1e-12, "{load:?}");
+    assert!(
+        (world.truth().bus_load - 0.0).abs() < 1e-12,
+        "a sample was just taken"
+    );
+}
+
+#[test]
+fn equal_runs_have_equal_digests() {
+    let run = |id| {
+        let (mut world, strings) = world("tcc-2");
+        strings[0].lock().unwrap().send.push_back(frame(id));
+        world.run_until(Micros(10_000)).unwrap();
+        world.digest()
+    };
+    assert_eq!(run(5), run(5));
+    assert_ne!(run(5), run(6));
+}
+
+#[test]
+fn the_log_is_candumps() {
+    #[derive(Clone, Default)]
+    struct Shared(Arc<Mutex<Vec<u8>>>);
+    impl std::io::Write for Shared {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    let (mut world, _) = world("single");
+    let log = Shared::default();
+    world.log_candump(Box::new(log.clone()));
+    world.send(Frame::new(0x080, &[1]).unwrap());
+    world.run_until(Micros(1_000)).unwrap();
+    world.finish_candump().unwrap();
+    // 56 bits, counted in the bus's own tests.
+    assert_eq!(
+        String::from_utf8(log.0.lock().unwrap().clone()).unwrap(),
+        "(0.000056) can0 080#01\n"
+    );
+}

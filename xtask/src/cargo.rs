@@ -1,0 +1,87 @@
+//! Running `cargo` and `rustup`, always from the root of the workspace.
+//!
+//! The toolchain is the one `rust-toolchain.toml` pins, because that is what the `cargo` that
+//! started this program uses; it passes its own path in `CARGO`.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, bail};
+
+/// The target of the firmware.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Root folder of the workspace.
+pub fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here).to_owned()
+}
+
+/// Folder of build results, as `cargo` has it.
+pub fn target_folder() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
+}
+
+/// A `cargo` command in the root of the workspace.
+pub fn command() -> Command {
+    let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(program);
+    command.current_dir(root());
+    command
+}
+
+/// Runs a command to its end.
+pub fn run(command: &mut Command) -> anyhow::Result<()> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let status = command
+        .status()
+        .with_context(|| format!("cannot start {name}: is it installed and on the PATH?"))?;
+    if !status.success() {
+        bail!("{name} failed ({status}); its messages are above");
+    }
+    Ok(())
+}
+
+/// Adds the firmware's target to the toolchain when it is missing.
+pub fn ensure_target() -> anyhow::Result<()> {
+    // The compiler knows best whether it has the target's core library, rustup or not.
+    let sysroot = Command::new("rustc")
+        .current_dir(root())
+        .args(["--print", "sysroot"])
+        .output()
+        .context("cannot start rustc: install Rust from https://rustup.rs")?;
+    let sysroot = PathBuf::from(String::from_utf8_lossy(&sysroot.stdout).trim());
+    if sysroot
+        .join("lib/rustlib")
+        .join(TARGET)
+        .join("lib")
+        .is_dir()
+    {
+        return Ok(());
+    }
+    eprintln!("adding the {TARGET} target with rustup");
+    let mut rustup = Command::new("rustup");
+    rustup
+        .current_dir(root())
+        .args(["target", "add", TARGET])
+        .stdout(Stdio::inherit());
+    run(&mut rustup).with_context(|| {
+        format!("the {TARGET} target is missing and could not be added: rustup target add {TARGET}")
+    })
+}
+
+/// Builds the firmware, then runs all tests of the workspace with the firmware's path at hand.
+pub fn test(rest: &[String]) -> anyhow::Result<()> {
+    let elf = crate::firmware::build()?;
+    let mut command = command();
+    command
+        .args([
+            "test",
+            "--workspace",
+            "--features",
+            "omnibus-firmware/emulated",
+        ])
+        .args(rest)
+        .env("OMNIBUS_ELF", elf);
+    run(&mut command)
+}

@@ -1,0 +1,123 @@
+//! `cargo xtask demo`: builds the firmware, boots the group's robots in the emulator and drives a
+//! curve twice, without and with compensation; then prints the figures and writes the report.
+//!
+//! The two drives are independent worlds. Each is a complete session of the master: boot, scan,
+//! configuration over SDO, NMT start, the curve, the ramp to standstill. Nothing here computes
+//! anything about the motion; `omnibus` does, from what the simulated world shows.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use indicatif::{ProgressBar, ProgressStyle};
+use omnibus::curve::Curve;
+use omnibus::drive::{self, Drive};
+use omnibus::report::{self, BackendName};
+
+use crate::{cargo, firmware};
+
+/// Options of `cargo xtask demo`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The curve to drive.
+    #[arg(long, value_enum, default_value_t = Curve::FigureEight)]
+    trajectory: Curve,
+    /// Group file, or the name of one in `groups/`.
+    #[arg(long, default_value = "tcc-3")]
+    config: String,
+    /// What the robots run on.
+    #[arg(long, value_enum, default_value_t = BackendName::Emulator)]
+    backend: BackendName,
+    /// Drives only the first seconds of the curve.
+    #[arg(long)]
+    quick: bool,
+    /// Where to write the JSON file (default: target/demo/demo.json).
+    #[arg(long, value_name = "PATH")]
+    json: Option<PathBuf>,
+}
+
+/// Path of a group file given by path or by name.
+fn group_file(config: &str) -> PathBuf {
+    let named = cargo::root().join("groups").join(format!("{config}.toml"));
+    if !config.contains(['/', '.']) && named.is_file() {
+        named
+    } else {
+        config.into()
+    }
+}
+
+/// Builds, drives, reports.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    // A group file with a mistake is refused before anything is built or moved.
+    let path = group_file(&arguments.config);
+    let group = group::GroupFile::load(&path)?;
+    let elf = match arguments.backend {
+        BackendName::Emulator => Some(firmware::build()?),
+        BackendName::Native => None,
+    };
+    let folder = cargo::target_folder().join("demo");
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot create {}", folder.display()))?;
+
+    let mut runs = Vec::new();
+    for compensation in [false, true] {
+        let word = if compensation { "on" } else { "off" };
+        let progress = bar(&format!("{}, compensation {word}", arguments.trajectory));
+        let drive = Drive {
+            group: &group,
+            curve: arguments.trajectory,
+            quick: arguments.quick,
+            compensation,
+            elf: elf.as_deref(),
+            candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
+        };
+        let run = drive::simulated(&drive, &mut |done, phase| {
+            progress.set_position((done * PROGRESS_STEPS) as u64);
+            progress.set_message(phase);
+        })?;
+        progress.finish_with_message("done");
+        runs.push(run);
+    }
+
+    let report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
+    let html = folder.join("report.html");
+    write(&html, &report::html::to_html(&report)?)?;
+    write(
+        &folder.join("trajectory.svg"),
+        &report::charts::map(&report).to_svg()?,
+    )?;
+    let json = arguments
+        .json
+        .clone()
+        .unwrap_or_else(|| folder.join("demo.json"));
+    write(&json, &report::json::to_json(&report))?;
+
+    println!("{}", report::table::to_table(&report));
+    println!("Axes as in the paper: x lateral, y longitudinal.");
+    println!("report   {}", html.display());
+    println!(
+        "frames   {}",
+        folder.join("compensation-*.candump.log").display()
+    );
+    println!("json     {}", json.display());
+    Ok(())
+}
+
+/// Resolution of the progress bar.
+const PROGRESS_STEPS: f64 = 1000.0;
+
+fn bar(name: &str) -> ProgressBar {
+    let style =
+        ProgressStyle::with_template("{prefix:<34} [{bar:30}] {percent:>3} %  {elapsed} {msg}");
+    let bar = ProgressBar::new(PROGRESS_STEPS as u64);
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_prefix(name.to_owned());
+    bar
+}
+
+fn write(path: &std::path::Path, text: &str) -> anyhow::Result<()> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot create {}", folder.display()))?;
+    }
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}

@@ -1,0 +1,106 @@
+//! Building the firmware image and looking into it.
+//!
+//! An image that lost its linker arguments still builds: it only has no vector table, and the board
+//! stays dark. So every build made here is checked before anyone uses it.
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+use anyhow::{Context as _, bail};
+use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
+
+use crate::cargo;
+
+/// Start of the flash, where the core reads its vector table (RM0390 rev 6, 2.4).
+const FLASH_ORIGIN: u64 = 0x0800_0000;
+/// End of the STM32F446RE's 512 KiB of flash.
+const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
+/// Name of the firmware's binary.
+const BINARY: &str = "omnibus-firmware";
+
+/// Builds the release image for the board and returns its path.
+pub fn build() -> anyhow::Result<PathBuf> {
+    cargo::ensure_target()?;
+    let output = cargo::command()
+        .args(["build", "--release", "--package", BINARY, "--bin", BINARY])
+        .args(["--target", cargo::TARGET])
+        .arg("--message-format=json-render-diagnostics")
+        .stderr(Stdio::inherit())
+        .output()
+        .context("cannot start cargo")?;
+    if !output.status.success() {
+        bail!("the firmware does not build; the compiler's messages are above");
+    }
+    let elf = String::from_utf8_lossy(&output.stdout)
+        .lines()
+        .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+        .filter(|message| message["target"]["name"] == BINARY)
+        .find_map(|message| message["executable"].as_str().map(PathBuf::from))
+        .context("cargo built the firmware but named no executable")?;
+    check(&elf)?;
+    Ok(elf)
+}
+
+/// Checks that the image has its vector table where the core looks for it.
+pub fn check(elf: &Path) -> anyhow::Result<()> {
+    let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    vector_table(&bytes).with_context(|| elf.display().to_string())
+}
+
+/// The check itself, on the bytes of an ELF file.
+fn vector_table(bytes: &[u8]) -> anyhow::Result<()> {
+    let file = object::File::parse(bytes).context("not an ELF file")?;
+    let section = file
+        .section_by_name(".vector_table")
+        .context("no .vector_table: the linker script did not take part (build.rs, memory.x)")?;
+    let (address, size) = (section.address(), section.size());
+    if address != FLASH_ORIGIN || size == 0 {
+        bail!(".vector_table is at 0x{address:08x} with {size} bytes, not at 0x{FLASH_ORIGIN:08x}");
+    }
+    Ok(())
+}
+
+/// Prints what takes room in flash and RAM.
+pub fn print_size(elf: &Path) -> anyhow::Result<()> {
+    let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes).context("not an ELF file")?;
+    let (mut flash, mut ram) = (0, 0);
+    println!("{:<16} {:>10} {:>9}", "section", "address", "bytes");
+    for section in file.sections() {
+        let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
+            continue;
+        };
+        if sh_flags.0 & u64::from(SHF_ALLOC.0) == 0 || section.size() == 0 {
+            continue;
+        }
+        let (name, address) = (section.name().unwrap_or("?"), section.address());
+        println!("{name:<16} 0x{address:08x} {:>9}", section.size());
+        let in_flash = (FLASH_ORIGIN..FLASH_END).contains(&address);
+        // Initialised data lives in RAM and takes its initial value's room in flash as well.
+        if in_flash || name == ".data" {
+            flash += section.size();
+        }
+        if !in_flash {
+            ram += section.size();
+        }
+    }
+    println!("flash {flash} bytes, static RAM {ram} bytes");
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refuses_what_is_no_elf() {
+        assert!(vector_table(b"no elf").is_err());
+    }
+
+    #[test]
+    fn refuses_an_elf_without_vector_table() {
+        // This test program is a host executable: an ELF on Linux, never with a vector table.
+        let me = std::fs::read(std::env::current_exe().unwrap()).unwrap();
+        assert!(vector_table(&me).is_err());
+    }
+}
