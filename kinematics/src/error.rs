@@ -83,6 +83,15 @@ pub enum CompensationError {
     NotFinite(&'static str),
     /// The named coefficient is zero or negative: it would delete or reverse the motion.
     NotPositive(&'static str),
+    /// A table has no rows.
+    Empty,
+    /// The speed of this row (counted from 0) is not larger than that of the row before.
+    NotIncreasing(usize),
+    /// Between this row (counted from 0) and the one before, the coefficient changes so fast that two speeds
+    /// might ask the wheels for the same.
+    TooSteep(usize),
+    /// The coefficients for oblique motion are too far from the axial ones to be told apart on the way back.
+    TooOblique,
 }
 
 impl fmt::Display for CompensationError {
@@ -95,6 +104,20 @@ impl fmt::Display for CompensationError {
                     "{field} must be greater than zero (1 is no compensation)"
                 )
             }
+            Self::Empty => f.write_str("a compensation table needs at least one row"),
+            Self::NotIncreasing(row) => {
+                write!(
+                    f,
+                    "row {row}: speeds must be finite, positive and increasing"
+                )
+            }
+            Self::TooSteep(row) => write!(
+                f,
+                "row {row}: the coefficient changes too fast with speed to be inverted"
+            ),
+            Self::TooOblique => f.write_str(
+                "oblique and axial coefficients differ too much for the tables to be inverted",
+            ),
         }
     }
 }

@@ -38,6 +38,7 @@
 extern crate std;
 
 pub mod arithmetic;
+mod compensated;
 mod compensation;
 mod covariance;
 mod error;
@@ -53,7 +54,11 @@ pub mod trajectory;
 mod wheel;
 
 pub use arithmetic::{Real, Scalar};
-pub use compensation::VelocityCompensation;
+pub use compensated::CompensatedMember;
+pub use compensation::{
+    AxisTable, Compensation, DirectionalCompensation, SpeedCompensation, VelocityCompensation,
+    estimate,
+};
 pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
 pub use error::{CompensationError, GeometryError, MountError, RangeError};
 pub use folded::WheelKinematics;
