@@ -49,7 +49,6 @@ pub mod limiter;
 mod math;
 pub mod observer;
 pub mod parameters;
-pub mod phase;
 pub mod sequence;
 pub mod setpoint;
 pub mod state;
@@ -66,7 +65,6 @@ pub use dictionary::Counters;
 pub use handover::{Command, Inputs, Mode, Outputs, Report};
 pub use identity::{Identity, SYNC_OVERFLOW};
 pub use parameters::Parameters;
-pub use phase::TickPhase;
 pub use state::State;
 
 #[cfg(test)]
