@@ -1,6 +1,71 @@
-//! One robot of a group, without I/O.
+//! One robot of a group, without I/O: the same code in the firmware and in a simulated robot.
+//!
+//! A robot is two machines that run at different rates and share two small values:
+//!
+//! ```text
+//!  frames --> BusSide --- Command ---> ControlSide --> Outputs (duty, drivers, brake)
+//!  frames <--         <--- Report ----             <-- Inputs (counts, stop, supply)
+//! ```
+//!
+//! The [`BusSide`] is driven by frames and deadlines: CANopen device, object dictionary, state
+//! machine, agreement with the other members. The [`ControlSide`] is driven by a 1 kHz tick:
+//! measurement, limits, wheel loops, and every decision about the outputs. Between them pass a
+//! [`Command`], a [`Report`] and, at a start, a [`Configuration`]; all are `Copy`. Time is an
+//! argument everywhere, so a robot runs as well in virtual time.
+//!
+//! From a group twist to a duty:
+//!
+//! ```text
+//!  latched at SYNC k -> x smallest scale of all members, at SYNC k+1 -> straight line over one period
+//!  -> acceleration and jerk limits -> J C K -> wheel rates -> feedforward + PI -> duty
+//!  `---------------- the same in every member ----------------'
+//! ```
+//!
+//! It cannot tell the time, allocate, log, or touch hardware.
 #![no_std]
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    warn(
+        clippy::unwrap_used,
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation
+    )
+)]
 
 #[cfg(test)]
 extern crate std;
+
+pub mod agreement;
+mod bus;
+pub mod clock;
+pub mod configuration;
+mod control;
+mod dictionary;
+mod handover;
+mod history;
+mod identity;
+pub mod limiter;
+mod math;
+pub mod observer;
+pub mod parameters;
+pub mod sequence;
+pub mod setpoint;
+pub mod state;
+mod strain;
+mod threshold;
+mod watch;
+pub mod wheel;
+
+pub use bus::{BusSide, Event};
+pub use clock::{SyncClock, TickPhase};
+pub use configuration::{Configuration, ConfigurationError};
+pub use control::{ControlSide, TICK_US};
+pub use dictionary::Counters;
+pub use handover::{Command, Inputs, Mode, Outputs, Report};
+pub use identity::{Identity, SYNC_OVERFLOW};
+pub use parameters::Parameters;
+pub use state::State;
+
+#[cfg(test)]
+mod tests;

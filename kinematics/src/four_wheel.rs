@@ -1,6 +1,6 @@
 //! The usual robot: four wheels in a rectangle, rollers mirrored, and its four wheel rates.
 
-use crate::arithmetic::Real;
+use crate::arithmetic::{Real, Scalar};
 use crate::error::GeometryError;
 use crate::wheel::Wheel;
 
@@ -122,6 +122,18 @@ impl WheelRates {
     };
 }
 
+impl<S: Scalar> WheelRates<S> {
+    /// Whether any rate stands at the end of its scalar's range, so that the true one may lie beyond.
+    #[must_use]
+    #[inline]
+    pub fn is_saturated(&self) -> bool {
+        self.front_left.is_saturated()
+            | self.front_right.is_saturated()
+            | self.rear_left.is_saturated()
+            | self.rear_right.is_saturated()
+    }
+}
+
 impl<S> From<[S; 4]> for WheelRates<S> {
     /// In the order front left, front right, rear left, rear right.
     fn from([front_left, front_right, rear_left, rear_right]: [S; 4]) -> Self {
@@ -149,26 +161,19 @@ impl<S> From<WheelRates<S>> for [S; 4] {
 /// Scales all wheels by one factor so that none exceeds `limit` (rad/s), which keeps the direction of
 /// motion; returns the rates and that factor, 1 when nothing had to give.
 ///
-/// A limit of zero, below zero or NaN permits no motion. A NaN rate yields the scale 0 and standing wheels.
+/// A limit below zero or NaN permits no motion, one of zero none but standing. A NaN or infinite rate yields the
+/// scale 0 and standing wheels. In fixed point the scaled rates are rounded towards zero.
+///
+/// ```
+/// use mecanum_kinematics::{WheelRates, desaturate};
+///
+/// let (rates, scale) = desaturate(WheelRates::from([10.0, -20.0, 5.0, 0.0]), 10.0_f32);
+/// assert_eq!(rates, WheelRates::from([5.0, -10.0, 2.5, 0.0]));
+/// assert_eq!(scale, 0.5);
+/// ```
 #[must_use]
 #[inline]
-pub fn desaturate<S: Real>(rates: WheelRates<S>, limit: S) -> (WheelRates<S>, S) {
-    let [a, b, c, d]: [S; 4] = rates.into();
-    // Written with comparisons that a NaN fails, so that a NaN ends in the last branch.
-    let within = |rate: S| rate <= limit && rate >= -limit;
-    if within(a) && within(b) && within(c) && within(d) {
-        return (rates, S::one());
-    }
-    let larger = |x: S, y: S| if x > y { x } else { y };
-    let fastest = larger(larger(a.abs(), b.abs()), larger(c.abs(), d.abs()));
-    let sum = a + b + c + d;
-    if limit > S::zero() && sum.is_finite() {
-        let scale = limit / fastest;
-        (
-            WheelRates::from([a * scale, b * scale, c * scale, d * scale]),
-            scale,
-        )
-    } else {
-        (WheelRates::from([S::zero(); 4]), S::zero())
-    }
+pub fn desaturate<S: Scalar>(rates: WheelRates<S>, limit: S) -> (WheelRates<S>, S) {
+    let (limited, scale) = S::limit::<4>(rates.into(), limit);
+    (WheelRates::from(limited), scale)
 }

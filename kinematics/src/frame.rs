@@ -5,7 +5,7 @@
 
 use core::ops::{Add, Mul, Neg, Sub};
 
-use crate::arithmetic::Real;
+use crate::arithmetic::{Real, Scalar};
 
 /// Velocity of a body in the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -27,11 +27,36 @@ impl Twist {
     };
 }
 
+impl<S: Scalar> Twist<S> {
+    /// The same twist in another scalar, rounded to the nearest and, in fixed point, saturated.
+    #[must_use]
+    pub fn convert<T: Scalar>(self) -> Twist<T> {
+        Twist {
+            vx: T::constant(self.vx.widen()),
+            vy: T::constant(self.vy.widen()),
+            omega: T::constant(self.omega.widen()),
+        }
+    }
+
+    /// Whether any component stands at the end of its scalar's range, so that the true one may lie beyond.
+    #[must_use]
+    #[inline]
+    pub fn is_saturated(&self) -> bool {
+        self.vx.is_saturated() | self.vy.is_saturated() | self.omega.is_saturated()
+    }
+}
+
 impl<S: Real> Twist<S> {
     /// A twist from its components, m/s, m/s, rad/s.
     #[must_use]
     pub const fn new(vx: S, vy: S, omega: S) -> Self {
         Self { vx, vy, omega }
+    }
+
+    /// Translation only, m/s: the motion of equations (14) and (21).
+    #[must_use]
+    pub const fn translation(vx: S, vy: S) -> Self {
+        Self::new(vx, vy, S::ZERO)
     }
 
     /// The same velocity, given in the world frame, seen from a body with this heading (rad).

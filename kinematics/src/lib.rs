@@ -15,7 +15,8 @@
 //!
 //! # Scalars
 //!
-//! Every type takes its scalar as a parameter that defaults to `f32`; `f64` works as well.
+//! Every type takes its scalar as a parameter that defaults to `f32`. `f64` works everywhere; fixed point
+//! ([`fixed::types::I16F16`]) in what a control loop calls, by way of [`MemberKinematics::convert`].
 //!
 //! # What it cannot do
 //!
@@ -37,25 +38,40 @@
 extern crate std;
 
 pub mod arithmetic;
+mod compensated;
 mod compensation;
+mod covariance;
 mod error;
+mod folded;
 mod four_wheel;
 mod frame;
+mod group;
 mod member;
 mod mount;
 mod odometry;
 pub mod paper;
 mod platform;
+mod roller;
+mod slip;
 pub mod trajectory;
 mod wheel;
 
-pub use arithmetic::Real;
-pub use compensation::VelocityCompensation;
-pub use error::{CompensationError, GeometryError, MountError};
+pub use arithmetic::{Real, Scalar};
+pub use compensated::CompensatedMember;
+pub use compensation::{
+    AxisTable, Compensation, DirectionalCompensation, SpeedCompensation, VelocityCompensation,
+    estimate,
+};
+pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
+pub use error::{CompensationError, GeometryError, GroupError, MountError, RangeError};
+pub use folded::WheelKinematics;
 pub use four_wheel::{FourWheelGeometry, WheelRates, desaturate};
 pub use frame::{Pose, Twist};
+pub use group::{Configuration, Disagreement, Group, Member, group_scale};
 pub use member::MemberKinematics;
 pub use mount::Mount;
-pub use odometry::Odometry;
+pub use odometry::{Odometry, UncertainOdometry};
 pub use platform::Platform;
-pub use wheel::Wheel;
+pub use roller::Rollers;
+pub use slip::Suspect;
+pub use wheel::{Wheel, roller_angle_correction};

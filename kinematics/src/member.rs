@@ -1,30 +1,44 @@
-//! One robot in a group, ready for the control loop: `J C K` of equation (19) in twelve numbers.
+//! One four-wheel robot in a group, ready for the control loop.
 //!
-//! Built once from the geometry, the mount and the compensation; used every millisecond. The inverse takes
-//! twelve multiplications, the forward path the same: the least-squares inverse of the same product,
-//! with the same `C`, so that `forward(inverse(twist))` is `twist` and nothing is compensated twice.
-//!
-//! Four wheels measure three velocities, so one combination of wheel rates must always be zero. What is left
-//! in it is slip, a dead encoder or a wrong wheel radius: the [`MemberKinematics::slip_residual`].
+//! [`WheelKinematics`] for the usual number of wheels, with names instead of an order, and with the one
+//! combination of wheel rates that must always be zero: four wheels measure three velocities. What is left in it is
+//! slip, a dead encoder or a wrong wheel radius: the [`MemberKinematics::slip_residual`].
 
-use crate::arithmetic::Real;
+use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;
-use crate::error::GeometryError;
+use crate::error::{GeometryError, RangeError};
+use crate::folded::WheelKinematics;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
 use crate::mount::Mount;
 use crate::platform::Platform;
 use crate::wheel::Wheel;
 
+/// Fractional bits of the slip vector in fixed point; its entries are at most 1.
+const SLIP_SHIFT: u32 = 28;
+
 /// Kinematics of one four-wheel robot in its group, compensation included.
+///
+/// ```
+/// use mecanum_kinematics::{
+///     FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation,
+/// };
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
+/// let mount = Mount::new(Pose::new(1.0, 0.0, 0.0))?; // 1 m ahead of the group's origin
+/// let slip = VelocityCompensation::new(1.002, 1.033, 1.0195)?;
+/// let kinematics = MemberKinematics::new(&robot, &mount, &slip)?;
+///
+/// let twist = Twist { vx: 0.5, vy: -0.2, omega: 0.1 };
+/// let rates = kinematics.inverse(twist);
+/// assert!((kinematics.forward(&rates).vx - 0.5).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MemberKinematics<S = f32> {
-    /// Rows front left, front right, rear left, rear right of `J C K`.
-    inverse: [[S; 3]; 4],
-    /// Rows vx, vy, omega of its least-squares inverse.
-    forward: [[S; 4]; 3],
+pub struct MemberKinematics<S: Scalar = f32> {
+    wheels: WheelKinematics<4, S>,
     /// Unit vector that is orthogonal to every wheel-rate vector a rigid motion makes.
-    slip: [S; 4],
+    slip: [S::Coefficient; 4],
 }
 
 impl<S: Real> MemberKinematics<S> {
@@ -52,70 +66,69 @@ impl<S: Real> MemberKinematics<S> {
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
-        let platform = Platform::new(wheels)?;
-        let j = platform.jacobian();
-        let back = platform.jacobian_inverse();
-
-        // J C K: each row of J, scaled by C, applied to the columns of K.
-        let [kx, ky, kw] = mount.matrix();
-        let row = |jx: S, jy: S, jw: S| {
-            let asked = compensation.apply(Twist::new(jx, jy, jw));
-            let entry = |x: S, y: S, w: S| asked.vx * x + asked.vy * y + asked.omega * w;
-            let ([kxx, kxy, kxw], [kyx, kyy, kyw], [kwx, kwy, kww]) = (kx, ky, kw);
-            [
-                entry(kxx, kyx, kwx),
-                entry(kxy, kyy, kwy),
-                entry(kxw, kyw, kww),
-            ]
-        };
-        // K^-1 C^-1 J^+: each column of J^+ is a twist, taken back the same way.
-        let column = |x: S, y: S, w: S| mount.to_group(compensation.remove(Twist::new(x, y, w)));
-        let columns = [
-            column(back.m11, back.m21, back.m31),
-            column(back.m12, back.m22, back.m32),
-            column(back.m13, back.m23, back.m33),
-            column(back.m14, back.m24, back.m34),
-        ];
-        Ok(Self {
-            inverse: [
-                row(j.m11, j.m12, j.m13),
-                row(j.m21, j.m22, j.m23),
-                row(j.m31, j.m32, j.m33),
-                row(j.m41, j.m42, j.m43),
-            ],
-            forward: [
-                columns.map(|c| c.vx),
-                columns.map(|c| c.vy),
-                columns.map(|c| c.omega),
-            ],
-            slip: null_vector(&platform),
-        })
+        Ok(Self::from_platform(
+            &Platform::new(wheels)?,
+            mount,
+            compensation,
+        ))
     }
 
+    /// The same from a platform, whose weights go into the way back.
+    #[must_use]
+    pub fn from_platform(
+        platform: &Platform<4, S>,
+        mount: &Mount<S>,
+        compensation: &VelocityCompensation<S>,
+    ) -> Self {
+        Self {
+            wheels: WheelKinematics::new(platform, mount, compensation),
+            slip: null_vector(platform),
+        }
+    }
+
+    /// The same for another scalar.
+    ///
+    /// ```
+    /// use fixed::types::I16F16;
+    /// use mecanum_kinematics::{
+    ///     FourWheelGeometry, MemberKinematics, Mount, Twist, VelocityCompensation,
+    /// };
+    ///
+    /// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
+    /// let single = MemberKinematics::new(&robot, &Mount::IDENTITY, &VelocityCompensation::NONE)?;
+    /// let fixed = single.convert::<I16F16>()?;
+    ///
+    /// let rates = fixed.inverse(Twist { vx: 0.5, vy: 0.0, omega: 0.0 }.convert());
+    /// assert!(!rates.is_saturated());
+    /// assert!((rates.front_left.to_num::<f64>() - 0.5 / 0.1524).abs() < 1.6e-5); // one step of 2^-16
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`RangeError`] as for [`WheelKinematics::convert`].
+    pub fn convert<T: Scalar>(&self) -> Result<MemberKinematics<T>, RangeError> {
+        Ok(MemberKinematics {
+            wheels: self.wheels.convert()?,
+            slip: T::row::<SLIP_SHIFT, 4>(self.slip.map(Scalar::widen))
+                .ok_or(RangeError::Forward)?,
+        })
+    }
+}
+
+impl<S: Scalar> MemberKinematics<S> {
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
     #[must_use]
     #[inline]
     pub fn inverse(&self, group: Twist<S>) -> WheelRates<S> {
-        let rate = |[x, y, w]: [S; 3]| x * group.vx + y * group.vy + w * group.omega;
-        let [front_left, front_right, rear_left, rear_right] = self.inverse;
-        WheelRates {
-            front_left: rate(front_left),
-            front_right: rate(front_right),
-            rear_left: rate(rear_left),
-            rear_right: rate(rear_right),
-        }
+        WheelRates::from(self.wheels.inverse(group))
     }
 
     /// The group twist (group frame) these wheel rates (rad/s) mean, by least squares.
     #[must_use]
     #[inline]
     pub fn forward(&self, rates: &WheelRates<S>) -> Twist<S> {
-        let [vx, vy, omega] = self.forward;
-        Twist {
-            vx: dot(vx, rates),
-            vy: dot(vy, rates),
-            omega: dot(omega, rates),
-        }
+        self.wheels.forward(&(*rates).into())
     }
 
     /// What no rigid motion explains in these wheel rates, rad/s.
@@ -126,13 +139,14 @@ impl<S: Real> MemberKinematics<S> {
     #[must_use]
     #[inline]
     pub fn slip_residual(&self, rates: &WheelRates<S>) -> S {
-        dot(self.slip, rates)
+        S::dot::<SLIP_SHIFT, true, 4>(&self.slip, &(*rates).into())
     }
-}
 
-#[inline]
-fn dot<S: Real>([a, b, c, d]: [S; 4], rates: &WheelRates<S>) -> S {
-    a * rates.front_left + b * rates.front_right + c * rates.rear_left + d * rates.rear_right
+    /// The same by wheel order instead of by name.
+    #[must_use]
+    pub const fn wheels(&self) -> &WheelKinematics<4, S> {
+        &self.wheels
+    }
 }
 
 /// The unit vector orthogonal to the three columns of `J`, front-left component not negative.

@@ -25,6 +25,16 @@ impl Mount {
 }
 
 impl<S: Real> Mount<S> {
+    /// [`Mount::IDENTITY`] for any scalar.
+    #[must_use]
+    pub const fn at_origin() -> Self {
+        Self {
+            pose: Pose::new(S::ZERO, S::ZERO, S::ZERO),
+            sin: S::ZERO,
+            cos: S::ONE,
+        }
+    }
+
     /// A member whose own frame has this pose in the group frame (m, m, rad).
     ///
     /// # Errors

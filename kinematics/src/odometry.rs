@@ -1,16 +1,43 @@
 //! From velocity to pose, exactly.
 //!
-//! A body that keeps a constant twist for `dt` moves on a circular arc. The Euler step (straight ahead, then
-//! turn) misses that arc by half the turn; here the arc is integrated in closed form, so the only errors left
-//! are the twist's own and the rounding of the sums.
+//! A body that keeps a constant twist for a step moves on a circular arc. The Euler step (straight ahead, then
+//! turn) misses that arc by half the turn; here the arc is integrated in closed form, so the only errors left are
+//! the twist's own and rounding. Rounding is kept out of the sums: the heading is an integer of 2^-61 rad, to which
+//! an `f32` turn is added exactly, and the position carries what each addition lost into the next.
+//!
+//! Nothing here needs a speed: [`Odometry::advance`] takes a displacement, and forward kinematics turns wheel-angle
+//! increments into one as it turns wheel rates into a twist, because it is linear.
 
-use crate::arithmetic::Real;
+use nalgebra::Matrix3;
+
+use crate::arithmetic::{Real, SMALL_TURN, Scalar};
+use crate::covariance::Covariance;
+use crate::four_wheel::WheelRates;
 use crate::frame::{Pose, Twist};
+use crate::member::MemberKinematics;
 
-/// Integrates a body's twist into its pose.
+/// pi in units of 2^-61 rad.
+const PI_UNITS: i64 = 7_244_019_458_077_122_842;
+
+/// Integrates a body's motion into its pose.
+///
+/// ```
+/// use mecanum_kinematics::{Odometry, Twist};
+///
+/// let mut odometry = Odometry::<f64>::new();
+/// // A quarter of a circle of 1 m radius, in one step.
+/// odometry.update(Twist::new(1.0, 0.0, 1.0), core::f64::consts::FRAC_PI_2);
+/// assert!((odometry.pose().x - 1.0).abs() < 1e-12 && (odometry.pose().y - 1.0).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Odometry<S = f32> {
-    pose: Pose<S>,
+    /// Units of 2^-61 rad, within ±pi.
+    heading: i64,
+    x: S,
+    y: S,
+    /// What the last addition to x and y lost.
+    lost_x: S,
+    lost_y: S,
 }
 
 impl<S: Real> Odometry<S> {
@@ -24,65 +51,215 @@ impl<S: Real> Odometry<S> {
     #[must_use]
     pub fn at(pose: Pose<S>) -> Self {
         Self {
-            pose: Pose {
-                heading: wrap(pose.heading),
-                ..pose
-            },
+            heading: turned_far(0, pose.heading.widen()),
+            x: pose.x,
+            y: pose.y,
+            ..Self::default()
         }
     }
 
+    /// Goes on from this pose (m, m, rad).
+    pub fn reset(&mut self, pose: Pose<S>) {
+        *self = Self::at(pose);
+    }
+
     /// Moves on with a constant `twist` (body frame) for `dt` seconds.
+    #[inline]
     pub fn update(&mut self, twist: Twist<S>, dt: S) {
-        let turn = twist.omega * dt;
-        // (sin a)/a and (1 - cos a)/a: the chord of the arc, along and across the initial heading.
-        let (along, across) = if turn.abs() < S::constant(0.25) {
-            let square = turn * turn;
-            (
-                S::one()
-                    - square
-                        * (S::constant(1.0 / 6.0)
-                            - square
-                                * (S::constant(1.0 / 120.0) - square * S::constant(1.0 / 5040.0))),
-                turn * (S::constant(0.5)
-                    - square * (S::constant(1.0 / 24.0) - square * S::constant(1.0 / 720.0))),
-            )
+        self.advance(twist * dt);
+    }
+
+    /// Moves on by wheel-angle increments (rad, signs as wheel rates); the body is the group whose twist
+    /// `kinematics` speaks of.
+    #[inline]
+    pub fn advance_wheels(&mut self, kinematics: &MemberKinematics<S>, increments: &WheelRates<S>) {
+        self.advance(kinematics.forward(increments));
+    }
+
+    /// Moves on by a displacement: a constant twist (body frame) times its duration; m, m, rad.
+    #[inline]
+    pub fn advance(&mut self, displacement: Twist<S>) {
+        if displacement.omega.abs() < <S as Scalar>::constant(SMALL_TURN) {
+            self.translate(displacement, displacement.omega.small_chord());
+            let next = self.heading.wrapping_add(displacement.omega.to_units());
+            // Looks at the upper half only: that is cheaper, and it does not matter where exactly the wrap is.
+            let upper = next >> 32;
+            self.heading = if upper.abs() > PI_UNITS >> 32 {
+                wrapped(next)
+            } else {
+                next
+            };
         } else {
-            let (sin, cos) = turn.sine_cosine();
-            (sin / turn, (S::one() - cos) / turn)
-        };
-        let (sin, cos) = self.pose.heading.sine_cosine();
-        let step_x = (along * twist.vx - across * twist.vy) * dt;
-        let step_y = (across * twist.vx + along * twist.vy) * dt;
-        self.pose.x += cos * step_x - sin * step_y;
-        self.pose.y += sin * step_x + cos * step_y;
-        self.pose.heading = wrap(self.pose.heading + turn);
+            self.advance_far(displacement);
+        }
+    }
+
+    /// [`Odometry::advance`] for a large turn.
+    #[cold]
+    #[inline(never)]
+    fn advance_far(&mut self, displacement: Twist<S>) {
+        self.translate(displacement, chord(displacement.omega));
+        self.heading = turned_far(self.heading, displacement.omega.widen());
+    }
+
+    #[inline]
+    fn translate(&mut self, displacement: Twist<S>, (along, across): (S, S)) {
+        let (sin, cos) = S::from_units(self.heading).heading_sine_cosine();
+        let Twist { vx, vy, omega } = displacement;
+        let step = Twist::new(along * vx - across * vy, across * vx + along * vy, omega);
+        let step = step.rotated(sin, cos);
+        add(&mut self.x, &mut self.lost_x, step.vx);
+        add(&mut self.y, &mut self.lost_y, step.vy);
     }
 
     /// The pose now: m, m, and the heading within ±pi.
     #[must_use]
-    pub const fn pose(&self) -> Pose<S> {
-        self.pose
+    #[inline]
+    pub fn pose(&self) -> Pose<S> {
+        Pose {
+            x: self.x,
+            y: self.y,
+            heading: S::from_units(self.heading),
+        }
     }
 }
 
-/// The same angle within ±pi.
-fn wrap<S: Real>(angle: S) -> S {
-    let turn = S::two_pi();
-    if angle > S::pi() {
-        let once = angle - turn;
-        if once > S::pi() {
-            angle - turn * ((angle + S::pi()) / turn).floor()
-        } else {
-            once
-        }
-    } else if angle < -S::pi() {
-        let once = angle + turn;
-        if once < -S::pi() {
-            angle - turn * ((angle + S::pi()) / turn).floor()
-        } else {
-            once
-        }
+/// The chord of an arc over its length: (sin a)/a along the initial direction, (1 - cos a)/a to its left.
+fn chord<S: Real>(turn: S) -> (S, S) {
+    if turn.abs() < <S as Scalar>::constant(SMALL_TURN) {
+        turn.small_chord()
     } else {
-        angle
+        let (sin, cos) = turn.sine_cosine();
+        (sin / turn, (S::ONE - cos) / turn)
+    }
+}
+
+/// Adds `step` to `sum`, with what the last addition lost (Kahan).
+#[inline]
+fn add<S: Real>(sum: &mut S, lost: &mut S, step: S) {
+    let wanted = step - *lost;
+    let next = *sum + wanted;
+    *lost = (next - *sum) - wanted;
+    *sum = next;
+}
+
+/// A heading just beyond ±pi, one turn back.
+#[cold]
+#[inline(never)]
+fn wrapped(heading: i64) -> i64 {
+    // Two steps of pi, because 2 pi does not fit: the units reach ±4.
+    if heading > 0 {
+        heading.wrapping_sub(PI_UNITS).wrapping_sub(PI_UNITS)
+    } else {
+        heading.wrapping_add(PI_UNITS).wrapping_add(PI_UNITS)
+    }
+}
+
+/// The heading after a turn of any size, in double precision.
+fn turned_far(heading: i64, turn: f64) -> i64 {
+    let whole = libm::floor(turn / core::f64::consts::TAU + 0.5) * core::f64::consts::TAU;
+    let units = i128::from(heading) + i128::from((turn - whole).to_units());
+    let pi = i128::from(PI_UNITS);
+    let within = if units > pi {
+        units - 2 * pi
+    } else if units < -pi {
+        units + 2 * pi
+    } else {
+        units
+    };
+    i64::try_from(within).unwrap_or(PI_UNITS)
+}
+
+/// Odometry that also says how sure it is.
+///
+/// Costs several times what [`Odometry`] does; meant for where the covariance is used, not for every tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct UncertainOdometry<S = f32> {
+    odometry: Odometry<S>,
+    covariance: Covariance<S>,
+}
+
+impl<S: Real> UncertainOdometry<S> {
+    /// Starts at this pose (m, m, rad), known this well (world frame).
+    #[must_use]
+    pub fn at(pose: Pose<S>, covariance: Covariance<S>) -> Self {
+        Self {
+            odometry: Odometry::at(pose),
+            covariance,
+        }
+    }
+
+    /// Moves on by a displacement (body frame; m, m, rad) with this covariance: a twist's, times `dt^2`.
+    ///
+    /// To first order: the pose's covariance is carried along with the step, the displacement's turned into the
+    /// world and added.
+    pub fn advance(&mut self, displacement: Twist<S>, covariance: &Covariance<S>) {
+        let before = self.odometry.pose();
+        self.odometry.advance(displacement);
+        let after = self.odometry.pose();
+        let (sin, cos) = before.heading.sine_cosine();
+        let Twist { vx, vy, omega } = displacement;
+        let (zero, one) = (S::ZERO, S::ONE);
+        // An error of the heading before swings the whole step.
+        let carried = Matrix3::new(
+            one,
+            zero,
+            before.y - after.y,
+            zero,
+            one,
+            after.x - before.x,
+            zero,
+            zero,
+            one,
+        );
+        // An error of the displacement moves the end of the chord, one of the turn bends it.
+        let (along, across) = chord(omega);
+        let (bend_along, bend_across) = bend(omega);
+        let bent = Twist::new(
+            bend_along * vx - bend_across * vy,
+            bend_across * vx + bend_along * vy,
+            zero,
+        )
+        .rotated(sin, cos);
+        let forward = Twist::new(along, across, zero).rotated(sin, cos);
+        let left = Twist::new(-across, along, zero).rotated(sin, cos);
+        let added = Matrix3::new(
+            forward.vx, left.vx, bent.vx, forward.vy, left.vy, bent.vy, zero, zero, one,
+        );
+        self.covariance = Covariance::from_matrix(
+            &(self.covariance.through(&carried).matrix() + covariance.through(&added).matrix()),
+        );
+    }
+
+    /// The pose now: m, m, and the heading within ±pi.
+    #[must_use]
+    pub fn pose(&self) -> Pose<S> {
+        self.odometry.pose()
+    }
+
+    /// Its covariance, world frame.
+    #[must_use]
+    pub const fn covariance(&self) -> Covariance<S> {
+        self.covariance
+    }
+}
+
+/// Derivative of [`chord`] by the turn.
+fn bend<S: Real>(turn: S) -> (S, S) {
+    let constant = <S as Scalar>::constant;
+    let square = turn * turn;
+    if turn.abs() < constant(SMALL_TURN) {
+        (
+            -turn
+                * (constant(1.0 / 3.0)
+                    - square * (constant(1.0 / 30.0) - square * constant(1.0 / 840.0))),
+            constant(0.5) - square * (constant(1.0 / 8.0) - square * constant(1.0 / 144.0)),
+        )
+    } else {
+        let (sin, cos) = turn.sine_cosine();
+        (
+            (turn * cos - sin) / square,
+            (turn * sin - (S::ONE - cos)) / square,
+        )
     }
 }

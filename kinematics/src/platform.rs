@@ -1,51 +1,105 @@
 //! A robot as a set of wheels: its inverse Jacobian `J`, checked, and the least-squares way back.
 //!
 //! With three wheels or more the wheel rates follow from the twist (`J`, N rows of three). The way back has
-//! more equations than unknowns, so the twist is the one that leaves the smallest sum of squared wheel-rate
-//! errors, `(J^T J)^-1 J^T`, worked out once. Whether that inverse exists is a question about the wheels,
-//! and is answered when the robot is built, by an error that says what is wrong with them.
+//! more equations than unknowns, so the twist is the one that leaves the smallest weighted sum of squared
+//! wheel-rate errors, `(J^T W J)^-1 J^T W`, worked out once. Whether that inverse exists, and whether it is worth
+//! having, is a question about the wheels, and is answered when the robot is built, by an error that says what is
+//! wrong with them.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix};
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
+use crate::frame::Twist;
 use crate::wheel::Wheel;
 
+/// Share of the information in the best direction below which the worst one is refused: as these are squares, a
+/// motion 100 times harder to control than the easiest.
+const POOR: f64 = 1e-4;
+
 /// A robot with `N` Mecanum wheels anywhere on it.
+///
+/// ```
+/// use mecanum_kinematics::{Platform, Twist, Wheel};
+///
+/// // Three wheels, 120 degrees apart, 0.3 m from the centre, each rolling along its own circle.
+/// let third = core::f64::consts::TAU / 3.0;
+/// let wheels = [0.0, 1.0, 2.0].map(|i| {
+///     let (sin, cos) = (i * third).sin_cos();
+///     Wheel::new(0.3 * cos, 0.3 * sin, i * third + third, 0.785, 0.1).unwrap()
+/// });
+/// let robot = Platform::new(&wheels)?;
+/// let twist = Twist::new(0.5, -0.2, 0.3);
+/// let back = robot.twist(&robot.rates(twist));
+/// assert!((back.vy - twist.vy).abs() < 1e-12);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Platform<const N: usize, S: Real = f32> {
     jacobian: SMatrix<S, N, 3>,
     inverse: SMatrix<S, 3, N>,
+    /// `J^T W J`: what the wheels say about the twist, in the robot's frame.
+    information: Matrix3<S>,
 }
 
 impl<const N: usize, S: Real> Platform<N, S> {
-    /// A robot from its wheels.
+    /// A robot from its wheels, all trusted alike.
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] when there are fewer than three wheels, or when the wheels leave a motion
-    /// uncontrolled: [`GeometryError::TranslationUncontrolled`], [`GeometryError::YawUncontrolled`].
+    /// [`GeometryError`] when there are fewer than three wheels, or when the wheels leave a motion uncontrolled
+    /// or all but uncontrolled.
     pub fn new(wheels: &[Wheel<S>; N]) -> Result<Self, GeometryError> {
-        if N < 3 {
+        Self::weighted(wheels, &[S::ONE; N])
+    }
+
+    /// A robot whose wheel-rate measurements are trusted differently on the way back: each squared error counts
+    /// `weights` times. A weight of zero leaves a wheel's measurement out (a dead encoder); the wheel still drives.
+    ///
+    /// # Errors
+    ///
+    /// As [`Platform::new`], for the wheels with a weight above zero; and for a weight that is negative or not
+    /// finite.
+    pub fn weighted(wheels: &[Wheel<S>; N], weights: &[S; N]) -> Result<Self, GeometryError> {
+        for weight in weights {
+            if !weight.is_finite() || *weight < S::ZERO {
+                return Err(GeometryError::Weight);
+            }
+        }
+        if weights.iter().filter(|weight| **weight > S::ZERO).count() < 3 {
             return Err(GeometryError::TooFewWheels);
         }
-        let rows = wheels.map(|wheel| wheel.jacobian_row());
-        let jacobian = SMatrix::<S, N, 3>::from_fn(|i, j| {
-            rows.get(i)
-                .and_then(|row| row.get(j))
-                .copied()
-                .unwrap_or_else(S::zero)
-        });
-        // The most yaw these wheels could control, were every roller axle square to its lever arm.
-        let lever = wheels
-            .iter()
-            .zip(&rows)
-            .map(|(wheel, [x, y, _])| {
-                (*x * *x + *y * *y) * (wheel.x() * wheel.x() + wheel.y() * wheel.y())
-            })
-            .fold(S::zero(), |sum, term| sum + term);
-        let inverse = least_squares(&jacobian, lever)?;
-        Ok(Self { jacobian, inverse })
+        let mut jacobian = SMatrix::<S, N, 3>::zeros();
+        let mut weighted = SMatrix::<S, N, 3>::zeros();
+        // The most yaw these wheels could control, were every roller axle square to its lever arm about the
+        // wheels' own middle.
+        let middle = |along: fn(&Wheel<S>) -> S| {
+            let (sum, total) = wheels
+                .iter()
+                .zip(weights)
+                .fold((S::ZERO, S::ZERO), |(sum, total), (wheel, weight)| {
+                    (sum + along(wheel) * *weight, total + *weight)
+                });
+            sum / total
+        };
+        let (middle_x, middle_y) = (middle(Wheel::x), middle(Wheel::y));
+        let mut lever = S::ZERO;
+        let rows = jacobian.row_iter_mut().zip(weighted.row_iter_mut());
+        for ((mut row, mut weighted_row), (wheel, weight)) in rows.zip(wheels.iter().zip(weights)) {
+            let [x, y, w] = wheel.jacobian_row();
+            let entries = nalgebra::RowVector3::new(x, y, w);
+            row.copy_from(&entries);
+            weighted_row.copy_from(&(entries * *weight));
+            let (dx, dy) = (wheel.x() - middle_x, wheel.y() - middle_y);
+            lever += *weight * (x * x + y * y) * (dx * dx + dy * dy);
+        }
+        let information = weighted.transpose() * jacobian;
+        let inverse = invert(&information, lever)? * weighted.transpose();
+        Ok(Self {
+            jacobian,
+            inverse,
+            information,
+        })
     }
 
     /// `J`: wheel rates (rad/s) = J times twist (m/s, m/s, rad/s), robot frame.
@@ -60,31 +114,96 @@ impl<const N: usize, S: Real> Platform<N, S> {
         &self.inverse
     }
 
+    /// `J^T W J`, robot frame: the inverse of the twist's covariance for wheel rates known to 1 rad/s.
+    #[must_use]
+    pub const fn information(&self) -> &Matrix3<S> {
+        &self.information
+    }
+
+    /// How much harder the worst motion is to tell from the wheel rates than the best, 1 or more.
+    ///
+    /// The ratio of the largest to the smallest singular value of `J`, with yaw taken per metre of the wheels'
+    /// typical lever arm so that the unit of length does not matter.
+    #[must_use]
+    pub fn conditioning(&self) -> S {
+        let n = &self.information;
+        let translation = (n.m11 + n.m22) / S::constant(2.0);
+        let lever = (n.m33 / translation).root();
+        let scale = Matrix3::from_diagonal(&nalgebra::Vector3::new(S::ONE, S::ONE, S::ONE / lever));
+        let values = (scale * n * scale).symmetric_eigenvalues();
+        (values.max() / values.min()).root()
+    }
+
+    /// Wheel rates (rad/s) for this twist (robot frame), uncompensated.
+    #[must_use]
+    pub fn rates(&self, twist: Twist<S>) -> [S; N] {
+        let rates = self.jacobian * nalgebra::Vector3::new(twist.vx, twist.vy, twist.omega);
+        array(&rates)
+    }
+
+    /// The twist (robot frame) these wheel rates (rad/s) mean, by least squares, uncompensated.
+    #[must_use]
+    pub fn twist(&self, rates: &[S; N]) -> Twist<S> {
+        let twist = self.inverse * nalgebra::SVector::from(*rates);
+        Twist::new(twist.x, twist.y, twist.z)
+    }
+
     /// The part of these wheel rates that no rigid motion explains, per wheel, rad/s.
     #[must_use]
-    pub fn residual(&self, rates: &SVector<S, N>) -> SVector<S, N> {
-        rates - self.jacobian * (self.inverse * rates)
+    pub fn residual(&self, rates: &[S; N]) -> [S; N] {
+        let rates = nalgebra::SVector::from(*rates);
+        array(&(rates - self.jacobian * (self.inverse * rates)))
+    }
+
+    /// Root of the summed squares of [`Platform::residual`], rad/s. With three wheels always zero: they explain
+    /// anything.
+    #[must_use]
+    pub fn slip_residual(&self, rates: &[S; N]) -> S {
+        let sum = self
+            .residual(rates)
+            .iter()
+            .fold(S::ZERO, |sum, error| sum + *error * *error);
+        sum.root()
     }
 }
 
-/// `(J^T J)^-1 J^T`, or what the wheels leave uncontrolled.
-fn least_squares<const N: usize, S: Real>(
-    jacobian: &SMatrix<S, N, 3>,
-    lever: S,
-) -> Result<SMatrix<S, 3, N>, GeometryError> {
-    // These are squares: in f32 this is 1/360 of the motion the best placed wheels would give.
-    let negligible = S::default_epsilon() * S::constant(64.0);
-    let normal = jacobian.transpose() * jacobian;
-    let [xx, xy, yy] = [normal.m11, normal.m12, normal.m22];
+/// A column vector as an array.
+pub(crate) fn array<const N: usize, S: Real>(vector: &nalgebra::SVector<S, N>) -> [S; N] {
+    (*vector).into()
+}
+
+/// The inverse of `J^T W J`, or what the wheels leave uncontrolled. `lever` is what its yaw entry could be at most.
+fn invert<S: Real>(information: &Matrix3<S>, lever: S) -> Result<Matrix3<S>, GeometryError> {
+    let [xx, xy, yy] = [information.m11, information.m12, information.m22];
+    // Below this share a determinant is rounding.
+    let rounding = S::default_epsilon() * S::constant(64.0);
+    let poor = S::constant(POOR);
+    let best = xx.max(yy) * xx.max(yy);
     let plane = xx * yy - xy * xy;
-    let translation = plane > negligible * xx.max(yy) * xx.max(yy);
-    if !translation {
-        return Err(GeometryError::TranslationUncontrolled);
+    let determinant = information.determinant();
+    for (share, of, uncontrolled, hard) in [
+        (
+            plane,
+            best,
+            GeometryError::TranslationUncontrolled,
+            GeometryError::TranslationPoor,
+        ),
+        (
+            determinant,
+            plane * lever,
+            GeometryError::YawUncontrolled,
+            GeometryError::YawPoor,
+        ),
+    ] {
+        let controlled = share > rounding * of;
+        if !controlled {
+            return Err(uncontrolled);
+        }
+        if share < poor * of {
+            return Err(hard);
+        }
     }
-    let yaw = normal.determinant() > negligible * plane * lever;
-    if !yaw {
-        return Err(GeometryError::YawUncontrolled);
-    }
-    let inverted = normal.try_inverse().ok_or(GeometryError::YawUncontrolled)?;
-    Ok(inverted * jacobian.transpose())
+    information
+        .try_inverse()
+        .ok_or(GeometryError::YawUncontrolled)
 }

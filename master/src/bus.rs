@@ -12,13 +12,15 @@ pub enum BusAddress {
     SocketCan(String),
     /// `slcan:/dev/ttyACM0`: a serial adapter that speaks slcan.
     Slcan(PathBuf),
+    /// `slcan-tcp://HOST:PORT`: slcan over a network.
+    SlcanTcp(String),
 }
 
 /// Why a text names no bus.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE \
-     (for example sim:groups/tcc-3.toml, socketcan:can0, slcan:/dev/ttyACM0)"
+    "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
+     slcan-tcp://HOST:PORT (for example sim:groups/tcc-3.toml, socketcan:can0, slcan:/dev/ttyACM0)"
 )]
 pub struct NoBus(String);
 
@@ -31,6 +33,10 @@ impl FromStr for BusAddress {
             Some(("sim", file)) => Ok(Self::Sim(file.into())),
             Some(("socketcan", interface)) => Ok(Self::SocketCan(interface.into())),
             Some(("slcan", device)) => Ok(Self::Slcan(device.into())),
+            Some(("slcan-tcp", rest)) => match rest.strip_prefix("//") {
+                Some(address) if address.contains(':') => Ok(Self::SlcanTcp(address.into())),
+                _ => Err(NoBus(text.into())),
+            },
             Some(_) => Err(NoBus(text.into())),
         }
     }
@@ -41,6 +47,7 @@ impl std::fmt::Display for BusAddress {
         match self {
             Self::Sim(file) => write!(f, "sim:{}", file.display()),
             Self::SocketCan(interface) => write!(f, "socketcan:{interface}"),
+            Self::SlcanTcp(address) => write!(f, "slcan-tcp://{address}"),
             Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
         }
     }
@@ -56,6 +63,7 @@ mod tests {
             "sim:groups/tcc-3.toml",
             "socketcan:can0",
             "slcan:/dev/ttyACM0",
+            "slcan-tcp://localhost:3333",
         ] {
             assert_eq!(text.parse::<BusAddress>().unwrap().to_string(), text);
         }
@@ -63,7 +71,14 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused_with_examples() {
-        for text in ["", "can0", "sim:", "usb:1"] {
+        for text in [
+            "",
+            "can0",
+            "sim:",
+            "usb:1",
+            "slcan-tcp://localhost",
+            "slcan-tcp:x:1",
+        ] {
             let error = text.parse::<BusAddress>().unwrap_err().to_string();
             assert!(error.contains("socketcan:can0"), "{error}");
         }

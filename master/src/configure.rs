@@ -52,6 +52,9 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
         real(address::COMPENSATION_LATERAL, coefficient(given.lateral())),
         real(address::COMPENSATION_YAW, coefficient(given.yaw())),
         real(address::ENCODER_COUNTS, robot.encoder.counts_per_revolution),
+        // Wiring is the robot's business: encoders count up and motors turn when it rolls forward.
+        (address::ENCODER_REVERSED, Value::U8(0)),
+        (address::MOTOR_REVERSED, Value::U8(0)),
     ];
     // The file has duties, the robot volts: what a duty is worth depends on the battery.
     let (forward, supply) = (robot.motor.feedforward(), robot.motor.supply);

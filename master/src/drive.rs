@@ -10,14 +10,18 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::time::Instant as WallClock;
 
+use emulator::Firmware;
 use group::GroupFile;
 use kinematics::{Pose, WheelRates};
 use sim::{Backend, Options, TruthSample, World};
 
+use crate::abort::Abort;
 use crate::curve::Curve;
 use crate::error::MasterError;
 use crate::follow::Instant;
+use crate::link::Link;
 use crate::metrics::{MetricsError, PathPoint, path_errors};
+use crate::odometry;
 use crate::record::{RobotTruth, TruthRow};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
@@ -42,6 +46,8 @@ pub struct Drive<'a> {
     pub elf: Option<&'a Path>,
     /// Where to write every frame as a candump log.
     pub candump: Option<PathBuf>,
+    /// By which the drive can be stopped on the way.
+    pub abort: Abort,
 }
 
 /// Why a drive gave no result.
@@ -108,6 +114,16 @@ fn row(instant: &Instant, sample: &TruthSample) -> TruthRow {
     }
 }
 
+/// Theory and group of every row.
+fn path(rows: &[TruthRow]) -> Vec<PathPoint> {
+    let point = |row: &TruthRow| PathPoint {
+        t: row.t,
+        theory: row.theory,
+        actual: row.group,
+    };
+    rows.iter().map(point).collect()
+}
+
 /// The largest mean bus load over [`LOAD_WINDOW`] periods, in per cent.
 fn largest_load(rows: &[TruthRow]) -> f64 {
     let mean = |rows: &[TruthRow]| {
@@ -125,10 +141,11 @@ pub fn world(group: &GroupFile, elf: Option<&Path>, start: Pose<f64>) -> Result<
     let backend = match elf {
         None => Backend::Native,
         Some(path) => {
-            return Err(DriveError::Firmware {
+            let image = Firmware::load(path).map_err(|error| DriveError::Firmware {
                 path: path.display().to_string(),
-                problem: "emulated robots are not there yet".into(),
-            });
+                problem: error.to_string(),
+            })?;
+            Backend::Emulator(image)
         }
     };
     let options = Options {
@@ -160,6 +177,7 @@ pub fn simulated(
     let mut link = SimLink::new(world, format!("sim:{}", drive.group.name));
     let mut group = Group::connect(&mut link, drive.group)?;
     progress(DRIVING.start / 2.0, "configuring");
+    group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
     group.start()?;
     let world = &mut group.link().world;
@@ -184,22 +202,54 @@ pub fn simulated(
         finished.map_err(|error| file_error(path, &error))?;
     }
     followed?;
-    let path: Vec<_> = truth
-        .iter()
-        .map(|row| PathPoint {
-            t: row.t,
-            theory: row.theory,
-            actual: row.group,
-        })
-        .collect();
     progress(1.0, "done");
     Ok(Run {
         compensation: drive.compensation,
-        errors: path_errors(&path)?,
+        errors: path_errors(&path(&truth))?,
         shape_error_mm: world.worst_shape_error_mm(),
-        bus_load_percent: largest_load(&truth),
+        bus_load_percent: Some(largest_load(&truth)),
         realtime_factor: world.now_ns() as f64 * 1e-9 / elapsed,
         truth,
+        rows,
+    })
+}
+
+/// Drives the robots on a real bus. The path is what their own wheels say.
+///
+/// # Errors
+/// When anything on the way fails; the group has then been told to stand.
+pub fn measured<L: Link>(
+    link: L,
+    drive: &Drive<'_>,
+    progress: &mut dyn FnMut(f64, &'static str),
+) -> Result<Run, DriveError> {
+    let plan = drive.curve.plan(drive.quick);
+    plan.check(&drive.group.limits)?;
+    let mut group = Group::connect(link, drive.group)?;
+    progress(DRIVING.start / 2.0, "configuring");
+    group.set_abort(drive.abort.clone());
+    group.configure(drive.compensation)?;
+    group.start()?;
+    let mut instants = Vec::new();
+    let followed = group.follow(&plan, &mut |_, instant| {
+        instants.push(*instant);
+        let share = (instant.t / instant.duration).min(1.0);
+        progress(
+            DRIVING.start + share * (DRIVING.end - DRIVING.start),
+            "driving",
+        );
+    });
+    followed?;
+    let rows = group.recorder().rows().to_vec();
+    let seen = odometry::rows(plan.at(0.0).0, &instants, &rows);
+    progress(1.0, "done");
+    Ok(Run {
+        compensation: drive.compensation,
+        errors: path_errors(&path(&seen))?,
+        shape_error_mm: seen.iter().map(|r| r.shape_error_mm).fold(0.0, f64::max),
+        bus_load_percent: None,
+        realtime_factor: 1.0,
+        truth: seen,
         rows,
     })
 }

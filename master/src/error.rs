@@ -123,6 +123,9 @@ pub enum MasterError {
         /// Its state as last heard.
         state: NmtState,
     },
+    /// Somebody asked to stop.
+    #[error("stopped on request")]
+    Aborted,
     /// A curve asks for more than the group may do.
     #[error(
         "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; choose \

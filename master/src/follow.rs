@@ -25,6 +25,8 @@ const TAIL: f64 = 0.1;
 pub struct Instant {
     /// Time since the start of the curve, in s.
     pub t: f64,
+    /// Place of this SYNC's row in the recorder.
+    pub row: usize,
     /// Duration of the curve, in s.
     pub duration: f64,
     /// Pose asked for, world frame of the curve.
@@ -66,6 +68,7 @@ impl<L: Link> Group<'_, L> {
             let (pose, twist) = plan.at(t);
             let instant = Instant {
                 t,
+                row: self.recorder().rows().len() - 1,
                 duration,
                 pose,
                 twist,

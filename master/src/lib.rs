@@ -1,5 +1,7 @@
 //! The master PC: drives a group of robots over one CAN bus.
 
+pub mod abort;
+pub mod adapter;
 pub mod bus;
 pub mod configure;
 pub mod curve;
@@ -8,6 +10,7 @@ pub mod error;
 pub mod follow;
 pub mod link;
 pub mod metrics;
+pub mod odometry;
 pub mod record;
 pub mod report;
 pub mod sdo;

@@ -15,8 +15,8 @@ const EXAMPLES: &str = "Examples:
   omnibus scan --bus sim:groups/tcc-3.toml
   omnibus group check groups/tcc-3.toml
 
-A bus is sim:GROUP.toml (a simulated world in this process), socketcan:INTERFACE
-or slcan:DEVICE; the last two need --group GROUP.toml beside them.";
+A bus is sim:GROUP.toml (a simulated world in this process), socketcan:INTERFACE,
+slcan:DEVICE or slcan-tcp://HOST:PORT; real ones need --group GROUP.toml beside them.";
 
 /// Makes several Mecanum-wheeled robots move as one body.
 #[derive(Parser)]

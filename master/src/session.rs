@@ -23,6 +23,7 @@ use protocol::{
     cob,
 };
 
+use crate::abort::Abort;
 use crate::error::MasterError;
 use crate::link::Link;
 use crate::record::Recorder;
@@ -64,6 +65,7 @@ pub struct Group<'a, L> {
     began: Micros,
     next_sync: Micros,
     running: bool,
+    abort: Abort,
 }
 
 impl<'a, L: Link> Group<'a, L> {
@@ -90,6 +92,7 @@ impl<'a, L: Link> Group<'a, L> {
             began: now,
             next_sync: now,
             running: false,
+            abort: Abort::default(),
         };
         let deadline = Micros(now.0 + CONNECT_TIMEOUT_US);
         for index in 0..group.members.len() {
@@ -114,6 +117,17 @@ impl<'a, L: Link> Group<'a, L> {
     #[must_use]
     pub fn recorder(&self) -> &Recorder {
         &self.recorder
+    }
+
+    /// A handle by which another thread can stop the group: give it to a signal handler.
+    #[must_use]
+    pub fn abort(&self) -> Abort {
+        self.abort.clone()
+    }
+
+    /// Uses an abort that already exists.
+    pub fn set_abort(&mut self, abort: Abort) {
+        self.abort = abort;
     }
 
     /// The wire, for reading and writing objects.
@@ -225,6 +239,10 @@ impl<'a, L: Link> Group<'a, L> {
             self.cycle(Twist::default())?;
             let Some(waiting) = self.members.iter().find(|m| !self.is_ready(m)) else {
                 self.running = true;
+                // A status is only sent in OPERATIONAL; the last heartbeat may be older.
+                for member in &mut self.members {
+                    member.nmt = Some(NmtState::Operational);
+                }
                 return Ok(());
             };
             if self.wire.now().0 > deadline {
@@ -275,7 +293,11 @@ impl<'a, L: Link> Group<'a, L> {
             member.silent_syncs += 1;
         }
         self.next_sync = Micros(sync_at.0 + self.period_us());
-        judged
+        judged?;
+        if self.running && self.abort.is_asked() {
+            return Err(MasterError::Aborted);
+        }
+        Ok(())
     }
 
     /// The first thing wrong with a member, causes before consequences.
@@ -323,7 +345,10 @@ impl<'a, L: Link> Group<'a, L> {
         // Two SYNCs until the first standing setpoint is in force, one more to be measured.
         for cycle in 0.. {
             self.cycle(Twist::default())?;
-            if self.wire.now().0 > deadline || (cycle > 3 && self.stands()) {
+            if self.abort.is_urgent()
+                || self.wire.now().0 > deadline
+                || (cycle > 3 && self.stands())
+            {
                 break;
             }
         }

@@ -49,6 +49,16 @@ fn values_are_of_the_type_the_table_has() {
 }
 
 #[test]
+fn every_required_object_is_written() {
+    let file = file();
+    let written = parameters(&file, &file.robots[0], true);
+    for object in protocol::OBJECTS.iter().filter(|object| object.required) {
+        let found = written.iter().any(|(at, _)| *at == object.address);
+        assert!(found, "{} {}", object.address, object.name);
+    }
+}
+
+#[test]
 fn a_missing_robot_is_named_and_nothing_is_started() {
     let file = file();
     let mut bus = FakeBus::new(&[2, 4]);
@@ -210,5 +220,23 @@ fn a_robot_that_does_not_arm_is_named() {
         matches!(error, MasterError::NotReady { node: 4, .. }),
         "{error}"
     );
+    assert_stopped(&bus);
+}
+
+#[test]
+fn asked_to_stop_it_ramps_down() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.configure(true).unwrap();
+    group.start().unwrap();
+    let abort = group.abort();
+    let plan = Curve::FigureEight.plan(true);
+    let stopped = group.follow(&plan, &mut |_, instant| {
+        if instant.t >= 2.0 && !abort.is_asked() {
+            abort.ask();
+        }
+    });
+    assert_eq!(stopped, Err(MasterError::Aborted));
     assert_stopped(&bus);
 }

@@ -746,7 +746,7 @@ const fn flat() -> [Object; COUNT] {
     reason = "evaluated by the compiler only, with the number of parameters asserted"
 )]
 const fn entries() -> [Entry; COUNT] {
-    assert!(PARAMETERS < 256, "slots are bytes");
+    const { assert!(PARAMETERS < 256, "slots are bytes") };
     let mut out = [Entry::of(&FLAT[0], None); COUNT];
     let (mut next, mut slot) = (0, 0_usize);
     while next < COUNT {

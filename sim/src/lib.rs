@@ -6,6 +6,7 @@ mod digest;
 mod error;
 pub mod motor;
 pub mod plant;
+mod random;
 pub mod robot;
 mod truth;
 mod world;

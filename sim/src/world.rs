@@ -36,8 +36,6 @@ pub struct Options {
     pub quantum_ns: u64,
     /// Longest step of the motors.
     pub motor_step_ns: u64,
-    /// Period of the plant.
-    pub plant_period_ns: u64,
     /// Period of truth samples, a multiple of the plant's; 0 keeps none.
     pub truth_period_ns: u64,
     /// Length of the windows of the bus load.
@@ -51,7 +49,6 @@ impl Default for Options {
         Self {
             quantum_ns: 20_000,
             motor_step_ns: 100_000,
-            plant_period_ns: 250_000,
             truth_period_ns: 10_000_000,
             load_window_ns: 100_000_000,
             start: Pose {
@@ -98,6 +95,7 @@ pub struct World {
     units: Vec<Unit>,
     plant: Box<dyn Plant>,
     plant_at_ns: u64,
+    plant_period_ns: u64,
     bus: Bus,
     ports: Vec<PortQueues>,
     candump: Option<Candump>,
@@ -161,8 +159,9 @@ impl World {
             now_ns: 0,
             turned: vec![[0.0; 4]; units.len()],
             units,
-            plant,
             plant_at_ns: 0,
+            plant_period_ns: plant.period_ns(),
+            plant,
             bus: Bus::new(options.load_window_ns),
             ports: vec![PortQueues::default()],
             candump: None,
@@ -359,7 +358,7 @@ impl World {
                 self.digest.bridges(end_ns, unit.node, &unit.drives);
             }
         }
-        if end_ns - self.plant_at_ns >= self.options.plant_period_ns {
+        if end_ns - self.plant_at_ns >= self.plant_period_ns {
             self.step_plant()?;
         }
         if let Some(transfer) = self.bus.finish(end_ns) {
@@ -372,7 +371,7 @@ impl World {
     fn step_end(&self, until_ns: u64) -> u64 {
         let mut end = until_ns
             .min(self.now_ns + self.options.motor_step_ns)
-            .min(self.plant_at_ns + self.options.plant_period_ns);
+            .min(self.plant_at_ns + self.plant_period_ns);
         if let Some(at) = self.bus.transfer_end_ns() {
             end = end.min(at);
         } else if self.now_ns < self.bus.free_at_ns() {
@@ -402,7 +401,9 @@ impl World {
             return;
         };
         for (n, unit) in self.units.iter_mut().enumerate() {
-            if first + n != transfer.sender && unit.connected && unit.robot.pending().is_some() {
+            if first + n == transfer.sender {
+                unit.robot.begin();
+            } else if unit.connected && unit.robot.pending().is_some() {
                 unit.robot.lost_arbitration();
             }
         }

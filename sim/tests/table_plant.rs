@@ -1,6 +1,11 @@
 //! The table plant gives the paper's tables back: wheels turn as they were set, and the distance the
 //! robot covers is what the paper measured, to the digits it prints.
 
+#![expect(
+    clippy::approx_constant,
+    reason = "the paper prints 15, 30 and 45 degrees like this"
+)]
+
 use group::GroupFile;
 use kinematics::{
     FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates,

@@ -52,7 +52,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = group::GroupFile::load(&path)?;
     let elf = match arguments.backend {
         BackendName::Emulator => Some(firmware::build()?),
-        BackendName::Native => None,
+        BackendName::Native | BackendName::Robots => None,
     };
     let folder = cargo::target_folder().join("demo");
     std::fs::create_dir_all(&folder)
@@ -69,6 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             compensation,
             elf: elf.as_deref(),
             candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
+            abort: omnibus::abort::Abort::default(),
         };
         let run = drive::simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);

@@ -70,7 +70,7 @@ pub fn print_size(elf: &Path) -> anyhow::Result<()> {
         let SectionFlags::Elf { sh_flags, .. } = section.flags() else {
             continue;
         };
-        if sh_flags.0 & u64::from(SHF_ALLOC.0) == 0 || section.size() == 0 {
+        if sh_flags.0 & SHF_ALLOC.0 == 0 || section.size() == 0 {
             continue;
         }
         let (name, address) = (section.name().unwrap_or("?"), section.address());

@@ -37,14 +37,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let limits = &file.limits;
     let speed = twist.vx.hypot(twist.vy);
-    // Written so that NaN is refused too.
-    if !(speed <= limits.linear_speed) {
+    if speed.is_nan() || speed > limits.linear_speed {
         bail!(
             "--vx, --vy: {speed} m/s is not within the group's limits.linear_speed, {} m/s",
             limits.linear_speed
         );
     }
-    if !(twist.omega.abs() <= limits.yaw_rate) {
+    if twist.omega.is_nan() || twist.omega.abs() > limits.yaw_rate {
         bail!(
             "--omega: {} rad/s is not within the group's limits.yaw_rate, {} rad/s",
             twist.omega,
@@ -56,6 +55,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let link = arguments.target.link(&file)?;
     let mut group = Group::connect(link, &file)?;
+    group.set_abort(super::abort_on_ctrl_c()?);
     group.configure(true)?;
     group.start()?;
     let periods = (arguments.seconds * 1e6 / group.period_us() as f64).ceil() as u64;

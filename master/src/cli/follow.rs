@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::bus::BusAddress;
 use omnibus::curve::Curve;
 use omnibus::drive::{self, Drive};
-use omnibus::report;
+use omnibus::report::{self, BackendName};
 
 use super::{Target, say};
 
@@ -46,32 +46,35 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = target.group()?;
-    if !matches!(target.bus, BusAddress::Sim(_)) {
-        bail!(
-            "{}: following curves needs a simulated bus so far",
-            target.bus
-        );
-    }
     let progress = ProgressBar::new(STEPS as u64);
     let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {elapsed} {msg}");
     progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     progress.set_prefix(arguments.curve.name());
-    let run = drive::simulated(
-        &Drive {
-            group: &group,
-            curve: arguments.curve,
-            quick: arguments.quick,
-            compensation: arguments.compensation == Switch::On,
-            elf: target.elf()?,
-            candump: arguments.candump.clone(),
-        },
-        &mut |share, phase| {
-            progress.set_position((share * STEPS) as u64);
-            progress.set_message(phase);
-        },
-    )?;
+    let drive = Drive {
+        group: &group,
+        curve: arguments.curve,
+        quick: arguments.quick,
+        compensation: arguments.compensation == Switch::On,
+        elf: target.elf()?,
+        candump: arguments.candump.clone(),
+        abort: super::abort_on_ctrl_c()?,
+    };
+    let tell = &mut |share: f64, phase| {
+        progress.set_position((share * STEPS) as u64);
+        progress.set_message(phase);
+    };
+    let (backend, run) = match &target.bus {
+        BusAddress::Sim(_) => (target.backend, drive::simulated(&drive, tell)?),
+        _ if drive.candump.is_some() => {
+            bail!("--candump is for simulated buses; use candump itself")
+        }
+        _ => {
+            let link = target.link(&group)?;
+            (BackendName::Robots, drive::measured(link, &drive, tell)?)
+        }
+    };
     progress.finish_and_clear();
-    let report = drive::report(&group, arguments.curve, target.backend, vec![run]);
+    let report = drive::report(&group, arguments.curve, backend, vec![run]);
     if let Some(path) = &arguments.report {
         std::fs::write(path, report::html::to_html(&report)?)
             .with_context(|| format!("cannot write {}", path.display()))?;

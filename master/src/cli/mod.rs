@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use ::group::GroupFile;
 use anyhow::{Context as _, bail};
 use kinematics::Pose;
+use omnibus::abort::Abort;
 use omnibus::bus::BusAddress;
 use omnibus::link::Link;
 use omnibus::report::BackendName;
@@ -23,7 +24,7 @@ const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware
 /// Which bus, and which group on it.
 #[derive(clap::Args)]
 pub struct Target {
-    /// sim:GROUP.toml, socketcan:INTERFACE or slcan:DEVICE.
+    /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE or slcan-tcp://HOST:PORT.
     #[arg(long)]
     pub bus: BusAddress,
     /// Group file; a simulated bus has its own.
@@ -80,14 +81,17 @@ impl Target {
                 let world = omnibus::drive::world(group, self.elf()?, start)?;
                 Ok(Box::new(SimLink::new(world, self.bus.to_string())))
             }
-            BusAddress::SocketCan(_) | BusAddress::Slcan(_) => {
-                bail!(
-                    "{}: this adapter is not supported yet; use sim:GROUP.toml",
-                    self.bus
-                )
-            }
+            real => Ok(Box::new(omnibus::adapter::open(real)?)),
         }
     }
+}
+
+/// An abort that Ctrl-C asks for: once ramps down, twice stops at once.
+pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
+    let abort = Abort::default();
+    let shared = abort.clone();
+    ctrlc::set_handler(move || shared.ask()).context("cannot watch for Ctrl-C")?;
+    Ok(abort)
 }
 
 /// Prints a line. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).

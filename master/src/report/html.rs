@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::chart::{Chart, ChartError};
-use super::{Report, charts, paper_table_6, table::percent};
+use super::{Report, charts, paper_table_6, table::load, table::percent};
 
 const STYLE: &str = "
 :root{color-scheme:light}
@@ -99,7 +99,7 @@ fn figures(report: &Report) -> String {
     row("largest shape error", &|run| mm(run.shape_error_mm), None);
     row(
         "largest bus load over 100 ms",
-        &|run| format!("{:.1} %", run.bus_load_percent),
+        &|run| load(run.bus_load_percent),
         None,
     );
     row(
@@ -146,10 +146,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         format!("{:.2} mm", shape.fold(0.0, f64::max)),
         "largest shape error",
     );
-    card(
-        format!("{:.1} %", report.bus_load_percent()),
-        "largest bus load",
-    );
+    card(load(report.bus_load_percent()), "largest bus load");
     card(
         format!("{:.2}", report.realtime_factor()),
         "emulated time / real time",
@@ -202,6 +199,12 @@ fn provenance(report: &Report) -> &'static str {
              the wheels' motion comes back through the encoder counters and, through the plant of \
              the paper's Tables 3 and 5, becomes the path drawn here. Nothing of this has run on \
              hardware.</p>"
+        }
+        super::BackendName::Robots => {
+            "<h2>Where this comes from</h2><p>The path drawn here is what the robots' own wheels \
+             say (the mean of the members' odometry), not an outside measurement: slip that the \
+             compensation does not know of is not in it. The shape error is how far the members \
+             disagree.</p>"
         }
         super::BackendName::Native => {
             "<h2>Where this comes from</h2><p>Every robot is the firmware's control code compiled \

@@ -21,7 +21,7 @@ struct Document<'a> {
     trajectory: &'a str,
     robots: usize,
     realtime_factor: f64,
-    bus_load_percent: f64,
+    bus_load_percent: Option<f64>,
     runs: Vec<Run>,
 }
 
@@ -39,7 +39,7 @@ pub fn to_json(report: &Report) -> String {
         trajectory: &report.trajectory,
         robots: report.robots.len(),
         realtime_factor: rounded(report.realtime_factor()),
-        bus_load_percent: rounded(report.bus_load_percent()),
+        bus_load_percent: report.bus_load_percent().map(rounded),
         runs: report
             .runs
             .iter()

@@ -23,8 +23,8 @@ pub struct Run {
     pub errors: PathErrors,
     /// Largest distance of a robot from its place in the group, in mm.
     pub shape_error_mm: f64,
-    /// Largest bus load over 100 ms while driving, in per cent.
-    pub bus_load_percent: f64,
+    /// Largest bus load over 100 ms while driving, in per cent; `None` where nobody measured it.
+    pub bus_load_percent: Option<f64>,
     /// Time on the robots' clocks over time on the wall.
     pub realtime_factor: f64,
     /// What the observer saw, in order of time.
@@ -48,6 +48,9 @@ pub enum BackendName {
     Native,
     /// The firmware image on emulated microcontrollers.
     Emulator,
+    /// Robots on a real bus, seen through their own odometry.
+    #[value(skip)]
+    Robots,
 }
 
 impl BackendName {
@@ -57,6 +60,7 @@ impl BackendName {
         match self {
             Self::Native => "native",
             Self::Emulator => "emulator",
+            Self::Robots => "robots",
         }
     }
 }
@@ -96,13 +100,11 @@ pub struct Report {
 }
 
 impl Report {
-    /// Largest bus load of all runs, in per cent.
+    /// Largest bus load of all runs, in per cent; `None` where nobody measured it.
     #[must_use]
-    pub fn bus_load_percent(&self) -> f64 {
-        self.runs
-            .iter()
-            .map(|run| run.bus_load_percent)
-            .fold(0.0, f64::max)
+    pub fn bus_load_percent(&self) -> Option<f64> {
+        let loads = self.runs.iter().filter_map(|run| run.bus_load_percent);
+        loads.reduce(f64::max)
     }
 
     /// Smallest ratio of emulated time over real time of all runs.

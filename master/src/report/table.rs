@@ -10,6 +10,12 @@ pub fn percent(value: f64) -> String {
     format!("{value:+.2} %")
 }
 
+/// A bus load with one decimal.
+#[must_use]
+pub fn load(value: Option<f64>) -> String {
+    value.map_or_else(|| "not measured".into(), |value| format!("{value:.1} %"))
+}
+
 /// The report as a table, without a final newline. Axes as in the paper.
 #[must_use]
 pub fn to_table(report: &Report) -> String {
@@ -58,7 +64,7 @@ pub fn to_table(report: &Report) -> String {
     );
     row(
         "bus load, largest",
-        &|run| format!("{:.1} %", run.bus_load_percent),
+        &|run| load(run.bus_load_percent),
         "-".into(),
     );
     row(

@@ -5,9 +5,13 @@
 //! compensation, and above all it does not know what was commanded.
 //!
 //! - [`table`]: the losses the paper measured, interpolated over speed.
+//! - [`contact`]: rollers, friction, rigid bodies.
+//! - [`external`]: another program, over TCP.
 //! - [`formation`]: what connected robots do with motions that do not quite agree, and how far they
 //!   disagree.
 
+pub mod contact;
+pub mod external;
 pub mod formation;
 pub mod table;
 pub mod tables;
@@ -43,6 +47,11 @@ pub trait Plant: Send {
         let _ = robot;
         None
     }
+
+    /// The period it wants to be stepped with, ns.
+    fn period_ns(&self) -> u64 {
+        250_000
+    }
 }
 
 /// The plant that a group file asks for, with the group frame at `start`.
@@ -52,8 +61,15 @@ pub trait Plant: Send {
 pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimError> {
     match &group.simulation.plant {
         Kind::Table(tables) => Ok(Box::new(table::TablePlant::new(group, *tables, start)?)),
-        other => Err(SimError::Plant {
-            problem: format!("{other:?} is not built in; use \"table\""),
-        }),
+        Kind::External { address } => Ok(Box::new(external::ExternalPlant::connect(
+            group, address, start,
+        )?)),
+        Kind::Contact { rollers } => {
+            let contact = contact::Contact {
+                rollers: *rollers,
+                ..contact::Contact::default()
+            };
+            Ok(Box::new(contact::ContactPlant::new(group, contact, start)?))
+        }
     }
 }

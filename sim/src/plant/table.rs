@@ -108,10 +108,11 @@ impl Plant for TablePlant {
     }
 }
 
+/// A robot's place in the group frame, and its wheels.
+pub(crate) type Member = (Pose<f64>, FourWheelGeometry<f64>);
+
 /// The members' places and wheels in double precision, with exactly the values the robots are told.
-pub(crate) fn members(
-    group: &GroupFile,
-) -> Result<Vec<(Pose<f64>, FourWheelGeometry<f64>)>, SimError> {
+pub(crate) fn members(group: &GroupFile) -> Result<Vec<Member>, SimError> {
     group
         .robots
         .iter()

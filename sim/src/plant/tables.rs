@@ -10,6 +10,11 @@
 //! the rows the nearest row holds, which matters for the figure-eight: it is three times as fast as the
 //! fastest row.
 
+#![expect(
+    clippy::approx_constant,
+    reason = "the source prints 15, 30, 45 and 60 degrees like this"
+)]
+
 /// Asked and measured speed in the table's unit.
 pub type Row = (f64, f64);
 

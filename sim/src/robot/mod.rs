@@ -5,6 +5,9 @@
 //! delivers frames, turns encoders, reads the bridges, and lets time pass. Each robot has a clock of its
 //! own behind this trait; all times here are bus time.
 
+pub mod emulated;
+pub mod native;
+
 use canopen::Frame;
 
 use crate::error::SimError;
@@ -46,6 +49,9 @@ pub trait Robot: Send {
     /// The frame it would send first.
     fn pending(&self) -> Option<Frame>;
 
+    /// The pending frame has won arbitration and is on the wire: nothing overtakes it any more.
+    fn begin(&mut self) {}
+
     /// The pending frame has been sent and acknowledged.
     fn transmitted(&mut self);
 
@@ -79,19 +85,25 @@ pub trait Robot: Send {
 }
 
 /// What the robots of a world are.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub enum Backend {
     /// The controller crate, compiled for this machine.
     Native,
+    /// This image, on an emulated processor each.
+    Emulator(emulator::Firmware),
 }
 
 impl Backend {
     /// A robot with this node and crystal error, just switched on.
-    pub(crate) fn build(&self, node: u8, crystal_ppm: f64) -> Result<Box<dyn Robot>, SimError> {
-        let _ = crystal_ppm;
-        Err(SimError::Robot {
-            node,
-            problem: "no backend yet".to_owned(),
+    ///
+    /// # Errors
+    /// When there can be no robot with this node.
+    pub fn build(&self, node: u8, crystal_ppm: f64) -> Result<Box<dyn Robot>, SimError> {
+        Ok(match self {
+            Self::Native => Box::new(native::NativeRobot::new(node, crystal_ppm)?),
+            Self::Emulator(firmware) => {
+                Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?)
+            }
         })
     }
 }

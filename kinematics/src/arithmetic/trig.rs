@@ -1,73 +1,30 @@
-//! The scalars of this crate, and sine and cosine that are both exact enough and cheap enough.
+//! Sine and cosine that are both exact enough and cheap enough.
 //!
 //! `libm`'s `f32` trigonometry computes in double precision, which a Cortex-M4F does in software: 1 250 to
-//! 2 200 instructions. The approximations of `micromath` are cheap but wrong by 1.1e-3, more than the
-//! compensation coefficients this crate exists to apply. [`sin_cos`] sits in between: quadrant
-//! reduction in three exact steps, two short polynomials, single precision only.
+//! 2 200 instructions. The approximations of `micromath` are cheap but wrong by 1.1e-3, as much as the
+//! compensation coefficients this crate exists to apply. [`sin_cos`] sits in between: quadrant reduction in
+//! three exact steps, two short polynomials, single precision only.
 //!
 //! Error: at most 1e-7 absolute for |angle| <= [`SIN_COS_RANGE`], asserted by a test over the whole range.
 //! Outside it, and for a NaN, the result is NaN: a heading that large has no digits left.
 
-use nalgebra::RealField;
-
 /// Largest angle [`sin_cos`] takes, rad.
 pub const SIN_COS_RANGE: f32 = 8192.0;
-
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for f32 {}
-    impl Sealed for f64 {}
-}
-
-/// A floating-point scalar: `f32` or `f64`.
-///
-/// Sealed. Holds what the equations need and nothing that would pull software floating point into a
-/// single-precision control loop.
-pub trait Real: RealField + Copy + Default + sealed::Sealed {
-    /// The nearest value to a constant.
-    fn constant(value: f64) -> Self;
-    /// The value as an `f64`, exactly.
-    fn widen(self) -> f64;
-    /// Sine and cosine of an angle in rad.
-    fn sine_cosine(self) -> (Self, Self);
-}
-
-impl Real for f32 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "rounding a constant is the point"
-    )]
-    fn constant(value: f64) -> Self {
-        value as f32
-    }
-
-    fn widen(self) -> f64 {
-        f64::from(self)
-    }
-
-    fn sine_cosine(self) -> (Self, Self) {
-        sin_cos(self)
-    }
-}
-
-impl Real for f64 {
-    fn constant(value: f64) -> Self {
-        value
-    }
-
-    fn widen(self) -> f64 {
-        self
-    }
-
-    fn sine_cosine(self) -> (Self, Self) {
-        libm::sincos(self)
-    }
-}
 
 /// Sine and cosine of an angle in rad, to 1e-7 absolute within ±[`SIN_COS_RANGE`]; NaN outside.
 #[must_use]
 #[inline]
 pub fn sin_cos(angle: f32) -> (f32, f32) {
+    if angle.is_nan() || angle.abs() > SIN_COS_RANGE {
+        (f32::NAN, f32::NAN)
+    } else {
+        sin_cos_within(angle)
+    }
+}
+
+/// The same without looking: nonsense outside the range.
+#[inline]
+pub(crate) fn sin_cos_within(angle: f32) -> (f32, f32) {
     // pi/2 in three parts. The first two have 8 and 11 significant bits, so that a quadrant number of up
     // to 13 bits times either is exact in 24.
     const HALF_PI_1: f32 = 1.570_312_5;
@@ -76,9 +33,6 @@ pub fn sin_cos(angle: f32) -> (f32, f32) {
     // Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low mantissa bits.
     const ROUNDER: f32 = 12_582_912.0;
 
-    if angle.is_nan() || angle.abs() > SIN_COS_RANGE {
-        return (f32::NAN, f32::NAN);
-    }
     let shifted = angle * core::f32::consts::FRAC_2_PI + ROUNDER;
     let quadrant = shifted.to_bits();
     let quadrants = shifted - ROUNDER;

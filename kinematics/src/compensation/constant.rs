@@ -1,8 +1,9 @@
-//! The paper's `C`, equation (18): how much faster the wheels must be driven than geometry says.
+//! Constant compensation: the paper's `C`, equation (18).
 //!
 //! A robot that is asked for 500 mm/s sideways and makes 483 has a lateral coefficient of 1.035. The same
 //! numbers, inverted, turn measured wheel rates back into the velocity the robot really had.
 
+use super::Compensation;
 use crate::arithmetic::Real;
 use crate::error::CompensationError;
 use crate::frame::Twist;
@@ -27,6 +28,16 @@ impl VelocityCompensation {
 }
 
 impl<S: Real> VelocityCompensation<S> {
+    /// [`VelocityCompensation::NONE`] for any scalar.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self {
+            longitudinal: S::ONE,
+            lateral: S::ONE,
+            yaw: S::ONE,
+        }
+    }
+
     /// Coefficients along x, along y, and about z; each a plain factor near 1.
     ///
     /// # Errors
@@ -89,5 +100,15 @@ impl<S: Real> VelocityCompensation<S> {
             vy: asked.vy / self.lateral,
             omega: asked.omega / self.yaw,
         }
+    }
+}
+
+impl<S: Real> Compensation<S> for VelocityCompensation<S> {
+    fn apply(&self, desired: Twist<S>) -> Twist<S> {
+        Self::apply(self, desired)
+    }
+
+    fn remove(&self, asked: Twist<S>) -> Twist<S> {
+        Self::remove(self, asked)
     }
 }

@@ -1,0 +1,235 @@
+//! The rules by which the members of a group move as one.
+//!
+//! 1. At SYNC *k* every member latches the twist received before it, works out the scale at which
+//!    its own wheels could follow, and publishes it with the sequence it latched.
+//! 2. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
+//! 3. A member that was not heard since SYNC *k*, is in no state to follow, or echoes another
+//!    sequence, counts as scale 0, and scale 0 is a stop.
+//!
+//! Every member runs this on the same frames in the same order and compares the same integers, its
+//! own published scale included, so all of them decide the same. No member leads.
+
+use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS, MemberStatus, Scale};
+
+/// What was heard of one member since the last SYNC.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Vote {
+    sequence: u8,
+    scale: Scale,
+    follows: bool,
+}
+
+/// What the members came to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Verdict {
+    /// All follow, at this scale; `own` when it is this member that sets it.
+    Go {
+        /// Above zero.
+        scale: Scale,
+        /// No other member permits less.
+        own: bool,
+    },
+    /// Somebody does not.
+    Stop(Fault),
+}
+
+/// The members' votes between two SYNCs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Agreement {
+    votes: [Option<Vote>; MAX_ROBOTS],
+}
+
+impl Default for Agreement {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Agreement {
+    /// Nobody heard yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            votes: [None; MAX_ROBOTS],
+        }
+    }
+
+    /// A member's status came in.
+    pub fn hear(&mut self, node: u8, status: &MemberStatus) {
+        let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
+        if let Some(vote) = self.votes.get_mut(place) {
+            *vote = Some(Vote {
+                sequence: status.sequence,
+                scale: status.scale,
+                follows: status.state.can_follow(),
+            });
+        }
+    }
+
+    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint `sequence`, which this
+    /// `node` published with its `own` scale? The votes are used up by that.
+    pub fn decide(&mut self, members: u32, node: u8, sequence: u8, own: Scale) -> Verdict {
+        let votes = core::mem::replace(&mut self.votes, [None; MAX_ROBOTS]);
+        if own == Scale::ZERO {
+            return Verdict::Stop(Fault::MemberStopped);
+        }
+        let mut smallest = own;
+        for (other, vote) in (FIRST_ROBOT..).zip(votes) {
+            if other == node || members >> other & 1 == 0 {
+                continue;
+            }
+            let Some(vote) = vote else {
+                return Verdict::Stop(Fault::MemberSilent);
+            };
+            if !vote.follows {
+                return Verdict::Stop(Fault::MemberStopped);
+            }
+            if vote.sequence != sequence {
+                return Verdict::Stop(Fault::SequenceMismatch);
+            }
+            if vote.scale == Scale::ZERO {
+                return Verdict::Stop(Fault::MemberStopped);
+            }
+            smallest = smallest.min(vote.scale);
+        }
+        Verdict::Go {
+            scale: smallest,
+            own: smallest == own,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::{Code, MemberState};
+
+    const MEMBERS: u32 = 0b11100;
+
+    fn status(state: MemberState, sequence: u8, scale: u16) -> MemberStatus {
+        MemberStatus {
+            state,
+            sequence,
+            scale: Scale(scale),
+            slip_residual: None,
+            code: Code::None,
+        }
+    }
+
+    fn after(heard: &[(u8, MemberStatus)]) -> Verdict {
+        let mut agreement = Agreement::new();
+        for (node, status) in heard {
+            agreement.hear(*node, status);
+        }
+        agreement.decide(MEMBERS, 2, 7, Scale(50_000))
+    }
+
+    use MemberState::{Armed, Faulted, Moving, Ramping};
+
+    #[test]
+    fn smallest_scale_of_all_members_is_applied() {
+        let go = |scale, own| Verdict::Go {
+            scale: Scale(scale),
+            own,
+        };
+        assert_eq!(
+            after(&[
+                (3, status(Moving, 7, 60_000)),
+                (4, status(Armed, 7, 40_000))
+            ]),
+            go(40_000, false)
+        );
+        assert_eq!(
+            after(&[
+                (3, status(Moving, 7, 60_000)),
+                (4, status(Moving, 7, 65_535))
+            ]),
+            go(50_000, true)
+        );
+    }
+
+    #[test]
+    fn missing_member_is_scale_zero() {
+        assert_eq!(
+            after(&[(3, status(Moving, 7, 60_000))]),
+            Verdict::Stop(Fault::MemberSilent)
+        );
+    }
+
+    #[test]
+    fn member_in_fault_is_scale_zero() {
+        for state in [Faulted, Ramping, MemberState::Alone, MemberState::Ready] {
+            assert_eq!(
+                after(&[
+                    (3, status(Moving, 7, 60_000)),
+                    (4, status(state, 7, 60_000))
+                ]),
+                Verdict::Stop(Fault::MemberStopped)
+            );
+        }
+    }
+
+    #[test]
+    fn member_with_another_sequence_is_scale_zero() {
+        assert_eq!(
+            after(&[
+                (3, status(Moving, 7, 60_000)),
+                (4, status(Moving, 8, 60_000))
+            ]),
+            Verdict::Stop(Fault::SequenceMismatch)
+        );
+    }
+
+    #[test]
+    fn scale_zero_of_any_member_is_a_stop() {
+        assert_eq!(
+            after(&[(3, status(Moving, 7, 0)), (4, status(Moving, 7, 60_000))]),
+            Verdict::Stop(Fault::MemberStopped)
+        );
+        let mut agreement = Agreement::new();
+        assert_eq!(
+            agreement.decide(0b100, 2, 7, Scale::ZERO),
+            Verdict::Stop(Fault::MemberStopped)
+        );
+    }
+
+    #[test]
+    fn votes_count_for_one_sync_only() {
+        let mut agreement = Agreement::new();
+        agreement.hear(3, &status(Moving, 7, 9));
+        agreement.hear(4, &status(Moving, 7, 9));
+        assert!(matches!(
+            agreement.decide(MEMBERS, 2, 7, Scale::ONE),
+            Verdict::Go { .. }
+        ));
+        assert_eq!(
+            agreement.decide(MEMBERS, 2, 7, Scale::ONE),
+            Verdict::Stop(Fault::MemberSilent)
+        );
+    }
+
+    #[test]
+    fn a_robot_alone_is_a_group_of_one() {
+        let mut agreement = Agreement::new();
+        let verdict = agreement.decide(0b100, 2, 7, Scale(9));
+        assert_eq!(
+            verdict,
+            Verdict::Go {
+                scale: Scale(9),
+                own: true
+            }
+        );
+    }
+
+    #[test]
+    fn strangers_have_no_vote() {
+        let mut agreement = Agreement::new();
+        agreement.hear(17, &status(Faulted, 9, 0));
+        agreement.hear(1, &status(Faulted, 9, 0));
+        agreement.hear(18, &status(Faulted, 9, 0));
+        assert!(matches!(
+            agreement.decide(0b100, 2, 7, Scale::ONE),
+            Verdict::Go { .. }
+        ));
+    }
+}

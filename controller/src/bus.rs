@@ -1,0 +1,587 @@
+//! The bus side: frames in, frames out, and what the control side is asked to do.
+//!
+//! It owns the CANopen device, the object dictionary, the state machine and the agreement with the
+//! other members. Frames must come in the order they were received; with each comes the time of its
+//! reception, and all time-outs are looked at before a frame is, so a frame that comes too late
+//! revives nothing. The owner keeps it going:
+//!
+//! - after every control tick (or at least once per SYNC) hand over the newest [`Report`];
+//! - after every call take the [`Configuration`] if there is one, then the [`Command`];
+//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 20 ms away:
+//!   the control side takes a bus side without sign of life for dead.
+//!
+//! Queues that can fill up: the device's frames and events, and the events here; all drop the
+//! newest, and the device counts it.
+
+use canopen::{Device, ErrorClass, Frame, Micros, NmtCommand, NmtState};
+use heapless::Deque;
+use kinematics::{Twist, desaturate};
+use protocol::address::SYNC_PERIOD;
+use protocol::code::FaultClass;
+use protocol::{
+    APPLY_DELAY_US, Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale,
+    WheelRateReport, cob,
+};
+
+use crate::agreement::{Agreement, Verdict};
+use crate::clock::SyncClock;
+use crate::configuration::Configuration;
+use crate::dictionary::{Counters, Dictionary};
+use crate::handover::{Command, Mode, Report};
+use crate::identity::{self, Identity};
+use crate::sequence::{Reception, Setpoints};
+use crate::state::{Happening, State};
+use crate::strain::Strain;
+
+/// Longest time between two polls, us.
+const ALIVE_US: u64 = 20_000;
+
+/// Something the platform may want to log or show.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Event {
+    /// The state machine moved.
+    State {
+        /// From here.
+        from: State,
+        /// To here.
+        to: State,
+    },
+    /// A fault was latched; an emergency message is on its way.
+    Fault(Fault),
+    /// The NMT state changed.
+    Nmt(NmtState),
+    /// The platform should bring the CAN controller back on the bus.
+    RecoverBus,
+    /// A SYNC was received.
+    Sync {
+        /// Its counter.
+        counter: Option<u8>,
+        /// When it came in.
+        at: Micros,
+    },
+}
+
+/// The bus side of one robot.
+pub struct BusSide {
+    identity: Identity,
+    device: Device,
+    dictionary: Dictionary,
+    state: State,
+    configuration: Option<Configuration>,
+    /// The control side has not been given the configuration yet.
+    to_hand: bool,
+    agreement: Agreement,
+    clock: SyncClock,
+    strain: Strain,
+    setpoints: Setpoints,
+    own_setpoints: Setpoints,
+    /// Published with the latched sequence.
+    own: Scale,
+    /// In force.
+    scale: Scale,
+    scale_is_own: bool,
+    last_sync: Micros,
+    last_heartbeat: Micros,
+    report: Report,
+    command: Command,
+    /// Faults announced and not yet declared over, one bit each.
+    announced: u32,
+    events: Deque<Event, 8>,
+}
+
+impl BusSide {
+    /// A robot that has not been on the bus yet.
+    #[must_use]
+    pub fn new(identity: Identity) -> Self {
+        Self {
+            identity,
+            device: Device::new(identity::config(&identity)),
+            dictionary: Dictionary::new(identity::device(&identity)),
+            state: State::Ready,
+            configuration: None,
+            to_hand: false,
+            clock: SyncClock::new(),
+            strain: Strain::new(),
+            agreement: Agreement::new(),
+            setpoints: Setpoints::new(),
+            own_setpoints: Setpoints::new(),
+            own: Scale::ZERO,
+            scale: Scale::ZERO,
+            scale_is_own: false,
+            last_sync: Micros::ZERO,
+            last_heartbeat: Micros::ZERO,
+            report: Report::default(),
+            command: Command::default(),
+            announced: 0,
+            events: Deque::new(),
+        }
+    }
+
+    /// Takes in a frame received at `at`.
+    pub fn on_frame(&mut self, at: Micros, frame: &Frame) {
+        self.supervise(at);
+        self.command.alive = at;
+        let id = frame.id();
+        if id == cob::MASTER_HEARTBEAT {
+            self.last_heartbeat = at;
+        } else if self.device.state() == NmtState::Operational {
+            if id == cob::GROUP_TWIST {
+                self.setpoints.note_frame();
+            } else if let Some(node) = cob::status_sender(id)
+                && node != self.identity.node.get()
+                && let Ok(status) = MemberStatus::try_from(frame.data())
+            {
+                self.agreement.hear(node, &status);
+            } else if let Some(node) = cob::measured_sender(id)
+                && node != self.identity.node.get()
+                && let Ok(measured) = MeasuredTwist::try_from(frame.data())
+            {
+                self.strain.hear(node, measured.twist);
+            }
+        }
+        self.device.on_frame(at, frame, &mut self.dictionary);
+        self.drain(at);
+    }
+
+    /// Does what is due at `now`.
+    pub fn poll(&mut self, now: Micros) {
+        self.supervise(now);
+        self.command.alive = now;
+        self.device.poll(now, &mut self.dictionary);
+        self.drain(now);
+    }
+
+    /// Takes in what the control side did and saw.
+    pub fn on_report(&mut self, report: &Report) {
+        self.report = *report;
+        self.dictionary.supply = report.supply;
+        self.dictionary.counters.late_ticks = report.late_ticks;
+        // What it says about an earlier start is no longer true.
+        if report.start != self.command.start {
+            return;
+        }
+        if let Some(fault) = report.fault {
+            self.happen(Happening::Failed(fault), report.at);
+        }
+        if report.standstill && matches!(self.state, State::Ramping(_)) {
+            self.happen(Happening::Standstill, report.at);
+        }
+    }
+
+    /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this start.
+    ///
+    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the history.
+    pub fn on_fault(&mut self, now: Micros, fault: Fault) {
+        if matches!(self.state, State::Ready | State::Faulted(_)) {
+            self.record(fault, now);
+        } else {
+            self.happen(Happening::Failed(fault), now);
+        }
+    }
+
+    /// The CAN controller went off the bus: ramps down; nothing is sent until
+    /// [`BusSide::on_bus_recovered`]. [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.on_fault(now, Fault::BusOff);
+        self.device.on_bus_off(now);
+        self.drain(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.device.on_bus_recovered(now);
+        self.drain(now);
+    }
+
+    /// The next frame to send.
+    pub fn pop_frame(&mut self) -> Option<Frame> {
+        self.device.pop_frame()
+    }
+
+    /// The next event.
+    pub fn pop_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// When [`BusSide::poll`] has something to do, at the latest.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Micros> {
+        let alive = self.command.alive + Micros(ALIVE_US);
+        let mut next = self
+            .device
+            .next_deadline()
+            .map_or(alive, |device| device.min(alive));
+        if let Some(configuration) = &self.configuration {
+            for (since, timeout, _) in self.timers(configuration).into_iter().flatten() {
+                next = next.min(since + Micros(timeout));
+            }
+        }
+        Some(next)
+    }
+
+    /// What the control side is asked to do.
+    #[must_use]
+    pub const fn command(&self) -> Command {
+        self.command
+    }
+
+    /// A configuration the control side must take over before the next command; given once.
+    pub fn take_configuration(&mut self) -> Option<Configuration> {
+        if core::mem::take(&mut self.to_hand) {
+            self.configuration
+        } else {
+            None
+        }
+    }
+
+    /// What the robot is doing.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// The NMT state.
+    #[must_use]
+    pub const fn nmt_state(&self) -> NmtState {
+        self.device.state()
+    }
+
+    /// The group scale in force, 0 to 1.
+    #[must_use]
+    pub fn group_scale(&self) -> f32 {
+        self.scale.factor()
+    }
+
+    /// What the robot counts; the platform adds what only it can see.
+    pub const fn counters_mut(&mut self) -> &mut Counters {
+        &mut self.dictionary.counters
+    }
+
+    fn drain(&mut self, now: Micros) {
+        while let Some(event) = self.device.pop_event() {
+            match event {
+                canopen::Event::NmtCommand(NmtCommand::Start) => self.on_start(now),
+                canopen::Event::NmtChanged { from, to } => {
+                    self.dictionary.commissioning = false;
+                    if from == NmtState::Operational {
+                        self.happen(Happening::Left, now);
+                    }
+                    self.tell(Event::Nmt(to));
+                }
+                canopen::Event::Sync { counter, at, .. } => {
+                    self.on_sync(at);
+                    self.device.on_sync_done(at, &mut self.dictionary);
+                    self.tell(Event::Sync { counter, at });
+                }
+                canopen::Event::SyncGap { .. } => {
+                    let lost = &mut self.dictionary.counters.lost_syncs;
+                    *lost = lost.wrapping_add(1);
+                    self.setpoints.note_disorder();
+                }
+                canopen::Event::RecoverBus => self.tell(Event::RecoverBus),
+                _ => {}
+            }
+        }
+    }
+
+    /// NMT start: the only way into motion. Everything that speaks against it is looked at here.
+    fn on_start(&mut self, now: Micros) {
+        if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {
+            return;
+        }
+        let made = Configuration::new(&self.dictionary.parameters, self.identity.node.get());
+        let configuration = match (made, self.report.obstacle) {
+            (Err(_), _) => return self.happen(Happening::StartRefused(Fault::Unconfigured), now),
+            (Ok(_), Some(fault)) => return self.happen(Happening::StartRefused(fault), now),
+            (Ok(configuration), None) => configuration,
+        };
+        if self.configuration != Some(configuration) {
+            self.configuration = Some(configuration);
+            self.to_hand = true;
+        }
+        self.command.configuration = configuration.crc;
+        self.command.start = self.command.start.wrapping_add(1);
+        self.last_heartbeat = now;
+        self.setpoints.restart();
+        self.own_setpoints.restart();
+        self.strain.restart();
+        self.own = Scale::ZERO;
+        self.agreement = Agreement::new();
+        self.happen(Happening::Started, now);
+    }
+
+    /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
+    fn on_sync(&mut self, at: Micros) {
+        self.last_sync = at;
+        let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
+        self.clock.on_sync(at, period_us as f32);
+        let Some(configuration) = self.configuration else {
+            self.publish(None);
+            return;
+        };
+        self.decide(at, &configuration);
+        let before = self.setpoints.ignored();
+        let received =
+            core::mem::take(&mut self.dictionary.setpoint.1).then_some(self.dictionary.setpoint.0);
+        let reception = self
+            .setpoints
+            .on_sync(at, received.as_ref(), configuration.group);
+        let ignored = self.setpoints.ignored().wrapping_sub(before);
+        let counter = &mut self.dictionary.counters.ignored_setpoints;
+        *counter = counter.wrapping_add(ignored);
+        if reception == Reception::TwoMasters {
+            self.happen(Happening::Failed(Fault::TwoMasters), at);
+        }
+        if let Some(fault) = self
+            .strain
+            .on_sync(at, self.report.measured, &configuration)
+            && self.state == State::Moving
+        {
+            self.happen(Happening::Failed(fault), at);
+        }
+        self.vote(&configuration);
+        self.follow_alone(at, &configuration);
+        self.publish(Some(&configuration));
+    }
+
+    /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
+    fn decide(&mut self, at: Micros, configuration: &Configuration) {
+        let latched = match self.state {
+            State::Armed | State::Moving => self.setpoints.latched(),
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
+        };
+        let Some(latched) = latched else {
+            self.agreement = Agreement::new();
+            return;
+        };
+        let node = self.identity.node.get();
+        let verdict =
+            self.agreement
+                .decide(configuration.members, node, latched.sequence, self.own);
+        match verdict {
+            Verdict::Go { scale, own } => {
+                self.scale = scale;
+                self.scale_is_own = own;
+                if self.state == State::Armed {
+                    self.setpoints.touch(at);
+                }
+                self.happen(Happening::GroupSetpoint, at);
+                self.aim(at, latched.twist * scale.factor(), latched.sequence);
+            }
+            Verdict::Stop(fault) => {
+                if self.state == State::Moving {
+                    self.happen(Happening::Failed(fault), at);
+                }
+            }
+        }
+    }
+
+    /// Rule 1: the scale at which this robot's own wheels could follow what it just latched.
+    fn vote(&mut self, configuration: &Configuration) {
+        self.own = match (self.state, self.setpoints.latched()) {
+            (State::Armed | State::Moving, Some(latched)) if self.is_able(configuration) => {
+                permitted(configuration, latched.twist)
+            }
+            _ => Scale::ZERO,
+        };
+    }
+
+    /// Whether the control side does what it is asked.
+    fn is_able(&self, configuration: &Configuration) -> bool {
+        self.report.start == self.command.start
+            && self.report.configuration == configuration.crc
+            && self.report.fault.is_none()
+            && matches!(self.report.mode, Mode::Hold | Mode::Follow)
+    }
+
+    /// The commissioning twist: nobody else to agree with, so it takes effect at once.
+    fn follow_alone(&mut self, at: Micros, configuration: &Configuration) {
+        let received =
+            core::mem::take(&mut self.dictionary.alone.1).then_some(self.dictionary.alone.0);
+        let permitted_now = self.dictionary.commissioning
+            && matches!(self.state, State::Armed | State::Alone)
+            && self.is_able(configuration);
+        if !permitted_now {
+            return;
+        }
+        let reception = self
+            .own_setpoints
+            .on_sync(at, received.as_ref(), configuration.group);
+        let (Reception::Fresh, Some(latched)) = (reception, self.own_setpoints.latched()) else {
+            return;
+        };
+        let twist = configuration.mount.to_group(latched.twist);
+        self.scale = permitted(configuration, twist);
+        self.scale_is_own = true;
+        self.happen(Happening::OwnSetpoint, at);
+        self.aim(at, twist * self.scale.factor(), latched.sequence);
+    }
+
+    fn aim(&mut self, at: Micros, target: Twist, sequence: u8) {
+        if matches!(self.state, State::Moving | State::Alone) {
+            self.command.target = target;
+            self.command.sequence = sequence;
+            self.command.at = self.clock.estimate().unwrap_or(at) + Micros(APPLY_DELAY_US);
+            self.command.update = self.command.update.wrapping_add(1);
+        }
+    }
+
+    /// Process data as it is at this SYNC.
+    fn publish(&mut self, configuration: Option<&Configuration>) {
+        let report = &self.report;
+        let sequence = self.setpoints.sequence();
+        let group = configuration.map_or(0, |configuration| configuration.group);
+        self.dictionary.status = MemberStatus {
+            state: self.state.reported(configuration.is_some()),
+            sequence,
+            scale: self.own,
+            slip_residual: (report.configuration != 0).then_some(report.slip_residual),
+            code: self.code(),
+        }
+        .encode();
+        self.dictionary.measured = MeasuredTwist {
+            twist: report.measured,
+            sequence: report.sequence,
+            group,
+        }
+        .encode();
+        self.dictionary.pose = PoseReport { pose: report.pose }.encode();
+        self.dictionary.rates = WheelRateReport {
+            rates: report.rates,
+        }
+        .encode();
+    }
+
+    /// The most important thing to say.
+    fn code(&self) -> Code {
+        if let Some(fault) = self.state.fault() {
+            return Code::Fault(fault);
+        }
+        let moving = matches!(self.state, State::Moving | State::Alone);
+        let limit = self.report.limit.or_else(|| {
+            if moving && self.strain.is_limit() {
+                Some(Limit::Strain)
+            } else if self.setpoints.is_disturbed() {
+                Some(Limit::Setpoint)
+            } else if moving && self.scale < Scale::ONE {
+                Some(if self.scale_is_own {
+                    Limit::WheelRate
+                } else {
+                    Limit::GroupScale
+                })
+            } else {
+                None
+            }
+        });
+        limit.map_or(Code::None, Code::Limit)
+    }
+
+    /// What runs out, since when, and what it means.
+    fn timers(&self, configuration: &Configuration) -> [Option<(Micros, u64, Fault)>; 3] {
+        let times = &configuration.times;
+        let heartbeat = Some((
+            self.last_heartbeat,
+            times.heartbeat_timeout_us,
+            Fault::MasterSilent,
+        ));
+        let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
+        let setpoint = |setpoints: &Setpoints| {
+            let fault = if setpoints.is_invalid() {
+                Fault::SetpointInvalid
+            } else {
+                Fault::SetpointOverdue
+            };
+            Some((setpoints.fresh_at(), times.setpoint_timeout_us, fault))
+        };
+        match self.state {
+            State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 3],
+            State::Armed => [heartbeat, None, None],
+            State::Moving => [heartbeat, sync, setpoint(&self.setpoints)],
+            State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints)],
+        }
+    }
+
+    /// Rule 4: what has run out by `now`.
+    fn supervise(&mut self, now: Micros) {
+        let Some(configuration) = &self.configuration else {
+            return;
+        };
+        let first = self
+            .timers(configuration)
+            .into_iter()
+            .flatten()
+            .filter(|(since, timeout, _)| now.since(*since).0 >= *timeout)
+            .min_by_key(|(since, timeout, _)| since.0.saturating_add(*timeout));
+        if let Some((_, _, fault)) = first {
+            self.happen(Happening::Failed(fault), now);
+        }
+    }
+
+    /// Moves the state machine and does what that brings with it.
+    fn happen(&mut self, happening: Happening, now: Micros) {
+        let from = self.state;
+        let to = from.after(happening);
+        if to == from {
+            return;
+        }
+        self.state = to;
+        self.command.mode = match to {
+            State::Ready | State::Faulted(_) => Mode::Off,
+            State::Armed => Mode::Hold,
+            State::Moving | State::Alone => Mode::Follow,
+            State::Ramping(_) => Mode::Ramp,
+        };
+        if let Some(fault) = to.fault()
+            && from.fault() != Some(fault)
+        {
+            let stops = &mut self.dictionary.counters.stops;
+            *stops = stops.wrapping_add(1);
+            self.record(fault, now);
+        } else if to == State::Armed {
+            self.clear_record(now);
+        }
+        self.tell(Event::State { from, to });
+    }
+
+    /// Announces a fault by an emergency message and keeps it in the history.
+    fn record(&mut self, fault: Fault, now: Micros) {
+        let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
+        self.dictionary.history.push(fault, time_ms);
+        let class = match fault.error_class() {
+            FaultClass::Generic => ErrorClass::Generic,
+            FaultClass::Voltage => ErrorClass::Voltage,
+            FaultClass::Communication => ErrorClass::Communication,
+            FaultClass::Manufacturer => ErrorClass::Manufacturer,
+        };
+        self.device.raise_error(now, fault.code(), class, [0; 5]);
+        self.announced |= announced_bit(fault);
+        self.tell(Event::Fault(fault));
+    }
+
+    /// Says that everything announced is over.
+    fn clear_record(&mut self, now: Micros) {
+        for fault in Fault::ALL {
+            if self.announced & announced_bit(*fault) != 0 {
+                self.device.clear_error(now, fault.code(), 0);
+            }
+        }
+        self.announced = 0;
+    }
+
+    fn tell(&mut self, event: Event) {
+        let _ = self.events.push_back(event);
+    }
+}
+
+/// The bit of a fault in [`BusSide::announced`].
+fn announced_bit(fault: Fault) -> u32 {
+    let place = Fault::ALL.iter().position(|one| *one == fault);
+    place.map_or(0, |place| 1 << (place % 32))
+}
+
+/// The scale at which this robot's wheels can make the group move like that.
+fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
+    let rates = configuration.kinematics.inverse(twist);
+    Scale::new(desaturate(rates, configuration.wheel_rate_max).1)
+}

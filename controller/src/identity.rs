@@ -1,0 +1,137 @@
+//! Who the robot is on the bus, and which PDOs it has.
+
+use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
+
+use crate::dictionary::Device;
+
+/// What the platform knows about this robot before anybody has configured it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Identity {
+    /// Node number, 2 to 17.
+    pub node: NodeId,
+    /// Serial number, objects 0x1018:4 and 0x2001:1.
+    pub serial: u32,
+    /// Firmware version, object 0x2001:2.
+    pub firmware: u32,
+    /// Why the processor started, object 0x2001:3.
+    pub reset_cause: u8,
+}
+
+impl Identity {
+    /// A robot with this node and serial number, after power-on.
+    #[must_use]
+    pub const fn new(node: NodeId, serial: u32) -> Self {
+        Self {
+            node,
+            serial,
+            firmware: 0x0001_0000,
+            reset_cause: 0,
+        }
+    }
+}
+
+const TWIST_BITS: [u8; 5] = [16, 16, 16, 8, 8];
+const STATUS_BITS: [u8; 5] = [8, 8, 16, 16, 16];
+
+const fn five(index: u16, bits: [u8; 5]) -> [Mapping; 5] {
+    let [a, b, c, d, e] = bits;
+    [
+        Mapping::new(index, 1, a),
+        Mapping::new(index, 2, b),
+        Mapping::new(index, 3, c),
+        Mapping::new(index, 4, d),
+        Mapping::new(index, 5, e),
+    ]
+}
+
+static SETPOINT: [Mapping; 5] = five(0x2100, TWIST_BITS);
+static ALONE: [Mapping; 5] = five(0x2101, TWIST_BITS);
+static STATUS: [Mapping; 5] = five(0x2110, STATUS_BITS);
+static MEASURED: [Mapping; 5] = five(0x2111, TWIST_BITS);
+static POSE: [Mapping; 3] = [
+    Mapping::new(0x2112, 1, 24),
+    Mapping::new(0x2112, 2, 24),
+    Mapping::new(0x2112, 3, 16),
+];
+static RATES: [Mapping; 4] = [
+    Mapping::new(0x2113, 1, 16),
+    Mapping::new(0x2113, 2, 16),
+    Mapping::new(0x2113, 3, 16),
+    Mapping::new(0x2113, 4, 16),
+];
+
+const fn pdo(cob_id: CobId, mapping: &'static [Mapping]) -> PdoConfig {
+    PdoConfig {
+        cob_id,
+        mapping,
+        ..PdoConfig::DEFAULT
+    }
+}
+
+static RPDOS: [PdoConfig; 2] = [
+    pdo(CobId::Fixed(protocol::cob::GROUP_TWIST), &SETPOINT),
+    pdo(
+        CobId::PlusNode(protocol::cob::commissioning_twist(0)),
+        &ALONE,
+    ),
+];
+
+static TPDOS: [PdoConfig; 4] = [
+    pdo(CobId::PlusNode(protocol::cob::member_status(0)), &STATUS),
+    pdo(CobId::PlusNode(protocol::cob::measured_twist(0)), &MEASURED),
+    pdo(CobId::PlusNode(protocol::cob::pose(0)), &POSE),
+    pdo(CobId::PlusNode(protocol::cob::wheel_rates(0)), &RATES),
+];
+
+/// Period of the robot's own heartbeat, ms.
+const HEARTBEAT_MS: u16 = 100;
+
+/// Highest value of the SYNC counter.
+pub const SYNC_OVERFLOW: u8 = 240;
+
+pub(crate) fn config(identity: &Identity) -> Config {
+    Config {
+        node: Some(identity.node),
+        identity: canopen::Identity {
+            vendor: 0,
+            product: 0x4F4D_4E49,
+            revision: u32::from(protocol::WIRE_VERSION) << 16,
+            serial: identity.serial,
+        },
+        name: "Omnibus robot",
+        heartbeat_ms: HEARTBEAT_MS,
+        sync_overflow: SYNC_OVERFLOW,
+        rpdos: &RPDOS,
+        tpdos: &TPDOS,
+        ..Config::DEFAULT
+    }
+}
+
+pub(crate) const fn device(identity: &Identity) -> Device {
+    Device {
+        node: identity.node.get(),
+        serial: identity.serial,
+        firmware: identity.firmware,
+        reset_cause: identity.reset_cause,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::{Address, entry};
+
+    #[test]
+    fn every_pdo_is_eight_bytes_of_mappable_objects() {
+        for pdo in RPDOS.iter().chain(&TPDOS) {
+            let mut bits = 0;
+            for mapping in pdo.mapping {
+                let entry = entry(Address::new(mapping.index, mapping.sub)).unwrap();
+                assert!(entry.mappable);
+                assert_eq!(entry.kind.bytes() * 8, mapping.bits);
+                bits += u32::from(mapping.bits);
+            }
+            assert_eq!(bits, 64);
+        }
+    }
+}

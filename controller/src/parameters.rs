@@ -1,0 +1,140 @@
+//! The parameters as the bus writes them: one word each, and whether it has been written.
+//!
+//! Nothing here takes effect. A value is checked against its own limits when it is written; the set
+//! is turned into a [`crate::Configuration`], and checked as a set, when the robot is started.
+
+use protocol::{Address, ENTRIES, Value, entry, table::PARAMETERS};
+
+const WORDS: usize = PARAMETERS.div_ceil(32);
+
+/// Values of all parameters.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Parameters {
+    values: [u32; PARAMETERS],
+    written: [u32; WORDS],
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Parameters {
+    /// All at their defaults, none written.
+    #[must_use]
+    pub fn new() -> Self {
+        let mut values = [0; PARAMETERS];
+        let parameters = ENTRIES.iter().filter(|entry| entry.slot.is_some());
+        for (value, entry) in values.iter_mut().zip(parameters) {
+            *value = entry.default.to_bits();
+        }
+        Self {
+            values,
+            written: [0; WORDS],
+        }
+    }
+
+    /// The value of a parameter; `None` for what is none.
+    #[must_use]
+    pub fn get(&self, address: Address) -> Option<Value> {
+        let entry = entry(address)?;
+        let bits = self.values.get(usize::from(entry.slot?))?;
+        Some(Value::from_bits(entry.kind, *bits))
+    }
+
+    /// Keeps a value that has been checked already.
+    pub(crate) fn set(&mut self, slot: u8, value: Value) {
+        let slot = usize::from(slot);
+        if let Some(place) = self.values.get_mut(slot) {
+            *place = value.to_bits();
+        }
+        if let Some(word) = self.written.get_mut(slot / 32) {
+            *word |= 1 << (slot % 32);
+        }
+    }
+
+    /// The first required parameter that has not been written, by address.
+    #[must_use]
+    pub fn first_missing(&self) -> Option<Address> {
+        ENTRIES.iter().find_map(|entry| {
+            let slot = usize::from(entry.slot?);
+            let word = self.written.get(slot / 32)?;
+            let missing = entry.required && word & (1 << (slot % 32)) == 0;
+            missing.then_some(entry.address)
+        })
+    }
+
+    /// CRC-32 (IEEE 802.3) over all values, in the order of the table, four bytes each.
+    #[must_use]
+    pub fn crc(&self) -> u32 {
+        let mut crc = u32::MAX;
+        for byte in self.values.iter().flat_map(|value| value.to_le_bytes()) {
+            crc ^= u32::from(byte);
+            for _ in 0..8 {
+                let carry = crc & 1;
+                crc >>= 1;
+                if carry != 0 {
+                    crc ^= 0xEDB8_8320;
+                }
+            }
+        }
+        !crc
+    }
+
+    /// A REAL32 parameter, as a number.
+    pub(crate) fn real(&self, address: Address) -> f32 {
+        match self.get(address) {
+            Some(Value::F32(value)) => value,
+            _ => f32::NAN,
+        }
+    }
+
+    /// An unsigned parameter of any length.
+    pub(crate) fn unsigned(&self, address: Address) -> u32 {
+        self.get(address).map_or(0, Value::to_bits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::address as at;
+
+    #[test]
+    fn starts_with_the_defaults_and_nothing_written() {
+        let parameters = Parameters::new();
+        for entry in &ENTRIES {
+            if entry.slot.is_some() {
+                assert_eq!(parameters.get(entry.address), Some(entry.default));
+            } else {
+                assert_eq!(parameters.get(entry.address), None);
+            }
+        }
+        assert_eq!(parameters.first_missing(), Some(at::HALF_TRACK));
+    }
+
+    #[test]
+    fn every_required_parameter_is_missed() {
+        let mut parameters = Parameters::new();
+        let mut required = 0;
+        while let Some(address) = parameters.first_missing() {
+            let entry = entry(address).unwrap();
+            parameters.set(entry.slot.unwrap(), entry.default);
+            required += 1;
+        }
+        assert_eq!(required, ENTRIES.iter().filter(|e| e.required).count());
+    }
+
+    #[test]
+    fn crc_tells_every_parameter_apart() {
+        let mut seen = std::collections::BTreeSet::new();
+        seen.insert(Parameters::new().crc());
+        for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
+            let mut parameters = Parameters::new();
+            let changed = Value::from_bits(entry.kind, entry.default.to_bits() ^ 1);
+            parameters.set(entry.slot.unwrap(), changed);
+            assert!(seen.insert(parameters.crc()), "{:?}", entry.address);
+        }
+    }
+}

@@ -1,0 +1,353 @@
+//! The group rules, one test for each sentence.
+
+use canopen::NmtCommand;
+use kinematics::Twist;
+use protocol::address as at;
+use protocol::{Code, Fault, Limit, MemberState, Scale, Value, cob};
+
+use super::world::{DECELERATION, JERK, World};
+use crate::state::State;
+
+const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
+
+fn reference(world: &World, robot: usize) -> Twist {
+    world.robots[robot].control.report().reference
+}
+
+/// Largest difference between any two members' references since the last call's end.
+fn spread(world: &World) -> f32 {
+    let first = reference(world, 0);
+    let mut worst = 0.0_f32;
+    for robot in 1..world.robots.len() {
+        let difference = reference(world, robot) - first;
+        worst = worst
+            .max(difference.vx.abs())
+            .max(difference.vy.abs())
+            .max(difference.omega.abs());
+    }
+    worst
+}
+
+#[test]
+fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence() {
+    let mut world = World::started(&[2, 3]);
+    world.drive(FORWARD, 100);
+    world.until(10, |world| world.now % 10_000 == 2_000);
+    let sequence = world.sequence;
+    assert_eq!(world.status(2).sequence, sequence);
+    // A setpoint that comes after SYNC is not latched before the next one.
+    let frame = protocol::GroupTwist {
+        twist: FORWARD,
+        sequence: sequence + 1,
+        group: super::world::GROUP,
+    };
+    world.send(1, cob::GROUP_TWIST, &frame.encode());
+    world.run(5);
+    assert_eq!(world.status(2).sequence, sequence);
+}
+
+#[test]
+fn rule_1_permitted_scale_is_that_of_its_own_wheels() {
+    let mut world = World::started(&[2, 3]);
+    // 1 m/s forward is 6.562 rad/s; robot 3 can do 3.281.
+    world.nmt(NmtCommand::EnterPreOperational, 0);
+    world
+        .write(3, at::WHEEL_RATE_MAX, Value::F32(0.5 / 0.1524))
+        .unwrap();
+    world.start();
+    world.run(20);
+    world.drive(Twist::new(1.0, 0.0, 0.0), 100);
+    assert_eq!(world.status(2).scale, Scale::ONE);
+    let scale = world.status(3).scale.factor();
+    assert!((scale - 0.5).abs() < 1e-4, "scale {scale}");
+}
+
+#[test]
+fn rule_2_twist_takes_effect_at_the_next_sync() {
+    let mut world = World::started(&[2]);
+    world.run(10 - (world.now / 1000 % 10) as u32);
+    world.twist = Some(FORWARD);
+    // SYNC k is in the first of these ten milliseconds.
+    world.run(10);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    world.run(1);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+}
+
+#[test]
+fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape() {
+    let mut world = World::new(&[2, 3, 4]);
+    world.configure();
+    world
+        .write(4, at::WHEEL_RATE_MAX, Value::F32(0.3 / 0.1524))
+        .unwrap();
+    world.start();
+    world.run(30);
+    world.twist = Some(FORWARD);
+    for _ in 0..2000 {
+        world.step();
+        assert!(
+            spread(&world) < 1e-6,
+            "members differ by {}",
+            spread(&world)
+        );
+    }
+    for robot in &world.robots {
+        assert!((robot.moves().vx - 0.3).abs() < 2e-3);
+    }
+    assert_eq!(world.status(4).code, Code::Limit(Limit::WheelRate));
+    assert_eq!(world.status(2).code, Code::Limit(Limit::GroupScale));
+}
+
+/// Drives, lets something happen, and checks that all that still drive ramp down together, along the
+/// direction of motion, with the common deceleration, and hold.
+fn ramps_down(happen: impl Fn(&mut World), still_drive: &[usize], fault: Fault) {
+    let mut world = World::started(&[2, 3, 4]);
+    let twist = Twist::new(0.6, 0.3, 0.2);
+    world.drive(twist, 1500);
+    happen(&mut world);
+    let mut before = twist;
+    let mut began = None;
+    let mut worst_spread = 0.0_f32;
+    for millis in 0..2500 {
+        world.step();
+        let now = reference(&world, still_drive[0]);
+        if began.is_none() && now.vx < 0.599 {
+            began = Some(millis);
+        }
+        if now.vx > 1e-3 {
+            assert!((now.vy / now.vx - 0.5).abs() < 5e-3, "left its direction");
+            assert!((now.omega / now.vx - 1.0 / 3.0).abs() < 5e-3);
+            let speed = |twist: Twist| (twist.vx * twist.vx + twist.vy * twist.vy).sqrt();
+            let deceleration = (speed(before) - speed(now)) / 1e-3;
+            // f32 speeds near 0.67 have steps of 6e-8: 1e-3 of acceleration, with some to spare.
+            assert!(deceleration < DECELERATION + 2e-3, "{deceleration}");
+        }
+        before = now;
+        for robot in still_drive {
+            let difference = reference(&world, *robot) - now;
+            worst_spread = worst_spread.max(difference.vx.abs());
+        }
+    }
+    // Those that notice one SYNC later are at most one period of deceleration behind.
+    assert!(worst_spread < DECELERATION * 0.011, "spread {worst_spread}");
+    for robot in still_drive {
+        let robot = &world.robots[*robot];
+        assert_eq!(robot.rates, [0.0; 4]);
+        assert!(matches!(robot.bus.state(), State::Faulted(_)));
+        assert!(!robot.outputs.brake_released && !robot.outputs.drivers_enabled);
+    }
+    let first = world.robots[still_drive[0]].node;
+    assert_eq!(world.emergencies(first), [fault.code()]);
+    // 0.671 m/s down at 1 m/s^2, and the jerk limit at both ends: 0.671 + 0.05 s.
+    let began = began.expect("a ramp");
+    assert!(began < 600, "began after {began} ms");
+}
+
+#[test]
+fn rule_3_a_missing_member_stops_the_others_by_ramp() {
+    ramps_down(
+        |world| world.robots[2].mute = true,
+        &[0, 1],
+        Fault::MemberSilent,
+    );
+}
+
+#[test]
+fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp() {
+    ramps_down(
+        |world| world.nmt(NmtCommand::EnterPreOperational, 4),
+        &[0, 1],
+        Fault::MemberSilent,
+    );
+}
+
+#[test]
+fn rule_3_a_member_in_fault_stops_the_others_by_ramp() {
+    ramps_down(
+        |world| world.robots[2].inputs.driver_fault = true,
+        &[0, 1],
+        Fault::MemberStopped,
+    );
+}
+
+#[test]
+fn rule_3_a_member_with_another_sequence_stops_the_others_by_ramp() {
+    ramps_down(
+        |world| {
+            // It misses one setpoint, and only that.
+            world.run(5);
+            world.until(10, |world| world.now.is_multiple_of(10_000));
+            world.robots[2].deaf = true;
+            world.sequence = world.sequence.wrapping_add(1);
+            let frame = protocol::GroupTwist {
+                twist: Twist::new(0.6, 0.3, 0.2),
+                sequence: world.sequence,
+                group: super::world::GROUP,
+            };
+            world.send(1, cob::GROUP_TWIST, &frame.encode());
+            world.robots[2].deaf = false;
+            let twist = world.twist.take();
+            world.step();
+            world.twist = twist;
+        },
+        &[0, 1],
+        Fault::SequenceMismatch,
+    );
+}
+
+#[test]
+fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp() {
+    ramps_down(
+        |world| {
+            world.robots[2].inputs.emergency_stop = true;
+            world.step();
+            let robot = &world.robots[2];
+            assert!(!robot.outputs.drivers_enabled, "cut in the next tick");
+            assert!(!robot.outputs.brake_released);
+            assert_eq!(robot.outputs.duty, [0.0; 4]);
+        },
+        &[0, 1],
+        Fault::MemberStopped,
+    );
+}
+
+#[test]
+fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp() {
+    ramps_down(
+        |world| world.heartbeat = false,
+        &[0, 1, 2],
+        Fault::MasterSilent,
+    );
+}
+
+#[test]
+fn rule_4_loss_of_sync_is_the_same_ramp() {
+    ramps_down(|world| world.sync = false, &[0, 1, 2], Fault::SyncLost);
+}
+
+#[test]
+fn rule_4_an_overdue_setpoint_is_the_same_ramp() {
+    ramps_down(
+        |world| world.twist = None,
+        &[0, 1, 2],
+        Fault::SetpointOverdue,
+    );
+}
+
+#[test]
+fn rule_4_restart_needs_an_nmt_start() {
+    let mut world = World::started(&[2, 3]);
+    world.drive(FORWARD, 500);
+    world.sync = false;
+    world.run(1000);
+    world.sync = true;
+    // Everything is well again, and the master goes on as if nothing had been.
+    world.run(500);
+    for robot in &world.robots {
+        assert_eq!(robot.bus.state(), State::Faulted(Fault::SyncLost));
+        assert_eq!(robot.rates, [0.0; 4]);
+    }
+    world.start();
+    world.run(500);
+    for robot in &world.robots {
+        assert_eq!(robot.bus.state(), State::Moving);
+    }
+}
+
+#[test]
+fn rule_4_restart_needs_a_new_sequence() {
+    let mut world = World::started(&[2]);
+    world.drive(FORWARD, 500);
+    let old = world.sequence;
+    world.twist = None;
+    world.run(1000);
+    world.start();
+    for _ in 0..10 {
+        let frame = protocol::GroupTwist {
+            twist: FORWARD,
+            sequence: old,
+            group: super::world::GROUP,
+        };
+        world.send(1, cob::GROUP_TWIST, &frame.encode());
+        world.run(10);
+    }
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    world.drive(FORWARD, 100);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+}
+
+#[test]
+fn a_start_while_moving_or_ramping_changes_nothing() {
+    let mut world = World::started(&[2, 3]);
+    world.drive(FORWARD, 500);
+    world.start();
+    world.run(50);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    world.sync = false;
+    world.run(100);
+    world.sync = true;
+    world.start();
+    world.step();
+    assert!(matches!(world.robots[0].bus.state(), State::Ramping(_)));
+}
+
+#[test]
+fn leaving_operational_ramps_down_first() {
+    let mut world = World::started(&[2]);
+    world.drive(FORWARD, 1000);
+    world.nmt(NmtCommand::Stop, 0);
+    world.run(100);
+    assert!(world.robots[0].outputs.drivers_enabled, "still braking");
+    assert!(reference(&world, 0).vx > 0.4);
+    world.run(900);
+    assert_eq!(world.robots[0].bus.state(), State::Ready);
+    assert_eq!(world.robots[0].outputs, crate::Outputs::SAFE);
+    assert!(world.emergencies(2).is_empty());
+}
+
+#[test]
+fn acceleration_and_jerk_are_bounded_and_the_same_in_every_member() {
+    let mut world = World::started(&[2, 3, 4]);
+    let mut velocity = Twist::ZERO;
+    let mut acceleration = 0.0;
+    for millis in 0..3000 {
+        // The master asks for the impossible: full steps back and forth.
+        world.twist = Some(if millis / 700 % 2 == 0 {
+            Twist::new(0.9, 0.0, 0.0)
+        } else {
+            Twist::new(-0.9, 0.0, 0.0)
+        });
+        world.step();
+        let now = reference(&world, 0);
+        let slope = (now.vx - velocity.vx) / 1e-3;
+        // Rounding of f32 near 1: 6e-8 a step.
+        assert!(slope.abs() < super::world::MAX_ACCELERATION + 1e-3);
+        assert!((slope - acceleration).abs() / 1e-3 < JERK + 0.5);
+        assert!(spread(&world) < 1e-6);
+        velocity = now;
+        acceleration = slope;
+    }
+}
+
+#[test]
+fn a_member_that_restarts_never_jumps() {
+    let mut world = World::started(&[2, 3]);
+    world.drive(FORWARD, 1000);
+    // Robot 3 leaves and is started again while the master goes on asking for full speed.
+    world.nmt(NmtCommand::EnterPreOperational, 3);
+    world.run(1500);
+    world.start();
+    let mut last = 0.0;
+    for _ in 0..1000 {
+        world.step();
+        for robot in 0..2 {
+            let now = reference(&world, robot).vx;
+            assert!((now - last).abs() < 0.002);
+            assert!(spread(&world) < 1e-6);
+        }
+        last = reference(&world, 0).vx;
+    }
+    assert!((last - 0.6).abs() < 1e-3);
+    assert_eq!(world.status(3).state, MemberState::Moving);
+}

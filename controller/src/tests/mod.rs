@@ -1,0 +1,6 @@
+//! Whole robots on a bus, in virtual time.
+
+mod group_rules;
+mod safety;
+mod start;
+mod world;

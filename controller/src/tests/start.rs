@@ -1,0 +1,232 @@
+//! Configuration and start.
+
+use canopen::{NmtCommand, NmtState};
+use kinematics::Twist;
+use protocol::address as at;
+use protocol::{Code, Fault, MemberState, Value};
+
+use super::world::{GROUP, World, configuration};
+use crate::state::State;
+
+const READ_ONLY: u32 = 0x0601_0002;
+const NO_OBJECT: u32 = 0x0602_0000;
+const TOO_LONG: u32 = 0x0607_0012;
+const NO_SUB_INDEX: u32 = 0x0609_0011;
+const INVALID: u32 = 0x0609_0030;
+const TOO_HIGH: u32 = 0x0609_0031;
+const TOO_LOW: u32 = 0x0609_0032;
+const DEVICE_STATE: u32 = 0x0800_0022;
+
+const FORWARD: Twist = Twist::new(0.5, 0.0, 0.0);
+
+#[test]
+fn configured_and_started_robots_reach_the_commanded_twist() {
+    let mut world = World::started(&[2, 3, 4]);
+    let twist = Twist::new(0.4, -0.2, 0.1);
+    world.drive(twist, 1500);
+    for robot in &world.robots {
+        assert_eq!(robot.bus.state(), State::Moving);
+        let error = robot.moves() - twist;
+        // 0.5 % of the speed: an observer's ripple at this rate.
+        assert!(error.vx.abs() < 2e-3 && error.vy.abs() < 2e-3, "{error:?}");
+        assert!(error.omega.abs() < 2e-3, "{error:?}");
+        assert!(robot.outputs.drivers_enabled && robot.outputs.brake_released);
+    }
+}
+
+#[test]
+fn drivers_stay_off_until_the_configuration_is_complete() {
+    let all = configuration(0, 0b100);
+    for (left_out, _) in &all {
+        let mut world = World::new(&[2]);
+        for (address, value) in all.iter().filter(|(address, _)| address != left_out) {
+            world.write(2, *address, *value).unwrap();
+        }
+        let status = world.read(2, at::CONFIGURATION_STATUS).unwrap();
+        assert_eq!(status, left_out.packed() << 8 | 1, "names what is missing");
+        world.start();
+        world.drive(FORWARD, 40);
+        assert_eq!(
+            world.robots[0].bus.state(),
+            State::Faulted(Fault::Unconfigured)
+        );
+        assert!(!world.robots[0].outputs.drivers_enabled);
+        assert_eq!(world.emergencies(2), [Fault::Unconfigured.code()]);
+    }
+}
+
+#[test]
+fn a_robot_that_is_no_member_of_its_own_group_is_refused() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    world.write(2, at::MEMBERS, Value::U32(0b1000)).unwrap();
+    let status = world.read(2, at::CONFIGURATION_STATUS).unwrap();
+    assert_eq!(status, at::MEMBERS.packed() << 8 | 2);
+    world.start();
+    world.run(20);
+    assert_eq!(
+        world.robots[0].bus.state(),
+        State::Faulted(Fault::Unconfigured)
+    );
+}
+
+#[test]
+fn a_configuration_written_later_mends_a_refused_start() {
+    let mut world = World::new(&[2]);
+    world.start();
+    world.run(20);
+    world.nmt(NmtCommand::EnterPreOperational, 2);
+    world.configure();
+    world.start();
+    world.run(20);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    assert_eq!(world.emergencies(2), [Fault::Unconfigured.code(), 0]);
+}
+
+#[test]
+fn geometry_is_refused_while_operational() {
+    let mut world = World::started(&[2]);
+    let result = world.write(2, at::HALF_TRACK, Value::F32(0.4));
+    assert_eq!(result, Err(DEVICE_STATE));
+    assert_eq!(
+        world.read(2, at::HALF_TRACK),
+        Ok(0.37_f32.to_bits()),
+        "nothing changed"
+    );
+    assert_eq!(world.read(2, at::REFUSED_WRITES), Ok(1));
+}
+
+#[test]
+fn values_out_of_their_limits_are_refused_and_change_nothing() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    let mut refuse = |address, value, abort| {
+        let before = world.read(2, address);
+        assert_eq!(world.write(2, address, value), Err(abort));
+        assert_eq!(world.read(2, address), before);
+    };
+    refuse(at::WHEEL_RADIUS, Value::F32(0.0), TOO_LOW);
+    refuse(at::WHEEL_RADIUS, Value::F32(1.1), TOO_HIGH);
+    refuse(at::WHEEL_RADIUS, Value::F32(f32::NAN), INVALID);
+    refuse(at::COMPENSATION_YAW, Value::F32(0.0), TOO_LOW);
+    refuse(at::ENCODER_REVERSED, Value::U8(16), TOO_HIGH);
+    refuse(at::ENCODER_REVERSED, Value::U16(1), TOO_LONG);
+    refuse(at::WIRE_VERSION, Value::U16(9), READ_ONLY);
+    refuse(at::STATE, Value::U8(3), READ_ONLY);
+}
+
+#[test]
+fn objects_that_do_not_exist_are_named_as_such() {
+    let mut world = World::new(&[2]);
+    let address = protocol::Address::new;
+    assert_eq!(world.read(2, address(0x2003, 0)), Err(NO_OBJECT));
+    assert_eq!(world.read(2, address(0x2010, 5)), Err(NO_SUB_INDEX));
+    assert_eq!(world.read(2, address(0x2010, 0)), Ok(4), "sub-indices");
+    assert_eq!(
+        world.write(2, address(0x2010, 0), Value::U8(9)),
+        Err(READ_ONLY)
+    );
+}
+
+#[test]
+fn identity_and_wire_version_can_be_read_before_anything_else() {
+    let mut world = World::new(&[7]);
+    assert_eq!(
+        world.read(7, at::WIRE_VERSION),
+        Ok(u32::from(protocol::WIRE_VERSION))
+    );
+    assert_eq!(world.read(7, at::SERIAL_NUMBER), Ok(7000));
+}
+
+#[test]
+fn every_object_of_the_table_can_be_read() {
+    let mut world = World::new(&[2]);
+    for object in protocol::OBJECTS {
+        let value = world.read(2, object.address);
+        assert!(value.is_ok(), "{:?} {}", object.address, object.name);
+    }
+}
+
+#[test]
+fn crc_is_the_same_for_the_same_configuration() {
+    let mut world = World::new(&[2, 3]);
+    for (address, value) in configuration(0, 0b1100) {
+        world.write(2, address, value).unwrap();
+        world.write(3, address, value).unwrap();
+    }
+    let first = world.read(2, at::CONFIGURATION_CRC);
+    assert_eq!(first, world.read(3, at::CONFIGURATION_CRC));
+    world.write(3, at::MOUNT_X, Value::F32(0.5)).unwrap();
+    assert_ne!(first, world.read(3, at::CONFIGURATION_CRC));
+}
+
+#[test]
+fn nmt_start_alone_moves_nothing() {
+    let mut world = World::started(&[2, 3]);
+    world.run(200);
+    for robot in &world.robots {
+        assert_eq!(robot.bus.state(), State::Armed);
+        assert_eq!(robot.rates, [0.0; 4]);
+        assert!(robot.outputs.drivers_enabled);
+    }
+    assert_eq!(world.status(2).state, MemberState::Armed);
+    assert_eq!(world.status(2).code, Code::None);
+}
+
+#[test]
+fn a_setpoint_before_the_start_moves_nothing_after_it() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    world.drive(FORWARD, 100);
+    world.twist = None;
+    world.start();
+    world.run(200);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    assert_eq!(world.robots[0].bus.nmt_state(), NmtState::Operational);
+}
+
+#[test]
+fn another_groups_setpoint_moves_nothing() {
+    let mut world = World::started(&[2]);
+    let frame = protocol::GroupTwist {
+        twist: FORWARD,
+        sequence: 1,
+        group: GROUP + 1,
+    };
+    for _ in 0..10 {
+        world.send(1, protocol::cob::GROUP_TWIST, &frame.encode());
+        world.run(10);
+    }
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+}
+
+#[test]
+fn commissioning_twist_moves_one_robot_alone_if_permitted() {
+    let mut world = World::started(&[2, 3]);
+    let send = |world: &mut World, sequence| {
+        let frame = protocol::GroupTwist {
+            twist: Twist::new(0.2, 0.0, 0.0),
+            sequence,
+            group: GROUP,
+        };
+        world.send(1, protocol::cob::commissioning_twist(2), &frame.encode());
+        world.run(10);
+    };
+    for sequence in 1..20 {
+        send(&mut world, sequence);
+    }
+    assert_eq!(world.robots[0].bus.state(), State::Armed, "not permitted");
+    world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
+    for sequence in 20..80 {
+        send(&mut world, sequence);
+    }
+    assert_eq!(world.robots[0].bus.state(), State::Alone);
+    assert!((world.robots[0].moves().vx - 0.2).abs() < 2e-3);
+    assert_eq!(world.robots[1].rates, [0.0; 4]);
+    // And it stops when nobody asks any more.
+    world.run(1000);
+    assert_eq!(
+        world.robots[0].bus.state(),
+        State::Faulted(Fault::SetpointOverdue)
+    );
+}

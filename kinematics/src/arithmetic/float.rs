@@ -1,0 +1,207 @@
+//! `f32` and `f64` as scalars: coefficients are plain numbers, nothing saturates.
+
+use super::{Real, Scalar, sin_cos, square_root};
+
+/// 2^61.
+const UNITS: f64 = 2_305_843_009_213_693_952.0;
+
+/// A product and sum in the order a compiler can turn into straight multiply-adds.
+#[inline]
+fn dot<
+    S: Copy + Default + core::ops::Mul<Output = S> + core::ops::Add<Output = S>,
+    const N: usize,
+>(
+    row: &[S; N],
+    vector: &[S; N],
+) -> S {
+    let mut products = row.iter().zip(vector).map(|(a, b)| *a * *b);
+    // Starting from the first product, not from zero, saves an addition that floating point may not drop.
+    let first = products.next().unwrap_or_default();
+    products.fold(first, |sum, product| sum + product)
+}
+
+/// [`Scalar::limit`] for `f32`, comparing magnitudes by their bits: for numbers that are not negative the order is
+/// the same, infinity and NaN come last, and an integer comparison costs half as much as a float's.
+#[inline]
+fn limit_single<const N: usize>(values: [f32; N], limit: f32) -> ([f32; N], f32) {
+    const INFINITE: u32 = f32::INFINITY.to_bits();
+    let fastest = values.iter().fold(0, |most: u32, v| {
+        let magnitude = v.to_bits() & 0x7fff_ffff;
+        if magnitude > most { magnitude } else { most }
+    });
+    // A negative limit has its top bit set and so is beyond infinity too.
+    let most = limit.to_bits();
+    if fastest >= INFINITE || most > INFINITE {
+        ([0.0; N], 0.0)
+    } else if fastest <= most {
+        (values, 1.0)
+    } else {
+        let scale = limit / f32::from_bits(fastest);
+        (values.map(|v| v * scale), scale)
+    }
+}
+
+/// [`Scalar::limit`] for `f64`.
+fn limit_double<const N: usize>(values: [f64; N], limit: f64) -> ([f64; N], f64) {
+    let sum = values.iter().fold(0.0, |sum: f64, v| sum + v.abs());
+    let fastest = values.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    if !sum.is_finite() || limit.is_nan() || limit < 0.0 {
+        ([0.0; N], 0.0)
+    } else if fastest <= limit {
+        (values, 1.0)
+    } else {
+        let scale = limit / fastest;
+        (values.map(|v| v * scale), scale)
+    }
+}
+
+macro_rules! float_scalar {
+    ($float:ty, $limit:ident) => {
+        impl Scalar for $float {
+            type Coefficient = Self;
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+            const RESOLUTION: f64 = 0.0;
+
+            fn row<const SHIFT: u32, const N: usize>(entries: [f64; N]) -> Option<[Self; N]> {
+                let row = entries.map(<Self as Scalar>::constant);
+                row.iter().all(|entry| entry.is_finite()).then_some(row)
+            }
+
+            fn coefficient_step<const SHIFT: u32>() -> f64 {
+                0.0
+            }
+
+            #[inline]
+            fn dot<const SHIFT: u32, const ROUND: bool, const N: usize>(
+                row: &[Self; N],
+                vector: &[Self; N],
+            ) -> Self {
+                dot(row, vector)
+            }
+
+            #[inline]
+            fn is_saturated(self) -> bool {
+                !self.is_finite()
+            }
+
+            #[inline]
+            fn limit<const N: usize>(values: [Self; N], limit: Self) -> ([Self; N], Self) {
+                $limit(values, limit)
+            }
+
+            #[expect(
+                clippy::allow_attributes,
+                reason = "for f64 there is nothing to truncate"
+            )]
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "rounding to the nearest is the point"
+            )]
+            fn constant(value: f64) -> Self {
+                value as Self
+            }
+
+            fn widen(self) -> f64 {
+                self.into()
+            }
+        }
+    };
+}
+
+float_scalar!(f32, limit_single);
+float_scalar!(f64, limit_double);
+
+impl Real for f32 {
+    #[inline]
+    fn sine_cosine(self) -> (Self, Self) {
+        sin_cos(self)
+    }
+
+    #[inline]
+    fn root(self) -> Self {
+        square_root(self)
+    }
+
+    #[inline]
+    fn heading_sine_cosine(self) -> (Self, Self) {
+        super::trig::sin_cos_within(self)
+    }
+
+    /// The first terms left out are 8e-10 and 4e-8 of the arc at the largest turn.
+    #[inline]
+    fn small_chord(self) -> (Self, Self) {
+        let square = self * self;
+        (
+            1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)),
+            self * (0.5 - square * (1.0 / 24.0)),
+        )
+    }
+
+    /// In two steps of 29 and 32 bits, each exact, because the conversion to 64 bits is a library call on a
+    /// Cortex-M4F and the one to 32 bits is an instruction.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the integer part is taken, the rest is what the second step is for"
+    )]
+    #[inline]
+    fn to_units(self) -> i64 {
+        const HIGH: f32 = 536_870_912.0; // 2^29
+        const LOW: f32 = 2_147_483_648.0; // 2^31: signed, one bit short of the 32
+        let scaled = self * HIGH;
+        let high = scaled as i32;
+        let low = ((scaled - high as Self) * LOW) as i32;
+        (i64::from(high) << 32).wrapping_add(i64::from(low) << 1)
+    }
+
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "an angle to 2e-9 rad is finer than what follows from it"
+    )]
+    #[inline]
+    fn from_units(units: i64) -> Self {
+        const HIGH: f32 = 1.0 / 536_870_912.0; // 2^-29
+        ((units >> 32) as i32) as Self * HIGH
+    }
+}
+
+impl Real for f64 {
+    fn sine_cosine(self) -> (Self, Self) {
+        libm::sincos(self)
+    }
+
+    fn root(self) -> Self {
+        libm::sqrt(if self > 0.0 { self } else { 0.0 })
+    }
+
+    fn heading_sine_cosine(self) -> (Self, Self) {
+        libm::sincos(self)
+    }
+
+    /// The first terms left out are 1e-18 and 5e-20 of the arc at the largest turn.
+    fn small_chord(self) -> (Self, Self) {
+        let z = self * self;
+        (
+            1.0 - z / 6.0
+                * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0)))),
+            self / 2.0
+                * (1.0
+                    - z / 12.0
+                        * (1.0
+                            - z / 30.0 * (1.0 - z / 56.0 * (1.0 - z / 90.0 * (1.0 - z / 132.0))))),
+        )
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "saturates, and magnitudes below 4 fit"
+    )]
+    fn to_units(self) -> i64 {
+        (self * UNITS) as i64
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "rounded to the nearest f64")]
+    fn from_units(units: i64) -> Self {
+        units as Self / UNITS
+    }
+}

@@ -1,0 +1,111 @@
+//! Bad input to the `omnibus` command: it exits with 1, names file and field, and nothing moves.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+fn omnibus(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// A copy of the default group file with one piece of text replaced.
+fn spoilt(name: &str, from: &str, to: &str) -> PathBuf {
+    let good = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
+    let text = std::fs::read_to_string(good).unwrap();
+    assert!(text.contains(from), "the group file has no {from}");
+    let path = std::env::temp_dir().join(format!("omnibus-{}-{name}.toml", std::process::id()));
+    std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+    path
+}
+
+/// Tries to drive with a spoilt file; returns the message.
+fn refusal(name: &str, from: &str, to: &str) -> String {
+    let path = spoilt(name, from, to);
+    let log = path.with_extension("log");
+    let bus = format!("sim:{}", path.display());
+    let log_name = log.to_string_lossy().into_owned();
+    let output = omnibus(&[
+        "follow",
+        "figure-eight",
+        "--quick",
+        "--bus",
+        &bus,
+        "--candump",
+        &log_name,
+    ]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(output.stdout.is_empty(), "figures from a refused file");
+    assert!(!log.exists(), "frames were sent for a refused file");
+    let file = path.file_name().unwrap().to_string_lossy();
+    assert!(message.contains(&*file), "{file} in {message}");
+    std::fs::remove_file(path).unwrap();
+    message
+}
+
+#[test]
+fn an_unknown_key_is_named() {
+    let message = refusal("unknown", "wheel_radius =", "wheel_radios =");
+    assert!(message.contains("wheel_radios"), "{message}");
+    assert!(message.contains("did you mean `wheel_radius`"), "{message}");
+}
+
+#[test]
+fn a_zero_radius_is_named() {
+    let message = refusal("radius", "wheel_radius = 0.1524", "wheel_radius = 0.0");
+    assert!(message.contains("wheel_radius"), "{message}");
+}
+
+#[test]
+fn two_robots_with_one_node_id_are_named() {
+    let message = refusal("node", "node = 3", "node = 2");
+    assert!(message.contains("node"), "{message}");
+}
+
+#[test]
+fn a_nan_is_named() {
+    let message = refusal("nan", "half_track = 0.370", "half_track = nan");
+    assert!(message.contains("half_track"), "{message}");
+}
+
+#[test]
+fn a_curve_too_fast_for_the_group_names_the_limit() {
+    let path = spoilt("fast", "linear_speed = 2.0", "linear_speed = 1.0");
+    let bus = format!("sim:{}", path.display());
+    let output = omnibus(&["follow", "figure-eight", "--bus", &bus]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("limits.linear_speed"), "{message}");
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_bus_that_does_not_exist_says_what_to_check() {
+    let group = "groups/tcc-3.toml";
+    let arguments = [
+        "scan",
+        "--bus",
+        "slcan:/dev/no-such-adapter",
+        "--group",
+        group,
+    ];
+    let output = omnibus(&arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("/dev/no-such-adapter"), "{message}");
+    assert!(message.contains("dialout"), "{message}");
+}
+
+#[test]
+fn usage_errors_exit_with_2() {
+    for arguments in [
+        &["follow", "hexagon", "--bus", "sim:groups/tcc-3.toml"][..],
+        &["follow", "circle", "--bus", "can0"],
+        &["follow", "circle"],
+    ] {
+        assert_eq!(omnibus(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+}

@@ -1,0 +1,239 @@
+//! The external plant: another simulator over TCP, in lockstep, one JSON object a line.
+//!
+//! This side connects. The first line it sends describes the robots, in the order of the group file:
+//!
+//! ```json
+//! {"omnibus_plant": 1, "robots": [{"x": 1.2, "y": 0.0, "heading": 0.0, "half_track": 0.37,
+//!   "half_wheelbase": 0.35, "wheel_radius": 0.1524, "roller_angle": 0.785, "rigid_group": 0}, ...]}
+//! ```
+//!
+//! Poses are where the robots stand in the world at the beginning; robots with one `rigid_group` are
+//! bolted together. The plant does not answer this line. Then, for every step from `t` to `t + dt`,
+//!
+//! ```json
+//! {"t": 0.0, "dt": 0.001, "wheel_rate": [[fl, fr, rl, rr], ...]}
+//! ```
+//!
+//! with the mean rates to which the motors turned the wheels (rad/s), and the plant answers
+//!
+//! ```json
+//! {"wheel_angle": [[fl, fr, rl, rr], ...], "pose": [[x, y, heading], ...]}
+//! ```
+//!
+//! in rad and m, world frame, unwrapped heading. The encoders follow `wheel_angle`, so a plant may turn
+//! wheels itself (a push on a coasting robot); one that only moves bodies integrates the rates.
+//!
+//! The other side has [`PATIENCE`] for every answer. If it goes away, answers late or answers something
+//! else, the world stops with an error that says which.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use group::GroupFile;
+use kinematics::Pose;
+use serde::{Deserialize, Serialize};
+
+use super::Plant;
+use super::formation::Formation;
+use super::table::members;
+use crate::error::SimError;
+
+/// How long an answer may take.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+/// Version of the protocol, the value of `omnibus_plant`.
+pub const VERSION: u32 = 1;
+
+#[derive(Serialize)]
+struct Hello {
+    omnibus_plant: u32,
+    robots: Vec<HelloRobot>,
+}
+
+#[derive(Serialize)]
+struct HelloRobot {
+    x: f64,
+    y: f64,
+    heading: f64,
+    half_track: f64,
+    half_wheelbase: f64,
+    wheel_radius: f64,
+    roller_angle: f64,
+    rigid_group: usize,
+}
+
+#[derive(Serialize)]
+struct Step<'a> {
+    t: f64,
+    dt: f64,
+    wheel_rate: &'a [[f64; 4]],
+}
+
+#[derive(Deserialize)]
+struct Answer {
+    wheel_angle: Vec<[f64; 4]>,
+    pose: Vec<[f64; 3]>,
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct ExternalPlant {
+    address: String,
+    send: TcpStream,
+    receive: BufReader<TcpStream>,
+    formation: Formation,
+    group: Pose<f64>,
+    poses: Vec<Pose<f64>>,
+    angles: Vec<[f64; 4]>,
+    rates: Vec<[f64; 4]>,
+    steps: u64,
+    time_s: f64,
+}
+
+impl ExternalPlant {
+    /// Connects to `host:port` and introduces the robots, the group frame at `start`.
+    ///
+    /// # Errors
+    /// When nobody listens there, or a robot's geometry has no solution.
+    pub fn connect(group: &GroupFile, address: &str, start: Pose<f64>) -> Result<Self, SimError> {
+        let members = members(group)?;
+        let formation = Formation::new(&members);
+        let poses: Vec<_> = formation.places(start).collect();
+        let robots = members
+            .iter()
+            .zip(&poses)
+            .enumerate()
+            .map(|(n, ((_, wheels), pose))| HelloRobot {
+                x: pose.x,
+                y: pose.y,
+                heading: pose.heading,
+                half_track: wheels.half_track(),
+                half_wheelbase: wheels.half_wheelbase(),
+                wheel_radius: wheels.wheel_radius(),
+                roller_angle: wheels.roller_angle(),
+                rigid_group: if group.simulation.rigid { 0 } else { n },
+            });
+        let hello = Hello {
+            omnibus_plant: VERSION,
+            robots: robots.collect(),
+        };
+        let fail = |problem: String| SimError::Plant {
+            problem: format!("{address}: {problem}; start the other simulator there first"),
+        };
+        let stream = address
+            .to_socket_addrs()
+            .and_then(|mut all| {
+                all.next()
+                    .ok_or_else(|| std::io::ErrorKind::NotFound.into())
+            })
+            .and_then(|socket| TcpStream::connect_timeout(&socket, PATIENCE))
+            .map_err(|error| fail(format!("nobody answers ({error})")))?;
+        let set_up = |stream: &TcpStream| {
+            stream.set_nodelay(true)?;
+            stream.set_read_timeout(Some(PATIENCE))?;
+            stream.try_clone()
+        };
+        let reader = set_up(&stream).map_err(|error| fail(error.to_string()))?;
+        let mut plant = Self {
+            address: address.to_owned(),
+            send: stream,
+            receive: BufReader::new(reader),
+            formation,
+            group: start,
+            angles: vec![[0.0; 4]; poses.len()],
+            rates: vec![[0.0; 4]; poses.len()],
+            poses,
+            steps: 0,
+            time_s: 0.0,
+        };
+        plant.say(&hello)?;
+        Ok(plant)
+    }
+
+    fn say(&mut self, line: &impl Serialize) -> Result<(), SimError> {
+        let mut text = serde_json::to_vec(line).map_err(|error| self.fail(&error.to_string()))?;
+        text.push(b'\n');
+        self.send
+            .write_all(&text)
+            .map_err(|error| self.fail(&format!("gone ({error})")))
+    }
+
+    fn hear(&mut self) -> Result<Answer, SimError> {
+        let mut line = String::new();
+        match self.receive.read_line(&mut line) {
+            Ok(0) => return Err(self.fail("closed the connection")),
+            Ok(_) => {}
+            Err(error) => return Err(self.fail(&format!("no answer ({error})"))),
+        }
+        let answer: Answer = serde_json::from_str(&line)
+            .map_err(|error| self.fail(&format!("answer not understood: {error}")))?;
+        let robots = self.poses.len();
+        if answer.pose.len() != robots || answer.wheel_angle.len() != robots {
+            let problem = format!(
+                "{} poses and {} rows of wheel angles for {robots} robots",
+                answer.pose.len(),
+                answer.wheel_angle.len()
+            );
+            return Err(self.fail(&problem));
+        }
+        let numbers = answer
+            .pose
+            .iter()
+            .flatten()
+            .chain(answer.wheel_angle.iter().flatten());
+        if numbers.into_iter().any(|number| !number.is_finite()) {
+            return Err(self.fail("an answer that is not a finite number"));
+        }
+        Ok(answer)
+    }
+
+    fn fail(&self, problem: &str) -> SimError {
+        SimError::Plant {
+            problem: format!("{} after {} steps: {problem}", self.address, self.steps),
+        }
+    }
+}
+
+impl Plant for ExternalPlant {
+    fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
+        let mut rates = std::mem::take(&mut self.rates);
+        for (rates, turned) in rates.iter_mut().zip(turned) {
+            *rates = turned.map(|angle| angle / dt);
+        }
+        self.say(&Step {
+            t: self.time_s,
+            dt,
+            wheel_rate: &rates,
+        })?;
+        self.rates = rates;
+        let answer = self.hear()?;
+        for (pose, [x, y, heading]) in self.poses.iter_mut().zip(answer.pose) {
+            *pose = Pose::new(x, y, heading);
+        }
+        self.angles = answer.wheel_angle;
+        self.group = self.formation.fit_poses(&self.poses);
+        self.steps += 1;
+        self.time_s += dt;
+        Ok(())
+    }
+
+    fn poses(&self) -> &[Pose<f64>] {
+        &self.poses
+    }
+
+    fn group(&self) -> Pose<f64> {
+        self.group
+    }
+
+    fn shape_error_mm(&self) -> f64 {
+        self.formation.shape_error_mm(self.group, &self.poses)
+    }
+
+    fn wheel_angles(&self, robot: usize) -> Option<[f64; 4]> {
+        self.angles.get(robot).copied()
+    }
+
+    fn period_ns(&self) -> u64 {
+        1_000_000
+    }
+}
