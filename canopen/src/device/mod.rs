@@ -36,6 +36,7 @@ use emergency::Emergencies;
 use heartbeat::Heartbeat;
 use lss::Lss;
 use outbox::Outbox;
+use pdo::PdoIndex;
 use rpdo::Rpdos;
 use sync::Sync;
 use tpdo::Tpdos;

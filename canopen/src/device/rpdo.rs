@@ -12,9 +12,9 @@ use crate::{
 };
 
 /// How many receive PDOs a device can have.
-pub const MAX_RPDO: usize = 20;
+pub const MAX_RPDO: usize = 8;
 
-const MAX_RPDO_NUMBER: u8 = 20;
+const MAX_RPDO_NUMBER: u8 = 8;
 const _: () = assert!(MAX_RPDO == MAX_RPDO_NUMBER as usize && MAX_RPDO <= 32);
 
 /// No frame has this identifier.
@@ -54,7 +54,7 @@ impl Rpdo {
         deadline: Timer::OFF,
     };
 
-    pub fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
         Self {
             cob_id: pdo::default_cob_id(config, node),
             transmission: config.transmission,
