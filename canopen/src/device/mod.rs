@@ -360,5 +360,9 @@ impl Core {
     }
 }
 
+/// RAM is counted on the targets where it is scarce.
+#[cfg(target_pointer_width = "32")]
+const _: () = assert!(size_of::<Device>() <= 3 * 1024);
+
 #[cfg(test)]
 mod tests;

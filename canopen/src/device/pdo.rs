@@ -19,6 +19,7 @@ pub(super) const NO_RTR: u32 = 1 << 30;
 pub(super) const LAST_SYNCHRONOUS: u8 = 240;
 
 /// Identifiers CiA 301, table 40 keeps for other services.
+#[inline(never)]
 pub(super) const fn is_restricted(id: u16) -> bool {
     matches!(
         id,
