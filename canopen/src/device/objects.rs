@@ -10,7 +10,7 @@ use super::pdo::{self, LAST_SYNCHRONOUS, Map};
 use super::{Core, PdoIndex};
 use crate::bytes::{low_u8, low_u16, put};
 use crate::time::Timer;
-use crate::{AbortCode, Config, Micros, NmtState, ObjectDictionary, PdoDirection};
+use crate::{AbortCode, Config, Emergency, Micros, NmtState, ObjectDictionary, PdoDirection};
 
 /// What an object of the device holds.
 pub(super) enum Value {
@@ -190,7 +190,7 @@ impl Core {
             0x1003 | 0x1014 | 0x1015 | 0x1029 => return self.emergencies.set(index, value),
             0x1005..=0x1007 | 0x1019 => return self.set_sync(now, index, value),
             0x1010 | 0x1011 => return self.store(index == 0x1010, sub, value, od),
-            0x1016 => return self.set_consumer(sub, value),
+            0x1016 => return self.set_consumer(now, sub, value),
             0x1017 => {
                 self.heartbeat.period_ms = low_u16(value);
                 self.start_heartbeat(now);
@@ -204,7 +204,7 @@ impl Core {
         Ok(())
     }
 
-    fn set_consumer(&mut self, sub: u8, entry: u32) -> Result<(), AbortCode> {
+    fn set_consumer(&mut self, now: Micros, sub: u8, entry: u32) -> Result<(), AbortCode> {
         let new = Consumer::new(entry);
         let at = usize::from(sub.saturating_sub(1));
         let consumers = &mut self.heartbeat.consumers;
@@ -215,7 +215,12 @@ impl Core {
         if new.is_used() && consumers.iter().enumerate().any(clash) {
             return Err(AbortCode::ParameterIncompatible);
         }
-        *consumers.get_mut(at).ok_or(AbortCode::NoSubIndex)? = new;
+        let entry = consumers.get_mut(at).ok_or(AbortCode::NoSubIndex)?;
+        // Whoever is not monitored any more is not missed any more.
+        let missed = core::mem::replace(entry, new).node();
+        if let Some(node) = missed {
+            self.clear(now, Emergency::HEARTBEAT_LOST, node.get());
+        }
         Ok(())
     }
 
@@ -241,6 +246,8 @@ impl Core {
                     _ => {
                         rpdo.deadline_ms = low_u16(value);
                         rpdo.deadline = Timer::OFF;
+                        let number = low_u8(u32::from(at)).saturating_add(1);
+                        self.clear(now, Emergency::RPDO_TIMEOUT, number);
                     }
                 }
             }

@@ -237,6 +237,7 @@ impl Core {
             0x1006 => {
                 sync.period_us = value;
                 self.start_sync(now);
+                self.clear(now, Emergency::SYNC_LOST, 0);
             }
             0x1007 => {
                 sync.window_us = value;
