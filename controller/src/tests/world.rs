@@ -40,6 +40,8 @@ pub struct Robot {
     pub encoder_sign: [f64; 4],
     /// This wheel cannot turn.
     pub blocked: [bool; 4],
+    /// This wheel drags: it turns, but hardly.
+    pub drag: [bool; 4],
     /// Control ticks happen.
     pub ticking: bool,
     /// The bus task runs.
@@ -63,6 +65,7 @@ impl Robot {
             mute: false,
             encoder_sign: [1.0; 4],
             blocked: [false; 4],
+            drag: [false; 4],
             ticking: true,
             bus_runs: true,
             offset: u64::from(node) * 1_234_567,
@@ -107,6 +110,9 @@ impl Robot {
                 };
                 if self.blocked[wheel] || !self.outputs.brake_released {
                     *rate = 0.0;
+                }
+                if self.drag[wheel] {
+                    *rate = rate.clamp(-0.5, 0.5);
                 }
                 self.angles[wheel] += *rate * self.encoder_sign[wheel] * dt;
             }
