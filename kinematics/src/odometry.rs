@@ -73,7 +73,7 @@ impl<S: Real> Odometry<S> {
     /// `kinematics` speaks of.
     #[inline]
     pub fn advance_wheels(&mut self, kinematics: &MemberKinematics<S>, increments: &WheelRates<S>) {
-        self.advance(kinematics.forward(increments));
+        self.advance(kinematics.displacement(increments));
     }
 
     /// Moves on by a displacement: a constant twist (body frame) times its duration; m, m, rad.

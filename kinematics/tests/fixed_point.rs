@@ -235,6 +235,11 @@ fn a_fixed_member_stands_in_for_a_single_precision_one() {
         let measured = fixed.forward(&single.inverse(twist));
         assert!((measured.vx - twist.vx).abs() + (measured.vy - twist.vy).abs() < 4e-5);
         assert!(fixed.slip_residual(&single.inverse(twist)).abs() < 4e-5);
+        // A tick's worth of wheel angle, as odometry takes it: 1e-3 s of it, to a hundredth of a micrometre.
+        let angles =
+            WheelRates::from(<[f32; 4]>::from(single.inverse(twist)).map(|rate| rate * 1e-3));
+        let (got, want) = (fixed.displacement(&angles), single.displacement(&angles));
+        assert!((got.vx - want.vx).abs() + (got.vy - want.vy).abs() < 4e-8);
         let (a, b) = (odometry[0].pose(), odometry[1].pose());
         apart = apart.max((a.x - b.x).abs().max((a.y - b.y).abs()));
     }
