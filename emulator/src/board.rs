@@ -77,6 +77,8 @@ const LOOK_CYCLES: u64 = 2_000;
 const LOG_CYCLES: u64 = 180_000;
 /// Steps of one cycle in a row after which the core is asked whether it sleeps.
 const QUIET_STEPS: u32 = 6;
+/// SCR: sleep means stop or standby mode.
+const SLEEPDEEP: u32 = 1 << 2;
 
 /// An emulated board.
 #[derive(Debug)]
@@ -247,6 +249,7 @@ impl Board {
             flash: &self.flash,
             shared: &self.shared,
         };
+        let mut drowsy = false;
         loop {
             let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
             self.now = now;
@@ -258,11 +261,15 @@ impl Board {
             let cycles = self.cpu.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
-            self.instructions += u64::from(!(cycles >= 12 && self.entered_exception()));
-            if self.cpu.is_asleep() || self.cpu.is_locked_up() {
+            let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
+            if asleep && drowsy {
+                // Asleep before the step and after it: nothing that is pending wakes the core.
                 self.asleep = true;
                 break;
             }
+            drowsy = asleep;
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
             if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
             }
@@ -335,6 +342,14 @@ impl Board {
     fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
         if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {
             return Err(self.stop(StopKind::LockedUp, self.cpu.pc()));
+        }
+        if self.cpu.with_sys(|sys| sys.scr & SLEEPDEEP != 0) {
+            let kind = StopKind::Unmodelled {
+                what: "SCB_SCR.SLEEPDEEP: stop and standby mode".to_owned(),
+                address: 0xE000_ED10,
+                written: None,
+            };
+            return Err(self.stop(kind, self.cpu.pc()));
         }
         let span = limit - self.now;
         let (span, wake) = self.cpu.with_sys(|sys| {

@@ -10,7 +10,7 @@ use rsemu::cpu::arm::v7m::isa::{
 };
 use rsemu::cpu::arm::v7m::{ArmV7m, xpsr};
 
-use super::{Done, Fast, Leave, Memory, exchangeable};
+use super::{Core, Done, Leave, Memory, exchangeable};
 
 /// PRIMASK's number for MRS.
 const PRIMASK: u8 = 16;
@@ -52,7 +52,7 @@ fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
     }
 }
 
-impl Fast {
+impl Core {
     fn carry(&self) -> bool {
         self.psr & xpsr::C != 0
     }
@@ -85,10 +85,10 @@ impl Fast {
         &mut self,
         cpu: &ArmV7m,
         memory: Memory<'_>,
-        insn: Insn,
+        insn: &Insn,
         keep_flags: bool,
     ) -> Done {
-        match insn {
+        match *insn {
             Insn::DataProc {
                 op,
                 s,

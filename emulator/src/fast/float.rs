@@ -10,7 +10,7 @@ use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::{ArmV7m, xpsr};
 use rsemu::float::Round;
 
-use super::{Done, Fast, Leave, Memory};
+use super::{Core, Done, Leave, Memory};
 
 /// FPSCR: cumulative "inexact", and the mode bits (AHP, DN, FZ, RMode).
 const IXC: u32 = 1 << 4;
@@ -22,7 +22,7 @@ fn ordinary(bits: u32) -> bool {
     (1..255).contains(&(bits >> 23 & 0xFF))
 }
 
-impl Fast {
+impl Core {
     /// Copies the floating-point registers at their first use in a session.
     pub(super) fn load_float(&mut self, cpu: &ArmV7m) {
         for index in 0..32 {

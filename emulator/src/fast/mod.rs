@@ -11,6 +11,7 @@
 //! counts them: the two give the same results to the cycle, which tests compare instruction by instruction and
 //! run by run.
 
+mod code;
 mod execute;
 mod float;
 #[cfg(test)]
@@ -21,7 +22,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use rsemu::core::space::RamStore;
 use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::fp::Fpu;
-use rsemu::cpu::arm::v7m::isa::{Cond, Insn, decode, is_32bit};
+use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
@@ -29,6 +30,7 @@ use crate::bus::Shared;
 use crate::firmware::FLASH_BASE;
 use crate::rtt::RAM_BASE;
 use crate::system::flash;
+use code::{Code, Entry};
 
 /// Not for the fast path; nothing has been changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,18 +46,6 @@ pub(crate) struct Memory<'a> {
     pub(crate) shared: &'a Shared,
 }
 
-/// A decoded instruction with its length in bytes.
-#[derive(Debug, Clone, Copy)]
-struct Entry {
-    insn: Insn,
-    length: u32,
-}
-
-/// Bytes of code per page of the decoded code.
-const PAGE: u32 = 4096;
-
-type Page = Box<[Option<Entry>]>;
-
 /// FPCCR.LSPACT: the interrupted code's floating-point registers still have to be stacked.
 const LSPACT: u32 = 1;
 /// CONTROL.FPCA: the floating-point unit is in use, and CONTROL.nPRIV.
@@ -65,11 +55,16 @@ const NPRIV: u32 = 1;
 const UNALIGN_TRP: u32 = 1 << 3;
 const DIV_0_TRP: u32 = 1 << 4;
 
-/// Registers of a session and the decoded code.
+/// The fast path of one board.
 #[derive(Debug)]
 pub(crate) struct Fast {
-    pages: Vec<Option<Page>>,
-    flash_version: u64,
+    code: Code,
+    core: Core,
+}
+
+/// The registers of a session.
+#[derive(Debug)]
+struct Core {
     r: [u32; 16],
     /// xPSR without ITSTATE.
     psr: u32,
@@ -93,8 +88,59 @@ pub(crate) struct Fast {
 impl Fast {
     pub(crate) fn new() -> Self {
         Self {
-            pages: vec![None; (flash::SIZE as u32 / PAGE) as usize],
-            flash_version: 0,
+            code: Code::new(),
+            core: Core::new(),
+        }
+    }
+
+    /// Runs until cycle `limit`, an instruction that is not plain, or something that needs attention. Returns the
+    /// cycle reached and the instructions executed.
+    pub(crate) fn run(
+        &mut self,
+        cpu: &ArmV7m,
+        memory: Memory<'_>,
+        now: u64,
+        limit: u64,
+    ) -> (u64, u64) {
+        let Self { code, core } = self;
+        if !core.enter(cpu, memory.shared) {
+            return (now, 0);
+        }
+        code.check(memory.shared.flash_version.load(Relaxed));
+        core.now = now;
+        let mut instructions = 0;
+        while core.now < limit {
+            let entry = code.at(core.r[15], memory.flash);
+            if entry
+                .and_then(|entry| core.step(cpu, memory, entry))
+                .is_err()
+            {
+                break;
+            }
+            instructions += 1;
+            if core.io {
+                core.io = false;
+                if memory.shared.attention.load(Relaxed)
+                    || memory.shared.lines_changed.load(Relaxed)
+                {
+                    break;
+                }
+            }
+            if core.waiting && core.unmasked {
+                break;
+            }
+        }
+        if instructions > 0 {
+            core.leave(cpu, core.now - now);
+            memory.shared.now.store(core.now, Relaxed);
+        }
+        (core.now, instructions)
+    }
+}
+
+impl Core {
+    fn new() -> Self {
+        Self {
             r: [0; 16],
             psr: 0,
             it: 0,
@@ -111,41 +157,6 @@ impl Fast {
             branched: false,
             io: false,
         }
-    }
-
-    /// Runs until cycle `limit`, an instruction that is not plain, or something that needs attention. Returns the
-    /// cycle reached and the instructions executed.
-    pub(crate) fn run(
-        &mut self,
-        cpu: &ArmV7m,
-        memory: Memory<'_>,
-        now: u64,
-        limit: u64,
-    ) -> (u64, u64) {
-        if !self.enter(cpu, memory.shared) {
-            return (now, 0);
-        }
-        self.now = now;
-        let mut instructions = 0;
-        while self.now < limit && self.step(cpu, memory).is_ok() {
-            instructions += 1;
-            if self.io {
-                self.io = false;
-                if memory.shared.attention.load(Relaxed)
-                    || memory.shared.lines_changed.load(Relaxed)
-                {
-                    break;
-                }
-            }
-            if self.waiting && self.unmasked {
-                break;
-            }
-        }
-        if instructions > 0 {
-            self.leave(cpu, self.now - now);
-            memory.shared.now.store(self.now, Relaxed);
-        }
-        (self.now, instructions)
     }
 
     /// Takes the registers over, unless the next step is the reference core's.
@@ -183,11 +194,6 @@ impl Fast {
         });
         if !plain || regs.control & NPRIV != 0 || regs.faultmask || regs.xpsr & xpsr::T == 0 {
             return false;
-        }
-        let version = shared.flash_version.load(Relaxed);
-        if version != self.flash_version {
-            self.flash_version = version;
-            self.pages.fill(None);
         }
         self.r = regs.r;
         self.psr = regs.xpsr & !xpsr::IT_MASK;
@@ -228,9 +234,9 @@ impl Fast {
 
     /// One instruction.
     #[inline]
-    fn step(&mut self, cpu: &ArmV7m, memory: Memory<'_>) -> Done {
+    fn step(&mut self, cpu: &ArmV7m, memory: Memory<'_>, entry: &Entry) -> Done {
         let pc = self.r[15];
-        let Entry { insn, length } = self.fetch(pc, memory)?;
+        let &Entry { ref insn, length } = entry;
         self.address = pc;
         self.cycles = 1;
         self.branched = false;
@@ -261,35 +267,6 @@ impl Fast {
         }
         self.now += self.cycles;
         Ok(())
-    }
-
-    #[inline]
-    fn fetch(&mut self, pc: u32, memory: Memory<'_>) -> Result<Entry, Leave> {
-        let offset = pc.wrapping_sub(FLASH_BASE);
-        let page = self.pages.get_mut((offset / PAGE) as usize).ok_or(Leave)?;
-        let page = page.get_or_insert_with(|| vec![None; PAGE as usize / 2].into_boxed_slice());
-        let slot = &mut page[(offset % PAGE / 2) as usize];
-        if let Some(entry) = slot {
-            return Ok(*entry);
-        }
-        let half = |offset: u32| {
-            let half = memory
-                .flash
-                .read_value(u64::from(offset), Width::U16, Endian::Little);
-            half.map(|half| half as u16).map_err(|_| Leave)
-        };
-        let first = half(offset)?;
-        let (second, length) = if is_32bit(first) {
-            (half(offset + 2)?, 4)
-        } else {
-            (0, 2)
-        };
-        let entry = Entry {
-            insn: decode(first, second),
-            length,
-        };
-        *slot = Some(entry);
-        Ok(entry)
     }
 
     /// Reads memory or a peripheral.
