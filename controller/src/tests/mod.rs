@@ -4,4 +4,5 @@ mod group_rules;
 mod reaction;
 mod safety;
 mod start;
+mod tracking;
 mod world;
