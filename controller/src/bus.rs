@@ -16,17 +16,21 @@
 use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
 use kinematics::{Twist, desaturate};
+use protocol::address::SYNC_PERIOD;
 use protocol::{
-    Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport, cob,
+    APPLY_DELAY_US, Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale,
+    WheelRateReport, cob,
 };
 
 use crate::agreement::{Agreement, Verdict};
+use crate::clock::SyncClock;
 use crate::configuration::Configuration;
 use crate::dictionary::{Counters, Dictionary};
 use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{Happening, State};
+use crate::strain::Strain;
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 20_000;
@@ -62,8 +66,11 @@ pub struct BusSide {
     dictionary: Dictionary,
     state: State,
     configuration: Option<Configuration>,
-    handed: Option<Configuration>,
+    /// The control side has not been given the configuration yet.
+    to_hand: bool,
     agreement: Agreement,
+    clock: SyncClock,
+    strain: Strain,
     setpoints: Setpoints,
     own_setpoints: Setpoints,
     /// Published with the latched sequence.
@@ -89,7 +96,9 @@ impl BusSide {
             dictionary: Dictionary::new(identity::device(&identity)),
             state: State::Ready,
             configuration: None,
-            handed: None,
+            to_hand: false,
+            clock: SyncClock::new(),
+            strain: Strain::new(),
             agreement: Agreement::new(),
             setpoints: Setpoints::new(),
             own_setpoints: Setpoints::new(),
@@ -120,6 +129,11 @@ impl BusSide {
                 && let Ok(status) = MemberStatus::try_from(frame.data())
             {
                 self.agreement.hear(node, &status);
+            } else if let Some(node) = cob::measured_sender(id)
+                && node != self.identity.node.get()
+                && let Ok(measured) = MeasuredTwist::try_from(frame.data())
+            {
+                self.strain.hear(node, measured.twist);
             }
         }
         self.device.on_frame(at, frame, &mut self.dictionary);
@@ -152,8 +166,14 @@ impl BusSide {
     }
 
     /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this start.
+    ///
+    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the history.
     pub fn on_fault(&mut self, now: Micros, fault: Fault) {
-        self.happen(Happening::Failed(fault), now);
+        if matches!(self.state, State::Ready | State::Faulted(_)) {
+            self.record(fault, now);
+        } else {
+            self.happen(Happening::Failed(fault), now);
+        }
     }
 
     /// The next frame to send.
@@ -192,7 +212,11 @@ impl BusSide {
 
     /// A configuration the control side must take over before the next command; given once.
     pub fn take_configuration(&mut self) -> Option<Configuration> {
-        self.handed.take()
+        if core::mem::take(&mut self.to_hand) {
+            self.configuration
+        } else {
+            None
+        }
     }
 
     /// What the robot is doing.
@@ -257,13 +281,14 @@ impl BusSide {
         };
         if self.configuration != Some(configuration) {
             self.configuration = Some(configuration);
-            self.handed = Some(configuration);
+            self.to_hand = true;
         }
         self.command.configuration = configuration.crc;
         self.command.start = self.command.start.wrapping_add(1);
         self.last_heartbeat = now;
         self.setpoints.restart();
         self.own_setpoints.restart();
+        self.strain.restart();
         self.own = Scale::ZERO;
         self.agreement = Agreement::new();
         self.happen(Happening::Started, now);
@@ -272,6 +297,8 @@ impl BusSide {
     /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
     fn on_sync(&mut self, at: Micros) {
         self.last_sync = at;
+        let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
+        self.clock.on_sync(at, period_us as f32);
         let Some(configuration) = self.configuration else {
             self.publish(None);
             return;
@@ -288,6 +315,13 @@ impl BusSide {
         *counter = counter.wrapping_add(ignored);
         if reception == Reception::TwoMasters {
             self.happen(Happening::Failed(Fault::TwoMasters), at);
+        }
+        if let Some(fault) = self
+            .strain
+            .on_sync(at, self.report.measured, &configuration)
+            && self.state == State::Moving
+        {
+            self.happen(Happening::Failed(fault), at);
         }
         self.vote(&configuration);
         self.follow_alone(at, &configuration);
@@ -371,7 +405,7 @@ impl BusSide {
         if matches!(self.state, State::Moving | State::Alone) {
             self.command.target = target;
             self.command.sequence = sequence;
-            self.command.at = at;
+            self.command.at = self.clock.estimate().unwrap_or(at) + Micros(APPLY_DELAY_US);
             self.command.update = self.command.update.wrapping_add(1);
         }
     }
@@ -409,7 +443,9 @@ impl BusSide {
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
         let limit = self.report.limit.or_else(|| {
-            if self.setpoints.is_disturbed() {
+            if moving && self.strain.is_limit() {
+                Some(Limit::Strain)
+            } else if self.setpoints.is_disturbed() {
                 Some(Limit::Setpoint)
             } else if moving && self.scale < Scale::ONE {
                 Some(if self.scale_is_own {
@@ -482,16 +518,21 @@ impl BusSide {
         if let Some(fault) = to.fault()
             && from.fault() != Some(fault)
         {
-            let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
-            self.dictionary.history.push(fault, time_ms);
             let stops = &mut self.dictionary.counters.stops;
             *stops = stops.wrapping_add(1);
-            self.emergency(fault.code(), fault.error_register());
-            self.tell(Event::Fault(fault));
+            self.record(fault, now);
         } else if from.fault().is_some() && to.fault().is_none() {
             self.emergency(0, 0);
         }
         self.tell(Event::State { from, to });
+    }
+
+    /// Announces a fault and keeps it in the history.
+    fn record(&mut self, fault: Fault, now: Micros) {
+        let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
+        self.dictionary.history.push(fault, time_ms);
+        self.emergency(fault.code(), fault.error_register());
+        self.tell(Event::Fault(fault));
     }
 
     /// Queues an emergency message (CiA 301 7.2.7); code 0 is "error reset".

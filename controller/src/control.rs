@@ -17,6 +17,7 @@ use crate::handover::{Command, Inputs, Mode, Outputs, Report};
 use crate::limiter::Limiter;
 use crate::observer::Observer;
 use crate::setpoint::{Input, Interpolator};
+use crate::threshold::{Hysteresis, Lasting};
 use crate::watch::Watch;
 use crate::wheel::{WheelLoop, WheelReference};
 
@@ -31,6 +32,9 @@ const OVERDUE_US: u64 = 20_000;
 
 /// Longest time between two signs of life of the bus side, us.
 const BUS_SILENT_US: u64 = 100_000;
+
+/// How long a low supply or too much slip must last, us.
+const LASTING_US: u64 = 100_000;
 
 /// Wheels slower than this stand, rad/s.
 const STANDING_RATE: f32 = 0.05;
@@ -65,8 +69,9 @@ pub struct ControlSide {
     last: Option<Micros>,
     /// Since when the ramp's reference stands.
     settling: Option<Micros>,
-    supply_low_since: Option<Micros>,
-    slip_since: Option<Micros>,
+    supply_low: Lasting,
+    slip_limit: Hysteresis,
+    slip_fault: Lasting,
     report: Report,
 }
 
@@ -85,8 +90,9 @@ impl ControlSide {
             counts: None,
             last: None,
             settling: None,
-            supply_low_since: None,
-            slip_since: None,
+            supply_low: Lasting::new(),
+            slip_limit: Hysteresis { active: false },
+            slip_fault: Lasting::new(),
             report: Report {
                 at: Micros(0),
                 start: 0,
@@ -185,13 +191,16 @@ impl ControlSide {
                 .or_else(|| {
                     let minimum = motion.configuration.thresholds.supply_minimum;
                     let low = inputs.supply.is_some_and(|supply| supply < minimum);
-                    lasting(&mut self.supply_low_since, low, now, 100_000)
+                    self.supply_low
+                        .update(low, now, LASTING_US)
                         .then_some(Fault::SupplyLow)
                 })
                 .or_else(|| {
                     let bound = motion.configuration.thresholds.slip_fault;
                     let slips = bound > 0.0 && self.report.slip_residual.abs() > bound;
-                    lasting(&mut self.slip_since, slips, now, 100_000).then_some(Fault::SlipExcess)
+                    self.slip_fault
+                        .update(slips, now, LASTING_US)
+                        .then_some(Fault::SlipExcess)
                 });
         }
 
@@ -259,8 +268,9 @@ impl ControlSide {
             .filter(|supply| *supply > 1.0)
             .unwrap_or(motion.configuration.supply_nominal);
         let (duty, short) = motion.drive(&mut self.report, turned, supply, now, dt);
-        let slip_limit = motion.configuration.thresholds.slip_limit;
-        self.report.limit = if slip_limit > 0.0 && self.report.slip_residual.abs() > slip_limit {
+        let threshold = motion.configuration.thresholds.slip_limit;
+        let slip = self.report.slip_residual.abs();
+        self.report.limit = if self.slip_limit.update(slip, threshold) {
             Some(Limit::Slip)
         } else if short {
             Some(Limit::Voltage)
@@ -281,8 +291,8 @@ impl ControlSide {
         if start != self.report.start {
             self.report.start = start;
             self.report.fault = None;
-            self.supply_low_since = None;
-            self.slip_since = None;
+            self.supply_low.reset();
+            self.slip_fault.reset();
             if let Some(motion) = &mut self.motion {
                 for wheel in &mut motion.wheels {
                     wheel.watch.reset();
@@ -402,15 +412,6 @@ fn late(elapsed: u64, now: Micros, alive: Micros) -> Option<Fault> {
     } else {
         None
     }
-}
-
-/// Whether `condition` has held for `span_us`.
-fn lasting(since: &mut Option<Micros>, condition: bool, now: Micros, span_us: u64) -> bool {
-    if !condition {
-        *since = None;
-        return false;
-    }
-    now.since(*since.get_or_insert(now)).0 >= span_us
 }
 
 /// Whether a ramp is over: the reference stands, and the wheels do or had their time to.

@@ -35,7 +35,7 @@ pub struct Command {
     pub sequence: u8,
     /// Counts the targets: a new one begins when this changes.
     pub update: u16,
-    /// The SYNC at which the target takes effect.
+    /// When the target takes effect.
     pub at: Micros,
     /// Counts the accepted starts: a new one clears latched faults.
     pub start: u16,

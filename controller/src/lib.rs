@@ -38,6 +38,7 @@ extern crate std;
 
 pub mod agreement;
 mod bus;
+pub mod clock;
 pub mod configuration;
 mod control;
 mod dictionary;
@@ -51,10 +52,13 @@ pub mod parameters;
 pub mod sequence;
 pub mod setpoint;
 pub mod state;
+mod strain;
+mod threshold;
 mod watch;
 pub mod wheel;
 
 pub use bus::{BusSide, Event};
+pub use clock::{SyncClock, TickPhase};
 pub use configuration::{Configuration, ConfigurationError};
 pub use control::{ControlSide, TICK_US};
 pub use dictionary::Counters;

@@ -1,8 +1,8 @@
 //! From one target per SYNC to one input per tick.
 //!
 //! A target that comes every 10 ms would be a staircase for a loop that runs every millisecond. Each
-//! target is therefore reached by a straight line over one SYNC period, starting at the SYNC that
-//! puts it in force. The line is a function of time since that SYNC, not of ticks, so members whose
+//! target is therefore reached by a straight line over one SYNC period, starting at an instant all
+//! members agree on. The line is a function of time since that instant, not of ticks, so members whose
 //! ticks lie differently still walk the same line. Its slope is handed on as the acceleration to
 //! expect.
 
@@ -49,11 +49,12 @@ impl Interpolator {
         self.update = update;
     }
 
-    /// The input at `now`, after target number `update` came into force at the SYNC at `begin`.
+    /// The input at `now`, with target number `update` to take effect at `begin`: until then the line
+    /// before it goes on.
     #[inline]
     pub fn at(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) -> Input {
-        if update != self.update {
-            self.from = self.input(now).twist;
+        if update != self.update && now >= begin {
+            self.from = self.input(begin).twist;
             self.to = target;
             self.slope = (target - self.from) * (self.per_period * 1e6);
             self.begin = begin;
@@ -128,6 +129,34 @@ mod tests {
         let before = vx(line.at(Micros(8_000), Twist::new(1.0, 0.0, 0.0), 1, Micros(0)));
         let after = vx(line.at(Micros(8_000), Twist::new(2.0, 0.0, 0.0), 2, Micros(8_000)));
         assert_eq!(before, after);
+    }
+
+    #[test]
+    fn a_target_waits_for_its_instant() {
+        let mut line = Interpolator::new(PERIOD_US);
+        let (first, second) = (Twist::new(1.0, 0.0, 0.0), Twist::new(3.0, 0.0, 0.0));
+        line.at(Micros(0), first, 1, Micros(0));
+        // Known at 8 ms, in force at 10 ms.
+        assert!((vx(line.at(Micros(8_500), second, 2, Micros(10_000))) - 0.85).abs() < 1e-6);
+        assert!((vx(line.at(Micros(10_500), second, 2, Micros(10_000))) - 1.1).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_line_does_not_depend_on_where_the_ticks_lie() {
+        let walk = |phase: u64| {
+            let mut line = Interpolator::new(PERIOD_US);
+            let mut value = 0.0;
+            for tick in 0..55_u64 {
+                let now = Micros(tick * 1_000 + phase);
+                let update = (now.0 / 10_000) as u16 + 1;
+                let begin = Micros(u64::from(update - 1) * 10_000);
+                let target = Twist::new(f32::from(update) * f32::from(update), 0.0, 0.0);
+                value = vx(line.at(now, target, update, begin));
+            }
+            value
+        };
+        // At 54.3 and 54.4 ms: a tenth of a millisecond on a slope of 11 in 10 ms.
+        assert!((walk(400) - walk(300) - 0.11).abs() < 1e-4);
     }
 
     #[test]

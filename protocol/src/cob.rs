@@ -83,6 +83,15 @@ pub const fn status_sender(cob_id: u16) -> Option<u8> {
     }
 }
 
+/// The robot whose measured twist a frame with this identifier carries, if it is one.
+#[must_use]
+pub const fn measured_sender(cob_id: u16) -> Option<u8> {
+    match cob_id.checked_sub(0x100) {
+        Some(status) => status_sender(status),
+        None => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -106,5 +115,8 @@ mod tests {
         assert_eq!(status_sender(0x192), None);
         assert_eq!(status_sender(0x282), None);
         assert_eq!(status_sender(0x082), None);
+        assert_eq!(measured_sender(0x282), Some(2));
+        assert_eq!(measured_sender(0x182), None);
+        assert_eq!(measured_sender(0x082), None);
     }
 }

@@ -46,6 +46,12 @@ pub use table::{ENTRIES, OBJECTS, entry};
 /// change that would make an older master or robot misread a frame.
 pub const WIRE_VERSION: u16 = 1;
 
+/// How long after the SYNC that puts a setpoint in force the robots act on it, us.
+///
+/// Longer than SYNC may jitter, so that all robots have it by then. A setpoint latched at SYNC *k* is
+/// therefore begun at SYNC *k+1* plus this, and reached one SYNC period later.
+pub const APPLY_DELAY_US: u64 = 2_000;
+
 /// Node number of the master.
 pub const MASTER: u8 = 1;
 

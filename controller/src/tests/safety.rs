@@ -263,3 +263,78 @@ fn any_frame_at_any_time_never_panics() {
         world.log.clear();
     }
 }
+
+/// Two members whose wheels disagree: one has slipped its load.
+fn disagreeing(limit: f32, fault: f32) -> World {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    for node in [2, 3] {
+        world
+            .write(node, at::STRAIN_LIMIT, Value::F32(limit))
+            .unwrap();
+        world
+            .write(node, at::STRAIN_FAULT, Value::F32(fault))
+            .unwrap();
+    }
+    world.start();
+    world.run(30);
+    world
+}
+
+#[test]
+fn members_that_disagree_report_strain_then_stop() {
+    let mut world = disagreeing(0.05, 0.2);
+    world.drive(FORWARD, 1000);
+    assert_eq!(world.status(2).code, protocol::Code::None);
+    // A frame as robot 3 would send it when its wheels have lost a sixth of the speed.
+    let slipping = |world: &mut World, vx: f32, millis: u32| {
+        for _ in 0..millis / 10 {
+            let frame = protocol::MeasuredTwist {
+                twist: Twist::new(vx, 0.0, 0.0),
+                sequence: world.sequence,
+                group: super::world::GROUP,
+            };
+            world.until(10, |world| world.now % 10_000 == 5_000);
+            world.send(3, cob::measured_twist(3), &frame.encode());
+            world.step();
+        }
+    };
+    slipping(&mut world, 0.5, 50);
+    assert_eq!(
+        world.status(2).code,
+        protocol::Code::Limit(protocol::Limit::Strain)
+    );
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    slipping(&mut world, 0.3, 200);
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::StrainExcess));
+}
+
+#[test]
+fn a_robot_that_was_reset_by_its_watchdog_remembers_it_and_stays_off() {
+    let mut world = World::new(&[2]);
+    let now = canopen::Micros(world.robots[0].offset);
+    world.robots[0].bus.on_fault(now, Fault::WatchdogReset);
+    world.run(200);
+    assert_eq!(
+        world.read(2, history::code(1)),
+        Ok(u32::from(Fault::WatchdogReset.code()))
+    );
+    assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+    assert_eq!(world.emergencies(2), [Fault::WatchdogReset.code()]);
+    world.configure();
+    world.start();
+    world.run(30);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+}
+
+#[test]
+fn bus_off_ramps_down() {
+    let mut world = moving(&[2]);
+    let now = canopen::Micros(world.now + world.robots[0].offset);
+    world.robots[0].bus.on_fault(now, Fault::BusOff);
+    world.run(50);
+    assert!(world.robots[0].outputs.drivers_enabled, "braking");
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::BusOff));
+}

@@ -1,0 +1,82 @@
+//! Do the members agree on how the group moves?
+//!
+//! Every member publishes the group twist its own wheels measure. On a rigid load all of them must be
+//! the same; what differs is slip or strain in the load. The difference to each other member is looked
+//! at where it acts: as a velocity at this robot's own place, so that a difference in yaw counts the
+//! more the longer the lever is.
+
+use canopen::Micros;
+use kinematics::Twist;
+use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS};
+
+use crate::configuration::Configuration;
+use crate::math::sqrt;
+use crate::threshold::{Hysteresis, Lasting};
+
+/// How long the fault threshold must be exceeded, us.
+const FAULT_US: u64 = 100_000;
+
+/// Compares measured twists at every SYNC.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Strain {
+    heard: [Option<Twist>; MAX_ROBOTS],
+    /// What this robot published at the last SYNC.
+    own: Twist,
+    worst: f32,
+    limit: Hysteresis,
+    fault: Lasting,
+}
+
+impl Strain {
+    pub const fn new() -> Self {
+        Self {
+            heard: [None; MAX_ROBOTS],
+            own: Twist::ZERO,
+            worst: 0.0,
+            limit: Hysteresis { active: false },
+            fault: Lasting::new(),
+        }
+    }
+
+    /// A member's measured group twist came in.
+    pub fn hear(&mut self, node: u8, measured: Twist) {
+        let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
+        if let Some(heard) = self.heard.get_mut(place) {
+            *heard = Some(measured);
+        }
+    }
+
+    /// A SYNC: compares what was measured at the last one, by then heard of everybody.
+    pub fn on_sync(
+        &mut self,
+        at: Micros,
+        measured: Twist,
+        configuration: &Configuration,
+    ) -> Option<Fault> {
+        let mut worst_squared = 0.0_f32;
+        let heard = core::mem::replace(&mut self.heard, [None; MAX_ROBOTS]);
+        for (node, twist) in (FIRST_ROBOT..).zip(heard) {
+            let Some(twist) = twist.filter(|_| configuration.is_member(node)) else {
+                continue;
+            };
+            let here = configuration.mount.to_member(twist - self.own);
+            worst_squared = worst_squared.max(here.vx * here.vx + here.vy * here.vy);
+        }
+        self.own = measured;
+        self.worst = sqrt(worst_squared);
+        let thresholds = &configuration.thresholds;
+        self.limit.update(self.worst, thresholds.strain_limit);
+        let bad = thresholds.strain_fault > 0.0 && self.worst > thresholds.strain_fault;
+        self.fault
+            .update(bad, at, FAULT_US)
+            .then_some(Fault::StrainExcess)
+    }
+
+    pub const fn is_limit(&self) -> bool {
+        self.limit.is_active()
+    }
+
+    pub fn restart(&mut self) {
+        *self = Self::new();
+    }
+}
