@@ -13,10 +13,11 @@
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
-use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
+use canopen::{Device, ErrorClass, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
+use protocol::code::FaultClass;
 use protocol::{
     APPLY_DELAY_US, Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale,
     WheelRateReport, cob,
@@ -50,6 +51,8 @@ pub enum Event {
     Fault(Fault),
     /// The NMT state changed.
     Nmt(NmtState),
+    /// The platform should bring the CAN controller back on the bus.
+    RecoverBus,
     /// A SYNC was received.
     Sync {
         /// Its counter.
@@ -82,7 +85,8 @@ pub struct BusSide {
     last_heartbeat: Micros,
     report: Report,
     command: Command,
-    emergencies: Deque<Frame, 4>,
+    /// Faults announced and not yet declared over, one bit each.
+    announced: u32,
     events: Deque<Event, 8>,
 }
 
@@ -109,7 +113,7 @@ impl BusSide {
             last_heartbeat: Micros::ZERO,
             report: Report::default(),
             command: Command::default(),
-            emergencies: Deque::new(),
+            announced: 0,
             events: Deque::new(),
         }
     }
@@ -176,11 +180,23 @@ impl BusSide {
         }
     }
 
+    /// The CAN controller went off the bus: ramps down; nothing is sent until
+    /// [`BusSide::on_bus_recovered`]. [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.on_fault(now, Fault::BusOff);
+        self.device.on_bus_off(now);
+        self.drain(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.device.on_bus_recovered(now);
+        self.drain(now);
+    }
+
     /// The next frame to send.
     pub fn pop_frame(&mut self) -> Option<Frame> {
-        self.emergencies
-            .pop_front()
-            .or_else(|| self.device.pop_frame())
+        self.device.pop_frame()
     }
 
     /// The next event.
@@ -263,6 +279,7 @@ impl BusSide {
                     *lost = lost.wrapping_add(1);
                     self.setpoints.note_disorder();
                 }
+                canopen::Event::RecoverBus => self.tell(Event::RecoverBus),
                 _ => {}
             }
         }
@@ -521,32 +538,46 @@ impl BusSide {
             let stops = &mut self.dictionary.counters.stops;
             *stops = stops.wrapping_add(1);
             self.record(fault, now);
-        } else if from.fault().is_some() && to.fault().is_none() {
-            self.emergency(0, 0);
+        } else if to == State::Armed {
+            self.clear_record(now);
         }
         self.tell(Event::State { from, to });
     }
 
-    /// Announces a fault and keeps it in the history.
+    /// Announces a fault by an emergency message and keeps it in the history.
     fn record(&mut self, fault: Fault, now: Micros) {
         let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
         self.dictionary.history.push(fault, time_ms);
-        self.emergency(fault.code(), fault.error_register());
+        let class = match fault.error_class() {
+            FaultClass::Generic => ErrorClass::Generic,
+            FaultClass::Voltage => ErrorClass::Voltage,
+            FaultClass::Communication => ErrorClass::Communication,
+            FaultClass::Manufacturer => ErrorClass::Manufacturer,
+        };
+        self.device.raise_error(now, fault.code(), class, [0; 5]);
+        self.announced |= announced_bit(fault);
         self.tell(Event::Fault(fault));
     }
 
-    /// Queues an emergency message (CiA 301 7.2.7); code 0 is "error reset".
-    fn emergency(&mut self, code: u16, register: u8) {
-        let [low, high] = code.to_le_bytes();
-        let data = [low, high, register, 0, 0, 0, 0, 0];
-        if let Some(frame) = Frame::new(cob::emergency(self.identity.node.get()), &data) {
-            let _ = self.emergencies.push_back(frame);
+    /// Says that everything announced is over.
+    fn clear_record(&mut self, now: Micros) {
+        for fault in Fault::ALL {
+            if self.announced & announced_bit(*fault) != 0 {
+                self.device.clear_error(now, fault.code(), 0);
+            }
         }
+        self.announced = 0;
     }
 
     fn tell(&mut self, event: Event) {
         let _ = self.events.push_back(event);
     }
+}
+
+/// The bit of a fault in [`BusSide::announced`].
+fn announced_bit(fault: Fault) -> u32 {
+    let place = Fault::ALL.iter().position(|one| *one == fault);
+    place.map_or(0, |place| 1 << (place % 32))
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

@@ -259,7 +259,7 @@ impl Board {
     fn execute_profiled(&mut self, limit: u64) {
         self.asleep = false;
         while self.now < limit {
-            let pc = self.cpu.pc();
+            let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
             let cycles = self.cpu.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
@@ -273,7 +273,7 @@ impl Board {
             let entered = cycles >= 12 && self.entered_exception();
             self.instructions += u64::from(!entered);
             if let Some(profile) = &mut self.profile {
-                profile.count(&self.firmware, pc, cycles, entered);
+                profile.count(&self.firmware, (pc, sp), cycles, entered);
             }
             if self.shared.attention.load(Relaxed) {
                 break;

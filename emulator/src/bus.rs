@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 use rsemu::core::space::{
-    AccessConstraints, AddressSpace, Mapping, MemAttrs, MemOps, MemResult, Perms, RamStore, Region,
-    RomStore, RomWrite,
+    AccessConstraints, AddressSpace, DispatchPolicy, Mapping, MemAttrs, MemOps, MemResult, Perms,
+    RamStore, Region, RomStore, RomWrite,
 };
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
@@ -77,11 +77,12 @@ impl Shared {
     pub(crate) fn with<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
         let mut soc = lock(&self.soc);
         soc.now = self.now.load(Relaxed);
-        let hz = soc.clock.hz();
+        let (hz, requests) = (soc.clock.hz(), soc.can.requests());
         let result = f(&mut soc);
         let before = self.next_event.swap(soc.next_event, Relaxed);
         if soc.next_event < before
             || soc.clock.hz() != hz
+            || soc.can.requests() != requests
             || soc.stop.is_some()
             || soc.reset_request != 0
             || soc.flash.busy_until().is_some()
@@ -167,7 +168,12 @@ pub(crate) fn address_space(
     ram: &Arc<RamStore>,
     uid: [u8; 12],
 ) -> Result<AddressSpace, rsemu::core::Error> {
-    let space = AddressSpace::new("stm32f446", 32);
+    // Nearly every access is to flash or RAM: a table of 64 KiB pages finds it without a search.
+    let dispatch = DispatchPolicy::Dense {
+        page_bits: 16,
+        cover: 0x5000_0000,
+    };
+    let space = AddressSpace::new("stm32f446", 32).with_dispatch(dispatch);
     let mut map = space.topology();
     // At 0 the flash appears again: the chip boots from it (section 2.3).
     for base in [0, FLASH_BASE] {

@@ -171,6 +171,35 @@ impl Firmware {
         })
     }
 
+    /// Loads a raw image: bytes from the start of flash on, without symbols, log or debug information.
+    ///
+    /// # Errors
+    /// [`LoadError`] when the image is empty or larger than the flash.
+    pub fn from_flash(image: &[u8]) -> Result<Self, LoadError> {
+        let mut flash = vec![0xFF; flash::SIZE as usize];
+        let Some(place) = flash.get_mut(..image.len()) else {
+            let length = image.len() as u32;
+            return Err(LoadError::OutsideFlash {
+                address: FLASH_BASE,
+                length,
+            });
+        };
+        place.copy_from_slice(image);
+        if image.is_empty() {
+            return Err(LoadError::NoVectorTable);
+        }
+        Ok(Self {
+            image: Arc::new(Image {
+                elf: Vec::new(),
+                flash,
+                functions: Vec::new(),
+                variables: HashMap::new(),
+                table: None,
+                locations: Locations::new(),
+            }),
+        })
+    }
+
     /// Content of the flash after programming.
     pub(crate) fn flash(&self) -> &[u8] {
         &self.image.flash

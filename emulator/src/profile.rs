@@ -1,6 +1,6 @@
 //! Instructions and cycles per function, counted exactly.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use crate::firmware::Firmware;
 
@@ -22,13 +22,17 @@ pub struct Profile {
     exceptions: Usage,
     /// The function of the last instruction: first address and end.
     last: (u32, u32),
+    recent: VecDeque<(u32, u32)>,
 }
+
+/// Changes from function to function that are remembered.
+const RECENT: usize = 64;
 
 impl Profile {
     pub(crate) fn count(
         &mut self,
         firmware: &Firmware,
-        pc: u32,
+        (pc, sp): (u32, u32),
         cycles: u64,
         exception_entry: bool,
     ) {
@@ -41,6 +45,10 @@ impl Profile {
             self.last = firmware
                 .function_at(pc)
                 .map_or((pc, pc), |f| (f.address, f.address + f.size));
+            if self.recent.len() == RECENT {
+                self.recent.pop_front();
+            }
+            self.recent.push_back((pc, sp));
         }
         let usage = self.functions.entry(self.last.0).or_default();
         usage.calls += u64::from(pc == self.last.0);
@@ -65,6 +73,12 @@ impl Profile {
             .collect();
         all.sort_by_key(|(_, usage)| std::cmp::Reverse(usage.instructions));
         all
+    }
+
+    /// The last changes from one function to another: program counter and stack pointer on arrival, the latest
+    /// last.
+    pub fn recent(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.recent.iter().copied()
     }
 
     /// Use of the function at an address.

@@ -16,6 +16,19 @@ pub enum Reaction {
     Cut,
 }
 
+/// What kind of fault it is, as the error register tells it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum FaultClass {
+    /// No particular kind.
+    Generic,
+    /// Supply voltage.
+    Voltage,
+    /// Communication.
+    Communication,
+    /// Particular to these robots.
+    Manufacturer,
+}
+
 macro_rules! codes {
     ($(#[$meta:meta])* $name:ident { $($(#[doc = $text:literal])+ $variant:ident = $code:literal,)+ }) => {
         $(#[$meta])*
@@ -172,18 +185,14 @@ impl Fault {
         }
     }
 
-    /// The bits this fault sets in the error register (object 0x1001, CiA 301 7.5.2.2).
+    /// Which bit of the error register (object 0x1001, CiA 301 7.5.2.2) this fault sets.
     #[must_use]
-    pub const fn error_register(self) -> u8 {
-        const GENERIC: u8 = 0x01;
-        const VOLTAGE: u8 = 0x04;
-        const COMMUNICATION: u8 = 0x10;
-        const MANUFACTURER: u8 = 0x80;
+    pub const fn error_class(self) -> FaultClass {
         match self.code() >> 8 {
-            0x32 => GENERIC | VOLTAGE,
-            0x81 | 0x82 => GENERIC | COMMUNICATION,
-            0xFF => GENERIC | MANUFACTURER,
-            _ => GENERIC,
+            0x32 => FaultClass::Voltage,
+            0x81 | 0x82 => FaultClass::Communication,
+            0xFF => FaultClass::Manufacturer,
+            _ => FaultClass::Generic,
         }
     }
 }
@@ -250,9 +259,11 @@ mod tests {
     fn standard_faults_have_standard_codes() {
         assert_eq!(Fault::MasterSilent.code(), 0x8130);
         assert_eq!(Fault::SetpointOverdue.code(), 0x8250);
-        assert_eq!(Fault::MasterSilent.error_register(), 0x11);
-        assert_eq!(Fault::EmergencyStop.error_register(), 0x81);
-        assert_eq!(Fault::SupplyLow.error_register(), 0x05);
+        let class = Fault::error_class;
+        assert_eq!(class(Fault::MasterSilent), FaultClass::Communication);
+        assert_eq!(class(Fault::EmergencyStop), FaultClass::Manufacturer);
+        assert_eq!(class(Fault::SupplyLow), FaultClass::Voltage);
+        assert_eq!(class(Fault::ParametersCorrupt), FaultClass::Generic);
     }
 
     #[test]

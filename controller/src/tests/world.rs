@@ -8,7 +8,7 @@ use kinematics::Twist;
 use protocol::address::{self as at, motor};
 use protocol::{Address, ENTRIES, GroupTwist, MASTER, MemberStatus, Value, cob};
 
-use crate::{BusSide, ControlSide, Identity, Inputs, Outputs};
+use crate::{BusSide, ControlSide, Event, Identity, Inputs, Outputs};
 
 /// Motor of every wheel, in the units of the feedforward.
 pub const STATIC_FRICTION: f32 = 0.5;
@@ -144,6 +144,8 @@ pub struct World {
     pub counter: u8,
     /// All frames on the bus since the start.
     pub log: Vec<(u64, Frame)>,
+    /// All events but SYNC, with the node of the robot.
+    pub events: Vec<(u8, Event)>,
     wire: VecDeque<(u8, Frame)>,
 }
 
@@ -159,6 +161,7 @@ impl World {
             heartbeat: true,
             counter: 0,
             log: Vec::new(),
+            events: Vec::new(),
             wire: VecDeque::new(),
         };
         world.run(5);
@@ -291,6 +294,11 @@ impl World {
         }
         self.settle();
         for robot in &mut self.robots {
+            while let Some(event) = robot.bus.pop_event() {
+                if !matches!(event, Event::Sync { .. }) {
+                    self.events.push((robot.node, event));
+                }
+            }
             robot.tick(self.now);
             robot.turn();
         }

@@ -1,0 +1,452 @@
+//! Boards that run a few instructions assembled by hand: what needs a core and not only registers.
+//!
+//! [`Code`] knows the handful of encodings that are used (ARMv7-M Architecture Reference Manual, section A7.7).
+
+use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, ResetCause, StopKind};
+
+const RCC_AHB1ENR: u32 = 0x4002_3830;
+const RCC_APB1ENR: u32 = 0x4002_3840;
+const RCC_APB2ENR: u32 = 0x4002_3844;
+const GPIOA: u32 = 0x4002_0000;
+const GPIOB: u32 = 0x4002_0400;
+const NVIC_ISER0: u32 = 0xE000_E100;
+
+/// Base of the counters that programs keep in RAM.
+const RAM: u32 = 0x2000_0000;
+
+#[derive(Default)]
+struct Code(Vec<u16>);
+
+impl Code {
+    /// Address of the next instruction.
+    fn here(&self) -> u32 {
+        0x0800_0200 + 2 * self.0.len() as u32
+    }
+
+    /// MOVW and MOVT: a register gets a 32-bit value.
+    fn load(&mut self, register: u16, value: u32) {
+        for (opcode, half) in [(0xF240, value & 0xFFFF), (0xF2C0, value >> 16)] {
+            let half = half as u16;
+            self.0.push(opcode | half >> 12 | (half >> 11 & 1) << 10);
+            self.0
+                .push((half >> 8 & 7) << 12 | register << 8 | half & 0xFF);
+        }
+    }
+
+    /// A store of a word to an address; uses r0 and r1.
+    fn store(&mut self, address: u32, value: u32) {
+        self.load(0, address);
+        self.load(1, value);
+        self.0.push(0x6001); // STR r1, [r0]
+    }
+
+    /// A load of a word; into r1.
+    fn read(&mut self, address: u32) {
+        self.load(0, address);
+        self.0.push(0x6801); // LDR r1, [r0]
+    }
+
+    /// Adds one to a word in RAM.
+    fn count(&mut self, address: u32) {
+        self.read(address);
+        self.0.push(0x3101); // ADDS r1, #1
+        self.0.push(0x6001); // STR r1, [r0]
+    }
+
+    fn wait_for_event(&mut self) {
+        self.0.push(0xBF20); // WFE
+    }
+
+    /// A branch back to an address.
+    fn branch(&mut self, to: u32) {
+        let offset = (to as i32 - self.here() as i32 - 4) / 2;
+        self.0.push(0xE000 | offset as u16 & 0x7FF);
+    }
+
+    fn branch_to_itself(&mut self) {
+        self.0.push(0xE7FE);
+    }
+
+    fn ret(&mut self) {
+        self.0.push(0x4770); // BX lr
+    }
+
+    /// The image: initial stack pointer, reset at the first instruction, everything else at `handler`.
+    fn image(&self, handler: u32) -> Firmware {
+        let mut bytes = Vec::new();
+        for index in 0..0x80 {
+            let word = match index {
+                0 => 0x2000_4000,
+                1 => 0x0800_0201,
+                _ => handler | 1,
+            };
+            bytes.extend_from_slice(&u32::to_le_bytes(word));
+        }
+        for half in &self.0 {
+            bytes.extend_from_slice(&half.to_le_bytes());
+        }
+        Firmware::from_flash(&bytes).unwrap()
+    }
+
+    fn board(&self, handler: u32, config: BoardConfig) -> Board {
+        Board::new(&self.image(handler), config)
+    }
+}
+
+fn is_send<T: Send>(_: &T) {}
+
+#[test]
+fn boards_can_move_between_threads() {
+    let mut code = Code::default();
+    code.branch_to_itself();
+    let board = code.board(0, BoardConfig::default());
+    is_send(&board);
+}
+
+/// Sleeps, and counts the update interrupts of TIM2 every 1000 clocks.
+fn counting_program() -> (Code, u32) {
+    let mut code = Code::default();
+    code.store(RCC_APB1ENR, 1);
+    code.store(0x4000_002C, 999); // ARR
+    code.store(0x4000_000C, 1); // DIER.UIE
+    code.store(NVIC_ISER0, 1 << 28);
+    code.store(0x4000_0000, 1); // CR1.CEN
+    let sleep = code.here();
+    code.wait_for_event();
+    code.branch(sleep);
+    let handler = code.here();
+    code.store(0x4000_0010, 0); // SR
+    code.count(RAM);
+    code.ret();
+    (code, handler)
+}
+
+#[test]
+fn a_sleeping_core_wakes_for_every_interrupt() {
+    let (code, handler) = counting_program();
+    let mut board = code.board(handler, BoardConfig::default());
+    // 10 ms at 16 MHz are 160 000 clocks: 160 periods, the last of them after the 40 or so clocks of set-up.
+    board.run_until(10_000_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(159));
+    assert!(board.is_asleep());
+    let (cycles, slept) = board.cycles();
+    assert_eq!(cycles, 160_000);
+    // 159 times an interrupt of about 60 cycles.
+    assert!(slept > 145_000, "slept {slept} of {cycles} cycles");
+    let next = board.next_event_ns().unwrap() - 10_000_000;
+    assert!(next < 62_500, "less than one period away, not {next} ns");
+}
+
+#[test]
+fn the_crystal_error_shows_in_the_world() {
+    let (code, handler) = counting_program();
+    let counted = |crystal_ppm| {
+        let config = BoardConfig {
+            crystal_ppm,
+            ..BoardConfig::default()
+        };
+        let mut board = code.board(handler, config);
+        board.run_until(1_000_000_000).unwrap();
+        board.read_word(RAM).unwrap()
+    };
+    // 16 000 interrupts a second; 1000 ppm are 16 of them.
+    assert_eq!(counted(1000.0) - counted(0.0), 16);
+    assert_eq!(counted(0.0) - counted(-1000.0), 16);
+}
+
+#[test]
+fn how_a_run_is_cut_into_pieces_changes_nothing() {
+    let (code, handler) = counting_program();
+    let run = |step: u64| {
+        let mut board = code.board(handler, BoardConfig::default());
+        let mut t = 0;
+        while t < 5_000_000 {
+            t = (t + step).min(5_000_000);
+            board.run_until(t).unwrap();
+        }
+        (board.read_word(RAM), board.cycles().0)
+    };
+    assert_eq!(run(5_000_000), run(777));
+}
+
+#[test]
+fn an_unmodelled_register_stops_with_its_name() {
+    let mut code = Code::default();
+    code.store(RCC_APB1ENR, 1 << 17);
+    let at = code.here();
+    code.read(0x4000_4400);
+    code.branch_to_itself();
+    let stop = code
+        .board(0, BoardConfig::default())
+        .run_until(1_000_000)
+        .unwrap_err();
+    assert_eq!(
+        stop.kind,
+        StopKind::Unmodelled {
+            what: "USART2_+0x0".to_owned(),
+            address: 0x4000_4400,
+            written: None
+        }
+    );
+    // The load is the third instruction; both before it are four bytes long.
+    assert_eq!(stop.pc, at + 8);
+}
+
+#[test]
+fn an_unclocked_peripheral_stops() {
+    let mut code = Code::default();
+    code.store(0x4000_002C, 999);
+    code.branch_to_itself();
+    let stop = code
+        .board(0, BoardConfig::default())
+        .run_until(1_000_000)
+        .unwrap_err();
+    assert_eq!(
+        stop.kind,
+        StopKind::Unclocked {
+            what: "TIM2_ARR".to_owned(),
+            address: 0x4000_002C,
+            written: Some(999)
+        }
+    );
+}
+
+#[test]
+fn too_fast_for_the_wait_states_stops() {
+    let mut code = Code::default();
+    code.store(0x4002_3804, 1 << 22 | 168 << 6 | 4); // 8 / 4 x 168 / 2 = 168 MHz
+    code.store(0x4002_3800, 0x83 | 5 << 16 | 1 << 24);
+    code.load(2, 4000);
+    let wait = code.here();
+    code.0.push(0x3A01); // SUBS r2, #1
+    code.0
+        .push(0xD100 | ((wait as i32 - code.here() as i32 - 4) / 2) as u16 & 0xFF); // BNE
+    code.store(0x4002_3808, 2 | 5 << 10 | 4 << 13);
+    code.branch_to_itself();
+    let stop = code
+        .board(0, BoardConfig::default())
+        .run_until(10_000_000)
+        .unwrap_err();
+    assert!(
+        matches!(&stop.kind, StopKind::Clock(what) if what.contains("wait states")),
+        "{stop}"
+    );
+}
+
+/// Starts the watchdog with 50 ms at 32 kHz, counts its starts in RAM and sleeps.
+fn watched_program() -> Code {
+    let mut code = Code::default();
+    code.count(RAM);
+    code.read(0x4002_3874); // RCC_CSR
+    code.load(0, RAM + 4);
+    code.0.push(0x6001);
+    for (offset, value) in [(0, 0x5555), (4, 0), (8, 399), (0, 0xCCCC)] {
+        code.store(0x4000_3000 + offset, value);
+    }
+    let sleep = code.here();
+    code.wait_for_event();
+    code.branch(sleep);
+    code
+}
+
+#[test]
+fn the_watchdog_resets_a_sleeping_core() {
+    let mut board = watched_program().board(0, BoardConfig::default());
+    board.run_until(49_900_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(1));
+    assert_eq!(
+        board.read_word(RAM + 4).unwrap() >> 25,
+        0b111,
+        "POR, PIN, BOR"
+    );
+    board.run_until(50_100_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(2), "RAM survives");
+    assert_eq!(board.reset_cause(), ResetCause::Watchdog);
+    assert_ne!(board.read_word(RAM + 4).unwrap() & 1 << 29, 0, "IWDGRSTF");
+    board.run_until(1_000_000_000).unwrap();
+    assert_eq!(board.resets(), 19);
+}
+
+#[test]
+fn a_slow_watchdog_oscillator_waits_longer() {
+    let config = BoardConfig {
+        lsi_hz: 17_000,
+        ..BoardConfig::default()
+    };
+    let mut board = watched_program().board(0, config);
+    board.run_until(94_000_000).unwrap();
+    assert_eq!(board.resets(), 0);
+    board.run_until(94_300_000).unwrap();
+    assert_eq!(board.resets(), 1);
+}
+
+#[test]
+fn software_reset() {
+    let mut code = Code::default();
+    code.count(RAM);
+    code.store(0xE000_ED0C, 0x05FA_0004); // AIRCR.SYSRESETREQ
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.run_until(1_000_000).unwrap();
+    assert!(board.resets() > 1);
+    assert_eq!(board.reset_cause(), ResetCause::Software);
+}
+
+#[test]
+fn a_fault_without_a_handler_locks_up() {
+    let mut code = Code::default();
+    code.read(0x6000_0000);
+    code.branch_to_itself();
+    // The handler's address faults as well.
+    let stop = code
+        .board(0x7000_0000, BoardConfig::default())
+        .run_until(1_000_000)
+        .unwrap_err();
+    assert_eq!(stop.kind, StopKind::LockedUp);
+}
+
+#[test]
+fn the_core_waits_while_its_flash_is_erased() {
+    let mut code = Code::default();
+    code.store(0x4002_3C04, 0x4567_0123);
+    code.store(0x4002_3C04, 0xCDEF_89AB);
+    code.store(0x4002_3C10, 2 | 1 << 3 | 2 << 8 | 1 << 16); // sector 1, x32, start
+    code.count(RAM);
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.run_until(249_900_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(0), "stalled for 250 ms");
+    board.run_until(250_100_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(1));
+    assert_eq!(board.read_word(0x0800_4000), Some(0xFFFF_FFFF));
+}
+
+#[test]
+fn a_watchdog_can_cut_an_erase_short() {
+    let mut code = Code::default();
+    code.count(RAM);
+    for (offset, value) in [(0, 0x5555), (4, 0), (8, 399), (0, 0xCCCC)] {
+        code.store(0x4000_3000 + offset, value);
+    }
+    code.store(0x4002_3C04, 0x4567_0123);
+    code.store(0x4002_3C04, 0xCDEF_89AB);
+    code.store(0x4002_3C10, 2 | 1 << 3 | 2 << 8 | 1 << 16);
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.run_until(120_000_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(3));
+}
+
+#[test]
+fn an_input_edge_interrupts() {
+    let mut code = Code::default();
+    code.store(RCC_APB2ENR, 1 << 14);
+    code.store(0x4001_3808, 1); // EXTI0 from port B
+    code.store(0x4001_3C08, 1); // rising
+    code.store(0x4001_3C00, 1);
+    code.store(NVIC_ISER0, 1 << 6);
+    let sleep = code.here();
+    code.wait_for_event();
+    code.branch(sleep);
+    let handler = code.here();
+    code.store(0x4001_3C14, 1);
+    code.count(RAM);
+    code.ret();
+    let mut board = code.board(handler, BoardConfig::default());
+    board.set_input(Port::B, 0, false);
+    board.run_until(1_000_000).unwrap();
+    assert_eq!(
+        board.next_event_ns(),
+        None,
+        "asleep, and nothing will happen by itself"
+    );
+    for (t, level, count) in [(2, true, 1), (3, false, 1), (4, true, 2)] {
+        board.set_input(Port::B, 0, level);
+        board.run_until(t * 1_000_000).unwrap();
+        assert_eq!(board.read_word(RAM), Some(count));
+    }
+}
+
+/// TIM1 channel 1 at 25 % with a break input, PA8 in a given mode.
+fn pwm_board(moder: u32) -> Board {
+    let mut code = Code::default();
+    code.store(RCC_AHB1ENR, 3);
+    code.store(RCC_APB2ENR, 1);
+    code.store(GPIOA, moder);
+    code.store(GPIOA + 0x24, 1); // AF1 on PA8
+    code.store(GPIOB, 2 << 24);
+    code.store(GPIOB + 0x24, 1 << 16); // AF1 on PB12
+    for (offset, value) in [
+        (0x2C, 799),
+        (0x34, 200),
+        (0x18, 0x60),
+        (0x20, 1),
+        (0x44, 0xB000), // MOE, BKE, BKP
+        (0x00, 1),
+    ] {
+        code.store(0x4001_0000 + offset, value);
+    }
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.set_input(Port::B, 12, false);
+    board.run_until(1_000_000).unwrap();
+    board
+}
+
+#[test]
+fn pwm_reaches_the_pin_only_in_its_alternate_function() {
+    let state = pwm_board(2 << 16).pwm(1, 1);
+    assert_eq!(
+        (state.duty, state.period_ns, state.active),
+        (0.25, 50_000, true)
+    );
+    for moder in [0, 1 << 16, 3 << 16] {
+        let board = pwm_board(moder);
+        assert!(!board.pwm(1, 1).active, "MODER {moder:#x}");
+        assert_eq!(board.pwm(1, 1).duty, 0.0);
+    }
+}
+
+#[test]
+fn the_break_input_cuts_pwm_without_an_instruction() {
+    let mut board = pwm_board(2 << 16);
+    board.set_input(Port::B, 12, true);
+    assert!(!board.pwm(1, 1).active);
+    board.set_input(Port::B, 12, false);
+    assert!(!board.pwm(1, 1).active, "it stays off");
+    assert_eq!(board.output(Port::A, 8), PinLevel::Floating);
+}
+
+#[test]
+fn frames_leave_when_they_are_requested() {
+    let mut code = Code::default();
+    code.store(RCC_AHB1ENR, 2);
+    code.store(RCC_APB1ENR, 1 << 25);
+    code.store(GPIOB, 2 << 16 | 2 << 18);
+    code.store(GPIOB + 0x24, 9 | 9 << 4);
+    // 16 MHz / 1 / (1 + 13 + 2) = 1 Mbit/s.
+    for (offset, value) in [(0, 1), (0x1C, 12 << 16 | 1 << 20), (0, 0)] {
+        code.store(0x4000_6400 + offset, value);
+    }
+    code.load(2, 1000);
+    let wait = code.here();
+    code.0.push(0x3A01);
+    code.0
+        .push(0xD100 | ((wait as i32 - code.here() as i32 - 4) / 2) as u16 & 0xFF);
+    for (offset, value) in [(0x184, 2), (0x188, 0xBBAA), (0x180, 0x123 << 21 | 1)] {
+        code.store(0x4000_6400 + offset, value);
+    }
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    let t = board.run_until_request(100_000_000).unwrap();
+    // 1000 times 4 cycles of waiting at 16 MHz, and some 100 cycles of set-up.
+    assert!((250_000..260_000).contains(&t), "{t} ns");
+    let mut can = board.can();
+    assert_eq!(can.bit_rate(), Some(1_000_000));
+    assert_eq!(can.sample_point(), 0.875);
+    assert_eq!(can.pending(), CanFrame::new(0x123, &[0xAA, 0xBB]));
+    assert!(t.abs_diff(can.pending_since_ns().unwrap()) < 500);
+    can.begin().unwrap();
+    can.transmitted();
+    assert_eq!(can.pending(), None);
+}
