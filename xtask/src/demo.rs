@@ -69,6 +69,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             compensation,
             elf: elf.as_deref(),
             candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
+            log: elf
+                .is_some()
+                .then(|| folder.join(format!("compensation-{word}.robots.log"))),
             abort: omnibus::abort::Abort::default(),
         };
         let run = drive::simulated(&drive, &mut |done, phase| {
