@@ -75,3 +75,7 @@ pub use platform::Platform;
 pub use roller::Rollers;
 pub use slip::Suspect;
 pub use wheel::{Wheel, roller_angle_correction};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
