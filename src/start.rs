@@ -1,5 +1,7 @@
 //! Start-up: board, identity, what the last run left behind, tasks.
 
+use core::mem::MaybeUninit;
+
 use canopen::NodeId;
 use controller::{BusSide, Identity};
 use defmt::unwrap;
@@ -15,6 +17,12 @@ const FIRST_NODE: u8 = 2;
 
 /// A few kilobytes that are better never moved over the stack.
 static BUS_SIDE: StaticCell<BusSide> = StaticCell::new();
+
+/// Makes the bus side where it stays. Not inlined, so that the stack it takes is given back.
+#[inline(never)]
+fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'static mut BusSide {
+    place.write(BusSide::new(identity))
+}
 
 /// Starts everything; never returns.
 pub fn start() -> ! {
@@ -36,7 +44,7 @@ pub fn start() -> ! {
         reset_cause: board.reset_cause as u8,
         ..Identity::new(unwrap!(NodeId::new(node)), board.serial)
     };
-    let side = BUS_SIDE.init_with(|| BusSide::new(identity));
+    let side = place(BUS_SIDE.uninit(), identity);
     side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
     match (crash, by_watchdog) {
         (Some(_), _) => side.on_fault(now(), Fault::Crash),

@@ -11,10 +11,10 @@ use crate::{
     PdoConfig, RpdoSet,
 };
 
-/// How many receive PDOs a device can have.
-pub const MAX_RPDO: usize = 20;
+/// How many receive PDOs a device can have: each takes some 130 bytes of RAM, used or not.
+pub const MAX_RPDO: usize = 4;
 
-const MAX_RPDO_NUMBER: u8 = 20;
+const MAX_RPDO_NUMBER: u8 = 4;
 const _: () = assert!(MAX_RPDO == MAX_RPDO_NUMBER as usize && MAX_RPDO <= 32);
 
 /// No frame has this identifier.
