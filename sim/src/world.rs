@@ -56,7 +56,7 @@ impl Default for Options {
             motor_step_ns: 100_000,
             truth_period_ns: 10_000_000,
             load_window_ns: 100_000_000,
-            threads: 0,
+            threads: 1,
             start: Pose {
                 x: 0.0,
                 y: 0.0,
