@@ -1,56 +1,149 @@
-//! The bus task: frames in, frames out.
+//! The bus task: CAN frames into the controller's bus side and its frames out, in order.
+//!
+//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one, and
+//! in any case every 2 ms. Each turn it hands over the control side's latest report, then the frames in the order they
+//! were received, each with the time its interrupt noted, and leaves the command that results. A frame that finds no
+//! free mailbox waits here; the others wait in the bus side's own queues, and when one of those is full the bus side
+//! counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to the bus side as
+//! a fault. Events are logged; nothing is decided here.
 
-use embassy_futures::select::{Either, select};
+use core::future::pending;
+
+use canopen::{Frame, NmtState};
+use controller::{BusSide, Event, State};
+use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
+use protocol::Fault;
 
-use crate::board::can::{Can, Frame};
-use crate::handover::BUS_PROGRESS;
+use crate::board::can::{Can, Health};
+use crate::board::now;
+use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, REPORT, SYNC};
 use crate::led::{self, Pattern};
 
-/// Sends a heartbeat every 100 ms and echoes nothing else.
+/// Longest time between two turns.
+const LONGEST_WAIT: Duration = Duration::from_millis(2);
+
+/// Shortest wait for a deadline: a deadline that stays in the past must not keep the other tasks from running.
+const SHORTEST_WAIT: Duration = Duration::from_micros(50);
+
+/// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
-pub async fn bus(mut can: Can, node: u8) {
-    let mut heartbeat = Frame {
-        id: 0x700 + u16::from(node),
-        length: 1,
-        data: [0; 8],
-    };
-    let _ = can.try_send(&heartbeat);
-    heartbeat.data[0] = 0x7F;
-    let mut next = Instant::now();
-    let mut received: u32 = 0;
+pub async fn bus(mut can: Can, side: &'static mut BusSide) {
+    let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        BUS_PROGRESS.made();
-        let tick = Instant::now() + Duration::from_millis(2);
-        match select(can.receive(), Timer::at(tick)).await {
-            Either::First(frame) => {
-                received += 1;
-                if received == 1 {
-                    defmt::info!(
-                        "first frame {=u16:#x} at {=u64} us",
-                        frame.frame.id,
-                        frame.at.as_micros()
-                    );
+        let woken = {
+            let mailbox = async {
+                match waiting {
+                    Some(_) => can.mailbox_free().await,
+                    None => pending().await,
                 }
-            }
-            Either::Second(()) => {}
+            };
+            select3(can.receive(), Timer::at(deadline(side)), mailbox).await
+        };
+
+        if let Some(report) = REPORT.get() {
+            side.on_report(&report);
         }
-        if Instant::now() >= next {
-            next += Duration::from_millis(100);
-            let now = can.health();
-            led::show(if now.bus_off {
-                Pattern::Flickering
-            } else {
-                Pattern::Blinking
-            });
-            if now != health {
-                defmt::warn!("{}", now);
-                health = now;
-            }
-            if !can.try_send(&heartbeat) {
-                can.mailbox_free().await;
+        let mut received = match woken {
+            Either3::First(received) => Some(received),
+            Either3::Second(()) | Either3::Third(()) => can.try_receive(),
+        };
+        while let Some(frame) = received {
+            side.on_frame(frame.at, &frame.frame);
+            received = can.try_receive();
+        }
+        side.poll(now());
+        supervise(&can, &mut health, side);
+
+        if let Some(configuration) = side.take_configuration() {
+            CONFIGURATION.signal(configuration);
+        }
+        COMMAND.put(side.command());
+        while let Some(frame) = waiting.take().or_else(|| side.pop_frame()) {
+            if !can.try_send(&frame) {
+                waiting = Some(frame);
+                break;
             }
         }
+        while let Some(event) = side.pop_event() {
+            note(event);
+        }
+        led::show(pattern(side, health.bus_off));
+        BUS_PROGRESS.made();
+    }
+}
+
+/// When the bus task has to come round again.
+fn deadline(side: &BusSide) -> Instant {
+    let now = Instant::now();
+    let asked = side
+        .next_deadline()
+        .map_or(Instant::MAX, |at| Instant::from_micros(at.0));
+    asked.clamp(now + SHORTEST_WAIT, now + LONGEST_WAIT)
+}
+
+/// Passes on what the CAN controller complains about.
+fn supervise(can: &Can, last: &mut Health, side: &mut BusSide) {
+    let health = can.health();
+    if health == *last {
+        return;
+    }
+    defmt::warn!("{}", health);
+    if health.lost() != last.lost() {
+        side.on_fault(now(), Fault::ReceiveOverrun);
+    }
+    if health.bus_off && !last.bus_off {
+        side.on_fault(now(), Fault::BusOff);
+    }
+    side.counters_mut().can_errors = health.lost();
+    *last = health;
+}
+
+/// Logs an event; a SYNC is handed to the control side instead.
+fn note(event: Event) {
+    match event {
+        Event::Sync { at, .. } => SYNC.put(at),
+        Event::Nmt(state) => defmt::info!("NMT {=str}", nmt_name(state)),
+        Event::Fault(fault) => {
+            defmt::error!("fault {=u16:#06x} {=str}", fault.code(), fault.name());
+        }
+        Event::State { from, to } => {
+            defmt::info!("{=str} -> {=str}", state_name(from), state_name(to));
+        }
+        _ => {}
+    }
+}
+
+fn nmt_name(state: NmtState) -> &'static str {
+    match state {
+        NmtState::Initialising => "initialising",
+        NmtState::PreOperational => "pre-operational",
+        NmtState::Operational => "operational",
+        NmtState::Stopped => "stopped",
+    }
+}
+
+fn state_name(state: State) -> &'static str {
+    match state {
+        State::Ready => "ready",
+        State::Armed => "armed",
+        State::Moving => "moving",
+        State::Alone => "alone",
+        State::Ramping(_) => "ramping",
+        State::Faulted(_) => "faulted",
+    }
+}
+
+fn pattern(side: &BusSide, bus_off: bool) -> Pattern {
+    if bus_off {
+        return Pattern::Flickering;
+    }
+    match (side.state().fault(), side.nmt_state()) {
+        (Some(Fault::EmergencyStop), _) => Pattern::DoubleFlash,
+        (Some(_), _) => Pattern::TripleFlash,
+        (None, NmtState::Operational) => Pattern::On,
+        (None, NmtState::Stopped) => Pattern::SingleFlash,
+        (None, NmtState::Initialising | NmtState::PreOperational) => Pattern::Blinking,
     }
 }

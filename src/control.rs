@@ -1,27 +1,55 @@
-//! The control task: 1 kHz.
+//! The control task: a thousand times a second from encoders to PWM.
+//!
+//! It runs on the control executor, above everything but time and CAN reception, and is the only one that touches
+//! the motor outputs and the brake. Each tick reads the encoders and the stop and fault inputs, takes the bus side's
+//! latest command, lets the controller decide, sets the outputs and leaves a report. Then it sleeps until the tick
+//! that the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. When a
+//! tick cannot start in time it starts late, and the lateness is noted; ticks that have passed altogether are not
+//! made up for.
 
+use controller::{ControlSide, Inputs, TickPhase};
 use embassy_stm32::gpio::Input;
-use embassy_time::{Duration, Instant, Timer};
+use embassy_time::{Instant, Timer};
 
-use crate::board::Encoders;
 use crate::board::drive::Drive;
-use crate::handover::{CONTROL_LATENESS, CONTROL_PROGRESS};
+use crate::board::{Encoders, now};
+use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, CONTROL_PROGRESS, REPORT, SYNC};
 
-/// Reads the encoders and holds the outputs safe.
+/// Turns commands and encoder counts into motor outputs.
 #[embassy_executor::task]
 pub async fn control(mut drive: Drive, encoders: Encoders, driver_fault: Input<'static>) {
-    let mut next = Instant::now();
+    let mut side = ControlSide::new();
+    let mut phase = TickPhase::new();
+    let mut due = phase.next(now());
     loop {
-        next += Duration::from_millis(1);
-        Timer::at(next).await;
-        let _ = (
-            encoders.counts(),
-            drive.emergency_stop(),
-            driver_fault.is_low(),
+        Timer::at(Instant::from_micros(due.0)).await;
+        let begin = now();
+        if let Some(configuration) = CONFIGURATION.try_take() {
+            phase = TickPhase::with_period(configuration.times.sync_period_us);
+            side.configure(configuration);
+        }
+        let inputs = Inputs {
+            encoder_counts: encoders.counts(),
+            emergency_stop: drive.emergency_stop(),
+            driver_fault: driver_fault.is_low(),
+            supply: None,
+        };
+        let outputs = side.tick(begin, &COMMAND.get().unwrap_or_default(), &inputs);
+        drive.set(
+            outputs.duty,
+            outputs.drivers_enabled,
+            outputs.brake_released,
         );
-        drive.set([0.0; 4], false, false);
+        REPORT.put(side.report());
+
+        CONTROL_LATENESS.note(begin.since(due));
         CONTROL_PROGRESS.made();
-        CONTROL_LATENESS
-            .note(u32::try_from((Instant::now() - next).as_micros()).unwrap_or(u32::MAX));
+        if let Some(sync) = SYNC.get() {
+            phase.on_sync(sync);
+        }
+        due = phase.next(due);
+        if due <= now() {
+            due = phase.next(now());
+        }
     }
 }

@@ -25,7 +25,7 @@ pub async fn health() {
             defmt::info!("stack: {=usize} of {=usize} bytes used", used, size);
             stack_worst = used;
         }
-        let late_us = CONTROL_LATENESS.take();
+        let late_us = CONTROL_LATENESS.take_us();
         if late_us > late_worst_us {
             defmt::warn!("control tick {=u32} us late", late_us);
             late_worst_us = late_us;

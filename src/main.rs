@@ -1,4 +1,29 @@
-//! The firmware of one robot.
+//! The firmware of one robot: tasks that connect a board to the `controller`.
+//!
+//! Two executors. The bus side shares one in thread mode; the control side has its own in an interrupt and preempts
+//! all of it (`board::executors` has the priorities). Every decision is made in `controller`; every register is in
+//! `board`; here is only what wakes when, and what passes between.
+//!
+//! | task | executor | wakes | does |
+//! |---|---|---|---|
+//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 2 ms | CANopen, agreement, state machine |
+//! | [`watchdog`] | bus | every 10 ms | feeds the watchdog while bus and control both come round |
+//! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
+//! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
+//! | [`control`] | control | every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake |
+//!
+//! | from | to | channel | can overflow | then |
+//! |---|---|---|---|---|
+//! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
+//! | bus | CAN mailboxes | one frame waiting, then the queues of `controller` | those, yes | newest dropped, counted |
+//! | bus | control | [`handover`]: command, configuration, SYNC time | no, the latest wins | |
+//! | control | bus | [`handover`]: report | no, the latest wins | |
+//! | bus, control | watchdog | [`handover`]: counts | no | no progress in both: not fed, reset |
+//! | bus | led | pattern | no, the latest wins | |
+//! | control | health | [`handover`]: worst lateness | no | |
+//! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it |
+//!
+//! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -14,43 +39,21 @@ mod health;
 #[cfg(target_os = "none")]
 mod led;
 #[cfg(target_os = "none")]
+mod start;
+#[cfg(target_os = "none")]
 mod watchdog;
 
 #[cfg(target_os = "none")]
-use {defmt_rtt as _, embassy_executor as _};
+use defmt_rtt as _;
 
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    use board::{Board, executors, post_mortem};
-    use defmt::unwrap;
-
-    let board = Board::new();
-    defmt::info!(
-        "reset: {}, node {=u8}, uid {=[u8]:02x}",
-        board.reset_cause,
-        2 + board.node_switches,
-        board.uid
-    );
-    if let Some(failure) = post_mortem::take() {
-        defmt::error!("the last run ended with {}", failure);
-    }
-
-    executors::start_control().spawn(unwrap!(control::control(
-        board.drive,
-        board.encoders,
-        board.driver_fault
-    )));
-    executors::bus().run(|bus| {
-        bus.spawn(unwrap!(bus::bus(board.can, 2 + board.node_switches)));
-        bus.spawn(unwrap!(watchdog::watchdog(board.watchdog)));
-        bus.spawn(unwrap!(led::led(board.led)));
-        bus.spawn(unwrap!(health::health()));
-    })
+    start::start()
 }
 
-/// On the host the firmware is an empty program, so that the workspace builds as a whole.
+/// Says what this is good for.
 #[cfg(not(target_os = "none"))]
 fn main() {
-    eprintln!("This is the firmware; build it with --target thumbv7em-none-eabihf.");
+    eprintln!("This is the firmware of a robot; build it with --target thumbv7em-none-eabihf.");
 }

@@ -80,8 +80,9 @@ impl SyncClock {
         let periods = whole(periods + 0.5);
         let expected_us = self.rest_us + f32::from(periods) * (period_us + self.drift_us);
         let error_us = elapsed_us - expected_us;
-        let believed = MAX_DRIFT * period_us;
-        self.drift_us = (self.drift_us + PERIOD_GAIN * error_us).clamp(-believed, believed);
+        // Constant bounds: `clamp` checks any others, and its message would format floats, 17 KiB of it.
+        let drift = (self.drift_us + PERIOD_GAIN * error_us) / period_us;
+        self.drift_us = drift.clamp(-MAX_DRIFT, MAX_DRIFT) * period_us;
         let moved_us = expected_us + PHASE_GAIN * error_us;
         let whole_us = whole_us(moved_us);
         self.rest_us = moved_us - whole_us as f32;

@@ -119,19 +119,30 @@ pub(crate) const fn device(identity: &Identity) -> Device {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::{Address, entry};
+    use protocol::pdos::PDOS;
 
     #[test]
-    fn every_pdo_is_eight_bytes_of_mappable_objects() {
-        for pdo in RPDOS.iter().chain(&TPDOS) {
-            let mut bits = 0;
-            for mapping in pdo.mapping {
-                let entry = entry(Address::new(mapping.index, mapping.sub)).unwrap();
-                assert!(entry.mappable);
-                assert_eq!(entry.kind.bytes() * 8, mapping.bits);
-                bits += u32::from(mapping.bits);
+    fn pdos_are_those_of_the_table() {
+        let all = [(true, &RPDOS[..]), (false, &TPDOS[..])];
+        for (receive, pdos) in all {
+            let declared = PDOS.iter().filter(|pdo| pdo.receive == receive);
+            assert_eq!(declared.clone().count(), pdos.len());
+            for (declared, pdo) in declared.zip(pdos) {
+                let cob_id = if declared.broadcast {
+                    CobId::Fixed(declared.cob_base)
+                } else {
+                    CobId::PlusNode(declared.cob_base)
+                };
+                assert_eq!(pdo.cob_id, cob_id);
+                let mapping: std::vec::Vec<Mapping> = declared
+                    .objects()
+                    .map(|object| {
+                        let address = object.address;
+                        Mapping::new(address.index, address.sub, object.kind.bytes() * 8)
+                    })
+                    .collect();
+                assert_eq!(pdo.mapping, mapping, "{}", declared.name);
             }
-            assert_eq!(bits, 64);
         }
     }
 }

@@ -25,6 +25,7 @@ use crate::stop::{Stop, StopKind};
 use crate::system::gpio::{PinLevel, Port};
 use crate::system::{flash, rcc};
 use crate::timer::PwmState;
+use crate::trace::{Trace, Traced};
 
 /// What differs from board to board.
 #[derive(Debug, Clone, PartialEq)]
@@ -499,6 +500,36 @@ impl Board {
             _ => (&self.flash, 0),
         };
         store.read_at(u64::from(address - base), to).ok()
+    }
+
+    /// Begins to record what the outputs do, from the present state on.
+    pub fn start_trace(&mut self) {
+        self.shared.with(|soc| {
+            soc.trace = Some(Box::default());
+            soc.settle();
+            if let Some(trace) = &mut soc.trace {
+                trace.changes.clear();
+            }
+        });
+    }
+
+    /// Changes recorded since the last call, in order.
+    pub fn take_trace(&mut self) -> Vec<Traced> {
+        self.shared.look(|soc| {
+            let changes = soc
+                .trace
+                .as_mut()
+                .map(|trace: &mut Box<Trace>| std::mem::take(&mut trace.changes));
+            let clock = &soc.clock;
+            changes
+                .into_iter()
+                .flatten()
+                .map(|(cycle, change)| Traced {
+                    t_ns: clock.world_ns(cycle),
+                    change,
+                })
+                .collect()
+        })
     }
 
     /// Begins to count instructions per function; slower by about half.

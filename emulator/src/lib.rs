@@ -42,6 +42,7 @@ mod soc;
 mod stop;
 pub mod system;
 pub mod timer;
+mod trace;
 
 pub use board::{Board, BoardConfig, ResetCause};
 pub use can::{CanError, CanFrame, CanId, CanPort};
@@ -50,3 +51,4 @@ pub use rtt::{Level, LogLine};
 pub use stop::{Stop, StopKind};
 pub use system::gpio::{PinLevel, Port};
 pub use timer::PwmState;
+pub use trace::{Change, Traced};

@@ -20,6 +20,7 @@ use crate::system::pins::{self, Route};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::timer::{Kind, PwmState, Timer};
+use crate::trace::{PWM_TIMERS, Trace};
 
 /// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze registers.
 pub(crate) const DBGMCU: u32 = 0xE004_2000;
@@ -45,6 +46,8 @@ pub(crate) struct Soc {
     pub(crate) irq: IrqLines,
     pub(crate) next_event: u64,
     pub(crate) stop: Option<StopKind>,
+    /// Record of the outputs, while one is made.
+    pub(crate) trace: Option<Box<Trace>>,
     /// A reset that a peripheral asks for, as bits of RCC_CSR.
     pub(crate) reset_request: u32,
 }
@@ -82,6 +85,7 @@ impl Soc {
             irq: [0; 4],
             next_event: u64::MAX,
             stop: None,
+            trace: None,
             reset_request: 0,
         }
     }
@@ -472,6 +476,10 @@ impl Soc {
 
     /// Works out the interrupt lines and the time of the next event.
     pub(crate) fn settle(&mut self) {
+        if let Some(mut trace) = self.trace.take() {
+            self.record(&mut trace);
+            self.trace = Some(trace);
+        }
         self.irq = [0; 4];
         let mut line = |number: u16, on: bool| {
             self.irq[usize::from(number / 32)] |= u32::from(on) << (number % 32);
@@ -515,7 +523,26 @@ impl Soc {
         {
             next = next.min(self.clock.cycle_at_local(at_ps));
         }
+        if self.trace.is_some() {
+            let loads = self.timers.iter().filter_map(Timer::next_load);
+            next = next.min(loads.min().unwrap_or(u64::MAX));
+        }
         self.next_event = next;
+    }
+
+    /// Compares all outputs with the record.
+    fn record(&mut self, trace: &mut Trace) {
+        for (index, timer) in PWM_TIMERS.into_iter().enumerate() {
+            for channel in 1..=4 {
+                trace.pwm(self.now, index, channel, self.pwm(timer, channel));
+            }
+        }
+        for port in Port::ALL {
+            for pin in 0..16 {
+                trace.pin(self.now, port, pin, self.gpio[port as usize].driven(pin));
+            }
+        }
+        trace.request(self.can.requests(), self.can.latest_request());
     }
 }
 

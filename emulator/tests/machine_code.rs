@@ -2,7 +2,9 @@
 //!
 //! [`Code`] knows the handful of encodings that are used (ARMv7-M Architecture Reference Manual, section A7.7).
 
-use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, ResetCause, StopKind};
+use emulator::{
+    Board, BoardConfig, CanFrame, Change, Firmware, PinLevel, Port, ResetCause, StopKind,
+};
 
 const RCC_AHB1ENR: u32 = 0x4002_3830;
 const RCC_APB1ENR: u32 = 0x4002_3840;
@@ -449,4 +451,49 @@ fn frames_leave_when_they_are_requested() {
     can.begin().unwrap();
     can.transmitted();
     assert_eq!(can.pending(), None);
+}
+
+#[test]
+fn a_preloaded_duty_is_traced_when_it_takes_effect() {
+    let mut code = Code::default();
+    code.store(RCC_AHB1ENR, 1);
+    code.store(RCC_APB2ENR, 1);
+    code.store(GPIOA, 2 << 16);
+    code.store(GPIOA + 0x24, 1);
+    for (offset, value) in [
+        (0x2C, 15_999), // 1 ms at 16 MHz
+        (0x18, 0x68),
+        (0x20, 1),
+        (0x44, 0x8000),
+        (0x14, 1),
+        (0x00, 1),
+        (0x34, 4_000),
+    ] {
+        code.store(0x4001_0000 + offset, value);
+    }
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.start_trace();
+    board.run_until(3_000_000).unwrap();
+    let duties: Vec<_> = board
+        .take_trace()
+        .into_iter()
+        .filter_map(|traced| match traced.change {
+            Change::Pwm {
+                timer: 1,
+                channel: 1,
+                state,
+            } => Some((traced.t_ns, state.duty)),
+            _ => None,
+        })
+        .collect();
+    let (written, zero) = duties[duties.len() - 2];
+    let (taken, quarter) = duties[duties.len() - 1];
+    assert_eq!((zero, quarter), (0.0, 0.25));
+    // The period began when the counter was started, a few instructions before the compare value was written.
+    assert!(
+        (990_000..1_000_400).contains(&(taken - written)),
+        "{}",
+        taken - written
+    );
 }

@@ -144,3 +144,24 @@ impl fmt::Display for RangeError {
 }
 
 impl core::error::Error for RangeError {}
+
+/// Why members do not make a group.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum GroupError {
+    /// There are none.
+    Empty,
+    /// What their wheels tell about the group's motion cannot be inverted.
+    Undetermined,
+}
+
+impl fmt::Display for GroupError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Empty => "a group needs at least one member",
+            Self::Undetermined => "the members' wheels do not determine the group's motion",
+        })
+    }
+}
+
+impl core::error::Error for GroupError {}

@@ -53,6 +53,12 @@ impl<S: Real> Twist<S> {
         Self { vx, vy, omega }
     }
 
+    /// Translation only, m/s: the motion of equations (14) and (21).
+    #[must_use]
+    pub const fn translation(vx: S, vy: S) -> Self {
+        Self::new(vx, vy, S::ZERO)
+    }
+
     /// The same velocity, given in the world frame, seen from a body with this heading (rad).
     #[must_use]
     pub fn to_body(self, heading: S) -> Self {

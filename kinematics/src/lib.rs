@@ -45,11 +45,14 @@ mod error;
 mod folded;
 mod four_wheel;
 mod frame;
+mod group;
 mod member;
 mod mount;
 mod odometry;
 pub mod paper;
 mod platform;
+mod roller;
+mod slip;
 pub mod trajectory;
 mod wheel;
 
@@ -60,12 +63,19 @@ pub use compensation::{
     estimate,
 };
 pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
-pub use error::{CompensationError, GeometryError, MountError, RangeError};
+pub use error::{CompensationError, GeometryError, GroupError, MountError, RangeError};
 pub use folded::WheelKinematics;
 pub use four_wheel::{FourWheelGeometry, WheelRates, desaturate};
 pub use frame::{Pose, Twist};
+pub use group::{Configuration, Disagreement, Group, Member, group_scale};
 pub use member::MemberKinematics;
 pub use mount::Mount;
 pub use odometry::{Odometry, UncertainOdometry};
 pub use platform::Platform;
-pub use wheel::Wheel;
+pub use roller::Rollers;
+pub use slip::Suspect;
+pub use wheel::{Wheel, roller_angle_correction};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

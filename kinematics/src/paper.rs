@@ -130,7 +130,7 @@ pub fn eq_03<S: Real>(wheel: PaperWheel<S>) -> [S; 3] {
         gamma,
         radius,
     } = wheel;
-    let gain = -S::one() / (radius * gamma.sin());
+    let gain = -S::ONE / (radius * gamma.sin());
     let sum = alpha + beta + gamma;
     [
         gain * sum.cos(),
@@ -143,16 +143,16 @@ pub fn eq_03<S: Real>(wheel: PaperWheel<S>) -> [S; 3] {
 #[must_use]
 pub fn rotation<S: Real>(theta: S) -> Matrix3<S> {
     let (sin, cos) = theta.sin_cos();
-    let (zero, one) = (S::zero(), S::one());
+    let (zero, one) = (S::ZERO, S::ONE);
     [[cos, sin, zero], [-sin, cos, zero], [zero, zero, one]]
 }
 
 /// The Jacobian of equation (6), rows for wheels 1 to 4, any roller angle.
 #[must_use]
 pub fn eq_06<S: Real>(geometry: &FourWheelGeometry<S>) -> [[S; 3]; 4] {
-    let cot = S::one() / geometry.roller_angle().tan();
+    let cot = S::ONE / geometry.roller_angle().tan();
     let arm = geometry.half_track() + geometry.half_wheelbase() * cot;
-    let gain = -S::one() / geometry.wheel_radius();
+    let gain = -S::ONE / geometry.wheel_radius();
     [
         [gain * -cot, gain, gain * arm],
         [gain * cot, gain, gain * -arm],
@@ -165,7 +165,7 @@ pub fn eq_06<S: Real>(geometry: &FourWheelGeometry<S>) -> [[S; 3]; 4] {
 #[must_use]
 pub fn eq_11<S: Real>(delta: S, distance: S, psi: S) -> Matrix3<S> {
     let (sin, cos) = delta.sin_cos();
-    let (zero, one) = (S::zero(), S::one());
+    let (zero, one) = (S::ZERO, S::ONE);
     [
         [cos, sin, distance * (delta - psi).sin()],
         [-sin, cos, distance * (delta - psi).cos()],
@@ -176,6 +176,13 @@ pub fn eq_11<S: Real>(delta: S, distance: S, psi: S) -> Matrix3<S> {
 /// `C_j` of equation (18): lateral (f), longitudinal (g), yaw (u).
 #[must_use]
 pub fn eq_18<S: Real>(f: S, g: S, u: S) -> Matrix3<S> {
-    let zero = S::zero();
+    let zero = S::ZERO;
     [[f, zero, zero], [zero, g, zero], [zero, zero, u]]
+}
+
+/// The paper's relative error of displacement (its RED, in Tables 6 and 9): the mean of the largest displacements either
+/// way over the nominal one, less 1.
+#[must_use]
+pub fn relative_displacement_error<S: Real>(most: S, least: S, nominal: S) -> S {
+    (most.abs() + least.abs()) / (nominal + nominal) - S::ONE
 }

@@ -7,8 +7,21 @@
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
+use crate::frame::Twist;
 
 /// A Mecanum wheel: where it is, how it is mounted, how its rollers stand.
+///
+/// ```
+/// use mecanum_kinematics::Wheel;
+///
+/// // Front left on the usual robot: 0.35 m ahead, 0.37 m left, rollers at 45 degrees.
+/// let wheel = Wheel::new(0.35, 0.37, 0.0, 45_f64.to_radians(), 0.1524)?;
+/// let [vx, vy, omega] = wheel.jacobian_row();
+/// assert!((vx * 0.1524 - 1.0).abs() < 1e-12); // 1 m/s forward: 1/r
+/// assert!((vy * 0.1524 + 1.0).abs() < 1e-12); // 1 m/s to the left: -1/r
+/// assert!((omega * 0.1524 + 0.72).abs() < 1e-12);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wheel<S = f32> {
     x: S,
@@ -75,6 +88,12 @@ impl<S: Real> Wheel<S> {
         }
     }
 
+    /// Whether a positive rate rolls against the mounting angle.
+    #[must_use]
+    pub const fn is_reversed(&self) -> bool {
+        self.reversed
+    }
+
     /// Position of the centre along x, forward positive, m.
     #[must_use]
     pub const fn x(&self) -> S {
@@ -119,4 +138,35 @@ impl<S: Real> Wheel<S> {
         // The centre moves with omega x (x, y) = (-omega y, omega x).
         [row_x, row_y, self.x * row_y - self.y * row_x]
     }
+
+    /// How that row changes with the roller angle, per rad: equation (16), for any wheel.
+    ///
+    /// Along the rolling direction not at all, along the axle with `1/(r sin^2)`.
+    #[must_use]
+    pub fn roller_angle_sensitivity(&self) -> [S; 3] {
+        let (sin, cos) = self.mounting_angle.sine_cosine();
+        let (across, _) = self.roller_angle.sine_cosine();
+        let sign = if self.reversed { -S::one() } else { S::one() };
+        let gain = sign / (self.radius * across * across);
+        let (x, y) = (-sin * gain, cos * gain);
+        [x, y, self.x * y - self.y * x]
+    }
+}
+
+/// Equation (17): by how much each wheel's rate (rad/s) must change so that the robot still moves with `twist` (robot
+/// frame) when its roller angles are off by `deviations` (rad), to first order.
+///
+/// A wheel whose roller angle was measured is better built with that angle; this is for what is found later.
+#[must_use]
+pub fn roller_angle_correction<const N: usize, S: Real>(
+    wheels: &[Wheel<S>; N],
+    deviations: &[S; N],
+    twist: Twist<S>,
+) -> [S; N] {
+    let mut corrections = *deviations;
+    for (correction, wheel) in corrections.iter_mut().zip(wheels) {
+        let [x, y, w] = wheel.roller_angle_sensitivity();
+        *correction *= x * twist.vx + y * twist.vy + w * twist.omega;
+    }
+    corrections
 }

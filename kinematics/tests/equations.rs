@@ -6,8 +6,8 @@
 
 use kinematics::paper::{self, PaperTwist, PaperWheel};
 use kinematics::{
-    FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, Wheel,
-    WheelRates,
+    FourWheelGeometry, MemberKinematics, Mount, Platform, Pose, Twist, VelocityCompensation, Wheel,
+    WheelRates, roller_angle_correction,
 };
 use mecanum_kinematics as kinematics;
 
@@ -537,4 +537,173 @@ fn eq_19_in_single_precision() {
         ..WheelRates::ZERO
     });
     assert!((slip - 0.5).abs() < F32);
+}
+
+#[test]
+fn eq_09_each_member_in_its_own_frame() {
+    // Phi_j = J_j zeta_j: a member alone, whatever group it is in.
+    for deg in ANGLES_DEG {
+        let robot = virtual_robot(deg);
+        let platform = Platform::new(&robot.wheels().unwrap()).unwrap();
+        for twist in TWISTS {
+            let want = paper::eq_06(&robot).map(|row| paper::times(row, twist));
+            let rates = WheelRates::from(platform.rates(paper::to_twist(twist)));
+            close_all(paper::from_rates(rates), want, "member");
+        }
+    }
+}
+
+#[test]
+fn eq_12_member_in_the_world() {
+    let robot = virtual_robot(60.0);
+    for place in PLACES {
+        let (delta, d, psi) = place;
+        let k = MemberKinematics::new(&robot, &mount_of(place), &no_compensation()).unwrap();
+        for theta in [0.3, -2.0] {
+            for world in TWISTS {
+                let group = paper::transform(paper::rotation(theta), world);
+                let member = paper::transform(paper::eq_11(delta, d, psi), group);
+                let want = paper::eq_06(&robot).map(|row| paper::times(row, member));
+                let got = k.inverse(paper::to_twist(world).to_body(theta));
+                close_all(paper::from_rates(got), want, "world");
+            }
+        }
+    }
+}
+
+#[test]
+fn eq_14_and_eq_21_translation_does_not_feel_the_lever() {
+    // With no rotation the position in the group drops out and only the heading is left; compensated or not.
+    let robot = virtual_robot(38.5);
+    for c in [no_compensation(), c2()] {
+        for (delta, distance, psi) in PLACES {
+            let here = mount_of((delta, distance, psi));
+            let centre = mount_of((delta, 0.0, 0.0));
+            let k = MemberKinematics::new(&robot, &here, &c).unwrap();
+            let alone = MemberKinematics::new(&robot, &centre, &c).unwrap();
+            let twist = Twist::translation(0.35, -0.25);
+            let want = paper::from_rates(alone.inverse(twist));
+            close_all(paper::from_rates(k.inverse(twist)), want, "translation");
+            // And as printed: J C K times (x, y, 0).
+            let member = paper::transform(
+                paper::eq_11(delta, distance, psi),
+                PaperTwist {
+                    x: 0.25,
+                    y: 0.35,
+                    theta: 0.0,
+                },
+            );
+            let asked =
+                paper::transform(paper::eq_18(c.lateral(), c.longitudinal(), c.yaw()), member);
+            let want = paper::eq_06(&robot).map(|row| paper::times(row, asked));
+            close_all(paper::from_rates(k.inverse(twist)), want, "printed");
+        }
+    }
+}
+
+/// d(wheel i's angle)/d(gamma): gamma_1 = gamma_3 = -gamma, gamma_2 = gamma_4 = gamma.
+const HANDS: [f64; 4] = [-1.0, 1.0, -1.0, 1.0];
+
+#[test]
+fn eq_16_roller_angle_sensitivity() {
+    for deg in ANGLES_DEG {
+        let robot = virtual_robot(deg);
+        let (h, r) = (robot.half_wheelbase(), robot.wheel_radius());
+        let csc2 = 1.0 / robot.roller_angle().sin().powi(2);
+        // As printed.
+        let want = [
+            [1.0, 0.0, -h],
+            [-1.0, 0.0, h],
+            [1.0, 0.0, h],
+            [-1.0, 0.0, -h],
+        ]
+        .map(|row| row.map(|entry| -entry * csc2 / r));
+        for ((p, want), hand) in paper_wheels(&robot).into_iter().zip(want).zip(HANDS) {
+            let [x, y, w] = wheel_of(p).roller_angle_sensitivity();
+            for twist in TWISTS {
+                let t = paper::to_twist(twist);
+                let got = -(x * t.vx + y * t.vy + w * t.omega) * hand;
+                close(got, paper::times(want, twist), "sensitivity");
+            }
+        }
+    }
+}
+
+#[test]
+fn eq_16_agrees_with_finite_differences_for_any_wheel() {
+    let step = 1e-5;
+    for p in odd_wheels() {
+        let at = |gamma: f64| wheel_of(PaperWheel { gamma, ..p }).jacobian_row();
+        let (low, high) = (at(p.gamma - step), at(p.gamma + step));
+        for ((got, low), high) in wheel_of(p)
+            .roller_angle_sensitivity()
+            .into_iter()
+            .zip(low)
+            .zip(high)
+        {
+            let want = (high - low) / (2.0 * step);
+            // The difference quotient errs by step^2 times the third derivative: up to 300 here.
+            assert!(
+                (got - want).abs() < 1e-7 * (1.0 + want.abs()),
+                "{got} {want}"
+            );
+        }
+    }
+}
+
+#[test]
+fn eq_17_roller_angle_error() {
+    // At 45 degrees, as printed: -(dg/r) [[2, 0, -2H], [-2, 0, 2H], [2, 0, 2H], [-2, 0, -2H]].
+    let robot = virtual_robot(45.0);
+    let (h, r) = (robot.half_wheelbase(), robot.wheel_radius());
+    let dg = 0.01;
+    let printed = [
+        [2.0, 0.0, -2.0 * h],
+        [-2.0, 0.0, 2.0 * h],
+        [2.0, 0.0, 2.0 * h],
+        [-2.0, 0.0, -2.0 * h],
+    ];
+    let wheels = robot.wheels().unwrap();
+    // Ours are front left, front right, rear left, rear right; gamma grows by dg on all of them.
+    let deviations = [dg, -dg, -dg, dg];
+    for twist in TWISTS {
+        let want = printed.map(|row| -dg / r * paper::times(row, twist));
+        let got = roller_angle_correction(&wheels, &deviations, paper::to_twist(twist));
+        close_all(paper::from_rates(WheelRates::from(got)), want, "correction");
+        // Longitudinal motion needs none.
+        let ahead = roller_angle_correction(&wheels, &deviations, Twist::new(0.5, 0.0, 0.0));
+        close_all(ahead, [0.0; 4], "ahead");
+    }
+    // The exact answer is a robot built with the measured angles; the correction misses it by second order only.
+    let measured = virtual_robot(45.0 + dg.to_degrees());
+    let exact = Platform::new(&measured.wheels().unwrap()).unwrap();
+    let nominal = Platform::new(&wheels).unwrap();
+    let twist = Twist::new(0.2, 0.5, 0.4);
+    let correction = roller_angle_correction(&wheels, &deviations, twist);
+    for ((exact, nominal), correction) in exact
+        .rates(twist)
+        .into_iter()
+        .zip(nominal.rates(twist))
+        .zip(correction)
+    {
+        // d2(cot)/dg2 / 2 = cot csc2 = 2: 2 dg^2 (|vy| + H |omega|) / r.
+        assert!((nominal + correction - exact).abs() < 2.1 * dg * dg * 0.64 / r);
+        assert!((nominal - exact).abs() > 0.0);
+    }
+}
+
+#[test]
+fn eq_22_compensated_robot_in_the_world() {
+    // Printed with second derivatives; they are first derivatives.
+    let robot = virtual_robot(45.0);
+    let k = MemberKinematics::new(&robot, &alone(), &c2()).unwrap();
+    for theta in [0.0, 0.9, -2.4] {
+        for world in TWISTS {
+            let body = paper::transform(paper::rotation(theta), world);
+            let asked = paper::transform(paper::eq_18(1.04, 1.002, 1.0195), body);
+            let want = paper::eq_06(&robot).map(|row| paper::times(row, asked));
+            let got = k.inverse(paper::to_twist(world).to_body(theta));
+            close_all(paper::from_rates(got), want, "world");
+        }
+    }
 }

@@ -28,8 +28,10 @@ extern crate std;
 pub mod address;
 pub mod cob;
 pub mod code;
+pub mod generate;
 pub mod object;
 pub mod pdo;
+pub mod pdos;
 pub mod scaling;
 pub mod table;
 

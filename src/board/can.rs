@@ -16,6 +16,7 @@ use core::future::poll_fn;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Poll;
 
+use canopen::{Frame, Micros};
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::interrupt::typelevel::{self, Handler};
@@ -26,27 +27,17 @@ use embassy_stm32::{Peri, bind_interrupts, interrupt, pac, rcc};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::waitqueue::AtomicWaker;
-use embassy_time::Instant;
+
+use super::now;
 
 /// Frames the receive queue can hold.
 pub const RX_QUEUE_LENGTH: usize = 32;
-
-/// A data frame with an 11-bit identifier.
-#[derive(Clone, Copy)]
-pub struct Frame {
-    /// Identifier, 0..=0x7FF.
-    pub id: u16,
-    /// Number of valid bytes in `data`, 0..=8.
-    pub length: u8,
-    /// Payload.
-    pub data: [u8; 8],
-}
 
 /// A frame with the local time at which the interrupt took it.
 #[derive(Clone, Copy)]
 pub struct Received {
     /// When the interrupt took it; a frame is complete on the wire some 2 us before.
-    pub at: Instant,
+    pub at: Micros,
     /// The frame.
     pub frame: Frame,
 }
@@ -62,6 +53,13 @@ pub struct Health {
     pub bus_off: bool,
     /// Whether it is error passive at the moment.
     pub error_passive: bool,
+}
+
+impl Health {
+    /// Frames lost on reception since boot, for either reason.
+    pub fn lost(&self) -> u32 {
+        self.overruns.wrapping_add(self.queue_overflows)
+    }
 }
 
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
@@ -158,6 +156,11 @@ impl Can {
         RX_QUEUE.receive().await
     }
 
+    /// Takes the oldest received frame, if there is one.
+    pub fn try_receive(&self) -> Option<Received> {
+        RX_QUEUE.try_receive().ok()
+    }
+
     /// Puts a frame into a free mailbox; `false` when all three are taken.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
@@ -168,8 +171,8 @@ impl Can {
         }
         // RM0390 30.9.2: with at least one mailbox free, CODE is the number of the next free one.
         let mailbox = can.tx(usize::from(status.code().min(2)));
-        let [a, b, c, d, e, f, g, h] = frame.data;
-        mailbox.tdtr().write(|w| w.set_dlc(frame.length.min(8)));
+        let [a, b, c, d, e, f, g, h] = *frame.padded();
+        mailbox.tdtr().write(|w| w.set_dlc(frame.len()));
         mailbox
             .tdlr()
             .write_value(regs::Tdlr(u32::from_le_bytes([a, b, c, d])));
@@ -177,7 +180,7 @@ impl Can {
             .tdhr()
             .write_value(regs::Tdhr(u32::from_le_bytes([e, f, g, h])));
         mailbox.tir().write(|w| {
-            w.set_stid(frame.id & 0x7FF);
+            w.set_stid(frame.id());
             w.set_ide(Ide::STANDARD);
             w.set_rtr(Rtr::DATA);
             w.set_txrq(true);
@@ -232,7 +235,7 @@ struct RxHandler;
 impl Handler<typelevel::CAN1_RX0> for RxHandler {
     unsafe fn on_interrupt() {
         let can = pac::CAN1;
-        let mut at = Instant::now();
+        let mut at = now();
         loop {
             let fifo = can.rfr(0).read();
             if fifo.fovr() {
@@ -244,21 +247,18 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
                 break;
             }
             let mailbox = can.rx(0);
-            let low = mailbox.rdlr().read().0.to_le_bytes();
-            let high = mailbox.rdhr().read().0.to_le_bytes();
-            let frame = Frame {
-                id: mailbox.rir().read().stid(),
-                length: mailbox.rdtr().read().dlc().min(8),
-                data: [
-                    low[0], low[1], low[2], low[3], high[0], high[1], high[2], high[3],
-                ],
-            };
+            let (low, high) = (mailbox.rdlr().read().0, mailbox.rdhr().read().0);
+            let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
+            let length = usize::from(mailbox.rdtr().read().dlc()).min(data.len());
+            let frame = Frame::new(mailbox.rir().read().stid(), &data[..length]);
             can.rfr(0).write(|w| w.set_rfom(true));
             while can.rfr(0).read().rfom() {}
-            if RX_QUEUE.try_send(Received { at, frame }).is_err() {
+            if let Some(frame) = frame
+                && RX_QUEUE.try_send(Received { at, frame }).is_err()
+            {
                 QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
             }
-            at = Instant::now();
+            at = now();
         }
     }
 }

@@ -12,4 +12,4 @@ pub mod post_mortem;
 mod safe_state;
 pub mod stack;
 
-pub use nucleo_f446re::{Board, Encoders};
+pub use nucleo_f446re::{Board, Encoders, ResetCause, now};

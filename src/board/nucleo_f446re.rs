@@ -16,6 +16,7 @@
 //!
 //! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
+use canopen::Micros;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
 use embassy_stm32::peripherals::{IWDG, TIM2, TIM3, TIM4, TIM5};
 use embassy_stm32::rcc::{
@@ -25,6 +26,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::{self, Qei};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, pac, uid};
+use embassy_time::Instant;
 
 use super::can::Can;
 use super::drive::Drive;
@@ -55,25 +57,30 @@ pub struct Board {
     pub watchdog: IndependentWatchdog<'static, IWDG>,
     /// Value of the four switches, 0..=15.
     pub node_switches: u8,
-    /// The chip's unique number.
-    pub uid: [u8; 12],
+    /// The chip's unique number, folded to 32 bits.
+    pub serial: u32,
     /// Why the chip was reset.
     pub reset_cause: ResetCause,
 }
 
-/// Why the chip was reset (RCC_CSR, RM0390 6.3.21).
+/// Why the chip was reset (RCC_CSR, RM0390 6.3.21), with the numbers of the object "reset cause".
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
+#[repr(u8)]
 pub enum ResetCause {
-    /// Power-on or brown-out.
-    Power,
+    /// Power-on.
+    Power = 0,
     /// The reset pin alone: button or debugger.
-    Pin,
+    Pin = 1,
     /// Reset by software.
-    Software,
+    Software = 2,
     /// The independent watchdog: a task made no progress, or the program failed.
-    Watchdog,
-    /// Window watchdog or low-power reset, which the firmware does not use.
-    Other,
+    Watchdog = 3,
+    /// The window watchdog, which the firmware does not use.
+    WindowWatchdog = 4,
+    /// A low-power mode entered by mistake.
+    LowPower = 5,
+    /// The supply sagged.
+    BrownOut = 6,
 }
 
 /// The four encoder counters.
@@ -173,10 +180,22 @@ impl Board {
             led,
             watchdog,
             node_switches,
-            uid: uid::uid(),
+            serial: fold(&uid::uid()),
             reset_cause: reset_cause(),
         }
     }
+}
+
+/// FNV-1a over the 96 bits (wafer, lot, position): different chips give different numbers, but for one pair in 4e9.
+fn fold(uid: &[u8; 12]) -> u32 {
+    uid.iter().fold(0x811C_9DC5, |hash: u32, byte| {
+        (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
+    })
+}
+
+/// Local time since start.
+pub fn now() -> Micros {
+    Micros(Instant::now().as_micros())
 }
 
 /// 180 MHz from the 8 MHz that the ST-LINK feeds into the HSE input: 8 / 4 x 180 / 2. APB1 45 MHz, APB2 90 MHz.
@@ -201,18 +220,23 @@ fn clocks() -> Config {
     config
 }
 
-/// Reads why the chip was reset and clears the flags. Several flags can be set: the pin flag always is.
+/// Reads why the chip was reset and clears the flags. The pin flag is set by every reset, the brown-out flag by
+/// power-on too, so the order matters.
 fn reset_cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     if flags.wdgrstf() {
         ResetCause::Watchdog
-    } else if flags.wwdgrstf() || flags.lpwrrstf() {
-        ResetCause::Other
+    } else if flags.wwdgrstf() {
+        ResetCause::WindowWatchdog
+    } else if flags.lpwrrstf() {
+        ResetCause::LowPower
     } else if flags.sftrstf() {
         ResetCause::Software
-    } else if flags.porrstf() || flags.borrstf() {
+    } else if flags.porrstf() {
         ResetCause::Power
+    } else if flags.borrstf() {
+        ResetCause::BrownOut
     } else {
         ResetCause::Pin
     }

@@ -43,6 +43,22 @@ type Words = [u32; WORDS];
 #[unsafe(link_section = ".uninit.post_mortem")]
 static mut RECORD: MaybeUninit<Words> = MaybeUninit::uninit();
 
+#[unsafe(link_section = ".uninit.post_mortem")]
+static mut WATCHDOG_RESETS: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
+
+/// Watchdog resets since power came, this one included if it `is_one`. Called once at start-up, before the executors
+/// run.
+pub fn count_watchdog_reset(is_one: bool) -> u32 {
+    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly uninitialised.
+    unsafe {
+        let [check, count] = addr_of_mut!(WATCHDOG_RESETS).read_volatile().assume_init();
+        let before = if check == MAGIC ^ count { count } else { 0 };
+        let count = before.saturating_add(u32::from(is_one));
+        addr_of_mut!(WATCHDOG_RESETS).write_volatile(MaybeUninit::new([MAGIC ^ count, count]));
+        count
+    }
+}
+
 /// Keeps `failure` for the next start. Interrupts must be masked.
 pub fn write(failure: Failure) {
     let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];

@@ -54,7 +54,7 @@ const fn part(identity: &Identity, which: u8) -> Option<u32> {
 }
 
 impl Core {
-    pub(super) fn on_lss<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+    pub(super) fn on_lss(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
         if frame.len() != 8 {
             return;
         }
@@ -110,7 +110,7 @@ impl Core {
     }
 
     /// Switch state global.
-    fn switch_lss<O: ObjectDictionary>(&mut self, now: Micros, mode: u8, od: &mut O) {
+    fn switch_lss(&mut self, now: Micros, mode: u8, od: &mut dyn ObjectDictionary) {
         match mode {
             0 => {
                 self.lss.configuring = false;

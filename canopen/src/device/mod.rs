@@ -4,6 +4,10 @@
 //! the SDO server sits beside it, because it needs all of them at once. Frames are handled
 //! completely in the order they come in, so nothing here can swap a setpoint and a SYNC.
 //!
+//! The methods that reach the application's objects are generic for the caller's sake only: inside,
+//! the object dictionary is a trait object, so that this code is compiled once, in this crate, with
+//! this crate's optimisation.
+//!
 //! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
 //! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
@@ -98,50 +102,13 @@ impl Device {
     /// Handles a received frame. `now` is the time of its reception; frames must come in the order
     /// they were received.
     pub fn on_frame<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
-        let core = &mut self.core;
-        if frame.id() == lss::REQUEST {
-            return core.on_lss(now, frame, od);
-        }
-        let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
-            return;
-        };
-        let id = frame.id();
-        if id == core.sync.id() {
-            core.on_sync(now, frame, od);
-        } else if id == 0 {
-            self.on_nmt(now, frame, node, od);
-        } else if core.state == NmtState::Stopped {
-            if let Some(sender) = heartbeat_sender(id) {
-                core.on_heartbeat(now, sender, frame);
-            }
-        } else if id == node.cob_id(SDO_REQUEST) {
-            self.sdo.on_request(now, frame, core, od);
-        } else if let Some(sender) = heartbeat_sender(id) {
-            core.on_heartbeat(now, sender, frame);
-        } else {
-            core.on_rpdo(now, frame, od);
-        }
+        self.handle(now, frame, od);
     }
 
     /// Does what is due: boot-up, heartbeats, time-outs, and the synchronous TPDOs if
     /// [`on_sync_done`](Self::on_sync_done) has not been called since the last SYNC.
     pub fn poll<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
-        if self.core.state == NmtState::Initialising {
-            self.core.boot(now, od);
-        }
-        self.core.on_sync_done(now, od);
-        if now < self.core.out.next() {
-            return;
-        }
-        self.core.out.clear_next();
-        self.core.poll_bus_off(now);
-        self.core.poll_heartbeat(now);
-        self.core.poll_sync(now, od);
-        self.core.poll_rpdos(now);
-        self.core.poll_tpdos(now, od);
-        self.sdo.poll(now, &mut self.core);
-        self.core.poll_overflow(now);
-        self.core.poll_emergencies(now);
+        self.poll_all(now, od);
     }
 
     /// The application has brought its objects up to date after a SYNC: reads and queues the
@@ -261,13 +228,52 @@ impl Device {
         self.core.write(now, index, sub, data, od)
     }
 
-    fn on_nmt<O: ObjectDictionary>(
-        &mut self,
-        now: Micros,
-        frame: &Frame,
-        node: NodeId,
-        od: &mut O,
-    ) {
+    fn handle(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+        let core = &mut self.core;
+        if frame.id() == lss::REQUEST {
+            return core.on_lss(now, frame, od);
+        }
+        let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
+            return;
+        };
+        let id = frame.id();
+        if id == core.sync.id() {
+            core.on_sync(now, frame, od);
+        } else if id == 0 {
+            self.on_nmt(now, frame, node, od);
+        } else if core.state == NmtState::Stopped {
+            if let Some(sender) = heartbeat_sender(id) {
+                core.on_heartbeat(now, sender, frame);
+            }
+        } else if id == node.cob_id(SDO_REQUEST) {
+            self.sdo.on_request(now, frame, core, od);
+        } else if let Some(sender) = heartbeat_sender(id) {
+            core.on_heartbeat(now, sender, frame);
+        } else {
+            core.on_rpdo(now, frame, od);
+        }
+    }
+
+    fn poll_all(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
+        if self.core.state == NmtState::Initialising {
+            self.core.boot(now, od);
+        }
+        self.core.on_sync_done(now, od);
+        if now < self.core.out.next() {
+            return;
+        }
+        self.core.out.clear_next();
+        self.core.poll_bus_off(now);
+        self.core.poll_heartbeat(now);
+        self.core.poll_sync(now, od);
+        self.core.poll_rpdos(now);
+        self.core.poll_tpdos(now, od);
+        self.sdo.poll(now, &mut self.core);
+        self.core.poll_overflow(now);
+        self.core.poll_emergencies(now);
+    }
+
+    fn on_nmt(&mut self, now: Micros, frame: &Frame, node: NodeId, od: &mut dyn ObjectDictionary) {
         let Some((command, target)) = nmt::parse(frame) else {
             return;
         };
@@ -306,7 +312,7 @@ fn heartbeat_sender(id: u16) -> Option<NodeId> {
 
 impl Core {
     /// Goes on the bus: boot-up frame, then PRE-OPERATIONAL. Not without a node-ID.
-    fn boot<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+    fn boot(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
         let Some(node) = self.node else {
             return;
         };
@@ -337,7 +343,7 @@ impl Core {
 
     /// Brings the communication objects, and the application's if it is in the scope, back to their
     /// power-on values and boots again.
-    fn reset<O: ObjectDictionary>(&mut self, now: Micros, scope: ResetScope, od: &mut O) {
+    fn reset(&mut self, now: Micros, scope: ResetScope, od: &mut dyn ObjectDictionary) {
         self.enter(now, NmtState::Initialising);
         self.out.clear_frames();
         self.out.clear_next();

@@ -16,12 +16,12 @@ const RPDO_LAST: u8 = 5;
 const TPDO_LAST: u8 = 6;
 
 impl Core {
-    pub(super) fn read<O: ObjectDictionary>(
+    pub(super) fn read(
         &self,
         index: u16,
         sub: u8,
         out: &mut [u8],
-        od: &O,
+        od: &dyn ObjectDictionary,
     ) -> Result<usize, AbortCode> {
         match self.read_own(index, sub, out) {
             Some(done) => done,
@@ -29,13 +29,13 @@ impl Core {
         }
     }
 
-    pub(super) fn write<O: ObjectDictionary>(
+    pub(super) fn write(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &mut O,
+        od: &mut dyn ObjectDictionary,
     ) -> Result<(), AbortCode> {
         match self.write_own(now, index, sub, data, od) {
             Some(done) => done,
@@ -110,13 +110,13 @@ impl Core {
     }
 
     /// `None` if the object is not the device's.
-    pub(super) fn write_own<O: ObjectDictionary>(
+    pub(super) fn write_own(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &mut O,
+        od: &mut dyn ObjectDictionary,
     ) -> Option<Result<(), AbortCode>> {
         // Reading settles whether the object exists at all.
         let mut scratch = [0; 64];
@@ -254,13 +254,13 @@ fn read_map(map: &Map, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
     }
 }
 
-fn write_map<O: ObjectDictionary>(
+fn write_map(
     map: &mut Map,
     is_on: bool,
     sub: u8,
     data: &[u8],
     direction: PdoDirection,
-    od: &O,
+    od: &dyn ObjectDictionary,
 ) -> Result<(), AbortCode> {
     if is_on || (sub != 0 && map.count != 0) {
         return Err(AbortCode::UnsupportedAccess);

@@ -11,10 +11,10 @@ use crate::{
     PdoConfig, RpdoSet,
 };
 
-/// How many receive PDOs a device can have.
-pub const MAX_RPDO: usize = 20;
+/// How many receive PDOs a device can have: each takes some 130 bytes of RAM, used or not.
+pub const MAX_RPDO: usize = 4;
 
-const MAX_RPDO_NUMBER: u8 = 20;
+const MAX_RPDO_NUMBER: u8 = 4;
 const _: () = assert!(MAX_RPDO == MAX_RPDO_NUMBER as usize && MAX_RPDO <= 32);
 
 /// No frame has this identifier.
@@ -65,12 +65,12 @@ impl Rpdo {
     }
 
     /// Writes the content to the application's objects.
-    fn apply<O: ObjectDictionary>(
+    fn apply(
         &self,
         number: u8,
         state: NmtState,
         out: &mut super::Outbox,
-        od: &mut O,
+        od: &mut dyn ObjectDictionary,
     ) {
         let mut rest = self.data.get(..usize::from(self.map.bytes)).unwrap_or(&[]);
         if self.map.is_default && od.rpdo(number, rest) {
@@ -144,7 +144,7 @@ impl Rpdos {
 }
 
 impl Core {
-    pub(super) fn on_rpdo<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+    pub(super) fn on_rpdo(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
         if self.state != NmtState::Operational {
             return;
         }
@@ -156,13 +156,7 @@ impl Core {
     }
 
     /// Takes a frame of the PDO at 0x1400 plus `at`.
-    fn take_rpdo<O: ObjectDictionary>(
-        &mut self,
-        now: Micros,
-        at: usize,
-        frame: &Frame,
-        od: &mut O,
-    ) {
+    fn take_rpdo(&mut self, now: Micros, at: usize, frame: &Frame, od: &mut dyn ObjectDictionary) {
         let number = u8::try_from(at).unwrap_or(u8::MAX).saturating_add(1);
         let late = self.sync.window_is_over(now);
         let Some(rpdo) = self.rpdos.list.get_mut(at) else {
@@ -214,7 +208,7 @@ impl Core {
     }
 
     /// Writes what has been latched since the last SYNC.
-    pub(super) fn apply_rpdos<O: ObjectDictionary>(&mut self, od: &mut O) -> RpdoSet {
+    pub(super) fn apply_rpdos(&mut self, od: &mut dyn ObjectDictionary) -> RpdoSet {
         let latched = core::mem::take(&mut self.rpdos.latched);
         let mut left = latched;
         let mut number: u8 = 1;

@@ -104,12 +104,12 @@ pub(super) fn read(index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCo
 
 impl Core {
     /// A write to 0x1010 or 0x1011.
-    pub(super) fn write_store<O: ObjectDictionary>(
+    pub(super) fn write_store(
         &mut self,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &mut O,
+        od: &mut dyn ObjectDictionary,
     ) -> Result<(), AbortCode> {
         let scope = match sub {
             0 => return Err(AbortCode::ReadOnly),
@@ -140,7 +140,7 @@ impl Core {
     }
 
     /// Brings back the communication objects that have been saved.
-    pub(super) fn load<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+    pub(super) fn load(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
         if !self.config.storage {
             return;
         }

@@ -112,7 +112,7 @@ impl Sync {
 }
 
 impl Core {
-    pub(super) fn on_sync<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
+    pub(super) fn on_sync(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
         match self.state {
             NmtState::Initialising | NmtState::Stopped => return,
             NmtState::PreOperational | NmtState::Operational => {}
@@ -154,7 +154,7 @@ impl Core {
         }
     }
 
-    pub(super) fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+    pub(super) fn on_sync_done(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
         if core::mem::take(&mut self.sync.waits) {
             self.send_synchronous_tpdos(now, od);
         }
@@ -190,7 +190,7 @@ impl Core {
         self.out.wake(sync.timer);
     }
 
-    pub(super) fn poll_sync<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+    pub(super) fn poll_sync(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
         if self.sync.timer.due(now) {
             if self.sync.is_producer() {
                 let frame = self.sync.produce();

@@ -119,7 +119,7 @@ impl Tpdo {
     }
 
     /// Reads the objects and makes the frame.
-    fn frame<O: ObjectDictionary>(&self, number: u8, od: &O) -> Frame {
+    fn frame(&self, number: u8, od: &dyn ObjectDictionary) -> Frame {
         let id = crate::bytes::low_u16(self.cob_id);
         let mut data = [0; 8];
         if self.map.is_default
@@ -183,7 +183,7 @@ impl Core {
         }
     }
 
-    pub(super) fn send_synchronous_tpdos<O: ObjectDictionary>(&mut self, now: Micros, od: &O) {
+    pub(super) fn send_synchronous_tpdos(&mut self, now: Micros, od: &dyn ObjectDictionary) {
         if self.state != NmtState::Operational {
             return;
         }
@@ -201,7 +201,7 @@ impl Core {
         }
     }
 
-    pub(super) fn poll_tpdos<O: ObjectDictionary>(&mut self, now: Micros, od: &O) {
+    pub(super) fn poll_tpdos(&mut self, now: Micros, od: &dyn ObjectDictionary) {
         if self.state != NmtState::Operational {
             return;
         }

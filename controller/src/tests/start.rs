@@ -230,3 +230,84 @@ fn commissioning_twist_moves_one_robot_alone_if_permitted() {
         State::Faulted(Fault::SetpointOverdue)
     );
 }
+
+/// Index, sub-index, type, access and default of every object in an EDS.
+fn eds_objects() -> std::vec::Vec<(u16, u8, u8, std::string::String, std::string::String)> {
+    let mut text = std::string::String::new();
+    protocol::generate::eds(&mut text).unwrap();
+    let mut objects = std::vec::Vec::new();
+    for section in text.split("\n[").skip(1) {
+        let (name, body) = section.split_once(']').unwrap();
+        let (index, sub) = name.split_once("sub").unwrap_or((name, "0"));
+        let field = |key: &str| {
+            body.lines()
+                .find_map(|line| line.strip_prefix(key)?.strip_prefix('='))
+                .map(std::borrow::ToOwned::to_owned)
+        };
+        if let (Ok(index), Some(kind)) = (u16::from_str_radix(index, 16), field("DataType")) {
+            let sub = u8::from_str_radix(sub, 16).unwrap();
+            let kind = u8::from_str_radix(kind.trim_start_matches("0x"), 16).unwrap();
+            let access = field("AccessType").unwrap();
+            objects.push((index, sub, kind, access, field("DefaultValue").unwrap()));
+        }
+    }
+    objects
+}
+
+#[test]
+fn every_object_of_the_eds_exists_with_its_type_and_default() {
+    let mut world = World::new(&[5]);
+    let objects = eds_objects();
+    assert!(objects.len() > protocol::OBJECTS.len() + 60);
+    for (index, sub, kind, _, default) in objects {
+        // Text is longer than an expedited transfer; an empty history has no entries.
+        if kind == 9 || index == 0x1003 && sub > 0 {
+            continue;
+        }
+        let value = world.read(5, protocol::Address::new(index, sub));
+        let Ok(value) = value else {
+            panic!("{index:04X}:{sub} {value:08X?}");
+        };
+        let node = default.starts_with("$NODEID+");
+        let number = default.trim_start_matches("$NODEID+");
+        let want = match (kind, number) {
+            (_, "") => continue,
+            (8, real) => real.parse::<f32>().unwrap().to_bits(),
+            (_, hexadecimal) if hexadecimal.starts_with("0x") => {
+                u32::from_str_radix(&hexadecimal[2..], 16).unwrap()
+            }
+            (_, decimal) => decimal.parse::<i64>().unwrap() as u32,
+        };
+        let want = if node { want + 5 } else { want };
+        assert_eq!(value, want, "{index:04X}:{sub}");
+    }
+}
+
+#[test]
+fn every_limit_is_tried_from_both_sides() {
+    let mut world = World::new(&[5]);
+    let parameters = protocol::OBJECTS
+        .iter()
+        .filter(|object| object.access == protocol::Access::Parameter);
+    for object in parameters {
+        let beyond = |value: Value, up: bool| match value {
+            Value::U8(value) if up => value.checked_add(1).map(Value::U8),
+            Value::U8(value) => value.checked_sub(1).map(Value::U8),
+            Value::U16(value) if up => value.checked_add(1).map(Value::U16),
+            Value::U16(value) => value.checked_sub(1).map(Value::U16),
+            Value::U32(value) if up => value.checked_add(1).map(Value::U32),
+            Value::U32(value) => value.checked_sub(1).map(Value::U32),
+            Value::F32(value) if up => Some(Value::F32(value.next_up())),
+            Value::F32(value) => Some(Value::F32(value.next_down())),
+            Value::I16(_) | Value::I24(_) => None,
+        };
+        for (limit, up, abort) in [(object.min, false, TOO_LOW), (object.max, true, TOO_HIGH)] {
+            assert_eq!(world.write(5, object.address, limit), Ok(()));
+            if let Some(beyond) = beyond(limit, up) {
+                let name = object.name;
+                assert_eq!(world.write(5, object.address, beyond), Err(abort), "{name}");
+                assert_eq!(world.read(5, object.address), Ok(limit.to_bits()), "{name}");
+            }
+        }
+    }
+}

@@ -166,6 +166,17 @@ impl Can {
         self.requests
     }
 
+    /// The frame that was requested last, if it still waits, with the cycle of its request.
+    #[must_use]
+    pub fn latest_request(&self) -> Option<(CanFrame, u64)> {
+        let waiting = self
+            .mailboxes
+            .iter()
+            .filter(|mailbox| mailbox.state != State::Empty);
+        let latest = waiting.max_by_key(|mailbox| mailbox.order)?;
+        Some((latest.frame(), latest.requested_at))
+    }
+
     /// The frame that wants the bus, with the cycle of its request: the one on the wire, else the next in order.
     #[must_use]
     pub fn pending(&self) -> Option<(CanFrame, u64)> {

@@ -313,6 +313,14 @@ impl Timer {
         (ticks != u64::MAX).then(|| self.anchor + ticks * self.tick())
     }
 
+    /// Cycle at which preload registers will next be taken over, if one waits for it. To be asked after
+    /// [`Timer::sync`].
+    #[must_use]
+    pub fn next_load(&self) -> Option<u64> {
+        let waits = self.running() && self.preload_pending();
+        waits.then(|| self.anchor + self.to_turn(self.phase).0 * self.tick())
+    }
+
     /// Whether encoder mode is set up: SMS 1 to 3, both channels inputs on their own pins (18.3.12), counter on.
     #[must_use]
     pub fn encoder_ready(&self) -> bool {

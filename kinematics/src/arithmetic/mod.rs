@@ -95,7 +95,7 @@ pub trait Scalar: Copy + PartialEq + PartialOrd + Debug + Default + sealed::Seal
 }
 
 /// Turns below this take [`Real::small_chord`], rad.
-pub(crate) const SMALL_TURN: f64 = 0.125;
+pub const SMALL_TURN: f64 = 0.125;
 
 /// A floating-point scalar, `f32` or `f64`. Sealed.
 pub trait Real: Scalar<Coefficient = Self> + RealField {

@@ -6,8 +6,8 @@
 //! nothing else.
 
 use super::{Access, Answer, Server, State};
+use crate::AbortCode;
 use crate::crc::crc16;
-use crate::{AbortCode, ObjectDictionary};
 
 /// Segments the client may send before it must wait for the acknowledgement: few enough for a
 /// receive queue of modest size.
@@ -20,11 +20,11 @@ const SIZE: u8 = 0b010;
 const LAST: u8 = 0x80;
 
 impl Server {
-    pub(super) fn start_block_download<O: ObjectDictionary>(
+    pub(super) fn start_block_download(
         &mut self,
         command: u8,
         len: u32,
-        access: &Access<'_, O>,
+        access: &Access<'_>,
     ) -> Answer {
         self.announce((command & SIZE != 0).then_some(len), access)?;
         self.with_crc = command & CRC != 0;
@@ -62,11 +62,11 @@ impl Server {
         Ok(Some([0xA2, seq, DOWNLOAD_BLOCK, 0, 0, 0, 0, 0]))
     }
 
-    pub(super) fn end_block_download<O: ObjectDictionary>(
+    pub(super) fn end_block_download(
         &mut self,
         command: u8,
         crc: [u8; 2],
-        access: &mut Access<'_, O>,
+        access: &mut Access<'_>,
     ) -> Answer {
         if self.state != State::BlockDownloadEnd {
             return Err(AbortCode::CommandSpecifier);
@@ -81,11 +81,11 @@ impl Server {
         Ok(Some([0xA1, 0, 0, 0, 0, 0, 0, 0]))
     }
 
-    pub(super) fn start_block_upload<O: ObjectDictionary>(
+    pub(super) fn start_block_upload(
         &mut self,
         command: u8,
         block_size: u8,
-        access: &Access<'_, O>,
+        access: &Access<'_>,
     ) -> Answer {
         self.set_block_size(block_size)?;
         self.fetch(access)?;

@@ -88,13 +88,13 @@ pub(super) struct Server {
 }
 
 /// What a request needs to reach the objects.
-struct Access<'a, O> {
+struct Access<'a> {
     now: Micros,
     core: &'a mut Core,
-    od: &'a mut O,
+    od: &'a mut (dyn ObjectDictionary + 'a),
 }
 
-impl<O: ObjectDictionary> Access<'_, O> {
+impl Access<'_> {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         self.core.read(index, sub, out, self.od)
     }
@@ -128,12 +128,12 @@ impl Server {
         self.timer = Timer::OFF;
     }
 
-    pub fn on_request<O: ObjectDictionary>(
+    pub fn on_request(
         &mut self,
         now: Micros,
         frame: &Frame,
         core: &mut Core,
-        od: &mut O,
+        od: &mut dyn ObjectDictionary,
     ) {
         let speaks = matches!(core.state, NmtState::PreOperational | NmtState::Operational);
         let (Some(node), true, 8) = (core.node, speaks, frame.len()) else {
@@ -207,11 +207,7 @@ impl Server {
         Some(Frame::of(id, self.next_segment()?))
     }
 
-    fn handle<O: ObjectDictionary>(
-        &mut self,
-        request: [u8; 8],
-        access: &mut Access<'_, O>,
-    ) -> Answer {
+    fn handle(&mut self, request: [u8; 8], access: &mut Access<'_>) -> Answer {
         let [command, low, high, sub, a, b, c, d] = request;
         if let State::BlockDownload { seq } = self.state {
             return self.on_block_segment(seq, request);
@@ -266,18 +262,14 @@ impl Server {
     }
 
     /// Reads the object into the buffer.
-    fn fetch<O: ObjectDictionary>(&mut self, access: &Access<'_, O>) -> Result<(), AbortCode> {
+    fn fetch(&mut self, access: &Access<'_>) -> Result<(), AbortCode> {
         let len = access.read(self.index, self.sub, &mut self.buffer)?;
         self.len = len.min(MAX_SDO);
         Ok(())
     }
 
     /// Checks what can be checked before the data of a download come.
-    fn announce<O: ObjectDictionary>(
-        &mut self,
-        announced: Option<u32>,
-        access: &Access<'_, O>,
-    ) -> Result<(), AbortCode> {
+    fn announce(&mut self, announced: Option<u32>, access: &Access<'_>) -> Result<(), AbortCode> {
         let probe = access.read(self.index, self.sub, &mut self.buffer);
         if let Err(code @ (AbortCode::NoObject | AbortCode::NoSubIndex)) = probe {
             return Err(code);
@@ -301,11 +293,7 @@ impl Server {
     }
 
     /// Writes the object from the buffer, if it is as long as announced.
-    fn deliver<O: ObjectDictionary>(
-        &mut self,
-        len: usize,
-        access: &mut Access<'_, O>,
-    ) -> Result<(), AbortCode> {
+    fn deliver(&mut self, len: usize, access: &mut Access<'_>) -> Result<(), AbortCode> {
         match self.announced {
             Some(announced) if len > announced => return Err(AbortCode::TooLong),
             Some(announced) if len < announced => return Err(AbortCode::TooShort),

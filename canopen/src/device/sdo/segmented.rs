@@ -1,7 +1,7 @@
 //! Expedited and segmented transfers (CiA 301, 7.2.4.3.3 to 7.2.4.3.8).
 
 use super::{Access, Answer, EXPEDITED, SIZE_INDICATED, Server, State};
-use crate::{AbortCode, ObjectDictionary};
+use crate::AbortCode;
 
 /// The toggle bit of a segment.
 const TOGGLE: u8 = 0x10;
@@ -9,7 +9,7 @@ const TOGGLE: u8 = 0x10;
 const LAST: u8 = 0x01;
 
 impl Server {
-    pub(super) fn upload<O: ObjectDictionary>(&mut self, access: &Access<'_, O>) -> Answer {
+    pub(super) fn upload(&mut self, access: &Access<'_>) -> Answer {
         self.fetch(access)?;
         let unused = match self.len {
             1 => 3,
@@ -45,11 +45,11 @@ impl Server {
         Ok(Some([answer, a, b, c, d, e, f, g]))
     }
 
-    pub(super) fn download<O: ObjectDictionary>(
+    pub(super) fn download(
         &mut self,
         command: u8,
         value: [u8; 4],
-        access: &mut Access<'_, O>,
+        access: &mut Access<'_>,
     ) -> Answer {
         let indicated = command & SIZE_INDICATED != 0;
         if command & EXPEDITED == 0 {
@@ -71,10 +71,10 @@ impl Server {
         Ok(Some(self.reply(0x60, [0; 4])))
     }
 
-    pub(super) fn on_download_segment<O: ObjectDictionary>(
+    pub(super) fn on_download_segment(
         &mut self,
         request: [u8; 8],
-        access: &mut Access<'_, O>,
+        access: &mut Access<'_>,
     ) -> Answer {
         let State::Download { toggle } = self.state else {
             return Err(AbortCode::CommandSpecifier);

@@ -1,0 +1,377 @@
+//! Frame streams at a device: `fuzz [--frames N] [--seed N]`.
+//!
+//! Streams of any identifier, length and bytes reach little, so most frames here are nearly right:
+//! services of the device with plausible commands, real objects, transfers carried on. In between come
+//! whole transfers over a bus that loses frames, and PDOs mapped anew. Nothing may
+//! panic, every frame sent must be one of the device's own, and a poll must leave no deadline behind
+//! (else the caller would spin). The same seed gives the same frames, and the digest at the end says
+//! whether the device answered the same.
+
+use std::time::Instant;
+
+use canopen::client::SdoClient;
+use canopen::{
+    AbortCode, CobId, Config, Device, ErrorClass, Frame, Identity, Mapping, Micros, NmtState,
+    NodeId, ObjectDictionary, PdoConfig, PdoDirection, Storage, StoreProgress, StoreScope,
+};
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+
+    fn one_of<T: Copy>(&mut self, values: &[T]) -> T {
+        values[self.below(values.len() as u64) as usize]
+    }
+
+    fn byte(&mut self) -> u8 {
+        self.next() as u8
+    }
+}
+
+#[derive(Default)]
+struct Objects {
+    values: [Vec<u8>; 4],
+    image: Vec<u8>,
+    pending: bool,
+}
+
+impl ObjectDictionary for Objects {
+    fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
+        let value = match (index, sub) {
+            (0x2000..=0x2003, 0) => &self.values[usize::from(index - 0x2000)],
+            (0x2000..=0x2003, _) => return Err(AbortCode::NoSubIndex),
+            _ => return Err(AbortCode::NoObject),
+        };
+        let out = out.get_mut(..value.len()).ok_or(AbortCode::OutOfMemory)?;
+        out.copy_from_slice(value);
+        Ok(value.len())
+    }
+
+    fn write(&mut self, index: u16, sub: u8, data: &[u8], _: NmtState) -> Result<(), AbortCode> {
+        match (index, sub) {
+            (0x2000..=0x2003, 0) => self.values[usize::from(index - 0x2000)] = data.to_vec(),
+            (0x2000..=0x2003, _) => return Err(AbortCode::NoSubIndex),
+            _ => return Err(AbortCode::NoObject),
+        }
+        Ok(())
+    }
+
+    fn mappable(&self, index: u16, sub: u8, _: PdoDirection) -> Result<u8, AbortCode> {
+        match (index, sub) {
+            (0x2000, 0) => Ok(8),
+            (0x2001, 0) => Ok(16),
+            (0x2002, 0) => Ok(32),
+            _ => Err(AbortCode::NotMappable),
+        }
+    }
+
+    fn storage(&mut self) -> Option<&mut dyn Storage> {
+        Some(self)
+    }
+}
+
+impl Storage for Objects {
+    fn save(&mut self, _: StoreScope, communication: &[u8]) -> Result<StoreProgress, AbortCode> {
+        self.image = communication.to_vec();
+        self.pending = !self.pending;
+        Ok(match self.pending {
+            true => StoreProgress::Pending,
+            false => StoreProgress::Done,
+        })
+    }
+
+    fn restore(&mut self, _: StoreScope) -> Result<StoreProgress, AbortCode> {
+        self.image.clear();
+        Ok(StoreProgress::Done)
+    }
+
+    fn load(&mut self, out: &mut [u8]) -> usize {
+        out[..self.image.len()].copy_from_slice(&self.image);
+        self.image.len()
+    }
+
+    fn save_node(&mut self, _: Option<NodeId>) -> Result<(), AbortCode> {
+        Ok(())
+    }
+}
+
+const MAPPED: &[Mapping] = &[Mapping::new(0x2000, 0, 8), Mapping::new(0x2001, 0, 16)];
+
+const CONFIG: Config = Config {
+    node: NodeId::new(5),
+    identity: Identity {
+        vendor: 1,
+        product: 2,
+        revision: 3,
+        serial: 4,
+    },
+    name: "a name that takes segments",
+    heartbeat_ms: 100,
+    storage: true,
+    rpdos: &[PdoConfig {
+        cob_id: CobId::PlusNode(0x200),
+        mapping: MAPPED,
+        ..PdoConfig::DEFAULT
+    }; 4],
+    tpdos: &[PdoConfig {
+        cob_id: CobId::PlusNode(0x180),
+        mapping: MAPPED,
+        ..PdoConfig::DEFAULT
+    }; 4],
+    ..Config::DEFAULT
+};
+
+const INDICES: &[u16] = &[
+    0x1000, 0x1001, 0x1003, 0x1005, 0x1006, 0x1007, 0x1008, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016,
+    0x1017, 0x1018, 0x1019, 0x1029, 0x1F80, 0x1400, 0x1403, 0x1404, 0x1600, 0x1603, 0x1800, 0x1803,
+    0x1A00, 0x1A03, 0x2000, 0x2001, 0x2002, 0x2003, 0x2004,
+];
+
+const VALUES: &[u32] = &[
+    0,
+    1,
+    2,
+    5,
+    254,
+    255,
+    0x80,
+    0x185,
+    0x205,
+    0x4000_0080,
+    0x8000_0185,
+    0x8000_0205,
+    0x2000_0008,
+    0x2001_0010,
+    0x2002_0020,
+    0x0005_0008,
+    0x6576_6173,
+    0x6461_6F6C,
+    10_000,
+    0x0001_0064,
+];
+
+/// The nodes a device here may have been given by LSS.
+const NODES: &[u8] = &[5, 6, 127];
+
+fn frame(random: &mut Random, node: u8) -> Frame {
+    let mut data = [0; 8];
+    data.iter_mut().for_each(|byte| *byte = random.byte());
+    let of = |base: u16| base + u16::from(node);
+    let (id, len) = match random.below(16) {
+        0 => {
+            data[0] = random.one_of(&[1, 1, 1, 2, 128, 129, 130, 77]);
+            data[1] = random.one_of(&[0, node, 1]);
+            (0, random.one_of(&[2, 2, 2, 1]))
+        }
+        1 | 2 => (0x080, random.one_of(&[0, 0, 1, 2])),
+        3 => (of(0x200), random.one_of(&[3, 3, 8, 2])),
+        4 => {
+            data[0] = random.one_of(&[0, 4, 5, 127, 9]);
+            (0x701 + random.below(3) as u16, 1)
+        }
+        5 => {
+            data[0] = random.one_of(&[
+                0x04, 0x11, 0x13, 0x17, 0x40, 0x41, 0x42, 0x43, 0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B,
+                0x4C, 0x51, 0x5A, 0x5E,
+            ]);
+            data[1..5].copy_from_slice(&(random.below(5) as u32).to_le_bytes());
+            if data[0] == 0x11 {
+                data[1] = random.one_of(NODES);
+            }
+            data[5] = random.one_of(&[0, 0, 1, 31, 32, 0x80]);
+            data[6] = random.below(5) as u8;
+            data[7] = random.below(5) as u8;
+            (0x7E5, 8)
+        }
+        6 => (random.below(0x800) as u16, random.below(9) as usize),
+        7..=9 => {
+            // Transfers carried on.
+            data[0] = random.one_of(&[
+                0x00, 0x10, 0x01, 0x11, 0x60, 0x70, 0x60, 0x70, 0xA1, 0xA2, 0xA3, 0xC1, 0xD5, 0x80,
+                1, 2, 3, 0x81, 0x82, 32, 0xA0,
+            ]);
+            data[1] = random.one_of(&[0, 1, 2, 3, 73, 127]);
+            data[2] = random.one_of(&[0, 1, 2, 127, 128]);
+            (of(0x600), 8)
+        }
+        _ => {
+            data[0] = random.one_of(&[
+                0x40, 0x40, 0x2F, 0x2B, 0x23, 0x23, 0x22, 0x21, 0x20, 0xA0, 0xA4, 0xC0, 0xC6, 0xE0,
+            ]);
+            data[1..3].copy_from_slice(&random.one_of(INDICES).to_le_bytes());
+            data[3] = random.one_of(&[0, 0, 1, 1, 2, 3, 5, 6, 8, 9, 17, 18]);
+            data[4..].copy_from_slice(&random.one_of(VALUES).to_le_bytes());
+            (of(0x600), random.one_of(&[8, 8, 8, 8, 8, 7]))
+        }
+    };
+    Frame::new(id, &data[..len]).expect("an identifier of 11 bits and at most 8 bytes")
+}
+
+/// A transfer by an honest client, over a bus that loses or bends a frame now and then.
+fn transfer(random: &mut Random, device: &mut Device, objects: &mut Objects, now: &mut Micros) {
+    let Some(node) = device.node() else {
+        return;
+    };
+    let mut client = SdoClient::new(node, Micros::from_millis(50));
+    let (index, sub) = random.one_of(&[(0x2003, 0), (0x2003, 0), (0x1008, 0), (0x1016, 1)]);
+    let data = vec![random.byte(); random.below(600) as usize];
+    let started = match random.below(4) {
+        0 => client.upload(*now, index, sub),
+        1 => client.upload_block(*now, index, sub),
+        2 => client.download(*now, index, sub, &data),
+        _ => client.download_block(*now, index, sub, &data),
+    };
+    started.expect("the client is new and the value fits");
+    let fault = random.one_of(&[u64::MAX, u64::MAX, 20, 200]);
+    let bend = |random: &mut Random, frame: Frame| match random.below(fault) {
+        0 => None,
+        1 => {
+            let mut data = *frame.padded();
+            data[random.below(8) as usize] = random.byte();
+            Frame::new(frame.id(), &data)
+        }
+        _ => Some(frame),
+    };
+    loop {
+        if let Some(frame) = client.pop_frame() {
+            if let Some(frame) = bend(random, frame) {
+                device.on_frame(*now, &frame, objects);
+            }
+        } else if let Some(frame) = device.pop_frame() {
+            let frame = bend(random, frame);
+            if frame.is_some_and(|frame| client.on_frame(*now, &frame).is_some()) {
+                return;
+            }
+        } else {
+            *now = client.next_deadline().unwrap_or(*now).max(*now);
+            device.poll(*now, objects);
+            if client.poll(*now).is_some() {
+                return;
+            }
+        }
+    }
+}
+
+/// A PDO mapped anew by the rules, with objects that may not be allowed or not fit.
+fn remap(random: &mut Random, device: &mut Device, objects: &mut Objects, now: Micros) {
+    let at = random.below(5) as u16 + random.one_of(&[0x1400, 0x1800]);
+    let mut write = |index: u16, sub: u8, value: &[u8]| {
+        let _ = device.write(now, index, sub, value, objects);
+    };
+    let cob_id = random.one_of(&[0x181u32, 0x185, 0x205, 0x080, 0x585, 0x605]);
+    write(at, 1, &(cob_id | 1 << 31).to_le_bytes());
+    write(
+        at,
+        2,
+        &[random.one_of(&[0, 1, 1, 3, 240, 241, 252, 254, 255])],
+    );
+    write(at, 3, &[random.one_of(&[0, 0, 10]), 0]);
+    write(at, 5, &[random.one_of(&[0, 0, 20]), 0]);
+    write(at, 6, &[random.one_of(&[0, 0, 7])]);
+    write(at + 0x200, 0, &[0]);
+    let count = random.below(10) as u8;
+    for sub in 1..=count {
+        let entry = random.one_of(&[0x2000_0008, 0x2001_0010, 0x2002_0020, 0x0005_0008, 0]);
+        write(at + 0x200, sub, &u32::to_le_bytes(entry));
+    }
+    write(at + 0x200, 0, &[count]);
+    write(at, 1, &cob_id.to_le_bytes());
+}
+
+struct Totals {
+    answers: u64,
+    digest: u64,
+}
+
+/// One device, from power-on, for so many frames.
+fn life(random: &mut Random, frames: u64, totals: &mut Totals) {
+    let long = vec![7; random.below(520) as usize];
+    let mut objects = Objects {
+        values: [vec![0], vec![0; 2], vec![0; 4], long],
+        ..Objects::default()
+    };
+    let node = random.one_of(&[CONFIG.node, CONFIG.node, None]);
+    let mut device = Device::new(Config { node, ..CONFIG });
+    let mut now = Micros(random.below(1_000_000));
+    device.poll(now, &mut objects);
+    for _ in 0..frames {
+        let node = device.node().map_or(5, NodeId::get);
+        let pause = random.one_of(&[0, 0, 0, 0, 100, 100, 1_000, 20_000, 1_100_000]);
+        now = now + Micros(random.below(pause + 1));
+        device.on_frame(now, &frame(random, node), &mut objects);
+        match random.below(64) {
+            0 => device.raise_error(now, random.byte().into(), ErrorClass::Generic, [0; 5]),
+            1 => device.clear_error(now, random.byte().into(), 0),
+            2 => device.on_bus_off(now),
+            3 | 4 => device.on_bus_recovered(now),
+            5 => device.finish_store(random.one_of(&[Ok(()), Err(AbortCode::Hardware)])),
+            6 => device.trigger_tpdo(random.byte()),
+            7 if random.below(4) == 0 => transfer(random, &mut device, &mut objects, &mut now),
+            8 => remap(random, &mut device, &mut objects, now),
+            _ => {}
+        }
+        if random.below(4) == 0 {
+            continue;
+        }
+        // A second time, because after its own SYNC a producer waits for the application.
+        device.poll(now, &mut objects);
+        device.poll(now, &mut objects);
+        assert!(
+            device.next_deadline().is_none_or(|next| next > now),
+            "a poll has left something to do"
+        );
+        if random.below(4) == 0 {
+            continue;
+        }
+        while let Some(frame) = device.pop_frame() {
+            totals.answers += 1;
+            let own = [0x7E4, 0x080].contains(&frame.id())
+                || frame.id() & 0x7F != 0 && NodeId::of_cob_id(frame.id()).is_some();
+            assert!(own, "{frame:?} is not this device's");
+            for byte in [frame.id() as u8, frame.len()].iter().chain(frame.data()) {
+                totals.digest = (totals.digest ^ u64::from(*byte)).wrapping_mul(0x100_0000_01B3);
+            }
+        }
+        while device.pop_event().is_some() {}
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let option = |name: &str, default: u64| {
+        let at = arguments.iter().position(|argument| argument == name);
+        at.and_then(|at| arguments.get(at + 1)?.parse().ok())
+            .unwrap_or(default)
+    };
+    let (frames, seed) = (option("--frames", 1_000_000), option("--seed", 1));
+    let mut random = Random(seed);
+    let mut totals = Totals {
+        answers: 0,
+        digest: 0xCBF2_9CE4_8422_2325,
+    };
+    let start = Instant::now();
+    let mut left = frames;
+    while left > 0 {
+        let now = left.min(5_000);
+        life(&mut random, now, &mut totals);
+        left -= now;
+    }
+    println!(
+        "{frames} frames in, {} out, no panic, digest {:016x}, {:.1} s",
+        totals.answers,
+        totals.digest,
+        start.elapsed().as_secs_f64()
+    );
+}

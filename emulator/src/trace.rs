@@ -1,0 +1,90 @@
+//! A record of what a board's outputs did, each change with the cycle it happened at.
+//!
+//! Only what changes the world is recorded: PWM duties as they take effect (with preload that is at the update
+//! event, not at the write), output pins, and frames handed to the CAN controller. Two runs are the same when
+//! their records are.
+
+use crate::can::CanFrame;
+use crate::system::gpio::{PinLevel, Port};
+use crate::timer::PwmState;
+
+/// One change of an output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Change {
+    /// A PWM output of timer and channel (from 1), at its pin.
+    Pwm {
+        /// Timer, 1..=14.
+        timer: usize,
+        /// Channel, 1..=4.
+        channel: usize,
+        /// From now on.
+        state: PwmState,
+    },
+    /// A pin in output mode, or no longer.
+    Pin {
+        /// Port.
+        port: Port,
+        /// Pin, 0..=15.
+        pin: u8,
+        /// From now on.
+        level: PinLevel,
+    },
+    /// A frame was put into a transmit mailbox.
+    Request(CanFrame),
+}
+
+/// A change with its time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Traced {
+    /// World time in ns.
+    pub t_ns: u64,
+    /// What changed.
+    pub change: Change,
+}
+
+/// Timers that can drive pins and have four channels.
+pub(crate) const PWM_TIMERS: [usize; 6] = [1, 2, 3, 4, 5, 8];
+
+/// The last known outputs and the changes since the record was taken.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Trace {
+    pwm: [[PwmState; 4]; PWM_TIMERS.len()],
+    pins: [[Option<PinLevel>; 16]; Port::ALL.len()],
+    requests: u64,
+    pub(crate) changes: Vec<(u64, Change)>,
+}
+
+impl Trace {
+    pub(crate) fn pwm(&mut self, now: u64, index: usize, channel: usize, state: PwmState) {
+        let last = &mut self.pwm[index][channel - 1];
+        if *last != state {
+            *last = state;
+            let timer = PWM_TIMERS[index];
+            self.changes.push((
+                now,
+                Change::Pwm {
+                    timer,
+                    channel,
+                    state,
+                },
+            ));
+        }
+    }
+
+    pub(crate) fn pin(&mut self, now: u64, port: Port, pin: u8, level: PinLevel) {
+        let last = &mut self.pins[port as usize][usize::from(pin)];
+        // What floats at power-on is no change.
+        if last.unwrap_or(PinLevel::Floating) != level {
+            *last = Some(level);
+            self.changes.push((now, Change::Pin { port, pin, level }));
+        }
+    }
+
+    pub(crate) fn request(&mut self, requests: u64, latest: Option<(CanFrame, u64)>) {
+        if std::mem::replace(&mut self.requests, requests) != requests
+            && let Some((frame, at)) = latest
+        {
+            self.changes.push((at, Change::Request(frame)));
+        }
+    }
+}

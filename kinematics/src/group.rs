@@ -1,0 +1,335 @@
+//! Several robots as one body: equations (9) to (15), (20), (21).
+//!
+//! The way to the wheels needs no group object: every member works out its own rates from the group twist, and
+//! nothing passes between them. The way back does: each member measures the group's twist by itself, and the best
+//! estimate weighs those by what each member's wheels can tell. That weighted mean equals the least-squares
+//! solution over all wheels of all members (a test says so), members of different wheel counts included, and it
+//! needs of each member no more than the twist it puts on the bus.
+//!
+//! What is left between a member's twist and the group's is slip, or strain in what connects them.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::arithmetic::Real;
+use crate::compensation::VelocityCompensation;
+use crate::error::GroupError;
+use crate::frame::{Pose, Twist};
+use crate::mount::Mount;
+use crate::platform::Platform;
+
+/// What a group needs to know of one member.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Member<S: Real = f32> {
+    mount: Mount<S>,
+    information: Matrix3<S>,
+}
+
+impl<S: Real> Member<S> {
+    /// From the member's wheels (with their weights), mount and compensation.
+    #[must_use]
+    pub fn new<const N: usize>(
+        platform: &Platform<N, S>,
+        mount: &Mount<S>,
+        compensation: &VelocityCompensation<S>,
+    ) -> Self {
+        let [x, y, w] = mount.matrix();
+        let k = Matrix3::from_rows(&[x.into(), y.into(), w.into()]);
+        let c = Matrix3::from_diagonal(&Vector3::new(
+            compensation.longitudinal(),
+            compensation.lateral(),
+            compensation.yaw(),
+        ));
+        let ck = c * k;
+        Self {
+            mount: *mount,
+            information: ck.transpose() * platform.information() * ck,
+        }
+    }
+}
+
+/// The largest differences between what a member measures and what the group does, at the member.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disagreement<S = f32> {
+    /// Of the velocity, m/s.
+    pub speed: S,
+    /// Of the angular velocity, rad/s.
+    pub omega: S,
+}
+
+/// `M` members moving as one body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Group<const M: usize, S: Real = f32> {
+    mounts: [Mount<S>; M],
+    /// What each member's measurement counts; they sum to the unit matrix.
+    shares: [Matrix3<S>; M],
+}
+
+impl<const M: usize, S: Real> Group<M, S> {
+    /// From its members.
+    ///
+    /// # Errors
+    ///
+    /// [`GroupError::Empty`] without members; [`GroupError::Undetermined`] when their information cannot be
+    /// inverted, which happens only when dimensions are absurd.
+    pub fn new(members: &[Member<S>; M]) -> Result<Self, GroupError> {
+        if M == 0 {
+            return Err(GroupError::Empty);
+        }
+        let total = members
+            .iter()
+            .fold(Matrix3::zeros(), |sum, member| sum + member.information);
+        let inverse = total.try_inverse().ok_or(GroupError::Undetermined)?;
+        Ok(Self {
+            mounts: members.map(|member| member.mount),
+            shares: members.map(|member| inverse * member.information),
+        })
+    }
+
+    /// The group's twist from what each member measures of it, all in the group frame.
+    #[must_use]
+    pub fn forward(&self, measured: &[Twist<S>; M]) -> Twist<S> {
+        let sum = self
+            .shares
+            .iter()
+            .zip(measured)
+            .fold(Vector3::zeros(), |sum, (share, twist)| {
+                sum + share * Vector3::new(twist.vx, twist.vy, twist.omega)
+            });
+        Twist::new(sum.x, sum.y, sum.z)
+    }
+
+    /// How each member moves against the group, in the member's own frame.
+    #[must_use]
+    pub fn deviations(&self, measured: &[Twist<S>; M]) -> [Twist<S>; M] {
+        let group = self.forward(measured);
+        let mut deviations = *measured;
+        for (deviation, mount) in deviations.iter_mut().zip(&self.mounts) {
+            *deviation = mount.to_member(*deviation - group);
+        }
+        deviations
+    }
+
+    /// The largest of [`Group::deviations`].
+    #[must_use]
+    pub fn disagreement(&self, measured: &[Twist<S>; M]) -> Disagreement<S> {
+        let mut worst = Disagreement {
+            speed: S::ZERO,
+            omega: S::ZERO,
+        };
+        for Twist { vx, vy, omega } in self.deviations(measured) {
+            worst.speed = worst.speed.max((vx * vx + vy * vy).root());
+            worst.omega = worst.omega.max(omega.abs());
+        }
+        worst
+    }
+
+    /// How fast two members' origins move apart (m/s, together negative): what stretches the load between them.
+    ///
+    /// `None` when there is no such member, or both stand in the same place.
+    #[must_use]
+    pub fn strain_rate(&self, one: usize, other: usize, measured: &[Twist<S>; M]) -> Option<S> {
+        let at = |index: usize| -> Option<(Pose<S>, Twist<S>)> {
+            let pose = self.mounts.get(index)?.pose();
+            let twist = *measured.get(index)?;
+            let velocity = Twist::new(
+                twist.vx - twist.omega * pose.y,
+                twist.vy + twist.omega * pose.x,
+                twist.omega,
+            );
+            Some((pose, velocity))
+        };
+        let ((from, start), (to, end)) = (at(one)?, at(other)?);
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        let distance = (dx * dx + dy * dy).root();
+        let apart = (end.vx - start.vx) * dx + (end.vy - start.vy) * dy;
+        (distance > S::ZERO).then(|| apart / distance)
+    }
+}
+
+/// The scale at which all members can follow: the smallest of theirs, within 0 to 1. No members, or a NaN, yield 0.
+///
+/// A member's own scale is the one [`crate::desaturate`] returns for its rates and its limit.
+#[must_use]
+pub fn group_scale<S: Real>(scales: impl IntoIterator<Item = S>) -> S {
+    let mut smallest = None;
+    for scale in scales {
+        let within = scale >= S::ZERO;
+        let scale = if within { scale } else { S::ZERO };
+        smallest = Some(match smallest {
+            None => scale.min(S::ONE),
+            Some(least) => scale.min(least),
+        });
+    }
+    smallest.unwrap_or(S::ZERO)
+}
+
+/// A named arrangement of robots, as in the paper's Figure 19.
+///
+/// The group's origin is the middle of the members' origins. The paper's distances stand in its figure only, so
+/// they are arguments here.
+///
+/// ```
+/// use mecanum_kinematics::Configuration;
+///
+/// let train = Configuration::<3>::tcc_3(1.2)?;
+/// assert_eq!(train.name, "TCC-3");
+/// assert_eq!(train.mounts.map(|mount| mount.pose().x), [1.2, 0.0, -1.2]);
+/// # Ok::<(), mecanum_kinematics::MountError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Configuration<const M: usize, S = f32> {
+    /// The paper's abbreviation, or "custom".
+    pub name: &'static str,
+    /// Whether the members are joined rigidly, or hold their places by driving alike.
+    pub connected: bool,
+    /// Where the members stand.
+    pub mounts: [Mount<S>; M],
+}
+
+impl<const M: usize, S: Real> Configuration<M, S> {
+    /// Members one behind the other, the first ahead, `spacing` m from origin to origin, all heading along x.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn tandem(spacing: S, connected: bool) -> Result<Self, crate::MountError> {
+        Self::row("custom", connected, |along| {
+            Pose::new(along * spacing, S::ZERO, S::ZERO)
+        })
+    }
+
+    /// Members side by side, the first leftmost, `spacing` m from origin to origin, all heading along x.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn side_by_side(spacing: S, connected: bool) -> Result<Self, crate::MountError> {
+        Self::row("custom", connected, |along| {
+            Pose::new(S::ZERO, along * spacing, S::ZERO)
+        })
+    }
+
+    /// Members anywhere, heading anywhere.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when a pose is not finite.
+    pub fn arbitrary(poses: [Pose<S>; M], connected: bool) -> Result<Self, crate::MountError> {
+        let mut mounts = [Mount::at_origin(); M];
+        for (mount, pose) in mounts.iter_mut().zip(poses) {
+            *mount = Mount::new(pose)?;
+        }
+        Ok(Self {
+            name: "custom",
+            connected,
+            mounts,
+        })
+    }
+
+    /// Members at places (M - 1)/2, ..., 0, ..., -(M - 1)/2 of a line.
+    fn row(
+        name: &'static str,
+        connected: bool,
+        place: impl Fn(S) -> Pose<S>,
+    ) -> Result<Self, crate::MountError> {
+        let mut mounts = [Mount::at_origin(); M];
+        let mut last = S::ZERO;
+        for _ in 1..M {
+            last += S::ONE;
+        }
+        let mut along = last / S::constant(2.0);
+        for mount in &mut mounts {
+            *mount = Mount::new(place(along))?;
+            along -= S::ONE;
+        }
+        Ok(Self {
+            name,
+            connected,
+            mounts,
+        })
+    }
+
+    fn named(self, name: &'static str) -> Self {
+        Self { name, ..self }
+    }
+}
+
+impl<S: Real> Configuration<2, S> {
+    /// Side by side, connected, two robots.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn scc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Ok(Self::side_by_side(spacing, true)?.named("SCC-2"))
+    }
+
+    /// Side by side, unconnected, two robots.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn suc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Ok(Self::side_by_side(spacing, false)?.named("SUC-2"))
+    }
+
+    /// Tandem, connected, two robots.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn tcc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Ok(Self::tandem(spacing, true)?.named("TCC-2"))
+    }
+
+    /// Tandem, unconnected, two robots.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn tuc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Ok(Self::tandem(spacing, false)?.named("TUC-2"))
+    }
+
+    /// Arbitrary, unconnected, two robots at an angle of 30 degrees: side by side, the right one turned left.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn auc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Self::at_an_angle(spacing, false, "AUC-2")
+    }
+
+    /// The same two robots, connected.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn acc_2(spacing: S) -> Result<Self, crate::MountError> {
+        Self::at_an_angle(spacing, true, "ACC-2")
+    }
+
+    fn at_an_angle(
+        spacing: S,
+        connected: bool,
+        name: &'static str,
+    ) -> Result<Self, crate::MountError> {
+        let half = spacing / S::constant(2.0);
+        let poses = [
+            Pose::new(S::ZERO, half, S::ZERO),
+            Pose::new(S::ZERO, -half, S::frac_pi_6()),
+        ];
+        Ok(Self::arbitrary(poses, connected)?.named(name))
+    }
+}
+
+impl<S: Real> Configuration<3, S> {
+    /// Tandem, connected, three robots.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::MountError`] when the spacing is not finite.
+    pub fn tcc_3(spacing: S) -> Result<Self, crate::MountError> {
+        Ok(Self::tandem(spacing, true)?.named("TCC-3"))
+    }
+}

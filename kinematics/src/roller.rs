@@ -1,0 +1,122 @@
+//! What a finite number of rollers does to a wheel.
+//!
+//! Between two hand-overs the ground roller swings with the wheel, by up to pi/n either way. Seen from above its
+//! axle then stands at `tan(gamma') = tan(gamma) cos(sweep)`, so sideways motion per wheel angle shrinks with
+//! `cos(sweep)`: on average by `sin(pi/n)/(pi/n)`, 2.55 % at eight rollers, with a ripple between `cos(pi/n)` and 1,
+//! n times a wheel turn. Straight motion does not notice. The point of contact wanders along the wheel's axle as
+//! well, which changes the wheel's lever arm.
+//!
+//! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that wants to show it or by
+//! a controller that wants to take it out.
+
+use crate::arithmetic::Real;
+use crate::error::GeometryError;
+use crate::wheel::Wheel;
+
+/// The rollers of a wheel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rollers<S = f32> {
+    count: S,
+    pitch: S,
+}
+
+impl<S: Real> Rollers<S> {
+    /// This many rollers, evenly spaced, each handing over to the next without a gap.
+    ///
+    /// # Errors
+    ///
+    /// [`GeometryError::NotPositive`] for fewer than three rollers.
+    ///
+    /// ```
+    /// let eight = mecanum_kinematics::Rollers::<f64>::new(8)?;
+    /// assert!((eight.mean_lateral_ratio() - 0.9745).abs() < 5e-5);
+    /// assert!((eight.least_lateral_ratio() - 0.9239).abs() < 5e-5);
+    /// # Ok::<(), mecanum_kinematics::GeometryError>(())
+    /// ```
+    pub fn new(count: u16) -> Result<Self, GeometryError> {
+        if count < 3 {
+            return Err(GeometryError::NotPositive("rollers - 2"));
+        }
+        let count = S::constant(f64::from(count));
+        Ok(Self {
+            count,
+            pitch: S::two_pi() / count,
+        })
+    }
+
+    /// Angle from one roller to the next, rad.
+    #[must_use]
+    pub const fn pitch(&self) -> S {
+        self.pitch
+    }
+
+    /// How far the wheel has rolled on since the middle of its ground roller stood lowest, within ± half a pitch,
+    /// rad. `wheel_angle` counts forward rolling positive; `phase` is the sweep at angle 0.
+    #[must_use]
+    pub fn sweep(&self, wheel_angle: S, phase: S) -> S {
+        let angle = wheel_angle + phase;
+        angle - (angle / self.pitch).round() * self.pitch
+    }
+
+    /// Lateral motion per wheel angle at this sweep, relative to a wheel of infinitely many rollers.
+    #[must_use]
+    pub fn lateral_ratio(&self, sweep: S) -> S {
+        let (_, cos) = sweep.sine_cosine();
+        cos
+    }
+
+    /// The mean of that over whole rollers, `sin(pi/n)/(pi/n)`, as a wheel that turns evenly averages it.
+    #[must_use]
+    pub fn mean_lateral_ratio(&self) -> S {
+        let half = S::pi() / self.count;
+        let (sin, _) = half.sine_cosine();
+        sin / half
+    }
+
+    /// The least of it, `cos(pi/n)`, at the hand-over.
+    #[must_use]
+    pub fn least_lateral_ratio(&self) -> S {
+        let (_, cos) = (S::pi() / self.count).sine_cosine();
+        cos
+    }
+
+    /// By how much the lateral ratio at this sweep is above its mean, relative: what a ripple compensation that
+    /// works beside a constant coefficient must take out.
+    #[must_use]
+    pub fn ripple(&self, sweep: S) -> S {
+        self.lateral_ratio(sweep) / self.mean_lateral_ratio() - S::ONE
+    }
+}
+
+impl<S: Real> Wheel<S> {
+    /// The ideal wheel that this one equals at a sweep (rad) of its ground roller: its roller angle seen from above,
+    /// its centre moved along its axle to where the ground is touched.
+    ///
+    /// `axle_distance` (m) is from the wheel's axle to the middle of a roller's: the wheel's radius less the
+    /// roller's. Zero leaves the point of contact where it is.
+    ///
+    /// # Errors
+    ///
+    /// [`GeometryError`] for a sweep of 90 degrees or more, which no wheel has.
+    pub fn swept(&self, sweep: S, axle_distance: S) -> Result<Self, GeometryError> {
+        let (sin, cos) = sweep.sine_cosine();
+        let (sin_roller, cos_roller) = self.roller_angle().sine_cosine();
+        let seen = (sin_roller * cos).atan2(cos_roller);
+        // The lowest point lies where the roller's axle crosses below the wheel's: rolled forward, a roller that
+        // points left and back (positive angle) is crossed further right.
+        let left = -axle_distance * sin / cos * cos_roller / sin_roller;
+        let (ahead_y, ahead_x) = self.mounting_angle().sine_cosine();
+        let wheel = Self::new(
+            self.x() - ahead_y * left,
+            self.y() + ahead_x * left,
+            self.mounting_angle(),
+            seen,
+            self.radius(),
+        )?;
+        Ok(if self.is_reversed() {
+            wheel.reversed()
+        } else {
+            wheel
+        })
+    }
+}

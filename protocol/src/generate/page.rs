@@ -1,0 +1,213 @@
+//! The protocol page, `docs/can-protocol.md`.
+
+use core::fmt::{Result, Write};
+
+use super::{Shown, scale};
+use crate::object::Access;
+use crate::pdos::PDOS;
+use crate::table::{OBJECTS, RECORDS};
+use crate::{Fault, Limit, Reaction};
+
+const INTRODUCTION: &str = "\
+CANopen (CiA 301) at 1 Mbit/s, 11-bit identifiers, little-endian. The master is node 1, robots are nodes 2 to
+17. This page, `omnibus.eds` and `omnibus.dbc` are generated from the object table in `protocol/`; a test fails
+when they are stale. Frames and units are REP-103: x forward, y left, heading counter-clockwise.
+
+## Bringing a group up
+
+1. The robots boot into PRE-OPERATIONAL (boot-up frame 0x700 + node, data 00).
+2. The master reads 0x2000 (wire version) and refuses a robot that has another.
+3. It writes every object marked *required* by expedited SDO. 0x2002:1 reads 0 when the configuration is complete
+   and consistent; otherwise it names the first object that is not. 0x2002:2 is the CRC of all parameters.
+4. NMT start. Each robot checks its whole configuration, its stop input and its drivers, and arms: drivers on,
+   reference zero. A robot with an objection sends an emergency message and stays off.
+5. Once a SYNC period, the master sends a group twist with the next sequence, then SYNC with its counter (1 to
+   240). Its heartbeat (0x701) goes on all the while.
+
+## What happens to a group twist
+
+At SYNC *k* every member latches the twist received before it and publishes the scale at which its own wheels can
+follow, with the sequence it latched. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
+A member that is not heard, is in no state to follow, echoes another sequence or permits 0, stops the group: all ramp
+down along the direction of motion with the common deceleration. The same ramp follows a silent master, a missing
+SYNC and an overdue setpoint. Only an NMT start and a new sequence end that.
+";
+
+const PROCESS_DATA: &str = "\
+All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to nearest and
+saturate; the most negative value (-32768, or -8388608 in 24 bits) means *invalid*. A setpoint's sequence must lie 1 to
+127 ahead of the last one, wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+";
+
+const FAULTS: &str = "\
+A fault is latched: the robot comes to rest, by *ramp* along the direction of motion or by *cut* (drivers off and brake
+engaged in the same tick), and stays so until an NMT start finds the cause gone. Each appearance is announced by an
+emergency message with this number as error code, and its end by one with error code 0.
+";
+
+const OBJECT_NOTES: &str = "\
+Access: *const* never changes, *ro* is written by the robot only, *rw* at any time, *set* is a parameter: refused while
+OPERATIONAL (abort 0x08000022). **Required** parameters must be written before the drivers can be enabled. A value out
+of its limits is refused with 0x06090031 (too high), 0x06090032 (too low) or 0x06090030 (not a number), and nothing
+changes. Sub-index 0 of a record reads its highest sub-index.
+";
+
+/// Writes the page.
+///
+/// # Errors
+/// Those of the writer.
+pub fn page<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "# What Omnibus says on the CAN bus\n")?;
+    writeln!(out, "Wire version {}. {INTRODUCTION}", crate::WIRE_VERSION)?;
+    writeln!(
+        out,
+        "The robots act on a target {} ms after the SYNC that puts it in force, more than SYNC may jitter, and reach it \
+         on a\nstraight line over one SYNC period. A setpoint latched at SYNC *k* is therefore reached at SYNC *k+2* \
+         plus {} ms.\n",
+        crate::APPLY_DELAY_US / 1000,
+        crate::APPLY_DELAY_US / 1000
+    )?;
+    identifiers(out)?;
+    process_data(out)?;
+    codes(out)?;
+    objects(out)
+}
+
+fn identifiers<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "## Identifiers\n")?;
+    writeln!(out, "| identifier | frame | from |\n|---|---|---|")?;
+    writeln!(out, "| 0x000 | NMT | master |")?;
+    writeln!(out, "| 0x080 | SYNC, counter 1 to 240 | master |")?;
+    writeln!(out, "| 0x080 + node | emergency | robot |")?;
+    for pdo in PDOS {
+        let from = if pdo.receive { "master" } else { "robot" };
+        let kind = if pdo.receive { 'R' } else { 'T' };
+        let node = if pdo.broadcast { "" } else { " + node" };
+        writeln!(
+            out,
+            "| 0x{:03X}{node} | {} ({kind}PDO{} of a robot) | {from} |",
+            pdo.cob_base, pdo.name, pdo.number
+        )?;
+    }
+    writeln!(out, "| 0x580 + node | SDO answer | robot |")?;
+    writeln!(out, "| 0x600 + node | SDO request | master |")?;
+    writeln!(out, "| 0x700 + node | heartbeat, boot-up | all |")?;
+    writeln!(out, "| 0x7E4, 0x7E5 | LSS | robot, master |\n")
+}
+
+fn process_data<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "## Process data\n\n{PROCESS_DATA}")?;
+    for pdo in PDOS {
+        writeln!(out, "### {}\n", pdo.name)?;
+        writeln!(
+            out,
+            "| bytes | field | object | type | one step |\n|---|---|---|---|---|"
+        )?;
+        let mut byte = 0;
+        for object in pdo.objects() {
+            let last = byte + object.kind.bytes() - 1;
+            let (factor, unit) = scale(object.unit);
+            if byte == last {
+                write!(out, "| {byte} ")?;
+            } else {
+                write!(out, "| {byte}-{last} ")?;
+            }
+            write!(
+                out,
+                "| {} | {} | {} |",
+                object.name,
+                object.address,
+                object.kind.name()
+            )?;
+            if object.unit.is_empty() {
+                writeln!(out, " |")?;
+            } else {
+                writeln!(out, " {factor} {unit} |")?;
+            }
+            byte = last + 1;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+fn codes<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "## Limits\n")?;
+    writeln!(
+        out,
+        "Active but moving; they go away by themselves.\n\n| code | name | meaning |\n|---|---|---|"
+    )?;
+    for limit in Limit::ALL {
+        writeln!(
+            out,
+            "| 0x{:04X} | {} | {} |",
+            limit.code(),
+            limit.name(),
+            limit.text().trim_start()
+        )?;
+    }
+    writeln!(out, "\n## Faults\n\n{FAULTS}")?;
+    writeln!(
+        out,
+        "| code | name | reaction | meaning |\n|---|---|---|---|"
+    )?;
+    for fault in Fault::ALL {
+        let reaction = match fault.reaction() {
+            Reaction::Ramp => "ramp",
+            Reaction::Cut => "cut",
+        };
+        writeln!(
+            out,
+            "| 0x{:04X} | {} | {reaction} | {} |",
+            fault.code(),
+            fault.name(),
+            fault.text().trim_start()
+        )?;
+    }
+    writeln!(out)
+}
+
+fn objects<W: Write>(out: &mut W) -> Result {
+    writeln!(out, "## Objects\n\n{OBJECT_NOTES}")?;
+    for (index, name) in RECORDS {
+        writeln!(out, "### {index:04X} {name}\n")?;
+        writeln!(
+            out,
+            "| sub | name | type | access | unit | limits | default | |\n|---|---|---|---|---|---|---|---|"
+        )?;
+        for object in OBJECTS
+            .iter()
+            .filter(|object| object.address.index == *index)
+        {
+            let access = match object.access {
+                Access::Parameter => "set",
+                other => other.eds(),
+            };
+            write!(
+                out,
+                "| {} | {} | {} | {access} | {} |",
+                object.address.sub,
+                object.name,
+                object.kind.name(),
+                object.unit
+            )?;
+            match object.access {
+                Access::Parameter => write!(
+                    out,
+                    " {} to {} | {} |",
+                    Shown(object.min),
+                    Shown(object.max),
+                    Shown(object.default)
+                )?,
+                Access::Const => write!(out, " | {} |", Shown(object.default))?,
+                Access::ReadOnly | Access::ReadWrite => write!(out, " | |")?,
+            }
+            if object.required {
+                write!(out, " **Required.**")?;
+            }
+            writeln!(out, " {} |", object.text)?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,66 @@
+//! Start-up: board, identity, what the last run left behind, tasks.
+
+use core::mem::MaybeUninit;
+
+use canopen::NodeId;
+use controller::{BusSide, Identity};
+use defmt::unwrap;
+use embassy_executor::Spawner;
+use protocol::Fault;
+use static_cell::StaticCell;
+
+use crate::board::{Board, ResetCause, executors, now, post_mortem};
+use crate::{bus, control, health, led, watchdog};
+
+/// Node id with all switches open.
+const FIRST_NODE: u8 = 2;
+
+/// A few kilobytes that are better never moved over the stack.
+static BUS_SIDE: StaticCell<BusSide> = StaticCell::new();
+
+/// Makes the bus side where it stays. Not inlined, so that the stack it takes is given back.
+#[inline(never)]
+fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'static mut BusSide {
+    place.write(BusSide::new(identity))
+}
+
+/// Starts everything; never returns.
+pub fn start() -> ! {
+    let board = Board::new();
+    let node = FIRST_NODE + board.node_switches;
+    defmt::info!(
+        "reset: {}, node {=u8}, serial {=u32:#010x}",
+        board.reset_cause,
+        node,
+        board.serial
+    );
+    let crash = post_mortem::take();
+    if let Some(failure) = crash {
+        defmt::error!("the last run ended with {}", failure);
+    }
+    let by_watchdog = board.reset_cause == ResetCause::Watchdog;
+
+    let identity = Identity {
+        reset_cause: board.reset_cause as u8,
+        ..Identity::new(unwrap!(NodeId::new(node)), board.serial)
+    };
+    let side = place(BUS_SIDE.uninit(), identity);
+    side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
+    match (crash, by_watchdog) {
+        (Some(_), _) => side.on_fault(now(), Fault::Crash),
+        (None, true) => side.on_fault(now(), Fault::WatchdogReset),
+        (None, false) => {}
+    }
+
+    executors::start_control().spawn(unwrap!(control::control(
+        board.drive,
+        board.encoders,
+        board.driver_fault
+    )));
+    executors::bus().run(|spawner: Spawner| {
+        spawner.spawn(unwrap!(bus::bus(board.can, side)));
+        spawner.spawn(unwrap!(watchdog::watchdog(board.watchdog)));
+        spawner.spawn(unwrap!(led::led(board.led)));
+        spawner.spawn(unwrap!(health::health()));
+    })
+}
