@@ -45,5 +45,9 @@ pub fn quick_drive(group: &GroupFile, backend: Backend, curve: Curve, compensati
         Ok(())
     };
     let result = drive().map_err(|error| error.to_string());
-    Drive { world: link.world, truth, result }
+    Drive {
+        world: link.world,
+        truth,
+        result,
+    }
 }
