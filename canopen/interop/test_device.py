@@ -9,6 +9,7 @@ few that wait for silence wait longer than the device could take.
 """
 
 import os
+import queue
 import socket
 import subprocess
 import sys
@@ -86,6 +87,15 @@ def free_port():
         return s.getsockname()[1]
 
 
+def wait_for_port(port):
+    for _ in range(500):
+        with socket.socket() as s:
+            if s.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.01)
+    raise TimeoutError(f"nobody listens on port {port}")
+
+
 class Case(unittest.TestCase):
     node_id = NODE
 
@@ -98,11 +108,7 @@ class Case(unittest.TestCase):
         port = free_port()
         node = "" if self.node_id is None else str(self.node_id)
         self.process = subprocess.Popen([BINARY, f"127.0.0.1:{port}", node, self.memory.name])
-        for _ in range(500):
-            with socket.socket() as s:
-                if s.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.01)
+        wait_for_port(port)
         self.network = canopen.Network()
         channel = f"socket://127.0.0.1:{port}"
         self.network.connect(interface="slcan", channel=channel, sleep_after_open=0)
@@ -235,15 +241,13 @@ class Pdo(Case):
         self.node.nmt.state = "OPERATIONAL"
         self.node.nmt.wait_for_heartbeat(2)
         self.node.tpdo.read()
-        tpdo = self.node.tpdo[1]
+        received = queue.Queue()
+        self.node.tpdo[1].add_callback(lambda tpdo: received.put(tpdo[0].raw))
         for value in range(200):
-            with tpdo.receive_condition:
-                tpdo.is_received = False
             self.network.send_message(0x205, (2 * value).to_bytes(2, "little"))
             self.network.sync.transmit()
             self.network.send_message(0x205, (2 * value + 1).to_bytes(2, "little"))
-            self.assertIsNotNone(tpdo.wait_for_reception(2))
-            self.assertEqual(tpdo[0].raw, 2 * value)
+            self.assertEqual(received.get(timeout=2), 2 * value)
 
     def test_a_master_can_map_anew(self):
         self.node.tpdo.read()

@@ -1,4 +1,4 @@
-//! Little-endian values in and out of slices, with the abort codes SDO wants for wrong lengths.
+//! Values into slices, and the parts of a word.
 
 use crate::AbortCode;
 
@@ -8,26 +8,6 @@ pub(crate) fn put(out: &mut [u8], value: &[u8]) -> Result<usize, AbortCode> {
         .ok_or(AbortCode::OutOfMemory)?
         .copy_from_slice(value);
     Ok(value.len())
-}
-
-/// Exactly `N` bytes.
-fn exact<const N: usize>(data: &[u8]) -> Result<[u8; N], AbortCode> {
-    data.try_into().map_err(|_| match data.len() < N {
-        true => AbortCode::TooShort,
-        false => AbortCode::TooLong,
-    })
-}
-
-pub(crate) fn u8_of(data: &[u8]) -> Result<u8, AbortCode> {
-    exact(data).map(|[byte]| byte)
-}
-
-pub(crate) fn u16_of(data: &[u8]) -> Result<u16, AbortCode> {
-    exact(data).map(u16::from_le_bytes)
-}
-
-pub(crate) fn u32_of(data: &[u8]) -> Result<u32, AbortCode> {
-    exact(data).map(u32::from_le_bytes)
 }
 
 /// The low byte and the low half of a word, where more would not fit.
@@ -50,11 +30,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wrong_lengths_get_the_code_that_says_which() {
-        assert_eq!(u16_of(&[1]), Err(AbortCode::TooShort));
-        assert_eq!(u16_of(&[1, 2, 3]), Err(AbortCode::TooLong));
-        assert_eq!(u16_of(&[0x34, 0x12]), Ok(0x1234));
+    fn parts_of_a_word() {
         assert_eq!(put(&mut [0; 2], &[1, 2, 3]), Err(AbortCode::OutOfMemory));
         assert_eq!(high_u16(0x1234_5678), 0x1234);
+        assert_eq!(low_u16(0x1234_5678), 0x5678);
+        assert_eq!(low_u8(0x1234_5678), 0x78);
     }
 }

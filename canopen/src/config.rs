@@ -99,7 +99,8 @@ pub struct Config {
     pub software_version: &'static str,
     /// Object 0x1017, heartbeat period in ms; 0 for none.
     pub heartbeat_ms: u16,
-    /// Object 0x1016, whose heartbeat is expected within how many ms.
+    /// Object 0x1016, whose heartbeat is expected within how many ms; at most
+    /// [`MAX_CONSUMERS`](crate::MAX_CONSUMERS).
     pub consumers: &'static [(NodeId, u16)],
     /// Object 0x1006, SYNC period in us; 0 for none.
     pub sync_period_us: u32,
@@ -116,9 +117,11 @@ pub struct Config {
     pub startup: u32,
     /// Whether there is a [`Storage`](crate::Storage): objects 0x1010 and 0x1011.
     pub storage: bool,
-    /// Objects 0x1400 and 0x1600 on. Their number cannot change at run time.
+    /// Objects 0x1400 and 0x1600 on. Their number cannot change at run time; those past
+    /// [`MAX_RPDO`](crate::MAX_RPDO) do not exist.
     pub rpdos: &'static [PdoConfig],
-    /// Objects 0x1800 and 0x1A00 on. Their number cannot change at run time.
+    /// Objects 0x1800 and 0x1A00 on. Their number cannot change at run time; those past
+    /// [`MAX_TPDO`](crate::MAX_TPDO) do not exist.
     pub tpdos: &'static [PdoConfig],
 }
 

@@ -55,6 +55,7 @@ impl Timer {
     }
 
     /// `millis` after `now`, or never if that is zero: how CiA 301 writes its timers.
+    #[inline(never)]
     pub fn after_millis(now: Micros, millis: u16) -> Self {
         match millis {
             0 => Self::OFF,
@@ -67,7 +68,8 @@ impl Timer {
     }
 
     pub fn due(self, now: Micros) -> bool {
-        self.is_on() && self.0 <= now
+        // `OFF` is later than any time there is.
+        self.0 <= now
     }
 
     pub const fn moment(self) -> Micros {

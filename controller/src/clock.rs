@@ -3,7 +3,7 @@
 //! SYNC reaches all members at the same instant, but it comes from a PC and jitters, and each
 //! member's crystal runs a little fast or slow. A tracking loop of second order estimates when SYNC
 //! would have come without the jitter, in this member's own time: an eighth of the bandwidth of SYNC
-//! itself would still follow the jitter, so the gains are [`PHASE_GAIN`] and [`PERIOD_GAIN`]. The
+//! itself would still follow the jitter, so the gains are a 32nd and a 4096th. The
 //! jitter that is left is the same in every member, because all filter the same instants in the same
 //! way; what differs between members, the crystals, the integral part removes. A test shows two
 //! members 100 ppm apart ticking together to a few microseconds.

@@ -24,14 +24,18 @@ use crate::wheel::{WheelLoop, WheelReference};
 /// Nominal period of the tick, us.
 pub const TICK_US: u64 = 1_000;
 
+/// The same in 32 bits.
+const TICK: u32 = 1_000;
+const _: () = assert!(TICK as u64 == TICK_US);
+
 /// A tick later than this after the last one counts as late, us.
-const LATE_US: u64 = 1_500;
+const LATE_US: u32 = 1_500;
 
 /// Later than this, the wheels have been without control for too long, us.
-const OVERDUE_US: u64 = 20_000;
+const OVERDUE_US: u32 = 20_000;
 
 /// Longest time between two signs of life of the bus side, us.
-const BUS_SILENT_US: u64 = 100_000;
+const BUS_SILENT_US: u32 = 100_000;
 
 /// How long a low supply or too much slip must last, us.
 const LASTING_US: u64 = 100_000;
@@ -57,6 +61,8 @@ struct Wheel {
 struct Motion {
     configuration: Configuration,
     wheels: [Wheel; 4],
+    /// What the wheels were asked to accelerate with at the last tick, rad/s^2.
+    accelerations: [f32; 4],
     interpolator: Interpolator,
     limiter: Limiter,
     odometry: Odometry,
@@ -130,6 +136,7 @@ impl ControlSide {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
             limiter: Limiter::default(),
             odometry: Odometry::new(),
+            accelerations: [0.0; 4],
             wheels,
             configuration,
         });
@@ -143,16 +150,12 @@ impl ControlSide {
 
     /// One tick.
     pub fn tick(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
-        let elapsed = self
-            .last
-            .replace(now)
-            .map_or(TICK_US, |last| now.since(last).0);
+        let elapsed = self.last.replace(now).map_or(TICK, |last| span(last, now));
         if elapsed > LATE_US {
             self.report.late_ticks = self.report.late_ticks.wrapping_add(1);
         }
         // Bounds keep the observer's arithmetic sane after a long pause; the fault below stops it.
-        let dt =
-            u16::try_from(elapsed.clamp(TICK_US / 4, OVERDUE_US)).map_or(0.02, f32::from) * 1e-6;
+        let dt = elapsed.clamp(TICK / 4, OVERDUE_US) as f32 * 1e-6;
         let previous = self.counts.replace(inputs.encoder_counts);
         let previous = previous.unwrap_or(inputs.encoder_counts);
         self.report.at = now;
@@ -169,7 +172,7 @@ impl ControlSide {
 
         // Measure.
         let turned = motion.turned(previous, inputs.encoder_counts);
-        let expected: [f32; 4] = motion.acceleration_ref().into();
+        let expected = motion.accelerations;
         let mut rates = [0.0; 4];
         for (((wheel, turned), acceleration), rate) in motion
             .wheels
@@ -321,13 +324,6 @@ impl Motion {
     }
 
     #[inline]
-    fn acceleration_ref(&self) -> WheelRates {
-        self.configuration
-            .kinematics
-            .inverse(self.limiter.acceleration())
-    }
-
-    #[inline]
     fn measure(&mut self, turned: [f32; 4], rates: &WheelRates, report: &mut Report) {
         let kinematics = &self.configuration.kinematics;
         // Whole counts, not filtered rates: nothing is lost however slow it goes.
@@ -353,12 +349,11 @@ impl Motion {
         dt: f32,
     ) -> ([f32; 4], bool) {
         let per_volt = 1.0 / supply;
-        report.rates_ref = self
-            .configuration
-            .kinematics
-            .inverse(self.limiter.velocity());
+        let kinematics = &self.configuration.kinematics;
+        report.rates_ref = kinematics.inverse(self.limiter.velocity());
+        self.accelerations = kinematics.inverse(self.limiter.acceleration()).into();
         let references: [f32; 4] = report.rates_ref.into();
-        let accelerations: [f32; 4] = self.acceleration_ref().into();
+        let accelerations = self.accelerations;
         let rates: [f32; 4] = report.rates.into();
         let mut duty = [0.0; 4];
         let mut any_short = false;
@@ -386,6 +381,7 @@ impl Motion {
     /// Loops and reference at rest.
     fn rest(&mut self, update: u16) {
         self.limiter.reset();
+        self.accelerations = [0.0; 4];
         self.interpolator.restart(Twist::ZERO, update);
         for wheel in &mut self.wheels {
             wheel.drive.reset();
@@ -404,10 +400,15 @@ const fn live_fault(inputs: &Inputs) -> Option<Fault> {
     }
 }
 
-fn late(elapsed: u64, now: Micros, alive: Micros) -> Option<Fault> {
+/// Time between two instants in 32 bits: what is more than an hour apart is so long ago either way.
+fn span(from: Micros, to: Micros) -> u32 {
+    u32::try_from(to.since(from).0).unwrap_or(u32::MAX)
+}
+
+fn late(elapsed: u32, now: Micros, alive: Micros) -> Option<Fault> {
     if elapsed > OVERDUE_US {
         Some(Fault::ControlLate)
-    } else if now.since(alive).0 > BUS_SILENT_US {
+    } else if span(alive, now) > BUS_SILENT_US {
         Some(Fault::BusStarved)
     } else {
         None

@@ -2,18 +2,24 @@
 //!
 //! Counting edges per millisecond is hopeless at crawling speed: a wheel that makes 40 counts a
 //! second shows 0 for 24 ticks and 1000 counts a second for one. Instead a model of the wheel turns
-//! with the estimated rate, and the counter corrects it. The counter is taken for what it is: it
-//! does not say *where* the wheel is but in which interval, one count wide. While the model is
-//! inside that interval there is nothing to correct, so a steady rate gives a steady estimate with
-//! no ripple at the rate of the edges. Outside it, the distance to the interval's border corrects
-//! angle and rate as in a second-order tracking loop: no lag at constant speed, and the reference
-//! acceleration is fed in, so that none is left while accelerating as planned either.
+//! with the estimated rate, and the counter corrects it. The counter does not say *where* the wheel is
+//! but in which interval, one count wide: a distance from the middle that lies within the interval
+//! counts half, what goes beyond it in full. As a second-order loop it has no lag at constant speed;
+//! the reference acceleration is fed in, so that none is left while accelerating as planned either.
 //!
-//! The bandwidth shrinks with the rate of edges, because a loop that is faster than the edges it
-//! lives on would be unstable: correction per edge times time between edges must stay below 2; it
-//! is kept at 1/2.
+//! The bandwidth shrinks with the rate of edges, to half of it, since there is nothing to learn between
+//! two edges. Both choices were made by simulating the closed wheel loop from 10 mm/s to 0.5 m/s (wheel
+//! radius 152 mm, 2048 counts). Full weight inside the interval makes the estimate ripple with the edges
+//! (1 % at 20 mm/s instead of 0.5 %); none at all, the obvious dead band, is calm for a wheel that is
+//! turned by somebody else but lets the loop around it hunt (7 % at 20 mm/s).
 //!
-//! Cost: about 25 instructions. Error at constant speed: below 1 % at 43 counts a second, asserted.
+//! Cost: about 30 instructions. Errors at 20 mm/s, estimate and loop: below 1 %, asserted.
+
+/// Weight of a distance that the counter cannot see.
+const WITHIN: f32 = 0.5;
+
+/// Bandwidth per rate of edges.
+const PER_EDGE: f32 = 0.5;
 
 /// Slowest bandwidth, rad/s: how fast it notices a wheel that starts against expectation.
 const BANDWIDTH_MIN: f32 = 20.0;
@@ -51,14 +57,15 @@ impl Observer {
         let half = 0.5 * self.step;
         let rate = self.rate + acceleration * dt;
         let lead = self.lead + 0.5 * (self.rate + rate) * dt - turned;
-        let error = if lead > half {
-            half - lead
+        let beyond = if lead > half {
+            lead - half
         } else if lead < -half {
-            -half - lead
+            lead + half
         } else {
             0.0
         };
-        let edges = rate.abs() * self.per_step;
+        let error = -(WITHIN * lead + (1.0 - WITHIN) * beyond);
+        let edges = rate.abs() * self.per_step * PER_EDGE;
         let bandwidth = if edges > self.bandwidth_max {
             self.bandwidth_max
         } else if edges > BANDWIDTH_MIN {
@@ -170,7 +177,9 @@ mod tests {
     fn a_stop_is_noticed() {
         let samples = track(3.0, |t| 2.0 * t.min(1.0), |_| 0.0);
         let after = |seconds: f64| samples[(seconds / DT) as usize].0.abs();
-        assert!(after(1.05) < 0.2, "{} after 50 ms", after(1.05));
+        // The critically damped answer to a lost rate v swings to -v/e^2 and comes back.
+        let swing = 2.0 * (-2.0_f64).exp();
+        assert!(after(1.05) < swing, "{} after 50 ms", after(1.05));
         assert!(after(1.5) < 0.02, "{} after 500 ms", after(1.5));
     }
 }

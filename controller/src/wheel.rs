@@ -75,7 +75,14 @@ impl WheelLoop {
     ) -> (f32, bool) {
         let gains = &self.gains;
         let error = reference.rate - rate;
-        let sign = (reference.rate * (1.0 / FRICTION_FADE)).clamp(-1.0, 1.0);
+        // Compared, not clamped: `clamp` on this target is two calls.
+        let sign = if reference.rate > FRICTION_FADE {
+            1.0
+        } else if reference.rate < -FRICTION_FADE {
+            -1.0
+        } else {
+            reference.rate * (1.0 / FRICTION_FADE)
+        };
         let wanted = gains.static_friction * sign
             + gains.speed * reference.rate
             + gains.acceleration * reference.acceleration

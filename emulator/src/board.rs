@@ -17,6 +17,7 @@ use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 
 use crate::bus::{self, Shared};
 use crate::can::{Can, CanPort};
+use crate::fast::{Fast, Memory};
 use crate::firmware::{FLASH_BASE, Firmware};
 use crate::profile::Profile;
 use crate::rtt::{Log, LogLine};
@@ -40,6 +41,8 @@ pub struct BoardConfig {
     pub lsi_hz: u64,
     /// Ends the run when the processor takes a HardFault, instead of letting the firmware's handler deal with it.
     pub stop_on_hard_fault: bool,
+    /// Executes every instruction on the reference core. The result is the same and takes several times as long.
+    pub reference_core: bool,
 }
 
 impl Default for BoardConfig {
@@ -50,6 +53,7 @@ impl Default for BoardConfig {
             hse_hz: 8_000_000,
             lsi_hz: 32_000,
             stop_on_hard_fault: false,
+            reference_core: false,
         }
     }
 }
@@ -73,6 +77,8 @@ const LOOK_CYCLES: u64 = 2_000;
 const LOG_CYCLES: u64 = 180_000;
 /// Steps of one cycle in a row after which the core is asked whether it sleeps.
 const QUIET_STEPS: u32 = 6;
+/// SCR: sleep means stop or standby mode.
+const SLEEPDEEP: u32 = 1 << 2;
 
 /// An emulated board.
 #[derive(Debug)]
@@ -84,6 +90,7 @@ pub struct Board {
     ram: Arc<RamStore>,
     flash: Arc<RamStore>,
     log: Log,
+    fast: Fast,
     now: u64,
     asleep: bool,
     next_log: u64,
@@ -128,6 +135,7 @@ impl Board {
             ram,
             flash,
             log,
+            fast: Fast::new(),
             now: 0,
             asleep: false,
             next_log: 0,
@@ -218,36 +226,13 @@ impl Board {
 
     /// Steps the core until a cycle, or until something needs attention.
     fn execute(&mut self, limit: u64) {
+        self.asleep = false;
         if self.profile.is_some() {
             self.execute_profiled(limit);
+        } else if self.config.reference_core {
+            self.execute_slowly(limit);
         } else {
-            let mut quiet = 0;
-            self.asleep = false;
-            loop {
-                let cycles = self.cpu.step();
-                self.now += cycles;
-                self.instructions += 1;
-                self.shared.now.store(self.now, Relaxed);
-                if self.shared.attention.load(Relaxed) {
-                    break;
-                }
-                if cycles == 1 {
-                    quiet += 1;
-                    if quiet == QUIET_STEPS {
-                        quiet = 0;
-                        if self.cpu.is_asleep() || self.cpu.is_locked_up() {
-                            self.instructions -= u64::from(QUIET_STEPS) - 1;
-                            self.asleep = true;
-                            break;
-                        }
-                    }
-                } else {
-                    quiet = 0;
-                }
-                if self.now >= limit {
-                    break;
-                }
-            }
+            self.execute_fast(limit);
         }
         if self.cpu.reset_requested() {
             self.system_reset(rcc::cause::SOFTWARE);
@@ -257,8 +242,66 @@ impl Board {
         }
     }
 
+    /// Plain instructions on the fast path, the others one by one on the reference core.
+    fn execute_fast(&mut self, limit: u64) {
+        let memory = Memory {
+            ram: &self.ram,
+            flash: &self.flash,
+            shared: &self.shared,
+        };
+        let mut drowsy = false;
+        loop {
+            let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
+            self.now = now;
+            self.instructions += instructions;
+            if self.now >= limit || self.shared.attention.load(Relaxed) {
+                break;
+            }
+            self.shared.lines_changed.store(false, Relaxed);
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.shared.now.store(self.now, Relaxed);
+            let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
+            if asleep && drowsy {
+                // Asleep before the step and after it: nothing that is pending wakes the core.
+                self.asleep = true;
+                break;
+            }
+            drowsy = asleep;
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
+            if self.now >= limit || self.shared.attention.load(Relaxed) {
+                break;
+            }
+        }
+    }
+
+    fn execute_slowly(&mut self, limit: u64) {
+        let mut quiet = 0;
+        loop {
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.instructions += 1;
+            self.shared.now.store(self.now, Relaxed);
+            if self.shared.attention.load(Relaxed) {
+                break;
+            }
+            quiet = if cycles == 1 { quiet + 1 } else { 0 };
+            if quiet == QUIET_STEPS {
+                quiet = 0;
+                if self.cpu.is_asleep() || self.cpu.is_locked_up() {
+                    self.instructions -= u64::from(QUIET_STEPS) - 1;
+                    self.asleep = true;
+                    break;
+                }
+            }
+            if self.now >= limit {
+                break;
+            }
+        }
+    }
+
     fn execute_profiled(&mut self, limit: u64) {
-        self.asleep = false;
         while self.now < limit {
             let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
             let cycles = self.cpu.step();
@@ -299,6 +342,14 @@ impl Board {
     fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
         if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {
             return Err(self.stop(StopKind::LockedUp, self.cpu.pc()));
+        }
+        if self.cpu.with_sys(|sys| sys.scr & SLEEPDEEP != 0) {
+            let kind = StopKind::Unmodelled {
+                what: "SCB_SCR.SLEEPDEEP: stop and standby mode".to_owned(),
+                address: 0xE000_ED10,
+                written: None,
+            };
+            return Err(self.stop(kind, self.cpu.pc()));
         }
         let span = limit - self.now;
         let (span, wake) = self.cpu.with_sys(|sys| {

@@ -39,6 +39,8 @@ pub(crate) struct Shared {
     pub(crate) attention: AtomicBool,
     /// An interrupt line has changed since the core last looked.
     pub(crate) lines_changed: AtomicBool,
+    /// Changes whenever the content of the flash may have.
+    pub(crate) flash_version: AtomicU64,
     cpu: OnceLock<Weak<ArmV7m>>,
     lines: Mutex<IrqLines>,
 }
@@ -56,6 +58,7 @@ impl Shared {
             next_event: AtomicU64::new(u64::MAX),
             attention: AtomicBool::new(false),
             lines_changed: AtomicBool::new(false),
+            flash_version: AtomicU64::new(0),
             cpu: OnceLock::new(),
             lines: Mutex::new([0; 4]),
         }
@@ -64,6 +67,11 @@ impl Shared {
     pub(crate) fn attach(&self, cpu: &Arc<ArmV7m>) {
         // Set once, by the board that owns both.
         let _ = self.cpu.set(Arc::downgrade(cpu));
+    }
+
+    /// The interrupt lines as the core sees them.
+    pub(crate) fn lines(&self) -> IrqLines {
+        *lock(&self.lines)
     }
 
     /// Does something with the peripherals at the present cycle, without consequences.
@@ -78,7 +86,11 @@ impl Shared {
         let mut soc = lock(&self.soc);
         soc.now = self.now.load(Relaxed);
         let (hz, requests) = (soc.clock.hz(), soc.can.requests());
+        let busy = soc.flash.busy_until().is_some();
         let result = f(&mut soc);
+        if busy || soc.flash.busy_until().is_some() {
+            self.flash_version.fetch_add(1, Relaxed);
+        }
         let before = self.next_event.swap(soc.next_event, Relaxed);
         if soc.next_event < before
             || soc.clock.hz() != hz

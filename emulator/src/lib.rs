@@ -35,6 +35,7 @@ mod board;
 mod bus;
 pub mod can;
 pub mod clock;
+mod fast;
 mod firmware;
 pub mod profile;
 mod rtt;

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use emulator::{Board, BoardConfig, Firmware, Port, Traced};
+use emulator::{Board, BoardConfig, CanFrame, Firmware, Port, Traced};
 
 fn firmware() -> Firmware {
     let path = std::env::var_os("OMNIBUS_ELF").map_or_else(
@@ -175,4 +175,35 @@ fn profiling_changes_nothing_and_adds_up() {
     let difference = plain.instructions().abs_diff(profiled.instructions());
     assert!(difference < plain.instructions() / 100, "{difference}");
     assert_eq!(plain.take_log(), profiled.take_log());
+}
+
+#[test]
+fn the_fast_path_is_the_reference_core_to_the_cycle() {
+    let firmware = firmware();
+    let record = |reference_core| {
+        let config = BoardConfig {
+            reference_core,
+            ..BoardConfig::default()
+        };
+        let mut board = Board::new(&firmware, config);
+        board.set_input(Port::B, 12, false);
+        board.start_trace();
+        // Frames come in too: a SYNC with a counter every 10 ms, and what it may set off.
+        for turn in 1..=50_u8 {
+            run(&mut board, u64::from(turn) * 10_000_000);
+            board.encoder_add(2, i32::from(turn));
+            let sync = CanFrame::new(0x80, &[turn]).unwrap();
+            board.can().receive(&sync);
+        }
+        let mut ram = vec![0; 128 * 1024];
+        board.read_memory(0x2000_0000, &mut ram).unwrap();
+        let log: Vec<_> = board.take_log().iter().map(ToString::to_string).collect();
+        (board.take_trace(), log, board.cycles().0, ram)
+    };
+    let (fast, reference) = (record(false), record(true));
+    assert_eq!(fast.0, reference.0);
+    assert_eq!(fast.1, reference.1);
+    assert_eq!(fast.2, reference.2);
+    let different = fast.3.iter().zip(&reference.3).position(|(a, b)| a != b);
+    assert_eq!(different, None, "RAM differs first at this offset");
 }

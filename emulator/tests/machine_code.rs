@@ -497,3 +497,36 @@ fn a_preloaded_duty_is_traced_when_it_takes_effect() {
         taken - written
     );
 }
+
+#[test]
+fn a_masked_interrupt_still_ends_wfi() {
+    let mut code = Code::default();
+    code.store(RCC_APB1ENR, 1);
+    code.store(0x4000_002C, 99);
+    code.store(0x4000_000C, 1);
+    code.store(NVIC_ISER0, 1 << 28);
+    code.0.push(0xB672); // CPSID i
+    code.store(0x4000_0000, 1);
+    for _ in 0..120 {
+        code.0.push(0xBF00); // NOP: the interrupt is pending before the core goes to sleep
+    }
+    code.0.push(0xBF30); // WFI
+    code.count(RAM);
+    code.branch_to_itself();
+    let mut board = code.board(0, BoardConfig::default());
+    board.run_until(1_000_000).unwrap();
+    assert_eq!(board.read_word(RAM), Some(1));
+}
+
+#[test]
+fn stop_mode_is_refused() {
+    let mut code = Code::default();
+    code.store(0xE000_ED10, 4);
+    code.wait_for_event();
+    code.branch_to_itself();
+    let stop = code
+        .board(0, BoardConfig::default())
+        .run_until(1_000_000)
+        .unwrap_err();
+    assert!(stop.to_string().contains("SLEEPDEEP"), "{stop}");
+}

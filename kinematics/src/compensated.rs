@@ -13,6 +13,24 @@ use crate::member::MemberKinematics;
 use crate::mount::Mount;
 
 /// Kinematics of one four-wheel robot in its group with any [`Compensation`].
+///
+/// ```
+/// use mecanum_kinematics::{
+///     AxisTable, CompensatedMember, FourWheelGeometry, Mount, SpeedCompensation, Twist,
+/// };
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
+/// let table = |slow, fast| AxisTable::new(&[(0.1, slow), (0.5, fast)]);
+/// let compensation = SpeedCompensation {
+///     longitudinal: table(1.022, 1.027)?,
+///     lateral: table(1.141, 1.157)?,
+///     yaw: table(1.025, 1.026)?,
+/// };
+/// let kinematics = CompensatedMember::new(&robot, &Mount::IDENTITY, compensation)?;
+/// let rates = kinematics.inverse(Twist::new(0.3, 0.2, 0.1));
+/// assert!((kinematics.forward(&rates).vy - 0.2).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompensatedMember<C, S: Real = f32> {
     wheels: MemberKinematics<S>,

@@ -91,6 +91,22 @@ pub struct Uncertainty<S = f32> {
 }
 
 /// Works out the covariance of a forward-kinematics result.
+///
+/// ```
+/// use mecanum_kinematics::{
+///     FourWheelGeometry, Mount, Platform, TwistUncertainty, Uncertainty, VelocityCompensation,
+/// };
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
+/// let platform = Platform::new(&robot.wheels()?)?;
+/// let known = Uncertainty { wheel_rate: 0.02, longitudinal: 0.002, lateral: 0.01, yaw: 0.01 };
+/// let uncertainty =
+///     TwistUncertainty::new(&platform, &Mount::IDENTITY, &VelocityCompensation::NONE, &known);
+/// let even = uncertainty.covariance(&[3.0, 3.0, 3.0, 3.0]);
+/// let slipping = uncertainty.covariance(&[3.5, 3.0, 3.0, 3.0]);
+/// assert!(slipping.yy > even.yy);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TwistUncertainty<const N: usize, S: Real = f32> {
     platform: Platform<N, S>,

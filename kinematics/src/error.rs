@@ -19,6 +19,8 @@ pub enum GeometryError {
     TooFewWheels,
     /// A weight is negative or not finite.
     Weight,
+    /// Wheels too small or levers too long for fixed point.
+    Range,
     /// The roller axles are so nearly parallel that motion across them is 100 times harder to control.
     TranslationPoor,
     /// The roller axles so nearly meet in one point that yaw is 100 times harder to control than it could be.
@@ -38,6 +40,7 @@ impl fmt::Display for GeometryError {
                 f.write_str("roller_angle must be between 0 and 90 degrees, both excluded")
             }
             Self::TooFewWheels => f.write_str("a robot needs at least three wheels"),
+            Self::Range => f.write_str("wheels are too small or levers too long for fixed point"),
             Self::Weight => f.write_str("weights must be finite and not negative"),
             Self::TranslationPoor => f.write_str(
                 "all roller axles are nearly parallel: motion across them is poorly controlled",

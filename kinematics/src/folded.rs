@@ -17,6 +17,21 @@ const INVERSE_SHIFT: u32 = 20;
 const FORWARD_SHIFT: u32 = 28;
 
 /// Kinematics of one robot with `N` wheels in its group, compensation included.
+///
+/// ```
+/// use mecanum_kinematics::{Mount, Platform, Twist, VelocityCompensation, Wheel, WheelKinematics};
+///
+/// // A carrier with three wheels on each side.
+/// let wheels = [(0.9, 1.0), (0.0, -1.0), (-0.9, 1.0)].map(|(x, hand)| {
+///     [0.5, -0.5].map(|y: f32| Wheel::new(x, y, 0.0, hand * 0.785 * y.signum(), 0.1).unwrap())
+/// });
+/// let [[a, b], [c, d], [e, f]] = wheels;
+/// let platform = Platform::new(&[a, b, c, d, e, f])?;
+/// let kinematics = WheelKinematics::new(&platform, &Mount::IDENTITY, &VelocityCompensation::NONE);
+/// let rates: [f32; 6] = kinematics.inverse(Twist::new(0.4, 0.1, -0.2));
+/// assert!((kinematics.forward(&rates).omega + 0.2).abs() < 1e-5);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WheelKinematics<const N: usize, S: Scalar = f32> {
     /// Rows of `J C K`, one per wheel.

@@ -5,6 +5,14 @@ use crate::error::GeometryError;
 use crate::wheel::Wheel;
 
 /// A symmetric four-wheel robot.
+///
+/// ```
+/// use mecanum_kinematics::{FourWheelGeometry, GeometryError};
+///
+/// assert!(FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians()).is_ok());
+/// let error = FourWheelGeometry::new(0.370, 0.350, 0.0, 45_f32.to_radians()).unwrap_err();
+/// assert_eq!(error.to_string(), "wheel_radius must be greater than zero");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FourWheelGeometry<S = f32> {
     half_track: S,

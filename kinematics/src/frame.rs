@@ -8,6 +8,16 @@ use core::ops::{Add, Mul, Neg, Sub};
 use crate::arithmetic::{Real, Scalar};
 
 /// Velocity of a body in the plane.
+///
+/// ```
+/// use mecanum_kinematics::Twist;
+///
+/// let ahead = Twist::new(0.5_f64, 0.0, 0.1);
+/// // The same motion in the world, of a body that heads left.
+/// let world = ahead.to_world(core::f64::consts::FRAC_PI_2);
+/// assert!(world.vx.abs() < 1e-12 && (world.vy - 0.5).abs() < 1e-12);
+/// assert_eq!((ahead * 2.0).omega, 0.2);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twist<S = f32> {
     /// Velocity along x, forward positive, m/s.
@@ -128,6 +138,15 @@ impl<S: Neg<Output = S>> Neg for Twist<S> {
 }
 
 /// Position and heading of a body in the plane.
+///
+/// ```
+/// use mecanum_kinematics::Pose;
+///
+/// let group = Pose::new(10.0_f64, 0.0, core::f64::consts::FRAC_PI_2);
+/// let member = Pose::new(1.0, 0.0, 0.0); // 1 m ahead in the group
+/// let in_world = group.compose(member);
+/// assert!((in_world.x - 10.0).abs() < 1e-12 && (in_world.y - 1.0).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose<S = f32> {
     /// Position along x, m.

@@ -57,6 +57,23 @@ pub struct Disagreement<S = f32> {
 }
 
 /// `M` members moving as one body.
+///
+/// ```
+/// use mecanum_kinematics::{
+///     Configuration, FourWheelGeometry, Group, Member, Platform, Twist, VelocityCompensation,
+/// };
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
+/// let platform = Platform::new(&robot.wheels()?)?;
+/// let pair = Configuration::<2>::tcc_2(1.2)?;
+/// let members = pair.mounts.map(|m| Member::new(&platform, &m, &VelocityCompensation::NONE));
+/// let group = Group::new(&members)?;
+/// // The front robot measures 10 mm/s more than the rear one.
+/// let measured = [Twist::new(0.505, 0.0, 0.0), Twist::new(0.495, 0.0, 0.0)];
+/// assert!((group.forward(&measured).vx - 0.5).abs() < 1e-6);
+/// assert!((group.strain_rate(0, 1, &measured).unwrap() - 0.010).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Group<const M: usize, S: Real = f32> {
     mounts: [Mount<S>; M],
@@ -149,6 +166,13 @@ impl<const M: usize, S: Real> Group<M, S> {
 /// The scale at which all members can follow: the smallest of theirs, within 0 to 1. No members, or a NaN, yield 0.
 ///
 /// A member's own scale is the one [`crate::desaturate`] returns for its rates and its limit.
+///
+/// ```
+/// use mecanum_kinematics::group_scale;
+///
+/// assert_eq!(group_scale([1.0, 0.6, 0.9]), 0.6);
+/// assert_eq!(group_scale([1.0, f32::NAN]), 0.0);
+/// ```
 #[must_use]
 pub fn group_scale<S: Real>(scales: impl IntoIterator<Item = S>) -> S {
     let mut smallest = None;

@@ -7,6 +7,21 @@
 //! and into its least-squares inverse for the way back. Everything with a trigonometric function or an
 //! inverse in it happens once, when these objects are built.
 //!
+//! # Where to start
+//!
+//! | to | use |
+//! |---|---|
+//! | drive the usual robot, alone or in a group | [`FourWheelGeometry`], [`Mount`], [`MemberKinematics`] |
+//! | drive any other | [`Wheel`], [`Platform`], [`WheelKinematics`] |
+//! | keep wheels within their limits | [`desaturate`], [`group_scale`] |
+//! | arrange several robots and see what the whole does | [`Configuration`], [`Group`] |
+//! | take out slip | [`VelocityCompensation`], [`SpeedCompensation`], [`DirectionalCompensation`], [`estimate`] |
+//! | notice slip | [`MemberKinematics::slip_residual`], [`Platform::suspect`], [`TwistUncertainty`] |
+//! | know where the robot is | [`Odometry`], [`UncertainOdometry`] |
+//! | have something to follow | [`trajectory`] |
+//! | model the rollers | [`Rollers`], [`Wheel::swept`], [`roller_angle_correction`] |
+//! | do without a floating-point unit | [`FixedMember`], [`MemberKinematics::convert`] |
+//!
 //! # Frames, units, signs
 //!
 //! REP-103 throughout: x forward, y left, heading counter-clockwise, metres, seconds, radians. A positive
@@ -42,6 +57,7 @@ mod compensated;
 mod compensation;
 mod covariance;
 mod error;
+mod fixed_member;
 mod folded;
 mod four_wheel;
 mod frame;
@@ -64,6 +80,7 @@ pub use compensation::{
 };
 pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
 pub use error::{CompensationError, GeometryError, GroupError, MountError, RangeError};
+pub use fixed_member::FixedMember;
 pub use folded::WheelKinematics;
 pub use four_wheel::{FourWheelGeometry, WheelRates, desaturate};
 pub use frame::{Pose, Twist};

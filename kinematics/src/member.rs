@@ -131,6 +131,14 @@ impl<S: Scalar> MemberKinematics<S> {
         self.wheels.forward(&(*rates).into())
     }
 
+    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments (rad) mean: the same
+    /// linear relation as [`MemberKinematics::forward`].
+    #[must_use]
+    #[inline]
+    pub fn displacement(&self, increments: &WheelRates<S>) -> Twist<S> {
+        self.forward(increments)
+    }
+
     /// What no rigid motion explains in these wheel rates, rad/s.
     ///
     /// The component along the one direction in wheel-rate space that no twist produces; its magnitude is the

@@ -8,6 +8,15 @@ use crate::error::MountError;
 use crate::frame::{Pose, Twist};
 
 /// Pose of a member in the group frame, with its sine and cosine worked out.
+///
+/// ```
+/// use mecanum_kinematics::{Mount, Pose, Twist};
+///
+/// let mount = Mount::new(Pose::new(2.0_f64, 0.0, 0.0))?; // 2 m ahead of the group's origin
+/// let member = mount.to_member(Twist::new(0.0, 0.0, 0.5)); // the group turns left
+/// assert!((member.vy - 1.0).abs() < 1e-12); // so this one moves left
+/// # Ok::<(), mecanum_kinematics::MountError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mount<S = f32> {
     pose: Pose<S>,

@@ -73,7 +73,7 @@ impl<S: Real> Odometry<S> {
     /// `kinematics` speaks of.
     #[inline]
     pub fn advance_wheels(&mut self, kinematics: &MemberKinematics<S>, increments: &WheelRates<S>) {
-        self.advance(kinematics.forward(increments));
+        self.advance(kinematics.displacement(increments));
     }
 
     /// Moves on by a displacement: a constant twist (body frame) times its duration; m, m, rad.
@@ -173,6 +173,20 @@ fn turned_far(heading: i64, turn: f64) -> i64 {
 /// Odometry that also says how sure it is.
 ///
 /// Costs several times what [`Odometry`] does; meant for where the covariance is used, not for every tick.
+///
+/// ```
+/// use mecanum_kinematics::{Covariance, Pose, Twist, UncertainOdometry};
+///
+/// let mut odometry = UncertainOdometry::at(Pose::ZERO, Covariance::default());
+/// let step = Covariance::from_deviations(0.0, 0.0, 0.01); // each turn is known to 0.01 rad
+/// for _ in 0..100 {
+///     odometry.advance(Twist::new(0.01, 0.0, 0.0), &step);
+/// }
+/// // 1 m straight ahead: the heading is known to 0.1 rad, the side by as much less as it was known better before.
+/// let covariance = odometry.covariance();
+/// assert!((covariance.ww.sqrt() - 0.1_f32).abs() < 1e-3);
+/// assert!((covariance.yy.sqrt() - 0.0577).abs() < 2e-3);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct UncertainOdometry<S = f32> {
     odometry: Odometry<S>,

@@ -52,6 +52,7 @@ impl<S: Real> Rollers<S> {
 
     /// How far the wheel has rolled on since the middle of its ground roller stood lowest, within ± half a pitch,
     /// rad. `wheel_angle` counts forward rolling positive; `phase` is the sweep at angle 0.
+    /// An angle of many turns has few digits left: an `f32` is good to a thousandth of a roller for about 400 turns.
     #[must_use]
     pub fn sweep(&self, wheel_angle: S, phase: S) -> S {
         let angle = wheel_angle + phase;

@@ -9,6 +9,20 @@ use crate::frame::Twist;
 use crate::platform::Platform;
 
 /// What the wheel rates say about slip.
+///
+/// ```
+/// use mecanum_kinematics::{FourWheelGeometry, Platform, Suspect, Twist};
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 0.785_f64)?;
+/// let platform = Platform::new(&robot.wheels()?)?;
+/// let asked = Twist::new(0.5, 0.0, 0.0);
+/// let mut rates = platform.rates(asked);
+/// rates[2] = 0.0; // rear left stands
+/// assert_eq!(platform.suspect(&rates, 0.1), Suspect::Unclear); // something is wrong
+/// let found = platform.suspect_against(asked, &rates, 0.1);
+/// assert!(matches!(found, Suspect::Wheel { index: 2, .. }));
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Suspect<S = f32> {
     /// Nothing beyond the threshold.

@@ -157,6 +157,18 @@ impl<S: Real> Wheel<S> {
 /// frame) when its roller angles are off by `deviations` (rad), to first order.
 ///
 /// A wheel whose roller angle was measured is better built with that angle; this is for what is found later.
+///
+/// ```
+/// use mecanum_kinematics::{FourWheelGeometry, Twist, roller_angle_correction};
+///
+/// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f64.to_radians())?;
+/// // The front left wheel's rollers stand one degree too far.
+/// let deviations = [1_f64.to_radians(), 0.0, 0.0, 0.0];
+/// let sideways = Twist::new(0.0, 0.5, 0.0);
+/// let [front_left, ..] = roller_angle_correction(&robot.wheels()?, &deviations, sideways);
+/// assert!((front_left - 0.5 / 0.1524 * 2.0 * 1_f64.to_radians()).abs() < 1e-9);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
 #[must_use]
 pub fn roller_angle_correction<const N: usize, S: Real>(
     wheels: &[Wheel<S>; N],

@@ -244,3 +244,75 @@ fn twist_covariance_grows_with_slip_and_with_compensation() {
     let seen = TwistUncertainty::new(&platform, &ahead, &c, &u).covariance(&[1.0; 4]);
     assert!((seen.yy - (quiet.yy + 4.0 * quiet.ww)).abs() < 1e-15);
 }
+
+#[test]
+fn small_steps_far_from_the_origin_are_not_lost() {
+    // At 1000 m an f32 has steps of 61 um; these are of 10 um.
+    let mut odometry = Odometry::<f32>::at(Pose::new(1000.0, -1000.0, 0.0));
+    for _ in 0..100_000 {
+        odometry.advance(Twist {
+            vx: 1e-5,
+            vy: 1e-5,
+            omega: 0.0,
+        });
+    }
+    assert!(
+        (odometry.pose().x - 1001.0).abs() <= 1.3e-4,
+        "{}",
+        odometry.pose().x
+    );
+    assert!(
+        (odometry.pose().y + 999.0).abs() <= 1.3e-4,
+        "{}",
+        odometry.pose().y
+    );
+}
+
+#[test]
+fn pose_covariance_is_carried_by_the_exact_derivatives() {
+    // One step; each source of error alone; against central differences of the exact step.
+    let h = 1e-6;
+    for omega in [0.03, 0.1, 0.9, -2.0] {
+        let step = Twist::new(0.7, -0.4, omega);
+        let at = |x: f64, y: f64, w: f64| {
+            let mut odometry = Odometry::at(Pose::new(0.0, 0.0, 0.5));
+            odometry.advance(step + Twist::new(x, y, w));
+            odometry.pose()
+        };
+        let axes = [(h, 0.0, 0.0), (0.0, h, 0.0), (0.0, 0.0, h)];
+        for (x, y, w) in axes {
+            let (after, before) = (at(x, y, w), at(-x, -y, -w));
+            let d = [
+                (after.x - before.x) / (2.0 * h),
+                (after.y - before.y) / (2.0 * h),
+                (after.heading - before.heading) / (2.0 * h),
+            ];
+            let noise = Covariance::from_deviations(x / h, y / h, w / h);
+            let mut odometry =
+                UncertainOdometry::at(Pose::new(0.0, 0.0, 0.5), Covariance::default());
+            odometry.advance(step, &noise);
+            let Covariance {
+                xx,
+                xy,
+                xw,
+                yy,
+                yw,
+                ww,
+            } = odometry.covariance();
+            let want = [
+                d[0] * d[0],
+                d[0] * d[1],
+                d[0] * d[2],
+                d[1] * d[1],
+                d[1] * d[2],
+                d[2] * d[2],
+            ];
+            for (got, want) in [xx, xy, xw, yy, yw, ww].into_iter().zip(want) {
+                assert!(
+                    (got - want).abs() < 1e-8,
+                    "omega {omega}: {got} against {want}"
+                );
+            }
+        }
+    }
+}

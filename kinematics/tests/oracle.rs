@@ -8,6 +8,7 @@ use mecanum_kinematics::{
     WheelKinematics, WheelRates, desaturate,
 };
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 /// Agreement asked of f64, relative to the size of the rates.
 const F64: f64 = 1e-12;
@@ -168,7 +169,12 @@ fn three(t: Twist<f64>) -> [f64; 3] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
+    #![proptest_config(ProptestConfig {
+        // The same cases every time: a failure can be repeated.
+        rng_seed: RngSeed::Fixed(2021),
+        failure_persistence: None,
+        ..ProptestConfig::with_cases(2000)
+    })]
 
     #[test]
     fn any_wheel_agrees_with_the_oracle(p in plan(), t in twist()) {
@@ -222,7 +228,7 @@ proptest! {
         let columns = [column([1.0, 0.0, 0.0]), column([0.0, 1.0, 0.0]), column([0.0, 0.0, 1.0])];
         let want = oracle_forward(columns, &rates);
         let got = three(k.forward(&WheelRates::from(rates)));
-        near(&got, &want, 1e-11 * size(&want))?;
+        near(&got, &want, F64 * size(&want))?;
         // What is left is what the residual says: Pythagoras.
         let explained: [f64; 4] = k.inverse(of(got)).into();
         let left: f64 = rates.iter().zip(explained).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -240,15 +246,15 @@ proptest! {
         near(&k.inverse(of(t)), &column(t), F64 * size(&column(t)))?;
         let columns = [column([1.0, 0.0, 0.0]), column([0.0, 1.0, 0.0]), column([0.0, 0.0, 1.0])];
         let want = oracle_forward(columns, &rates);
-        // Normal equations square the condition number, which the constructor bounds by about 100 each way.
-        near(&three(k.forward(&rates)), &want, 1e-8 * size(&want))?;
+        // Six wheels anywhere are conditioned up to 100 times worse than a robot; ten times the tolerance suffices.
+        near(&three(k.forward(&rates)), &want, 1e-11 * size(&want))?;
     }
 
     #[test]
     fn there_and_back_is_the_twist(r in robot(), at in pose(), c in coefficients(), t in twist()) {
         let k = member(r, at, c);
         let rates = k.inverse(of(t));
-        near(&three(k.forward(&rates)), &t, 1e-11)?;
+        near(&three(k.forward(&rates)), &t, F64 * 10.0)?;
         near(&[k.slip_residual(&rates)], &[0.0], 1e-10)?;
     }
 

@@ -6,23 +6,24 @@
 //! begins, so truth and curve share one frame.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant as WallClock;
 
 use emulator::Firmware;
 use group::GroupFile;
 use kinematics::{Pose, WheelRates};
+use sim::robot::LogLine;
 use sim::{Backend, Options, TruthSample, World};
 
 use crate::abort::Abort;
-use crate::curve::Curve;
+use crate::curve::{Curve, Plan};
 use crate::error::MasterError;
 use crate::follow::Instant;
 use crate::link::Link;
 use crate::metrics::{MetricsError, PathPoint, path_errors};
 use crate::odometry;
-use crate::record::{RobotTruth, TruthRow};
+use crate::record::{RobotTruth, Row, TruthRow};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
 use crate::sim_link::SimLink;
@@ -46,6 +47,8 @@ pub struct Drive<'a> {
     pub elf: Option<&'a Path>,
     /// Where to write every frame as a candump log.
     pub candump: Option<PathBuf>,
+    /// Where to write what the robots' firmware logged; native robots log nothing.
+    pub log: Option<PathBuf>,
     /// By which the drive can be stopped on the way.
     pub abort: Abort,
 }
@@ -175,33 +178,18 @@ pub fn simulated(
     }
     let began = WallClock::now();
     let mut link = SimLink::new(world, format!("sim:{}", drive.group.name));
-    let mut group = Group::connect(&mut link, drive.group)?;
-    progress(DRIVING.start / 2.0, "configuring");
-    group.set_abort(drive.abort.clone());
-    group.configure(drive.compensation)?;
-    group.start()?;
-    let world = &mut group.link().world;
-    world.take_truth();
-    world.reset_worst_shape_error();
-    let mut truth = Vec::new();
-    let followed = group.follow(&plan, &mut |link, instant| {
-        if let Some(sample) = link.world.take_truth().last() {
-            truth.push(row(instant, sample));
-        }
-        let share = (instant.t / instant.duration).min(1.0);
-        progress(
-            DRIVING.start + share * (DRIVING.end - DRIVING.start),
-            "driving",
-        );
-    });
-    let rows = group.recorder().rows().to_vec();
+    let driven = drive_world(&mut link, drive, &plan, progress);
     let elapsed = began.elapsed().as_secs_f64();
+    // The logs are written however it ended: that is what they are for.
     let mut world = link.world;
     if let Some(path) = &drive.candump {
         let finished = world.finish_candump();
         finished.map_err(|error| file_error(path, &error))?;
     }
-    followed?;
+    if let Some(path) = &drive.log {
+        write_log(path, &world.take_logs()).map_err(|error| file_error(path, &error))?;
+    }
+    let (truth, rows) = driven?;
     progress(1.0, "done");
     Ok(Run {
         compensation: drive.compensation,
@@ -212,6 +200,49 @@ pub fn simulated(
         truth,
         rows,
     })
+}
+
+/// One session of the master with a simulated world, and what an observer saw of it.
+fn drive_world(
+    link: &mut SimLink,
+    drive: &Drive<'_>,
+    plan: &Plan,
+    progress: &mut dyn FnMut(f64, &'static str),
+) -> Result<(Vec<TruthRow>, Vec<Row>), MasterError> {
+    let mut group = Group::connect(link, drive.group)?;
+    progress(DRIVING.start / 2.0, "configuring");
+    group.set_abort(drive.abort.clone());
+    group.configure(drive.compensation)?;
+    group.start()?;
+    let world = &mut group.link().world;
+    world.take_truth();
+    world.reset_worst_shape_error();
+    let mut truth = Vec::new();
+    group.follow(plan, &mut |link, instant| {
+        if let Some(sample) = link.world.take_truth().last() {
+            truth.push(row(instant, sample));
+        }
+        let share = (instant.t / instant.duration).min(1.0);
+        progress(
+            DRIVING.start + share * (DRIVING.end - DRIVING.start),
+            "driving",
+        );
+    })?;
+    Ok((truth, group.recorder().rows().to_vec()))
+}
+
+/// Writes what the robots' firmware logged, one line each.
+fn write_log(path: &Path, lines: &[(u8, LogLine)]) -> std::io::Result<()> {
+    let mut out = BufWriter::new(File::create(path)?);
+    for (node, line) in lines {
+        let seconds = line.time_us as f64 * 1e-6;
+        writeln!(
+            out,
+            "node {node} {seconds:>11.6} {:<5} {}",
+            line.level, line.text
+        )?;
+    }
+    out.flush()
 }
 
 /// Drives the robots on a real bus. The path is what their own wheels say.

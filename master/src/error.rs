@@ -115,6 +115,15 @@ pub enum MasterError {
         /// SYNCs without a status.
         syncs: u32,
     },
+    /// A robot started anew while the group was running.
+    #[error(
+        "node {node} restarted by itself while the group was moving; the group ramps down. Read its \
+         reset cause (2001:3) and its supply"
+    )]
+    MemberRestarted {
+        /// The node.
+        node: u8,
+    },
     /// A robot left the OPERATIONAL state while the group was running.
     #[error("node {node} left OPERATIONAL (now {state:?}); the group ramps down")]
     MemberLeft {

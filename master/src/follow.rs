@@ -1,9 +1,9 @@
 //! Driving a curve: one setpoint per SYNC, sent ahead of the time it is for.
 //!
-//! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force from SYNC
-//! k + 1, and members pass to it evenly over one period, so that it is reached at SYNC k + 2
-//! ([`PREVIEW_SYNCS`]). The setpoint sent before SYNC k is therefore the curve's at the time of SYNC
-//! k + 2, and the group is where the curve says without any lag that could have been foreseen. What
+//! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed time
+//! after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that time
+//! after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's at
+//! that later time, and the group is where the curve says without any lag that could have been foreseen. What
 //! is left (motors, wheel loops, rounding to 0.1 mm/s) shows in the tracking error.
 
 use kinematics::{Pose, Twist};
@@ -13,12 +13,18 @@ use crate::error::MasterError;
 use crate::link::Link;
 use crate::session::Group;
 
-/// SYNC periods from sending a setpoint to its being reached.
-pub const PREVIEW_SYNCS: f64 = 2.0;
+/// SYNC periods from latching a setpoint to its being reached.
+const PREVIEW_SYNCS: u64 = 2;
 /// Longest time a group may take to come to rest after the curve's end, in µs.
 const STOP_PATIENCE_US: u64 = 3_000_000;
 /// How long the group is watched after the curve's end, in s: the pipeline's delay and a little more.
 const TAIL: f64 = 0.1;
+
+/// Time from the SYNC that latches a setpoint to its being reached, for a SYNC period, both in µs.
+#[must_use]
+pub const fn preview_us(period_us: u64) -> u64 {
+    PREVIEW_SYNCS * period_us + protocol::APPLY_DELAY_US
+}
 
 /// What the curve asks for at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,11 +66,12 @@ impl<L: Link> Group<'_, L> {
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
         let period = self.period_us() as f64 * 1e-6;
+        let preview = preview_us(self.period_us()) as f64 * 1e-6;
         let duration = plan.duration();
         let mut k = 0.0;
         while k * period <= duration + TAIL {
             let t = k * period;
-            self.cycle(plan.setpoint(t + PREVIEW_SYNCS * period))?;
+            self.cycle(plan.setpoint(t + preview))?;
             let (pose, twist) = plan.at(t);
             let instant = Instant {
                 t,

@@ -321,6 +321,9 @@ impl<'a, L: Link> Group<'a, L> {
                     syncs: member.silent_syncs,
                 });
             }
+            if member.nmt == Some(NmtState::Initialising) {
+                return Err(MasterError::MemberRestarted { node: member.node });
+            }
             if let Some(state) = member.nmt
                 && state != NmtState::Operational
             {

@@ -151,7 +151,7 @@ fn sync_is_punctual_counted_and_preceded_by_its_setpoint() {
 }
 
 #[test]
-fn setpoints_are_those_of_two_syncs_later() {
+fn setpoints_are_those_of_two_syncs_and_the_apply_delay_later() {
     /// Half a step of the wire format, m/s.
     const HALF_STEP: f32 = 0.000_05 + 1e-6;
     let file = file();
@@ -170,7 +170,7 @@ fn setpoints_are_those_of_two_syncs_later() {
     for (at, t) in times {
         let (_, data) = twists.iter().find(|(sent, _)| sent + 2_000 == at).unwrap();
         let sent = GroupTwist::try_from(&data[..]).unwrap().twist;
-        let wanted = plan.setpoint(t + 0.02);
+        let wanted = plan.setpoint(t + 0.022);
         assert!((sent.vx - wanted.vx).abs() < HALF_STEP, "at {t}");
         assert!((sent.vy - wanted.vy).abs() < HALF_STEP, "at {t}");
     }

@@ -6,6 +6,8 @@
 //! The error of a value in range is therefore at most half an LSB, which a test asserts. (Beyond
 //! 420 m an `f32` itself has coarser steps than a pose; the error is one LSB there.)
 
+use micromath::F32Ext;
+
 /// Steps per m/s in a twist field: one LSB is 0.1 mm/s, the range is +-3.2767 m/s.
 pub const VELOCITY_STEPS: f32 = 10_000.0;
 
@@ -29,18 +31,22 @@ pub const INVALID_I24: i32 = -0x80_0000;
 
 const MAX_I24: i32 = 0x7F_FFFF;
 
-/// Nearest integer to `value`, halves away from zero, saturating at the range of `i32`; NaN is 0.
+/// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; not for NaN.
+///
+/// `core` cannot split an `f32`; micromath's `fract` can, exactly for everything below 2^32 (its `round` adds
+/// a half first, which makes a one of 0.49999997).
 #[expect(
     clippy::cast_possible_truncation,
-    reason = "saturating is what is wanted; the fraction is looked at separately"
+    reason = "the limit is an i32, and the fraction is looked at separately"
 )]
-fn nearest(value: f32) -> i32 {
+fn nearest(value: f32, limit: i32) -> i32 {
+    let value = value.clamp(-(limit as f32), limit as f32);
     let whole = value as i32;
-    let rest = value - whole as f32;
+    let rest = F32Ext::fract(value);
     if rest >= 0.5 {
-        whole.saturating_add(1)
+        whole + 1
     } else if rest <= -0.5 {
-        whole.saturating_sub(1)
+        whole - 1
     } else {
         whole
     }
@@ -52,8 +58,7 @@ pub fn encode_i16(value: f32, steps: f32) -> i16 {
     if value.is_nan() {
         return INVALID_I16;
     }
-    let limit = i32::from(i16::MAX);
-    i16::try_from(nearest(value * steps).clamp(-limit, limit)).unwrap_or(INVALID_I16)
+    i16::try_from(nearest(value * steps, i32::from(i16::MAX))).unwrap_or(INVALID_I16)
 }
 
 /// `raw` steps as a number, or `None` when the field is marked invalid.
@@ -68,7 +73,7 @@ pub fn encode_i24(value: f32, steps: f32) -> i32 {
     if value.is_nan() {
         return INVALID_I24;
     }
-    nearest(value * steps).clamp(-MAX_I24, MAX_I24)
+    nearest(value * steps, MAX_I24)
 }
 
 /// `raw` steps as a number, or `None` when the field is marked invalid.
@@ -101,10 +106,10 @@ mod tests {
         assert_eq!(encode_i16(0.000_151, VELOCITY_STEPS), 2);
         assert_eq!(encode_i16(-0.000_149, VELOCITY_STEPS), -1);
         assert_eq!(encode_i16(-0.000_151, VELOCITY_STEPS), -2);
-        assert_eq!(nearest(2.5), 3);
-        assert_eq!(nearest(-2.5), -3);
+        assert_eq!(nearest(2.5, 9), 3);
+        assert_eq!(nearest(-2.5, 9), -3);
         // Adding a half and truncating would make a one of this.
-        assert_eq!(nearest(0.499_999_97), 0);
+        assert_eq!(nearest(0.499_999_97, 9), 0);
     }
 
     #[test]
@@ -115,6 +120,16 @@ mod tests {
         assert_eq!(encode_i16(f32::NEG_INFINITY, VELOCITY_STEPS), -32767);
         assert_eq!(encode_i24(-1e9, POSITION_STEPS), -8_388_607);
         assert_eq!(encode_i24(1e9, POSITION_STEPS), 8_388_607);
+    }
+
+    #[test]
+    fn splits_every_number_it_may_meet_exactly() {
+        // The error of the library's fraction must be below the step it decides on: it is zero.
+        for bits in (0..f32::to_bits(MAX_I24 as f32)).step_by(977) {
+            let value = f32::from_bits(bits);
+            assert_eq!(F32Ext::fract(value), value - value.trunc());
+            assert_eq!(F32Ext::fract(-value), value.trunc() - value);
+        }
     }
 
     #[test]

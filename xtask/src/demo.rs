@@ -1,17 +1,19 @@
 //! `cargo xtask demo`: builds the firmware, boots the group's robots in the emulator and drives a
 //! curve twice, without and with compensation; then prints the figures and writes the report.
 //!
-//! The two drives are independent worlds. Each is a complete session of the master: boot, scan,
+//! The two drives are independent worlds, each in its own thread. Each is a complete session of the master: boot, scan,
 //! configuration over SDO, NMT start, the curve, the ramp to standstill. Nothing here computes
 //! anything about the motion; `omnibus` does, from what the simulated world shows.
 
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use omnibus::abort::Abort;
 use omnibus::curve::Curve;
-use omnibus::drive::{self, Drive};
-use omnibus::report::{self, BackendName};
+use omnibus::drive::{self, Drive, DriveError};
+use omnibus::error::MasterError;
+use omnibus::report::{self, BackendName, Run};
 
 use crate::{cargo, firmware};
 
@@ -58,10 +60,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&folder)
         .with_context(|| format!("cannot create {}", folder.display()))?;
 
-    let mut runs = Vec::new();
-    for compensation in [false, true] {
+    // A failed drive stops the other one: there is no report without both.
+    let abort = Abort::default();
+    let bars = MultiProgress::new();
+    let one = |compensation: bool| {
         let word = if compensation { "on" } else { "off" };
-        let progress = bar(&format!("{}, compensation {word}", arguments.trajectory));
+        let name = format!("{}, compensation {word}", arguments.trajectory);
+        let progress = bars.add(bar(&name));
         let drive = Drive {
             group: &group,
             curve: arguments.trajectory,
@@ -69,15 +74,27 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             compensation,
             elf: elf.as_deref(),
             candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
-            abort: omnibus::abort::Abort::default(),
+            log: elf
+                .is_some()
+                .then(|| folder.join(format!("compensation-{word}.robots.log"))),
+            abort: abort.clone(),
         };
         let run = drive::simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);
             progress.set_message(phase);
-        })?;
-        progress.finish_with_message("done");
-        runs.push(run);
-    }
+        });
+        if run.is_err() {
+            abort.ask();
+        }
+        progress.finish_with_message(if run.is_ok() { "done" } else { "failed" });
+        run.with_context(|| name)
+    };
+    let (off, on) = std::thread::scope(|scope| {
+        let off = scope.spawn(|| one(false));
+        let on = scope.spawn(|| one(true));
+        (off.join(), on.join())
+    });
+    let runs = finished([off, on])?;
 
     let report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
     let html = folder.join("report.html");
@@ -101,6 +118,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     );
     println!("json     {}", json.display());
     Ok(())
+}
+
+/// Both runs, or the error that was there first: the one that is not "stopped on request".
+fn finished(runs: [std::thread::Result<anyhow::Result<Run>>; 2]) -> anyhow::Result<Vec<Run>> {
+    let mut done = Vec::new();
+    let mut failed: Option<anyhow::Error> = None;
+    for run in runs {
+        match run {
+            Ok(Ok(run)) => done.push(run),
+            Ok(Err(error)) => {
+                let stopped = matches!(
+                    error.downcast_ref(),
+                    Some(DriveError::Master(MasterError::Aborted))
+                );
+                if failed.is_none() || !stopped {
+                    failed = Some(error);
+                }
+            }
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    }
+    failed.map_or(Ok(done), Err)
 }
 
 /// Resolution of the progress bar.

@@ -30,6 +30,12 @@ impl Slcan {
         })
     }
 
+    /// Whether a client is there.
+    #[allow(dead_code)] // Not every example asks.
+    pub fn has_client(&self) -> bool {
+        self.stream.is_some()
+    }
+
     /// Time since the start.
     pub fn now(&self) -> Micros {
         Micros(

@@ -7,7 +7,8 @@
 use heapless::Deque;
 
 use super::Core;
-use crate::bytes::{low_u16, put, u8_of, u16_of, u32_of};
+use super::objects::Value;
+use crate::bytes::{low_u8, low_u16};
 use crate::emergency::{EMERGENCY, Emergency, ErrorClass};
 use crate::time::Timer;
 use crate::{AbortCode, Config, Event, Frame, Micros, NmtState, NodeId};
@@ -31,11 +32,11 @@ struct Active {
 
 pub(super) struct Emergencies {
     /// 0x1014.
-    cob_id: u32,
+    pub cob_id: u32,
     /// 0x1015.
-    inhibit_100us: u16,
+    pub inhibit_100us: u16,
     /// 0x1029, sub-index 1.
-    behaviour: u8,
+    pub behaviour: u8,
     active: [Option<Active>; ACTIVE],
     /// 0x1003, newest first.
     history: [u32; HISTORY],
@@ -103,36 +104,33 @@ impl Emergencies {
         self.history_len = self.history_len.saturating_add(1).min(8);
     }
 
-    pub fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
-        match (index, sub) {
-            (0x1001, 0) => put(out, &[self.register()]),
-            (0x1003, 0) => put(out, &[self.history_len]),
-            (0x1003, 1..=8) if sub > self.history_len => Err(AbortCode::NoData),
-            (0x1003, 1..=8) => {
-                let entry = self.history.get(usize::from(sub.saturating_sub(1)));
-                put(out, &entry.ok_or(AbortCode::NoSubIndex)?.to_le_bytes())
+    /// An entry of 0x1003; sub-index 0 is how many there are.
+    pub fn entry(&self, sub: u8) -> Result<Value, AbortCode> {
+        let (value, len, writable) = match usize::from(sub).checked_sub(1) {
+            None => (u32::from(self.history_len), 1, true),
+            Some(at) => {
+                let entry = self.history.get(at).ok_or(AbortCode::NoSubIndex)?;
+                if sub > self.history_len {
+                    return Err(AbortCode::NoData);
+                }
+                (*entry, 4, false)
             }
-            (0x1014, 0) => put(out, &self.cob_id.to_le_bytes()),
-            (0x1015, 0) => put(out, &self.inhibit_100us.to_le_bytes()),
-            (0x1029, 0) => put(out, &[1]),
-            (0x1029, 1) => put(out, &[self.behaviour]),
-            _ => Err(AbortCode::NoSubIndex),
-        }
+        };
+        Ok(Value::Number {
+            value,
+            len,
+            writable,
+        })
     }
 
-    pub fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
-        match (index, sub) {
-            (0x1003, 0) => match u8_of(data)? {
-                0 => self.history_len = 0,
-                _ => return Err(AbortCode::InvalidValue),
-            },
-            (0x1014, 0) => self.cob_id = self.check_cob_id(u32_of(data)?)?,
-            (0x1015, 0) => self.inhibit_100us = u16_of(data)?,
-            (0x1029, 1) => match u8_of(data)? {
-                behaviour @ 0..=2 => self.behaviour = behaviour,
-                _ => return Err(AbortCode::InvalidValue),
-            },
-            _ => return Err(AbortCode::ReadOnly),
+    /// Takes a new value of one of the objects that can be written.
+    pub fn set(&mut self, index: u16, value: u32) -> Result<(), AbortCode> {
+        match (index, value) {
+            (0x1003, 0) => self.history_len = 0,
+            (0x1014, _) => self.cob_id = self.check_cob_id(value)?,
+            (0x1015, _) => self.inhibit_100us = low_u16(value),
+            (0x1029, 0..=2) => self.behaviour = low_u8(value),
+            _ => return Err(AbortCode::InvalidValue),
         }
         Ok(())
     }

@@ -6,7 +6,8 @@
 //!
 //! The methods that reach the application's objects are generic for the caller's sake only: inside,
 //! the object dictionary is a trait object, so that this code is compiled once, in this crate, with
-//! this crate's optimisation.
+//! this crate's optimisation; `inline(never)` keeps it from being copied into callers that are built for
+//! speed.
 //!
 //! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
@@ -36,6 +37,7 @@ use emergency::Emergencies;
 use heartbeat::Heartbeat;
 use lss::Lss;
 use outbox::Outbox;
+use pdo::PdoIndex;
 use rpdo::Rpdos;
 use sync::Sync;
 use tpdo::Tpdos;
@@ -228,6 +230,7 @@ impl Device {
         self.core.write(now, index, sub, data, od)
     }
 
+    #[inline(never)]
     fn handle(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
         let core = &mut self.core;
         if frame.id() == lss::REQUEST {
@@ -254,6 +257,7 @@ impl Device {
         }
     }
 
+    #[inline(never)]
     fn poll_all(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
         if self.core.state == NmtState::Initialising {
             self.core.boot(now, od);
@@ -358,6 +362,10 @@ impl Core {
         self.boot(now, od);
     }
 }
+
+/// RAM is counted on the targets where it is scarce.
+#[cfg(target_pointer_width = "32")]
+const _: () = assert!(size_of::<Device>() <= 3 * 1024);
 
 #[cfg(test)]
 mod tests;

@@ -1,19 +1,40 @@
 //! The communication objects, 0x1000 to 0x1FFF, as SDO clients see them.
 //!
-//! `read` and `write` answer for the objects of the device and ask the application for all others.
-//! A value is checked completely before anything changes.
+//! Every number the device holds is found by `own`, which also knows its length and whether it can
+//! be written; so reading, the checks before a write, and saving need no knowledge of single
+//! objects. `set` is the other half: it checks a new value and takes it, or changes nothing. All
+//! other indices are the application's.
 
-use super::Core;
-use super::pdo::{self, LAST_SYNCHRONOUS, MAX_MAPPED, Map};
-use super::{heartbeat, store};
-use crate::bytes::{high_u16, low_u8, put, u8_of, u16_of, u32_of};
+use super::heartbeat::{Consumer, MAX_CONSUMERS};
+use super::pdo::{self, LAST_SYNCHRONOUS, Map};
+use super::{Core, PdoIndex};
+use crate::bytes::{low_u8, low_u16, put};
 use crate::time::Timer;
-use crate::{AbortCode, Config, Micros, NmtState, ObjectDictionary, PdoDirection};
+use crate::{AbortCode, Config, Emergency, Micros, NmtState, ObjectDictionary, PdoDirection};
 
-/// The highest sub-index of 0x1400 on.
-const RPDO_LAST: u8 = 5;
-/// The highest sub-index of 0x1800 on.
-const TPDO_LAST: u8 = 6;
+/// What an object of the device holds.
+pub(super) enum Value {
+    Number { value: u32, len: u8, writable: bool },
+    Text(&'static str),
+}
+
+type Found = Result<Value, AbortCode>;
+
+const fn constant(value: u32, len: u8) -> Found {
+    Ok(Value::Number {
+        value,
+        len,
+        writable: false,
+    })
+}
+
+const fn variable(value: u32, len: u8) -> Found {
+    Ok(Value::Number {
+        value,
+        len,
+        writable: true,
+    })
+}
 
 impl Core {
     pub(super) fn read(
@@ -23,9 +44,15 @@ impl Core {
         out: &mut [u8],
         od: &dyn ObjectDictionary,
     ) -> Result<usize, AbortCode> {
-        match self.read_own(index, sub, out) {
-            Some(done) => done,
-            None => od.read(index, sub, out),
+        let Some(found) = self.own(index, sub) else {
+            return od.read(index, sub, out);
+        };
+        match found? {
+            Value::Number { value, len, .. } => {
+                let bytes = value.to_le_bytes();
+                put(out, bytes.get(..usize::from(len)).unwrap_or(&bytes))
+            }
+            Value::Text(text) => put(out, text.as_bytes()),
         }
     }
 
@@ -37,250 +64,271 @@ impl Core {
         data: &[u8],
         od: &mut dyn ObjectDictionary,
     ) -> Result<(), AbortCode> {
-        match self.write_own(now, index, sub, data, od) {
-            Some(done) => done,
-            None => od.write(index, sub, data, self.state),
+        let len = match self.own(index, sub) {
+            None => return od.write(index, sub, data, self.state),
+            Some(Ok(Value::Number {
+                len,
+                writable: true,
+                ..
+            })) => usize::from(len),
+            Some(Ok(_) | Err(AbortCode::NoData)) => return Err(AbortCode::ReadOnly),
+            Some(Err(code)) => return Err(code),
+        };
+        let mut bytes = [0; 4];
+        for (to, from) in bytes.iter_mut().zip(data) {
+            *to = *from;
+        }
+        match data.len() {
+            short if short < len => Err(AbortCode::TooShort),
+            long if long > len => Err(AbortCode::TooLong),
+            _ => self.set(now, index, sub, u32::from_le_bytes(bytes), od),
         }
     }
 
-    /// `None` if the object is not the device's.
-    pub(super) fn read_own(
-        &self,
-        index: u16,
-        sub: u8,
-        out: &mut [u8],
-    ) -> Option<Result<usize, AbortCode>> {
-        let config = &self.config;
-        Some(match index {
-            0x1000 => single(sub, out, &config.device_type.to_le_bytes()),
-            0x1001 | 0x1003 | 0x1014 | 0x1015 | 0x1029 => self.emergencies.read(index, sub, out),
-            0x1005..=0x1007 | 0x1019 if sub != 0 => Err(AbortCode::NoSubIndex),
-            0x1005 => put(out, &self.sync.cob_id.to_le_bytes()),
-            0x1006 => put(out, &self.sync.period_us.to_le_bytes()),
-            0x1007 => put(out, &self.sync.window_us.to_le_bytes()),
-            0x1019 => put(out, &[self.sync.overflow]),
-            0x1008 if !config.name.is_empty() => single(sub, out, config.name.as_bytes()),
-            0x1009 if !config.hardware_version.is_empty() => {
-                single(sub, out, config.hardware_version.as_bytes())
+    /// What the device holds under this index; `None` if the index is not the device's.
+    pub(super) fn own(&self, index: u16, sub: u8) -> Option<Found> {
+        let (config, errors, sync) = (&self.config, &self.emergencies, &self.sync);
+        let text = |text: &'static str| (!text.is_empty()).then_some(Ok(Value::Text(text)));
+        let found = match index {
+            0x1000 => constant(config.device_type, 4),
+            0x1001 => constant(u32::from(errors.register()), 1),
+            0x1003 => return Some(errors.entry(sub)),
+            0x1005 => variable(sync.cob_id, 4),
+            0x1006 => variable(sync.period_us, 4),
+            0x1007 => variable(sync.window_us, 4),
+            0x1008 => text(config.name)?,
+            0x1009 => text(config.hardware_version)?,
+            0x100A => text(config.software_version)?,
+            0x1010 | 0x1011 if config.storage => {
+                return Some(match sub {
+                    0 => constant(3, 1),
+                    // Bit 0: can be saved on command, can be restored.
+                    1..=3 => variable(1, 4),
+                    _ => Err(AbortCode::NoSubIndex),
+                });
             }
-            0x100A if !config.software_version.is_empty() => {
-                single(sub, out, config.software_version.as_bytes())
+            0x1014 => variable(errors.cob_id, 4),
+            0x1015 => variable(u32::from(errors.inhibit_100us), 2),
+            0x1016 => {
+                let consumer = usize::from(sub).checked_sub(1);
+                let consumer = consumer.map(|at| self.heartbeat.consumers.get(at));
+                return Some(match consumer {
+                    None => constant(CONSUMERS, 1),
+                    Some(Some(consumer)) => variable(consumer.entry, 4),
+                    Some(None) => Err(AbortCode::NoSubIndex),
+                });
             }
-            0x1010 | 0x1011 if config.storage => store::read(index, sub, out),
-            0x1016 => self.read_consumer(sub, out),
-            0x1017 => single(sub, out, &self.heartbeat.period_ms.to_le_bytes()),
+            0x1017 => variable(u32::from(self.heartbeat.period_ms), 2),
             0x1018 => {
                 let identity = &config.identity;
-                match sub {
-                    0 => put(out, &[4]),
-                    1 => put(out, &identity.vendor.to_le_bytes()),
-                    2 => put(out, &identity.product.to_le_bytes()),
-                    3 => put(out, &identity.revision.to_le_bytes()),
-                    4 => put(out, &identity.serial.to_le_bytes()),
+                return Some(match sub {
+                    0 => constant(4, 1),
+                    1 => constant(identity.vendor, 4),
+                    2 => constant(identity.product, 4),
+                    3 => constant(identity.revision, 4),
+                    4 => constant(identity.serial, 4),
                     _ => Err(AbortCode::NoSubIndex),
-                }
+                });
             }
-            0x1F80 => single(sub, out, &self.startup.to_le_bytes()),
-            0x1400..=0x15FF => {
-                let rpdo = self.rpdos.get(index - 0x1400)?;
-                match sub {
-                    0 => put(out, &[RPDO_LAST]),
-                    1 => put(out, &rpdo.cob_id.to_le_bytes()),
-                    2 => put(out, &[rpdo.transmission]),
-                    5 => put(out, &rpdo.deadline_ms.to_le_bytes()),
+            0x1019 => variable(u32::from(sync.overflow), 1),
+            0x1029 => {
+                return Some(match sub {
+                    0 => constant(1, 1),
+                    1 => variable(u32::from(errors.behaviour), 1),
                     _ => Err(AbortCode::NoSubIndex),
-                }
+                });
             }
-            0x1600..=0x17FF => read_map(&self.rpdos.get(index - 0x1600)?.map, sub, out),
-            0x1800..=0x19FF => {
-                let tpdo = self.tpdos.get(index - 0x1800)?;
-                match sub {
-                    0 => put(out, &[TPDO_LAST]),
-                    1 => put(out, &tpdo.cob_id.to_le_bytes()),
-                    2 => put(out, &[tpdo.transmission]),
-                    3 => put(out, &tpdo.inhibit_100us.to_le_bytes()),
-                    5 => put(out, &tpdo.event_ms.to_le_bytes()),
-                    6 => put(out, &[tpdo.sync_start]),
-                    _ => Err(AbortCode::NoSubIndex),
-                }
-            }
-            0x1A00..=0x1BFF => read_map(&self.tpdos.get(index - 0x1A00)?.map, sub, out),
-            _ => return None,
+            0x1F80 => variable(self.startup, 4),
+            _ => return self.own_pdo(index, sub),
+        };
+        Some(match sub {
+            0 => found,
+            _ => Err(AbortCode::NoSubIndex),
         })
     }
 
-    /// `None` if the object is not the device's.
-    pub(super) fn write_own(
+    /// As `own`, for the parameters and mappings of PDOs.
+    fn own_pdo(&self, index: u16, sub: u8) -> Option<Found> {
+        Some(match PdoIndex::of(index)? {
+            PdoIndex::Receive(at) => {
+                let rpdo = self.rpdos.get(at)?;
+                match sub {
+                    0 => constant(5, 1),
+                    1 => variable(rpdo.cob_id, 4),
+                    2 => variable(u32::from(rpdo.transmission), 1),
+                    5 => variable(u32::from(rpdo.deadline_ms), 2),
+                    _ => Err(AbortCode::NoSubIndex),
+                }
+            }
+            PdoIndex::Transmit(at) => {
+                let tpdo = self.tpdos.get(at)?;
+                match sub {
+                    0 => constant(6, 1),
+                    1 => variable(tpdo.cob_id, 4),
+                    2 => variable(u32::from(tpdo.transmission), 1),
+                    3 => variable(u32::from(tpdo.inhibit_100us), 2),
+                    5 => variable(u32::from(tpdo.event_ms), 2),
+                    6 => variable(u32::from(tpdo.sync_start), 1),
+                    _ => Err(AbortCode::NoSubIndex),
+                }
+            }
+            PdoIndex::ReceiveMap(at) => mapped(&self.rpdos.get(at)?.map, sub),
+            PdoIndex::TransmitMap(at) => mapped(&self.tpdos.get(at)?.map, sub),
+        })
+    }
+
+    /// Takes a new value of an object that `own` has found to be writable.
+    fn set(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
-        data: &[u8],
+        value: u32,
         od: &mut dyn ObjectDictionary,
-    ) -> Option<Result<(), AbortCode>> {
-        // Reading settles whether the object exists at all.
-        let mut scratch = [0; 64];
-        if let Err(code @ (AbortCode::NoObject | AbortCode::NoSubIndex)) =
-            self.read_own(index, sub, &mut scratch)?
-        {
-            return Some(Err(code));
-        }
-        Some(match index {
-            0x1001 | 0x1003 | 0x1014 | 0x1015 | 0x1029 => self.emergencies.write(index, sub, data),
-            0x1005..=0x1007 | 0x1019 => self.write_sync(now, index, data),
-            0x1010 | 0x1011 => self.write_store(index, sub, data, od),
-            0x1016 if sub != 0 => self.write_consumer(sub, data),
-            0x1017 => u16_of(data).map(|period| {
-                self.heartbeat.period_ms = period;
+    ) -> Result<(), AbortCode> {
+        match index {
+            0x1003 | 0x1014 | 0x1015 | 0x1029 => return self.emergencies.set(index, value),
+            0x1005..=0x1007 | 0x1019 => return self.set_sync(now, index, value),
+            0x1010 | 0x1011 => return self.store(index == 0x1010, sub, value, od),
+            0x1016 => return self.set_consumer(now, sub, value),
+            0x1017 => {
+                self.heartbeat.period_ms = low_u16(value);
                 self.start_heartbeat(now);
-            }),
-            0x1F80 => match u32_of(data) {
-                Ok(startup @ (0 | Config::STARTUP_BY_MASTER)) => {
-                    self.startup = startup;
-                    Ok(())
-                }
-                Ok(_) => Err(AbortCode::InvalidValue),
-                Err(code) => Err(code),
+            }
+            0x1F80 => match value {
+                0 | Config::STARTUP_BY_MASTER => self.startup = value,
+                _ => return Err(AbortCode::InvalidValue),
             },
-            0x1400..=0x15FF if sub != 0 => self.write_rpdo(index - 0x1400, sub, data),
-            0x1600..=0x17FF => {
-                let rpdo = self.rpdos.get_mut(index - 0x1600)?;
-                let is_on = rpdo.cob_id & pdo::OFF == 0;
-                write_map(&mut rpdo.map, is_on, sub, data, PdoDirection::Receive, od)
-            }
-            0x1800..=0x19FF if sub != 0 => self.write_tpdo(now, index - 0x1800, sub, data),
-            0x1A00..=0x1BFF => {
-                let tpdo = self.tpdos.get_mut(index - 0x1A00)?;
-                let is_on = tpdo.cob_id & pdo::OFF == 0;
-                write_map(&mut tpdo.map, is_on, sub, data, PdoDirection::Transmit, od)
-            }
-            _ => Err(AbortCode::ReadOnly),
-        })
-    }
-
-    fn read_consumer(&self, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
-        let consumers = &self.heartbeat.consumers;
-        match sub.checked_sub(1) {
-            None => put(out, &[u8::try_from(consumers.len()).unwrap_or(u8::MAX)]),
-            Some(at) => {
-                let consumer = consumers
-                    .get(usize::from(at))
-                    .ok_or(AbortCode::NoSubIndex)?;
-                put(out, &consumer.entry.to_le_bytes())
-            }
+            _ => return self.set_pdo(now, index, sub, value, od),
         }
+        Ok(())
     }
 
-    fn write_consumer(&mut self, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
-        let new = heartbeat::Consumer::new(u32_of(data)?);
+    fn set_consumer(&mut self, now: Micros, sub: u8, entry: u32) -> Result<(), AbortCode> {
+        let new = Consumer::new(entry);
         let at = usize::from(sub.saturating_sub(1));
         let consumers = &mut self.heartbeat.consumers;
         // One node may be monitored once only (CiA 301, 7.5.2.18).
-        let clash = |(other, consumer): (usize, &heartbeat::Consumer)| {
+        let clash = |(other, consumer): (usize, &Consumer)| {
             other != at && consumer.is_used() && consumer.node() == new.node()
         };
         if new.is_used() && consumers.iter().enumerate().any(clash) {
             return Err(AbortCode::ParameterIncompatible);
         }
-        *consumers.get_mut(at).ok_or(AbortCode::NoSubIndex)? = new;
-        Ok(())
-    }
-
-    fn write_rpdo(&mut self, at: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
-        let rpdo = self.rpdos.get_mut(at).ok_or(AbortCode::NoObject)?;
-        match sub {
-            1 => {
-                let cob_id = u32_of(data)?;
-                pdo::check_cob_id(cob_id, rpdo.cob_id, rpdo.map.count)?;
-                rpdo.cob_id = cob_id;
-                self.rpdos.listen();
-            }
-            2 => rpdo.transmission = transmission(data)?,
-            _ => {
-                rpdo.deadline_ms = u16_of(data)?;
-                rpdo.deadline = Timer::OFF;
-            }
+        let entry = consumers.get_mut(at).ok_or(AbortCode::NoSubIndex)?;
+        // Whoever is not monitored any more is not missed any more.
+        let missed = core::mem::replace(entry, new).node();
+        if let Some(node) = missed {
+            self.clear(now, Emergency::HEARTBEAT_LOST, node.get());
         }
         Ok(())
     }
 
-    fn write_tpdo(&mut self, now: Micros, at: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
-        let operational = self.state == NmtState::Operational;
-        let tpdo = self.tpdos.get_mut(at).ok_or(AbortCode::NoObject)?;
-        let is_on = tpdo.cob_id & pdo::OFF == 0;
-        match sub {
-            1 => {
-                let cob_id = u32_of(data)?;
-                pdo::check_cob_id(cob_id, tpdo.cob_id, tpdo.map.count)?;
-                tpdo.cob_id = cob_id;
+    fn set_pdo(
+        &mut self,
+        now: Micros,
+        index: u16,
+        sub: u8,
+        value: u32,
+        od: &mut dyn ObjectDictionary,
+    ) -> Result<(), AbortCode> {
+        let missing = AbortCode::NoObject;
+        match PdoIndex::of(index).ok_or(missing)? {
+            PdoIndex::Receive(at) => {
+                let rpdo = self.rpdos.get_mut(at).ok_or(missing)?;
+                match sub {
+                    1 => {
+                        pdo::check_cob_id(value, rpdo.cob_id, rpdo.map.count)?;
+                        rpdo.cob_id = value;
+                        self.rpdos.listen();
+                    }
+                    2 => rpdo.transmission = transmission(value)?,
+                    _ => {
+                        rpdo.deadline_ms = low_u16(value);
+                        rpdo.deadline = Timer::OFF;
+                        let number = low_u8(u32::from(at)).saturating_add(1);
+                        self.clear(now, Emergency::RPDO_TIMEOUT, number);
+                    }
+                }
             }
-            2 => tpdo.transmission = transmission(data)?,
-            3 | 6 if is_on => return Err(AbortCode::DeviceState),
-            3 => tpdo.inhibit_100us = u16_of(data)?,
-            6 => tpdo.sync_start = u8_of(data)?,
-            _ => tpdo.event_ms = u16_of(data)?,
-        }
-        if operational {
-            tpdo.restart(now);
-            self.out.wake(Timer::at(now));
+            PdoIndex::Transmit(at) => {
+                let tpdo = self.tpdos.get_mut(at).ok_or(missing)?;
+                match sub {
+                    1 => {
+                        pdo::check_cob_id(value, tpdo.cob_id, tpdo.map.count)?;
+                        tpdo.cob_id = value;
+                    }
+                    2 => tpdo.transmission = transmission(value)?,
+                    3 | 6 if tpdo.is_on() => return Err(AbortCode::DeviceState),
+                    3 => tpdo.inhibit_100us = low_u16(value),
+                    6 => tpdo.sync_start = low_u8(value),
+                    _ => tpdo.event_ms = low_u16(value),
+                }
+                if self.state == NmtState::Operational {
+                    tpdo.restart(now);
+                    self.out.wake(Timer::at(now));
+                }
+            }
+            PdoIndex::ReceiveMap(at) => {
+                let rpdo = self.rpdos.get_mut(at).ok_or(missing)?;
+                let is_on = rpdo.cob_id & pdo::OFF == 0;
+                set_map(&mut rpdo.map, is_on, sub, value, PdoDirection::Receive, od)?;
+            }
+            PdoIndex::TransmitMap(at) => {
+                let tpdo = self.tpdos.get_mut(at).ok_or(missing)?;
+                let is_on = tpdo.is_on();
+                set_map(&mut tpdo.map, is_on, sub, value, PdoDirection::Transmit, od)?;
+            }
         }
         Ok(())
     }
 }
 
-/// The value of an object without sub-indices.
-fn single(sub: u8, out: &mut [u8], value: &[u8]) -> Result<usize, AbortCode> {
-    match sub {
-        0 => put(out, value),
-        _ => Err(AbortCode::NoSubIndex),
-    }
-}
+const CONSUMERS: u32 = 17;
+const _: () = assert!(MAX_CONSUMERS == CONSUMERS as usize);
 
 /// 252 and 253 would need remote frames, 241 to 251 are reserved.
-fn transmission(data: &[u8]) -> Result<u8, AbortCode> {
-    match u8_of(data)? {
-        value @ (0..=LAST_SYNCHRONOUS | 254 | 255) => Ok(value),
+fn transmission(value: u32) -> Result<u8, AbortCode> {
+    match low_u8(value) {
+        kind @ (0..=LAST_SYNCHRONOUS | 254 | 255) => Ok(kind),
         _ => Err(AbortCode::InvalidValue),
     }
 }
 
-fn read_map(map: &Map, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
-    match sub.checked_sub(1) {
-        None => put(out, &[map.count]),
-        Some(at) => {
-            let entry = map.entries.get(usize::from(at));
-            put(out, &entry.ok_or(AbortCode::NoSubIndex)?.to_le_bytes())
-        }
+fn mapped(map: &Map, sub: u8) -> Found {
+    match usize::from(sub).checked_sub(1) {
+        None => variable(u32::from(map.count), 1),
+        Some(at) => match map.entries.get(at) {
+            Some(entry) => variable(*entry, 4),
+            None => Err(AbortCode::NoSubIndex),
+        },
     }
 }
 
-fn write_map(
+fn set_map(
     map: &mut Map,
     is_on: bool,
     sub: u8,
-    data: &[u8],
+    value: u32,
     direction: PdoDirection,
     od: &dyn ObjectDictionary,
 ) -> Result<(), AbortCode> {
     if is_on || (sub != 0 && map.count != 0) {
         return Err(AbortCode::UnsupportedAccess);
     }
-    let Some(at) = sub.checked_sub(1) else {
-        return map.set_count(u8_of(data)?);
+    let Some(at) = usize::from(sub).checked_sub(1) else {
+        return map.set_count(low_u8(value));
     };
-    let entry = u32_of(data)?;
-    let (index, sub, bits) = (high_u16(entry), low_u8(entry >> 8), low_u8(entry));
-    let allowed = match (entry, index, direction) {
+    let (index, sub, bits) = pdo::unpack(value);
+    let allowed = match (value, index, direction) {
         (0, _, _) => 0,
         (_, ..0x20, PdoDirection::Receive) => dummy_bits(index).ok_or(AbortCode::NotMappable)?,
         _ => od.mappable(index, sub, direction)?,
     };
-    if bits != allowed || !bits.is_multiple_of(8) {
+    if bits != allowed || bits & 7 != 0 {
         return Err(AbortCode::NotMappable);
     }
-    *map.entries
-        .get_mut(usize::from(at).min(MAX_MAPPED))
-        .ok_or(AbortCode::NoSubIndex)? = entry;
+    *map.entries.get_mut(at).ok_or(AbortCode::NoSubIndex)? = value;
     Ok(())
 }
 

@@ -1,4 +1,7 @@
 //! What leaves the device: frames, events, counts, and the time it next wants to be polled.
+//!
+//! These are called from everywhere; copies of them in every caller would cost 700 bytes of flash and
+//! save no time to speak of, hence `inline(never)`.
 
 use heapless::Deque;
 
@@ -44,6 +47,7 @@ impl Outbox {
         }
     }
 
+    #[inline(never)]
     pub fn send(&mut self, frame: Frame) {
         if self.muted {
             return;
@@ -71,18 +75,21 @@ impl Outbox {
         core::mem::take(&mut self.overflowed)
     }
 
+    #[inline(never)]
     pub fn emit(&mut self, event: Event) {
         if self.events.push_back(event).is_err() {
             self.count(|counters| &mut counters.event_overflow);
         }
     }
 
+    #[inline(never)]
     pub fn count(&mut self, which: impl FnOnce(&mut Counters) -> &mut u32) {
         let counter = which(&mut self.counters);
         *counter = counter.wrapping_add(1);
     }
 
     /// The next `poll` must not come later than this timer.
+    #[inline(never)]
     pub fn wake(&mut self, timer: Timer) {
         self.next = self.next.min(timer.moment());
     }

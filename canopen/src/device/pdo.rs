@@ -4,7 +4,7 @@
 //! A PDO is changed in this order: switch it off (bit 31 of sub-index 1), set the number of mapped
 //! objects to 0, write the entries, set the number, switch it on again. Everything else is refused.
 
-use crate::bytes::{low_u8, low_u16};
+use crate::bytes::{high_u16, low_u8, low_u16};
 use crate::{AbortCode, CobId, Mapping, NodeId, PdoConfig};
 
 /// Objects in one PDO: eight bytes, none smaller than one.
@@ -19,6 +19,7 @@ pub(super) const NO_RTR: u32 = 1 << 30;
 pub(super) const LAST_SYNCHRONOUS: u8 = 240;
 
 /// Identifiers CiA 301, table 40 keeps for other services.
+#[inline(never)]
 pub(super) const fn is_restricted(id: u16) -> bool {
     matches!(
         id,
@@ -54,6 +55,33 @@ pub(super) fn check_cob_id(new: u32, old: u32, mapped: u8) -> Result<(), AbortCo
     }
 }
 
+/// Index, sub-index and bits of a mapping entry.
+pub(super) const fn unpack(entry: u32) -> (u16, u8, u8) {
+    (high_u16(entry), low_u8(entry >> 8), low_u8(entry))
+}
+
+/// Which parameters of which PDO, counted from 0, an index stands for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum PdoIndex {
+    Receive(u16),
+    ReceiveMap(u16),
+    Transmit(u16),
+    TransmitMap(u16),
+}
+
+impl PdoIndex {
+    pub const fn of(index: u16) -> Option<Self> {
+        let at = index & 0x1FF;
+        match index & 0xFE00 {
+            0x1400 => Some(Self::Receive(at)),
+            0x1600 => Some(Self::ReceiveMap(at)),
+            0x1800 => Some(Self::Transmit(at)),
+            0x1A00 => Some(Self::TransmitMap(at)),
+            _ => None,
+        }
+    }
+}
+
 /// Which objects a PDO carries: objects 0x1600 and 0x1A00.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
@@ -86,18 +114,13 @@ impl Map {
         map
     }
 
-    /// The objects mapped, each with the bytes it takes up: index, sub-index, length in bytes.
+    /// The objects mapped: index, sub-index, length in bytes.
     pub fn objects(&self) -> impl Iterator<Item = (u16, u8, u8)> + '_ {
-        self.entries
-            .iter()
-            .take(usize::from(self.count))
-            .map(|entry| {
-                (
-                    crate::bytes::high_u16(*entry),
-                    low_u8(*entry >> 8),
-                    low_u8(*entry) / 8,
-                )
-            })
+        let mapped = self.entries.iter().take(usize::from(self.count));
+        mapped.map(|entry| {
+            let (index, sub, bits) = unpack(*entry);
+            (index, sub, bits / 8)
+        })
     }
 
     /// Sub-index 0.

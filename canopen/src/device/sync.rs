@@ -8,7 +8,7 @@
 
 use super::Core;
 use super::pdo::is_restricted;
-use crate::bytes::{low_u16, u8_of, u32_of};
+use crate::bytes::{low_u8, low_u16};
 use crate::time::Timer;
 use crate::{
     AbortCode, Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, ObjectDictionary,
@@ -211,51 +211,45 @@ impl Core {
         self.out.wake(self.sync.timer);
     }
 
-    /// Writes one of 0x1005, 0x1006, 0x1007 and 0x1019.
-    pub(super) fn write_sync(
+    /// Takes a new value of 0x1005, 0x1006, 0x1007 or 0x1019.
+    pub(super) fn set_sync(
         &mut self,
         now: Micros,
         index: u16,
-        data: &[u8],
+        value: u32,
     ) -> Result<(), AbortCode> {
         let sync = &mut self.sync;
         match index {
             0x1005 => {
-                let cob_id = u32_of(data)?;
-                let moves = cob_id & !PRODUCER != sync.cob_id & !PRODUCER;
-                let wrong = cob_id & !PRODUCER > 0x7FF || is_restricted(low_u16(cob_id));
-                if wrong || (moves && sync.is_producer()) {
+                let id = value & !PRODUCER;
+                let moves = id != sync.cob_id & !PRODUCER;
+                if id > 0x7FF || is_restricted(low_u16(id)) || (moves && sync.is_producer()) {
                     return Err(AbortCode::InvalidValue);
                 }
-                sync.cob_id = cob_id;
+                sync.cob_id = value;
                 // A producer does not listen: there is one per bus.
                 sync.id = match sync.is_producer() {
                     true => NONE,
-                    false => low_u16(cob_id),
+                    false => low_u16(value),
                 };
                 self.start_sync(now);
             }
             0x1006 => {
-                sync.period_us = u32_of(data)?;
+                sync.period_us = value;
                 self.start_sync(now);
+                self.clear(now, Emergency::SYNC_LOST, 0);
             }
             0x1007 => {
-                sync.window_us = u32_of(data)?;
+                sync.window_us = value;
                 sync.window = Timer::OFF;
             }
-            _ => {
-                let overflow = u8_of(data)?;
-                match overflow {
-                    0 | 2..=240 => {}
-                    1 => return Err(AbortCode::ValueTooLow),
-                    241..=u8::MAX => return Err(AbortCode::ValueTooHigh),
-                }
+            _ => match value {
+                1 => return Err(AbortCode::ValueTooLow),
+                241.. => return Err(AbortCode::ValueTooHigh),
                 // Producer and consumers must not change it while SYNC runs.
-                if sync.period_us != 0 {
-                    return Err(AbortCode::DeviceState);
-                }
-                sync.overflow = overflow;
-            }
+                _ if sync.period_us != 0 => return Err(AbortCode::DeviceState),
+                _ => sync.overflow = low_u8(value),
+            },
         }
         Ok(())
     }

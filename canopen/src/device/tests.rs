@@ -76,6 +76,14 @@ pub(super) struct Objects {
 
 pub(super) const LONG: &[u8] = b"twelve bytes";
 
+/// Exactly `N` bytes.
+fn exact<const N: usize>(data: &[u8]) -> Result<[u8; N], AbortCode> {
+    data.try_into().map_err(|_| match data.len() < N {
+        true => AbortCode::TooShort,
+        false => AbortCode::TooLong,
+    })
+}
+
 impl ObjectDictionary for Objects {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         match (index, sub) {
@@ -98,14 +106,14 @@ impl ObjectDictionary for Objects {
         state: NmtState,
     ) -> Result<(), AbortCode> {
         match (index, sub) {
-            (0x2000, 0) => self.setpoint = bytes::u16_of(data)?,
-            (0x2001, 0) => match bytes::u32_of(data)? {
+            (0x2000, 0) => self.setpoint = u16::from_le_bytes(exact(data)?),
+            (0x2001, 0) => match u32::from_le_bytes(exact(data)?) {
                 _ if state == NmtState::Operational => return Err(AbortCode::DeviceState),
                 value @ 0..=1000 => self.limited = value,
                 _ => return Err(AbortCode::ValueTooHigh),
             },
             (0x2002 | 0x2003, 0) => return Err(AbortCode::ReadOnly),
-            (0x2004, 0) => self.write_only = bytes::u8_of(data)?,
+            (0x2004, 0) => self.write_only = u8::from_le_bytes(exact(data)?),
             (0x2005, 0) => self.long = data.to_vec(),
             (0x2000..=0x2005, _) => return Err(AbortCode::NoSubIndex),
             _ => return Err(AbortCode::NoObject),

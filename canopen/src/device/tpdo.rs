@@ -56,7 +56,7 @@ impl Tpdo {
         inhibited_until: Micros::ZERO,
     };
 
-    pub fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
+    fn new(config: &PdoConfig, node: Option<NodeId>) -> Self {
         Self {
             cob_id: pdo::default_cob_id(config, node),
             transmission: config.transmission,
@@ -67,17 +67,7 @@ impl Tpdo {
         }
     }
 
-    /// Sub-indices 2, 3, 5 and 6: number, value and its length.
-    pub fn parameters(&self) -> [(u8, [u8; 2], usize); 4] {
-        [
-            (2, [self.transmission, 0], 1),
-            (3, self.inhibit_100us.to_le_bytes(), 2),
-            (5, self.event_ms.to_le_bytes(), 2),
-            (6, [self.sync_start, 0], 1),
-        ]
-    }
-
-    const fn is_on(&self) -> bool {
+    pub const fn is_on(&self) -> bool {
         self.cob_id & pdo::OFF == 0
     }
 

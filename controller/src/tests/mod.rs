@@ -1,6 +1,8 @@
 //! Whole robots on a bus, in virtual time.
 
 mod group_rules;
+mod reaction;
 mod safety;
 mod start;
+mod tracking;
 mod world;

@@ -374,3 +374,31 @@ fn after_bus_off_nothing_is_sent_until_the_bus_is_back() {
     world.run(50);
     assert!(world.log.iter().rev().take(50).any(|(_, frame)| own(frame)));
 }
+
+#[test]
+fn wheels_that_disagree_report_slip_then_stop() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    for (address, value) in [
+        (at::SLIP_LIMIT, 0.2),
+        (at::SLIP_FAULT, 1.0),
+        // The wheel watch would be first.
+        (at::BLOCKED_RATE, 0.0),
+    ] {
+        world.write(2, address, Value::F32(value)).unwrap();
+    }
+    world.start();
+    world.run(30);
+    world.drive(Twist::new(0.15, 0.0, 0.0), 1000);
+    assert_eq!(world.status(2).code, protocol::Code::None);
+    // 0.98 rad/s asked, 0.5 given: half of the difference, 0.24 rad/s, is slip.
+    world.robots[0].drag[0] = true;
+    world.run(40);
+    world.until(300, |world| {
+        world.status(2).code == protocol::Code::Limit(protocol::Limit::Slip)
+            || matches!(world.robots[0].bus.state(), State::Faulted(_))
+    });
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    world.drive(FORWARD, 2000);
+    assert_eq!(faulted(&world), Some(Fault::SlipExcess));
+}

@@ -40,6 +40,10 @@ pub struct Robot {
     pub encoder_sign: [f64; 4],
     /// This wheel cannot turn.
     pub blocked: [bool; 4],
+    /// Counts of its encoders in a wheel's revolution.
+    pub counts: f64,
+    /// This wheel drags: it turns, but hardly.
+    pub drag: [bool; 4],
     /// Control ticks happen.
     pub ticking: bool,
     /// The bus task runs.
@@ -63,6 +67,8 @@ impl Robot {
             mute: false,
             encoder_sign: [1.0; 4],
             blocked: [false; 4],
+            counts: f64::from(COUNTS),
+            drag: [false; 4],
             ticking: true,
             bus_runs: true,
             offset: u64::from(node) * 1_234_567,
@@ -108,10 +114,13 @@ impl Robot {
                 if self.blocked[wheel] || !self.outputs.brake_released {
                     *rate = 0.0;
                 }
+                if self.drag[wheel] {
+                    *rate = rate.clamp(-0.5, 0.5);
+                }
                 self.angles[wheel] += *rate * self.encoder_sign[wheel] * dt;
             }
             let turns = self.angles[wheel] / core::f64::consts::TAU;
-            let counts = (turns * f64::from(COUNTS)).floor() as i64;
+            let counts = (turns * self.counts).floor() as i64;
             self.inputs.encoder_counts[wheel] = counts as u16;
         }
     }

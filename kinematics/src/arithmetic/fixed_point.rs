@@ -1,8 +1,9 @@
 //! `I16F16` as a scalar: 16 integer and 16 fractional bits, ±32768 in steps of 1.5e-5.
 //!
 //! Matrix entries are kept as 32-bit integers with 20 fractional bits on the way to the wheels and 28 on the way
-//! back, products are summed in 64 bits, cut to 16 fractional bits once and saturated once. So a result is off by at
-//! most one step (half a step on the way back, which is rounded) plus half a coefficient step for each unit of input, and the sum cannot overflow before the saturation sees it.
+//! back; products are summed in 64 bits, cut to 16 fractional bits once and saturated once. So a result is off by at
+//! most one step (half a step on the way back, which is rounded) plus half a coefficient step for each unit of input,
+//! and the sum cannot overflow before the saturation sees it.
 //!
 //! Whether a result saturated is read from the value itself: it stands in the last sixteenth of a unit at either end
 //! of the range.

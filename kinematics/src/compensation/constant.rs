@@ -11,6 +11,16 @@ use crate::frame::Twist;
 /// Commanded over achieved velocity, per axis of the robot's own frame.
 ///
 /// Larger than 1 on a robot that loses velocity by slip; 1 is no compensation.
+///
+/// ```
+/// use mecanum_kinematics::{Twist, VelocityCompensation};
+///
+/// let compensation = VelocityCompensation::new(1.002, 1.033, 1.0195)?;
+/// let asked = compensation.apply(Twist::new(0.0, 0.5, 0.0));
+/// assert!((asked.vy - 0.5165_f32).abs() < 1e-6); // 3.3 % more sideways
+/// assert!(VelocityCompensation::new(1.0, 1.0, 0.0_f32).is_err());
+/// # Ok::<(), mecanum_kinematics::CompensationError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityCompensation<S = f32> {
     longitudinal: S,

@@ -15,6 +15,22 @@ use crate::error::CompensationError;
 use crate::frame::Twist;
 
 /// Tables for motion along the axes, at 45 degrees, and on the spot.
+///
+/// ```
+/// use mecanum_kinematics::{AxisTable, Compensation, DirectionalCompensation, Twist};
+///
+/// let at_any_speed = |coefficient: f64| AxisTable::new(&[(0.3, coefficient)]);
+/// let compensation = DirectionalCompensation::new(
+///     at_any_speed(1.0022)?, // straight ahead
+///     at_any_speed(1.0326)?, // sideways
+///     at_any_speed(1.0170)?, // longitudinal at 45 degrees
+///     at_any_speed(1.0175)?, // lateral at 45 degrees
+///     at_any_speed(1.0195)?, // yaw
+/// )?;
+/// let asked = compensation.apply(Twist::new(0.2, -0.2, 0.0));
+/// assert!((asked.vx - 0.2034).abs() < 1e-12 && (asked.vy + 0.2035).abs() < 1e-12);
+/// # Ok::<(), mecanum_kinematics::CompensationError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DirectionalCompensation<
     const X: usize,

@@ -200,6 +200,26 @@ pub fn fit(
 /// # Errors
 ///
 /// [`CalibrationError`] naming the axis that the data do not determine.
+///
+/// ```
+/// use mecanum_kinematics::Twist;
+/// use mecanum_kinematics::estimate::{Limits, fit_constant};
+///
+/// let mut samples = Vec::new();
+/// for speed in [0.2, 0.3, 0.4] {
+///     let run = |x: f64, y: f64, w: f64, factor: f64| {
+///         let commanded = Twist::new(x, y, w) * speed;
+///         (commanded, commanded * factor)
+///     };
+///     samples.push(run(1.0, 0.0, 0.0, 0.998));
+///     samples.push(run(0.0, 1.0, 0.0, 0.968));
+///     samples.push(run(0.0, 0.0, 1.0, 0.981));
+/// }
+/// let (compensation, fits) = fit_constant(&samples, &Limits::default())?;
+/// assert!((compensation.lateral() - 1.0 / 0.968).abs() < 1e-9);
+/// assert_eq!(fits[1].rejected, 0);
+/// # Ok::<(), mecanum_kinematics::estimate::CalibrationError>(())
+/// ```
 pub fn fit_constant(
     samples: &[(Twist<f64>, Twist<f64>)],
     limits: &Limits,

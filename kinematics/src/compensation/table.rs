@@ -170,6 +170,22 @@ fn steepest<S: Real>(from: &Row<S>, to: &Row<S>) -> S {
 }
 
 /// A table for each axis of the robot's own frame, each over the speed along that axis.
+///
+/// ```
+/// use mecanum_kinematics::{AxisTable, Compensation, SpeedCompensation, Twist};
+///
+/// // What was set and what was measured (m/s, rad/s), from the paper's Tables 7 and 8.
+/// let compensation = SpeedCompensation {
+///     longitudinal: AxisTable::from_measurements(&[(0.1, 0.097_822), (0.5, 0.486_907)])?,
+///     lateral: AxisTable::from_measurements(&[(0.1, 0.087_621), (0.5, 0.432_065)])?,
+///     yaw: AxisTable::from_measurements(&[(0.524_f64, 0.511)])?,
+/// };
+/// // To achieve the 432 mm/s that were measured, ask for the 500 that were set.
+/// let asked = compensation.apply(Twist::new(0.0, 0.432_065, 0.0));
+/// assert!((asked.vy - 0.5).abs() < 1e-12);
+/// assert!((compensation.remove(asked).vy - 0.432_065).abs() < 1e-12);
+/// # Ok::<(), mecanum_kinematics::CompensationError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedCompensation<const X: usize, const Y: usize, const W: usize, S = f32> {
     /// Along x, over |vx| in m/s.

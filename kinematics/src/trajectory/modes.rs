@@ -10,6 +10,16 @@ use crate::arithmetic::Real;
 use crate::frame::{Pose, Twist};
 
 /// The motions of the paper's Figure 6, by their letters there.
+///
+/// ```
+/// use mecanum_kinematics::trajectory::{MotionMode, PaperMotion, Trajectory};
+///
+/// for mode in MotionMode::ALL {
+///     let motion: PaperMotion<f32> = mode.motion();
+///     let length = motion.arc_length();
+///     assert!(length > 1.0 || mode == MotionMode::Turning);
+/// }
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionMode {
     /// (a) Straight ahead.

@@ -19,6 +19,15 @@ pub fn step<S: Real>(share: S) -> S {
 /// Time along the inner trajectory runs at a rate that rises from 0 to 1 over `ramp` seconds and falls the same
 /// way at the end. Each ramp covers half of its own length of the inner trajectory, so the motion takes `ramp`
 /// seconds longer than the inner one.
+///
+/// ```
+/// use mecanum_kinematics::trajectory::{FigureEight, Ramped, Trajectory};
+///
+/// // As fast as 1.5 m/s2 allows.
+/// let eight = Ramped::within(FigureEight::<f64>::paper(), 1.5, 1.0).unwrap();
+/// let (pose, twist) = eight.at(0.0);
+/// assert!(pose.x == 2.5 && twist.vy == 0.0);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ramped<T, S = f32> {
     inner: T,

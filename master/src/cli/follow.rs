@@ -41,6 +41,9 @@ pub struct Arguments {
     /// Writes every frame as a candump log.
     #[arg(long, value_name = "FILE.log")]
     candump: Option<PathBuf>,
+    /// Writes what the emulated robots' firmware logged.
+    #[arg(long, value_name = "FILE.log")]
+    log: Option<PathBuf>,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -57,6 +60,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         compensation: arguments.compensation == Switch::On,
         elf: target.elf()?,
         candump: arguments.candump.clone(),
+        log: arguments.log.clone(),
         abort: super::abort_on_ctrl_c()?,
     };
     let tell = &mut |share: f64, phase| {
@@ -65,8 +69,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let (backend, run) = match &target.bus {
         BusAddress::Sim(_) => (target.backend, drive::simulated(&drive, tell)?),
-        _ if drive.candump.is_some() => {
-            bail!("--candump is for simulated buses; use candump itself")
+        _ if drive.candump.is_some() || drive.log.is_some() => {
+            bail!("--candump and --log are for simulated buses; use candump itself")
         }
         _ => {
             let link = target.link(&group)?;

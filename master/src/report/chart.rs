@@ -20,6 +20,14 @@ const LABEL_AREA: (u32, u32) = (46, 62);
 const MARGIN: u32 = 14;
 /// Height of the title line, in pixels.
 const TITLE_HEIGHT: u32 = 30;
+/// Everything is drawn this much larger than it is shown, because the drawing library rounds to whole
+/// pixels and curves would show steps.
+const SCALE: u32 = 8;
+/// Width of a line and of a band, in pixels.
+const LINE_WIDTH: u32 = 2;
+const BAND_WIDTH: u32 = 7;
+/// How much of its colour a band has.
+const BAND_OPACITY: f64 = 0.22;
 
 /// Line colours, in the order series use them. Distinguishable without red-green vision.
 pub const PALETTE: [RGBColor; 6] = [
@@ -31,6 +39,15 @@ pub const PALETTE: [RGBColor; 6] = [
     RGBColor(90, 100, 115),
 ];
 
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stroke {
+    /// A line.
+    Line,
+    /// A broad pale band, for what other lines are to be compared with.
+    Band,
+}
+
 /// One line of a chart.
 #[derive(Clone, Debug)]
 pub struct Series {
@@ -38,8 +55,8 @@ pub struct Series {
     pub label: String,
     /// Colour of the line; `None` for the ink of the axes.
     pub color: Option<RGBColor>,
-    /// Whether the line is dashed.
-    pub dashed: bool,
+    /// How the line is drawn.
+    pub stroke: Stroke,
     /// Points in the units of the axes.
     pub points: Vec<(f64, f64)>,
 }
@@ -100,11 +117,15 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 impl Chart {
-    /// The colour of a series as CSS.
+    /// The line of a series as the value of CSS `border-top`.
     #[must_use]
-    pub fn css_color(series: &Series) -> String {
+    pub fn css_line(series: &Series) -> String {
         let RGBColor(r, g, b) = series.color.unwrap_or(INK);
-        format!("#{r:02x}{g:02x}{b:02x}")
+        let (width, opacity) = match series.stroke {
+            Stroke::Line => (LINE_WIDTH + 1, 1.0),
+            Stroke::Band => (BAND_WIDTH, BAND_OPACITY),
+        };
+        format!("{width}px solid rgb({r} {g} {b} / {opacity})")
     }
 
     /// Draws the chart.
@@ -112,13 +133,20 @@ impl Chart {
     /// # Errors
     /// When the drawing library refuses; it names the chart.
     pub fn to_svg(&self) -> Result<String, ChartError> {
+        let (width, height) = self.size;
+        let drawn = (width * SCALE, height * SCALE);
         let mut svg = String::new();
-        self.draw(&SVGBackend::with_string(&mut svg, self.size).into_drawing_area())
+        self.draw(&SVGBackend::with_string(&mut svg, drawn).into_drawing_area())
             .map_err(|reason| ChartError {
                 title: self.title.clone(),
                 reason: reason.to_string(),
             })?;
-        Ok(svg)
+        // The view box keeps the size drawn; only the size shown changes.
+        Ok(svg.replacen(
+            &format!("width=\"{}\" height=\"{}\"", drawn.0, drawn.1),
+            &format!("width=\"{width}\" height=\"{height}\""),
+            1,
+        ))
     }
 
     /// Ranges of both axes: time axes fit tightly, maps keep one scale.
@@ -153,20 +181,21 @@ impl Chart {
         &self,
         root: &DrawingArea<SVGBackend<'_>, Shift>,
     ) -> Result<(), Box<dyn std::error::Error>> {
-        let text = |size: i32| ("sans-serif", size).into_font().color(&INK);
+        let text = |size: i32| ("sans-serif", size * SCALE as i32).into_font().color(&INK);
         let ((x0, x1), (y0, y1)) = self.ranges();
         root.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(root)
             .caption(&self.title, text(17))
-            .margin(MARGIN)
-            .x_label_area_size(LABEL_AREA.0)
-            .y_label_area_size(LABEL_AREA.1)
+            .margin(MARGIN * SCALE)
+            .x_label_area_size(LABEL_AREA.0 * SCALE)
+            .y_label_area_size(LABEL_AREA.1 * SCALE)
             .build_cartesian_2d(x0..x1, y0..y1)?;
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
-            .bold_line_style(GRID)
-            .axis_style(INK.mix(0.5))
+            .bold_line_style(GRID.stroke_width(SCALE))
+            .axis_style(INK.mix(0.5).stroke_width(SCALE))
+            .set_all_tick_mark_size(5 * SCALE)
             .label_style(text(13))
             .axis_desc_style(text(14))
             .x_desc(&self.x_label)
@@ -178,23 +207,20 @@ impl Chart {
             chart
                 .draw_series([Polygon::new(points.clone(), color.mix(0.12).filled()).into_dyn()])?;
             let closed = points.iter().chain(points.first()).copied();
-            chart.draw_series(LineSeries::new(closed, color.mix(0.7)))?;
+            chart.draw_series(LineSeries::new(closed, color.mix(0.7).stroke_width(SCALE)))?;
         }
         for series in &self.series {
             let color = series.color.unwrap_or(INK);
-            let points = thinned(&series.points);
-            let style = color.stroke_width(2);
-            let drawn = if series.dashed {
-                chart.draw_series(DashedLineSeries::new(points, 7, 5, color.stroke_width(1)))?
-            } else {
-                chart.draw_series(LineSeries::new(points, style))?
+            let style = match series.stroke {
+                Stroke::Line => color.stroke_width(LINE_WIDTH * SCALE),
+                Stroke::Band => color.mix(BAND_OPACITY).stroke_width(BAND_WIDTH * SCALE),
             };
+            let drawn = chart.draw_series(LineSeries::new(thinned(&series.points), style))?;
             if self.equal_axes && !series.label.is_empty() {
-                let dashed = series.dashed;
-                drawn.label(&series.label).legend(move |(x, y)| {
-                    let line = vec![(x, y), (x + if dashed { 6 } else { 20 }, y)];
-                    PathElement::new(line, style)
-                });
+                let length = 20 * SCALE as i32;
+                drawn
+                    .label(&series.label)
+                    .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + length, y)], style));
             }
         }
         // A map has empty corners; over a time axis a legend would hide the lines it explains, so
@@ -204,7 +230,9 @@ impl Chart {
                 .configure_series_labels()
                 .position(SeriesLabelPosition::UpperRight)
                 .background_style(WHITE.mix(0.85))
-                .border_style(GRID)
+                .border_style(GRID.stroke_width(SCALE))
+                .legend_area_size(26 * SCALE)
+                .margin(8 * SCALE)
                 .label_font(text(13))
                 .draw()?;
         }
@@ -227,7 +255,7 @@ mod tests {
             series: vec![Series {
                 label: "line".into(),
                 color: Some(PALETTE[0]),
-                dashed: false,
+                stroke: Stroke::Line,
                 points,
             }],
             outlines: vec![],

@@ -7,7 +7,7 @@
 use kinematics::Pose;
 use plotters::style::RGBColor;
 
-use super::chart::{Chart, PALETTE, Series};
+use super::chart::{Chart, PALETTE, Series, Stroke};
 use super::{Outline, Report, Run};
 use crate::metrics::to_paper;
 use crate::record::TruthRow;
@@ -39,17 +39,17 @@ fn line(
     Series {
         label,
         color,
-        dashed: false,
+        stroke: Stroke::Line,
         points: run.truth.iter().map(|row| (row.t, value(row))).collect(),
     }
 }
 
-/// The theory of the first run, dashed.
+/// The theory of the first run, as a band to be drawn under everything else.
 fn theory(report: &Report, points: impl Fn(&TruthRow) -> (f64, f64)) -> Option<Series> {
     Some(Series {
         label: "theory".into(),
         color: None,
-        dashed: true,
+        stroke: Stroke::Band,
         points: report.runs.first()?.truth.iter().map(points).collect(),
     })
 }
@@ -85,25 +85,45 @@ fn corners(robot: &Outline, group: &Pose) -> Vec<(f64, f64)> {
         .to_vec()
 }
 
+/// The load: a line through the middles of the robots.
+fn load(report: &Report, group: &Pose) -> Series {
+    let middle = |robot: &Outline| {
+        let point = Outline {
+            half_track: 0.0,
+            half_wheelbase: 0.0,
+            ..*robot
+        };
+        corners(&point, group)[0]
+    };
+    Series {
+        label: String::new(),
+        color: Some(PALETTE[5]),
+        stroke: Stroke::Band,
+        points: report.robots.iter().map(middle).collect(),
+    }
+}
+
 /// The map: theory and the driven paths, the robots drawn where the first run began.
 #[must_use]
 pub fn map(report: &Report) -> Chart {
-    let mut series: Vec<_> = report
-        .runs
-        .iter()
-        .map(|run| Series {
+    let start = report.runs.first().and_then(|run| run.truth.first());
+    let mut series: Vec<_> = start
+        .map(|start| load(report, &start.group))
+        .into_iter()
+        .collect();
+    series.extend(theory(report, |row| to_paper(&row.theory).into()));
+    series.extend(report.runs.iter().map(|run| {
+        Series {
             label: label(run),
             color: Some(color(run)),
-            dashed: false,
+            stroke: Stroke::Line,
             points: run
                 .truth
                 .iter()
                 .map(|row| to_paper(&row.group).into())
                 .collect(),
-        })
-        .collect();
-    series.extend(theory(report, |row| to_paper(&row.theory).into()));
-    let start = report.runs.first().and_then(|run| run.truth.first());
+        }
+    }));
     let outlines = start.map_or_else(Vec::new, |start| {
         let robots = report.robots.iter();
         robots
@@ -155,7 +175,8 @@ pub fn displacements(report: &Report) -> Vec<Chart> {
             .runs
             .iter()
             .map(|run| line(run, label(run), Some(color(run)), |row| at(&row.group)));
-        let series = lines.chain(theory(report, |row| (row.t, at(&row.theory))));
+        let wanted = theory(report, |row| (row.t, at(&row.theory)));
+        let series = wanted.into_iter().chain(lines);
         let title = format!("{} displacement", axis.name);
         let unit = format!("{} / m", axis.symbol);
         chart(&title, &unit, HALF, series.collect())
@@ -181,7 +202,7 @@ pub fn velocities(report: &Report) -> Vec<Chart> {
             Series {
                 label: label(run),
                 color: Some(color(run)),
-                dashed: false,
+                stroke: Stroke::Line,
                 points: run
                     .truth
                     .windows(2 * SLOPE_ROWS + 1)
@@ -198,7 +219,12 @@ pub fn velocities(report: &Report) -> Vec<Chart> {
         });
         let title = format!("{} velocity", axis.name);
         let unit = format!("v{} / (m/s)", axis.symbol);
-        chart(&title, &unit, HALF, lines.chain(wanted).collect())
+        chart(
+            &title,
+            &unit,
+            HALF,
+            wanted.into_iter().chain(lines).collect(),
+        )
     };
     AXES.iter().map(of_axis).collect()
 }
@@ -235,7 +261,7 @@ pub fn wheel_rates(report: &Report, run: &Run, robot: usize) -> Chart {
     let wheels = names.iter().enumerate().map(|(wheel, name)| Series {
         label: (*name).into(),
         color: Some(PALETTE[wheel]),
-        dashed: false,
+        stroke: Stroke::Line,
         points: run
             .truth
             .iter()
@@ -247,12 +273,9 @@ pub fn wheel_rates(report: &Report, run: &Run, robot: usize) -> Chart {
     });
     let node = report.robots.get(robot).map_or(0, |outline| outline.node);
     chart(
-        &format!(
-            "wheel rates of node {node}, compensation {}",
-            run.compensation_word()
-        ),
+        &format!("node {node}, compensation {}", run.compensation_word()),
         "rate / (rad/s)",
-        WIDE,
+        HALF,
         wheels.collect(),
     )
 }

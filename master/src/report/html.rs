@@ -33,7 +33,7 @@ figcaption{display:flex;flex-wrap:wrap;gap:4px 20px;justify-content:center;font-
 color:#5b6673;padding:0 0 8px}
 figcaption i{display:inline-block;width:22px;margin-right:7px;vertical-align:middle}
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:12px}
-.pair figure{margin:0}
+.pair figure{margin:0 0 12px}
 @media (max-width:760px){.pair{grid-template-columns:1fr}}
 code{background:#e9edf1;border-radius:4px;padding:1px 5px;font-size:90%}
 ";
@@ -53,11 +53,10 @@ fn figure(out: &mut String, class: &str, chart: &Chart) -> Result<(), ChartError
     if !chart.equal_axes {
         out.push_str("<figcaption>");
         for series in &chart.series {
-            let style = if series.dashed { "dashed" } else { "solid" };
             let _ = write!(
                 out,
-                "<span><i style=\"border-top:3px {style} {}\"></i>{}</span>",
-                Chart::css_color(series),
+                "<span><i style=\"border-top:{}\"></i>{}</span>",
+                Chart::css_line(series),
                 escape(&series.label),
             );
         }
@@ -177,12 +176,16 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     figure(&mut out, "", &charts::tracking(report))?;
     figure(&mut out, "", &charts::shape(report))?;
     out.push_str(
-        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward.</p>",
+        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. Wheels on \
+         one diagonal turn alike, and their lines lie on each other, as long as the group does not \
+         turn.</p>",
     );
-    for run in &report.runs {
-        for robot in 0..robots {
+    for robot in 0..robots {
+        out.push_str("<div class=\"pair\">");
+        for run in &report.runs {
             figure(&mut out, "", &charts::wheel_rates(report, run, robot))?;
         }
+        out.push_str("</div>");
     }
     out.push_str(provenance(report));
     out.push_str("</main></body></html>\n");

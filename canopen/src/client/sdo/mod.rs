@@ -436,4 +436,26 @@ mod tests {
         );
         assert_eq!(client.poll(Micros(u64::MAX - 1)), None);
     }
+
+    #[test]
+    fn a_toggle_bit_that_does_not_alternate_ends_the_transfer() {
+        let wrong = Some(Outcome::Failed(SdoError::Protocol(AbortCode::ToggleBit)));
+        let answer = |client: &mut SdoClient, bytes: [u8; 8]| {
+            while client.pop_frame().is_some() {}
+            client.on_frame(Micros(1), &Frame::of(0x585, bytes))
+        };
+        let mut client = client();
+        client.upload(Micros(0), 0x2001, 3).unwrap();
+        let start = [0x41, 0x01, 0x20, 3, 14, 0, 0, 0];
+        assert_eq!(answer(&mut client, start), None);
+        assert_eq!(answer(&mut client, [0x00, 1, 2, 3, 4, 5, 6, 7]), None);
+        assert_eq!(answer(&mut client, [0x00, 1, 2, 3, 4, 5, 6, 7]), wrong);
+        let abort = Frame::of(0x605, [0x80, 0x01, 0x20, 3, 0, 0, 3, 5]);
+        assert_eq!(client.pop_frame(), Some(abort));
+        client.download(Micros(0), 0x2001, 3, &[0; 14]).unwrap();
+        let start = [0x60, 0x01, 0x20, 3, 0, 0, 0, 0];
+        assert_eq!(answer(&mut client, start), None);
+        assert_eq!(answer(&mut client, [0x20, 0, 0, 0, 0, 0, 0, 0]), None);
+        assert_eq!(answer(&mut client, [0x20, 0, 0, 0, 0, 0, 0, 0]), wrong);
+    }
 }

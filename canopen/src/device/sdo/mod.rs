@@ -128,6 +128,7 @@ impl Server {
         self.timer = Timer::OFF;
     }
 
+    #[inline(never)]
     pub fn on_request(
         &mut self,
         now: Micros,

@@ -224,3 +224,31 @@ fn a_missing_sync_is_reported_after_one_and_a_half_periods() {
     bench.pass(1_000);
     assert_eq!(bench.device.counters().syncs_lost, 1);
 }
+
+#[test]
+fn what_is_not_expected_any_more_is_not_missed_any_more() {
+    let mut bench = Bench::booted(QUIET);
+    bench.write(0x1029, 1, &[1]).unwrap();
+    bench.write(0x1400, 5, &[50, 0]).unwrap();
+    bench.write(0x1006, 0, &10_000u32.to_le_bytes()).unwrap();
+    bench.receive(0, [1, 0]);
+    bench.receive(0x701, [5]);
+    bench.receive(0x181, [1, 0]);
+    bench.receive(0x80, []);
+    bench.pass(1_000);
+    let codes = |frames: Vec<Frame>| {
+        let emergencies = frames.iter().filter_map(Emergency::parse);
+        emergencies.map(|(_, it)| it.code).collect::<Vec<_>>()
+    };
+    assert_eq!(codes(bench.frames()), [0x8700, 0x8250, 0x8130]);
+    for (index, sub, value) in [
+        (0x1016, 1, &[0; 4][..]),
+        (0x1400, 5, &[0; 2]),
+        (0x1006, 0, &[0; 4]),
+    ] {
+        let (now, device) = (bench.now, &mut bench.device);
+        device.write(now, index, sub, value, &mut bench.od).unwrap();
+    }
+    assert_eq!(codes(bench.frames()), [0, 0, 0]);
+    assert_eq!(bench.device.error_register(), 0);
+}

@@ -209,3 +209,31 @@ fn fastscan_passes_by_devices_that_have_a_node_id() {
     let (how, _) = scan(&mut [Bench::booted(CONFIG)]);
     assert_eq!(how, Scanned::Nobody);
 }
+
+#[test]
+fn a_device_that_differs_early_keeps_out_of_the_rest_of_a_scan() {
+    let device = |vendor, product, serial| {
+        Bench::cold(Config {
+            identity: Identity {
+                vendor,
+                product,
+                revision: 1,
+                serial,
+            },
+            ..UNCONFIGURED
+        })
+    };
+    let mut devices = [
+        device(2, 1, 1),
+        device(1, 9, 9),
+        device(1, 9, 8),
+        device(3, 0, 0),
+    ];
+    let smallest = Identity {
+        vendor: 1,
+        product: 9,
+        revision: 1,
+        serial: 8,
+    };
+    assert_eq!(scan(&mut devices).0, Scanned::Found(smallest));
+}

@@ -64,6 +64,7 @@ fn refusals_say_why_and_change_nothing() {
     assert_eq!(bench.write(0x2000, 0, &[1]), Err(0x0607_0013));
     assert_eq!(bench.write(0x2000, 0, &[1, 0, 0]), Err(0x0607_0012));
     assert_eq!(bench.write(0x1017, 0, &[1]), Err(0x0607_0013));
+    assert_eq!(bench.write(0x1017, 0, &[1, 0, 0]), Err(0x0607_0012));
     assert_eq!(bench.write(0x1019, 0, &[1]), Err(0x0609_0032));
     assert_eq!(bench.write(0x1019, 0, &[241]), Err(0x0609_0031));
     let too_high = 1001u32.to_le_bytes();
@@ -71,7 +72,7 @@ fn refusals_say_why_and_change_nothing() {
     assert_eq!(bench.od.limited, 0);
     bench.receive(0, [1, 0]);
     assert_eq!(bench.write(0x2001, 0, &[0; 4]), Err(0x0800_0022));
-    assert_eq!(bench.device.counters().sdo_aborts, 15);
+    assert_eq!(bench.device.counters().sdo_aborts, 16);
 }
 
 #[test]

@@ -1,0 +1,78 @@
+"""A python-canopen LocalNode as the foreign device our SDO client reads and writes, over slcan on TCP.
+
+    cargo build -p omnibus-canopen --example sdo
+    .venv/bin/python canopen/interop/test_client.py target/debug/examples/sdo
+
+The node of python-canopen has no block transfers; that it refuses them is part of the test.
+"""
+
+import subprocess
+import sys
+import unittest
+
+import canopen
+
+from test_device import NODE, dictionary, free_port, wait_for_port
+
+BINARY = "target/debug/examples/sdo"
+
+
+class Client(unittest.TestCase):
+    def setUp(self):
+        port = free_port()
+        self.process = subprocess.Popen(
+            [BINARY, f"127.0.0.1:{port}", str(NODE)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        wait_for_port(port)
+        self.network = canopen.Network()
+        channel = f"socket://127.0.0.1:{port}"
+        self.network.connect(interface="slcan", channel=channel, sleep_after_open=0)
+        self.node = self.network.create_node(NODE, dictionary())
+
+    def tearDown(self):
+        self.network.disconnect()
+        self.process.kill()
+        self.process.wait()
+        self.process.stdin.close()
+        self.process.stdout.close()
+
+    def ask(self, line):
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+        return self.process.stdout.readline().strip()
+
+    def test_expedited(self):
+        self.assertEqual(self.ask("write 2000 0 3412"), "ok")
+        self.assertEqual(self.node.sdo[0x2000].raw, 0x1234)
+        self.assertEqual(self.ask("read 2000 0"), "3412")
+
+    def test_segmented(self):
+        for length in [5, 7, 8, 14, 100, 1022]:
+            data = bytes((3 * i + length) & 0xFF for i in range(length))
+            self.assertEqual(self.ask(f"write 2004 0 {data.hex()}"), "ok")
+            self.assertEqual(bytes(self.node.sdo[0x2004].raw), data)
+            self.assertEqual(self.ask("read 2004 0"), data.hex())
+
+    def test_refusals(self):
+        missing = "refused: 0x06020000 (object does not exist)"
+        self.assertEqual(self.ask("read 2fff 0"), missing)
+        self.assertEqual(self.ask("write 2fff 0 00"), missing)
+        self.assertIn("refused: 0x0609", self.ask("read 1018 9"))
+
+    def test_block_transfers_are_refused_and_the_next_transfer_is_not(self):
+        self.assertIn("refused: 0x", self.ask("write-block 2004 0 " + "55" * 20))
+        self.assertIn("refused: 0x", self.ask("read-block 2004 0"))
+        self.assertEqual(self.ask("write 2000 0 0100"), "ok")
+
+    def test_silence(self):
+        self.network.disconnect()
+        self.assertEqual(self.ask("read 1000 0"), "no answer in time")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
+        BINARY = sys.argv.pop(1)
+    unittest.main()

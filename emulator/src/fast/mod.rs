@@ -1,0 +1,364 @@
+//! A fast path for the core: plain instructions, decoded once and executed here.
+//!
+//! The reference core ([`rsemu`]) knows everything about an ARMv7E-M processor and takes some 80 ns for an
+//! instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating point. Those
+//! are executed here, on a copy of the registers, in *sessions*. A session begins when no interrupt can be taken, and
+//! ends, before an instruction and without a trace of it, at whatever is not plain: exception return, sleep, special
+//! registers, the core's own peripherals, an access that would fault. The reference core then makes that one step.
+//!
+//! Interrupts can only come from a peripheral, and those change only at the limit the caller gives or by an access
+//! made here, after which the session ends when a line has changed. Cycles are counted as the reference core
+//! counts them: the two give the same results to the cycle, which tests compare instruction by instruction and
+//! run by run.
+
+mod code;
+mod execute;
+mod float;
+#[cfg(test)]
+mod tests;
+
+use std::sync::atomic::Ordering::Relaxed;
+
+use rsemu::core::space::RamStore;
+use rsemu::core::value::{Endian, Width};
+use rsemu::cpu::arm::v7m::fp::Fpu;
+use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
+use rsemu::cpu::arm::v7m::sys::Exception;
+use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
+
+use crate::bus::Shared;
+use crate::firmware::FLASH_BASE;
+use crate::rtt::RAM_BASE;
+use crate::system::flash;
+use code::{Code, Entry};
+
+/// Not for the fast path; nothing has been changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Leave;
+
+type Done = Result<(), Leave>;
+
+/// What a session can reach.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Memory<'a> {
+    pub(crate) ram: &'a RamStore,
+    pub(crate) flash: &'a RamStore,
+    pub(crate) shared: &'a Shared,
+}
+
+/// FPCCR.LSPACT: the interrupted code's floating-point registers still have to be stacked.
+const LSPACT: u32 = 1;
+/// CONTROL.FPCA: the floating-point unit is in use, and CONTROL.nPRIV.
+const FPCA: u32 = 1 << 2;
+const NPRIV: u32 = 1;
+/// CCR: traps on unaligned accesses and on division by zero.
+const UNALIGN_TRP: u32 = 1 << 3;
+const DIV_0_TRP: u32 = 1 << 4;
+
+/// The fast path of one board.
+#[derive(Debug)]
+pub(crate) struct Fast {
+    code: Code,
+    core: Core,
+}
+
+/// The registers of a session.
+#[derive(Debug)]
+struct Core {
+    r: [u32; 16],
+    /// xPSR without ITSTATE.
+    psr: u32,
+    it: u8,
+    primask: bool,
+    fpu: Fpu,
+    fp_usable: bool,
+    fp_loaded: bool,
+    exclusive: Option<u32>,
+    /// An exception waits for its turn, and PRIMASK was cleared.
+    waiting: bool,
+    unmasked: bool,
+    // Of the instruction under way:
+    now: u64,
+    address: u32,
+    cycles: u64,
+    branched: bool,
+    io: bool,
+}
+
+impl Fast {
+    pub(crate) fn new() -> Self {
+        Self {
+            code: Code::new(),
+            core: Core::new(),
+        }
+    }
+
+    /// Runs until cycle `limit`, an instruction that is not plain, or something that needs attention. Returns the
+    /// cycle reached and the instructions executed.
+    pub(crate) fn run(
+        &mut self,
+        cpu: &ArmV7m,
+        memory: Memory<'_>,
+        now: u64,
+        limit: u64,
+    ) -> (u64, u64) {
+        let Self { code, core } = self;
+        if !core.enter(cpu, memory.shared) {
+            return (now, 0);
+        }
+        code.check(memory.shared.flash_version.load(Relaxed));
+        core.now = now;
+        let mut instructions = 0;
+        while core.now < limit {
+            let entry = code.at(core.r[15], memory.flash);
+            if entry
+                .and_then(|entry| core.step(cpu, memory, entry))
+                .is_err()
+            {
+                break;
+            }
+            instructions += 1;
+            if core.io {
+                core.io = false;
+                if memory.shared.attention.load(Relaxed)
+                    || memory.shared.lines_changed.load(Relaxed)
+                {
+                    break;
+                }
+            }
+            if core.waiting && core.unmasked {
+                break;
+            }
+        }
+        if instructions > 0 {
+            core.leave(cpu, core.now - now);
+            memory.shared.now.store(core.now, Relaxed);
+        }
+        (core.now, instructions)
+    }
+}
+
+impl Core {
+    fn new() -> Self {
+        Self {
+            r: [0; 16],
+            psr: 0,
+            it: 0,
+            primask: false,
+            fpu: Fpu::new(),
+            fp_usable: false,
+            fp_loaded: false,
+            exclusive: None,
+            waiting: false,
+            unmasked: false,
+            now: 0,
+            address: 0,
+            cycles: 0,
+            branched: false,
+            io: false,
+        }
+    }
+
+    /// Takes the registers over, unless the next step is the reference core's.
+    fn enter(&mut self, cpu: &ArmV7m, shared: &Shared) -> bool {
+        let pc = cpu.pc();
+        if !(FLASH_BASE..FLASH_BASE + flash::SIZE as u32).contains(&pc)
+            || cpu.is_asleep()
+            || cpu.reset_pending()
+            || shared.lines_changed.load(Relaxed)
+        {
+            return false;
+        }
+        let regs = cpu.regs();
+        let priority = cpu.execution_priority();
+        let lines = shared.lines();
+        let plain = cpu.with_sys(|sys| {
+            // A line that has not been latched yet is for the reference core to look at.
+            for (word, mut bits) in lines.into_iter().enumerate() {
+                while bits != 0 {
+                    let number = Exception((32 * word as u32 + bits.trailing_zeros() + 16) as u16);
+                    bits &= bits - 1;
+                    if sys.is_enabled(number) && !sys.is_active(number) && !sys.is_pending(number) {
+                        return false;
+                    }
+                }
+            }
+            let pending = sys.highest_pending();
+            self.waiting = pending.is_some();
+            self.fp_usable =
+                sys.fp_enabled(true) && sys.fpccr & LSPACT == 0 && regs.control & FPCA != 0;
+            pending.is_none_or(|(_, urgency)| urgency >= priority)
+                && sys.syst_csr & 1 == 0
+                && sys.mpu_ctrl & 1 == 0
+                && sys.ccr & (UNALIGN_TRP | DIV_0_TRP) == 0
+        });
+        if !plain || regs.control & NPRIV != 0 || regs.faultmask || regs.xpsr & xpsr::T == 0 {
+            return false;
+        }
+        self.r = regs.r;
+        self.psr = regs.xpsr & !xpsr::IT_MASK;
+        self.it = ((regs.xpsr >> 10 & 0x3F) << 2 | regs.xpsr >> 25 & 3) as u8;
+        self.primask = regs.primask;
+        self.fp_loaded = false;
+        self.exclusive = None;
+        self.unmasked = false;
+        self.io = false;
+        true
+    }
+
+    /// Gives the registers back.
+    fn leave(&mut self, cpu: &ArmV7m, cycles: u64) {
+        let before = cpu.regs();
+        let uses_psp = before.control & 2 != 0 && !before.in_handler();
+        let it = u32::from(self.it);
+        let mut regs = Regs {
+            r: self.r,
+            xpsr: self.psr | (it >> 2) << 10 | (it & 3) << 25,
+            primask: self.primask,
+            ..before
+        };
+        if uses_psp {
+            regs.psp = self.r[13];
+        } else {
+            regs.msp = self.r[13];
+        }
+        cpu.set_regs(regs);
+        if self.fp_loaded {
+            for index in 0..32 {
+                cpu.set_s(index, self.fpu.s(index));
+            }
+            cpu.set_fpscr(self.fpu.fpscr);
+        }
+        cpu.with_sys(|sys| sys.tick_cyccnt(cycles));
+    }
+
+    /// One instruction.
+    #[inline]
+    fn step(&mut self, cpu: &ArmV7m, memory: Memory<'_>, entry: &Entry) -> Done {
+        let pc = self.r[15];
+        let &Entry { ref insn, length } = entry;
+        self.address = pc;
+        self.cycles = 1;
+        self.branched = false;
+        let it = self.it;
+        if it != 0 && matches!(insn, Insn::It { .. }) {
+            return Err(Leave); // a block in a block: unpredictable
+        }
+        if it == 0 || Cond(it >> 4).passes(self.psr) {
+            // The program counter reads as the instruction's address plus four.
+            self.r[15] = pc.wrapping_add(4);
+            if self
+                .execute(cpu, memory, insn, it != 0 && length == 2)
+                .is_err()
+            {
+                self.r[15] = pc;
+                return Err(Leave);
+            }
+        }
+        if it != 0 {
+            self.it = if it & 7 == 0 {
+                0
+            } else {
+                it & 0xE0 | it << 1 & 0x1F
+            };
+        }
+        if !self.branched {
+            self.r[15] = pc.wrapping_add(length);
+        }
+        self.now += self.cycles;
+        Ok(())
+    }
+
+    /// Reads memory or a peripheral.
+    #[inline]
+    fn read(&mut self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
+        let value = match self.read_plain(memory, address, width) {
+            Ok(value) => value,
+            Err(Leave) if is_peripheral(address, width) => {
+                memory.shared.now.store(self.now, Relaxed);
+                self.io = true;
+                memory
+                    .shared
+                    .with(|soc| soc.read(address, width.bytes() as u32))
+            }
+            Err(Leave) => return Err(Leave),
+        };
+        self.cycles += 1;
+        Ok(value)
+    }
+
+    /// Reads RAM or flash, without counting the cycle.
+    #[inline]
+    fn read_plain(&self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
+        let (store, offset) = match address {
+            0x2000_0000..=0x2FFF_FFFF => (memory.ram, address - RAM_BASE),
+            0x0800_0000..=0x0FFF_FFFF => (memory.flash, address - FLASH_BASE),
+            _ => return Err(Leave),
+        };
+        let value = store.read_value(u64::from(offset), width, Endian::Little);
+        value.map(|value| value as u32).map_err(|_| Leave)
+    }
+
+    /// Writes RAM or a peripheral.
+    #[inline]
+    fn write(&mut self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
+        if let Err(Leave) = self.write_plain(memory, address, width, value) {
+            if !is_peripheral(address, width) {
+                return Err(Leave);
+            }
+            memory.shared.now.store(self.now, Relaxed);
+            self.io = true;
+            let bytes = width.bytes() as u32;
+            let value = if bytes < 4 {
+                value & ((1 << (8 * bytes)) - 1)
+            } else {
+                value
+            };
+            memory.shared.with(|soc| soc.write(address, bytes, value));
+        }
+        self.cycles += 1;
+        Ok(())
+    }
+
+    /// Writes RAM, without counting the cycle.
+    #[inline]
+    fn write_plain(&self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
+        if !(0x2000_0000..0x3000_0000).contains(&address) {
+            return Err(Leave);
+        }
+        let offset = u64::from(address - RAM_BASE);
+        memory
+            .ram
+            .write_value(offset, width, u64::from(value), Endian::Little)
+            .map_err(|_| Leave)
+    }
+
+    fn branch(&mut self, target: u32) {
+        self.r[15] = target & !1;
+        self.branched = true;
+        self.cycles += 2;
+    }
+
+    /// A branch to an address from a register or memory, bit 0 of which has to be set. Exception returns and
+    /// changes to a state that does not exist are left.
+    fn branch_exchange(&mut self, target: u32) -> Done {
+        exchangeable(target)?;
+        self.branch(target);
+        Ok(())
+    }
+}
+
+/// Whether a branch to a loaded address is plain.
+fn exchangeable(target: u32) -> Done {
+    if target & 1 == 0 || target >= 0xF000_0000 {
+        Err(Leave)
+    } else {
+        Ok(())
+    }
+}
+
+/// Whether an access goes to a peripheral as [`crate::bus`] maps them, aligned and outside the bit-band alias.
+fn is_peripheral(address: u32, width: Width) -> bool {
+    let mapped = matches!(address, 0x4000_0000..=0x41FF_FFFF | 0x5000_0000..=0x500F_FFFF);
+    mapped && width.is_aligned(u64::from(address))
+}
