@@ -16,6 +16,7 @@ mod execute;
 mod float;
 #[cfg(test)]
 mod tests;
+mod transfer;
 
 use std::sync::atomic::Ordering::Relaxed;
 

@@ -4,6 +4,8 @@
 //! lines and the time of the next event are worked out anew; that is cheap beside the instruction that wrote, and
 //! nothing can be forgotten.
 
+mod world;
+
 use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
@@ -13,14 +15,14 @@ use crate::clock::Clock;
 use crate::stop::StopKind;
 use crate::system::exti::Exti;
 use crate::system::flash::Flash;
-use crate::system::gpio::{Gpio, Mode, PinLevel, Port};
+use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
 use crate::system::map::{self, Entry, Gate, Unit, irq};
 use crate::system::pins::{self, Route};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
-use crate::timer::{Kind, PwmState, Timer};
-use crate::trace::{PWM_TIMERS, Trace};
+use crate::timer::{Kind, Timer};
+use crate::trace::Trace;
 
 /// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze registers.
 pub(crate) const DBGMCU: u32 = 0xE004_2000;
@@ -376,85 +378,6 @@ impl Soc {
         self.rcc.enabled(gate)
     }
 
-    /// Connects a pin to a level outside.
-    pub(crate) fn set_input(&mut self, port: Port, pin: u8, level: bool) {
-        let before = self.gpio[port as usize].idr();
-        self.gpio[port as usize].set_external(pin, level);
-        self.pins_changed(port, before);
-        self.settle();
-    }
-
-    /// What a pin does to its wire.
-    pub(crate) fn output(&mut self, port: Port, pin: u8) -> PinLevel {
-        let gpio = &self.gpio[port as usize];
-        let open_drain = gpio.open_drain(pin);
-        let level = match gpio.mode(pin) {
-            Mode::Alternate(af) => {
-                let route = Route { port, pin, af };
-                match pins::timer_at(port, pin, af) {
-                    Some((timer, channel)) => {
-                        self.timers[timer].sync(self.now);
-                        self.timers[timer].level(channel - 1)
-                    }
-                    // Idle: recessive.
-                    None if pins::CAN1_TX.contains(&route) => Some(true),
-                    None => None,
-                }
-            }
-            _ => return gpio.driven(pin),
-        };
-        match level {
-            Some(true) if !open_drain => PinLevel::High,
-            Some(false) => PinLevel::Low,
-            _ => PinLevel::Floating,
-        }
-    }
-
-    /// A PWM output as it arrives at a pin.
-    pub(crate) fn pwm(&mut self, timer: usize, channel: usize) -> PwmState {
-        if !(1..=14).contains(&timer) || !(1..=4).contains(&channel) {
-            return PwmState::default();
-        }
-        self.timers[timer].sync(self.now);
-        let state = self.timers[timer].pwm(channel - 1, self.clock.hz());
-        let connected = pins::timer_channel(timer, channel).any(|route| self.connected(route));
-        if connected && self.timer_clocked(timer) {
-            state
-        } else {
-            PwmState {
-                duty: 0.0,
-                active: false,
-                ..state
-            }
-        }
-    }
-
-    /// Turns the encoder on a timer's first two channels.
-    pub(crate) fn encoder_add(&mut self, timer: usize, edges: i32) {
-        let wired =
-            |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
-        if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
-            self.timers[timer].encoder_add(self.now, edges);
-            self.settle();
-        }
-    }
-
-    /// Whether CAN1 has its pins.
-    pub(crate) fn can_connected(&self) -> bool {
-        pins::CAN1_RX.iter().any(|route| self.connected(route))
-            && pins::CAN1_TX.iter().any(|route| self.connected(route))
-    }
-
-    /// The CAN bit rate by the board's own crystal, in bit/s.
-    pub(crate) fn can_bit_rate(&self) -> Option<u32> {
-        if !self.can_connected() || !self.can.on_bus() {
-            return None;
-        }
-        let pclk1 = self.rcc.clocks(self.now_ps()).pclk1;
-        let clocks = self.can.clocks_per_bit();
-        Some(((pclk1 + clocks / 2) / clocks) as u32)
-    }
-
     /// Whether a watchdog will reset the chip in the end.
     pub(crate) fn watchdog_running(&self) -> bool {
         self.iwdg.expires_at().is_some()
@@ -528,21 +451,6 @@ impl Soc {
             next = next.min(loads.min().unwrap_or(u64::MAX));
         }
         self.next_event = next;
-    }
-
-    /// Compares all outputs with the record.
-    fn record(&mut self, trace: &mut Trace) {
-        for (index, timer) in PWM_TIMERS.into_iter().enumerate() {
-            for channel in 1..=4 {
-                trace.pwm(self.now, index, channel, self.pwm(timer, channel));
-            }
-        }
-        for port in Port::ALL {
-            for pin in 0..16 {
-                trace.pin(self.now, port, pin, self.gpio[port as usize].driven(pin));
-            }
-        }
-        trace.request(self.can.requests(), self.can.latest_request());
     }
 }
 

@@ -1,0 +1,240 @@
+//! The loop that runs a board.
+//!
+//! [`Board::run`] decides what comes next: something that is due, a stall, sleep, or instructions. The instructions
+//! are executed in one of three ways: on the fast path with the reference core for what is not plain, on the
+//! reference core alone, or on the reference core with every instruction looked at for the profile.
+
+use std::sync::atomic::Ordering::Relaxed;
+
+use super::Board;
+use crate::fast::Memory;
+use crate::soc::Soc;
+use crate::stop::{Stop, StopKind};
+use crate::system::rcc;
+
+/// Core cycles after which a running core is looked at although nothing happened: 11 us at 180 MHz.
+const LOOK_CYCLES: u64 = 2_000;
+/// Steps of one cycle in a row after which the core is asked whether it sleeps.
+const QUIET_STEPS: u32 = 6;
+/// SCR: sleep means stop or standby mode.
+const SLEEPDEEP: u32 = 1 << 2;
+
+impl Board {
+    pub(super) fn run(&mut self, t_ns: u64, requests: Option<u64>) -> Result<(), Stop> {
+        self.shared.attention.store(true, Relaxed);
+        let mut target = 0;
+        let mut stall = None;
+        loop {
+            if self.shared.attention.swap(false, Relaxed) {
+                let (reset, stop, sent);
+                (target, stall, reset, stop, sent) = self.shared.look(|soc| {
+                    let stall = soc
+                        .flash
+                        .busy_until()
+                        .map(|ps| soc.clock.cycle_at_local(ps));
+                    let target = soc.clock.cycle_at_world(t_ns);
+                    (
+                        target,
+                        stall,
+                        soc.reset_request,
+                        soc.stop.clone(),
+                        soc.can.requests(),
+                    )
+                });
+                if let Some(kind) = stop {
+                    // The core has already gone past the instruction; two bytes back is inside it.
+                    return Err(self.stop(kind, self.cpu.pc().wrapping_sub(2)));
+                }
+                if reset != 0 {
+                    self.system_reset(reset);
+                    continue;
+                }
+                if requests.is_some_and(|seen| sent != seen) {
+                    break;
+                }
+            }
+            let next = self.shared.next_event.load(Relaxed);
+            if self.now >= next {
+                self.shared.with(Soc::dispatch);
+                continue;
+            }
+            if self.now >= target {
+                break;
+            }
+            if self.now >= self.next_log {
+                self.drain_log();
+            }
+            let limit = target.min(next).min(self.next_log);
+            match stall.filter(|until| *until > self.now) {
+                // The core fetches from the flash that is busy: it waits, interrupts too.
+                Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
+                _ if self.asleep && !self.shared.lines_changed.swap(false, Relaxed) => {
+                    self.sleep_to(limit)?
+                }
+                _ => self.execute(limit.min(self.now + LOOK_CYCLES)),
+            }
+        }
+        self.drain_log();
+        Ok(())
+    }
+
+    /// Steps the core until a cycle, or until something needs attention.
+    fn execute(&mut self, limit: u64) {
+        self.asleep = false;
+        if self.profile.is_some() {
+            self.execute_profiled(limit);
+        } else if self.config.reference_core {
+            self.execute_slowly(limit);
+        } else {
+            self.execute_fast(limit);
+        }
+        if self.cpu.reset_requested() {
+            self.system_reset(rcc::cause::SOFTWARE);
+        } else if self.config.stop_on_hard_fault && self.cpu.current_exception().0 == 3 {
+            self.shared
+                .with(|soc| soc.stop.get_or_insert(StopKind::HardFault).clone());
+        }
+    }
+
+    /// Plain instructions on the fast path, the others one by one on the reference core.
+    fn execute_fast(&mut self, limit: u64) {
+        let memory = Memory {
+            ram: &self.ram,
+            flash: &self.flash,
+            shared: &self.shared,
+        };
+        let mut drowsy = false;
+        loop {
+            let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
+            self.now = now;
+            self.instructions += instructions;
+            if self.now >= limit || self.shared.attention.load(Relaxed) {
+                break;
+            }
+            self.shared.lines_changed.store(false, Relaxed);
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.shared.now.store(self.now, Relaxed);
+            let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
+            if asleep && drowsy {
+                // Asleep before the step and after it: nothing that is pending wakes the core.
+                self.asleep = true;
+                break;
+            }
+            drowsy = asleep;
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
+            if self.now >= limit || self.shared.attention.load(Relaxed) {
+                break;
+            }
+        }
+    }
+
+    fn execute_slowly(&mut self, limit: u64) {
+        let mut quiet = 0;
+        loop {
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.instructions += 1;
+            self.shared.now.store(self.now, Relaxed);
+            if self.shared.attention.load(Relaxed) {
+                break;
+            }
+            quiet = if cycles == 1 { quiet + 1 } else { 0 };
+            if quiet == QUIET_STEPS {
+                quiet = 0;
+                if self.cpu.is_asleep() || self.cpu.is_locked_up() {
+                    self.instructions -= u64::from(QUIET_STEPS) - 1;
+                    self.asleep = true;
+                    break;
+                }
+            }
+            if self.now >= limit {
+                break;
+            }
+        }
+    }
+
+    fn execute_profiled(&mut self, limit: u64) {
+        while self.now < limit {
+            let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
+            let cycles = self.cpu.step();
+            self.now += cycles;
+            self.shared.now.store(self.now, Relaxed);
+            if cycles == 1
+                && self.cpu.pc() == pc
+                && (self.cpu.is_asleep() || self.cpu.is_locked_up())
+            {
+                self.asleep = true;
+                break;
+            }
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
+            if let Some(profile) = &mut self.profile {
+                profile.count(&self.firmware, (pc, sp), cycles, entered);
+            }
+            if self.shared.attention.load(Relaxed) {
+                break;
+            }
+        }
+    }
+
+    /// Whether the last step was the entry into an exception handler and not an instruction: the link register
+    /// holds a return code and the program counter the handler's first address.
+    fn entered_exception(&self) -> bool {
+        let regs = self.cpu.regs();
+        let vector = self.cpu.vtor() + 4 * u32::from(regs.exception().0);
+        regs.in_handler()
+            && regs.r[14] >= 0xFFFF_FFE0
+            && self
+                .read_word(vector)
+                .is_some_and(|to| to & !1 == regs.r[15])
+    }
+
+    /// Lets time pass while the core sleeps. SysTick and the cycle counter go on counting, as with the debug unit's
+    /// DBG_SLEEP, which the HAL sets.
+    fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
+        if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {
+            return Err(self.stop(StopKind::LockedUp, self.cpu.pc()));
+        }
+        if self.cpu.with_sys(|sys| sys.scr & SLEEPDEEP != 0) {
+            let kind = StopKind::Unmodelled {
+                what: "SCB_SCR.SLEEPDEEP: stop and standby mode".to_owned(),
+                address: 0xE000_ED10,
+                written: None,
+            };
+            return Err(self.stop(kind, self.cpu.pc()));
+        }
+        let span = limit - self.now;
+        let (span, wake) = self.cpu.with_sys(|sys| {
+            let mut span = span;
+            if sys.syst_csr & 3 == 3 {
+                let left = u64::from(sys.syst_cvr & 0xFF_FFFF);
+                span = span
+                    .min(if left == 0 {
+                        u64::from(sys.syst_rvr) + 1
+                    } else {
+                        left
+                    })
+                    .max(1);
+            }
+            sys.tick_cyccnt(span);
+            let wake = sys.tick_systick(span) && sys.syst_csr & 2 != 0;
+            if wake {
+                sys.set_pending(rsemu::cpu::arm::v7m::sys::Exception::SYSTICK, true);
+            }
+            (span, wake)
+        });
+        if wake {
+            self.shared.lines_changed.store(true, Relaxed);
+        }
+        self.slept += span;
+        self.skip_to(self.now + span);
+        Ok(())
+    }
+
+    fn skip_to(&mut self, cycle: u64) {
+        self.now = cycle;
+        self.shared.now.store(cycle, Relaxed);
+    }
+}
