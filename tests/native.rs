@@ -66,7 +66,11 @@ fn a_compensated_group_goes_where_it_is_sent() {
         drive.world.worst_shape_error_mm()
     );
     // Configuring fills the bus as far as it goes; driving must leave room for more robots.
-    let load = drive.truth.iter().map(|sample| sample.bus_load).fold(0.0, f64::max);
+    let load = drive
+        .truth
+        .iter()
+        .map(|sample| sample.bus_load)
+        .fold(0.0, f64::max);
     assert!((0.05..0.25).contains(&load), "{load}");
 }
 
