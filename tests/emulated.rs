@@ -6,17 +6,18 @@
 mod common;
 
 use common::{Drive, quick_drive};
-use kinematics::WheelRates;
 use omnibus::curve::Curve;
 use sim::{Backend, Options, World};
 
-/// Largest distance between the two groups at any SYNC. The robots do not boot at the same moment, so
-/// their 1 ms ticks lie differently in the SYNC period: at 1.6 m/s a tick is 1.6 mm.
-const POSITION_MM: f64 = 2.0;
+/// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
+/// of way. The emulated robots answer later within a tick and see their encoders at other moments.
+const POSITION_MM: f64 = 0.5;
 /// Largest difference in heading.
-const HEADING_MRAD: f64 = 0.5;
-/// Largest mean difference in any wheel's rate; single samples differ by the encoder's quantisation.
-const MEAN_RATE: f64 = 0.05;
+const HEADING_MRAD: f64 = 0.3;
+/// Mean difference in a wheel's true rate, rad/s; the circle asks for up to 5.
+const MEAN_RATE: f64 = 0.002;
+/// Largest strain either may put on the load; 70 ppm lie between the robots' crystals.
+const SHAPE_MM: f64 = 1.0;
 
 fn image() -> emulator::Firmware {
     let path =
@@ -75,13 +76,11 @@ fn native_and_emulated_robots_agree() {
         native.world.worst_shape_error_mm(),
         emulated.world.worst_shape_error_mm(),
     );
-    let last = |drive: &Drive| drive.truth.last().map(|t| t.robots[0].wheel_rates);
-    assert!(last(&emulated).is_some_and(|rates: WheelRates<f64>| rates.front_left.is_finite()));
     assert!(position < POSITION_MM, "{position} mm");
     assert!(heading < HEADING_MRAD, "{heading} mrad");
     assert!(rate < MEAN_RATE, "{rate} rad/s");
     for drive in [native, emulated] {
-        assert!(drive.world.worst_shape_error_mm() < 5.0);
+        assert!(drive.world.worst_shape_error_mm() < SHAPE_MM);
     }
 }
 
