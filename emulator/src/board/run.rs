@@ -6,12 +6,10 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
-use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::xpsr;
 
 use super::Board;
 use crate::fast::Memory;
-use crate::rtt::RAM_BASE;
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
 use crate::system::rcc;
@@ -20,10 +18,6 @@ use crate::system::rcc;
 const LOOK_CYCLES: u64 = 2_000;
 /// Steps of one cycle in a row after which the core is asked whether it sleeps.
 const QUIET_STEPS: u32 = 6;
-/// EXC_RETURN: the frame lies on the process stack.
-const EXC_RETURN_PSP: u32 = 1 << 2;
-/// Where xPSR lies in the frame of an exception.
-const STACKED_XPSR: u32 = 28;
 /// SCR: sleep means stop or standby mode.
 const SLEEPDEEP: u32 = 1 << 2;
 
@@ -96,6 +90,7 @@ impl Board {
         } else {
             self.execute_fast(limit);
         }
+        self.finish_it_block();
         if self.cpu.reset_requested() {
             self.system_reset(rcc::cause::SOFTWARE);
         } else if self.config.stop_on_hard_fault && self.cpu.current_exception().0 == 3 {
@@ -104,15 +99,29 @@ impl Board {
         }
     }
 
+    /// Steps to the end of an IT block, so that no event and nothing from outside makes an exception pending inside
+    /// one: the core (`rsemu` 0.0.7, `exception_entry`) stacks xPSR without ITSTATE, and what is left of the block
+    /// would run unconditionally after the return. At most four instructions.
+    fn finish_it_block(&mut self) {
+        for _ in 0..4 {
+            if self.cpu.regs().xpsr & xpsr::IT_MASK == 0 {
+                break;
+            }
+            self.now += self.cpu.step();
+            self.instructions += 1;
+            self.shared.now.store(self.now, Relaxed);
+        }
+    }
+
     /// Plain instructions on the fast path, the others one by one on the reference core.
     fn execute_fast(&mut self, limit: u64) {
+        let memory = Memory {
+            ram: &self.ram,
+            flash: &self.flash,
+            shared: &self.shared,
+        };
         let mut drowsy = false;
         loop {
-            let memory = Memory {
-                ram: &self.ram,
-                flash: &self.flash,
-                shared: &self.shared,
-            };
             let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
             self.now = now;
             self.instructions += instructions;
@@ -120,7 +129,7 @@ impl Board {
                 break;
             }
             self.shared.lines_changed.store(false, Relaxed);
-            let cycles = self.step();
+            let cycles = self.cpu.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
@@ -141,7 +150,7 @@ impl Board {
     fn execute_slowly(&mut self, limit: u64) {
         let mut quiet = 0;
         loop {
-            let cycles = self.step();
+            let cycles = self.cpu.step();
             self.now += cycles;
             self.instructions += 1;
             self.shared.now.store(self.now, Relaxed);
@@ -166,7 +175,7 @@ impl Board {
     fn execute_profiled(&mut self, limit: u64) {
         while self.now < limit {
             let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
-            let cycles = self.step();
+            let cycles = self.cpu.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             if cycles == 1
@@ -185,33 +194,6 @@ impl Board {
                 break;
             }
         }
-    }
-
-    /// One step of the reference core: an instruction, or the entry into an exception handler.
-    ///
-    /// An exception can come between the instructions of an IT block. What is left of the block (ITSTATE) is then kept
-    /// in the stacked xPSR, and the exception return goes on with it (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it as
-    /// zero, after which the rest of the block would be executed whatever its condition; so it is put there here.
-    fn step(&mut self) -> u64 {
-        let left = self.cpu.regs().xpsr & xpsr::IT_MASK;
-        let cycles = self.cpu.step();
-        if left != 0 && cycles >= 12 && self.entered_exception() {
-            let regs = self.cpu.regs();
-            let frame = if regs.r[14] & EXC_RETURN_PSP == 0 {
-                regs.msp
-            } else {
-                regs.psp
-            };
-            let offset = u64::from(frame.wrapping_sub(RAM_BASE)) + u64::from(STACKED_XPSR);
-            // A frame outside RAM has not been stacked in the first place.
-            if let Ok(word) = self.ram.read_value(offset, Width::U32, Endian::Little) {
-                let word = word | u64::from(left);
-                let _ = self
-                    .ram
-                    .write_value(offset, Width::U32, word, Endian::Little);
-            }
-        }
-        cycles
     }
 
     /// Whether the last step was the entry into an exception handler and not an instruction: the link register
