@@ -103,6 +103,7 @@ impl Dictionary {
                 Value::U32(made.map_or_else(|error| error.code(), |_| 0))
             }
             at::CONFIGURATION_CRC => Value::U32(self.parameters.crc()),
+            at::GROUP_CRC => Value::U32(self.parameters.group_crc()),
             at::COMMISSIONING => Value::U8(u8::from(self.commissioning)),
             at::SUPPLY => Value::F32(self.supply.unwrap_or(0.0)),
             at::LATE_TICKS => Value::U32(counters.late_ticks),

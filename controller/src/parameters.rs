@@ -3,7 +3,10 @@
 //! Nothing here takes effect. A value is checked against its own limits when it is written; the set
 //! is turned into a [`crate::Configuration`], and checked as a set, when the robot is started.
 
-use protocol::{Address, ENTRIES, Value, entry, table::PARAMETERS};
+use protocol::{
+    Address, ENTRIES, Value, entry,
+    table::{COMMON, PARAMETERS},
+};
 
 const WORDS: usize = PARAMETERS.div_ceil(32);
 
@@ -68,18 +71,14 @@ impl Parameters {
     /// CRC-32 (IEEE 802.3) over all values, in the order of the table, four bytes each.
     #[must_use]
     pub fn crc(&self) -> u32 {
-        let mut crc = u32::MAX;
-        for byte in self.values.iter().flat_map(|value| value.to_le_bytes()) {
-            crc ^= u32::from(byte);
-            for _ in 0..8 {
-                let carry = crc & 1;
-                crc >>= 1;
-                if carry != 0 {
-                    crc ^= 0xEDB8_8320;
-                }
-            }
-        }
-        !crc
+        crc32(self.values.iter().copied())
+    }
+
+    /// The same over what all members of a group must have in common.
+    #[must_use]
+    pub fn group_crc(&self) -> u32 {
+        let common = COMMON.iter().filter_map(|address| self.get(*address));
+        crc32(common.map(Value::to_bits))
     }
 
     /// A REAL32 parameter, as a number.
@@ -94,6 +93,21 @@ impl Parameters {
     pub(crate) fn unsigned(&self, address: Address) -> u32 {
         self.get(address).map_or(0, Value::to_bits)
     }
+}
+
+fn crc32(words: impl Iterator<Item = u32>) -> u32 {
+    let mut crc = u32::MAX;
+    for byte in words.flat_map(u32::to_le_bytes) {
+        crc ^= u32::from(byte);
+        for _ in 0..8 {
+            let carry = crc & 1;
+            crc >>= 1;
+            if carry != 0 {
+                crc ^= 0xEDB8_8320;
+            }
+        }
+    }
+    !crc
 }
 
 #[cfg(test)]
@@ -112,6 +126,30 @@ mod tests {
             }
         }
         assert_eq!(parameters.first_missing(), Some(at::HALF_TRACK));
+    }
+
+    #[test]
+    fn crc_is_that_of_ieee_802_3() {
+        // The check value of the standard, "123456789", needs nine bytes; eight of them and their CRC.
+        let words = [*b"1234", *b"5678"].map(u32::from_le_bytes);
+        assert_eq!(crc32(words.into_iter()), 0x9AE0_DAAF);
+    }
+
+    #[test]
+    fn group_crc_sees_what_is_common_and_nothing_else() {
+        let plain = Parameters::new().group_crc();
+        for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
+            let mut parameters = Parameters::new();
+            let changed = Value::from_bits(entry.kind, entry.default.to_bits() ^ 1);
+            parameters.set(entry.slot.unwrap(), changed);
+            let common = COMMON.contains(&entry.address);
+            assert_eq!(
+                parameters.group_crc() != plain,
+                common,
+                "{:?}",
+                entry.address
+            );
+        }
     }
 
     #[test]

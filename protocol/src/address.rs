@@ -59,6 +59,8 @@ addresses! {
     CONFIGURATION_STATUS = 0x2002:1;
     /// CRC-32 over the whole configuration.
     CONFIGURATION_CRC = 0x2002:2;
+    /// CRC-32 over what all members must have in common.
+    GROUP_CRC = 0x2002:3;
 
     /// Half the distance between left and right wheels.
     HALF_TRACK = 0x2010:1;

@@ -66,6 +66,29 @@ const IDENTITY: &[Object] = &[
         Kind::U32,
         "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each, so that a master can tell whether a robot has the configuration it means.",
     ),
+    Object::state(
+        at::GROUP_CRC,
+        "Group CRC",
+        "",
+        Kind::U32,
+        "The same over the parameters that must be equal in all members of a group: acceleration, jerk, deceleration, group, members and times. Members that differ here would not move as one.",
+    ),
+];
+
+/// The parameters that must be equal in all members of a group.
+pub const COMMON: &[Address] = &[
+    at::ACCELERATION,
+    at::ACCELERATION_YAW,
+    at::JERK,
+    at::JERK_YAW,
+    at::DECELERATION,
+    at::DECELERATION_YAW,
+    at::GROUP_ID,
+    at::MEMBERS,
+    at::SYNC_PERIOD,
+    at::SYNC_TIMEOUT,
+    at::SETPOINT_TIMEOUT,
+    at::HEARTBEAT_TIMEOUT,
 ];
 
 const fn wire_version() -> Object {

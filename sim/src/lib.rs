@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bus;
+mod crew;
 mod digest;
 mod error;
 pub mod motor;

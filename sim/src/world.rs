@@ -8,8 +8,9 @@
 //! happens. So a robot that wakes at a time reads encoders of that time, and whatever it changes acts
 //! from the end of the step on: at most one quantum later than in life.
 //!
-//! Everything is computed in one thread in a fixed order from values only: the same group, backend and
-//! calls give the same bytes, which [`World::digest`] sums up.
+//! Robots may run side by side within a step, everything else happens in one thread in a fixed order: the
+//! same group, backend and calls give the same bytes on any number of threads, which [`World::digest`]
+//! sums up.
 //!
 //! The master's frames wait in a queue without limit, in order; a master that sends more than the bus
 //! carries sees its own delay grow. Frames for a port wait until they are taken.
@@ -22,6 +23,7 @@ use kinematics::{Pose, WheelRates};
 
 use crate::bus::candump::Candump;
 use crate::bus::{Bus, BusLoad, Transfer};
+use crate::crew::{Absent, Crew};
 use crate::digest::Digest;
 use crate::error::SimError;
 use crate::motor::{Drive, Motor, WheelEncoder};
@@ -40,6 +42,9 @@ pub struct Options {
     pub truth_period_ns: u64,
     /// Length of the windows of the bus load.
     pub load_window_ns: u64,
+    /// Threads that run robots, the caller's included; 0 takes as many as the machine has. It makes no
+    /// difference to what happens. Native robots always run on the caller's.
+    pub threads: usize,
     /// Where the group frame stands at the beginning.
     pub start: Pose<f64>,
 }
@@ -51,6 +56,7 @@ impl Default for Options {
             motor_step_ns: 100_000,
             truth_period_ns: 10_000_000,
             load_window_ns: 100_000_000,
+            threads: 1,
             start: Pose {
                 x: 0.0,
                 y: 0.0,
@@ -104,6 +110,7 @@ pub struct World {
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
     digest: Digest,
+    crew: Option<Crew>,
     turned: Vec<[f64; 4]>,
 }
 
@@ -119,6 +126,14 @@ impl World {
             .zip(&group.simulation.crystal_ppm)
             .map(|(robot, ppm)| backend.build(robot.node, *ppm))
             .collect::<Result<_, _>>()?;
+        let options = Options {
+            threads: if matches!(backend, Backend::Native) {
+                1
+            } else {
+                options.threads
+            },
+            ..options
+        };
         Self::with_parts(group, robots, plant::build(group, options.start)?, options)
     }
 
@@ -155,6 +170,11 @@ impl World {
                 connected: true,
             })
             .collect();
+        let threads = match options.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        };
+        let threads = threads.min(units.len()).saturating_sub(1);
         Ok(Self {
             now_ns: 0,
             turned: vec![[0.0; 4]; units.len()],
@@ -169,6 +189,7 @@ impl World {
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
+            crew: (threads > 0).then(|| Crew::new(threads)),
             options,
         })
     }
@@ -352,8 +373,8 @@ impl World {
             unit.turn(dt);
         }
         self.now_ns = end_ns;
+        self.run_robots(end_ns)?;
         for unit in &mut self.units {
-            unit.robot.run_until(end_ns)?;
             if unit.look_at_bridges() {
                 self.digest.bridges(end_ns, unit.node, &unit.drives);
             }
@@ -365,6 +386,27 @@ impl World {
             self.deliver(&transfer);
         }
         Ok(())
+    }
+
+    /// Runs all robots to a time, heavy ones side by side if there are several.
+    fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
+        let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);
+        let several = self.crew.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
+        let mut away = Vec::new();
+        for (place, unit) in self.units.iter_mut().enumerate() {
+            if several && heavy(unit) {
+                away.push((place, std::mem::replace(&mut unit.robot, Box::new(Absent))));
+            } else {
+                unit.robot.run_until(end_ns)?;
+            }
+        }
+        match &self.crew {
+            Some(crew) if several => {
+                let units = &mut self.units;
+                crew.run(away, end_ns, &mut |place, robot| units[place].robot = robot)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The earliest moment at which something may happen that others can notice.

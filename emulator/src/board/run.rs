@@ -6,6 +6,8 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
+use rsemu::cpu::arm::v7m::xpsr;
+
 use super::Board;
 use crate::fast::Memory;
 use crate::soc::Soc;
@@ -86,11 +88,26 @@ impl Board {
         } else {
             self.execute_fast(limit, drowsy);
         }
+        self.finish_it_block();
         if self.cpu.reset_requested() {
             self.system_reset(rcc::cause::SOFTWARE);
         } else if self.config.stop_on_hard_fault && self.cpu.current_exception().0 == 3 {
             self.shared
                 .with(|soc| soc.stop.get_or_insert(StopKind::HardFault).clone());
+        }
+    }
+
+    /// Steps to the end of an IT block, so that no event and nothing from outside makes an exception pending inside
+    /// one: the core (`rsemu` 0.0.7, `exception_entry`) stacks xPSR without ITSTATE, and what is left of the block
+    /// would run unconditionally after the return. At most four instructions.
+    fn finish_it_block(&mut self) {
+        for _ in 0..4 {
+            if self.cpu.regs().xpsr & xpsr::IT_MASK == 0 {
+                break;
+            }
+            self.now += self.cpu.step();
+            self.instructions += 1;
+            self.shared.now.store(self.now, Relaxed);
         }
     }
 

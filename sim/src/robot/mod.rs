@@ -78,6 +78,12 @@ pub trait Robot: Send {
         Vec::new()
     }
 
+    /// Whether running it to this time takes long enough to be worth a thread of its own.
+    fn is_heavy(&self, until_ns: u64) -> bool {
+        let _ = until_ns;
+        false
+    }
+
     /// Instructions its processor has executed, if it has one.
     fn instructions(&self) -> u64 {
         0

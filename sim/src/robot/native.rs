@@ -1,15 +1,15 @@
 //! A native robot: the controller crate on this machine, where the firmware has it on a microcontroller.
 //!
 //! What the firmware's two tasks do around the controller is done here in virtual time: the bus side gets
-//! frames when they end and is polled when it asks to be; the control side ticks every millisecond of
-//! the robot's own clock; outputs act at once. Computing takes no time. Frames to send go through three
+//! frames when they end and is polled when it asks to be; the control side ticks every millisecond, in
+//! step with SYNC; outputs act at once. Computing takes no time. Frames to send go through three
 //! mailboxes from which the lowest identifier is sent first, as in the real CAN controller; the
 //! controller keeps the rest.
 //!
 //! The robot's clock starts [`BOOT_NS`] after the world's and runs fast by its crystal's error.
 
 use canopen::{Frame, Micros, NodeId};
-use controller::{BusSide, Command, ControlSide, Event, Identity, Inputs, Outputs, TICK_US};
+use controller::{BusSide, ControlSide, Event, Identity, Inputs, Outputs, TICK_US, TickPhase};
 
 use super::{LogLine, Robot, Wake};
 use crate::error::SimError;
@@ -55,8 +55,10 @@ pub struct NativeRobot {
     now_ns: u64,
     bus: BusSide,
     control: ControlSide,
-    command: Command,
     next_tick: Micros,
+    /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.
+    phase: TickPhase,
+    sync: Option<Micros>,
     inputs: Inputs,
     outputs: Outputs,
     mailboxes: Vec<Frame>,
@@ -79,8 +81,9 @@ impl NativeRobot {
             now_ns: 0,
             bus: BusSide::new(Identity::new(id, 0x4F4D_0000 + u32::from(node))),
             control: ControlSide::new(),
-            command: Command::default(),
             next_tick: Micros(TICK_US),
+            phase: TickPhase::new(),
+            sync: None,
             inputs: Inputs::default(),
             outputs: Outputs::SAFE,
             mailboxes: Vec::with_capacity(MAILBOXES),
@@ -97,14 +100,16 @@ impl NativeRobot {
 
     fn tick(&mut self) {
         if let Some(configuration) = self.bus.take_configuration() {
+            self.phase = TickPhase::with_period(configuration.times.sync_period_us);
             self.control.configure(configuration);
         }
-        self.command = self.bus.command();
-        self.outputs = self
-            .control
-            .tick(self.next_tick, &self.command, &self.inputs);
-        self.next_tick = self.next_tick + Micros(TICK_US);
+        let command = self.bus.command();
+        self.outputs = self.control.tick(self.next_tick, &command, &self.inputs);
         self.bus.on_report(&self.control.report());
+        if let Some(sync) = self.sync.take() {
+            self.phase.on_sync(sync);
+        }
+        self.next_tick = self.phase.next(self.next_tick);
     }
 
     /// Moves frames from the controller to free mailboxes, and events to the log.
@@ -116,7 +121,10 @@ impl NativeRobot {
             self.mailboxes.push(frame);
         }
         while let Some(event) = self.bus.pop_event() {
-            self.log.push(log_line(now, &event));
+            match event {
+                Event::Sync { at, .. } => self.sync = Some(at),
+                event => self.log.push(log_line(now, &event)),
+            }
         }
     }
 

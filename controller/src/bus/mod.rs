@@ -13,15 +13,14 @@
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
-use canopen::{Device, ErrorClass, Frame, Micros, NmtCommand, NmtState};
+mod faults;
+mod publish;
+
+use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
-use protocol::code::FaultClass;
-use protocol::{
-    APPLY_DELAY_US, Code, Fault, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale,
-    WheelRateReport, cob,
-};
+use protocol::{APPLY_DELAY_US, Fault, MeasuredTwist, MemberStatus, Scale, cob};
 
 use crate::agreement::{Agreement, Verdict};
 use crate::clock::SyncClock;
@@ -427,97 +426,6 @@ impl BusSide {
         }
     }
 
-    /// Process data as it is at this SYNC.
-    fn publish(&mut self, configuration: Option<&Configuration>) {
-        let report = &self.report;
-        let sequence = self.setpoints.sequence();
-        let group = configuration.map_or(0, |configuration| configuration.group);
-        self.dictionary.status = MemberStatus {
-            state: self.state.reported(configuration.is_some()),
-            sequence,
-            scale: self.own,
-            slip_residual: (report.configuration != 0).then_some(report.slip_residual),
-            code: self.code(),
-        }
-        .encode();
-        self.dictionary.measured = MeasuredTwist {
-            twist: report.measured,
-            sequence: report.sequence,
-            group,
-        }
-        .encode();
-        self.dictionary.pose = PoseReport { pose: report.pose }.encode();
-        self.dictionary.rates = WheelRateReport {
-            rates: report.rates,
-        }
-        .encode();
-    }
-
-    /// The most important thing to say.
-    fn code(&self) -> Code {
-        if let Some(fault) = self.state.fault() {
-            return Code::Fault(fault);
-        }
-        let moving = matches!(self.state, State::Moving | State::Alone);
-        let limit = self.report.limit.or_else(|| {
-            if moving && self.strain.is_limit() {
-                Some(Limit::Strain)
-            } else if self.setpoints.is_disturbed() {
-                Some(Limit::Setpoint)
-            } else if moving && self.scale < Scale::ONE {
-                Some(if self.scale_is_own {
-                    Limit::WheelRate
-                } else {
-                    Limit::GroupScale
-                })
-            } else {
-                None
-            }
-        });
-        limit.map_or(Code::None, Code::Limit)
-    }
-
-    /// What runs out, since when, and what it means.
-    fn timers(&self, configuration: &Configuration) -> [Option<(Micros, u64, Fault)>; 3] {
-        let times = &configuration.times;
-        let heartbeat = Some((
-            self.last_heartbeat,
-            times.heartbeat_timeout_us,
-            Fault::MasterSilent,
-        ));
-        let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
-        let setpoint = |setpoints: &Setpoints| {
-            let fault = if setpoints.is_invalid() {
-                Fault::SetpointInvalid
-            } else {
-                Fault::SetpointOverdue
-            };
-            Some((setpoints.fresh_at(), times.setpoint_timeout_us, fault))
-        };
-        match self.state {
-            State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 3],
-            State::Armed => [heartbeat, None, None],
-            State::Moving => [heartbeat, sync, setpoint(&self.setpoints)],
-            State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints)],
-        }
-    }
-
-    /// Rule 4: what has run out by `now`.
-    fn supervise(&mut self, now: Micros) {
-        let Some(configuration) = &self.configuration else {
-            return;
-        };
-        let first = self
-            .timers(configuration)
-            .into_iter()
-            .flatten()
-            .filter(|(since, timeout, _)| now.since(*since).0 >= *timeout)
-            .min_by_key(|(since, timeout, _)| since.0.saturating_add(*timeout));
-        if let Some((_, _, fault)) = first {
-            self.happen(Happening::Failed(fault), now);
-        }
-    }
-
     /// Moves the state machine and does what that brings with it.
     fn happen(&mut self, happening: Happening, now: Micros) {
         let from = self.state;
@@ -544,40 +452,9 @@ impl BusSide {
         self.tell(Event::State { from, to });
     }
 
-    /// Announces a fault by an emergency message and keeps it in the history.
-    fn record(&mut self, fault: Fault, now: Micros) {
-        let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
-        self.dictionary.history.push(fault, time_ms);
-        let class = match fault.error_class() {
-            FaultClass::Generic => ErrorClass::Generic,
-            FaultClass::Voltage => ErrorClass::Voltage,
-            FaultClass::Communication => ErrorClass::Communication,
-            FaultClass::Manufacturer => ErrorClass::Manufacturer,
-        };
-        self.device.raise_error(now, fault.code(), class, [0; 5]);
-        self.announced |= announced_bit(fault);
-        self.tell(Event::Fault(fault));
-    }
-
-    /// Says that everything announced is over.
-    fn clear_record(&mut self, now: Micros) {
-        for fault in Fault::ALL {
-            if self.announced & announced_bit(*fault) != 0 {
-                self.device.clear_error(now, fault.code(), 0);
-            }
-        }
-        self.announced = 0;
-    }
-
     fn tell(&mut self, event: Event) {
         let _ = self.events.push_back(event);
     }
-}
-
-/// The bit of a fault in [`BusSide::announced`].
-fn announced_bit(fault: Fault) -> u32 {
-    let place = Fault::ALL.iter().position(|one| *one == fault);
-    place.map_or(0, |place| 1 << (place % 32))
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

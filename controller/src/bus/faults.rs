@@ -1,0 +1,87 @@
+//! What runs out, and how a fault is announced.
+
+use canopen::{ErrorClass, Micros};
+use protocol::Fault;
+use protocol::code::FaultClass;
+
+use super::{BusSide, Event};
+use crate::configuration::Configuration;
+use crate::sequence::Setpoints;
+use crate::state::{Happening, State};
+
+impl BusSide {
+    /// What runs out, since when, and what it means.
+    pub(super) fn timers(
+        &self,
+        configuration: &Configuration,
+    ) -> [Option<(Micros, u64, Fault)>; 3] {
+        let times = &configuration.times;
+        let heartbeat = Some((
+            self.last_heartbeat,
+            times.heartbeat_timeout_us,
+            Fault::MasterSilent,
+        ));
+        let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
+        let setpoint = |setpoints: &Setpoints| {
+            let fault = if setpoints.is_invalid() {
+                Fault::SetpointInvalid
+            } else {
+                Fault::SetpointOverdue
+            };
+            Some((setpoints.fresh_at(), times.setpoint_timeout_us, fault))
+        };
+        match self.state {
+            State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 3],
+            State::Armed => [heartbeat, None, None],
+            State::Moving => [heartbeat, sync, setpoint(&self.setpoints)],
+            State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints)],
+        }
+    }
+
+    /// Rule 4: what has run out by `now`.
+    pub(super) fn supervise(&mut self, now: Micros) {
+        let Some(configuration) = &self.configuration else {
+            return;
+        };
+        let first = self
+            .timers(configuration)
+            .into_iter()
+            .flatten()
+            .filter(|(since, timeout, _)| now.since(*since).0 >= *timeout)
+            .min_by_key(|(since, timeout, _)| since.0.saturating_add(*timeout));
+        if let Some((_, _, fault)) = first {
+            self.happen(Happening::Failed(fault), now);
+        }
+    }
+
+    /// Announces a fault by an emergency message and keeps it in the history.
+    pub(super) fn record(&mut self, fault: Fault, now: Micros) {
+        let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
+        self.dictionary.history.push(fault, time_ms);
+        let class = match fault.error_class() {
+            FaultClass::Generic => ErrorClass::Generic,
+            FaultClass::Voltage => ErrorClass::Voltage,
+            FaultClass::Communication => ErrorClass::Communication,
+            FaultClass::Manufacturer => ErrorClass::Manufacturer,
+        };
+        self.device.raise_error(now, fault.code(), class, [0; 5]);
+        self.announced |= announced_bit(fault);
+        self.tell(Event::Fault(fault));
+    }
+
+    /// Says that everything announced is over.
+    pub(super) fn clear_record(&mut self, now: Micros) {
+        for fault in Fault::ALL {
+            if self.announced & announced_bit(*fault) != 0 {
+                self.device.clear_error(now, fault.code(), 0);
+            }
+        }
+        self.announced = 0;
+    }
+}
+
+/// The bit of a fault in [`BusSide::announced`].
+fn announced_bit(fault: Fault) -> u32 {
+    let place = Fault::ALL.iter().position(|one| *one == fault);
+    place.map_or(0, |place| 1 << (place % 32))
+}

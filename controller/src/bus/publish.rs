@@ -1,0 +1,59 @@
+//! What the robot says about itself at every SYNC.
+
+use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
+
+use super::BusSide;
+use crate::configuration::Configuration;
+use crate::state::State;
+
+impl BusSide {
+    /// Process data as it is at this SYNC.
+    pub(super) fn publish(&mut self, configuration: Option<&Configuration>) {
+        let report = &self.report;
+        let sequence = self.setpoints.sequence();
+        let group = configuration.map_or(0, |configuration| configuration.group);
+        self.dictionary.status = MemberStatus {
+            state: self.state.reported(configuration.is_some()),
+            sequence,
+            scale: self.own,
+            slip_residual: (report.configuration != 0).then_some(report.slip_residual),
+            code: self.code(),
+        }
+        .encode();
+        self.dictionary.measured = MeasuredTwist {
+            twist: report.measured,
+            sequence: report.sequence,
+            group,
+        }
+        .encode();
+        self.dictionary.pose = PoseReport { pose: report.pose }.encode();
+        self.dictionary.rates = WheelRateReport {
+            rates: report.rates,
+        }
+        .encode();
+    }
+
+    /// The most important thing to say.
+    fn code(&self) -> Code {
+        if let Some(fault) = self.state.fault() {
+            return Code::Fault(fault);
+        }
+        let moving = matches!(self.state, State::Moving | State::Alone);
+        let limit = self.report.limit.or_else(|| {
+            if moving && self.strain.is_limit() {
+                Some(Limit::Strain)
+            } else if self.setpoints.is_disturbed() {
+                Some(Limit::Setpoint)
+            } else if moving && self.scale < Scale::ONE {
+                Some(if self.scale_is_own {
+                    Limit::WheelRate
+                } else {
+                    Limit::GroupScale
+                })
+            } else {
+                None
+            }
+        });
+        limit.map_or(Code::None, Code::Limit)
+    }
+}

@@ -1,0 +1,106 @@
+//! Native robots and emulated ones do the same: how close they are is measured here.
+//!
+//! The emulated ones run the release image that `OMNIBUS_ELF` names (`cargo xtask test` builds it and
+//! says so). Both are driven by the same master over the same kind of bus.
+
+mod common;
+
+use common::{Drive, quick_drive};
+use omnibus::curve::Curve;
+use sim::{Backend, Options, World};
+
+/// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
+/// of way. The emulated robots answer later within a tick and see their encoders at other moments.
+const POSITION_MM: f64 = 0.5;
+/// Largest difference in heading.
+const HEADING_MRAD: f64 = 0.3;
+/// Mean difference in a wheel's true rate, rad/s; the circle asks for up to 5.
+const MEAN_RATE: f64 = 0.002;
+/// Largest strain either may put on the load; 70 ppm lie between the robots' crystals.
+const SHAPE_MM: f64 = 1.0;
+
+fn image() -> emulator::Firmware {
+    let path =
+        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
+    emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+fn driven(backend: Backend) -> Drive {
+    let mut drive = quick_drive(&common::group("tcc-3"), backend, Curve::Circle, true);
+    if let Err(error) = &drive.result {
+        for (node, line) in drive.world.take_logs() {
+            println!(
+                "node {node} {:>10} us {} {}",
+                line.time_us, line.level, line.text
+            );
+        }
+        panic!("{error}");
+    }
+    drive
+}
+
+#[test]
+fn native_and_emulated_robots_agree() {
+    let native = driven(Backend::Native);
+    let emulated = driven(Backend::Emulator(image()));
+    assert_eq!(native.truth.len(), emulated.truth.len());
+    let (mut position, mut heading, mut rate) = (0.0f64, 0.0f64, 0.0f64);
+    for (n, e) in native.truth.iter().zip(&emulated.truth) {
+        position = position.max((n.group.x - e.group.x).hypot(n.group.y - e.group.y) * 1e3);
+        heading = heading.max((n.group.heading - e.group.heading).abs() * 1e3);
+        let rates = |truth: &sim::TruthSample| -> Vec<f64> {
+            truth
+                .robots
+                .iter()
+                .flat_map(|r| <[f64; 4]>::from(r.wheel_rates))
+                .collect()
+        };
+        let wheels = rates(n);
+        let sum: f64 = wheels
+            .iter()
+            .zip(rates(e))
+            .map(|(n, e)| (n - e).abs())
+            .sum();
+        rate += sum / wheels.len() as f64;
+    }
+    rate /= native.truth.len() as f64;
+    let far = native
+        .truth
+        .iter()
+        .map(|t| t.group.x.hypot(t.group.y))
+        .fold(0.0, f64::max);
+    println!(
+        "native against emulated over {} SYNCs, {far:.2} m from the origin: position {position:.3} mm, \
+         heading {heading:.4} mrad, mean wheel rate {rate:.4} rad/s, shape {:.2} and {:.2} mm",
+        native.truth.len(),
+        native.world.worst_shape_error_mm(),
+        emulated.world.worst_shape_error_mm(),
+    );
+    assert!(position < POSITION_MM, "{position} mm");
+    assert!(heading < HEADING_MRAD, "{heading} mrad");
+    assert!(rate < MEAN_RATE, "{rate} rad/s");
+    for drive in [native, emulated] {
+        assert!(drive.world.worst_shape_error_mm() < SHAPE_MM);
+    }
+}
+
+/// The same bytes at the same times, and the same bridges, on one thread and on two.
+#[test]
+fn emulated_robots_do_not_notice_threads() {
+    let image = image();
+    let digest = |threads| {
+        let options = Options {
+            threads,
+            ..Options::default()
+        };
+        let backend = Backend::Emulator(image.clone());
+        let mut world = World::new(&common::group("tcc-3"), backend, options).unwrap();
+        world.run_until(canopen::Micros(100_000)).unwrap();
+        // All start: refused without a configuration, but answered by everybody.
+        world.send(canopen::Frame::new(0, &[1, 0]).unwrap());
+        world.run_until(canopen::Micros(300_000)).unwrap();
+        assert!(world.frames() > 3, "{}", world.frames());
+        world.digest()
+    };
+    assert_eq!(digest(1), digest(2));
+}
