@@ -4,8 +4,8 @@
 //! in any case every 2 ms. Each turn it hands over the control side's latest report, then the frames in the order they
 //! were received, each with the time its interrupt noted, and leaves the command that results. A frame that finds no
 //! free mailbox waits here; the others wait in the bus side's own queues, and when one of those is full the bus side
-//! counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to the bus side as
-//! a fault. Events are logged; nothing is decided here.
+//! counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to the bus side,
+//! which also says when to come back from bus-off. Events are logged; nothing is decided here.
 
 use core::future::pending;
 
@@ -54,7 +54,10 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide) {
             received = can.try_receive();
         }
         side.poll(now());
-        supervise(&can, &mut health, side);
+        if supervise(&can, &mut health, side) {
+            can.discard();
+            waiting = None;
+        }
 
         if let Some(configuration) = side.take_configuration() {
             CONFIGURATION.signal(configuration);
@@ -67,7 +70,11 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide) {
             }
         }
         while let Some(event) = side.pop_event() {
-            note(event);
+            match event {
+                Event::RecoverBus => can.recover(),
+                Event::Sync { at, .. } => SYNC.put(at),
+                other => log(other),
+            }
         }
         led::show(pattern(side, health.bus_off));
         BUS_PROGRESS.made();
@@ -83,27 +90,28 @@ fn deadline(side: &BusSide) -> Instant {
     asked.clamp(now + SHORTEST_WAIT, now + LONGEST_WAIT)
 }
 
-/// Passes on what the CAN controller complains about.
-fn supervise(can: &Can, last: &mut Health, side: &mut BusSide) {
+/// Passes on what the CAN controller complains about; `true` when it has just gone off the bus.
+fn supervise(can: &Can, last: &mut Health, side: &mut BusSide) -> bool {
     let health = can.health();
     if health == *last {
-        return;
+        return false;
     }
     defmt::warn!("{}", health);
-    if health.lost() != last.lost() {
+    let before = core::mem::replace(last, health);
+    side.counters_mut().can_errors = health.lost();
+    if health.lost() != before.lost() {
         side.on_fault(now(), Fault::ReceiveOverrun);
     }
-    if health.bus_off && !last.bus_off {
-        side.on_fault(now(), Fault::BusOff);
+    match (before.bus_off, health.bus_off) {
+        (false, true) => side.on_bus_off(now()),
+        (true, false) => side.on_bus_recovered(now()),
+        (false, false) | (true, true) => {}
     }
-    side.counters_mut().can_errors = health.lost();
-    *last = health;
+    health.bus_off && !before.bus_off
 }
 
-/// Logs an event; a SYNC is handed to the control side instead.
-fn note(event: Event) {
+fn log(event: Event) {
     match event {
-        Event::Sync { at, .. } => SYNC.put(at),
         Event::Nmt(state) => defmt::info!("NMT {=str}", nmt_name(state)),
         Event::Fault(fault) => {
             defmt::error!("fault {=u16:#06x} {=str}", fault.code(), fault.name());

@@ -4,7 +4,11 @@
 //! drives anything. What the control loop needs is worked out here: the folded kinematics, signed
 //! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
 
-use kinematics::{FourWheelGeometry, MemberKinematics, Mount, Pose, VelocityCompensation};
+#[cfg(feature = "fixed-point")]
+use kinematics::FixedMember as Kinematics;
+#[cfg(not(feature = "fixed-point"))]
+use kinematics::MemberKinematics as Kinematics;
+use kinematics::{FourWheelGeometry, Mount, Pose, VelocityCompensation};
 use protocol::address::{self as at, motor};
 use protocol::{Address, MEMBER_MASK};
 
@@ -84,8 +88,8 @@ pub struct Configuration {
     pub group: u8,
     /// Bit n stands for node n.
     pub members: u32,
-    /// Group twist to wheel rates and back.
-    pub kinematics: MemberKinematics,
+    /// Group twist to wheel rates and back; in fixed point with the feature of that name.
+    pub kinematics: Kinematics,
     /// Where this robot stands in the group.
     pub mount: Mount,
     /// Fastest wheel rate, rad/s.
@@ -137,8 +141,8 @@ impl Configuration {
             real(at::COMPENSATION_YAW),
         )
         .map_err(|_| bad(at::COMPENSATION_LONGITUDINAL))?;
-        let kinematics = MemberKinematics::new(&geometry, &mount, &compensation)
-            .map_err(|_| bad(at::HALF_TRACK))?;
+        let kinematics =
+            Kinematics::new(&geometry, &mount, &compensation).map_err(|_| bad(at::HALF_TRACK))?;
 
         let members = parameters.unsigned(at::MEMBERS);
         let own = 1_u32.checked_shl(u32::from(node)).unwrap_or(0);

@@ -327,7 +327,7 @@ impl Motion {
     fn measure(&mut self, turned: [f32; 4], rates: &WheelRates, report: &mut Report) {
         let kinematics = &self.configuration.kinematics;
         // Whole counts, not filtered rates: nothing is lost however slow it goes.
-        let moved = kinematics.forward(&WheelRates::from(turned));
+        let moved = kinematics.displacement(&WheelRates::from(turned));
         self.odometry.update(moved, 1.0);
         report.pose = self.odometry.pose();
         report.measured = kinematics.forward(rates);

@@ -10,6 +10,10 @@
 //! | nothing, after the full time | encoder dead (or wheel blocked hard): ramp |
 //! | something else, after the full time | wheel blocked or slipping in its drive: ramp |
 //!
+//! At a crawl nothing can stay behind by the whole threshold. There, no count at all while staying behind by
+//! more than half the reference is suspicious too, but must last five times as long, because a sticky start
+//! looks the same. One count acquits: a wheel that its load turns slower or faster than asked is not dead.
+//!
 //! Inversion is the dangerous one, because the loop drives it to full speed; hence its short time.
 
 use canopen::Micros;
@@ -20,9 +24,17 @@ use crate::configuration::{Configuration, WheelConfiguration};
 /// Inversion must last this fraction of the wheel fault time.
 const INVERTED_DIVISOR: u64 = 10;
 
+/// How much longer a suspicion must last at a crawl.
+const CRAWL_FACTOR: u64 = 5;
+
+/// A wheel this close to its reference is well, rad/s.
+const WELL: f32 = 0.02;
+
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Suspicion {
     since: Micros,
+    /// Behind by the whole threshold, not just by half the reference.
+    whole: bool,
     /// What the encoder turned since then, rad.
     travel: f32,
 }
@@ -72,21 +84,39 @@ impl Watch {
     #[inline]
     pub(crate) fn update(&mut self, rates: (f32, f32), voltage: f32, turned: f32, now: Micros) {
         let (rate_ref, rate) = rates;
-        if (rate_ref - rate).abs() <= self.blocked_rate || voltage.abs() < self.effort {
+        let behind = (rate_ref - rate).abs();
+        let whole = behind > self.blocked_rate;
+        let suspicious = whole || behind > 0.5 * rate_ref.abs() + WELL;
+        if !suspicious || voltage.abs() < self.effort {
             self.suspicion = None;
         } else if self.blocked_rate > 0.0 {
-            self.suspect(rate_ref, voltage, turned, now);
+            self.suspect(rate_ref, voltage, (turned, whole), now);
         }
     }
 
     #[cold]
-    fn suspect(&mut self, rate_ref: f32, voltage: f32, turned: f32, now: Micros) {
-        let suspicion = self.suspicion.get_or_insert(Suspicion {
+    fn suspect(&mut self, rate_ref: f32, voltage: f32, (turned, whole): (f32, bool), now: Micros) {
+        let fresh = Suspicion {
             since: now,
+            whole,
             travel: 0.0,
-        });
+        };
+        // What was weak and is strong now begins anew; what was strong stays so.
+        if self.suspicion.is_some_and(|known| whole && !known.whole) {
+            self.suspicion = None;
+        }
+        let suspicion = self.suspicion.get_or_insert(fresh);
+        let needed = if suspicion.whole {
+            self.time_us
+        } else {
+            self.time_us * CRAWL_FACTOR
+        };
         suspicion.travel += turned;
         let travel = suspicion.travel;
+        if !suspicion.whole && travel.abs() > self.nothing {
+            self.suspicion = None;
+            return;
+        }
         let lasted = now.since(suspicion.since).0;
         let against = |direction: f32| {
             direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
@@ -94,7 +124,7 @@ impl Watch {
         let found =
             if lasted >= self.time_us / INVERTED_DIVISOR && against(voltage) && against(rate_ref) {
                 Fault::EncoderInverted
-            } else if lasted < self.time_us {
+            } else if lasted < needed {
                 return;
             } else if travel.abs() <= self.nothing {
                 Fault::EncoderDead

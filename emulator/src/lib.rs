@@ -15,6 +15,23 @@
 //! and the source line: silence would look like working hardware. The same goes for an access to a peripheral
 //! whose clock is off and for a clock the chip is not specified for.
 //!
+//! | modelled | RM0390 | not modelled (an access stops the run unless noted) |
+//! |---|---|---|
+//! | RCC: clock tree with lock times, gating, resets, reset causes | 6 | LPENR has no effect, CSS |
+//! | PWR: over-drive, voltage scale, limits of HCLK | 5 | stop and standby mode |
+//! | flash: wait-state limits, keys, erase and program with their times, stall | 3 | option bytes; wait states cost no cycles |
+//! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
+//! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, wakes nobody), memory remap |
+//! | TIM1..14: counting, preload, PWM, encoder, break, lock | 17..20 | capture, other slave modes, DMA, input filters |
+//! | CAN1: modes, mailboxes, filters, FIFOs, errors, bus-off, loop-back | 30 | CAN2, time-triggered mode |
+//! | IWDG with its oscillator's tolerance | 21 | WWDG |
+//! | unique number, flash size, DBGMCU | 33, 34 | freezing peripherals while halted |
+//! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
+//! | log over RTT with defmt | | other RTT channels |
+//!
+//! Most instructions are executed on a fast path that is compared with the reference core to the cycle
+//! ([`BoardConfig::reference_core`] switches it off).
+//!
 //! ```no_run
 //! use emulator::{Board, BoardConfig, Firmware, Port};
 //!

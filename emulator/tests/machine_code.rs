@@ -139,6 +139,39 @@ fn a_sleeping_core_wakes_for_every_interrupt() {
     assert!(next < 62_500, "less than one period away, not {next} ns");
 }
 
+/// The rest of an IT block must keep its condition when an interrupt comes in the middle of it.
+#[test]
+fn an_interrupt_in_an_it_block_returns_into_the_block() {
+    for reference_core in [false, true] {
+        let mut code = Code::default();
+        code.load(4, RAM + 16);
+        code.store(RCC_APB1ENR, 1);
+        code.store(0x4000_002C, 96); // ARR: 97 has no factor in common with the loop
+        code.store(0x4000_000C, 1); // DIER.UIE
+        code.store(NVIC_ISER0, 1 << 28);
+        code.store(0x4000_0000, 1); // CR1.CEN
+        code.0.extend([0x2200, 0x2300]); // MOVS r2, #0; MOVS r3, #0
+        let again = code.here();
+        code.0.push(0x2A00); // CMP r2, #0: equal
+        code.0.push(0xBF1F); // ITTTT NE
+        code.0.extend([0x3301; 4]); // ADDNE r3, #1
+        code.0.push(0x6023); // STR r3, [r4]
+        code.branch(again);
+        let handler = code.here();
+        code.store(0x4000_0010, 0); // SR
+        code.count(RAM);
+        code.ret();
+        let config = BoardConfig {
+            reference_core,
+            ..BoardConfig::default()
+        };
+        let mut board = code.board(handler, config);
+        board.run_until(10_000_000).unwrap();
+        assert!(board.read_word(RAM).unwrap() > 1_500, "interrupts came");
+        assert_eq!(board.read_word(RAM + 16), Some(0), "nothing was executed");
+    }
+}
+
 #[test]
 fn the_crystal_error_shows_in_the_world() {
     let (code, handler) = counting_program();

@@ -1,9 +1,25 @@
-//! A virtual CAN bus, plants, and robots native or emulated.
+//! A virtual CAN bus, plants, and robots native or emulated: the desk in place of the workshop.
+//!
+//! A [`World`] holds the robots of a group file and lets virtual time pass. Whoever drives it sits at the
+//! bus: [`World::send`] and [`World::receive`], nothing else reaches the robots. Every number of their
+//! motion comes about the way it does in life: frames, controller, PWM, motor, wheel, floor, encoder.
+//!
+//! ```text
+//!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --angle--> plant::Plant
+//!                                               ^---- encoder counts ----'                     |
+//!                                                                        truth: poses <--------'
+//! ```
+//!
+//! - [`robot`]: native robots and emulated ones behind one trait.
+//! - [`bus`]: arbitration, exact bit times, load, candump logs.
+//! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
+//! - [`endpoint`]: the bus for programs outside.
 #![forbid(unsafe_code)]
 
 pub mod bus;
 mod crew;
 mod digest;
+pub mod endpoint;
 mod error;
 pub mod motor;
 pub mod plant;

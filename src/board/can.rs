@@ -9,6 +9,8 @@
 //! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated until they
 //! are acknowledged. Whoever sends holds a frame back while the mailboxes are full; nothing is dropped here.
 //!
+//! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the caller's policy.
+//!
 //! Why not the HAL's driver: its buffered receiver drops a frame without a trace when its queue is full, and
 //! its buffered sender loses the second of two frames with one identifier.
 
@@ -49,7 +51,7 @@ pub struct Health {
     pub overruns: u32,
     /// Frames lost because the receive queue was full.
     pub queue_overflows: u32,
-    /// Whether the controller is off the bus at the moment (it comes back by itself).
+    /// Whether the controller is off the bus at the moment.
     pub bus_off: bool,
     /// Whether it is error passive at the moment.
     pub error_passive: bool,
@@ -100,7 +102,7 @@ impl Can {
         let can = pac::CAN1;
         can.mcr().write(|w| {
             w.set_inrq(true);
-            w.set_abom(true); // back from bus-off after 128 x 11 recessive bits
+            w.set_abom(false); // after bus-off, back on the bus when asked to, see `recover`
             w.set_txfp(true); // mailboxes leave in the order of request
         });
         while !can.msr().read().inak() {}
@@ -203,6 +205,27 @@ impl Can {
             }
         })
         .await;
+    }
+
+    /// Takes back the frames that wait in mailboxes.
+    pub fn discard(&mut self) {
+        pac::CAN1.tsr().write(|w| {
+            w.set_abrq(0, true);
+            w.set_abrq(1, true);
+            w.set_abrq(2, true);
+        });
+    }
+
+    /// Begins to come back from bus-off: complete after 128 times 11 recessive bits.
+    ///
+    /// RM0390 30.7.6: without ABOM, software has to enter and to leave initialisation mode.
+    pub fn recover(&mut self) {
+        let can = pac::CAN1;
+        can.mcr().modify(|w| w.set_inrq(true));
+        // Off the bus there is no frame to wait for, so this takes a few cycles. The bound is for a broken chip.
+        const CYCLES: u32 = 1_000;
+        let _ = (0..CYCLES).find(|_| can.msr().read().inak());
+        can.mcr().modify(|w| w.set_inrq(false));
     }
 
     /// Returns the error counts and states.

@@ -402,3 +402,33 @@ fn wheels_that_disagree_report_slip_then_stop() {
     world.drive(FORWARD, 2000);
     assert_eq!(faulted(&world), Some(Fault::SlipExcess));
 }
+
+#[test]
+fn a_dead_encoder_is_noticed_at_a_crawl() {
+    let mut world = World::started(&[2]);
+    world.drive(Twist::new(0.02, 0.0, 0.0), 2000);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    world.robots[0].encoder_sign[3] = 0.0;
+    let took = world.until(4000, |world| world.robots[0].bus.state() != State::Moving);
+    std::println!("dead encoder at 20 mm/s noticed after {took} ms");
+    assert!(took <= 1500, "{took} ms");
+    let fault = world.robots[0].bus.state().fault();
+    assert_eq!(fault, Some(Fault::EncoderDead));
+}
+
+#[test]
+fn a_sticky_start_is_not_a_fault() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    for wheel in 0..4 {
+        // Half of what the motors really need.
+        let friction = Value::F32(super::world::STATIC_FRICTION * 0.5);
+        world
+            .write(2, at::motor::static_friction(wheel), friction)
+            .unwrap();
+    }
+    world.start();
+    world.run(30);
+    world.drive(Twist::new(0.02, 0.0, 0.0), 3000);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+}

@@ -278,7 +278,7 @@ impl Board {
         self.log.take()
     }
 
-    /// Instructions executed since power-on. Entries into exceptions count as one, except while profiling.
+    /// Instructions executed since power-on.
     #[must_use]
     pub fn instructions(&self) -> u64 {
         self.instructions

@@ -16,8 +16,6 @@ use crate::system::rcc;
 
 /// Core cycles after which a running core is looked at although nothing happened: 11 us at 180 MHz.
 const LOOK_CYCLES: u64 = 2_000;
-/// Steps of one cycle in a row after which the core is asked whether it sleeps.
-const QUIET_STEPS: u32 = 6;
 /// SCR: sleep means stop or standby mode.
 const SLEEPDEEP: u32 = 1 << 2;
 
@@ -82,13 +80,13 @@ impl Board {
 
     /// Steps the core until a cycle, or until something needs attention.
     fn execute(&mut self, limit: u64) {
-        self.asleep = false;
+        let drowsy = std::mem::replace(&mut self.asleep, false);
         if self.profile.is_some() {
             self.execute_profiled(limit);
         } else if self.config.reference_core {
-            self.execute_slowly(limit);
+            self.execute_slowly(limit, drowsy);
         } else {
-            self.execute_fast(limit);
+            self.execute_fast(limit, drowsy);
         }
         self.finish_it_block();
         if self.cpu.reset_requested() {
@@ -114,13 +112,12 @@ impl Board {
     }
 
     /// Plain instructions on the fast path, the others one by one on the reference core.
-    fn execute_fast(&mut self, limit: u64) {
+    fn execute_fast(&mut self, limit: u64, mut drowsy: bool) {
         let memory = Memory {
             ram: &self.ram,
             flash: &self.flash,
             shared: &self.shared,
         };
-        let mut drowsy = false;
         loop {
             let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
             self.now = now;
@@ -147,26 +144,21 @@ impl Board {
         }
     }
 
-    fn execute_slowly(&mut self, limit: u64) {
-        let mut quiet = 0;
+    fn execute_slowly(&mut self, limit: u64, mut drowsy: bool) {
         loop {
+            self.shared.lines_changed.store(false, Relaxed);
             let cycles = self.cpu.step();
             self.now += cycles;
-            self.instructions += 1;
             self.shared.now.store(self.now, Relaxed);
-            if self.shared.attention.load(Relaxed) {
+            let asleep = cycles == 1 && (self.cpu.is_asleep() || self.cpu.is_locked_up());
+            if asleep && drowsy {
+                self.asleep = true;
                 break;
             }
-            quiet = if cycles == 1 { quiet + 1 } else { 0 };
-            if quiet == QUIET_STEPS {
-                quiet = 0;
-                if self.cpu.is_asleep() || self.cpu.is_locked_up() {
-                    self.instructions -= u64::from(QUIET_STEPS) - 1;
-                    self.asleep = true;
-                    break;
-                }
-            }
-            if self.now >= limit {
+            drowsy = asleep;
+            let entered = cycles >= 12 && self.entered_exception();
+            self.instructions += u64::from(!entered);
+            if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
             }
         }
@@ -175,6 +167,7 @@ impl Board {
     fn execute_profiled(&mut self, limit: u64) {
         while self.now < limit {
             let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
+            self.shared.lines_changed.store(false, Relaxed);
             let cycles = self.cpu.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
