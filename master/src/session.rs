@@ -5,7 +5,7 @@
 //! [`Group::hear`], so no frame is ever lost between two steps; nothing is buffered apart from the
 //! last word of every member and the recorder's rows.
 //!
-//! One period of SYNC looks like this. The group twist is sent [`Group::lead`] before the SYNC, not
+//! One period of SYNC looks like this. The group twist is sent [`Group::lead_us`] before the SYNC, not
 //! together with it, because a controller with several mailboxes sends the lower identifier first
 //! and SYNC's is lower. At SYNC k every member latches that twist and says what scale it can follow;
 //! at SYNC k+1 all apply it. The members' statuses for SYNC k are judged just before SYNC k+1.

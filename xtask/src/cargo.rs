@@ -11,6 +11,9 @@ use anyhow::{Context as _, bail};
 /// The target of the firmware.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
+/// Switches on the tests that run the release image.
+const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf";
+
 /// Root folder of the workspace.
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -75,12 +78,7 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let elf = crate::firmware::build()?;
     let mut command = command();
     command
-        .args([
-            "test",
-            "--workspace",
-            "--features",
-            "omnibus-firmware/emulated",
-        ])
+        .args(["test", "--workspace", "--features", IMAGE_TESTS])
         .args(rest)
         .env("OMNIBUS_ELF", elf);
     run(&mut command)
