@@ -4,7 +4,7 @@ import unittest
 
 import canopen
 
-from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, twist
+from robot import NODE, PATIENCE, READ_ONLY, Robot, twist
 
 IDENTITY = (0, 0x4F4D4E49, 0x00010000)
 """Vendor, product, revision."""
