@@ -1,4 +1,4 @@
-//! Workspace tasks: `cargo xtask demo | test | size | flash | check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask demo | test | faults | size | flash | check-elf | check-demo`.
 //!
 //! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
 //! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
@@ -12,6 +12,7 @@ use omnibus::report::Scalar;
 mod cargo;
 mod check;
 mod demo;
+mod faults;
 mod firmware;
 mod flash;
 
@@ -33,6 +34,8 @@ enum Task {
         #[arg(last = true)]
         rest: Vec<String>,
     },
+    /// Lets every cause of a stop happen to emulated robots and measures what they do about it.
+    Faults(faults::Arguments),
     /// Prints the size of the firmware image by section.
     Size,
     /// Builds the firmware and writes it to a board with probe-rs.
@@ -50,6 +53,7 @@ fn run(task: Task) -> anyhow::Result<()> {
     match task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { rest } => cargo::test(&rest),
+        Task::Faults(arguments) => faults::run(&arguments),
         Task::Size => firmware::print_size(&firmware::build(Scalar::F32)?),
         Task::Flash(arguments) => flash::run(&arguments),
         Task::CheckElf => firmware::check(&firmware::build(Scalar::F32)?),
