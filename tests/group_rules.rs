@@ -24,21 +24,16 @@ const NODES: [u8; 3] = [2, 3, 4];
 /// How well a wheel follows a reference that falls, rad/s; the fastest turn with 7.
 const FOLLOWS: f64 = 0.15;
 
-/// A group of three, configured from one file and built from another, waiting for its start.
-fn configured(
-    backend: &Backend,
-    told: &GroupFile,
-    built: &GroupFile,
-    more: &[(Address, f32)],
-) -> Rig {
+/// A group of three, configured, waiting for its start.
+fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> Rig {
     let options = Options {
         truth_period_ns: 0,
         threads: 1,
         ..Options::default()
     };
-    let world = World::new(built, backend.clone(), options).unwrap();
+    let world = World::new(file, backend.clone(), options).unwrap();
     let mut link = SimLink::new(world, "test");
-    let mut session = Group::connect(&mut link, told).unwrap();
+    let mut session = Group::connect(&mut link, file).unwrap();
     session.configure(false).unwrap();
     for node in NODES {
         for (address, value) in more {
@@ -46,7 +41,7 @@ fn configured(
             wire.write(node, *address, Value::F32(*value)).unwrap();
         }
     }
-    Rig::new(link.world, told)
+    Rig::new(link.world, file)
 }
 
 /// Starts a group and gives it a setpoint.
@@ -61,7 +56,7 @@ fn start(rig: &mut Rig, twist: Twist, millis: u64) {
 
 fn moving(backend: &Backend, twist: Twist) -> Rig {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &file, &[]);
+    let mut rig = configured(backend, &file, &[]);
     start(&mut rig, twist, 600);
     assert!(rig.all_are(MemberState::Moving));
     rig
@@ -110,7 +105,7 @@ fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence(backend: &Bac
 fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.5 / RADIUS;
-    let mut rig = configured(backend, &file, &file, &[]);
+    let mut rig = configured(backend, &file, &[]);
     start(&mut rig, Twist::new(1.0, 0.0, 0.0), 100);
     assert_eq!(rig.status(2).unwrap().scale, Scale::ONE);
     assert_eq!(rig.status(3).unwrap().scale, Scale::ONE);
@@ -120,7 +115,7 @@ fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
 
 fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &file, &[]);
+    let mut rig = configured(backend, &file, &[]);
     start(&mut rig, Twist::default(), 100);
     rig.run_to_phase(10, 5).unwrap();
     rig.twist = Some(FORWARD);
@@ -141,7 +136,7 @@ fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
 fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
-    let mut rig = configured(backend, &file, &file, &[]);
+    let mut rig = configured(backend, &file, &[]);
     start(&mut rig, FORWARD, 800);
     assert!(rig.world.worst_shape_error_mm() < 1.0);
     for robot in robots(&rig) {
@@ -189,9 +184,10 @@ fn ramps_down(
     let hardest = deceleration.fold(0.0, f64::max);
     assert!(hardest < 1.1 * DECELERATION, "{hardest} m/s^2");
     assert!(hardest > 0.9 * DECELERATION, "{hardest} m/s^2");
-    // With the jerk of 100 m/s^3 a hundredth of the speed is gone after 7 ms, in which the wheels lag.
+    // At a jerk of 100 m/s^3 a hundredth of 0.671 m/s is gone after sqrt(2 * 0.00671 / 100) s, 11.6 ms; the wheels
+    // lag by a little more, and it is looked at every millisecond.
     let fell = fell.expect("a ramp");
-    assert!(fell < within_ms + 12.0, "{fell} ms");
+    assert!(fell < within_ms + 15.0, "{fell} ms");
     for place in still_drive {
         let robot = &robots(&rig)[*place];
         assert!(is_safe(robot) && rates(robot) == [0.0; 4]);
@@ -286,26 +282,28 @@ fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
     assert!(rig.all_are(MemberState::Moving));
 }
 
-/// Robot 4 has a flat battery: of 3.3 V, 0.375 go into friction and the rest turns a wheel at 3.6 rad/s, 0.05 m/s
-/// less than asked. What then drags at its wheels takes another 1.1 V: 0.26 m/s less.
+/// Something drags at the wheels of robot 4. Its loop and the motor's own back-EMF hold against it with
+/// (P + K) K / R = (0.96 + 0.8) * 0.8 / 0.3 = 4.7 N m a rad/s: 3 N m take off 0.64 rad/s or 0.097 m/s at most, and then the
+/// integral makes up for it, with P + K over I = 0.18 s. 30 N m hold the wheels until it has.
 fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend) {
-    let told = common::group("tcc-3");
-    let mut built = told.clone();
-    built.robots[2].motor.supply = 3.3;
+    let file = common::group("tcc-3");
     let thresholds = [
         (at::STRAIN_LIMIT, 0.02),
         (at::STRAIN_FAULT, 0.15),
         // Wheels that stay behind are not to be blamed for it here.
         (at::BLOCKED_RATE, 0.0),
     ];
-    let mut rig = configured(backend, &told, &built, &thresholds);
+    let mut rig = configured(backend, &file, &thresholds);
     start(&mut rig, FORWARD, 800);
+    assert_eq!(code(&rig, 2), Code::None);
+    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 3.0));
+    rig.run(100).unwrap();
     assert_eq!(code(&rig, 2), Code::Limit(Limit::Strain));
     assert_eq!(code(&rig, 3), Code::Limit(Limit::Strain));
     assert!(rig.all_are(MemberState::Moving));
     let lost = FORWARD.vx - rig.measured(4).unwrap().vx;
-    assert!((0.03..0.07).contains(&lost), "{lost} m/s");
-    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 3.0));
+    assert!((0.02..0.097).contains(&lost), "{lost} m/s");
+    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 30.0));
     rig.run(1_000).unwrap();
     let first = NODES.map(|node| codes(&rig, node)[0]);
     assert!(first.contains(&Fault::StrainExcess.code()), "{first:04x?}");
@@ -315,7 +313,7 @@ fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend)
 fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
-    let mut rig = configured(backend, &file, &file, &[]);
+    let mut rig = configured(backend, &file, &[]);
     start(&mut rig, FORWARD, 400);
     assert!(matches!(code(&rig, 4), Code::Limit(_)));
     assert_eq!(rig.status(4).unwrap().state, MemberState::Moving);
