@@ -17,7 +17,7 @@ use protocol::{Fault, MemberState, Reaction};
 use sim::rig::{Rig, STEP_US};
 use sim::{Backend, Options, RobotTruth, World};
 
-use super::causes::{Begin, WATCHED};
+use super::causes::{Trial, WATCHED};
 
 /// Speed ahead, m/s.
 const SPEED: f32 = 0.6;
@@ -48,7 +48,7 @@ pub struct Measured {
 pub fn measure(
     group: &GroupFile,
     firmware: &Firmware,
-    begin: Begin,
+    trial: Trial,
     announced: Fault,
     reaction: Reaction,
 ) -> anyhow::Result<Measured> {
@@ -61,7 +61,7 @@ pub fn measure(
         before = before.min(effort(&watched(&rig)?));
     }
     let announced_before = rig.emergencies(node).count();
-    begin(&mut rig)?;
+    trial.begin(&mut rig)?;
     let began = rig.world.now().0;
     let since = |rig: &Rig| (rig.world.now().0 - began) as f64 / 1e3;
 

@@ -20,7 +20,7 @@ use omnibus::report::Scalar;
 use serde_json::json;
 
 use crate::{cargo, firmware};
-use causes::{Begin, TRIALS, Trial};
+use causes::{TRIALS, Trial};
 use measure::Measured;
 use promise::Promise;
 
@@ -63,17 +63,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let firmware = Firmware::load(firmware::build(Scalar::F32)?)?;
 
     let jobs = jobs(&promises, arguments.only)?;
-    let lines = side_by_side(&jobs, |(promise, variant, begin)| Line {
+    let lines = side_by_side(&jobs, |(promise, variant, trial)| Line {
         promise: (*promise).clone(),
         variant,
-        outcome: match begin {
-            Ok(begin) => tried(&group, &firmware, promise, variant, *begin),
-            Err(reason) => Outcome::NotCovered(reason),
+        outcome: match trial {
+            Trial::NotCovered(reason) => Outcome::NotCovered(reason),
+            trial => tried(&group, &firmware, promise, variant, *trial),
         },
     });
 
     println!(
-        "{:>2}  {:<52} {:<25} {:<5} {:>9} {:>9} {:>9} {:>8}",
+        "{:>2}  {:<70} {:<25} {:<5} {:>9} {:>9} {:>9} {:>8}",
         "#", "cause", "code", "how", "promised", "measured", "emergency", "rest"
     );
     for line in &lines {
@@ -92,30 +92,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-type Job<'a> = (&'a Promise, &'static str, Result<Begin, &'static str>);
+type Job<'a> = (&'a Promise, &'static str, Trial);
 
 /// What is to be tried, by number.
 fn jobs(promises: &[Promise], only: Option<u8>) -> anyhow::Result<Vec<Job<'_>>> {
-    let mut jobs = Vec::new();
-    for (number, trial) in TRIALS {
-        if only.is_some_and(|only| only != *number) {
-            continue;
-        }
-        let promise = promises
-            .iter()
-            .find(|promise| promise.number == *number)
-            .with_context(|| format!("docs/safety.md has no row {number}"))?;
-        match trial {
-            Trial::Tried(ways) => {
-                jobs.extend(
-                    ways.iter()
-                        .map(|(words, begin)| (promise, *words, Ok(*begin))),
-                );
-            }
-            Trial::NotCovered(reason) => jobs.push((promise, "", Err(*reason))),
-        }
-    }
-    Ok(jobs)
+    let wanted = |number: u8| only.is_none_or(|only| only == number);
+    TRIALS
+        .iter()
+        .filter(|(number, ..)| wanted(*number))
+        .map(|(number, variant, trial)| {
+            let promise = promises.iter().find(|promise| promise.number == *number);
+            let promise = promise.with_context(|| format!("docs/safety.md has no row {number}"))?;
+            Ok((promise, *variant, *trial))
+        })
+        .collect()
 }
 
 fn tried(
@@ -123,7 +113,7 @@ fn tried(
     firmware: &Firmware,
     promise: &Promise,
     variant: &str,
-    begin: Begin,
+    trial: Trial,
 ) -> Outcome {
     // A processor that is halted for good by the emergency stop's trial is reset by its watchdog and then
     // announces that, not the stop.
@@ -133,7 +123,7 @@ fn tried(
     } else {
         fault
     };
-    match measure::measure(group, firmware, begin, expected, fault.reaction()) {
+    match measure::measure(group, firmware, trial, expected, fault.reaction()) {
         Ok(measured) if promise.millis.is_none_or(|ms| measured.reaction_ms <= ms) => {
             Outcome::Kept(measured)
         }
@@ -191,7 +181,7 @@ fn text(line: &Line) -> String {
         .millis
         .map_or_else(|| "-".to_owned(), |ms| format!("{ms} ms"));
     let head = format!(
-        "{:>2}  {:<52} {code:<25} {:<5} {promised:>9}",
+        "{:>2}  {:<70} {code:<25} {:<5} {promised:>9}",
         promise.number,
         cause(line),
         how(promise)
