@@ -1,13 +1,11 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
-//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one, and
-//! in any case every 2 ms. Each turn it hands over the control side's latest report, then the frames in the order they
-//! were received, each with the time its interrupt noted, and leaves the command that results. A frame that finds no
-//! free mailbox waits here; the others wait in the bus side's own queues, and when one of those is full the bus side
-//! counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to the bus side,
-//! which also says when to come back from bus-off. Events are logged; nothing is decided here.
-
-use core::future::pending;
+//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one,
+//! for bus-off, and in any case every 2 ms. Each turn it hands over the control side's latest report, then the frames
+//! in the order they were received, each with the time its interrupt noted, and leaves the command that results. A
+//! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
+//! full the bus side counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to
+//! the bus side, which also says when to come back from bus-off. Events are logged; nothing is decided here.
 
 use canopen::{Frame, NmtState};
 use controller::{BusSide, Event, State};
@@ -32,15 +30,8 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        let woken = {
-            let mailbox = async {
-                match waiting {
-                    Some(_) => can.mailbox_free().await,
-                    None => pending().await,
-                }
-            };
-            select3(can.receive(), Timer::at(deadline(side)), mailbox).await
-        };
+        let event = can.event(waiting.is_some());
+        let woken = select3(can.receive(), Timer::at(deadline(side)), event).await;
 
         if let Some(report) = REPORT.get() {
             side.on_report(&report);

@@ -303,6 +303,31 @@ fn the_watchdog_resets_a_sleeping_core() {
 }
 
 #[test]
+fn a_halted_core_counts_nothing_until_it_goes_on() {
+    let (code, handler) = counting_program();
+    let mut board = code.board(handler, BoardConfig::default());
+    board.run_until(5_000_000).unwrap();
+    let counted = board.read_word(RAM);
+    board.halt(true);
+    board.run_until(10_000_000).unwrap();
+    assert_eq!(board.read_word(RAM), counted);
+    board.halt(false);
+    board.run_until(15_000_000).unwrap();
+    // One for all the periods in which it was halted, and 80 more: 5 ms of 62.5 us.
+    assert_eq!(board.read_word(RAM), counted.map(|n| n + 81));
+}
+
+#[test]
+fn the_watchdog_resets_a_halted_core_and_lets_it_go() {
+    let mut board = watched_program().board(0, BoardConfig::default());
+    board.run_until(10_000_000).unwrap();
+    board.halt(true);
+    board.run_until(50_100_000).unwrap();
+    assert_eq!(board.reset_cause(), ResetCause::Watchdog);
+    assert_eq!(board.read_word(RAM), Some(2), "it runs again");
+}
+
+#[test]
 fn a_slow_watchdog_oscillator_waits_longer() {
     let config = BoardConfig {
         lsi_hz: 17_000,

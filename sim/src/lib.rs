@@ -13,6 +13,7 @@
 //! - [`robot`]: native robots and emulated ones behind one trait.
 //! - [`bus`]: arbitration, exact bit times, load, candump logs.
 //! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
+//! - [`rig`]: a master that can be told to do wrong, for trying what robots do about it.
 //! - [`endpoint`]: the bus for programs outside.
 #![forbid(unsafe_code)]
 
@@ -24,6 +25,7 @@ mod error;
 pub mod motor;
 pub mod plant;
 mod random;
+pub mod rig;
 pub mod robot;
 mod truth;
 mod world;
@@ -32,4 +34,4 @@ pub use bus::BusLoad;
 pub use error::SimError;
 pub use robot::Backend;
 pub use truth::{RobotTruth, TruthSample};
-pub use world::{MASTER, Options, Port, World};
+pub use world::{EncoderState, MASTER, Options, Port, World};

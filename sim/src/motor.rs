@@ -37,6 +37,7 @@ pub struct Motor {
     inductance: f64,
     inertia: f64,
     friction: f64,
+    drag: f64,
     viscous: f64,
     current: f64,
     rate: f64,
@@ -54,6 +55,7 @@ impl Motor {
             inductance: parameters.inductance.into(),
             inertia: parameters.inertia.into(),
             friction: parameters.friction.into(),
+            drag: 0.0,
             viscous: parameters.viscous.into(),
             current: 0.0,
             rate: 0.0,
@@ -78,7 +80,7 @@ impl Motor {
             BRAKE_TORQUE
         };
         let free = self.rate + dt * torque / self.inertia;
-        let held = dt * (self.friction + brake) / self.inertia;
+        let held = dt * (self.friction + self.drag + brake) / self.inertia;
         let rate = if free > held {
             free - held
         } else if free < -held {
@@ -88,6 +90,11 @@ impl Motor {
         };
         self.angle += dt * 0.5 * (self.rate + rate);
         self.rate = rate;
+    }
+
+    /// Sets the dry friction of whatever is caught in the wheel, N·m at the wheel.
+    pub fn set_drag(&mut self, torque: f64) {
+        self.drag = torque;
     }
 
     /// Wheel rate, rad/s, positive rolls the base forward.

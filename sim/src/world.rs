@@ -15,6 +15,8 @@
 //! The master's frames wait in a queue without limit, in order; a master that sends more than the bus
 //! carries sees its own delay grow. Frames for a port wait until they are taken.
 
+mod harm;
+
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros};
@@ -30,6 +32,8 @@ use crate::motor::{Drive, Motor, WheelEncoder};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
 use crate::truth::{RobotTruth, TruthSample};
+pub use harm::EncoderState;
+use harm::Harm;
 
 /// Steps and periods, all in ns of virtual time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,6 +96,7 @@ struct Unit {
     slipped: [f64; 4],
     /// Off when its CAN connector is pulled.
     connected: bool,
+    harm: Harm,
 }
 
 /// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this file.
@@ -168,6 +173,7 @@ impl World {
                 told: [0.0; 4],
                 slipped: [0.0; 4],
                 connected: true,
+                harm: Harm::default(),
             })
             .collect();
         let threads = match options.threads {
@@ -320,27 +326,6 @@ impl World {
         self.worst_shape_error_mm = 0.0;
     }
 
-    /// Presses or releases the emergency stop of a robot, by its place in the group file.
-    pub fn set_emergency_stop(&mut self, robot: usize, pressed: bool) {
-        if let Some(unit) = self.units.get_mut(robot) {
-            unit.robot.set_emergency_stop(pressed);
-        }
-    }
-
-    /// Raises or clears the driver fault of a robot.
-    pub fn set_driver_fault(&mut self, robot: usize, fault: bool) {
-        if let Some(unit) = self.units.get_mut(robot) {
-            unit.robot.set_driver_fault(fault);
-        }
-    }
-
-    /// Plugs or pulls the CAN connector of a robot.
-    pub fn set_connected(&mut self, robot: usize, connected: bool) {
-        if let Some(unit) = self.units.get_mut(robot) {
-            unit.connected = connected;
-        }
-    }
-
     /// Log lines of all robots since the last call, each with its robot's node.
     pub fn take_logs(&mut self) -> Vec<(u8, LogLine)> {
         let lines = |u: &mut Unit| {
@@ -464,7 +449,7 @@ impl World {
         for (n, unit) in self.units.iter_mut().enumerate() {
             if first + n == transfer.sender {
                 unit.robot.transmitted();
-            } else if unit.connected {
+            } else if unit.connected && unit.harm.misses != Some(transfer.frame.id()) {
                 unit.robot.receive(&transfer.frame);
             }
         }
@@ -505,11 +490,13 @@ impl Unit {
             .iter_mut()
             .zip(&mut self.encoders)
             .zip(&mut counts);
-        for (((motor, encoder), count), (drive, slipped)) in
-            wheels.zip(self.drives.iter().zip(&self.slipped))
+        let harm = &self.harm;
+        for (wheel, (((motor, encoder), count), (drive, slipped))) in wheels
+            .zip(self.drives.iter().zip(&self.slipped))
+            .enumerate()
         {
             motor.step(dt, *drive);
-            *count = encoder.follow(motor.angle() + slipped);
+            *count = harm.on_counts(wheel, encoder.follow(motor.angle() + slipped));
         }
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);

@@ -15,7 +15,7 @@
 //! its buffered sender loses the second of two frames with one identifier.
 
 use core::future::poll_fn;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::Poll;
 
 use canopen::{Frame, Micros};
@@ -65,13 +65,15 @@ impl Health {
 }
 
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
-static TX_WAKER: AtomicWaker = AtomicWaker::new();
+static WAKER: AtomicWaker = AtomicWaker::new();
+static WENT_OFF: AtomicBool = AtomicBool::new(false);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static QUEUE_OVERFLOWS: AtomicU32 = AtomicU32::new(0);
 
 bind_interrupts!(struct Irqs {
     CAN1_RX0 => RxHandler;
     CAN1_TX => TxHandler;
+    CAN1_SCE => OffHandler;
 });
 
 /// The CAN controller.
@@ -136,10 +138,13 @@ impl Can {
             w.set_fmpie(0, true);
             w.set_fovie(0, true);
             w.set_tmeie(true);
+            w.set_bofie(true);
+            w.set_errie(true);
         });
         let _ = Irqs;
         interrupt::CAN1_RX0.unpend();
         interrupt::CAN1_TX.unpend();
+        interrupt::CAN1_SCE.unpend();
         enable_interrupts();
 
         can.mcr().modify(|w| w.set_inrq(false));
@@ -190,15 +195,16 @@ impl Can {
         true
     }
 
-    /// Waits until a mailbox is free.
+    /// Waits until the controller has gone off the bus or, if a frame waits for one, a mailbox is free.
     ///
     /// # Cancellation
-    /// Safe: waiting changes nothing.
-    pub async fn mailbox_free(&self) {
+    /// Safe: what it waits for can be seen afterwards as well.
+    pub async fn event(&self, frame_waits: bool) {
         poll_fn(|context| {
-            TX_WAKER.register(context.waker());
+            WAKER.register(context.waker());
             let status = pac::CAN1.tsr().read();
-            if status.tme(0) || status.tme(1) || status.tme(2) {
+            let free = frame_waits && (status.tme(0) || status.tme(1) || status.tme(2));
+            if WENT_OFF.swap(false, Ordering::Relaxed) || free {
                 Poll::Ready(())
             } else {
                 Poll::Pending
@@ -249,6 +255,7 @@ fn enable_interrupts() {
     unsafe {
         interrupt::CAN1_RX0.enable();
         interrupt::CAN1_TX.enable();
+        interrupt::CAN1_SCE.enable();
     }
 }
 
@@ -296,6 +303,18 @@ impl Handler<typelevel::CAN1_TX> for TxHandler {
             w.set_rqcp(1, true);
             w.set_rqcp(2, true);
         });
-        TX_WAKER.wake();
+        WAKER.wake();
+    }
+}
+
+struct OffHandler;
+
+#[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+impl Handler<typelevel::CAN1_SCE> for OffHandler {
+    unsafe fn on_interrupt() {
+        // Flags of this register are cleared by writing one; bus-off is the only error that is enabled.
+        pac::CAN1.msr().write(|w| w.set_erri(true));
+        WENT_OFF.store(true, Ordering::Relaxed);
+        WAKER.wake();
     }
 }

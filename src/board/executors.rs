@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | 1 | TIM9 (time) | wakes everything; a few microseconds at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
-//! | 3 | CAN1 transmit | refills a mailbox |
+//! | 3 | CAN1 transmit, bus-off | refills a mailbox; tells the bus task |
 //! | 6 | UART5 (control executor) | the control tick |
 //! | - | thread mode | the bus side |
 
@@ -45,6 +45,7 @@ pub fn set_priorities() {
     interrupt::TIM1_BRK_TIM9.set_priority(Priority::P1);
     interrupt::CAN1_RX0.set_priority(Priority::P2);
     interrupt::CAN1_TX.set_priority(Priority::P3);
+    interrupt::CAN1_SCE.set_priority(Priority::P3);
     // A pended request from before a warm reset must not run a handler early.
     NVIC::unpend(interrupt::UART5);
 }

@@ -1,4 +1,4 @@
-//! Workspace tasks: `cargo xtask demo | test | interop | fuzz | size | flash | check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask demo | test | faults | interop | fuzz | size | flash | check-elf | check-demo`.
 //!
 //! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
 //! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
@@ -12,6 +12,7 @@ use omnibus::report::Scalar;
 mod cargo;
 mod check;
 mod demo;
+mod faults;
 mod firmware;
 mod flash;
 mod interop;
@@ -34,6 +35,8 @@ enum Task {
         #[arg(last = true)]
         rest: Vec<String>,
     },
+    /// Lets every cause of a stop happen to emulated robots and measures what they do about it.
+    Faults(faults::Arguments),
     /// Lets foreign software talk to the robots: python-canopen, cantools, tshark.
     Interop(interop::Arguments),
     /// Throws random frames at the CANopen device; nothing may panic or hang.
@@ -62,6 +65,7 @@ fn run(task: Task) -> anyhow::Result<()> {
     match task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { rest } => cargo::test(&rest),
+        Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),
         Task::Fuzz { frames, seed } => cargo::fuzz(frames, seed),
         Task::Size => firmware::print_size(&firmware::build(Scalar::F32)?),

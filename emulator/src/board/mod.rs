@@ -89,6 +89,7 @@ pub struct Board {
     fast: Fast,
     now: u64,
     asleep: bool,
+    halted: bool,
     next_log: u64,
     instructions: u64,
     slept: u64,
@@ -134,6 +135,7 @@ impl Board {
             fast: Fast::new(),
             now: 0,
             asleep: false,
+            halted: false,
             next_log: 0,
             instructions: 0,
             slept: 0,
@@ -168,6 +170,7 @@ impl Board {
         self.cpu.reset(ResetKind::Cold);
         self.log.reset();
         self.asleep = false;
+        self.halted = false;
         self.resets += 1;
         self.last_cause = match causes {
             rcc::cause::IWDG => ResetCause::Watchdog,
@@ -206,14 +209,17 @@ impl Board {
         self.world_ns(self.now)
     }
 
-    /// When the core sleeps: world time in ns of the next thing that can happen by itself; `None` when nothing
+    /// When the core sleeps or is halted: world time in ns of the next thing that can happen by itself; `None` when nothing
     /// can. When the core runs: now.
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
+        let next = self.shared.next_event.load(Relaxed);
+        if self.halted {
+            return (next != u64::MAX).then(|| self.world_ns(next));
+        }
         if !self.asleep || self.shared.lines_changed.load(Relaxed) {
             return Some(self.now_ns());
         }
-        let next = self.shared.next_event.load(Relaxed);
         let systick = self
             .cpu
             .with_sys(|sys| (sys.syst_csr & 3 == 3).then_some(u64::from(sys.syst_cvr) + 1));
@@ -221,10 +227,10 @@ impl Board {
         (next != u64::MAX).then(|| self.world_ns(next))
     }
 
-    /// Whether the core sleeps.
+    /// Whether the core sleeps or is halted.
     #[must_use]
     pub fn is_asleep(&self) -> bool {
-        self.asleep
+        self.asleep || self.halted
     }
 
     /// Connects a pin to a level outside. Until this is called, a pin is open.
@@ -311,6 +317,17 @@ impl Board {
     /// Pulls the reset pin for a moment.
     pub fn press_reset(&mut self) {
         self.system_reset(rcc::cause::PIN);
+    }
+
+    /// Halts the core, or lets it go on, as a debugger does that freezes no peripheral (DBGMCU at its reset value):
+    /// timers, CAN and the independent watchdog run on. Any reset lets the core go.
+    pub fn halt(&mut self, halted: bool) {
+        self.halted = halted;
+    }
+
+    /// Sends the core to an address, as a corrupt return address does. A core that sleeps goes there when it wakes.
+    pub fn jump(&mut self, address: u32) {
+        self.cpu.set_pc(address);
     }
 
     /// Reads a word of RAM or flash, as a debugger would.

@@ -16,7 +16,7 @@
 //! event is due. Encoder edges are handed over when it next computes, in one piece.
 
 use canopen::Frame;
-use emulator::{Board, BoardConfig, CanFrame, CanId, Firmware, PinLevel, Port};
+use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Firmware, PinLevel, Port};
 
 use super::{LogLine, Robot, Wake};
 use crate::error::SimError;
@@ -210,11 +210,51 @@ impl Robot for EmulatedRobot {
     fn set_emergency_stop(&mut self, pressed: bool) {
         self.catch_up();
         self.board.set_input(Port::B, EMERGENCY_STOP, pressed);
+        // The break input acts without the processor, which may be asleep or halted.
+        self.look_at_bridges();
     }
 
     fn set_driver_fault(&mut self, fault: bool) {
         self.catch_up();
         self.board.set_input(Port::B, DRIVER_FAULT, !fault);
+    }
+
+    fn force_bus_off(&mut self) -> bool {
+        self.catch_up();
+        self.look_at_mailboxes();
+        if self.pending.is_none() {
+            return false;
+        }
+        let mut can = self.board.can();
+        while !can.bus_off() && can.begin().is_some() {
+            can.error(CanError::BitDominant);
+        }
+        let off = can.bus_off();
+        self.look_at_mailboxes();
+        off
+    }
+
+    fn overrun(&mut self) {
+        // The FIFO holds three (RM0390 rev 6, 30.7.5). Nobody in a group listens to this identifier.
+        const FRAMES: usize = 5;
+        const IDENTIFIER: u16 = 0x7FF;
+        if let Some(frame) = Frame::new(IDENTIFIER, &[]) {
+            (0..FRAMES).for_each(|_| self.receive(&frame));
+        }
+    }
+
+    fn halt(&mut self, halted: bool) -> bool {
+        self.catch_up();
+        self.board.halt(halted);
+        true
+    }
+
+    fn crash(&mut self) -> bool {
+        // Between the peripherals and the core's own registers there is nothing.
+        const NOWHERE: u32 = 0xC000_0000;
+        self.catch_up();
+        self.board.jump(NOWHERE);
+        true
     }
 
     fn take_log(&mut self) -> Vec<LogLine> {

@@ -73,6 +73,25 @@ pub trait Robot: Send {
     /// Raises or clears the motor driver's fault line.
     fn set_driver_fault(&mut self, fault: bool);
 
+    /// Fails to send until its CAN controller is off the bus; `false` when it has nothing to send.
+    fn force_bus_off(&mut self) -> bool {
+        false
+    }
+
+    /// Gets more frames at once than its CAN controller holds.
+    fn overrun(&mut self) {}
+
+    /// Halts its processor or lets it go on; `false` when it has none.
+    fn halt(&mut self, halted: bool) -> bool {
+        let _ = halted;
+        false
+    }
+
+    /// Sends its processor where there is no memory; `false` when it has none.
+    fn crash(&mut self) -> bool {
+        false
+    }
+
     /// Log lines since the last call.
     fn take_log(&mut self) -> Vec<LogLine> {
         Vec::new()

@@ -10,6 +10,7 @@
 
 use canopen::{Frame, Micros, NodeId};
 use controller::{BusSide, ControlSide, Event, Identity, Inputs, Outputs, TICK_US, TickPhase};
+use protocol::Fault;
 
 use super::{LogLine, Robot, Wake};
 use crate::error::SimError;
@@ -123,6 +124,8 @@ impl NativeRobot {
         while let Some(event) = self.bus.pop_event() {
             match event {
                 Event::Sync { at, .. } => self.sync = Some(at),
+                // The 1.4 ms that this takes on the wire are left out.
+                Event::RecoverBus => self.bus.on_bus_recovered(now),
                 event => self.log.push(log_line(now, &event)),
             }
         }
@@ -226,6 +229,21 @@ impl Robot for NativeRobot {
 
     fn set_driver_fault(&mut self, fault: bool) {
         self.inputs.driver_fault = fault;
+    }
+
+    fn force_bus_off(&mut self) -> bool {
+        self.mailboxes.clear();
+        self.sending = None;
+        let now = self.clock.local(self.now_ns);
+        self.bus.on_bus_off(now);
+        self.pump(now);
+        true
+    }
+
+    fn overrun(&mut self) {
+        let now = self.clock.local(self.now_ns);
+        self.bus.on_fault(now, Fault::ReceiveOverrun);
+        self.pump(now);
     }
 
     fn take_log(&mut self) -> Vec<LogLine> {

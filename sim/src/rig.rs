@@ -1,0 +1,200 @@
+//! A master that can be told to do wrong: it stops its heartbeat, SYNC or setpoints, sends nonsense, or is joined
+//! by a second one. What a group does about that is what rules and faults are tried with.
+//!
+//! It drives robots that are configured already. Its frames go out on whole milliseconds: the heartbeat every 100 ms,
+//! SYNC every period, the setpoint [`LEAD_MS`] before it. Everything the robots say is kept until the rig is dropped,
+//! some hundred kilobytes for a second of a group of three.
+
+use std::collections::BTreeMap;
+
+use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
+use kinematics::Twist;
+use protocol::{GroupTwist, MeasuredTwist, MemberState, MemberStatus, cob};
+
+use crate::error::SimError;
+use crate::world::{MASTER, World};
+
+/// Period of the heartbeat, ms.
+pub const HEARTBEAT_MS: u64 = 100;
+/// The setpoint goes out this long before its SYNC, ms.
+pub const LEAD_MS: u64 = 2;
+/// One step of [`Rig::step`], µs.
+pub const STEP_US: u64 = 250;
+/// SYNC's counter runs from 1 to this (object 0x1019).
+const SYNC_OVERFLOW: u8 = 240;
+
+/// The master, what it does at the moment, and what it has heard.
+pub struct Rig {
+    /// The world it drives.
+    pub world: World,
+    /// Whether it sends its heartbeat.
+    pub heartbeat: bool,
+    /// Whether it sends SYNC.
+    pub sync: bool,
+    /// The setpoint that it sends, m/s and rad/s in the group frame; `None` sends none.
+    pub twist: Option<Twist>,
+    /// Whether every setpoint has a new sequence.
+    pub counts: bool,
+    /// Whether a second master sends setpoints of its own, in the middle between two SYNCs.
+    pub second: bool,
+    group: u8,
+    period_ms: u64,
+    sequence: u8,
+    counter: u8,
+    status: BTreeMap<u8, MemberStatus>,
+    measured: BTreeMap<u8, Twist>,
+    emergencies: Vec<(Micros, u8, u16)>,
+}
+
+impl Rig {
+    /// Takes over a world of configured robots: heartbeat and SYNC run, the setpoint is standstill.
+    #[must_use]
+    pub fn new(world: World, file: &group::GroupFile) -> Self {
+        Self {
+            world,
+            heartbeat: true,
+            sync: true,
+            twist: Some(Twist::default()),
+            counts: true,
+            second: false,
+            group: file.group_id,
+            period_ms: u64::from(file.sync_period_us) / 1_000,
+            sequence: 0,
+            counter: 0,
+            status: BTreeMap::new(),
+            measured: BTreeMap::new(),
+            emergencies: Vec::new(),
+        }
+    }
+
+    /// Sends what is due and goes on to the next whole multiple of [`STEP_US`].
+    ///
+    /// # Errors
+    /// When a robot or the plant stops.
+    pub fn step(&mut self) -> Result<(), SimError> {
+        let now = self.world.now().0;
+        if now.is_multiple_of(1_000) {
+            self.send(now / 1_000);
+        }
+        self.world
+            .run_until(Micros((now / STEP_US + 1) * STEP_US))?;
+        while let Some((at, frame)) = self.world.take_received(MASTER) {
+            self.hear(at, &frame);
+        }
+        Ok(())
+    }
+
+    /// Lets this many milliseconds pass.
+    ///
+    /// # Errors
+    /// As [`Rig::step`].
+    pub fn run(&mut self, millis: u64) -> Result<(), SimError> {
+        (0..millis * 1_000 / STEP_US).try_for_each(|_| self.step())
+    }
+
+    /// Lets time pass until it is `offset` ms after a whole multiple of `period` ms.
+    ///
+    /// # Errors
+    /// As [`Rig::step`].
+    pub fn run_to_phase(&mut self, period: u64, offset: u64) -> Result<(), SimError> {
+        self.step()?;
+        while self.world.now().0 % (period * 1_000) != offset * 1_000 {
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Sends an NMT command to one robot, or to all.
+    pub fn command(&mut self, command: NmtCommand, node: Option<u8>) {
+        let target = node
+            .and_then(NodeId::new)
+            .map_or(NmtTarget::All, NmtTarget::Node);
+        self.world.send(client::nmt(command, target));
+    }
+
+    /// Sends a setpoint beside the regular ones, with a sequence this far from the last.
+    pub fn send_setpoint(&mut self, twist: Twist, ahead: u8) {
+        let setpoint = GroupTwist {
+            twist,
+            sequence: self.sequence.wrapping_add(ahead),
+            group: self.group,
+        };
+        self.world
+            .send(Frame::of(cob::GROUP_TWIST, setpoint.encode()));
+    }
+
+    /// The sequence of the last regular setpoint.
+    #[must_use]
+    pub fn sequence(&self) -> u8 {
+        self.sequence
+    }
+
+    /// A member's last status.
+    #[must_use]
+    pub fn status(&self, node: u8) -> Option<&MemberStatus> {
+        self.status.get(&node)
+    }
+
+    /// Whether every member said last that it is in this state.
+    #[must_use]
+    pub fn all_are(&self, state: MemberState) -> bool {
+        !self.status.is_empty() && self.status.values().all(|status| status.state == state)
+    }
+
+    /// A member's last measured twist, in the group frame.
+    #[must_use]
+    pub fn measured(&self, node: u8) -> Option<Twist> {
+        self.measured.get(&node).copied()
+    }
+
+    /// Emergency messages of a node so far: when they were complete, and their code.
+    pub fn emergencies(&self, node: u8) -> impl Iterator<Item = (Micros, u16)> {
+        let heard = self.emergencies.iter();
+        heard.filter_map(move |(at, sender, code)| (*sender == node).then_some((*at, *code)))
+    }
+
+    fn send(&mut self, millis: u64) {
+        if self.heartbeat && millis.is_multiple_of(HEARTBEAT_MS) {
+            let master = NodeId::new(protocol::MASTER).unwrap_or(NodeId::MIN);
+            let frame = client::heartbeat(master, NmtState::Operational);
+            self.world.send(frame);
+        }
+        let phase = millis % self.period_ms;
+        if let Some(twist) = self.twist.filter(|_| phase + LEAD_MS == self.period_ms) {
+            self.sequence = self.sequence.wrapping_add(u8::from(self.counts));
+            self.send_setpoint(twist, 0);
+        }
+        if let Some(twist) = self
+            .twist
+            .filter(|_| self.second && phase == self.period_ms / 2)
+        {
+            self.send_setpoint(twist, 100);
+        }
+        if self.sync && phase == 0 {
+            self.counter = self.counter % SYNC_OVERFLOW + 1;
+            self.world.send(client::sync(Some(self.counter)));
+        }
+    }
+
+    fn hear(&mut self, at: Micros, frame: &Frame) {
+        let (id, data) = (frame.id(), frame.data());
+        if let Some(node) = cob::status_sender(id) {
+            if let Ok(status) = MemberStatus::try_from(data) {
+                self.status.insert(node, status);
+            }
+        } else if let Some(node) = cob::measured_sender(id) {
+            if let Ok(measured) = MeasuredTwist::try_from(data) {
+                self.measured.insert(node, measured.twist);
+            }
+        } else if let (Some(node), [low, high, ..]) = (emergency_sender(id), data) {
+            self.emergencies
+                .push((at, node, u16::from_le_bytes([*low, *high])));
+        }
+    }
+}
+
+/// The robot that sends emergency messages with this identifier.
+fn emergency_sender(id: u16) -> Option<u8> {
+    let node = u8::try_from(id.checked_sub(cob::SYNC)?).ok()?;
+    protocol::is_robot(node).then_some(node)
+}

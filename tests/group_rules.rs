@@ -1,0 +1,368 @@
+//! The group rules, one test for each sentence, with whole robots on a bus with bit times.
+//!
+//! Every rule is tried with native robots and, with the feature `emulated`, with three that run the release image
+//! (`OMNIBUS_ELF` names it). What robots do is seen from outside only: their frames, their bridges, their wheels.
+
+mod common;
+
+use canopen::NmtCommand;
+use group::GroupFile;
+use kinematics::Twist;
+use omnibus::session::Group;
+use omnibus::sim_link::SimLink;
+use protocol::address as at;
+use protocol::{Address, Code, Fault, Limit, MemberState, Scale, Value, cob};
+use sim::rig::Rig;
+use sim::{Backend, Options, RobotTruth, World};
+
+const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
+const MIXED: Twist = Twist::new(0.6, 0.3, 0.2);
+/// Radius of the wheels, m, and the deceleration of the group, m/s^2.
+const RADIUS: f32 = 0.1524;
+const DECELERATION: f64 = 2.4;
+const NODES: [u8; 3] = [2, 3, 4];
+/// How well a wheel follows a reference that falls, rad/s; the fastest turn with 7.
+const FOLLOWS: f64 = 0.15;
+
+/// A group of three, configured, waiting for its start.
+fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> Rig {
+    let options = Options {
+        truth_period_ns: 0,
+        threads: 1,
+        ..Options::default()
+    };
+    let world = World::new(file, backend.clone(), options).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let mut session = Group::connect(&mut link, file).unwrap();
+    session.configure(false).unwrap();
+    for node in NODES {
+        for (address, value) in more {
+            let wire = session.wire();
+            wire.write(node, *address, Value::F32(*value)).unwrap();
+        }
+    }
+    Rig::new(link.world, file)
+}
+
+/// Starts a group and gives it a setpoint.
+fn start(rig: &mut Rig, twist: Twist, millis: u64) {
+    rig.run(60).unwrap();
+    rig.command(NmtCommand::Start, None);
+    rig.run(60).unwrap();
+    assert!(rig.all_are(MemberState::Moving) || rig.all_are(MemberState::Armed));
+    rig.twist = Some(twist);
+    rig.run(millis).unwrap();
+}
+
+fn moving(backend: &Backend, twist: Twist) -> Rig {
+    let file = common::group("tcc-3");
+    let mut rig = configured(backend, &file, &[]);
+    start(&mut rig, twist, 600);
+    assert!(rig.all_are(MemberState::Moving));
+    rig
+}
+
+fn code(rig: &Rig, node: u8) -> Code {
+    rig.status(node).unwrap().code
+}
+
+fn robots(rig: &Rig) -> Vec<RobotTruth> {
+    rig.world.truth().robots
+}
+
+fn rates(robot: &RobotTruth) -> [f64; 4] {
+    robot.wheel_rates.into()
+}
+
+fn is_safe(robot: &RobotTruth) -> bool {
+    !robot.drivers_enabled && !robot.brake_released && robot.duties == [0.0; 4]
+}
+
+fn codes(rig: &Rig, node: u8) -> Vec<u16> {
+    rig.emergencies(node).map(|(_, code)| code).collect()
+}
+
+fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence(backend: &Backend) {
+    let mut rig = moving(backend, FORWARD);
+    rig.run_to_phase(10, 3).unwrap();
+    let latched = rig.sequence();
+    for node in NODES {
+        assert_eq!(rig.status(node).unwrap().sequence, latched);
+    }
+    // The next setpoint goes out 2 ms before SYNC and is not latched before it.
+    rig.run_to_phase(10, 9).unwrap();
+    assert_eq!(rig.sequence(), latched.wrapping_add(1));
+    for node in NODES {
+        assert_eq!(rig.status(node).unwrap().sequence, latched);
+    }
+    rig.run_to_phase(10, 3).unwrap();
+    for node in NODES {
+        assert_eq!(rig.status(node).unwrap().sequence, latched.wrapping_add(1));
+    }
+}
+
+/// Robot 4's wheels can do half of what 1 m/s asks for.
+fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
+    let mut file = common::group("tcc-3");
+    file.robots[2].max_wheel_rate = 0.5 / RADIUS;
+    let mut rig = configured(backend, &file, &[]);
+    start(&mut rig, Twist::new(1.0, 0.0, 0.0), 100);
+    assert_eq!(rig.status(2).unwrap().scale, Scale::ONE);
+    assert_eq!(rig.status(3).unwrap().scale, Scale::ONE);
+    let scale = rig.status(4).unwrap().scale.factor();
+    assert!((scale - 0.5).abs() < 1e-4, "scale {scale}");
+}
+
+fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
+    let file = common::group("tcc-3");
+    let mut rig = configured(backend, &file, &[]);
+    start(&mut rig, Twist::default(), 100);
+    rig.run_to_phase(10, 5).unwrap();
+    rig.twist = Some(FORWARD);
+    // SYNC k, 5 ms from now, latches it; all that was in force before is standstill.
+    for _ in 0..60 {
+        rig.step().unwrap();
+        for robot in robots(&rig) {
+            assert_eq!(robot.duties, [0.0; 4], "{} us", rig.world.now().0);
+        }
+    }
+    // SYNC k+1, at the end of this millisecond's step. Feedforward against friction alone is 0.0156.
+    rig.run(5).unwrap();
+    for robot in robots(&rig) {
+        assert!(robot.duties.iter().all(|duty| *duty > 0.005));
+    }
+}
+
+fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(backend: &Backend) {
+    let mut file = common::group("tcc-3");
+    file.robots[2].max_wheel_rate = 0.3 / RADIUS;
+    let mut rig = configured(backend, &file, &[]);
+    start(&mut rig, FORWARD, 800);
+    assert!(rig.world.worst_shape_error_mm() < 1.0);
+    for robot in robots(&rig) {
+        for rate in rates(&robot) {
+            let expected = 0.3 / f64::from(RADIUS);
+            assert!((rate / expected - 1.0).abs() < 0.01, "{rate} {expected}");
+        }
+    }
+    assert_eq!(code(&rig, 4), Code::Limit(Limit::WheelRate));
+    assert_eq!(code(&rig, 2), Code::Limit(Limit::GroupScale));
+}
+
+/// Drives, lets something happen, and checks that all that still drive ramp down together, along the direction of
+/// motion, with the common deceleration, and hold.
+fn ramps_down(
+    backend: &Backend,
+    happen: impl Fn(&mut Rig),
+    still_drive: &[usize],
+    fault: Fault,
+    within_ms: f64,
+) {
+    let mut rig = moving(backend, MIXED);
+    rig.run_to_phase(100, 1).unwrap();
+    let before = robots(&rig);
+    happen(&mut rig);
+    let began = rig.world.now().0;
+    let speed = f64::from(MIXED.vx.hypot(MIXED.vy));
+    let mut shares: Vec<f64> = Vec::new();
+    let mut fell = None;
+    for _ in 0..1_000 {
+        rig.run(1).unwrap();
+        let now = robots(&rig);
+        let all = still_drive.iter().map(|n| share(&before[*n], &now[*n]));
+        let all: Vec<f64> = all.collect();
+        // Whoever notices one SYNC later is one period of deceleration behind, and what wheels follow worse.
+        let spread = all.iter().fold(f64::MIN, |a, b| a.max(*b))
+            - all.iter().fold(f64::MAX, |a, b| a.min(*b));
+        assert!(spread * speed < DECELERATION * 0.010 + 0.01, "{spread}");
+        shares.push(all[0]);
+        if fell.is_none() && all[0] < 0.99 {
+            fell = Some((rig.world.now().0 - began) as f64 / 1e3);
+        }
+    }
+    let deceleration = shares.windows(11).map(|w| (w[0] - w[10]) * speed / 0.010);
+    let hardest = deceleration.fold(0.0, f64::max);
+    assert!(hardest < 1.1 * DECELERATION, "{hardest} m/s^2");
+    assert!(hardest > 0.9 * DECELERATION, "{hardest} m/s^2");
+    // At a jerk of 100 m/s^3 a hundredth of 0.671 m/s is gone after sqrt(2 * 0.00671 / 100) s, 11.6 ms; the wheels
+    // lag by a little more, and it is looked at every millisecond.
+    let fell = fell.expect("a ramp");
+    assert!(fell < within_ms + 15.0, "{fell} ms");
+    for place in still_drive {
+        let robot = &robots(&rig)[*place];
+        assert!(is_safe(robot) && rates(robot) == [0.0; 4]);
+        assert_eq!(codes(&rig, NODES[*place]), [fault.code()]);
+    }
+}
+
+/// How much of its motion a robot still has, if all its wheels have the same share, as they must.
+fn share(before: &RobotTruth, now: &RobotTruth) -> f64 {
+    let (before, now) = (rates(before), rates(now));
+    let dot = |a: &[f64; 4], b: &[f64; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let share = dot(&before, &now) / dot(&before, &before);
+    for (before, now) in before.iter().zip(&now) {
+        let left = now - share * before;
+        assert!(left.abs() < FOLLOWS, "left its direction by {left} rad/s");
+    }
+    share
+}
+
+fn rule_3_a_missing_member_stops_the_others_by_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.world.set_connected(2, false);
+    ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
+}
+
+fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.command(NmtCommand::EnterPreOperational, Some(4));
+    ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
+}
+
+fn rule_3_a_member_in_fault_stops_the_others_by_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.world.set_driver_fault(2, true);
+    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 21.0);
+}
+
+fn rule_3_a_member_with_another_sequence_stops_the_others_by_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.world.set_misses(2, Some(cob::GROUP_TWIST));
+    ramps_down(backend, happen, &[0, 1], Fault::SequenceMismatch, 21.0);
+}
+
+fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| {
+        rig.world.set_emergency_stop(2, true);
+        rig.run(1).unwrap();
+        assert!(is_safe(&robots(rig)[2]), "cut in the next tick");
+    };
+    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 21.0);
+}
+
+fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.heartbeat = false;
+    ramps_down(backend, happen, &[0, 1, 2], Fault::MasterSilent, 501.0);
+}
+
+fn rule_4_loss_of_sync_is_the_same_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.sync = false;
+    ramps_down(backend, happen, &[0, 1, 2], Fault::SyncLost, 51.0);
+}
+
+fn rule_4_an_overdue_setpoint_is_the_same_ramp(backend: &Backend) {
+    let happen = |rig: &mut Rig| rig.twist = None;
+    ramps_down(backend, happen, &[0, 1, 2], Fault::SetpointOverdue, 101.0);
+}
+
+fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
+    let mut rig = moving(backend, FORWARD);
+    rig.sync = false;
+    rig.run(600).unwrap();
+    rig.sync = true;
+    // Everything is well again, and the master goes on as if nothing had been.
+    rig.run(300).unwrap();
+    assert!(rig.all_are(MemberState::Faulted));
+    assert!(robots(&rig).iter().all(is_safe));
+    rig.command(NmtCommand::Start, None);
+    rig.run(100).unwrap();
+    assert!(rig.all_are(MemberState::Moving));
+}
+
+fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
+    let mut rig = moving(backend, FORWARD);
+    rig.twist = None;
+    rig.run(600).unwrap();
+    rig.command(NmtCommand::Start, None);
+    rig.counts = false;
+    rig.twist = Some(FORWARD);
+    rig.run(150).unwrap();
+    assert!(rig.all_are(MemberState::Armed));
+    for robot in robots(&rig) {
+        assert_eq!(rates(&robot), [0.0; 4]);
+    }
+    rig.counts = true;
+    rig.run(100).unwrap();
+    assert!(rig.all_are(MemberState::Moving));
+}
+
+/// Something drags at the wheels of robot 4. Its loop and the motor's own back-EMF hold against it with
+/// (P + K) K / R = (0.96 + 0.8) * 0.8 / 0.3 = 4.7 N m a rad/s: 3 N m take off 0.64 rad/s or 0.097 m/s at most, and then the
+/// integral makes up for it, with P + K over I = 0.18 s. 30 N m hold the wheels until it has.
+fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend) {
+    let file = common::group("tcc-3");
+    let thresholds = [
+        (at::STRAIN_LIMIT, 0.02),
+        (at::STRAIN_FAULT, 0.15),
+        // Wheels that stay behind are not to be blamed for it here.
+        (at::BLOCKED_RATE, 0.0),
+    ];
+    let mut rig = configured(backend, &file, &thresholds);
+    start(&mut rig, FORWARD, 800);
+    assert_eq!(code(&rig, 2), Code::None);
+    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 3.0));
+    rig.run(100).unwrap();
+    assert_eq!(code(&rig, 2), Code::Limit(Limit::Strain));
+    assert_eq!(code(&rig, 3), Code::Limit(Limit::Strain));
+    assert!(rig.all_are(MemberState::Moving));
+    let lost = FORWARD.vx - rig.measured(4).unwrap().vx;
+    assert!((0.02..0.097).contains(&lost), "{lost} m/s");
+    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 30.0));
+    rig.run(1_000).unwrap();
+    let first = NODES.map(|node| codes(&rig, node)[0]);
+    assert!(first.contains(&Fault::StrainExcess.code()), "{first:04x?}");
+    assert!(robots(&rig).iter().all(is_safe));
+}
+
+fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backend) {
+    let mut file = common::group("tcc-3");
+    file.robots[2].max_wheel_rate = 0.3 / RADIUS;
+    let mut rig = configured(backend, &file, &[]);
+    start(&mut rig, FORWARD, 400);
+    assert!(matches!(code(&rig, 4), Code::Limit(_)));
+    assert_eq!(rig.status(4).unwrap().state, MemberState::Moving);
+    rig.world.set_emergency_stop(2, true);
+    rig.run(600).unwrap();
+    rig.world.set_emergency_stop(2, false);
+    rig.run(200).unwrap();
+    assert_eq!(code(&rig, 4), Code::Fault(Fault::EmergencyStop));
+    assert_eq!(code(&rig, 2), Code::Fault(Fault::MemberStopped));
+    assert!(rig.all_are(MemberState::Faulted));
+    assert!(robots(&rig).iter().all(is_safe));
+}
+
+/// Every rule with every kind of robot.
+macro_rules! rules {
+    ($($rule:ident)*) => {
+        mod native {
+            $(#[test] fn $rule() { super::$rule(&sim::Backend::Native); })*
+        }
+
+        #[cfg(feature = "emulated")]
+        mod emulated {
+            fn image() -> sim::Backend {
+                let path = std::env::var("OMNIBUS_ELF")
+                    .expect("OMNIBUS_ELF names a release image; cargo xtask test sets it");
+                let image = emulator::Firmware::load(&path);
+                sim::Backend::Emulator(image.unwrap_or_else(|error| panic!("{path}: {error}")))
+            }
+
+            $(#[test] fn $rule() { super::$rule(&image()); })*
+        }
+    };
+}
+
+rules! {
+    rule_1_twist_is_latched_at_sync_and_published_with_its_sequence
+    rule_1_permitted_scale_is_that_of_its_own_wheels
+    rule_2_twist_takes_effect_at_the_next_sync
+    rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape
+    rule_3_a_missing_member_stops_the_others_by_ramp
+    rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp
+    rule_3_a_member_in_fault_stops_the_others_by_ramp
+    rule_3_a_member_with_another_sequence_stops_the_others_by_ramp
+    rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp
+    rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp
+    rule_4_loss_of_sync_is_the_same_ramp
+    rule_4_an_overdue_setpoint_is_the_same_ramp
+    rule_4_restart_needs_an_nmt_start
+    rule_4_restart_needs_a_new_sequence
+    rule_5_disagreement_of_the_members_is_a_limit_then_a_fault
+    rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off
+}

@@ -1,0 +1,129 @@
+//! One cause, from driving to standstill, with a group of three emulated robots.
+//!
+//! The group drives straight ahead at [`SPEED`]. The cause appears 1 ms after a SYNC and the heartbeat: the worst
+//! moment for a time-out. From then on the outputs of the watched robot are looked at every [`STEP_US`]: a cut is the
+//! moment the bridges are off; a ramp is the moment the mean duty of three wheels falls below everything it was in
+//! the [`BEFORE_MS`] before, by [`VISIBLE`]. (The fourth wheel is the one that fails, in some causes.) Then the robot
+//! must come to rest with drivers off and brake engaged, have said why, and stay so until the end.
+
+use anyhow::{Context as _, bail, ensure};
+use canopen::NmtCommand;
+use emulator::Firmware;
+use group::GroupFile;
+use kinematics::Twist;
+use omnibus::session::Group;
+use omnibus::sim_link::SimLink;
+use protocol::{Fault, MemberState, Reaction};
+use sim::rig::{Rig, STEP_US};
+use sim::{Backend, Options, RobotTruth, World};
+
+use super::causes::{Trial, WATCHED};
+
+/// Speed ahead, m/s.
+const SPEED: f32 = 0.6;
+/// Time to get ready after the start, and to reach the speed and settle, ms.
+const READY_MS: u64 = 60;
+const SETTLE_MS: u64 = 600;
+/// Time over which the duty before the cause is looked at, ms.
+const BEFORE_MS: u64 = 100;
+/// A fall of the duty that is no noise. A ramp with the groups' jerk of 100 m/s^3 has taken this off by
+/// feedforward alone after 0.4 ms: J R / K / U * j / r * t = 0.00625 * 656 * t.
+const VISIBLE: f64 = 0.0015;
+/// Longest wait for a reaction, and for rest and the announcement after it, ms.
+const REACTION_MS: u64 = 1_000;
+const REST_MS: u64 = 800;
+
+/// What was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// From the cause to the beginning of the reaction, ms.
+    pub reaction_ms: f64,
+    /// From the cause to the end of the emergency message, ms.
+    pub emergency_ms: f64,
+    /// From the cause to drivers off and brake engaged, ms.
+    pub rest_ms: f64,
+}
+
+/// Measures one cause, whose reaction must be of this kind and which must be announced so.
+pub fn measure(
+    group: &GroupFile,
+    firmware: &Firmware,
+    trial: Trial,
+    announced: Fault,
+    reaction: Reaction,
+) -> anyhow::Result<Measured> {
+    let node = group.robots.get(WATCHED).context("no robots")?.node;
+    let mut rig = driving(group, firmware)?;
+    rig.run_to_phase(100, 1)?;
+    let mut before = f64::INFINITY;
+    for _ in 0..BEFORE_MS * 1_000 / STEP_US {
+        rig.step()?;
+        before = before.min(effort(&watched(&rig)?));
+    }
+    let announced_before = rig.emergencies(node).count();
+    trial.begin(&mut rig)?;
+    let began = rig.world.now().0;
+    let since = |rig: &Rig| (rig.world.now().0 - began) as f64 / 1e3;
+
+    let cuts = reaction == Reaction::Cut;
+    let (mut reaction, mut rest) = (None, None);
+    while rest.is_none() || since(&rig) < reaction.unwrap_or(0.0) + REST_MS as f64 {
+        let robot = watched(&rig)?;
+        let off = !robot.drivers_enabled;
+        if reaction.is_none() && (off || effort(&robot) < before - VISIBLE) {
+            ensure!(
+                off || !cuts,
+                "the drivers are still on while the duty falls"
+            );
+            ensure!(!off || cuts, "the drivers are off without a ramp");
+            reaction = Some(since(&rig));
+        }
+        let at_rest = off && !robot.brake_released;
+        ensure!(rest.is_none() || at_rest, "came on again without a start");
+        if rest.is_none() && at_rest {
+            rest = Some(since(&rig));
+        }
+        if since(&rig) > (REACTION_MS + REST_MS) as f64 {
+            bail!("no rest within {} ms", REACTION_MS + REST_MS);
+        }
+        rig.step()?;
+    }
+    let emergency = rig.emergencies(node).nth(announced_before);
+    let (announced_at, code) = emergency.context("announces nothing")?;
+    ensure!(code == announced.code(), "announces 0x{code:04X}");
+    Ok(Measured {
+        reaction_ms: reaction.context("no reaction")?,
+        emergency_ms: announced_at.0.saturating_sub(began) as f64 / 1e3,
+        rest_ms: rest.context("no rest")?,
+    })
+}
+
+/// Boots, configures and starts a group and brings it to speed.
+fn driving(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Rig> {
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let world = World::new(group, Backend::Emulator(firmware.clone()), options)?;
+    let mut link = SimLink::new(world, "faults");
+    Group::connect(&mut link, group)?.configure(true)?;
+    let mut rig = Rig::new(link.world, group);
+    rig.run(READY_MS)?;
+    rig.command(NmtCommand::Start, None);
+    rig.run(READY_MS)?;
+    rig.twist = Some(Twist::new(SPEED, 0.0, 0.0));
+    rig.run(SETTLE_MS)?;
+    ensure!(rig.all_are(MemberState::Moving), "the group does not drive");
+    Ok(rig)
+}
+
+fn watched(rig: &Rig) -> anyhow::Result<RobotTruth> {
+    let truth = rig.world.truth();
+    truth.robots.get(WATCHED).copied().context("no robots")
+}
+
+/// Mean duty of the wheels that do not fail.
+fn effort(robot: &RobotTruth) -> f64 {
+    let [_, front_right, rear_left, rear_right] = robot.duties;
+    (front_right + rear_left + rear_right) / 3.0
+}

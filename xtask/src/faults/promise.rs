@@ -1,0 +1,75 @@
+//! What `docs/safety.md` promises: its table of causes, read so that nothing is written down twice.
+
+use anyhow::{Context as _, ensure};
+use protocol::Fault;
+
+/// One row of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Promise {
+    /// Number of the cause.
+    pub number: u8,
+    /// The cause in words.
+    pub cause: String,
+    /// What the robot announces.
+    pub fault: Fault,
+    /// The reaction in words.
+    pub reaction: String,
+    /// Longest time to the beginning of the reaction, ms; not every row promises one.
+    pub millis: Option<f64>,
+}
+
+/// The promises on a page, by number.
+pub fn read(page: &str) -> anyhow::Result<Vec<Promise>> {
+    let rows: Vec<Promise> = page
+        .lines()
+        .filter_map(|line| {
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let number = cells.get(1)?.parse().ok()?;
+            Some(row(number, &cells).with_context(|| format!("row {number} of docs/safety.md")))
+        })
+        .collect::<anyhow::Result<_>>()?;
+    ensure!(!rows.is_empty(), "docs/safety.md has no table of causes");
+    Ok(rows)
+}
+
+fn row(number: u8, cells: &[&str]) -> anyhow::Result<Promise> {
+    let cell = |n: usize| cells.get(n).copied().context("a cell is missing");
+    let code = cell(3)?;
+    let (digits, name) = code.split_once(' ').context("no code and name")?;
+    let value = u16::from_str_radix(digits.trim_start_matches("0x"), 16)?;
+    let fault = Fault::from_code(value).context("not a code of the protocol")?;
+    ensure!(fault.name() == name, "{value:#06x} is {}", fault.name());
+    let time = cell(5)?;
+    let millis = match time.strip_suffix(" ms") {
+        Some(number) => Some(number.parse()?),
+        None => None,
+    };
+    Ok(Promise {
+        number,
+        cause: cell(2)?.to_owned(),
+        fault,
+        reaction: cell(4)?.to_owned(),
+        millis,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_of_the_protocol_has_its_row() {
+        let promises = read(include_str!("../../../docs/safety.md")).unwrap();
+        let faults: Vec<Fault> = promises.iter().map(|promise| promise.fault).collect();
+        for fault in Fault::ALL {
+            assert!(faults.contains(fault), "{}", fault.name());
+        }
+        let stop = promises.iter().find(|p| p.number == 15).unwrap();
+        assert_eq!((stop.fault, stop.millis), (Fault::EmergencyStop, Some(1.0)));
+    }
+
+    #[test]
+    fn a_name_that_is_not_its_code_is_refused() {
+        assert!(read("| 1 | silence | 0x8130 SyncLost | ramp | 501 ms | |").is_err());
+    }
+}
