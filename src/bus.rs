@@ -8,7 +8,7 @@
 //! which also says when to come back from bus-off. Events are logged; nothing is decided here.
 //!
 //! It also stores the parameters when the bus side hands out an image, which it does only while the outputs are off.
-//! Until that is done the program stands still: 2 ms as a rule, up to 0.8 s when a sector has to be erased. Frames lost
+//! Until that is done no other task runs here: 2 ms as a rule, up to a second when a sector has to be erased. Frames lost
 //! meanwhile are counted, but no fault.
 
 use core::future::pending;
@@ -20,7 +20,7 @@ use embassy_time::{Duration, Instant, Timer};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
-use crate::board::flash::ParameterFlash;
+use crate::board::flash::{ParameterFlash, patiently};
 use crate::board::now;
 use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, REPORT, SYNC};
 use crate::led::{self, Pattern};
@@ -100,13 +100,13 @@ fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
         return false;
     };
     defmt::info!("storing {=usize} bytes", image.len());
-    if store.save(image).is_ok() {
+    if patiently(|| store.save(image)).is_ok() {
         side.finish_store(Ok(()));
         return true;
     }
     defmt::error!("storing failed");
     let mut buffer = [0; store::BUFFER];
-    side.finish_store(Err(match store.load(&mut buffer) {
+    side.finish_store(Err(match patiently(|| store.load(&mut buffer)) {
         Ok(Some(image)) => Stored::Image(image),
         Ok(None) => Stored::Nothing,
         Err(_) => Stored::Unreadable,

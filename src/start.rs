@@ -9,7 +9,7 @@ use embassy_executor::Spawner;
 use protocol::Fault;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::board::flash::{PARAMETERS, ParameterFlash};
+use crate::board::flash::{PARAMETERS, ParameterFlash, patiently};
 use crate::board::{Board, ResetCause, executors, now, post_mortem};
 use crate::store::{self, Store};
 use crate::{bus, control, health, led, watchdog};
@@ -33,7 +33,7 @@ fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'stat
 #[inline(never)]
 fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
     let mut buffer = [0; store::BUFFER];
-    let stored = match store.load(&mut buffer) {
+    let stored = match patiently(|| store.load(&mut buffer)) {
         Ok(Some(image)) => Stored::Image(image),
         Ok(None) => Stored::Nothing,
         Err(_) => Stored::Unreadable,

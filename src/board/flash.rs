@@ -2,9 +2,10 @@
 //!
 //! The chip has one bank: while a word is programmed (16 us) or a sector erased (16 KiB: 250 ms typically, 800 ms at
 //! most at 8 bits parallelism, data sheet DS10693 rev 10 table 49) it executes nothing. For that long no interrupt is
-//! served, frames that do not fit into the CAN controller's FIFO are lost, and the local time stands still but for the
-//! timer's own period. So this may be used only while the outputs are off, and the watchdog, which cannot be stopped,
-//! is given more time for an erase.
+//! served, and frames that do not fit into the CAN controller's FIFO are lost; during an erase the local time stands
+//! still. Between the operations interrupts are served, but no other task of the bus executor runs, and
+//! clearing up a full sector takes the store up to 400 ms of computing. So this may be used only while the outputs are
+//! off, and the watchdog, which cannot be stopped, is given more time by [`patiently`].
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Bank1Region1, Blocking, Error, Flash};
@@ -16,9 +17,10 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 /// Offset of the first of the two sectors; `__parameters_start` in `memory.x`.
 pub const PARAMETERS: u32 = 0x4000;
 
-/// Watchdog time for an erase: 32 kHz / 16 / 3000 is 1.5 s, and no less than 1.02 s for the fastest LSI, 47 kHz.
-const ERASE_PRESCALER: Pr = Pr::DIVIDE_BY16;
-const ERASE_RELOAD: u16 = 3000 - 1;
+/// Watchdog time meanwhile: 32 kHz / 32 / 3000 is 3 s, and no less than 2.04 s for the fastest LSI, 47 kHz. Two erases at
+/// 800 ms each, and the computing.
+const PRESCALER: Pr = Pr::DIVIDE_BY32;
+const RELOAD: u16 = 3000 - 1;
 
 /// Flash sectors 0 to 3.
 pub struct ParameterFlash(Bank1Region1<'static, Blocking>);
@@ -55,16 +57,16 @@ impl NorFlash for ParameterFlash {
     const ERASE_SIZE: usize = 0x4000;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        let watchdog = pac::IWDG;
-        let normal = (watchdog.pr().read().pr(), watchdog.rlr().read().rl());
-        set_watchdog(ERASE_PRESCALER, ERASE_RELOAD);
+        // The local time counts this timer's overflows in an interrupt. If it missed some, the time and the timer would
+        // be half a period apart for ever after, and every alarm 33 ms off; so the time stands still.
+        pac::TIM9.cr1().modify(|w| w.set_cen(false));
         let result = self.0.blocking_erase(from, to);
+        pac::TIM9.cr1().modify(|w| w.set_cen(true));
         // 3.4.2: the data cache does not notice an erase.
         pac::FLASH.acr().modify(|w| w.set_dcen(false));
         pac::FLASH.acr().modify(|w| w.set_dcrst(true));
         pac::FLASH.acr().modify(|w| w.set_dcrst(false));
         pac::FLASH.acr().modify(|w| w.set_dcen(true));
-        set_watchdog(normal.0, normal.1);
         result
     }
 
@@ -73,9 +75,21 @@ impl NorFlash for ParameterFlash {
     }
 }
 
+/// Does something that takes long, with the watchdog's time extended. It is fed before and after.
+pub fn patiently<T>(f: impl FnOnce() -> T) -> T {
+    let watchdog = pac::IWDG;
+    let normal = (watchdog.pr().read().pr(), watchdog.rlr().read().rl());
+    set_watchdog(PRESCALER, RELOAD);
+    let result = f();
+    set_watchdog(normal.0, normal.1);
+    result
+}
+
 /// Gives the watchdog another time and feeds it. Takes up to five LSI cycles.
 fn set_watchdog(prescaler: Pr, reload: u16) {
     let watchdog = pac::IWDG;
+    // Fed first: the time that has passed must not count against a shorter one.
+    watchdog.kr().write(|w| w.set_key(Key::RESET));
     watchdog.kr().write(|w| w.set_key(Key::ENABLE));
     watchdog.pr().write(|w| w.set_pr(prescaler));
     watchdog.rlr().write(|w| w.set_rl(reload));
