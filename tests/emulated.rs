@@ -19,9 +19,17 @@ const MEAN_RATE: f64 = 0.002;
 /// Largest strain either may put on the load; 70 ppm lie between the robots' crystals.
 const SHAPE_MM: f64 = 1.0;
 
+/// Largest difference in displacement between f32 and fixed-point kinematics: 0.05 % of the farthest point.
+const SCALAR_SHARE: f64 = 5e-4;
+
 fn image() -> emulator::Firmware {
-    let path =
-        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
+    named_image("OMNIBUS_ELF")
+}
+
+/// The image a variable of the environment names.
+fn named_image(variable: &str) -> emulator::Firmware {
+    let path = std::env::var(variable)
+        .unwrap_or_else(|_| panic!("{variable} names a release image; cargo xtask test sets it"));
     emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
@@ -82,6 +90,29 @@ fn native_and_emulated_robots_agree() {
     for drive in [native, emulated] {
         assert!(drive.world.worst_shape_error_mm() < SHAPE_MM);
     }
+}
+
+/// The image whose kinematics run in fixed point goes where the one in f32 goes.
+#[test]
+fn fixed_point_and_f32_agree() {
+    let single = driven(Backend::Emulator(image()));
+    let fixed = driven(Backend::Emulator(named_image("OMNIBUS_ELF_FIXED")));
+    assert_eq!(single.truth.len(), fixed.truth.len());
+    let (mut apart, mut far) = (0.0f64, 0.0f64);
+    let from = single.truth[0].group;
+    for (s, f) in single.truth.iter().zip(&fixed.truth) {
+        apart = apart.max((s.group.x - f.group.x).hypot(s.group.y - f.group.y));
+        far = far.max((s.group.x - from.x).hypot(s.group.y - from.y));
+    }
+    println!(
+        "f32 against fixed point: {:.3} mm apart, {far:.2} m from the start",
+        apart * 1e3
+    );
+    assert!(
+        apart > 0.0,
+        "two images that move alike to the bit are one image"
+    );
+    assert!(apart < SCALAR_SHARE * far, "{apart} m of {far} m");
 }
 
 /// The same bytes at the same times, and the same bridges, on one thread and on two.

@@ -563,3 +563,34 @@ fn stop_mode_is_refused() {
         .unwrap_err();
     assert!(stop.to_string().contains("SLEEPDEEP"), "{stop}");
 }
+
+/// The instruction that makes the interrupt pending may be in the block itself.
+#[test]
+fn an_it_block_that_pends_an_interrupt_goes_on_with_its_condition() {
+    for reference_core in [false, true] {
+        let mut code = Code::default();
+        code.store(NVIC_ISER0, 1 << 28);
+        code.load(0, 0xE000_E200); // NVIC_ISPR0
+        code.load(1, 1 << 28);
+        code.load(4, RAM + 16);
+        code.0.extend([0x2200, 0x2300]); // MOVS r2, #0; MOVS r3, #0
+        code.0.push(0x2A00); // CMP r2, #0: equal
+        code.0.push(0xBF06); // ITTE EQ
+        code.0.push(0x6001); // STREQ r1, [r0]: the interrupt comes after this
+        code.0.push(0x3301); // ADDEQ r3, #1
+        code.0.push(0x3302); // ADDNE r3, #2
+        code.0.push(0x6023); // STR r3, [r4]
+        code.branch_to_itself();
+        let handler = code.here();
+        code.count(RAM);
+        code.ret();
+        let config = BoardConfig {
+            reference_core,
+            ..BoardConfig::default()
+        };
+        let mut board = code.board(handler, config);
+        board.run_until(1_000_000).unwrap();
+        assert_eq!(board.read_word(RAM), Some(1));
+        assert_eq!(board.read_word(RAM + 16), Some(1));
+    }
+}

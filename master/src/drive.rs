@@ -303,6 +303,7 @@ pub fn report(group: &GroupFile, curve: Curve, backend: BackendName, runs: Vec<R
     });
     Report {
         backend,
+        scalar: None,
         config: group.name.clone(),
         trajectory: curve.name().into(),
         robots: robots.collect(),

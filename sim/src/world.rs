@@ -94,7 +94,7 @@ struct Unit {
     connected: bool,
 }
 
-/// See the [module](self).
+/// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this file.
 pub struct World {
     now_ns: u64,
     options: Options,

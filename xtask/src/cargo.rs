@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, bail};
+use omnibus::report::Scalar;
 
 /// The target of the firmware.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
@@ -73,13 +74,15 @@ pub fn ensure_target() -> anyhow::Result<()> {
     })
 }
 
-/// Builds the firmware, then runs all tests of the workspace with the firmware's path at hand.
+/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at hand.
 pub fn test(rest: &[String]) -> anyhow::Result<()> {
-    let elf = crate::firmware::build()?;
+    let elf = crate::firmware::build(Scalar::F32)?;
+    let fixed = crate::firmware::build(Scalar::Fixed)?;
     let mut command = command();
     command
         .args(["test", "--workspace", "--features", IMAGE_TESTS])
         .args(rest)
-        .env("OMNIBUS_ELF", elf);
+        .env("OMNIBUS_ELF", elf)
+        .env("OMNIBUS_ELF_FIXED", fixed);
     run(&mut command)
 }

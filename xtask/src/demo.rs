@@ -13,7 +13,7 @@ use omnibus::abort::Abort;
 use omnibus::curve::Curve;
 use omnibus::drive::{self, Drive, DriveError};
 use omnibus::error::MasterError;
-use omnibus::report::{self, BackendName, Run};
+use omnibus::report::{self, BackendName, Run, Scalar};
 
 use crate::{cargo, firmware};
 
@@ -29,6 +29,9 @@ pub struct Arguments {
     /// What the robots run on.
     #[arg(long, value_enum, default_value_t = BackendName::Emulator)]
     backend: BackendName,
+    /// What the robots compute their kinematics in; fixed point only in the emulator.
+    #[arg(long, value_enum, default_value_t = Scalar::F32)]
+    scalar: Scalar,
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
@@ -49,11 +52,16 @@ fn group_file(config: &str) -> PathBuf {
 
 /// Builds, drives, reports.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.scalar == Scalar::Fixed && arguments.backend != BackendName::Emulator {
+        anyhow::bail!(
+            "--scalar fixed: native robots are compiled for f32; use --backend emulator with it"
+        );
+    }
     // A group file with a mistake is refused before anything is built or moved.
     let path = group_file(&arguments.config);
     let group = group::GroupFile::load(&path)?;
     let elf = match arguments.backend {
-        BackendName::Emulator => Some(firmware::build()?),
+        BackendName::Emulator => Some(firmware::build(arguments.scalar)?),
         BackendName::Native | BackendName::Robots => None,
     };
     let folder = cargo::target_folder().join("demo");
@@ -96,7 +104,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     });
     let runs = finished([off, on])?;
 
-    let report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
+    let mut report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
+    report.scalar = Some(arguments.scalar);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;
     write(

@@ -9,6 +9,8 @@ use std::process::Stdio;
 use anyhow::{Context as _, bail};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
 
+use omnibus::report::Scalar;
+
 use crate::cargo;
 
 /// Start of the flash, where the core reads its vector table (RM0390 rev 6, 2.4).
@@ -19,12 +21,23 @@ const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
 const BINARY: &str = "omnibus-firmware";
 
 /// Builds the release image for the board and returns its path.
-pub fn build() -> anyhow::Result<PathBuf> {
+///
+/// The image with fixed-point kinematics is built in a folder of its own, so that nobody finds it where the one that
+/// ships is expected.
+pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     cargo::ensure_target()?;
-    let output = cargo::command()
+    let mut command = cargo::command();
+    command
         .args(["build", "--release", "--package", BINARY, "--bin", BINARY])
         .args(["--target", cargo::TARGET])
-        .arg("--message-format=json-render-diagnostics")
+        .arg("--message-format=json-render-diagnostics");
+    if scalar == Scalar::Fixed {
+        let folder = cargo::target_folder().join("fixed-point");
+        command
+            .args(["--features", "fixed-point", "--target-dir"])
+            .arg(folder);
+    }
+    let output = command
         .stderr(Stdio::inherit())
         .output()
         .context("cannot start cargo")?;

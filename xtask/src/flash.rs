@@ -4,6 +4,8 @@ use std::process::{Command, Stdio};
 
 use anyhow::bail;
 
+use omnibus::report::Scalar;
+
 use crate::{cargo, firmware};
 
 /// The chip of the reference board, as probe-rs names it.
@@ -35,7 +37,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
              and, on Linux, its udev rules: https://probe.rs/docs/getting-started/probe-setup/"
         );
     }
-    let elf = firmware::build()?;
+    let elf = firmware::build(Scalar::F32)?;
     let mut command = Command::new("probe-rs");
     command
         .arg(if arguments.log { "run" } else { "download" })

@@ -7,6 +7,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use omnibus::report::Scalar;
 
 mod cargo;
 mod check;
@@ -49,9 +50,9 @@ fn run(task: Task) -> anyhow::Result<()> {
     match task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { rest } => cargo::test(&rest),
-        Task::Size => firmware::print_size(&firmware::build()?),
+        Task::Size => firmware::print_size(&firmware::build(Scalar::F32)?),
         Task::Flash(arguments) => flash::run(&arguments),
-        Task::CheckElf => firmware::check(&firmware::build()?),
+        Task::CheckElf => firmware::check(&firmware::build(Scalar::F32)?),
         Task::CheckDemo { json } => check::demo(&json),
     }
 }

@@ -6,16 +6,22 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
+use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::xpsr;
 
 use super::Board;
 use crate::fast::Memory;
+use crate::rtt::RAM_BASE;
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
 use crate::system::rcc;
 
 /// Core cycles after which a running core is looked at although nothing happened: 11 us at 180 MHz.
 const LOOK_CYCLES: u64 = 2_000;
+/// EXC_RETURN: the frame lies on the process stack.
+const EXC_RETURN_PSP: u32 = 1 << 2;
+/// Where xPSR lies in the frame of an exception.
+const STACKED_XPSR: u64 = 28;
 /// SCR: sleep means stop or standby mode.
 const SLEEPDEEP: u32 = 1 << 2;
 
@@ -88,7 +94,6 @@ impl Board {
         } else {
             self.execute_fast(limit, drowsy);
         }
-        self.finish_it_block();
         if self.cpu.reset_requested() {
             self.system_reset(rcc::cause::SOFTWARE);
         } else if self.config.stop_on_hard_fault && self.cpu.current_exception().0 == 3 {
@@ -97,28 +102,37 @@ impl Board {
         }
     }
 
-    /// Steps to the end of an IT block, so that no event and nothing from outside makes an exception pending inside
-    /// one: the core (`rsemu` 0.0.7, `exception_entry`) stacks xPSR without ITSTATE, and what is left of the block
-    /// would run unconditionally after the return. At most four instructions.
-    fn finish_it_block(&mut self) {
-        for _ in 0..4 {
-            if self.cpu.regs().xpsr & xpsr::IT_MASK == 0 {
-                break;
+    /// One step of the reference core: an instruction, or the entry into an exception handler; and which.
+    ///
+    /// An exception can come between the instructions of an IT block. What is left of the block (ITSTATE) is then
+    /// kept in the stacked xPSR, and the exception return goes on with it (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it
+    /// as zero, after which the rest of the block would run whatever its condition; so it is put there here.
+    fn step(&mut self) -> (u64, bool) {
+        let left = self.cpu.xpsr() & xpsr::IT_MASK;
+        let cycles = self.cpu.step();
+        let entered = cycles >= 12 && self.entered_exception();
+        if left != 0 && entered {
+            let regs = self.cpu.regs();
+            let on_psp = regs.r[14] & EXC_RETURN_PSP != 0;
+            let frame = if on_psp { regs.psp } else { regs.msp };
+            let at = u64::from(frame.wrapping_sub(RAM_BASE)) + STACKED_XPSR;
+            // A frame outside RAM has not been stacked in the first place.
+            if let Ok(word) = self.ram.read_value(at, Width::U32, Endian::Little) {
+                let word = word | u64::from(left);
+                let _ = self.ram.write_value(at, Width::U32, word, Endian::Little);
             }
-            self.now += self.cpu.step();
-            self.instructions += 1;
-            self.shared.now.store(self.now, Relaxed);
         }
+        (cycles, entered)
     }
 
     /// Plain instructions on the fast path, the others one by one on the reference core.
     fn execute_fast(&mut self, limit: u64, mut drowsy: bool) {
-        let memory = Memory {
-            ram: &self.ram,
-            flash: &self.flash,
-            shared: &self.shared,
-        };
         loop {
+            let memory = Memory {
+                ram: &self.ram,
+                flash: &self.flash,
+                shared: &self.shared,
+            };
             let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, limit);
             self.now = now;
             self.instructions += instructions;
@@ -126,7 +140,7 @@ impl Board {
                 break;
             }
             self.shared.lines_changed.store(false, Relaxed);
-            let cycles = self.cpu.step();
+            let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
@@ -136,7 +150,6 @@ impl Board {
                 break;
             }
             drowsy = asleep;
-            let entered = cycles >= 12 && self.entered_exception();
             self.instructions += u64::from(!entered);
             if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
@@ -147,7 +160,7 @@ impl Board {
     fn execute_slowly(&mut self, limit: u64, mut drowsy: bool) {
         loop {
             self.shared.lines_changed.store(false, Relaxed);
-            let cycles = self.cpu.step();
+            let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             let asleep = cycles == 1 && (self.cpu.is_asleep() || self.cpu.is_locked_up());
@@ -156,7 +169,6 @@ impl Board {
                 break;
             }
             drowsy = asleep;
-            let entered = cycles >= 12 && self.entered_exception();
             self.instructions += u64::from(!entered);
             if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
@@ -168,7 +180,7 @@ impl Board {
         while self.now < limit {
             let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
             self.shared.lines_changed.store(false, Relaxed);
-            let cycles = self.cpu.step();
+            let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
             if cycles == 1
@@ -178,7 +190,6 @@ impl Board {
                 self.asleep = true;
                 break;
             }
-            let entered = cycles >= 12 && self.entered_exception();
             self.instructions += u64::from(!entered);
             if let Some(profile) = &mut self.profile {
                 profile.count(&self.firmware, (pc, sp), cycles, entered);

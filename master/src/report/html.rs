@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::chart::{Chart, ChartError};
-use super::{Report, charts, paper_table_6, table::load, table::percent};
+use super::{Report, Scalar, charts, paper_table_6, table::load, table::percent};
 
 const STYLE: &str = "
 :root{color-scheme:light}
@@ -125,9 +125,13 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     );
     let _ = write!(
         out,
-        "<p class=\"lead\">Group <code>{}</code> on the <code>{}</code> backend.</p>",
+        "<p class=\"lead\">Group <code>{}</code> on the <code>{}</code> backend{}.</p>",
         escape(&report.config),
         report.backend.word(),
+        match report.scalar {
+            Some(Scalar::Fixed) => ", kinematics in fixed point",
+            Some(Scalar::F32) | None => "",
+        },
     );
     out.push_str("<div class=\"cards\">");
     let mut card = |value: String, text: &str| {

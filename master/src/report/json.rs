@@ -3,7 +3,7 @@
 
 use serde::Serialize;
 
-use super::Report;
+use super::{Report, Scalar};
 
 #[derive(Serialize)]
 struct Run {
@@ -17,6 +17,8 @@ struct Run {
 #[derive(Serialize)]
 struct Document<'a> {
     backend: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scalar: Option<&'static str>,
     config: &'a str,
     trajectory: &'a str,
     robots: usize,
@@ -35,6 +37,7 @@ fn rounded(value: f64) -> f64 {
 pub fn to_json(report: &Report) -> String {
     let document = Document {
         backend: report.backend.word(),
+        scalar: report.scalar.map(Scalar::word),
         config: &report.config,
         trajectory: &report.trajectory,
         robots: report.robots.len(),

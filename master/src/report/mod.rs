@@ -71,6 +71,32 @@ impl std::fmt::Display for BackendName {
     }
 }
 
+/// What the robots compute their kinematics in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Scalar {
+    /// Single precision, on the floating-point unit.
+    F32,
+    /// 32-bit fixed point, `I16F16`.
+    Fixed,
+}
+
+impl Scalar {
+    /// The word used on the command line and in JSON.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
+impl std::fmt::Display for Scalar {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
 /// A robot as drawn on the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
@@ -89,6 +115,8 @@ pub struct Outline {
 pub struct Report {
     /// What the robots ran on.
     pub backend: BackendName,
+    /// What they computed in; `None` where nobody can tell from outside.
+    pub scalar: Option<Scalar>,
     /// Name of the group.
     pub config: String,
     /// Name of the curve.
