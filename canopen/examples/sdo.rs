@@ -39,7 +39,7 @@ fn main() -> std::io::Result<()> {
     let node = arguments.next().and_then(|node| node.parse().ok());
     let node = node.and_then(NodeId::new).unwrap_or(NodeId::MIN);
     let mut bus = slcan::Slcan::listen(&address)?;
-    let mut client = SdoClient::new(node, Micros::from_millis(500));
+    let mut client = SdoClient::new(node, Micros::from_millis(2_000));
     while !bus.has_client() {
         bus.receive();
     }

@@ -1,5 +1,7 @@
 """A python-canopen LocalNode as the foreign device our SDO client reads and writes, over slcan on TCP.
 
+`cargo xtask interop` runs it. By hand:
+
     cargo build -p omnibus-canopen --example sdo
     .venv/bin/python canopen/interop/test_client.py target/debug/examples/sdo
 

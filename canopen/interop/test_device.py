@@ -1,11 +1,14 @@
 """python-canopen as the master of the `interop` example, over slcan on TCP.
 
+`cargo xtask interop` runs it. By hand:
+
     cargo build -p omnibus-canopen --example interop
-    python3 -m venv .venv && .venv/bin/pip install -r canopen/interop/requirements.txt
+    python3 -m venv .venv && .venv/bin/pip install -r tests/interop/requirements.txt
     .venv/bin/python canopen/interop/test_device.py target/debug/examples/interop
 
 Every test starts its own device. Nobody sleeps for synchronisation: tests wait for frames, and the
-few that wait for silence wait longer than the device could take.
+few that wait for silence wait longer than the device could take. On a busy machine a test takes longer; it does
+not fail.
 """
 
 import os
@@ -21,6 +24,8 @@ import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes as t
 
 NODE = 5
+PATIENCE = 30
+"""Seconds to wait for what must come."""
 BINARY = "target/debug/examples/interop"
 
 
@@ -88,7 +93,7 @@ def free_port():
 
 
 def wait_for_port(port):
-    for _ in range(500):
+    for _ in range(100 * PATIENCE):
         with socket.socket() as s:
             if s.connect_ex(("127.0.0.1", port)) == 0:
                 return
@@ -113,6 +118,7 @@ class Case(unittest.TestCase):
         channel = f"socket://127.0.0.1:{port}"
         self.network.connect(interface="slcan", channel=channel, sleep_after_open=0)
         self.node = self.network.add_node(NODE, dictionary())
+        self.node.sdo.RESPONSE_TIMEOUT = PATIENCE
 
     def stop(self):
         self.network.disconnect()
@@ -129,7 +135,7 @@ class Case(unittest.TestCase):
 
     def emergency(self, code):
         """The next emergency message with this code, be it here already or not."""
-        for _ in range(200):
+        for _ in range(100 * PATIENCE):
             while self.node.emcy.log:
                 emergency = self.node.emcy.log.pop(0)
                 if emergency.code == code:
@@ -150,15 +156,16 @@ class Network(Case):
         self.network.subscribe(0x700 + NODE, lambda _id, data, _t: frames.append(bytes(data)))
         self.network.nmt.send_command(0x82)
         while b"\0" not in frames:
-            nmt.wait_for_heartbeat(2)
+            nmt.wait_for_heartbeat(PATIENCE)
         for state in ["OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL"]:
             nmt.state = state
-            nmt.wait_for_heartbeat(2)
-            nmt.wait_for_heartbeat(2)
+            nmt.wait_for_heartbeat(PATIENCE)
+            nmt.wait_for_heartbeat(PATIENCE)
             self.assertEqual(nmt.state, state)
 
     def test_nothing_but_heartbeat_when_stopped(self):
         self.node.nmt.state = "STOPPED"
+        self.node.sdo.RESPONSE_TIMEOUT = 0.3
         with self.assertRaises(canopen.SdoCommunicationError):
             self.node.sdo[0x1000].raw
 
@@ -171,6 +178,7 @@ class Network(Case):
         self.assertEqual(self.node.sdo[0x1003][1].raw & 0xFFFF, 0x8130)
         self.network.send_message(0x77F, [5])
         self.assertEqual(self.emergency(0).register, 0)
+        self.node.sdo[0x1016][1].raw = 0
         self.node.sdo[0x1003][0].raw = 0
         self.assertEqual(self.node.sdo[0x1003][0].raw, 0)
 
@@ -179,7 +187,7 @@ class Network(Case):
         self.node.nmt.state = "OPERATIONAL"
         self.network.send_message(0x77F, [5])
         self.emergency(0x8130)
-        self.node.nmt.wait_for_heartbeat(2)
+        self.node.nmt.wait_for_heartbeat(PATIENCE)
         self.assertEqual(self.node.nmt.state, "PRE-OPERATIONAL")
 
 
@@ -239,7 +247,7 @@ class Sdo(Case):
 class Pdo(Case):
     def test_setpoint_sync_setpoint_applies_the_first(self):
         self.node.nmt.state = "OPERATIONAL"
-        self.node.nmt.wait_for_heartbeat(2)
+        self.node.nmt.wait_for_heartbeat(PATIENCE)
         self.node.tpdo.read()
         received = queue.Queue()
         self.node.tpdo[1].add_callback(lambda tpdo: received.put(tpdo[0].raw))
@@ -247,7 +255,7 @@ class Pdo(Case):
             self.network.send_message(0x205, (2 * value).to_bytes(2, "little"))
             self.network.sync.transmit()
             self.network.send_message(0x205, (2 * value + 1).to_bytes(2, "little"))
-            self.assertEqual(received.get(timeout=2), 2 * value)
+            self.assertEqual(received.get(timeout=PATIENCE), 2 * value)
 
     def test_a_master_can_map_anew(self):
         self.node.tpdo.read()
@@ -293,20 +301,22 @@ class Pdo(Case):
         tpdo.save()
         self.node.nmt.state = "OPERATIONAL"
         for _ in range(5):
-            self.assertIsNotNone(tpdo.wait_for_reception(2))
+            self.assertIsNotNone(tpdo.wait_for_reception(PATIENCE))
         self.node.sdo[0x1800 + 1][5].raw = 0
         self.node.sdo[0x2000].raw = 0x4321
-        for _ in range(3):
-            tpdo.wait_for_reception(0.2)
+        for _ in range(10 * PATIENCE):
+            if tpdo[0].raw != 0x4321:
+                tpdo.wait_for_reception(0.1)
         self.assertEqual(tpdo[0].raw, 0x4321)
 
     def test_an_rpdo_too_short_and_one_too_late(self):
-        self.node.sdo[0x1400][5].raw = 50
         self.node.nmt.state = "OPERATIONAL"
         self.network.send_message(0x205, [1])
         self.assertEqual(self.emergency(0x8210).data[:1], b"\1")
         self.network.send_message(0x205, [1, 0])
         self.assertEqual(self.emergency(0).register, 0)
+        self.node.sdo[0x1400][5].raw = 50
+        self.network.send_message(0x205, [1, 0])
         self.assertEqual(self.emergency(0x8250).data[:1], b"\1")
 
 
@@ -339,7 +349,7 @@ class Lss(Case):
         lss.configure_node_id(NODE)
         lss.store_configuration()
         lss.send_switch_state_global(lss.WAITING_STATE)
-        self.node.nmt.wait_for_heartbeat(2)
+        self.node.nmt.wait_for_heartbeat(PATIENCE)
         self.power_cycle()
         self.assertEqual(self.node.sdo[0x1018][1].raw, 0x00112233)
 

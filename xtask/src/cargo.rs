@@ -86,3 +86,13 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF_FIXED", fixed);
     run(&mut command)
 }
+
+/// Runs the CANopen device's fuzzer, which prints its figure. In the profile with all checks on.
+pub fn fuzz(frames: u64, seed: u64) -> anyhow::Result<()> {
+    let mut command = command();
+    command
+        .args(["run", "--quiet", "--package", "omnibus-canopen"])
+        .args(["--example", "fuzz", "--", "--frames", &frames.to_string()])
+        .args(["--seed", &seed.to_string()]);
+    run(&mut command)
+}

@@ -128,6 +128,30 @@ const OPTIONAL: &[Communication] = &[
         subs: &[Sub(0, "Inhibit time EMCY", U16, "rw", "0")],
     },
     Communication {
+        index: 0x1016,
+        name: "Consumer heartbeat time",
+        subs: &[
+            Sub(0, "Highest sub-index supported", U8, "const", "17"),
+            Sub(1, "Consumer heartbeat time 1", U32, "rw", "0"),
+            Sub(2, "Consumer heartbeat time 2", U32, "rw", "0"),
+            Sub(3, "Consumer heartbeat time 3", U32, "rw", "0"),
+            Sub(4, "Consumer heartbeat time 4", U32, "rw", "0"),
+            Sub(5, "Consumer heartbeat time 5", U32, "rw", "0"),
+            Sub(6, "Consumer heartbeat time 6", U32, "rw", "0"),
+            Sub(7, "Consumer heartbeat time 7", U32, "rw", "0"),
+            Sub(8, "Consumer heartbeat time 8", U32, "rw", "0"),
+            Sub(9, "Consumer heartbeat time 9", U32, "rw", "0"),
+            Sub(10, "Consumer heartbeat time 10", U32, "rw", "0"),
+            Sub(11, "Consumer heartbeat time 11", U32, "rw", "0"),
+            Sub(12, "Consumer heartbeat time 12", U32, "rw", "0"),
+            Sub(13, "Consumer heartbeat time 13", U32, "rw", "0"),
+            Sub(14, "Consumer heartbeat time 14", U32, "rw", "0"),
+            Sub(15, "Consumer heartbeat time 15", U32, "rw", "0"),
+            Sub(16, "Consumer heartbeat time 16", U32, "rw", "0"),
+            Sub(17, "Consumer heartbeat time 17", U32, "rw", "0"),
+        ],
+    },
+    Communication {
         index: 0x1017,
         name: "Producer heartbeat time",
         subs: &[Sub(0, "Producer heartbeat time", U16, "rw", "100")],
@@ -214,7 +238,7 @@ fn head<W: Write>(out: &mut W) -> Result {
     writeln!(
         out,
         "[DeviceInfo]\nVendorName=Omnibus\nVendorNumber=0\nProductName=Omnibus robot\n\
-         ProductNumber=0x4F4D4E49\nRevisionNumber={version}\nOrderCode=\n\
+         ProductNumber=0x4F4D4E49\nRevisionNumber=0x{version:04X}0000\nOrderCode=\n\
          BaudRate_10=0\nBaudRate_20=0\nBaudRate_50=0\nBaudRate_125=0\nBaudRate_250=0\n\
          BaudRate_500=0\nBaudRate_800=0\nBaudRate_1000=1\n\
          SimpleBootUpMaster=0\nSimpleBootUpSlave=1\nGranularity=8\nDynamicChannelsSupported=0\n\

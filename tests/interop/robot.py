@@ -1,0 +1,123 @@
+"""One simulated robot on a bus of its own, and python-canopen as its master.
+
+Every test starts its own world and ends it with the log complete. The environment says which: OMNIBUS_SIM is the
+simulator, OMNIBUS_BACKEND what the robot is (native, emulator), OMNIBUS_ELF the release image, OMNIBUS_LOGS where
+the candump logs go. `cargo xtask interop` sets them.
+
+The simulated time never runs faster than the clock on the wall, and on a busy machine slower. So nobody here measures
+time: a test waits for a frame, long, or proves silence by a later answer on the same bus.
+"""
+
+import configparser
+import os
+import pathlib
+import queue
+import signal
+import subprocess
+import unittest
+
+import canopen
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+EDS = ROOT / "docs" / "omnibus.eds"
+BACKEND = os.environ.get("OMNIBUS_BACKEND", "native")
+NODE = 2
+GROUP = 1
+PATIENCE = 30.0
+"""Seconds to wait for what must come."""
+
+READ_ONLY = 0x06010002
+DEVICE_STATE = 0x08000022
+
+
+def eds():
+    """The sections of the EDS, for what python-canopen does not keep."""
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.optionxform = str
+    parser.read(EDS)
+    return parser
+
+
+def section(variable):
+    """The EDS section of a python-canopen variable."""
+    whole = f"{variable.index:04X}"
+    sub = f"{whole}sub{variable.subindex:X}"
+    return sub if eds_sections.has_section(sub) else whole
+
+
+eds_sections = eds()
+
+
+def variables(od):
+    """Every variable of an object dictionary, sub-indices and all, without the dummies of the data types."""
+    for entry in (entry for entry in od.values() if entry.index >= 0x1000):
+        yield from [entry] if isinstance(entry, canopen.objectdictionary.ODVariable) else entry.values()
+
+
+class Robot(unittest.TestCase):
+    def setUp(self):
+        log = pathlib.Path(os.environ["OMNIBUS_LOGS"]) / f"{BACKEND}-{self.id()}.log"
+        arguments = [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "single.toml"]
+        arguments += ["--backend", BACKEND, "--slcan-tcp", "127.0.0.1:0", "--log", log]
+        if BACKEND == "emulator":
+            arguments += ["--elf", os.environ["OMNIBUS_ELF"]]
+        self.process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(self.end)
+        name, address = self.process.stdout.readline().split()
+        self.assertEqual(name, "slcan-tcp")
+        self.network = canopen.Network()
+        self.network.connect(interface="slcan", channel=f"socket://{address}", sleep_after_open=0)
+        self.addCleanup(self.network.disconnect)
+        self.node = self.network.add_node(NODE, str(EDS))
+        self.node.sdo.RESPONSE_TIMEOUT = PATIENCE
+        self.node.sdo.MAX_RETRIES = 0
+        self.node.nmt.wait_for_heartbeat(PATIENCE)
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        self.process.stdout.close()
+        self.assertEqual(self.process.wait(PATIENCE), 0)
+
+    def frames(self, cob_id):
+        """A queue of what comes under an identifier from now on."""
+        received = queue.Queue()
+        self.network.subscribe(cob_id, lambda _id, data, _time: received.put(bytes(data)))
+        return received
+
+    def barrier(self):
+        """What the robot sent in answer to anything before is here when this returns."""
+        self.node.sdo.upload(0x1000, 0)
+
+    def enter(self, state):
+        """Brings the robot into an NMT state and waits until it says so."""
+        heartbeats = self.frames(0x700 + NODE)
+        self.node.nmt.state = state
+        code = {"STOPPED": 4, "OPERATIONAL": 5, "PRE-OPERATIONAL": 127}[state]
+        while heartbeats.get(timeout=PATIENCE) != bytes([code]):
+            pass
+
+    def refused(self, code, action, *arguments):
+        with self.assertRaises(canopen.SdoAbortedError) as raised:
+            action(*arguments)
+        self.assertEqual(f"{raised.exception.code:08X}", f"{code:08X}")
+
+    def emergency(self, code):
+        """The next emergency message with this code, be it here already or not."""
+        self.assertIsNotNone(self.node.emcy.wait(code, PATIENCE), f"no emergency 0x{code:04X}")
+
+    def configure(self):
+        """Writes every parameter: the default of the EDS, but for the group."""
+        for variable in variables(self.node.object_dictionary):
+            if 0x2010 <= variable.index <= 0x2041 and variable.writable:
+                value = eds_sections[section(variable)]["DefaultValue"]
+                is_real = variable.data_type == canopen.objectdictionary.datatypes.REAL32
+                data = variable.encode_raw(float(value) if is_real else int(value, 0))
+                self.node.sdo.download(variable.index, variable.subindex, data)
+        self.node.sdo[0x2040][1].raw = GROUP
+        self.assertEqual(f"{self.node.sdo[0x2002][1].raw:08X}", "00000000")
+
+
+def twist(sequence, vx=0, vy=0, omega=0):
+    """A group twist; velocities in 0.0001 m/s and rad/s."""
+    fields = [value.to_bytes(2, "little", signed=True) for value in (vx, vy, omega)]
+    return b"".join(fields) + bytes([sequence & 0xFF, GROUP])

@@ -1,0 +1,161 @@
+"""Every object of docs/omnibus.eds, read from a robot and compared; every limit tried from both sides."""
+
+import math
+import struct
+import unittest
+
+from canopen.objectdictionary import datatypes as t
+
+from robot import DEVICE_STATE, NODE, READ_ONLY, Robot, eds_sections, section, variables
+
+TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
+TOO_LONG, TOO_SHORT = 0x06070012, 0x06070013
+BYTES = {
+    t.UNSIGNED8: 1,
+    t.UNSIGNED16: 2,
+    t.UNSIGNED32: 4,
+    t.INTEGER16: 2,
+    t.INTEGER24: 3,
+    t.REAL32: 4,
+}
+
+
+def number(text):
+    """A number of the EDS as an integer or a 32-bit float."""
+    return int(text.replace("$NODEID+", ""), 0) + (NODE if "$NODEID" in text else 0)
+
+
+def real(text):
+    return struct.unpack("<f", struct.pack("<f", float(text)))[0]
+
+
+def encode(variable, value):
+    if variable.data_type == t.REAL32:
+        return struct.pack("<f", value)
+    return value.to_bytes(BYTES[variable.data_type], "little")
+
+
+def beyond(variable, value, step):
+    """The next value that the type can hold, or nothing."""
+    if variable.data_type != t.REAL32:
+        return value + step if 0 <= value + step < 1 << (8 * BYTES[variable.data_type]) else None
+    if value == 0.0:
+        return step * 2.0**-149
+    bits = struct.unpack("<i", struct.pack("<f", value))[0]
+    return struct.unpack("<f", struct.pack("<i", bits + (step if value > 0 else -step)))[0]
+
+
+class Dictionary(Robot):
+    def setUp(self):
+        super().setUp()
+        self.all = [(v, eds_sections[section(v)]) for v in variables(self.node.object_dictionary)]
+        self.parameters = [(v, s) for v, s in self.all if "LowLimit" in s]
+        # A dictionary that lost half of its objects would pass all the rest.
+        self.assertGreater(len(self.all), 250)
+        self.assertGreater(len(self.parameters), 50)
+
+    def upload(self, variable):
+        return self.node.sdo.upload(variable.index, variable.subindex)
+
+    def download(self, variable, data):
+        self.node.sdo.download(variable.index, variable.subindex, data)
+
+    def test_type_and_default(self):
+        for variable, entry in self.all:
+            with self.subTest(section=entry.name):
+                if variable.index == 0x1003 and variable.subindex > 0:
+                    # CiA 301: an entry of the error history that is not there.
+                    self.refused(0x08000024, self.upload, variable)
+                    continue
+                data = self.upload(variable)
+                default = entry["DefaultValue"]
+                if variable.data_type == t.VISIBLE_STRING:
+                    self.assertEqual(data.decode(), default)
+                    continue
+                self.assertEqual(len(data), BYTES[variable.data_type])
+                if default and variable.data_type == t.REAL32:
+                    self.assertEqual(struct.unpack("<f", data)[0], real(default))
+                elif default:
+                    self.assertEqual(int.from_bytes(data, "little"), number(default))
+
+    def test_identity(self):
+        device = eds_sections["DeviceInfo"]
+        identity = [device[name] for name in ("VendorNumber", "ProductNumber", "RevisionNumber")]
+        of_robot = [self.node.sdo[0x1018][sub].raw for sub in (1, 2, 3)]
+        self.assertEqual([number(text) for text in identity], of_robot)
+
+    def test_access(self):
+        for variable, entry in self.all:
+            with self.subTest(section=entry.name):
+                if variable.index == 0x1003 and variable.subindex > 0:
+                    self.refused(READ_ONLY, self.download, variable, bytes(4))
+                    continue
+                data = self.upload(variable)
+                if entry["AccessType"] in ("ro", "const"):
+                    self.refused(READ_ONLY, self.download, variable, data)
+                elif 0x1600 <= variable.index < 0x1800 or 0x1A00 <= variable.index < 0x1C00:
+                    # Writable, but only while the PDO is switched off: `test_robot.py`.
+                    self.refused(0x06010000, self.download, variable, data)
+                elif 0x1800 <= variable.index < 0x1A00 and variable.subindex in (3, 6):
+                    # Inhibit time and SYNC start value, the same.
+                    self.refused(DEVICE_STATE, self.download, variable, data)
+                elif variable.index in (0x2100, 0x2101):
+                    # A setpoint: written, not kept.
+                    self.download(variable, data)
+                else:
+                    self.download(variable, data)
+                    self.assertEqual(self.upload(variable), data)
+
+    def test_limits_from_both_sides(self):
+        for variable, entry in self.parameters:
+            with self.subTest(section=entry.name):
+                convert = real if variable.data_type == t.REAL32 else number
+                before = self.upload(variable)
+                low, high = entry["LowLimit"], entry["HighLimit"]
+                for text, step, code in [(low, -1, TOO_LOW), (high, 1, TOO_HIGH)]:
+                    limit = convert(text)
+                    self.download(variable, encode(variable, limit))
+                    self.assertEqual(self.upload(variable), encode(variable, limit))
+                    outside = beyond(variable, limit, step)
+                    if outside is not None:
+                        self.refused(code, self.download, variable, encode(variable, outside))
+                        self.assertEqual(self.upload(variable), encode(variable, limit))
+                self.download(variable, before)
+                if variable.data_type == t.REAL32:
+                    for value in [math.nan, math.inf, -math.inf]:
+                        data = struct.pack("<f", value)
+                        self.refused(NOT_A_NUMBER, self.download, variable, data)
+                self.refused(TOO_LONG, self.download, variable, before + b"\0")
+                if len(before) > 1:
+                    self.refused(TOO_SHORT, self.download, variable, before[:-1])
+                self.assertEqual(self.upload(variable), before)
+
+    def test_parameters_are_refused_while_operational(self):
+        self.configure()
+        self.enter("OPERATIONAL")
+        for variable, entry in self.parameters:
+            with self.subTest(section=entry.name):
+                data = self.upload(variable)
+                self.refused(DEVICE_STATE, self.download, variable, data)
+
+    def test_the_eds_names_all_there_is(self):
+        # Store and restore depend on whether the robot has a flash; the EDS does not say.
+        named = {0x1010, 0x1011, *self.node.object_dictionary}
+        for first, last in [
+            (0x1000, 0x1030),
+            (0x1200, 0x1210),
+            (0x1280, 0x1290),
+            (0x1400, 0x1410),
+            (0x1600, 0x1610),
+            (0x1800, 0x1810),
+            (0x1A00, 0x1A10),
+            (0x1F50, 0x1F90),
+            (0x2000, 0x2200),
+        ]:
+            for index in sorted(set(range(first, last)) - named):
+                with self.subTest(index=f"{index:04X}"):
+                    self.refused(0x06020000, self.node.sdo.upload, index, 0)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,222 @@
+"""python-canopen as the master of a robot: NMT, heartbeat, SDO, PDO, emergencies, LSS."""
+
+import unittest
+
+import canopen
+
+from robot import NODE, PATIENCE, READ_ONLY, Robot, twist
+
+IDENTITY = (0, 0x4F4D4E49, 0x00010000)
+"""Vendor, product, revision."""
+
+
+class Network(Robot):
+    def test_every_nmt_state(self):
+        for state in ["OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL", "PRE-OPERATIONAL"]:
+            self.enter(state)
+
+    def test_both_resets_boot_again_and_restore(self):
+        for command, half_track in [(0x82, 0.25), (0x81, 0.2)]:
+            self.node.sdo[0x1017].raw = 50
+            self.node.sdo[0x2010][1].raw = 0.25
+            heartbeats = self.frames(0x700 + NODE)
+            self.network.nmt.send_command(command)
+            while heartbeats.get(timeout=PATIENCE) != b"\0":
+                pass
+            self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")
+            self.assertEqual(self.node.sdo[0x1017].raw, 100)
+            # Reset communication leaves the application's objects alone.
+            self.assertAlmostEqual(self.node.sdo[0x2010][1].raw, half_track, delta=1e-7)
+
+    def test_nothing_but_heartbeat_when_stopped(self):
+        self.enter("STOPPED")
+        answers, statuses = self.frames(0x580 + NODE), self.frames(0x180 + NODE)
+        heartbeats = self.frames(0x700 + NODE)
+        self.network.send_message(0x600 + NODE, b"\x40\0\x10\0\0\0\0\0")
+        self.network.sync.transmit(1)
+        # A hundred milliseconds of the robot's time apart, so the answers would be here.
+        for _ in range(3):
+            self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\4")
+        self.assertTrue(answers.empty() and statuses.empty())
+        self.enter("PRE-OPERATIONAL")
+        self.barrier()
+
+    def test_no_process_data_before_operational(self):
+        statuses = self.frames(0x180 + NODE)
+        self.network.sync.transmit(1)
+        self.barrier()
+        self.assertTrue(statuses.empty())
+        self.node.nmt.state = "OPERATIONAL"
+        self.network.sync.transmit(2)
+        self.assertEqual(len(statuses.get(timeout=PATIENCE)), 8)
+
+    def test_a_start_without_configuration_is_an_emergency(self):
+        self.node.nmt.state = "OPERATIONAL"
+        self.emergency(0xFF17)
+        self.assertEqual(self.node.sdo[0x2122][1].raw, 0xFF17)
+        self.assertEqual(self.node.sdo[0x1003][1].raw & 0xFFFF, 0xFF17)
+        self.assertEqual(self.node.sdo[0x1001].raw & 1, 1)
+
+    def test_a_configured_robot_arms(self):
+        self.configure()
+        self.node.nmt.state = "OPERATIONAL"
+        statuses = self.frames(0x180 + NODE)
+        for n in range(5000):
+            self.network.send_message(0x701, [5])
+            self.network.sync.transmit(n % 240 + 1)
+            if statuses.get(timeout=PATIENCE)[0] == 2:
+                return
+        self.fail("not armed")
+
+
+class Sdo(Robot):
+    def test_expedited(self):
+        self.assertEqual(self.node.sdo[0x2000].raw, 1)
+        self.assertEqual(self.node.sdo[0x1018][2].raw, 0x4F4D4E49)
+        self.node.sdo[0x2011][1].raw = -1.5
+        self.assertEqual(self.node.sdo[0x2011][1].raw, -1.5)
+
+    def test_segmented(self):
+        self.assertEqual(self.node.sdo[0x1008].raw, "Omnibus robot")
+        # A value of four bytes may come in segments, too.
+        with self.node.sdo.open(0x2011, 2, "wb", size=4, force_segment=True) as f:
+            f.write(b"\0\0\x80\x3f")
+        self.assertEqual(self.node.sdo[0x2011][2].raw, 1.0)
+
+    def test_block(self):
+        with self.node.sdo[0x1008].open("rb", block_transfer=True) as f:
+            self.assertEqual(f.read(), b"Omnibus robot")
+        for crc, value in [(False, b"\0\0\0\x40"), (True, b"\0\0\x80\xbf")]:
+            with self.node.sdo.open(
+                0x2011, 3, "wb", size=4, block_transfer=True, request_crc_support=crc
+            ) as f:
+                f.write(value)
+            self.assertEqual(self.node.sdo.upload(0x2011, 3), value)
+
+    def test_refusals(self):
+        sdo = self.node.sdo
+        for code, index, sub, data in [
+            (0x06020000, 0x2FFF, 0, b"\0"),
+            (0x06090011, 0x2010, 9, b"\0\0\0\0"),
+            (READ_ONLY, 0x2000, 0, b"\1\0"),
+            (READ_ONLY, 0x2010, 0, b"\4"),
+            (READ_ONLY, 0x1008, 0, b"another name"),
+            (0x06070012, 0x2020, 2, b"\0\0\0\0"),
+            (0x06070013, 0x2010, 1, b"\0"),
+            (0x06090030, 0x2010, 1, b"\0\0\xc0\x7f"),
+        ]:
+            self.refused(code, sdo.download, index, sub, data)
+        self.refused(0x06020000, sdo.upload, 0x2FFF, 0)
+        self.refused(0x06090011, sdo.upload, 0x2010, 9)
+        self.assertEqual(sdo[0x2010][0].raw, 4)
+
+    def test_a_second_client_is_refused_while_the_first_goes_on(self):
+        with self.node.sdo[0x1008].open("rb", buffering=0) as f:
+            first = f.read(7)
+            self.refused(0x060A0023, self.node.sdo.upload, 0x1000, 0)
+            self.assertEqual(first + f.read(7), b"Omnibus robot")
+
+
+class Pdo(Robot):
+    def test_setpoint_sync_setpoint_latches_the_first(self):
+        self.configure()
+        self.node.nmt.state = "OPERATIONAL"
+        statuses = self.frames(0x180 + NODE)
+        # Back to back. The second setpoint waits for the next SYNC, and is latched there.
+        for n in range(0, 400, 2):
+            self.network.send_message(0x181, twist(n + 1))
+            self.network.sync.transmit(n % 240 + 1)
+            self.network.send_message(0x181, twist(n + 2))
+            self.assertEqual(statuses.get(timeout=PATIENCE)[1], (n + 1) & 0xFF)
+            self.network.sync.transmit(n % 240 + 2)
+            self.assertEqual(statuses.get(timeout=PATIENCE)[1], (n + 2) & 0xFF)
+        self.assertEqual(self.node.sdo[0x2121][3].raw, 0)
+
+    def test_the_pdos_are_those_of_the_eds(self):
+        self.node.rpdo.read()
+        self.node.tpdo.read()
+        self.assertEqual([self.node.rpdo[n].cob_id for n in (1, 2)], [0x181, 0x202])
+        tpdos = [self.node.tpdo[n] for n in (1, 2, 3, 4)]
+        self.assertEqual([pdo.cob_id for pdo in tpdos], [0x182, 0x282, 0x382, 0x482])
+        self.assertEqual([len(pdo) for pdo in tpdos], [5, 5, 3, 4])
+        self.assertTrue(all(pdo.trans_type == 1 and pdo.enabled for pdo in tpdos))
+
+    def test_a_tpdo_mapped_anew(self):
+        self.configure()
+        self.node.tpdo.read()
+        pdo = self.node.tpdo[1]
+        pdo.clear()
+        for index, sub in [(0x2110, 2), (0x2110, 1), (0x2112, 1)]:
+            pdo.add_variable(index, sub)
+        pdo.cob_id, pdo.trans_type = 0x1A2, 2
+        pdo.save()
+        pdo.read()
+        self.assertEqual([(v.index, v.subindex) for v in pdo], [(0x2110, 2), (0x2110, 1), (0x2112, 1)])
+        old, new, others = self.frames(0x182), self.frames(0x1A2), self.frames(0x282)
+        self.node.nmt.state = "OPERATIONAL"
+        for n in range(1, 5):
+            self.network.send_message(0x181, twist(n))
+            self.network.sync.transmit(n)
+            self.assertEqual(len(others.get(timeout=PATIENCE)), 8)
+        # Every second SYNC, five bytes, the echoed sequence first.
+        received = [new.get(timeout=PATIENCE) for _ in range(2)]
+        self.barrier()
+        self.assertTrue(new.empty() and old.empty())
+        self.assertEqual([(len(data), data[0]) for data in received], [(5, 2), (5, 4)])
+
+    def test_an_rpdo_mapped_anew(self):
+        self.configure()
+        self.node.rpdo.read()
+        pdo = self.node.rpdo[1]
+        pdo.clear()
+        for sub in [5, 4, 3, 2, 1]:
+            pdo.add_variable(0x2100, sub)
+        pdo.save()
+        statuses = self.frames(0x182)
+        self.node.nmt.state = "OPERATIONAL"
+        for n in range(7, 10):
+            self.network.send_message(0x181, bytes([1, n, 0, 0, 0, 0, 0, 0]))
+            self.network.sync.transmit(n)
+            self.assertEqual(statuses.get(timeout=PATIENCE)[1], n)
+
+    def test_mapping_rules(self):
+        sdo = self.node.sdo
+        on, off = 0x182, 0x80000182
+        self.refused(0x06010000, sdo.download, 0x1A00, 0, b"\0")
+        sdo[0x1800][1].raw = off
+        sdo[0x1A00][0].raw = 0
+        self.refused(0x06040041, sdo.download, 0x1A00, 1, b"\x20\1\x10\x20")
+        self.refused(0x06020000, sdo.download, 0x1A00, 1, b"\x20\1\xff\x2f")
+        for sub in range(1, 6):
+            sdo[0x1A00][sub].raw = 0x21120118
+        self.refused(0x06040042, sdo.download, 0x1A00, 0, b"\5")
+        sdo[0x1A00][0].raw = 2
+        sdo[0x1800][1].raw = on
+
+
+class Lss(Robot):
+    def setUp(self):
+        super().setUp()
+        self.network.lss.RESPONSE_TIMEOUT = PATIENCE
+
+    def test_selective_and_inquire(self):
+        lss = self.network.lss
+        serial = self.node.sdo[0x1018][4].raw
+        self.assertTrue(lss.send_switch_state_selective(*IDENTITY, serial))
+        answers = [lss.inquire_lss_address(what) for what in (0x5A, 0x5B, 0x5C, 0x5D)]
+        self.assertEqual(answers, [*IDENTITY, serial])
+        self.assertEqual(lss.inquire_node_id(), NODE)
+        lss.send_switch_state_global(lss.WAITING_STATE)
+        self.barrier()
+
+    def test_a_node_number_out_of_range_is_refused(self):
+        lss = self.network.lss
+        lss.send_switch_state_global(lss.CONFIGURATION_STATE)
+        with self.assertRaises(canopen.lss.LssError):
+            lss.configure_node_id(128)
+        lss.send_switch_state_global(lss.WAITING_STATE)
+        self.assertEqual(self.node.sdo[0x2000].raw, 1)
+
+
+if __name__ == "__main__":
+    unittest.main()

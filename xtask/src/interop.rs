@@ -1,0 +1,129 @@
+//! `cargo xtask interop`: software that nobody here wrote talks to our robots and reads our logs.
+//!
+//! The tests are Python and lie in `tests/interop` (robots, native and emulated) and `canopen/interop` (the CANopen
+//! crate alone). They run in a virtual environment under `target/`, made here from the pinned
+//! `tests/interop/requirements.txt` and made anew when that file changes. tshark must come from the system; without
+//! it this task says so and fails, because a test that is left out in silence proves nothing.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, bail};
+use omnibus::report::Scalar;
+
+use crate::{cargo, firmware};
+
+/// Options of `cargo xtask interop`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// What the robots are; both, one after the other, without this.
+    #[arg(long, value_parser = ["native", "emulator"])]
+    backend: Option<String>,
+}
+
+/// Builds everything, then runs every test.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let tests = cargo::root().join("tests/interop");
+    system_packages()?;
+    let python = environment(&tests.join("requirements.txt"))?;
+    cargo::run(cargo::command().args([
+        "build",
+        "--package=omnibus-sim",
+        "--package=omnibus",
+        "--package=omnibus-canopen",
+        "--bins",
+        "--examples",
+    ]))?;
+    let elf = firmware::build(Scalar::F32)?;
+    let built = cargo::target_folder().join("debug");
+    let logs = cargo::target_folder().join("interop/logs");
+    if logs.exists() {
+        std::fs::remove_dir_all(&logs).with_context(|| format!("{}", logs.display()))?;
+    }
+    std::fs::create_dir_all(&logs).with_context(|| format!("{}", logs.display()))?;
+
+    let unittest = |files: &[&str], backend: &str| {
+        println!("{backend}: {}", files.join(", "));
+        let mut command = Command::new(&python);
+        command
+            .current_dir(&tests)
+            .args(["-B", "-m", "unittest"])
+            .args(files)
+            .env("OMNIBUS_SIM", built.join("omnibus-sim"))
+            .env("OMNIBUS", built.join("omnibus"))
+            .env("OMNIBUS_ELF", &elf)
+            .env("OMNIBUS_BACKEND", backend)
+            .env("OMNIBUS_LOGS", &logs);
+        cargo::run(&mut command)
+    };
+    for backend in ["native", "emulator"] {
+        if arguments
+            .backend
+            .as_deref()
+            .is_none_or(|one| one == backend)
+        {
+            unittest(&["test_robot", "test_dictionary"], backend)?;
+        }
+    }
+    unittest(&["test_log"], "logs")?;
+    for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
+        println!("canopen: {file}");
+        let mut command = Command::new(&python);
+        command
+            .current_dir(cargo::root())
+            .arg("-B")
+            .arg(Path::new("canopen/interop").join(file))
+            .arg(built.join("examples").join(example));
+        cargo::run(&mut command)?;
+    }
+    Ok(())
+}
+
+/// Names what the system lacks.
+fn system_packages() -> anyhow::Result<()> {
+    let starts = |program: &str, arguments: &[&str]| {
+        Command::new(program)
+            .args(arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success())
+    };
+    let missing: Vec<&str> = [
+        ("python3", &["-c", "import venv, ensurepip"][..]),
+        ("tshark", &["--version"][..]),
+    ]
+    .into_iter()
+    .filter(|(program, arguments)| !starts(program, arguments))
+    .map(|(program, _)| program)
+    .collect();
+    if missing.is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark",
+        missing.join(", ")
+    )
+}
+
+/// The interpreter of the virtual environment, made from the requirements.
+fn environment(requirements: &Path) -> anyhow::Result<PathBuf> {
+    let folder = cargo::target_folder().join("interop/python");
+    let python = folder.join("bin/python");
+    let wanted = std::fs::read(requirements)
+        .with_context(|| format!("cannot read {}", requirements.display()))?;
+    // Written last, so an environment that was interrupted in the making is made again.
+    let made_from = folder.join("made-from.txt");
+    if std::fs::read(&made_from).is_ok_and(|made| made == wanted) {
+        return Ok(python);
+    }
+    let arguments: [OsString; 4] = ["-m".into(), "venv".into(), "--clear".into(), folder.into()];
+    cargo::run(Command::new("python3").args(arguments))?;
+    let mut install = Command::new(&python);
+    install.args(["-m", "pip", "install", "--quiet", "--no-deps"]);
+    install.args(["--disable-pip-version-check", "--requirement"]);
+    cargo::run(install.arg(requirements)).context("the Python packages could not be installed")?;
+    std::fs::write(&made_from, wanted).with_context(|| made_from.display().to_string())?;
+    Ok(python)
+}
