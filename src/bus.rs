@@ -6,17 +6,23 @@
 //! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
 //! full the bus side counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to
 //! the bus side, which also says when to come back from bus-off. Events are logged; nothing is decided here.
+//!
+//! It also stores the parameters when the bus side hands out an image, which it does only while the outputs are off.
+//! Until that is done no other task runs here: 2 ms as a rule, up to a second when a sector has to be erased. Frames lost
+//! meanwhile are counted, but no fault.
 
 use canopen::{Frame, NmtState};
-use controller::{BusSide, Event, State};
+use controller::{BusSide, Event, State, Stored};
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
+use crate::board::flash::{ParameterFlash, patiently};
 use crate::board::now;
 use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, REPORT, SYNC};
 use crate::led::{self, Pattern};
+use crate::store::{self, Store};
 
 /// Longest time between two turns.
 const LONGEST_WAIT: Duration = Duration::from_millis(2);
@@ -26,7 +32,7 @@ const SHORTEST_WAIT: Duration = Duration::from_micros(50);
 
 /// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
-pub async fn bus(mut can: Can, side: &'static mut BusSide) {
+pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<ParameterFlash>) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
@@ -54,6 +60,12 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide) {
             CONFIGURATION.signal(configuration);
         }
         COMMAND.put(side.command());
+        if save(side, &mut store) {
+            health = Health {
+                bus_off: health.bus_off,
+                ..can.health()
+            };
+        }
         while let Some(frame) = waiting.take().or_else(|| side.pop_frame()) {
             if !can.try_send(&frame) {
                 waiting = Some(frame);
@@ -70,6 +82,27 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide) {
         led::show(pattern(side, health.bus_off));
         BUS_PROGRESS.made();
     }
+}
+
+/// Stores an image if there is one to store. Not inlined, so that the stack it takes is given back.
+#[inline(never)]
+fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
+    let Some(image) = side.image_to_store() else {
+        return false;
+    };
+    defmt::info!("storing {=usize} bytes", image.len());
+    if patiently(|| store.save(image)).is_ok() {
+        side.finish_store(Ok(()));
+        return true;
+    }
+    defmt::error!("storing failed");
+    let mut buffer = [0; store::BUFFER];
+    side.finish_store(Err(match patiently(|| store.load(&mut buffer)) {
+        Ok(Some(image)) => Stored::Image(image),
+        Ok(None) => Stored::Nothing,
+        Err(_) => Stored::Unreadable,
+    }));
+    true
 }
 
 /// When the bus task has to come round again.

@@ -6,7 +6,7 @@
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
-//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 2 ms | CANopen, agreement, state machine |
+//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 2 ms | CANopen, agreement, state machine, parameter store |
 //! | [`watchdog`] | bus | every 10 ms | feeds the watchdog while bus and control both come round |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
@@ -40,6 +40,8 @@ mod health;
 mod led;
 #[cfg(target_os = "none")]
 mod start;
+#[cfg(target_os = "none")]
+mod store;
 #[cfg(target_os = "none")]
 mod watchdog;
 

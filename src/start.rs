@@ -3,13 +3,15 @@
 use core::mem::MaybeUninit;
 
 use canopen::NodeId;
-use controller::{BusSide, Identity};
+use controller::{BusSide, IMAGE_MAX, Identity, Stored};
 use defmt::unwrap;
 use embassy_executor::Spawner;
 use protocol::Fault;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
+use crate::board::flash::{PARAMETERS, ParameterFlash, patiently};
 use crate::board::{Board, ResetCause, executors, now, post_mortem};
+use crate::store::{self, Store};
 use crate::{bus, control, health, led, watchdog};
 
 /// Node id with all switches open.
@@ -18,10 +20,25 @@ const FIRST_NODE: u8 = 2;
 /// A few kilobytes that are better never moved over the stack.
 static BUS_SIDE: StaticCell<BusSide> = StaticCell::new();
 
+/// The image of the stored parameters.
+static IMAGE: ConstStaticCell<[u8; IMAGE_MAX]> = ConstStaticCell::new([0; IMAGE_MAX]);
+
 /// Makes the bus side where it stays. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
 fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'static mut BusSide {
     place.write(BusSide::new(identity))
+}
+
+/// Brings the stored parameters back. Not inlined, for the same reason.
+#[inline(never)]
+fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
+    let mut buffer = [0; store::BUFFER];
+    let stored = match patiently(|| store.load(&mut buffer)) {
+        Ok(Some(image)) => Stored::Image(image),
+        Ok(None) => Stored::Nothing,
+        Err(_) => Stored::Unreadable,
+    };
+    side.load(now(), IMAGE.take(), stored);
 }
 
 /// Starts everything; never returns.
@@ -42,10 +59,13 @@ pub fn start() -> ! {
 
     let identity = Identity {
         reset_cause: board.reset_cause as u8,
+        storage: true,
         ..Identity::new(unwrap!(NodeId::new(node)), board.serial)
     };
     let side = place(BUS_SIDE.uninit(), identity);
     side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
+    let mut store = Store::new(board.flash, PARAMETERS);
+    load(side, &mut store);
     match (crash, by_watchdog) {
         (Some(_), _) => side.on_fault(now(), Fault::Crash),
         (None, true) => side.on_fault(now(), Fault::WatchdogReset),
@@ -58,7 +78,7 @@ pub fn start() -> ! {
         board.driver_fault
     )));
     executors::bus().run(|spawner: Spawner| {
-        spawner.spawn(unwrap!(bus::bus(board.can, side)));
+        spawner.spawn(unwrap!(bus::bus(board.can, side, store)));
         spawner.spawn(unwrap!(watchdog::watchdog(board.watchdog)));
         spawner.spawn(unwrap!(led::led(board.led)));
         spawner.spawn(unwrap!(health::health()));

@@ -5,7 +5,7 @@
 //! the bytes that go on the bus, so a PDO costs a copy, and an SDO of one of its fields reads the
 //! same bytes.
 
-use canopen::{AbortCode, NmtState, ObjectDictionary, PdoDirection, ResetScope};
+use canopen::{AbortCode, NmtState, ObjectDictionary, PdoDirection, ResetScope, Storage};
 use protocol::address::{self as at, history};
 use protocol::object::ValueError;
 use protocol::{Access, Address, ENTRIES, Entry, Value, entry, table::highest_sub};
@@ -13,6 +13,7 @@ use protocol::{Access, Address, ENTRIES, Entry, Value, entry, table::highest_sub
 use crate::configuration::Configuration;
 use crate::history::History;
 use crate::parameters::Parameters;
+use crate::store::Store;
 
 /// What the robot counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -40,6 +41,7 @@ pub(crate) struct Device {
     pub serial: u32,
     pub firmware: u32,
     pub reset_cause: u8,
+    pub storage: bool,
 }
 
 /// The application's objects.
@@ -58,6 +60,7 @@ pub(crate) struct Dictionary {
     pub supply: Option<f32>,
     pub counters: Counters,
     pub history: History,
+    pub store: Store,
 }
 
 impl Dictionary {
@@ -75,6 +78,7 @@ impl Dictionary {
             supply: None,
             counters: Counters::default(),
             history: History::new(),
+            store: Store::new(),
         }
     }
 
@@ -98,10 +102,11 @@ impl Dictionary {
             at::SERIAL_NUMBER => Value::U32(self.device.serial),
             at::FIRMWARE_VERSION => Value::U32(self.device.firmware),
             at::RESET_CAUSE => Value::U8(self.device.reset_cause),
-            at::CONFIGURATION_STATUS => {
-                let made = Configuration::new(&self.parameters, self.device.node);
-                Value::U32(made.map_or_else(|error| error.code(), |_| 0))
-            }
+            at::CONFIGURATION_STATUS => Value::U32(match self.store.corrupt {
+                Some(address) => address.packed() << 8 | 3,
+                None => Configuration::new(&self.parameters, self.device.node)
+                    .map_or_else(|error| error.code(), |_| 0),
+            }),
             at::CONFIGURATION_CRC => Value::U32(self.parameters.crc()),
             at::GROUP_CRC => Value::U32(self.parameters.group_crc()),
             at::COMMISSIONING => Value::U8(u8::from(self.commissioning)),
@@ -272,12 +277,20 @@ impl ObjectDictionary for Dictionary {
         Some(8)
     }
 
+    fn storage(&mut self) -> Option<&mut dyn Storage> {
+        if self.device.storage {
+            Some(self)
+        } else {
+            None
+        }
+    }
+
     fn reset(&mut self, scope: ResetScope) {
         self.setpoint.1 = false;
         self.alone.1 = false;
         self.commissioning = false;
         if scope == ResetScope::Application {
-            self.parameters = Parameters::new();
+            self.parameters = self.store.parameters();
         }
     }
 }

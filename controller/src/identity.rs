@@ -15,6 +15,9 @@ pub struct Identity {
     pub firmware: u32,
     /// Why the processor started, object 0x2001:3.
     pub reset_cause: u8,
+    /// Whether the platform stores images, see [`crate::BusSide::image_to_store`]. Without that
+    /// there are no objects 0x1010 and 0x1011.
+    pub storage: bool,
 }
 
 impl Identity {
@@ -26,6 +29,7 @@ impl Identity {
             serial,
             firmware: 0x0001_0000,
             reset_cause: 0,
+            storage: false,
         }
     }
 }
@@ -101,6 +105,7 @@ pub(crate) fn config(identity: &Identity) -> Config {
         name: "Omnibus robot",
         heartbeat_ms: HEARTBEAT_MS,
         sync_overflow: SYNC_OVERFLOW,
+        storage: identity.storage,
         rpdos: &RPDOS,
         tpdos: &TPDOS,
         ..Config::DEFAULT
@@ -113,6 +118,7 @@ pub(crate) const fn device(identity: &Identity) -> Device {
         serial: identity.serial,
         firmware: identity.firmware,
         reset_cause: identity.reset_cause,
+        storage: identity.storage,
     }
 }
 

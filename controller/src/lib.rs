@@ -52,6 +52,7 @@ pub mod parameters;
 pub mod sequence;
 pub mod setpoint;
 pub mod state;
+mod store;
 mod strain;
 mod threshold;
 mod watch;
@@ -66,6 +67,7 @@ pub use handover::{Command, Inputs, Mode, Outputs, Report};
 pub use identity::{Identity, SYNC_OVERFLOW};
 pub use parameters::Parameters;
 pub use state::State;
+pub use store::{IMAGE_MAX, Stored};
 
 #[cfg(test)]
 mod tests;

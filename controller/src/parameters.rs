@@ -4,7 +4,7 @@
 //! is turned into a [`crate::Configuration`], and checked as a set, when the robot is started.
 
 use protocol::{
-    Address, ENTRIES, Value, entry,
+    Address, ENTRIES, Entry, Value, entry,
     table::{COMMON, PARAMETERS},
 };
 
@@ -57,6 +57,14 @@ impl Parameters {
         }
     }
 
+    /// The value of a parameter that has been written or loaded.
+    pub(crate) fn written(&self, entry: &Entry) -> Option<Value> {
+        let slot = usize::from(entry.slot?);
+        let is_written = self.written.get(slot / 32)? >> (slot % 32) & 1 == 1;
+        let bits = self.values.get(slot)?;
+        is_written.then(|| Value::from_bits(entry.kind, *bits))
+    }
+
     /// The first required parameter that has not been written, by address.
     #[must_use]
     pub fn first_missing(&self) -> Option<Address> {
@@ -71,14 +79,14 @@ impl Parameters {
     /// CRC-32 (IEEE 802.3) over all values, in the order of the table, four bytes each.
     #[must_use]
     pub fn crc(&self) -> u32 {
-        crc32(self.values.iter().copied())
+        crc32(self.values.iter().copied().flat_map(u32::to_le_bytes))
     }
 
     /// The same over what all members of a group must have in common.
     #[must_use]
     pub fn group_crc(&self) -> u32 {
         let common = COMMON.iter().filter_map(|address| self.get(*address));
-        crc32(common.map(Value::to_bits))
+        crc32(common.map(Value::to_bits).flat_map(u32::to_le_bytes))
     }
 
     /// A REAL32 parameter, as a number.
@@ -95,9 +103,10 @@ impl Parameters {
     }
 }
 
-fn crc32(words: impl Iterator<Item = u32>) -> u32 {
+/// CRC-32 (IEEE 802.3).
+pub(crate) fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
     let mut crc = u32::MAX;
-    for byte in words.flat_map(u32::to_le_bytes) {
+    for byte in bytes {
         crc ^= u32::from(byte);
         for _ in 0..8 {
             let carry = crc & 1;
@@ -130,9 +139,8 @@ mod tests {
 
     #[test]
     fn crc_is_that_of_ieee_802_3() {
-        // The check value of the standard, "123456789", needs nine bytes; eight of them and their CRC.
-        let words = [*b"1234", *b"5678"].map(u32::from_le_bytes);
-        assert_eq!(crc32(words.into_iter()), 0x9AE0_DAAF);
+        // The check value of the standard.
+        assert_eq!(crc32(b"123456789".iter().copied()), 0xCBF4_3926);
     }
 
     #[test]

@@ -67,6 +67,7 @@ pub use can::{CanError, CanFrame, CanId, CanPort};
 pub use firmware::{Firmware, LoadError, Symbol};
 pub use rtt::{Level, LogLine};
 pub use stop::{Stop, StopKind};
+pub use system::flash::FlashOperations;
 pub use system::gpio::{PinLevel, Port};
 pub use timer::PwmState;
 pub use trace::{Change, Traced};

@@ -28,6 +28,8 @@ pub enum StopKind {
     Clock(String),
     /// A fault inside a fault handler: only a reset helps, and no watchdog is running to make one.
     LockedUp,
+    /// The power failed where [`Board::cut_power_at_flash_operation`](crate::Board::cut_power_at_flash_operation) said.
+    PowerCut,
     /// The processor took a HardFault and [`BoardConfig::stop_on_hard_fault`](crate::BoardConfig) is set.
     HardFault,
 }
@@ -73,6 +75,7 @@ impl fmt::Display for Stop {
             }
             StopKind::Clock(what) => write!(f, "clock outside the specification: {what}")?,
             StopKind::LockedUp => write!(f, "the processor locked up")?,
+            StopKind::PowerCut => write!(f, "power cut")?,
             StopKind::HardFault => write!(f, "HardFault")?,
         }
         write!(f, " at {:#010x}", self.pc)?;

@@ -57,7 +57,7 @@ const IDENTITY: &[Object] = &[
         "Configuration status",
         "",
         Kind::U32,
-        "0 when the configuration is complete and valid. Otherwise index, sub-index and reason of the first objection from the top down: reason 1 not written, 2 does not fit the rest.",
+        "0 when the configuration is complete and valid. Otherwise index, sub-index and reason of the first objection from the top down: reason 1 not written, 2 does not fit the rest, 3 refused as stored (0 for the object: the stored image as a whole).",
     ),
     Object::state(
         at::CONFIGURATION_CRC,

@@ -7,6 +7,7 @@
 pub mod can;
 pub mod drive;
 pub mod executors;
+pub mod flash;
 mod nucleo_f446re;
 pub mod post_mortem;
 mod safe_state;

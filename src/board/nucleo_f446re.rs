@@ -31,6 +31,7 @@ use embassy_time::Instant;
 use super::can::Can;
 use super::drive::Drive;
 use super::executors;
+use super::flash::ParameterFlash;
 
 /// Bit of port B that enables the motor drivers.
 pub const DRIVER_ENABLE_PB: usize = 0;
@@ -55,6 +56,8 @@ pub struct Board {
     pub led: Output<'static>,
     /// Watchdog, running.
     pub watchdog: IndependentWatchdog<'static, IWDG>,
+    /// Where the parameters are.
+    pub flash: ParameterFlash,
     /// Value of the four switches, 0..=15.
     pub node_switches: u8,
     /// The chip's unique number, folded to 32 bits.
@@ -179,6 +182,7 @@ impl Board {
             driver_fault,
             led,
             watchdog,
+            flash: ParameterFlash::new(p.FLASH),
             node_switches,
             serial: fold(&uid::uid()),
             reset_cause: reset_cause(),

@@ -64,7 +64,14 @@ impl BusSide {
             FaultClass::Communication => ErrorClass::Communication,
             FaultClass::Manufacturer => ErrorClass::Manufacturer,
         };
-        self.device.raise_error(now, fault.code(), class, [0; 5]);
+        let info = match self.dictionary.store.corrupt {
+            Some(address) if fault == Fault::ParametersCorrupt => {
+                let [low, high] = address.index.to_le_bytes();
+                [0, low, high, address.sub, 0]
+            }
+            _ => [0; 5],
+        };
+        self.device.raise_error(now, fault.code(), class, info);
         self.announced |= announced_bit(fault);
         self.tell(Event::Fault(fault));
     }

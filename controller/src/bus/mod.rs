@@ -15,6 +15,7 @@
 
 mod faults;
 mod publish;
+mod storage;
 
 use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
@@ -120,6 +121,7 @@ impl BusSide {
     /// Takes in a frame received at `at`.
     pub fn on_frame(&mut self, at: Micros, frame: &Frame) {
         self.supervise(at);
+        self.dictionary.store.at_rest = self.is_at_rest();
         self.command.alive = at;
         let id = frame.id();
         if id == cob::MASTER_HEARTBEAT {
@@ -288,6 +290,13 @@ impl BusSide {
     fn on_start(&mut self, now: Micros) {
         if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {
             return;
+        }
+        if self.dictionary.store.asked {
+            // Outputs stay off until it is over; the master has not had its answer yet.
+            return;
+        }
+        if self.dictionary.store.corrupt.is_some() {
+            return self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
         }
         let made = Configuration::new(&self.dictionary.parameters, self.identity.node.get());
         let configuration = match (made, self.report.obstacle) {

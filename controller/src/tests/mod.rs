@@ -4,5 +4,6 @@ mod group_rules;
 mod reaction;
 mod safety;
 mod start;
+mod storage;
 mod tracking;
 mod world;

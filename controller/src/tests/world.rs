@@ -57,7 +57,10 @@ impl Robot {
         let id = NodeId::new(node).unwrap();
         Self {
             node,
-            bus: BusSide::new(Identity::new(id, u32::from(node) * 1000)),
+            bus: BusSide::new(Identity {
+                storage: true,
+                ..Identity::new(id, u32::from(node) * 1000)
+            }),
             control: ControlSide::new(),
             inputs: Inputs::default(),
             outputs: Outputs::SAFE,

@@ -25,6 +25,7 @@ use crate::profile::Profile;
 use crate::rtt::{Log, LogLine};
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
+use crate::system::flash::FlashOperations;
 use crate::system::gpio::{PinLevel, Port};
 use crate::system::{flash, rcc};
 use crate::timer::PwmState;
@@ -105,10 +106,20 @@ impl Board {
     /// Never: the address map is fixed and valid.
     #[must_use]
     pub fn new(firmware: &Firmware, config: BoardConfig) -> Self {
+        Self::with_flash(firmware, config, firmware.flash())
+    }
+
+    /// A board with this content of the flash, usually [`Board::flash`] of another run, at the moment of power-on,
+    /// world time 0. `firmware` is what explains the content: symbols, source lines, log messages.
+    ///
+    /// # Panics
+    /// When there is more than the flash can hold.
+    #[must_use]
+    pub fn with_flash(firmware: &Firmware, config: BoardConfig, content: &[u8]) -> Self {
         let flash = Arc::new(RamStore::new(flash::SIZE));
         flash
-            .write_at(0, firmware.flash())
-            .expect("the image has the size of the flash");
+            .write_at(0, content)
+            .expect("the content fits into the flash");
         let ram = Arc::new(RamStore::new(bus::RAM_SIZE));
         let soc = Soc::new(
             Arc::clone(&flash),
@@ -346,6 +357,31 @@ impl Board {
             _ => (&self.flash, 0),
         };
         store.read_at(u64::from(address - base), to).ok()
+    }
+
+    /// Content of the whole flash: what a power cycle leaves.
+    ///
+    /// # Panics
+    /// Never: the flash has this size.
+    #[must_use]
+    pub fn flash(&self) -> Vec<u8> {
+        let mut content = vec![0; flash::SIZE as usize];
+        self.flash
+            .read_at(0, &mut content)
+            .expect("the flash has this size");
+        content
+    }
+
+    /// Flash operations begun since power-on.
+    #[must_use]
+    pub fn flash_operations(&self) -> FlashOperations {
+        self.shared.look(|soc| soc.flash.operations())
+    }
+
+    /// Lets the power fail in the middle of a flash operation, counted from power-on, the first being 1: the run ends
+    /// with [`StopKind::PowerCut`], and [`Board::flash`] is what the next power-on finds.
+    pub fn cut_power_at_flash_operation(&mut self, operation: u64) {
+        self.shared.look(|soc| soc.flash.cut_power_at(operation));
     }
 
     /// Begins to record what the outputs do, from the present state on.

@@ -265,6 +265,7 @@ impl Soc {
             Unit::Pwr => self.pwr.write(now_ps, offset, value).ok_or(""),
             Unit::Flash => {
                 self.flash.write(now_ps, offset, value).ok_or("")?;
+                self.check_power();
                 self.check_clocks();
                 Ok(())
             }
@@ -279,7 +280,15 @@ impl Soc {
     pub(crate) fn program_flash(&mut self, offset: u64, data: &[u8]) {
         let now_ps = self.now_ps();
         self.flash.program(now_ps, offset, data);
+        self.check_power();
         self.settle();
+    }
+
+    /// Stops when the power has failed in a flash operation.
+    fn check_power(&mut self) {
+        if self.flash.power_is_cut() {
+            self.stop.get_or_insert(StopKind::PowerCut);
+        }
     }
 
     /// Resets what RCC holds in reset.

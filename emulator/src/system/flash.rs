@@ -5,6 +5,10 @@
 //! it meanwhile: it stalls, interrupts wait, only the watchdog goes on. A reset in the middle of an erase
 //! leaves the first half of the sector erased and the rest as it was, which is one of the outcomes that real
 //! flash has.
+//!
+//! Operations are counted from power-on, and the power can be made to fail in the middle of any of them: an erase
+//! then ends as with a reset, and of what was to be programmed the lower half of the bytes has been. What the model
+//! does not know are cells between 0 and 1, which read differently from time to time.
 
 use std::sync::Arc;
 
@@ -62,6 +66,33 @@ pub struct Flash {
     locked_out: bool,
     busy_until: u64,
     erase: Option<Erase>,
+    operations: Operations,
+}
+
+/// Program and erase operations begun since power-on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct FlashOperations {
+    /// Words programmed, of any width.
+    pub programs: u64,
+    /// Sectors erased; a mass erase counts as one.
+    pub erases: u64,
+}
+
+/// What has been done, and when the power fails.
+#[derive(Debug, Clone, Copy, Default)]
+struct Operations {
+    done: FlashOperations,
+    cut_at: Option<u64>,
+    cut: bool,
+}
+
+impl Operations {
+    /// Whether the power fails in the operation that has just been counted.
+    fn fails(&mut self) -> bool {
+        let fails = self.cut_at == Some(self.done.programs + self.done.erases);
+        self.cut |= fails;
+        fails
+    }
 }
 
 impl Flash {
@@ -78,7 +109,25 @@ impl Flash {
             locked_out: false,
             busy_until: 0,
             erase: None,
+            operations: Operations::default(),
         }
+    }
+
+    /// How much has been done since power-on.
+    #[must_use]
+    pub fn operations(&self) -> FlashOperations {
+        self.operations.done
+    }
+
+    /// Lets the power fail in the middle of an operation, counted from power-on, the first being 1.
+    pub fn cut_power_at(&mut self, operation: u64) {
+        self.operations.cut_at = Some(operation);
+    }
+
+    /// Whether the power has failed.
+    #[must_use]
+    pub fn power_is_cut(&self) -> bool {
+        self.operations.cut
     }
 
     /// A system reset; an erase that was under way is left half done.
@@ -87,7 +136,10 @@ impl Flash {
             // The range is a sector of the array, which the array has.
             let _ = self.array.fill(erase.start, erase.length / 2, 0xFF);
         }
-        *self = Self::new(Arc::clone(&self.array));
+        *self = Self {
+            operations: self.operations,
+            ..Self::new(Arc::clone(&self.array))
+        };
     }
 
     /// Finishes what has finished by a local time in ps.
@@ -195,6 +247,11 @@ impl Flash {
             };
             (start, length, times[column])
         };
+        self.operations.done.erases += 1;
+        if self.operations.fails() {
+            let _ = self.array.fill(start, length / 2, 0xFF);
+            return;
+        }
         self.erase = Some(Erase { start, length });
         self.sr |= SR_BSY;
         self.busy_until = now_ps + ms * MS;
@@ -215,7 +272,13 @@ impl Flash {
             let mut old = [0xFF_u8; 8];
             let old = &mut old[..data.len()];
             let _ = self.array.read_at(offset, old);
-            for (old, new) in old.iter_mut().zip(data) {
+            self.operations.done.programs += 1;
+            let part = if self.operations.fails() {
+                data.len() / 2
+            } else {
+                data.len()
+            };
+            for (old, new) in old.iter_mut().zip(&data[..part]) {
                 *old &= new;
             }
             let _ = self.array.write_at(offset, old);
@@ -306,6 +369,25 @@ mod tests {
         flash.reset();
         unlock(&mut flash);
         assert_eq!(flash.read(0, 0x10).unwrap() & CR_LOCK, 0);
+    }
+
+    #[test]
+    fn the_power_fails_in_the_middle_of_the_operation_asked_for() {
+        let (mut flash, array) = flash();
+        flash.cut_power_at(2);
+        unlock(&mut flash);
+        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
+        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
+        assert!(!flash.power_is_cut());
+        flash.program(250 * MS, 0x4000, &[0x12, 0x34, 0x56, 0x78]);
+        assert!(flash.power_is_cut());
+        let word = [0, 1, 2, 3].map(|at| byte(&array, 0x4000 + at));
+        assert_eq!(word, [0x12, 0x34, 0xFF, 0xFF]);
+        let once = FlashOperations {
+            programs: 1,
+            erases: 1,
+        };
+        assert_eq!(flash.operations(), once);
     }
 
     #[test]

@@ -92,6 +92,32 @@ const OPTIONAL: &[Communication] = &[
         )],
     },
     Communication {
+        index: 0x1010,
+        name: "Store parameters",
+        subs: &[
+            Sub(0, "Highest sub-index supported", U8, "const", "3"),
+            Sub(1, "Save all parameters", U32, "rw", "1"),
+            Sub(2, "Save communication parameters", U32, "rw", "1"),
+            Sub(3, "Save application parameters", U32, "rw", "1"),
+        ],
+    },
+    Communication {
+        index: 0x1011,
+        name: "Restore default parameters",
+        subs: &[
+            Sub(0, "Highest sub-index supported", U8, "const", "3"),
+            Sub(1, "Restore all default parameters", U32, "rw", "1"),
+            Sub(
+                2,
+                "Restore communication default parameters",
+                U32,
+                "rw",
+                "1",
+            ),
+            Sub(3, "Restore application default parameters", U32, "rw", "1"),
+        ],
+    },
+    Communication {
         index: 0x1014,
         name: "COB-ID EMCY",
         subs: &[Sub(0, "COB-ID EMCY", U32, "rw", "$NODEID+0x80")],

@@ -1,0 +1,271 @@
+//! What the robot keeps over a power loss, as one image.
+//!
+//! The bus side hands the image out when a master asks to save or to restore (objects 0x1010 and
+//! 0x1011), and takes one at start. The platform stores it as a whole; where, and how that survives a
+//! power loss, is its matter. The image:
+//!
+//! | bytes | |
+//! |---|---|
+//! | 4 | CRC-32 (IEEE 802.3) of all that follows |
+//! | 1 | format, 1 |
+//! | 2 | length of the application's part |
+//! | | the application's part: index, sub-index and value of every parameter that has been written |
+//! | | the communication part, as `canopen` wants it |
+//!
+//! All numbers are little-endian. An image is looked at as a whole before any of it takes effect: a
+//! wrong CRC, an object this program does not know, or a value out of its limits refuses all of it,
+//! and the robot says which object it was. To restore the defaults is to save an image without them,
+//! so both have one way into the memory.
+//!
+//! Saving happens only at rest, and a robot that has been asked to save does not start before that
+//! is over: while flash is written or erased, the program stands still.
+//!
+//! The memory the image lies in is the platform's: a robot that stores nothing needs none, and one
+//! that does can make its bus side on a small stack.
+
+use canopen::{AbortCode, Storage, StoreProgress, StoreScope};
+use protocol::{Access, Address, ENTRIES, entry};
+
+use crate::dictionary::Dictionary;
+use crate::parameters::{Parameters, crc32};
+
+/// Bytes kept for the communication part; a longer one cannot be saved.
+const COMMUNICATION: usize = 192;
+const HEADER: usize = 7;
+const CRC: usize = 4;
+const FORMAT: u8 = 1;
+
+/// Length of the longest image.
+pub const IMAGE_MAX: usize = HEADER + parameters_length() + COMMUNICATION;
+
+/// Every persistent parameter with its address.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn parameters_length() -> usize {
+    let mut length = 0;
+    let mut at = 0;
+    while at < ENTRIES.len() {
+        if ENTRIES[at].persistent {
+            length += 3 + ENTRIES[at].kind.bytes() as usize;
+        }
+        at += 1;
+    }
+    length
+}
+
+/// What the platform has stored.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Stored<'a> {
+    /// Nothing has ever been stored.
+    Nothing,
+    /// This image.
+    Image(&'a [u8]),
+    /// Something that cannot be read.
+    Unreadable,
+}
+
+/// An image: what the memory holds, or is to hold while `asked` is set.
+pub(crate) struct Store {
+    bytes: &'static mut [u8],
+    length: usize,
+    /// A save waits for the platform.
+    pub asked: bool,
+    /// Outputs are off.
+    pub at_rest: bool,
+    /// What is wrong with the image that was loaded: the object, 0 where it is the image itself.
+    pub corrupt: Option<Address>,
+}
+
+const NO_OBJECT: Address = Address::new(0, 0);
+
+impl Store {
+    pub const fn new() -> Self {
+        Self {
+            bytes: &mut [],
+            length: 0,
+            asked: false,
+            at_rest: false,
+            corrupt: None,
+        }
+    }
+
+    /// The image; empty when nothing is stored.
+    pub fn image(&self) -> &[u8] {
+        self.bytes.get(..self.length).unwrap_or(&[])
+    }
+
+    /// Gives it the memory for an image.
+    pub fn give(&mut self, memory: &'static mut [u8; IMAGE_MAX]) {
+        self.bytes = memory;
+    }
+
+    /// Keeps what the platform holds, if it is good.
+    pub fn keep(&mut self, stored: Stored<'_>) {
+        self.length = 0;
+        self.corrupt = match stored {
+            Stored::Nothing => None,
+            Stored::Unreadable => Some(NO_OBJECT),
+            Stored::Image(image) => match (check(image), self.bytes.get_mut(..image.len())) {
+                (Ok(_), Some(to)) => {
+                    to.copy_from_slice(image);
+                    self.length = image.len();
+                    None
+                }
+                (Ok(_), None) => Some(NO_OBJECT),
+                (Err(address), _) => Some(address),
+            },
+        };
+    }
+
+    /// The parameters of the image; the defaults when nothing is stored.
+    pub fn parameters(&self) -> Parameters {
+        check(self.image()).unwrap_or_default()
+    }
+
+    /// Both parts of the image.
+    fn parts(&self) -> (&[u8], &[u8]) {
+        split(self.image()).unwrap_or((&[], &[]))
+    }
+}
+
+/// The application's and the communication part of an image.
+fn split(image: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (&[_, _, _, _, format, low, high], rest) = image.split_first_chunk::<HEADER>()?;
+    if format != FORMAT {
+        return None;
+    }
+    rest.split_at_checked(usize::from(u16::from_le_bytes([low, high])))
+}
+
+/// The parameters of an image, or the object that is wrong with it.
+fn check(image: &[u8]) -> Result<Parameters, Address> {
+    let (crc, content) = image.split_first_chunk::<CRC>().ok_or(NO_OBJECT)?;
+    if u32::from_le_bytes(*crc) != crc32(content.iter().copied()) {
+        return Err(NO_OBJECT);
+    }
+    let (mut rest, _) = split(image).ok_or(NO_OBJECT)?;
+    let mut parameters = Parameters::new();
+    while let Some((&[low, high, sub], behind)) = rest.split_first_chunk() {
+        let address = Address::new(u16::from_le_bytes([low, high]), sub);
+        let entry = entry(address)
+            .filter(|entry| entry.persistent)
+            .ok_or(address)?;
+        let length = usize::from(entry.kind.bytes());
+        let (value, behind) = behind.split_at_checked(length).ok_or(address)?;
+        let value = entry.accept(value).map_err(|_| address)?;
+        parameters.set(entry.slot.ok_or(address)?, value);
+        rest = behind;
+    }
+    if rest.is_empty() {
+        Ok(parameters)
+    } else {
+        Err(NO_OBJECT)
+    }
+}
+
+/// Collects an image.
+struct Writer {
+    bytes: [u8; IMAGE_MAX],
+    length: usize,
+}
+
+impl Writer {
+    fn add(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+        let end = self.length.saturating_add(bytes.len());
+        let to = self.bytes.get_mut(self.length..end);
+        to.ok_or(AbortCode::CannotStore)?.copy_from_slice(bytes);
+        self.length = end;
+        Ok(())
+    }
+
+    fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
+        if let Some(to) = self.bytes.get_mut(at..at.saturating_add(N)) {
+            to.copy_from_slice(&bytes);
+        }
+    }
+}
+
+impl Dictionary {
+    /// Makes the image to store: of the parts in `scope` the given ones, of the others those that
+    /// are stored.
+    #[inline(never)]
+    fn ask(
+        &mut self,
+        scope: StoreScope,
+        saves: bool,
+        communication: &[u8],
+    ) -> Result<StoreProgress, AbortCode> {
+        if !self.store.at_rest || self.store.asked {
+            return Err(AbortCode::DeviceState);
+        }
+        let (old_application, old_communication) = self.store.parts();
+        let mut image = Writer {
+            bytes: [0; IMAGE_MAX],
+            length: HEADER,
+        };
+        if !scope.has_application() {
+            image.add(old_application)?;
+        } else if saves {
+            for entry in ENTRIES.iter().filter(|entry| entry.persistent) {
+                let Some(value) = self.parameters.written(entry) else {
+                    continue;
+                };
+                let [low, high] = entry.address.index.to_le_bytes();
+                image.add(&[low, high, entry.address.sub])?;
+                let bytes = value.to_bytes();
+                let length = usize::from(entry.kind.bytes());
+                image.add(bytes.get(..length).unwrap_or(&[]))?;
+            }
+        }
+        let application = u16::try_from(image.length.saturating_sub(HEADER)).unwrap_or(u16::MAX);
+        let [low, high] = application.to_le_bytes();
+        image.put(CRC, [FORMAT, low, high]);
+        if scope.has_communication() {
+            image.add(communication)?;
+        } else {
+            image.add(old_communication)?;
+        }
+        let content = image.bytes.get(CRC..image.length).unwrap_or(&[]);
+        let crc = crc32(content.iter().copied());
+        image.put(0, crc.to_le_bytes());
+        let whole = image.bytes.get(..image.length).unwrap_or(&[]);
+        let memory = self.store.bytes.get_mut(..image.length);
+        memory.ok_or(AbortCode::CannotStore)?.copy_from_slice(whole);
+        self.store.length = image.length;
+        self.store.asked = true;
+        Ok(StoreProgress::Pending)
+    }
+}
+
+impl Storage for Dictionary {
+    fn save(
+        &mut self,
+        scope: StoreScope,
+        communication: &[u8],
+    ) -> Result<StoreProgress, AbortCode> {
+        self.ask(scope, true, communication)
+    }
+
+    fn restore(&mut self, scope: StoreScope) -> Result<StoreProgress, AbortCode> {
+        self.ask(scope, false, &[])
+    }
+
+    fn load(&mut self, out: &mut [u8]) -> usize {
+        let (_, communication) = self.store.parts();
+        let Some(to) = out.get_mut(..communication.len()) else {
+            return 0;
+        };
+        to.copy_from_slice(communication);
+        communication.len()
+    }
+}
+
+// A persistent object without a slot could be saved but not loaded.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const _: () = {
+    let mut at = 0;
+    while at < ENTRIES.len() {
+        let is_parameter = matches!(ENTRIES[at].access, Access::Parameter);
+        assert!(ENTRIES[at].persistent == is_parameter);
+        at += 1;
+    }
+};
