@@ -9,6 +9,7 @@ from canopen.objectdictionary import datatypes as t
 from robot import DEVICE_STATE, NODE, READ_ONLY, Robot, eds_sections, section, variables
 
 TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
+NOT_STORED = 0x08000020
 TOO_LONG, TOO_SHORT = 0x06070012, 0x06070013
 BYTES = {
     t.UNSIGNED8: 1,
@@ -99,6 +100,9 @@ class Dictionary(Robot):
                 elif 0x1800 <= variable.index < 0x1A00 and variable.subindex in (3, 6):
                     # Inhibit time and SYNC start value, the same.
                     self.refused(DEVICE_STATE, self.download, variable, data)
+                elif variable.index in (0x1010, 0x1011):
+                    # Reads as what it can do; takes the signature only: `test_robot.py`.
+                    self.refused(NOT_STORED, self.download, variable, data)
                 elif variable.index in (0x2100, 0x2101):
                     # A setpoint: written, not kept.
                     self.download(variable, data)
@@ -139,8 +143,7 @@ class Dictionary(Robot):
                 self.refused(DEVICE_STATE, self.download, variable, data)
 
     def test_the_eds_names_all_there_is(self):
-        # Store and restore depend on whether the robot has a flash; the EDS does not say.
-        named = {0x1010, 0x1011, *self.node.object_dictionary}
+        named = set(self.node.object_dictionary)
         for first, last in [
             (0x1000, 0x1030),
             (0x1200, 0x1210),

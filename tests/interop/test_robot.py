@@ -4,7 +4,7 @@ import unittest
 
 import canopen
 
-from robot import NODE, PATIENCE, READ_ONLY, Robot, twist
+from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, twist
 
 IDENTITY = (0, 0x4F4D4E49, 0x00010000)
 """Vendor, product, revision."""
@@ -67,6 +67,38 @@ class Network(Robot):
             if statuses.get(timeout=PATIENCE)[0] == 2:
                 return
         self.fail("not armed")
+
+
+class Store(Robot):
+    def reset(self):
+        heartbeats = self.frames(0x700 + NODE)
+        self.network.nmt.send_command(0x81)
+        while heartbeats.get(timeout=PATIENCE) != b"\0":
+            pass
+        self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")
+
+    def half_track(self):
+        return self.node.sdo[0x2010][1].raw
+
+    def test_what_is_saved_outlives_a_reset_until_it_is_restored(self):
+        self.configure()
+        self.node.sdo[0x2010][1].raw = 0.25
+        self.node.store()
+        self.node.sdo[0x2010][1].raw = 0.5
+        self.reset()
+        self.assertAlmostEqual(self.half_track(), 0.25, delta=1e-7)
+        self.node.restore()
+        self.reset()
+        self.assertAlmostEqual(self.half_track(), 0.2, delta=1e-7)
+
+    def test_nothing_is_saved_without_the_signature(self):
+        for index, signature in [(0x1010, b"evas"), (0x1011, b"daol")]:
+            self.refused(0x08000020, self.node.sdo.download, index, 1, signature)
+
+    def test_nothing_is_saved_while_operational(self):
+        self.configure()
+        self.enter("OPERATIONAL")
+        self.refused(DEVICE_STATE, self.node.store)
 
 
 class Sdo(Robot):

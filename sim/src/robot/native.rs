@@ -6,10 +6,14 @@
 //! mailboxes from which the lowest identifier is sent first, as in the real CAN controller; the
 //! controller keeps the rest.
 //!
+//! Its parameter store is memory that takes no time to write and that no power cycle can be tried on.
+//!
 //! The robot's clock starts [`BOOT_NS`] after the world's and runs fast by its crystal's error.
 
 use canopen::{Frame, Micros, NodeId};
-use controller::{BusSide, ControlSide, Event, Identity, Inputs, Outputs, TICK_US, TickPhase};
+use controller::{
+    BusSide, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, Stored, TICK_US, TickPhase,
+};
 use protocol::Fault;
 
 use super::{LogLine, Robot, Wake};
@@ -77,10 +81,17 @@ impl NativeRobot {
             node,
             problem: "is not a CANopen node".to_owned(),
         })?;
+        let mut bus = BusSide::new(Identity {
+            storage: true,
+            ..Identity::new(id, 0x4F4D_0000 + u32::from(node))
+        });
+        // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or two a robot.
+        let memory = Box::leak(Box::new([0; IMAGE_MAX]));
+        bus.load(Micros::ZERO, memory, Stored::Nothing);
         Ok(Self {
             clock: Clock::new(crystal_ppm),
             now_ns: 0,
-            bus: BusSide::new(Identity::new(id, 0x4F4D_0000 + u32::from(node))),
+            bus,
             control: ControlSide::new(),
             next_tick: Micros(TICK_US),
             phase: TickPhase::new(),
@@ -115,6 +126,9 @@ impl NativeRobot {
 
     /// Moves frames from the controller to free mailboxes, and events to the log.
     fn pump(&mut self, now: Micros) {
+        if self.bus.image_to_store().is_some() {
+            self.bus.finish_store(Ok(()));
+        }
         while self.mailboxes.len() < MAILBOXES {
             let Some(frame) = self.bus.pop_frame() else {
                 break;
