@@ -13,12 +13,13 @@ use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
 use crate::member::MemberKinematics;
 use crate::mount::Mount;
+use crate::wheel::Wheel;
 
 /// 2^16: steps of an `I16F16` in a unit.
 const STEPS: f32 = 65_536.0;
 
 /// How much finer displacements are computed than velocities.
-const FINE: f32 = 1024.0;
+pub(crate) const FINE: f32 = 1024.0;
 
 /// [`MemberKinematics`] in `I16F16`, with `f32` in and out.
 ///
@@ -48,7 +49,20 @@ impl FixedMember {
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
-        MemberKinematics::new(geometry, mount, compensation)?
+        Self::from_wheels(&geometry.wheels()?, mount, compensation)
+    }
+
+    /// The same from four wheels of any kind, front left to rear right.
+    ///
+    /// # Errors
+    ///
+    /// As [`FixedMember::new`].
+    pub fn from_wheels<S: Real>(
+        wheels: &[Wheel<S>; 4],
+        mount: &Mount<S>,
+        compensation: &VelocityCompensation<S>,
+    ) -> Result<Self, GeometryError> {
+        MemberKinematics::from_wheels(wheels, mount, compensation)?
             .convert()
             .map(|member| Self { member })
             .map_err(|_| GeometryError::Range)
@@ -122,12 +136,12 @@ fn fixed(value: f32) -> I16F16 {
     reason = "rounded to the 24 bits an f32 has"
 )]
 #[inline]
-const fn single(value: I16F16) -> f32 {
+pub(crate) const fn single(value: I16F16) -> f32 {
     value.to_bits() as f32 / STEPS
 }
 
 #[inline]
-fn fixed_twist(twist: Twist) -> Twist<I16F16> {
+pub(crate) fn fixed_twist(twist: Twist) -> Twist<I16F16> {
     Twist {
         vx: fixed(twist.vx),
         vy: fixed(twist.vy),
@@ -136,7 +150,7 @@ fn fixed_twist(twist: Twist) -> Twist<I16F16> {
 }
 
 #[inline]
-fn fixed_rates(rates: &WheelRates) -> WheelRates<I16F16> {
+pub(crate) fn fixed_rates(rates: &WheelRates) -> WheelRates<I16F16> {
     WheelRates {
         front_left: fixed(rates.front_left),
         front_right: fixed(rates.front_right),
@@ -146,7 +160,7 @@ fn fixed_rates(rates: &WheelRates) -> WheelRates<I16F16> {
 }
 
 #[inline]
-fn single_rates(rates: WheelRates<I16F16>) -> WheelRates {
+pub(crate) fn single_rates(rates: WheelRates<I16F16>) -> WheelRates {
     WheelRates {
         front_left: single(rates.front_left),
         front_right: single(rates.front_right),

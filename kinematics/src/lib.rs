@@ -20,6 +20,7 @@
 //! | know where the robot is | [`Odometry`], [`UncertainOdometry`] |
 //! | have something to follow | [`trajectory`] |
 //! | model the rollers | [`Rollers`], [`Wheel::swept`], [`roller_angle_correction`] |
+//! | take out what the rollers do, by the wheels' angles | [`RollerTrack`], [`Secant`], [`PhaseMember`], [`PhasePlatform`] |
 //! | do without a floating-point unit | [`FixedMember`], [`MemberKinematics::convert`] |
 //!
 //! # Frames, units, signs
@@ -66,6 +67,7 @@ mod member;
 mod mount;
 mod odometry;
 pub mod paper;
+mod phase;
 mod platform;
 mod roller;
 mod slip;
@@ -75,8 +77,8 @@ mod wheel;
 pub use arithmetic::{Real, Scalar};
 pub use compensated::CompensatedMember;
 pub use compensation::{
-    AxisTable, Compensation, DirectionalCompensation, SpeedCompensation, VelocityCompensation,
-    estimate,
+    AxisTable, Compensation, DirectionalCompensation, GridCompensation, SpeedCompensation,
+    VelocityCompensation, estimate,
 };
 pub use covariance::{Covariance, TwistUncertainty, Uncertainty};
 pub use error::{CompensationError, GeometryError, GroupError, MountError, RangeError};
@@ -88,6 +90,10 @@ pub use group::{Configuration, Disagreement, Group, Member, group_scale};
 pub use member::MemberKinematics;
 pub use mount::Mount;
 pub use odometry::{Odometry, UncertainOdometry};
+pub use phase::{
+    FixedPhaseMember, FixedSecant, PhaseMember, PhasePlatform, RollerAngle, RollerTrack, Secant,
+    SecantEstimate,
+};
 pub use platform::Platform;
 pub use roller::Rollers;
 pub use slip::Suspect;

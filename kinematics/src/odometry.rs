@@ -10,7 +10,7 @@
 
 use nalgebra::Matrix3;
 
-use crate::arithmetic::{Real, SMALL_TURN, Scalar};
+use crate::arithmetic::{Real, SMALL_TURN, Scalar, TURN_UNITS};
 use crate::covariance::Covariance;
 use crate::four_wheel::WheelRates;
 use crate::frame::{Pose, Twist};
@@ -51,7 +51,7 @@ impl<S: Real> Odometry<S> {
     #[must_use]
     pub fn at(pose: Pose<S>) -> Self {
         Self {
-            heading: turned_far(0, pose.heading.widen()),
+            heading: turned_far(0, pose.heading.turn_units()),
             x: pose.x,
             y: pose.y,
             ..Self::default()
@@ -99,7 +99,7 @@ impl<S: Real> Odometry<S> {
     #[inline(never)]
     fn advance_far(&mut self, displacement: Twist<S>) {
         self.translate(displacement, chord(displacement.omega));
-        self.heading = turned_far(self.heading, displacement.omega.widen());
+        self.heading = turned_far(self.heading, displacement.omega.turn_units());
     }
 
     #[inline]
@@ -155,19 +155,25 @@ fn wrapped(heading: i64) -> i64 {
     }
 }
 
-/// The heading after a turn of any size, in double precision.
-fn turned_far(heading: i64, turn: f64) -> i64 {
-    let whole = libm::floor(turn / core::f64::consts::TAU + 0.5) * core::f64::consts::TAU;
-    let units = i128::from(heading) + i128::from((turn - whole).to_units());
-    let pi = i128::from(PI_UNITS);
-    let within = if units > pi {
-        units - 2 * pi
-    } else if units < -pi {
-        units + 2 * pi
+/// The heading after a turn of any size, given without its whole turns.
+fn turned_far(heading: i64, turn: u64) -> i64 {
+    // A sum modulo a whole turn, which leaves no room for a carry in 64 bits.
+    let from = if heading < 0 {
+        TURN_UNITS.wrapping_add_signed(heading)
     } else {
-        units
+        heading.unsigned_abs()
     };
-    i64::try_from(within).unwrap_or(PI_UNITS)
+    let room = TURN_UNITS.wrapping_sub(from);
+    let units = if turn >= room {
+        turn.wrapping_sub(room)
+    } else {
+        turn.wrapping_add(from)
+    };
+    if units > PI_UNITS.unsigned_abs() {
+        units.wrapping_sub(TURN_UNITS).cast_signed()
+    } else {
+        units.cast_signed()
+    }
 }
 
 /// Odometry that also says how sure it is.

@@ -81,6 +81,28 @@ impl<S: Real> Rollers<S> {
         cos
     }
 
+    /// How far sideways a wheel rolls while it turns from angle 0, over what it would with infinitely many rollers,
+    /// as a wheel angle, rad: the integral of [`Rollers::lateral_ratio`], in closed form, over any number of rollers.
+    #[must_use]
+    pub fn lateral_travel(&self, wheel_angle: S, phase: S) -> S {
+        let since_middle = |angle: S| {
+            let whole = (angle / self.pitch).round();
+            let (sin, _) = (angle - whole * self.pitch).sine_cosine();
+            whole * self.pitch * self.mean_lateral_ratio() + sin
+        };
+        since_middle(wheel_angle + phase) - since_middle(phase)
+    }
+
+    /// The mean lateral ratio between two wheel angles, rad; the ratio itself when they are equal.
+    #[must_use]
+    pub fn mean_lateral_ratio_between(&self, from: S, to: S, phase: S) -> S {
+        let turned = to - from;
+        if turned == S::zero() {
+            return self.lateral_ratio(self.sweep(from, phase));
+        }
+        self.lateral_travel(turned, from + phase) / turned
+    }
+
     /// By how much the lateral ratio at this sweep is above its mean, relative: what a ripple compensation that
     /// works beside a constant coefficient must take out.
     #[must_use]

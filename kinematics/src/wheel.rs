@@ -139,6 +139,20 @@ impl<S: Real> Wheel<S> {
         [row_x, row_y, self.x * row_y - self.y * row_x]
     }
 
+    /// The same row in two: the part that does not depend on the rollers, and the part in proportion to the
+    /// cotangent of the angle they stand at. A ground roller that has swept past its middle makes the row the first
+    /// plus `sec(sweep)` times the second.
+    #[must_use]
+    pub fn jacobian_parts(&self) -> ([S; 3], [S; 3]) {
+        let (sin, cos) = self.mounting_angle.sine_cosine();
+        let (sin_roller, cos_roller) = self.roller_angle.sine_cosine();
+        let sign = if self.reversed { -S::one() } else { S::one() };
+        let gain = sign / self.radius;
+        let lean = gain * cos_roller / sin_roller;
+        let row = |x: S, y: S| [x, y, self.x * y - self.y * x];
+        (row(cos * gain, sin * gain), row(sin * lean, -cos * lean))
+    }
+
     /// How that row changes with the roller angle, per rad: equation (16), for any wheel.
     ///
     /// Along the rolling direction not at all, along the axle with `1/(r sin^2)`.

@@ -1,6 +1,6 @@
 //! `f32` and `f64` as scalars: coefficients are plain numbers, nothing saturates.
 
-use super::{Real, Scalar, sin_cos, square_root};
+use super::{Real, Scalar, TURN_UNITS, sin_cos, square_root};
 
 /// 2^61.
 const UNITS: f64 = 2_305_843_009_213_693_952.0;
@@ -154,6 +154,38 @@ impl Real for f32 {
         (i64::from(high) << 32).wrapping_add(i64::from(low) << 1)
     }
 
+    /// In whole numbers: exact, and without the double precision that a Cortex-M4F has only in software.
+    fn turn_units(self) -> u64 {
+        const MANTISSA: u32 = 23;
+        const BIAS: u32 = 127;
+        /// Bits from a step of the mantissa of a number from 1 to 2 to a unit.
+        const TO_UNITS: u32 = 61 - MANTISSA;
+        let bits = self.to_bits();
+        let exponent = (bits >> MANTISSA) & 0xFF;
+        if exponent < BIAS {
+            return unsigned(self.to_units());
+        }
+        if exponent == 0xFF {
+            return 0;
+        }
+        let mantissa = u64::from((bits & 0x007F_FFFF) | 0x0080_0000);
+        let mut units = mantissa << TO_UNITS;
+        for _ in BIAS..exponent {
+            // Twice as much, less a turn if that is one. A turn has 64 bits, so twice may have 65.
+            let room = TURN_UNITS.wrapping_sub(units);
+            units = if units >= room {
+                units.wrapping_sub(room)
+            } else {
+                units.wrapping_mul(2)
+            };
+        }
+        if self < 0.0 && units != 0 {
+            TURN_UNITS.wrapping_sub(units)
+        } else {
+            units
+        }
+    }
+
     #[expect(
         clippy::cast_precision_loss,
         reason = "an angle to 2e-9 rad is finer than what follows from it"
@@ -162,6 +194,16 @@ impl Real for f32 {
     fn from_units(units: i64) -> Self {
         const HIGH: f32 = 1.0 / 536_870_912.0; // 2^-29
         ((units >> 32) as i32) as Self * HIGH
+    }
+
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "rounded to 24 bits, 3e-8 at most"
+    )]
+    #[inline]
+    fn from_fraction(steps: i32) -> Self {
+        const STEP: f32 = 1.0 / 4_294_967_296.0; // 2^-32
+        steps as Self * STEP
     }
 }
 
@@ -200,8 +242,26 @@ impl Real for f64 {
         (self * UNITS) as i64
     }
 
+    fn turn_units(self) -> u64 {
+        let whole = libm::floor(self / core::f64::consts::TAU + 0.5) * core::f64::consts::TAU;
+        unsigned((self - whole).to_units())
+    }
+
     #[expect(clippy::cast_precision_loss, reason = "rounded to the nearest f64")]
     fn from_units(units: i64) -> Self {
         units as Self / UNITS
+    }
+
+    fn from_fraction(steps: i32) -> Self {
+        Self::from(steps) / 4_294_967_296.0
+    }
+}
+
+/// An angle within half a turn either way, as one from 0 to a turn.
+fn unsigned(units: i64) -> u64 {
+    if units < 0 {
+        TURN_UNITS.wrapping_add_signed(units)
+    } else {
+        units.unsigned_abs()
     }
 }

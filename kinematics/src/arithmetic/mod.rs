@@ -94,6 +94,9 @@ pub trait Scalar: Copy + PartialEq + PartialOrd + Debug + Default + sealed::Seal
     fn widen(self) -> f64;
 }
 
+/// A whole turn in units of 2^-61 rad.
+pub const TURN_UNITS: u64 = 14_488_038_916_154_245_684;
+
 /// Turns below this take [`Real::small_chord`], rad.
 pub const SMALL_TURN: f64 = 0.125;
 
@@ -122,7 +125,15 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     #[must_use]
     fn to_units(self) -> i64;
 
+    /// What an angle of any size is beyond whole turns, 0 to 2 pi, in units of 2^-61; 0 for what is no number.
+    #[must_use]
+    fn turn_units(self) -> u64;
+
     /// The nearest value to a number of units of 2^-61, to 2^-29 for `f32`.
     #[must_use]
     fn from_units(units: i64) -> Self;
+
+    /// A number of steps of 2^-32, so within ± a half.
+    #[must_use]
+    fn from_fraction(steps: i32) -> Self;
 }

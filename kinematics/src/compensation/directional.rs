@@ -88,6 +88,20 @@ impl<const X: usize, const Y: usize, const O: usize, const W: usize, S: Real>
         })
     }
 
+    /// Ahead, aside, both at 45 degrees, yaw.
+    #[expect(clippy::type_complexity, reason = "the four kinds of table there are")]
+    pub(super) const fn tables(
+        &self,
+    ) -> (
+        &AxisTable<X, S>,
+        &AxisTable<Y, S>,
+        [&AxisTable<O, S>; 2],
+        &AxisTable<W, S>,
+    ) {
+        let oblique = [&self.oblique_longitudinal, &self.oblique_lateral];
+        (&self.ahead, &self.aside, oblique, &self.yaw)
+    }
+
     fn coefficients(&self, desired: Twist<S>) -> [S; 3] {
         let yaw = self.yaw.coefficient(desired.omega);
         let (xx, yy) = (desired.vx * desired.vx, desired.vy * desired.vy);

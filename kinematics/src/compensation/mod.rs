@@ -4,6 +4,8 @@
 //! a table over speed for each axis. [`DirectionalCompensation`] adds the direction of motion between the axes,
 //! because a robot that moves obliquely loses neither what it loses ahead nor what it loses sideways.
 //!
+//! [`GridCompensation`] is any of them, sampled for a control loop.
+//!
 //! All are given in the direction of use, from the velocity that is wanted to the one to ask the wheels for, and all
 //! can be inverted: a table that could not is refused when it is built. Forward kinematics uses that inverse of the
 //! same object.
@@ -11,10 +13,12 @@
 mod constant;
 mod directional;
 pub mod estimate;
+mod grid;
 mod table;
 
 pub use constant::VelocityCompensation;
 pub use directional::DirectionalCompensation;
+pub use grid::GridCompensation;
 pub use table::{AxisTable, SpeedCompensation};
 
 use crate::arithmetic::Real;

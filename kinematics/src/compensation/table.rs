@@ -98,6 +98,26 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
         Self::new(&rows.map(|(set, measured)| (measured, set / measured)))
     }
 
+    /// From up to `R` rows as for [`AxisTable::new`]; more are left out. The last one is repeated at higher speeds until
+    /// all places are filled, which changes nothing: a table keeps its last coefficient anyway. Without rows the
+    /// coefficient is `constant`.
+    ///
+    /// # Errors
+    ///
+    /// As [`AxisTable::new`].
+    pub fn filled(
+        mut rows: impl Iterator<Item = (S, S)>,
+        constant: S,
+    ) -> Result<Self, CompensationError> {
+        let mut last = (S::ZERO, constant);
+        let mut all = [last; R];
+        for row in &mut all {
+            last = rows.next().unwrap_or((last.0 + S::ONE, last.1));
+            *row = last;
+        }
+        Self::new(&all)
+    }
+
     /// The coefficient at this achieved speed, either sign.
     #[must_use]
     pub fn coefficient(&self, speed: S) -> S {
@@ -120,6 +140,18 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
         rows.fold((first, first), |(least, most), c| {
             (least.min(c), most.max(c))
         })
+    }
+
+    /// The speed from which on the coefficient no longer changes: that of the last row, or of an earlier one where
+    /// all that follow have its coefficient.
+    pub(super) fn last_speed(&self) -> S {
+        let mut rows = self.rows.iter().rev();
+        let Some(last) = rows.next() else {
+            return S::ONE;
+        };
+        rows.take_while(|row| row.coefficient == last.coefficient)
+            .last()
+            .map_or(last.speed, |row| row.speed)
     }
 
     pub(super) const fn steepness(&self) -> S {

@@ -1,0 +1,145 @@
+//! Where a wheel's ground roller stands, as an integer that wraps when the next roller takes over.
+//!
+//! One pitch, from roller to roller, is 2^32 steps, zero is the middle of a roller, and the hand-over is where the
+//! integer wraps from its largest to its smallest value: folding an angle into ± half a pitch costs nothing, and no
+//! distance is too long for it.
+
+use crate::arithmetic::Real;
+use crate::error::GeometryError;
+
+/// 2^32, steps of a pitch.
+const STEPS: f64 = 4_294_967_296.0;
+
+/// 2^64.
+const FINE_STEPS: f64 = STEPS * STEPS;
+
+/// How far a wheel has rolled on past the middle of its ground roller: 2^-32 of a pitch, within ± half a pitch.
+///
+/// ```
+/// use mecanum_kinematics::{RollerAngle, Rollers};
+///
+/// let eight = Rollers::<f64>::new(8)?;
+/// // Four tenths of a pitch further than three tenths is three tenths before the next roller's middle.
+/// let start = RollerAngle::new(0.3 * eight.pitch(), &eight);
+/// let later = start.advanced(RollerAngle::new(0.4 * eight.pitch(), &eight));
+/// assert!((later.sweep(&eight) + 0.3 * eight.pitch()).abs() < 1e-9);
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RollerAngle(i32);
+
+impl RollerAngle {
+    /// From a wheel angle since a roller's middle, rad; whole pitches are taken out. Not finite counts as zero.
+    #[must_use]
+    pub fn new<S: Real>(angle: S, rollers: &crate::Rollers<S>) -> Self {
+        let pitches = angle.widen() / rollers.pitch().widen();
+        Self::from_pitches(pitches)
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "folded into ± half a pitch before; the upper end wraps, as it should"
+    )]
+    fn from_pitches(pitches: f64) -> Self {
+        let folded = pitches - libm::floor(pitches + 0.5);
+        // Through 64 bits, because half a pitch is one step more than 32 bits hold.
+        Self((folded * STEPS) as i64 as i32)
+    }
+
+    /// From the integer.
+    #[must_use]
+    pub const fn from_bits(bits: i32) -> Self {
+        Self(bits)
+    }
+
+    /// The integer, 2^-32 of a pitch.
+    #[must_use]
+    pub const fn to_bits(self) -> i32 {
+        self.0
+    }
+
+    /// The angle, rad, within ± half a pitch.
+    #[must_use]
+    pub fn sweep<S: Real>(self, rollers: &crate::Rollers<S>) -> S {
+        S::from_fraction(self.0) * rollers.pitch()
+    }
+
+    /// The sum of both, folded.
+    #[must_use]
+    #[inline]
+    pub const fn advanced(self, by: Self) -> Self {
+        Self(self.0.wrapping_add(by.0))
+    }
+}
+
+/// Follows a wheel's roller angle by its encoder counts, without ever losing a step.
+///
+/// It keeps 2^-64 of a pitch. A count is that many steps, rounded once; the rounding adds up to a millionth of a
+/// pitch after 10^13 counts.
+///
+/// ```
+/// use mecanum_kinematics::{RollerAngle, RollerTrack};
+///
+/// // Eight rollers and 40000 counts a turn: 5000 counts a pitch.
+/// let mut track = RollerTrack::new(8, 40_000.0)?;
+/// track.set(RollerAngle::from_bits(0));
+/// for _ in 0..5_000 {
+///     track.advance(-1);
+/// }
+/// assert!(track.angle().to_bits().abs() <= 1); // a whole pitch back: the next roller's middle
+/// # Ok::<(), mecanum_kinematics::GeometryError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RollerTrack {
+    angle: u64,
+    /// Steps of 2^-64 pitches in a count.
+    per_count: i64,
+}
+
+impl RollerTrack {
+    /// For a wheel with this many rollers and encoder counts (quadrature, at the wheel) a turn; counts that go down
+    /// when the wheel rolls forward are given as negative.
+    ///
+    /// # Errors
+    ///
+    /// [`GeometryError::NotPositive`] for fewer than three rollers, or for counts of less than four a pitch, which
+    /// could not tell where a roller stands.
+    pub fn new(rollers: u16, counts_per_turn: f64) -> Result<Self, GeometryError> {
+        if rollers < 3 {
+            return Err(GeometryError::NotPositive("rollers - 2"));
+        }
+        let pitches = f64::from(rollers) / counts_per_turn;
+        if pitches.abs() > 0.25 || pitches.is_nan() {
+            return Err(GeometryError::NotPositive("counts a roller - 3"));
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "at most a quarter of 2^64 in magnitude"
+        )]
+        let per_count = libm::round(pitches * FINE_STEPS) as i64;
+        Ok(Self {
+            angle: 0,
+            per_count,
+        })
+    }
+
+    /// The wheel went on by this many counts.
+    #[inline]
+    pub const fn advance(&mut self, counts: i32) {
+        self.angle = self
+            .angle
+            .wrapping_add((counts as i64).wrapping_mul(self.per_count) as u64);
+    }
+
+    /// Says what the angle is now.
+    pub const fn set(&mut self, angle: RollerAngle) {
+        self.angle = (angle.0 as u32 as u64) << 32;
+    }
+
+    /// The angle now.
+    #[must_use]
+    #[inline]
+    pub const fn angle(&self) -> RollerAngle {
+        RollerAngle((self.angle >> 32) as u32 as i32)
+    }
+}
