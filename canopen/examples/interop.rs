@@ -146,10 +146,10 @@ impl Storage for Objects {
         image.len()
     }
 
-    fn save_node(&mut self, node: Option<NodeId>) -> Result<(), AbortCode> {
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
         let [image, value, _] = self.memory();
         let node = node.map(|node| vec![node.get()]).unwrap_or_default();
-        self.keep([image, value, node]).map(|_| ())
+        self.keep([image, value, node])
     }
 }
 

@@ -1,13 +1,15 @@
-//! Our SDO client against a foreign device: `sdo ADDRESS NODE`.
+//! Our master's side against a foreign device: `sdo ADDRESS NODE`.
 //!
 //! Waits for the device's bus (slcan over TCP), then reads commands from standard input, one a line,
 //! and answers each with one line: `read INDEX SUB`, `read-block INDEX SUB`, `write INDEX SUB BYTES`,
 //! `write-block INDEX SUB BYTES`, all in hexadecimal. The answer is the bytes, `ok` or why not.
+//! `nmt COMMAND` (start, stop, pre-operational, reset) sends a NMT command; `state` waits for the next boot-up or
+//! heartbeat and answers with it, or with `silent` after three seconds without one.
 
 mod slcan;
 
-use canopen::client::{Outcome, SdoClient};
-use canopen::{Micros, NodeId};
+use canopen::client::{self, Outcome, SdoClient};
+use canopen::{Micros, NmtCommand, NmtState, NmtTarget, NodeId};
 
 fn bytes_of(text: &str) -> Option<Vec<u8>> {
     let pairs = (0..text.len()).step_by(2);
@@ -33,6 +35,41 @@ fn start(client: &mut SdoClient, now: Micros, line: &str) -> Option<()> {
     .ok()
 }
 
+/// Sends a NMT command; `None` if there is none of this name.
+fn nmt(bus: &mut slcan::Slcan, node: NodeId, name: &str) -> Option<()> {
+    let command = match name {
+        "start" => NmtCommand::Start,
+        "stop" => NmtCommand::Stop,
+        "pre-operational" => NmtCommand::EnterPreOperational,
+        "reset" => NmtCommand::ResetNode,
+        _ => return None,
+    };
+    bus.send(&client::nmt(command, NmtTarget::Node(node)));
+    Some(())
+}
+
+/// Waits for the device to say what state it is in.
+fn state(bus: &mut slcan::Slcan, node: NodeId) -> &'static str {
+    let end = bus.now() + Micros::from_millis(3_000);
+    while bus.now() < end {
+        let said = bus
+            .receive()
+            .and_then(|frame| client::parse_heartbeat(&frame));
+        match said {
+            Some((from, state)) if from == node => {
+                return match state {
+                    NmtState::Initialising => "boot-up",
+                    NmtState::Stopped => "stopped",
+                    NmtState::Operational => "operational",
+                    NmtState::PreOperational => "pre-operational",
+                };
+            }
+            _ => {}
+        }
+    }
+    "silent"
+}
+
 fn main() -> std::io::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments.next().unwrap_or("127.0.0.1:29536".into());
@@ -44,7 +81,17 @@ fn main() -> std::io::Result<()> {
         bus.receive();
     }
     for line in std::io::stdin().lines() {
-        if start(&mut client, bus.now(), &line?).is_none() {
+        let line = line?;
+        if line == "state" {
+            println!("{}", state(&mut bus, node));
+            continue;
+        }
+        if let Some(name) = line.strip_prefix("nmt ") {
+            let sent = nmt(&mut bus, node, name);
+            println!("{}", sent.map_or("what?", |()| "ok"));
+            continue;
+        }
+        if start(&mut client, bus.now(), &line).is_none() {
             println!("what?");
             continue;
         }

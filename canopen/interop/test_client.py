@@ -1,4 +1,4 @@
-"""A python-canopen LocalNode as the foreign device our SDO client reads and writes, over slcan on TCP.
+"""A python-canopen LocalNode as the foreign slave that our master's side boots, configures and watches, over slcan on TCP.
 
 `cargo xtask interop` runs it. By hand:
 
@@ -33,6 +33,7 @@ class Client(unittest.TestCase):
         channel = f"socket://127.0.0.1:{port}"
         self.network.connect(interface="slcan", channel=channel, sleep_after_open=0)
         self.node = self.network.create_node(NODE, dictionary())
+        self.node.sdo[0x1018][1].raw = 0x11
 
     def tearDown(self):
         self.network.disconnect()
@@ -41,10 +42,16 @@ class Client(unittest.TestCase):
         self.process.stdin.close()
         self.process.stdout.close()
 
-    def ask(self, line):
+    def say(self, line):
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
+
+    def hear(self):
         return self.process.stdout.readline().strip()
+
+    def ask(self, line):
+        self.say(line)
+        return self.hear()
 
     def test_expedited(self):
         self.assertEqual(self.ask("write 2000 0 3412"), "ok")
@@ -68,6 +75,36 @@ class Client(unittest.TestCase):
         self.assertIn("refused: 0x", self.ask("write-block 2004 0 " + "55" * 20))
         self.assertIn("refused: 0x", self.ask("read-block 2004 0"))
         self.assertEqual(self.ask("write 2000 0 0100"), "ok")
+
+    def test_boot_configure_start_and_watch(self):
+        # The slave is switched on: boot-up, then PRE-OPERATIONAL.
+        self.say("state")
+        self.node.nmt.send_command(129)
+        self.node.nmt.send_command(128)
+        self.assertEqual(self.hear(), "boot-up")
+        # Who is it, and what must it know.
+        self.assertEqual(self.ask("read 1018 1"), "11000000")
+        self.assertEqual(self.ask("write 1017 0 6400"), "ok")
+        self.assertEqual(self.ask("write 2000 0 3412"), "ok")
+        blob = bytes(range(40))
+        self.assertEqual(self.ask(f"write 2004 0 {blob.hex()}"), "ok")
+        self.assertEqual(self.node.sdo[0x2000].raw, 0x1234)
+        self.assertEqual(bytes(self.node.sdo[0x2004].raw), blob)
+        self.assertEqual(self.ask("state"), "pre-operational")
+        for command, state in [
+            ("start", "operational"),
+            ("stop", "stopped"),
+            ("pre-operational", "pre-operational"),
+            ("start", "operational"),
+        ]:
+            self.assertEqual(self.ask(f"nmt {command}"), "ok")
+            # A heartbeat from before may still be on its way.
+            said = next(filter(state.__eq__, (self.ask("state") for _ in range(20))), None)
+            self.assertEqual(said, state)
+        self.assertEqual(self.node.nmt.state, "OPERATIONAL")
+        self.node.nmt.stop_heartbeat()
+        said = next(filter("silent".__eq__, (self.ask("state") for _ in range(20))), None)
+        self.assertEqual(said, "silent")
 
     def test_silence(self):
         self.network.disconnect()

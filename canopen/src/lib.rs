@@ -29,6 +29,8 @@
         clippy::cast_sign_loss
     )
 )]
+// What only the device uses.
+#![cfg_attr(feature = "stub", allow(dead_code))]
 
 #[cfg(test)]
 extern crate std;
@@ -38,6 +40,10 @@ mod bytes;
 pub mod client;
 mod config;
 mod crc;
+#[cfg(not(feature = "stub"))]
+mod device;
+#[cfg(feature = "stub")]
+#[path = "stub.rs"]
 mod device;
 mod emergency;
 mod event;

@@ -63,11 +63,12 @@ pub trait Storage {
     fn load(&mut self, out: &mut [u8]) -> usize;
 
     /// Saves the node-ID a LSS master has given, `None` to be without one. It is
-    /// [`Config::node`](crate::Config::node) after the next power-on.
+    /// [`Config::node`](crate::Config::node) after the next power-on. The LSS master gets its answer when it is
+    /// done.
     ///
     /// # Errors
     /// [`AbortCode::UnsupportedAccess`] if it cannot be saved at all, any other if it failed.
-    fn save_node(&mut self, node: Option<NodeId>) -> Result<(), AbortCode> {
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
         let _ = node;
         Err(AbortCode::UnsupportedAccess)
     }

@@ -6,7 +6,9 @@
 
 use super::Core;
 use crate::bytes::{high_u16, low_u16};
-use crate::{AbortCode, Frame, Identity, Micros, NodeId, ObjectDictionary, ResetScope};
+use crate::{
+    AbortCode, Frame, Identity, Micros, NodeId, ObjectDictionary, ResetScope, StoreProgress,
+};
 
 pub(super) const REQUEST: u16 = 0x7E5;
 const RESPONSE: u16 = 0x7E4;
@@ -26,6 +28,8 @@ pub(super) struct Lss {
     identified: u8,
     /// Which part of the identity fastscan is at.
     scanned: u8,
+    /// The node-ID is being saved.
+    storing: bool,
     /// The node-ID from the next reset on.
     pub node: Option<NodeId>,
 }
@@ -37,6 +41,7 @@ impl Lss {
             selected: 0,
             identified: 0,
             scanned: 0,
+            storing: false,
             node,
         }
     }
@@ -78,19 +83,7 @@ impl Core {
                 self.answer_lss(0x11, [error, 0, 0, 0]);
             }
             0x13 if configuring => self.answer_lss(0x13, [REFUSED, 0, 0, 0]),
-            0x17 if configuring => {
-                let node = self.lss.node;
-                let saved = match od.storage() {
-                    Some(storage) => storage.save_node(node),
-                    None => Err(AbortCode::UnsupportedAccess),
-                };
-                let error = match saved {
-                    Ok(()) => 0,
-                    Err(AbortCode::UnsupportedAccess) => 1,
-                    Err(_) => 2,
-                };
-                self.answer_lss(0x17, [error, 0, 0, 0]);
-            }
+            0x17 if configuring => self.store_lss(od),
             0x5A..=0x5D if configuring => {
                 let number = part(&self.config.identity, command - 0x5A).unwrap_or(0);
                 self.answer_lss(command, number.to_le_bytes());
@@ -101,6 +94,45 @@ impl Core {
             }
             _ => {}
         }
+    }
+
+    /// Store configuration.
+    fn store_lss(&mut self, od: &mut dyn ObjectDictionary) {
+        if self.storing {
+            return self.answer_lss_store(Err(AbortCode::DeviceState));
+        }
+        let node = self.lss.node;
+        let saved = match od.storage() {
+            Some(storage) => storage.save_node(node),
+            None => Err(AbortCode::UnsupportedAccess),
+        };
+        match saved {
+            Ok(StoreProgress::Pending) => {
+                self.storing = true;
+                self.lss.storing = true;
+            }
+            Ok(StoreProgress::Done) => self.answer_lss_store(Ok(())),
+            Err(code) => self.answer_lss_store(Err(code)),
+        }
+    }
+
+    /// The node-ID has been saved, or not. `false` if it was not that which was being saved.
+    pub(super) fn finish_lss_store(&mut self, result: Result<(), AbortCode>) -> bool {
+        let was_storing = core::mem::take(&mut self.lss.storing);
+        if was_storing {
+            self.storing = false;
+            self.answer_lss_store(result);
+        }
+        was_storing
+    }
+
+    fn answer_lss_store(&mut self, result: Result<(), AbortCode>) {
+        let error = match result {
+            Ok(()) => 0,
+            Err(AbortCode::UnsupportedAccess) => 1,
+            Err(_) => 2,
+        };
+        self.answer_lss(0x17, [error, 0, 0, 0]);
     }
 
     fn answer_lss(&mut self, command: u8, value: [u8; 4]) {

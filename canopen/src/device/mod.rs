@@ -196,9 +196,11 @@ impl Device {
     }
 
     /// Saving or restoring that was [pending](crate::StoreProgress::Pending) has ended: tells the
-    /// SDO client that waits for it.
+    /// SDO client or the LSS master that waits for it.
     pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
-        self.sdo.finish_store(&mut self.core, result);
+        if !self.core.finish_lss_store(result) {
+            self.sdo.finish_store(&mut self.core, result);
+        }
     }
 
     /// Reads any object, as an SDO client would.

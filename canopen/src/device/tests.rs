@@ -27,6 +27,8 @@ pub(super) struct Memory {
     pub restored: Vec<StoreScope>,
     pub node: Option<Option<NodeId>>,
     pub progress: Option<StoreProgress>,
+    /// Saving the node-ID takes its time.
+    pub slow_node: bool,
 }
 
 impl Storage for Memory {
@@ -55,9 +57,12 @@ impl Storage for Memory {
         self.image.len()
     }
 
-    fn save_node(&mut self, node: Option<NodeId>) -> Result<(), AbortCode> {
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
         self.node = Some(node);
-        Ok(())
+        Ok(match self.slow_node {
+            true => StoreProgress::Pending,
+            false => StoreProgress::Done,
+        })
     }
 }
 

@@ -43,6 +43,32 @@ fn a_device_without_a_node_id_is_selected_configured_and_boots() {
 }
 
 #[test]
+fn storing_that_takes_its_time_is_answered_when_it_is_done() {
+    for (result, error) in [(Ok(()), 0), (Err(AbortCode::Hardware), 2)] {
+        let mut bench = Bench::booted(Config {
+            storage: true,
+            ..CONFIG
+        });
+        bench.od.memory.slow_node = true;
+        bench.od.memory.progress = Some(StoreProgress::Done);
+        bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(ask(&mut bench, client::lss_store()), []);
+        // One at a time, whoever asks.
+        assert_eq!(ask(&mut bench, client::lss_store()), [LssAnswer::Stored(2)]);
+        let saved = bench.write(0x1010, 1, b"save");
+        assert_eq!(saved, Err(AbortCode::DeviceState.code()));
+        bench.device.finish_store(result);
+        let answers: Vec<_> = bench
+            .frames()
+            .iter()
+            .filter_map(client::parse_lss)
+            .collect();
+        assert_eq!(answers, [LssAnswer::Stored(error)]);
+        assert_eq!(bench.write(0x1010, 1, b"save"), Ok(()));
+    }
+}
+
+#[test]
 fn golden_frames_of_selection() {
     let mut bench = Bench::booted(CONFIG);
     for (request, answers) in [

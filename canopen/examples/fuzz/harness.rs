@@ -1,13 +1,13 @@
-//! Frame streams at a device: `fuzz [--frames N] [--seed N]`.
+//! A device, what happens to it, and what must hold whatever happens.
 //!
 //! Streams of any identifier, length and bytes reach little, so most frames here are nearly right:
 //! services of the device with plausible commands, real objects, transfers carried on. In between come
 //! whole transfers over a bus that loses frames, and PDOs mapped anew. Nothing may
 //! panic, every frame sent must be one of the device's own, and a poll must leave no deadline behind
-//! (else the caller would spin). The same seed gives the same frames, and the digest at the end says
-//! whether the device answered the same.
-
-use std::time::Instant;
+//! (else the caller would spin).
+//!
+//! Two programs share this file: the example beside it draws from a generator, the libFuzzer target in `fuzz/` from the
+//! bytes that libFuzzer makes up.
 
 use canopen::client::SdoClient;
 use canopen::{
@@ -15,20 +15,41 @@ use canopen::{
     NodeId, ObjectDictionary, PdoConfig, PdoDirection, Storage, StoreProgress, StoreScope,
 };
 
-/// SplitMix64.
-struct Random(u64);
+/// Where decisions come from.
+#[allow(dead_code, reason = "each of the two programs uses one")]
+pub enum Source<'a> {
+    /// SplitMix64 from a seed, without end.
+    Seed(u64),
+    /// Somebody else's bytes, then zeros.
+    Bytes(&'a [u8]),
+}
 
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+impl Source<'_> {
+    fn next(&mut self, bytes: usize) -> u64 {
+        match self {
+            Self::Seed(state) => {
+                *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+                let mut z = *state;
+                z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+                z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+                z ^ (z >> 31)
+            }
+            Self::Bytes(rest) => {
+                let (now, behind) = rest.split_at(bytes.min(rest.len()));
+                *rest = behind;
+                now.iter()
+                    .fold(0, |value, byte| value << 8 | u64::from(*byte))
+            }
+        }
     }
 
     fn below(&mut self, end: u64) -> u64 {
-        self.next() % end
+        let bytes = match end {
+            0..=0x100 => 1,
+            0x101..=0x1_0000 => 2,
+            _ => 4,
+        };
+        self.next(bytes) % end
     }
 
     fn one_of<T: Copy>(&mut self, values: &[T]) -> T {
@@ -36,7 +57,12 @@ impl Random {
     }
 
     fn byte(&mut self) -> u8 {
-        self.next() as u8
+        self.next(1) as u8
+    }
+
+    /// Nothing is left to decide with.
+    fn is_dry(&self) -> bool {
+        matches!(self, Self::Bytes([]))
     }
 }
 
@@ -102,8 +128,8 @@ impl Storage for Objects {
         self.image.len()
     }
 
-    fn save_node(&mut self, _: Option<NodeId>) -> Result<(), AbortCode> {
-        Ok(())
+    fn save_node(&mut self, _: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
+        Ok(StoreProgress::Pending)
     }
 }
 
@@ -165,7 +191,7 @@ const VALUES: &[u32] = &[
 /// The nodes a device here may have been given by LSS.
 const NODES: &[u8] = &[5, 6, 127];
 
-fn frame(random: &mut Random, node: u8) -> Frame {
+fn frame(random: &mut Source<'_>, node: u8) -> Frame {
     let mut data = [0; 8];
     data.iter_mut().for_each(|byte| *byte = random.byte());
     let of = |base: u16| base + u16::from(node);
@@ -220,7 +246,7 @@ fn frame(random: &mut Random, node: u8) -> Frame {
 }
 
 /// A transfer by an honest client, over a bus that loses or bends a frame now and then.
-fn transfer(random: &mut Random, device: &mut Device, objects: &mut Objects, now: &mut Micros) {
+fn transfer(random: &mut Source<'_>, device: &mut Device, objects: &mut Objects, now: &mut Micros) {
     let Some(node) = device.node() else {
         return;
     };
@@ -235,7 +261,7 @@ fn transfer(random: &mut Random, device: &mut Device, objects: &mut Objects, now
     };
     started.expect("the client is new and the value fits");
     let fault = random.one_of(&[u64::MAX, u64::MAX, 20, 200]);
-    let bend = |random: &mut Random, frame: Frame| match random.below(fault) {
+    let bend = |random: &mut Source<'_>, frame: Frame| match random.below(fault) {
         0 => None,
         1 => {
             let mut data = *frame.padded();
@@ -265,7 +291,7 @@ fn transfer(random: &mut Random, device: &mut Device, objects: &mut Objects, now
 }
 
 /// A PDO mapped anew by the rules, with objects that may not be allowed or not fit.
-fn remap(random: &mut Random, device: &mut Device, objects: &mut Objects, now: Micros) {
+fn remap(random: &mut Source<'_>, device: &mut Device, objects: &mut Objects, now: Micros) {
     let at = random.below(5) as u16 + random.one_of(&[0x1400, 0x1800]);
     let mut write = |index: u16, sub: u8, value: &[u8]| {
         let _ = device.write(now, index, sub, value, objects);
@@ -290,13 +316,24 @@ fn remap(random: &mut Random, device: &mut Device, objects: &mut Objects, now: M
     write(at, 1, &cob_id.to_le_bytes());
 }
 
-struct Totals {
-    answers: u64,
-    digest: u64,
+/// What the device answered.
+pub struct Totals {
+    /// Frames.
+    pub answers: u64,
+    /// FNV-1a over them.
+    pub digest: u64,
 }
 
-/// One device, from power-on, for so many frames.
-fn life(random: &mut Random, frames: u64, totals: &mut Totals) {
+impl Totals {
+    /// Of nothing.
+    pub const NONE: Self = Self {
+        answers: 0,
+        digest: 0xCBF2_9CE4_8422_2325,
+    };
+}
+
+/// One device, from power-on, for so many frames or until there is nothing left to decide with.
+pub fn life(random: &mut Source<'_>, frames: u64, totals: &mut Totals) {
     let long = vec![7; random.below(520) as usize];
     let mut objects = Objects {
         values: [vec![0], vec![0; 2], vec![0; 4], long],
@@ -307,6 +344,9 @@ fn life(random: &mut Random, frames: u64, totals: &mut Totals) {
     let mut now = Micros(random.below(1_000_000));
     device.poll(now, &mut objects);
     for _ in 0..frames {
+        if random.is_dry() {
+            break;
+        }
         let node = device.node().map_or(5, NodeId::get);
         let pause = random.one_of(&[0, 0, 0, 0, 100, 100, 1_000, 20_000, 1_100_000]);
         now = now + Micros(random.below(pause + 1));
@@ -325,21 +365,12 @@ fn life(random: &mut Random, frames: u64, totals: &mut Totals) {
         if random.below(4) == 0 {
             continue;
         }
-        // A second time, because after its own SYNC a producer waits for the application.
-        device.poll(now, &mut objects);
-        device.poll(now, &mut objects);
-        assert!(
-            device.next_deadline().is_none_or(|next| next > now),
-            "a poll has left something to do"
-        );
+        settle(&mut device, &mut objects, now);
         if random.below(4) == 0 {
             continue;
         }
-        while let Some(frame) = device.pop_frame() {
+        while let Some(frame) = own_frame(&mut device) {
             totals.answers += 1;
-            let own = [0x7E4, 0x080].contains(&frame.id())
-                || frame.id() & 0x7F != 0 && NodeId::of_cob_id(frame.id()).is_some();
-            assert!(own, "{frame:?} is not this device's");
             for byte in [frame.id() as u8, frame.len()].iter().chain(frame.data()) {
                 totals.digest = (totals.digest ^ u64::from(*byte)).wrapping_mul(0x100_0000_01B3);
             }
@@ -348,30 +379,47 @@ fn life(random: &mut Random, frames: u64, totals: &mut Totals) {
     }
 }
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().collect();
-    let option = |name: &str, default: u64| {
-        let at = arguments.iter().position(|argument| argument == name);
-        at.and_then(|at| arguments.get(at + 1)?.parse().ok())
-            .unwrap_or(default)
-    };
-    let (frames, seed) = (option("--frames", 1_000_000), option("--seed", 1));
-    let mut random = Random(seed);
-    let mut totals = Totals {
-        answers: 0,
-        digest: 0xCBF2_9CE4_8422_2325,
-    };
-    let start = Instant::now();
-    let mut left = frames;
-    while left > 0 {
-        let now = left.min(5_000);
-        life(&mut random, now, &mut totals);
-        left -= now;
-    }
-    println!(
-        "{frames} frames in, {} out, no panic, digest {:016x}, {:.1} s",
-        totals.answers,
-        totals.digest,
-        start.elapsed().as_secs_f64()
+/// Polls, and checks that nothing is left to do.
+fn settle(device: &mut Device, objects: &mut Objects, now: Micros) {
+    // A second time, because after its own SYNC a producer waits for the application.
+    device.poll(now, objects);
+    device.poll(now, objects);
+    assert!(
+        device.next_deadline().is_none_or(|next| next > now),
+        "a poll has left something to do"
     );
+}
+
+/// The next frame, which must be one that this device may send.
+fn own_frame(device: &mut Device) -> Option<Frame> {
+    let frame = device.pop_frame()?;
+    let own = [0x7E4, 0x080].contains(&frame.id())
+        || frame.id() & 0x7F != 0 && NodeId::of_cob_id(frame.id()).is_some();
+    assert!(own, "{frame:?} is not this device's");
+    Some(frame)
+}
+
+/// One device, from power-on, and these bytes as frames: two bytes of identifier and length, two of time since the last
+/// one in 16 us, the data.
+#[allow(dead_code, reason = "only one of the two programs uses it")]
+pub fn raw(mut bytes: &[u8]) {
+    let mut objects = Objects {
+        values: [vec![0], vec![0; 2], vec![0; 4], vec![7; 300]],
+        ..Objects::default()
+    };
+    let mut device = Device::new(CONFIG);
+    let mut now = Micros(0);
+    device.poll(now, &mut objects);
+    while let Some((&[a, b, c, d], rest)) = bytes.split_first_chunk() {
+        let (id, length) = (u16::from_le_bytes([a, b & 7]), usize::from(b >> 3).min(8));
+        let (data, behind) = rest.split_at(length.min(rest.len()));
+        bytes = behind;
+        now = now + Micros(u64::from(u16::from_le_bytes([c, d])) * 16);
+        if let Some(frame) = Frame::new(id, data) {
+            device.on_frame(now, &frame, &mut objects);
+        }
+        settle(&mut device, &mut objects, now);
+        while own_frame(&mut device).is_some() {}
+        while device.pop_event().is_some() {}
+    }
 }

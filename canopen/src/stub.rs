@@ -1,0 +1,174 @@
+//! No device: what is left in its place to measure what the device costs (`cargo xtask size --canopen`).
+//!
+//! It does the least that keeps the application as it is: the same calls reach the same methods of the object
+//! dictionary, from frames, so that the compiler cannot leave any of them out and their size is not mistaken for the
+//! device's. It is no CANopen device and must not be on a bus.
+
+use crate::{
+    AbortCode, Config, ErrorClass, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary,
+    PdoDirection, ResetScope, StoreScope,
+};
+
+/// As the device has it.
+pub const MAX_RPDO: usize = 4;
+/// As the device has it.
+pub const MAX_TPDO: usize = 8;
+/// As the device has it.
+pub const MAX_MAPPED: usize = 8;
+/// As the device has it.
+pub const MAX_CONSUMERS: usize = 17;
+/// As the device has it.
+pub const MAX_SDO: usize = 511;
+
+/// Stands where the device would be.
+pub struct Device {
+    config: Config,
+    state: NmtState,
+    event: Option<Event>,
+    frame: Option<Frame>,
+}
+
+impl Device {
+    /// As the device has it.
+    #[must_use]
+    pub const fn new(config: Config) -> Self {
+        Self {
+            config,
+            state: NmtState::PreOperational,
+            event: None,
+            frame: None,
+        }
+    }
+
+    /// The state last entered.
+    #[must_use]
+    pub const fn state(&self) -> NmtState {
+        self.state
+    }
+
+    /// As configured.
+    #[must_use]
+    pub const fn node(&self) -> Option<NodeId> {
+        self.config.node
+    }
+
+    /// Passes each kind of frame to the method it is for.
+    pub fn on_frame<O: ObjectDictionary>(&mut self, at: Micros, frame: &Frame, od: &mut O) {
+        self.take(at, frame, od);
+    }
+
+    fn take(&mut self, at: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+        let [a, b, c, d, e, f, g, h] = *frame.padded();
+        let mut out = [a, b, c, d, e, f, g, h];
+        let index = u16::from_le_bytes([b, c]);
+        match (frame.id(), a) {
+            (0, _) => {
+                let Some((command, _)) = crate::nmt::parse(frame) else {
+                    return;
+                };
+                let from = core::mem::replace(&mut self.state, NmtState::Operational);
+                od.reset(ResetScope::Application);
+                self.event = Some(match b {
+                    0 => Event::NmtCommand(command),
+                    _ => Event::NmtChanged {
+                        from,
+                        to: self.state,
+                    },
+                });
+                return;
+            }
+            (0x80, 0) => {
+                self.event = Some(Event::SyncGap {
+                    expected: 1,
+                    received: a,
+                });
+            }
+            (0x80, _) => {
+                self.event = Some(Event::Sync {
+                    counter: Some(a),
+                    at,
+                    applied: crate::RpdoSet::default(),
+                });
+            }
+            (0x181, _) => {
+                od.rpdo(1, &out);
+            }
+            (_, 0) => {
+                let _ = od.mappable(index, d, PdoDirection::Receive);
+            }
+            (_, 1) => {
+                let _ = od.write(index, d, &[e, f, g, h], self.state);
+            }
+            (_, 2) => {
+                if let Some(storage) = od.storage() {
+                    let _ = storage.save(StoreScope::All, &[e]);
+                    let _ = storage.restore(StoreScope::Application);
+                    let _ = storage.save_node(NodeId::new(e));
+                    let _ = storage.load(&mut out);
+                }
+            }
+            (_, 3) => self.event = Some(Event::RecoverBus),
+            _ => {
+                let _ = od.read(index, d, &mut out);
+            }
+        }
+        self.frame = Frame::new(0x580, &out);
+    }
+
+    /// Asks for a transmit PDO.
+    pub fn poll<O: ObjectDictionary>(&mut self, _: Micros, od: &mut O) {
+        let mut data = [0; 8];
+        if od.tpdo(1, &mut data).is_some() {
+            self.frame = Frame::new(0x180, &data);
+        }
+    }
+
+    /// The same.
+    pub fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
+        self.poll(now, od);
+    }
+
+    /// The last frame made.
+    pub fn pop_frame(&mut self) -> Option<Frame> {
+        self.frame.take()
+    }
+
+    /// The last event.
+    pub fn pop_event(&mut self) -> Option<Event> {
+        self.event.take()
+    }
+
+    /// Nothing is ever due.
+    #[must_use]
+    pub const fn next_deadline(&self) -> Option<Micros> {
+        None
+    }
+
+    /// Tells nobody.
+    pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
+        let code = result.err().map_or(0, AbortCode::code);
+        self.frame = Frame::new(0x580, &code.to_le_bytes());
+    }
+
+    /// Tells nobody.
+    pub fn raise_error(&mut self, _: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
+        let [a, b] = code.to_le_bytes();
+        let [c, d, e, f, _] = info;
+        self.frame = Frame::new(0x80, &[a, b, class as u8, c, d, e, f]);
+    }
+
+    /// Tells nobody.
+    pub fn clear_error(&mut self, now: Micros, code: u16, info: u8) {
+        self.raise_error(now, code, ErrorClass::Generic, [info; 5]);
+    }
+
+    /// Does nothing.
+    pub fn on_bus_off(&mut self, _: Micros) {
+        self.event = None;
+    }
+
+    /// Does nothing.
+    pub fn on_bus_recovered(&mut self, _: Micros) {
+        self.frame = None;
+    }
+}
