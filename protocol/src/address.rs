@@ -55,6 +55,10 @@ addresses! {
     FIRMWARE_VERSION = 0x2001:2;
     /// Why the processor started.
     RESET_CAUSE = 0x2001:3;
+    /// Node by the switches on the board.
+    NODE_SWITCHES = 0x2001:4;
+    /// Node stored by LSS.
+    NODE_STORED = 0x2001:5;
     /// What is missing from the configuration.
     CONFIGURATION_STATUS = 0x2002:1;
     /// CRC-32 over the whole configuration.
@@ -70,6 +74,8 @@ addresses! {
     WHEEL_RADIUS = 0x2010:3;
     /// Angle between roller axle and wheel axle.
     ROLLER_ANGLE = 0x2010:4;
+    /// Whether each wheel is described by itself.
+    INDIVIDUAL_WHEELS = 0x2010:5;
     /// Position of the member in the group frame.
     MOUNT_X = 0x2011:1;
     /// Position of the member in the group frame.
@@ -82,6 +88,14 @@ addresses! {
     COMPENSATION_LATERAL = 0x2012:2;
     /// Compensation about z.
     COMPENSATION_YAW = 0x2012:3;
+    /// Compensation tables, see [`crate::compensation`].
+    COMPENSATION_SET = 0x2013:1;
+    /// Version of the compensation tables.
+    COMPENSATION_VERSION = 0x2013:2;
+    /// CRC of the compensation tables.
+    COMPENSATION_CRC = 0x2013:3;
+    /// Gear between encoder and wheel.
+    GEAR_RATIO = 0x2018:1;
 
     /// Counts per wheel revolution.
     ENCODER_COUNTS = 0x2020:1;
@@ -96,6 +110,10 @@ addresses! {
     /// Supply voltage below which the robot stops.
     SUPPLY_MINIMUM = 0x2025:2;
 
+    /// Where the angle of the rollers comes from.
+    ROLLER_REFERENCE = 0x202A:1;
+    /// Counts by which an index may be off.
+    INDEX_TOLERANCE = 0x202A:2;
     /// Fastest wheel rate.
     WHEEL_RATE_MAX = 0x2030:1;
     /// Group acceleration, linear.
@@ -138,6 +156,20 @@ addresses! {
 
     /// Permission to move this robot alone.
     COMMISSIONING = 0x2050:1;
+    /// Begins and stops the identification of the motors.
+    IDENTIFY = 0x2051:1;
+    /// How it stands with it.
+    IDENTIFY_STATUS = 0x2051:2;
+    /// The wheel that made it fail.
+    IDENTIFY_WHEEL = 0x2051:3;
+    /// Fastest wheel rate meanwhile.
+    IDENTIFY_RATE = 0x2051:4;
+    /// Longest way of a wheel meanwhile.
+    IDENTIFY_TRAVEL = 0x2051:5;
+    /// Bandwidth of the gains.
+    IDENTIFY_BANDWIDTH = 0x2051:6;
+    /// Damping of the gains.
+    IDENTIFY_DAMPING = 0x2051:7;
 
     /// Group twist received: vx.
     SETPOINT_VX = 0x2100:1;
@@ -210,6 +242,12 @@ addresses! {
     WATCHDOG_RESETS = 0x2121:6;
     /// CAN frames lost or in error.
     CAN_ERRORS = 0x2121:7;
+    /// Saves since the store was new.
+    SAVES = 0x2126:1;
+    /// Sectors erased since the store was new.
+    ERASES = 0x2126:2;
+    /// Saves that a loss of power cut off.
+    CUT_SAVES = 0x2126:3;
 }
 
 /// The motor of one wheel, at 0x2021 to 0x2024 in the order front left, front right, rear left,
@@ -251,11 +289,70 @@ pub mod motor {
     }
 }
 
-/// The fault history at 0x2122 (codes) and 0x2123 (times): sub-index 1 is the newest.
+/// What an identification has found, one record for each wheel at 0x2052 to 0x2055, with the sub-indices of
+/// [`motor`].
+pub mod identified {
+    use super::Address;
+
+    /// Index of the front left wheel's record; the others follow.
+    pub const FIRST: u16 = 0x2052;
+
+    /// The value that would be written to this sub-index of the wheel's motor.
+    #[must_use]
+    pub const fn value(wheel: u16, sub: u8) -> Address {
+        Address::new(FIRST + wheel, sub)
+    }
+
+    /// Rms misfit, V.
+    #[must_use]
+    pub const fn residual(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 6)
+    }
+}
+
+/// A wheel of its own kind, at 0x2014 to 0x2017 in the order front left, front right, rear left, rear right.
+pub mod wheel {
+    use super::Address;
+
+    /// Index of the front left wheel's record; the others follow.
+    pub const FIRST: u16 = 0x2014;
+
+    /// Position of its centre, forward, m.
+    #[must_use]
+    pub const fn x(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 1)
+    }
+
+    /// Position of its centre, left, m.
+    #[must_use]
+    pub const fn y(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 2)
+    }
+
+    /// Radius, m.
+    #[must_use]
+    pub const fn radius(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 3)
+    }
+
+    /// Roller angle with the sign of the wheel's hand, rad.
+    #[must_use]
+    pub const fn roller_angle(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 4)
+    }
+
+    /// Encoder counts per revolution.
+    #[must_use]
+    pub const fn encoder_counts(wheel: u16) -> Address {
+        Address::new(FIRST + wheel, 5)
+    }
+}
+
+/// The histories: faults at 0x2122 (codes) and 0x2123 (times), limits at 0x2124 and 0x2125; sub-index 1 is the newest.
 pub mod history {
     use super::Address;
 
-    /// Faults that are remembered.
+    /// Faults, and limits, that are remembered.
     pub const DEPTH: u8 = 8;
 
     /// Code of a fault; `nth` counts from 1, the newest.
@@ -268,5 +365,46 @@ pub mod history {
     #[must_use]
     pub const fn time(nth: u8) -> Address {
         Address::new(0x2123, nth)
+    }
+
+    /// Code of a limit; `nth` counts from 1, the newest.
+    #[must_use]
+    pub const fn limit_code(nth: u8) -> Address {
+        Address::new(0x2124, nth)
+    }
+
+    /// When it became active, ms since the robot started.
+    #[must_use]
+    pub const fn limit_time(nth: u8) -> Address {
+        Address::new(0x2125, nth)
+    }
+}
+
+/// The rollers of one wheel; wheels in the order front left, front right, rear left, rear right.
+pub mod rollers {
+    use super::Address;
+
+    /// How many rollers; 0 for the ideal wheel.
+    #[must_use]
+    pub const fn count(wheel: u8) -> Address {
+        Address::new(0x2028, wheel + 1)
+    }
+
+    /// Roller angle at the encoder's index, rad.
+    #[must_use]
+    pub const fn phase(wheel: u8) -> Address {
+        Address::new(0x2029, wheel + 1)
+    }
+
+    /// What the wheel computes with.
+    #[must_use]
+    pub const fn state(wheel: u8) -> Address {
+        Address::new(0x2114, wheel + 1)
+    }
+
+    /// Roller angle now, rad.
+    #[must_use]
+    pub const fn sweep(wheel: u8) -> Address {
+        Address::new(0x2115, wheel + 1)
     }
 }

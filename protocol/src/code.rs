@@ -93,6 +93,8 @@ codes! {
         Supply = 0x0007,
         /// A setpoint was ignored: invalid, or with a sequence that does not follow the last.
         Setpoint = 0x0008,
+        /// A wheel's index came at an unexpected angle, or not at all; the wheel computes with the mean over its rollers.
+        RollerPhase = 0x0009,
     }
 }
 
@@ -139,7 +141,7 @@ codes! {
         Crash = 0xFF13,
         /// The watchdog restarted the robot.
         WatchdogReset = 0xFF14,
-        /// Power was lost while parameters were being stored; the older set is in use.
+        /// Power was lost while parameters were being stored; 0x2002:2 says which set is in use.
         StoreInterrupted = 0xFF15,
         /// The stored parameters are corrupt.
         ParametersCorrupt = 0x6300,

@@ -28,6 +28,8 @@ extern crate std;
 pub mod address;
 pub mod cob;
 pub mod code;
+pub mod compensation;
+mod crc;
 pub mod generate;
 pub mod object;
 pub mod pdo;
@@ -37,6 +39,8 @@ pub mod table;
 
 pub use address::Address;
 pub use code::{Code, Fault, Limit, Reaction};
+pub use compensation::CompensationSet;
+pub use crc::crc32;
 pub use object::{Access, Entry, Kind, Object, Value};
 pub use pdo::{
     DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,
@@ -46,7 +50,7 @@ pub use table::{ENTRIES, OBJECTS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any
 /// change that would make an older master or robot misread a frame.
-pub const WIRE_VERSION: u16 = 1;
+pub const WIRE_VERSION: u16 = 2;
 
 /// How long after the SYNC that puts a setpoint in force the robots act on it, us.
 ///

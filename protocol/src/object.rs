@@ -20,15 +20,18 @@ pub enum Kind {
     U32 = 0x07,
     /// REAL32, IEEE 754.
     F32 = 0x08,
+    /// DOMAIN: a block of bytes of any length, which is no [`Value`].
+    Domain = 0x0F,
     /// INTEGER24.
     I24 = 0x10,
 }
 
 impl Kind {
-    /// Length on the wire.
+    /// Length on the wire; 0 for a DOMAIN, which has none of its own.
     #[must_use]
     pub const fn bytes(self) -> u8 {
         match self {
+            Self::Domain => 0,
             Self::U8 => 1,
             Self::U16 | Self::I16 => 2,
             Self::I24 => 3,
@@ -45,6 +48,7 @@ impl Kind {
             Self::U16 => "UNSIGNED16",
             Self::U32 => "UNSIGNED32",
             Self::F32 => "REAL32",
+            Self::Domain => "DOMAIN",
             Self::I24 => "INTEGER24",
         }
     }
@@ -65,6 +69,8 @@ pub enum Value {
     F32(f32),
     /// INTEGER24, sign-extended.
     I24(i32),
+    /// A DOMAIN, whose bytes travel by themselves.
+    Domain,
 }
 
 /// Why a value is refused; nothing has changed then.
@@ -107,6 +113,7 @@ impl Value {
             Self::U32(_) => Kind::U32,
             Self::F32(_) => Kind::F32,
             Self::I24(_) => Kind::I24,
+            Self::Domain => Kind::Domain,
         }
     }
 
@@ -126,6 +133,7 @@ impl Value {
             Self::U32(value) => value,
             Self::F32(value) => value.to_bits(),
             Self::I24(value) => value.cast_unsigned() & 0x00FF_FFFF,
+            Self::Domain => 0,
         }
     }
 
@@ -140,6 +148,7 @@ impl Value {
             Kind::U32 => Self::U32(bits),
             Kind::F32 => Self::F32(f32::from_bits(bits)),
             Kind::I24 => Self::I24(crate::scaling::i24_from_bytes([a, b, c])),
+            Kind::Domain => Self::Domain,
         }
     }
 
@@ -298,6 +307,13 @@ impl Object {
         object
     }
 
+    /// A block of bytes that is a parameter as a whole.
+    #[must_use]
+    pub(crate) const fn block(address: Address, name: &'static str, text: &'static str) -> Self {
+        let range = [Value::Domain; 3];
+        Self::parameter(address, name, "", range, text)
+    }
+
     /// Something the robot tells.
     #[must_use]
     pub(crate) const fn state(
@@ -340,6 +356,27 @@ impl Object {
         )
     }
 
+    /// Something that may be written at any time within limits, and is not kept.
+    #[must_use]
+    pub(crate) const fn setting(
+        address: Address,
+        name: &'static str,
+        unit: &'static str,
+        range: [Value; 3],
+        text: &'static str,
+    ) -> Self {
+        Self::new(address, name, unit, range, Access::ReadWrite, text)
+    }
+
+    /// Lowest and highest value and default, as words.
+    pub(crate) const fn range(&self) -> [u32; 3] {
+        [
+            self.min.to_bits(),
+            self.max.to_bits(),
+            self.default.to_bits(),
+        ]
+    }
+
     /// The same object, mappable into a PDO.
     #[must_use]
     pub(crate) const fn mapped(mut self) -> Self {
@@ -356,6 +393,7 @@ const fn full_range(kind: Kind) -> (Value, Value) {
         Kind::U32 => (Value::U32(0), Value::U32(u32::MAX)),
         Kind::F32 => (Value::F32(f32::MIN), Value::F32(f32::MAX)),
         Kind::I24 => (Value::I24(-0x80_0000), Value::I24(0x7F_FFFF)),
+        Kind::Domain => (Value::Domain, Value::Domain),
     }
 }
 
@@ -374,12 +412,8 @@ pub struct Entry {
     pub mappable: bool,
     /// Must have been written before the drivers can be enabled.
     pub required: bool,
-    /// Lowest value accepted.
-    pub min: Value,
-    /// Highest value accepted.
-    pub max: Value,
-    /// Value after a reset to defaults.
-    pub default: Value,
+    /// Number of its limits and default.
+    range: u8,
     /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a parameter.
     pub slot: Option<u8>,
 }
@@ -391,11 +425,32 @@ impl Entry {
     /// Any [`ValueError`].
     pub fn accept(&self, data: &[u8]) -> Result<Value, ValueError> {
         let value = Value::from_bytes(self.kind, data)?;
-        value.check(self.min, self.max)?;
+        value.check(self.min(), self.max())?;
         Ok(value)
     }
 
-    pub(crate) const fn of(object: &Object, slot: Option<u8>) -> Self {
+    /// Lowest value accepted.
+    #[must_use]
+    pub fn min(&self) -> Value {
+        let [min, _, _] = crate::table::range(self.range);
+        Value::from_bits(self.kind, min)
+    }
+
+    /// Highest value accepted.
+    #[must_use]
+    pub fn max(&self) -> Value {
+        let [_, max, _] = crate::table::range(self.range);
+        Value::from_bits(self.kind, max)
+    }
+
+    /// Value after a reset to defaults.
+    #[must_use]
+    pub fn default(&self) -> Value {
+        let [_, _, default] = crate::table::range(self.range);
+        Value::from_bits(self.kind, default)
+    }
+
+    pub(crate) const fn of(object: &Object, range: u8, slot: Option<u8>) -> Self {
         Self {
             address: object.address,
             kind: object.kind,
@@ -403,9 +458,7 @@ impl Entry {
             persistent: object.persistent,
             mappable: object.mappable,
             required: object.required,
-            min: object.min,
-            max: object.max,
-            default: object.default,
+            range,
             slot,
         }
     }

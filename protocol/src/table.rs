@@ -5,7 +5,7 @@
 //! is written, and the whole set once more, as a set, when the robot is started; object 0x2002:1
 //! says then what is wrong.
 
-use crate::address::{self as at, Address, history, motor};
+use crate::address::{self as at, Address, history, identified, motor, rollers, wheel};
 use crate::object::{Access, Entry, Kind, Object, Value};
 use crate::{MEMBER_MASK, WIRE_VERSION};
 
@@ -53,6 +53,20 @@ const IDENTITY: &[Object] = &[
         "0 power, 1 reset pin, 2 software, 3 independent watchdog, 4 window watchdog, 5 low power, 6 brown-out.",
     ),
     Object::state(
+        at::NODE_SWITCHES,
+        "Node switches",
+        "",
+        Kind::U8,
+        "Node that the switches on the board give.",
+    ),
+    Object::state(
+        at::NODE_STORED,
+        "Stored node",
+        "",
+        Kind::U8,
+        "Node that was stored by LSS and comes before the switches; 0 for none.",
+    ),
+    Object::state(
         at::CONFIGURATION_STATUS,
         "Configuration status",
         "",
@@ -64,7 +78,7 @@ const IDENTITY: &[Object] = &[
         "Configuration CRC",
         "",
         Kind::U32,
-        "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each, so that a master can tell whether a robot has the configuration it means.",
+        "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each (of the compensation set its CRC), so that a master can tell whether a robot has the configuration it means.",
     ),
     Object::state(
         at::GROUP_CRC,
@@ -134,6 +148,13 @@ const ROBOT: &[Object] = &[
         real(0.1, 1.47, core::f32::consts::FRAC_PI_4),
         "Between roller axle and wheel axle.",
     ),
+    Object::parameter(
+        at::INDIVIDUAL_WHEELS,
+        "Individual wheels",
+        "",
+        byte(0, 1, 0),
+        "0: four wheels alike, placed by the values above. 1: each wheel is what 0x2014 to 0x2017 say; the values above then only have to be written.",
+    ),
     Object::required(
         at::MOUNT_X,
         "Mount x",
@@ -160,7 +181,7 @@ const ROBOT: &[Object] = &[
         "Longitudinal compensation",
         "",
         real(0.5, 2.0, 1.0),
-        "Commanded over achieved velocity along x of the robot.",
+        "Commanded over achieved velocity along x of the robot, at any speed. For an axis that has no rows in 0x2013.",
     ),
     Object::required(
         at::COMPENSATION_LATERAL,
@@ -176,15 +197,82 @@ const ROBOT: &[Object] = &[
         real(0.5, 2.0, 1.0),
         "Commanded over achieved angular velocity.",
     ),
+    Object::block(
+        at::COMPENSATION_SET,
+        "Compensation set",
+        "Tables of these coefficients over speed and direction, as one block with its version and CRC; layout above. Taken whole or refused: 0x06090030 for a wrong CRC, format or order of rows, 0x06090032 for a coefficient below 0.5, 0x06040043 for tables that cannot be inverted. After a reset to defaults a set without rows.",
+    ),
+    Object::state(
+        at::COMPENSATION_VERSION,
+        "Version of the set",
+        "",
+        Kind::U32,
+        "As its writer chose it; 0 where there is none.",
+    ),
+    Object::state(
+        at::COMPENSATION_CRC,
+        "CRC of the set",
+        "",
+        Kind::U32,
+        "The first four bytes of the set.",
+    ),
 ];
+
+const fn wheel_record(at: u16) -> [Object; 5] {
+    [
+        Object::parameter(
+            wheel::x(at),
+            "x",
+            "m",
+            real(-10.0, 10.0, 0.0),
+            "Wheel centre, forward of the robot's origin.",
+        ),
+        Object::parameter(
+            wheel::y(at),
+            "y",
+            "m",
+            real(-10.0, 10.0, 0.0),
+            "Wheel centre, left of the robot's origin.",
+        ),
+        Object::parameter(
+            wheel::radius(at),
+            "Radius",
+            "m",
+            real(0.0, 1.0, 0.0),
+            "From the axle to the ground under a roller; used where 0x2010:5 is 1, and then above 0.",
+        ),
+        Object::parameter(
+            wheel::roller_angle(at),
+            "Roller angle",
+            "rad",
+            real(-1.47, 1.47, 0.0),
+            "Of the ground roller's axle against the wheel's axle, counter-clockwise from above; on the usual robot positive front left and rear right, negative on the others. Not 0 where 0x2010:5 is 1.",
+        ),
+        Object::parameter(
+            wheel::encoder_counts(at),
+            "Encoder counts",
+            "counts",
+            real(0.0, 1_000_000.0, 0.0),
+            "Of this wheel, in place of 0x2020:1; 0 for the same as the others.",
+        ),
+    ]
+}
+
+const DRIVE: &[Object] = &[Object::parameter(
+    at::GEAR_RATIO,
+    "Gear ratio",
+    "",
+    real(0.01, 1_000.0, 1.0),
+    "Revolutions of the encoder's shaft in one of the wheel. 1 where the counts are those of the wheel.",
+)];
 
 const WHEELS: &[Object] = &[
     Object::required(
         at::ENCODER_COUNTS,
-        "Encoder counts per wheel revolution",
+        "Encoder counts per revolution",
         "counts",
         real(16.0, 1_000_000.0, 2048.0),
-        "After the gear, all edges counted. May be a fraction, as gear ratios are.",
+        "All edges counted, in a revolution of the encoder's shaft: of the wheel where 0x2018:1 is 1. May be a fraction.",
     ),
     Object::required(
         at::ENCODER_REVERSED,
@@ -208,6 +296,83 @@ const WHEELS: &[Object] = &[
         "Natural frequency of the wheel-rate observer.",
     ),
 ];
+
+const WHEEL_NAMES: [&str; 4] = ["Front left", "Front right", "Rear left", "Rear right"];
+
+const fn roller_record(phase: bool) -> [Object; 4] {
+    const fn one(phase: bool, wheel: u8, name: &'static str) -> Object {
+        if phase {
+            Object::parameter(
+                rollers::phase(wheel),
+                name,
+                "rad",
+                real(-1.048, 1.048, 0.0),
+                "How far the wheel has rolled on past the middle of its ground roller when its encoder's index comes. From calibration.",
+            )
+        } else {
+            Object::parameter(
+                rollers::count(wheel),
+                name,
+                "",
+                byte(0, 64, 0),
+                "Rollers of this wheel, 3 at least; 0 computes with ideal rollers.",
+            )
+        }
+    }
+    let [a, b, c, d] = WHEEL_NAMES;
+    [
+        one(phase, 0, a),
+        one(phase, 1, b),
+        one(phase, 2, c),
+        one(phase, 3, d),
+    ]
+}
+
+const ROLLER_REFERENCE: &[Object] = &[
+    Object::parameter(
+        at::ROLLER_REFERENCE,
+        "Source",
+        "",
+        byte(0, 1, 0),
+        "Where the angle of the rollers comes from: 0 nowhere, every wheel computes with the mean over its rollers; 1 the index inputs.",
+    ),
+    Object::parameter(
+        at::INDEX_TOLERANCE,
+        "Index tolerance",
+        "counts",
+        word(1, 10_000, 20),
+        "An index further than this from a whole number of turns after the last is unexpected. At most 1/64 of a turn is used.",
+    ),
+];
+
+const fn roller_state(sweep: bool) -> [Object; 4] {
+    const fn one(sweep: bool, wheel: u8, name: &'static str) -> Object {
+        if sweep {
+            Object::state(
+                rollers::sweep(wheel),
+                name,
+                "rad",
+                Kind::F32,
+                "How far the wheel has rolled on past the middle of its ground roller now; true when the state is 2.",
+            )
+        } else {
+            Object::state(
+                rollers::state(wheel),
+                name,
+                "",
+                Kind::U8,
+                "0 ideal rollers; 1 the mean over a roller, index not seen yet; 2 the roller's angle; 3 the mean, the reference was wrong or has slipped.",
+            )
+        }
+    }
+    let [a, b, c, d] = WHEEL_NAMES;
+    [
+        one(sweep, 0, a),
+        one(sweep, 1, b),
+        one(sweep, 2, c),
+        one(sweep, 3, d),
+    ]
+}
 
 const fn motor_record(wheel: u16) -> [Object; 5] {
     [
@@ -262,7 +427,7 @@ const SUPPLY: &[Object] = &[
         "Minimum supply",
         "V",
         real(0.0, 100.0, 0.0),
-        "Below this for 100 ms the robot comes to rest; 0 for no check.",
+        "Below this for 100 ms the robot comes to rest. 0 says that the supply is not measured: no check, and no correction of the duty.",
     ),
 ];
 
@@ -412,6 +577,73 @@ const COMMISSIONING: &[Object] = &[Object::command(
     Kind::U8,
     "1 declares that this robot may move on its own: not coupled to a load, wheels free or area clear. Gone after every change of the NMT state.",
 )];
+
+const IDENTIFICATION: &[Object] = &[
+    Object::command(
+        at::IDENTIFY,
+        "Identification",
+        "",
+        Kind::U8,
+        "1 begins to identify the motors: all wheels forward on a slow ramp of voltage, then backward on a step. Refused unless the robot is started, stands, and 0x2050:1 is 1. 0 stops. However it ends, the robot comes to rest and needs an NMT start.",
+    ),
+    Object::state(
+        at::IDENTIFY_STATUS,
+        "Identification status",
+        "",
+        Kind::U8,
+        "0 never run, 1 running, 2 done; stopped: 3 by the master, 4 by a fault, 5 by its time limit of 20 s, 6 wheel too fast, 7 wheel too far, 8 wheel does not turn, 9 wheel turns backwards, 10 no motor's behaviour.",
+    ),
+    Object::state(
+        at::IDENTIFY_WHEEL,
+        "Identification wheel",
+        "",
+        Kind::U8,
+        "The wheel that stopped it: 0 front left, 1 front right, 2 rear left, 3 rear right; 255 none.",
+    ),
+    Object::setting(
+        at::IDENTIFY_RATE,
+        "Identification wheel rate",
+        "rad/s",
+        real(0.5, 50.0, 5.0),
+        "The ramp ends when a wheel is that fast; half as much again stops it.",
+    ),
+    Object::setting(
+        at::IDENTIFY_TRAVEL,
+        "Identification travel",
+        "rad",
+        real(1.0, 200.0, 12.0),
+        "Farthest a wheel may turn from where it stood; the ramp ends at three fifths of it.",
+    ),
+    Object::setting(
+        at::IDENTIFY_BANDWIDTH,
+        "Identification bandwidth",
+        "rad/s",
+        real(1.0, 100.0, 10.0),
+        "Of the loop for which 0x2052 to 0x2055 show gains.",
+    ),
+    Object::setting(
+        at::IDENTIFY_DAMPING,
+        "Identification damping",
+        "",
+        real(0.5, 2.0, 1.0),
+        "Of the same; 1 is critical.",
+    ),
+];
+
+const fn identified_record(wheel: u16) -> [Object; 6] {
+    const fn result(wheel: u16, sub: u8, name: &'static str, unit: &'static str) -> Object {
+        let text = "Found by the last identification; 0 before. Not in effect until it is written to the motor's object.";
+        Object::state(identified::value(wheel, sub), name, unit, Kind::F32, text)
+    }
+    [
+        result(wheel, 1, "Static friction", "V"),
+        result(wheel, 2, "Speed", "V s/rad"),
+        result(wheel, 3, "Acceleration", "V s^2/rad"),
+        result(wheel, 4, "Proportional", "V s/rad"),
+        result(wheel, 5, "Integral", "V/rad"),
+        result(wheel, 6, "Misfit", "V"),
+    ]
+}
 
 const fn twist_fields(
     index: u16,
@@ -604,11 +836,7 @@ const DIAGNOSTICS: &[Object] = &[
         "Stops",
         "Times a fault brought the robot to rest.",
     ),
-    counter(
-        at::WATCHDOG_RESETS,
-        "Watchdog resets",
-        "Since the parameters were last reset to defaults.",
-    ),
+    counter(at::WATCHDOG_RESETS, "Watchdog resets", "Since power came."),
     counter(
         at::CAN_ERRORS,
         "CAN errors",
@@ -616,63 +844,113 @@ const DIAGNOSTICS: &[Object] = &[
     ),
 ];
 
-const fn history_record(time: bool) -> [Object; history::DEPTH as usize] {
+const STORE: &[Object] = &[
+    counter(
+        at::SAVES,
+        "Saves",
+        "Images stored since the store was new, kept with them.",
+    ),
+    counter(
+        at::ERASES,
+        "Erases",
+        "Sectors erased since the store was new, each of the two half as often; a save that was cut off counts as one. The chip is made for 10 000 of each.",
+    ),
+    counter(
+        at::CUT_SAVES,
+        "Cut saves",
+        "Saves during which power was lost; announced as fault 0xFF15 at the next start.",
+    ),
+];
+
+const fn history_record(index: u16) -> [Object; history::DEPTH as usize] {
     const NAMES: [&str; 8] = [
         "Newest", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth",
     ];
     let [a, b, c, d, e, f, g, h] = NAMES;
-    const fn one(time: bool, nth: u8, name: &'static str) -> Object {
-        if time {
-            Object::state(
-                history::time(nth),
-                name,
-                "ms",
-                Kind::U32,
-                "When that fault appeared, since the robot started.",
-            )
-        } else {
-            Object::state(
-                history::code(nth),
+    const fn one(index: u16, nth: u8, name: &'static str) -> Object {
+        let at = Address::new(index, nth);
+        match index {
+            0x2122 => Object::state(
+                at,
                 name,
                 "",
                 Kind::U16,
                 "Fault code; 0 when there was none.",
-            )
+            ),
+            0x2123 => Object::state(
+                at,
+                name,
+                "ms",
+                Kind::U32,
+                "When that fault appeared, since the robot started.",
+            ),
+            0x2124 => Object::state(
+                at,
+                name,
+                "",
+                Kind::U16,
+                "Limit code; 0 when there was none.",
+            ),
+            _ => Object::state(
+                at,
+                name,
+                "ms",
+                Kind::U32,
+                "When that limit became active, since the robot started.",
+            ),
         }
     }
     [
-        one(time, 1, a),
-        one(time, 2, b),
-        one(time, 3, c),
-        one(time, 4, d),
-        one(time, 5, e),
-        one(time, 6, f),
-        one(time, 7, g),
-        one(time, 8, h),
+        one(index, 1, a),
+        one(index, 2, b),
+        one(index, 3, c),
+        one(index, 4, d),
+        one(index, 5, e),
+        one(index, 6, f),
+        one(index, 7, g),
+        one(index, 8, h),
     ]
 }
 
 const PARTS: &[&[Object]] = &[
     IDENTITY,
     ROBOT,
+    &wheel_record(0),
+    &wheel_record(1),
+    &wheel_record(2),
+    &wheel_record(3),
+    DRIVE,
     WHEELS,
     &motor_record(0),
     &motor_record(1),
     &motor_record(2),
     &motor_record(3),
     SUPPLY,
+    &roller_record(false),
+    &roller_record(true),
+    ROLLER_REFERENCE,
     LIMITS,
     GROUP,
     COMMISSIONING,
+    IDENTIFICATION,
+    &identified_record(0),
+    &identified_record(1),
+    &identified_record(2),
+    &identified_record(3),
     &SETPOINT,
     &ALONE,
     STATUS,
     &MEASURED,
     POSE,
     RATES,
+    &roller_state(false),
+    &roller_state(true),
     DIAGNOSTICS,
-    &history_record(false),
-    &history_record(true),
+    &history_record(0x2122),
+    &history_record(0x2123),
+    &history_record(0x2124),
+    &history_record(0x2125),
+    STORE,
 ];
 
 /// Name of the object or record at an index, for the EDS and the protocol page.
@@ -683,27 +961,46 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2010, "Geometry"),
     (0x2011, "Mount"),
     (0x2012, "Compensation"),
+    (0x2013, "Compensation tables"),
+    (0x2014, "Wheel front left"),
+    (0x2015, "Wheel front right"),
+    (0x2016, "Wheel rear left"),
+    (0x2017, "Wheel rear right"),
+    (0x2018, "Drive"),
     (0x2020, "Wheels"),
     (0x2021, "Motor front left"),
     (0x2022, "Motor front right"),
     (0x2023, "Motor rear left"),
     (0x2024, "Motor rear right"),
     (0x2025, "Supply"),
+    (0x2028, "Roller counts"),
+    (0x2029, "Roller phases"),
+    (0x202A, "Roller reference"),
     (0x2030, "Limits"),
     (0x2031, "Thresholds"),
     (0x2040, "Group"),
     (0x2041, "Times"),
     (0x2050, "Commissioning"),
+    (0x2051, "Identification"),
+    (0x2052, "Identified front left"),
+    (0x2053, "Identified front right"),
+    (0x2054, "Identified rear left"),
+    (0x2055, "Identified rear right"),
     (0x2100, "Group twist"),
     (0x2101, "Commissioning twist"),
     (0x2110, "Status"),
     (0x2111, "Measured twist"),
     (0x2112, "Pose"),
     (0x2113, "Wheel rates"),
+    (0x2114, "Roller states"),
+    (0x2115, "Roller angles"),
     (0x2120, "Measurements"),
     (0x2121, "Counters"),
     (0x2122, "Fault codes"),
     (0x2123, "Fault times"),
+    (0x2124, "Limit codes"),
+    (0x2125, "Limit times"),
+    (0x2126, "Store"),
 ];
 
 /// How many objects there are.
@@ -713,12 +1010,12 @@ pub const COUNT: usize = count();
 pub const PARAMETERS: usize = parameters();
 
 /// Every object, by rising address.
-pub const OBJECTS: &[Object] = &FLAT;
+pub static OBJECTS: &[Object] = &FLAT;
 
 /// The same without the texts, for the robot.
 pub static ENTRIES: [Entry; COUNT] = entries();
 
-const FLAT: [Object; COUNT] = flat();
+static FLAT: [Object; COUNT] = flat();
 
 const fn count() -> usize {
     let mut parts = PARTS;
@@ -763,22 +1060,77 @@ const fn flat() -> [Object; COUNT] {
     out
 }
 
+/// Lowest and highest value and default of an object, as words.
+type Range = [u32; 3];
+
+/// Every combination that occurs, once, and how many there are.
+const UNIQUE: ([Range; COUNT], usize) = unique();
+
+/// The same for the robot: most objects share theirs with others.
+static RANGES: [Range; UNIQUE.1] = ranges();
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn unique() -> ([Range; COUNT], usize) {
+    let mut out = [[0; 3]; COUNT];
+    let (mut next, mut found) = (0, 0);
+    while next < COUNT {
+        let range = FLAT[next].range();
+        if place(&out, found, range) == found {
+            out[found] = range;
+            found += 1;
+        }
+        next += 1;
+    }
+    (out, found)
+}
+
+/// Where a range is among the first `count`; `count` if it is not there.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn place(ranges: &[Range; COUNT], count: usize, [a, b, c]: Range) -> usize {
+    let mut at = 0;
+    while at < count {
+        let [x, y, z] = ranges[at];
+        if a == x && b == y && c == z {
+            return at;
+        }
+        at += 1;
+    }
+    count
+}
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn ranges() -> [Range; UNIQUE.1] {
+    let mut out = [[0; 3]; UNIQUE.1];
+    let mut next = 0;
+    while next < out.len() {
+        out[next] = UNIQUE.0[next];
+        next += 1;
+    }
+    out
+}
+
+/// Lowest and highest value and default, by [`Entry`]'s number.
+pub(crate) fn range(number: u8) -> Range {
+    RANGES.get(usize::from(number)).copied().unwrap_or([0; 3])
+}
+
 #[expect(
     clippy::indexing_slicing,
     clippy::cast_possible_truncation,
-    reason = "evaluated by the compiler only, with the number of parameters asserted"
+    reason = "evaluated by the compiler only, with the numbers asserted"
 )]
 const fn entries() -> [Entry; COUNT] {
-    const { assert!(PARAMETERS < 256, "slots are bytes") };
-    let mut out = [Entry::of(&FLAT[0], None); COUNT];
+    const { assert!(PARAMETERS < 256 && UNIQUE.1 < 256, "both are bytes") };
+    let mut out = [Entry::of(&FLAT[0], 0, None); COUNT];
     let (mut next, mut slot) = (0, 0_usize);
     while next < COUNT {
         let object = &FLAT[next];
+        let range = place(&UNIQUE.0, UNIQUE.1, object.range()) as u8;
         out[next] = if matches!(object.access, Access::Parameter) {
             slot += 1;
-            Entry::of(object, Some((slot - 1) as u8))
+            Entry::of(object, range, Some((slot - 1) as u8))
         } else {
-            Entry::of(object, None)
+            Entry::of(object, range, None)
         };
         next += 1;
     }
@@ -813,6 +1165,9 @@ mod tests {
             let entry = entry(object.address).unwrap();
             assert_eq!(entry.address, object.address);
             assert_eq!(entry.kind, object.kind);
+            assert_eq!(entry.min(), object.min);
+            assert_eq!(entry.max(), object.max);
+            assert_eq!(entry.default(), object.default);
         }
         assert!(entry(Address::new(0x2000, 1)).is_none());
         assert!(entry(Address::new(0x2FFF, 0)).is_none());
@@ -880,7 +1235,7 @@ mod tests {
     #[test]
     fn wire_version_is_an_object() {
         let entry = entry(at::WIRE_VERSION).unwrap();
-        assert_eq!(entry.default, Value::U16(WIRE_VERSION));
+        assert_eq!(entry.default(), Value::U16(WIRE_VERSION));
         assert_eq!(entry.access, Access::Const);
     }
 }

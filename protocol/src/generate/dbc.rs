@@ -38,7 +38,7 @@ pub fn dbc<W: Write>(out: &mut W) -> Result {
                 let bits = object.kind.bytes() * 8;
                 let sign = match object.kind {
                     Kind::I16 | Kind::I24 | Kind::F32 => '-',
-                    Kind::U8 | Kind::U16 | Kind::U32 => '+',
+                    Kind::U8 | Kind::U16 | Kind::U32 | Kind::Domain => '+',
                 };
                 let (factor, unit) = scale(object.unit);
                 write!(out, " SG_ ")?;

@@ -6,9 +6,9 @@
 use core::fmt::{Result, Write};
 
 use super::Shown;
-use crate::Access;
 use crate::pdos::PDOS;
 use crate::table::{OBJECTS, RECORDS};
+use crate::{Access, Kind};
 
 /// Objects of one index: name, and the sub-indices from 0 on; a lone variable has one entry.
 struct Communication {
@@ -404,12 +404,13 @@ fn manufacturer(out: &mut impl Write, index: u16, name: &str) -> Result {
         }
         writeln!(
             out,
-            "ParameterName={}\nObjectType=0x7\nDataType=0x{:04X}\nAccessType={}",
+            "ParameterName={}\nObjectType=0x{}\nDataType=0x{:04X}\nAccessType={}",
             object.name,
+            if object.kind == Kind::Domain { 2 } else { 7 },
             object.kind as u8,
             object.access.eds()
         )?;
-        if matches!(object.access, Access::Parameter) {
+        if object.access == Access::Parameter && object.kind != Kind::Domain {
             writeln!(
                 out,
                 "LowLimit={}\nHighLimit={}",

@@ -28,6 +28,7 @@ impl fmt::Display for Shown {
             Value::U32(value) => write!(f, "{value}"),
             Value::F32(value) => write!(f, "{value}"),
             Value::I24(value) => write!(f, "{value}"),
+            Value::Domain => Ok(()),
         }
     }
 }

@@ -3,7 +3,7 @@
 use core::fmt::{Result, Write};
 
 use super::{Shown, scale};
-use crate::object::Access;
+use crate::object::{Access, Kind};
 use crate::pdos::PDOS;
 use crate::table::{OBJECTS, RECORDS};
 use crate::{Fault, Limit, Reaction};
@@ -52,6 +52,46 @@ of its limits is refused with 0x06090031 (too high), 0x06090032 (too low) or 0x0
 changes. Sub-index 0 of a record reads its highest sub-index.
 ";
 
+const COMPENSATION: &str = "\
+## Compensation tables
+
+Object 0x2013:1 takes a whole set of tables in one SDO transfer, segmented or block. The robot checks it before any of it
+takes effect; a set that is refused leaves the one before. It acts from the next NMT start on. All numbers are little-endian.
+
+| bytes | |
+|---|---|
+| 0-3 | CRC-32 (IEEE 802.3) of all that follows |
+| 4-7 | version, chosen by the writer; a date such as 20261121 serves |
+| 8 | format, 1 |
+| 9-12 | rows of the longitudinal, lateral, oblique and yaw table, 0 to 8 each |
+| then 4 a row | longitudinal: speed, coefficient |
+| then 4 a row | lateral: speed, coefficient |
+| then 6 a row | oblique, at 45 degrees: speed, longitudinal coefficient, lateral coefficient |
+| then 4 a row | yaw: rate, coefficient |
+
+A speed is the achieved one, UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, above zero and rising from row to row. A coefficient
+is commanded over achieved velocity, UNSIGNED16 in 1/32768, at least 0.5; 0 is refused. Between rows the coefficient
+follows a curve without overshoot, outside it stays. An axis without rows has the constant of 0x2012. Without oblique
+rows each axis goes by its own speed; with them longitudinal and lateral go by the speed of the whole motion, and with
+*s* the lateral share of its square
+
+    longitudinal = ahead + 2 s (oblique - ahead)        lateral = aside + 2 (1 - s) (oblique - aside)
+
+A robot without tables reads a set without rows, version 0.
+
+## Node number
+
+The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the one, 0x2001:5 the
+other. A node given by LSS takes effect at the next reset; LSS `store` keeps it (nodes 2 to 17), LSS node 255 and `store`
+forgets it. Saving and restoring parameters leaves it alone.
+
+## Saving
+
+A save (0x1010) is taken with outputs off and not while OPERATIONAL. As a rule the answer comes in milliseconds; when a sector
+has to be erased, after up to 2 s, in which the robot sends nothing. If power is lost before the answer, the next start
+finds the old set or the new one, whole, and says so by fault 0xFF15.
+";
+
 /// Writes the page.
 ///
 /// # Errors
@@ -70,6 +110,7 @@ pub fn page<W: Write>(out: &mut W) -> Result {
     identifiers(out)?;
     process_data(out)?;
     codes(out)?;
+    writeln!(out, "{COMPENSATION}")?;
     objects(out)
 }
 
@@ -192,6 +233,7 @@ fn objects<W: Write>(out: &mut W) -> Result {
                 object.unit
             )?;
             match object.access {
+                Access::Parameter if object.kind == Kind::Domain => write!(out, " | |")?,
                 Access::Parameter => write!(
                     out,
                     " {} to {} | {} |",
