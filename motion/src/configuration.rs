@@ -1,0 +1,95 @@
+//! What drives a robot: everything it was told about itself, checked as a whole and worked out.
+//!
+//! The drivetrain, signed angles per count, limits as reciprocals. There is nothing left in it that could go wrong; how
+//! it is made from parameters, and what is refused, is `controller`'s matter.
+
+use kinematics::Mount;
+
+use crate::drivetrain::Drivetrain;
+use crate::limiter::ChangeLimits;
+use crate::rollers::RollerConfiguration;
+use crate::wheel::Gains;
+
+/// One wheel: encoder, motor, loop.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct WheelConfiguration {
+    /// rad for one count up; negative where the encoder is reversed.
+    pub step: f32,
+    /// 1, or -1 where the motor is reversed.
+    pub motor_sign: f32,
+    /// Feedforward and gains.
+    pub gains: Gains,
+}
+
+/// Times, all in microseconds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Times {
+    /// Period of SYNC.
+    pub sync_period_us: u32,
+    /// Longest time without SYNC.
+    pub sync_timeout_us: u64,
+    /// Longest time without a fresh setpoint.
+    pub setpoint_timeout_us: u64,
+    /// Longest time without the master's heartbeat.
+    pub heartbeat_timeout_us: u64,
+    /// How long a wheel may look faulty.
+    pub wheel_fault_us: u64,
+}
+
+/// Thresholds; 0 turns one off.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Thresholds {
+    /// rad/s.
+    pub slip_limit: f32,
+    /// rad/s.
+    pub slip_fault: f32,
+    /// m/s.
+    pub strain_limit: f32,
+    /// m/s.
+    pub strain_fault: f32,
+    /// rad/s.
+    pub blocked_rate: f32,
+    /// V.
+    pub supply_minimum: f32,
+}
+
+/// A complete and consistent configuration.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Configuration {
+    /// CRC over the parameters it was made from; never 0.
+    pub crc: u32,
+    /// Group this robot belongs to.
+    pub group: u8,
+    /// Bit n stands for node n.
+    pub members: u32,
+    /// Group twist to wheel rates and back.
+    pub drivetrain: Drivetrain,
+    /// The wheels' rollers; `None` where all are ideal.
+    pub rollers: Option<RollerConfiguration>,
+    /// Where this robot stands in the group.
+    pub mount: Mount,
+    /// Fastest wheel rate, rad/s.
+    pub wheel_rate_max: f32,
+    /// Limits while following.
+    pub follow: ChangeLimits,
+    /// Limits of the ramp to standstill.
+    pub ramp: ChangeLimits,
+    /// Front left, front right, rear left, rear right.
+    pub wheels: [WheelConfiguration; 4],
+    /// rad/s.
+    pub observer_bandwidth: f32,
+    /// V.
+    pub supply_nominal: f32,
+    /// When something counts as slip, strain, blocked, low.
+    pub thresholds: Thresholds,
+    /// Time-outs.
+    pub times: Times,
+}
+
+impl Configuration {
+    /// Whether `node` is one of the group.
+    #[must_use]
+    pub const fn is_member(&self, node: u8) -> bool {
+        node < 32 && self.members >> node & 1 == 1
+    }
+}

@@ -1,0 +1,586 @@
+//! The control side: one tick a millisecond, from encoder counts to duties.
+//!
+//! It owns the outputs. The bus side's [`Command`] is a wish: without a configuration of the same
+//! CRC, after a fault of its own, or when the bus side has gone silent, the wish is not granted. A
+//! tick does, in this order: measure the wheels, look for faults, shape the group twist (the same in
+//! every member), turn it into wheel references (this member's own), close the four loops.
+//!
+//! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults are
+//! latched until the bus side's next start, and cleared then only if their cause is gone.
+
+use canopen::Micros;
+use kinematics::{Odometry, Twist, WheelRates};
+use protocol::{Fault, Limit, Reaction};
+
+use crate::configuration::Configuration;
+use crate::drivetrain::Factors;
+use crate::handover::{Command, Inputs, Mode, Outputs, Report};
+use crate::identification::{Identification, Outcome, Step, Stopped};
+use crate::limiter::Limiter;
+use crate::observer::Observer;
+use crate::rollers::{RollerState, Rollers};
+use crate::setpoint::{Input, Interpolator};
+use crate::threshold::{Hysteresis, Lasting};
+use crate::watch::Watch;
+use crate::wheel::{WheelLoop, WheelReference};
+
+/// Nominal period of the tick, us.
+pub const TICK_US: u64 = 1_000;
+
+/// The same in 32 bits.
+const TICK: u32 = 1_000;
+const _: () = assert!(TICK as u64 == TICK_US);
+
+/// A tick later than this after the last one counts as late, us.
+const LATE_US: u32 = 1_500;
+
+/// Later than this, the wheels have been without control for too long, us.
+const OVERDUE_US: u32 = 20_000;
+
+/// Longest time between two signs of life of the bus side, us. Well below the shortest time of a watchdog that the bus
+/// side lets go hungry (34 ms on the reference board): the ramp must have begun by then.
+const BUS_SILENT_US: u32 = 25_000;
+
+/// How long a low supply or too much slip must last, us.
+const LASTING_US: u64 = 100_000;
+
+/// Wheels slower than this stand, rad/s.
+const STANDING_RATE: f32 = 0.05;
+
+/// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed anyway.
+const SETTLE_US: u64 = 300_000;
+
+/// One wheel's measurement and loop.
+#[derive(Clone, Copy)]
+struct Wheel {
+    step: f32,
+    motor_sign: f32,
+    observer: Observer,
+    drive: WheelLoop,
+    watch: Watch,
+}
+
+/// What exists once there is a configuration.
+#[derive(Clone, Copy)]
+struct Motion {
+    configuration: Configuration,
+    factors: Factors,
+    rollers: Option<Rollers>,
+    wheels: [Wheel; 4],
+    /// What the wheels were asked to accelerate with at the last tick, rad/s^2.
+    accelerations: [f32; 4],
+    interpolator: Interpolator,
+    limiter: Limiter,
+    odometry: Odometry,
+}
+
+/// The control side of one robot.
+pub struct ControlSide {
+    motion: Option<Motion>,
+    counts: Option<[u16; 4]>,
+    last: Option<Micros>,
+    /// Since when the ramp's reference stands.
+    settling: Option<Micros>,
+    supply_low: Lasting,
+    slip_limit: Hysteresis,
+    slip_fault: Lasting,
+    identification: Option<Identification>,
+    outcome: Option<Outcome>,
+    report: Report,
+}
+
+impl Default for ControlSide {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl ControlSide {
+    /// A robot that knows nothing about itself: outputs off.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            motion: None,
+            counts: None,
+            last: None,
+            settling: None,
+            supply_low: Lasting::new(),
+            slip_limit: Hysteresis { active: false },
+            slip_fault: Lasting::new(),
+            identification: None,
+            outcome: None,
+            report: Report {
+                at: Micros(0),
+                start: 0,
+                configuration: 0,
+                mode: Mode::Off,
+                standstill: false,
+                fault: None,
+                obstacle: None,
+                limit: None,
+                sequence: 0,
+                reference: Twist::ZERO,
+                measured: Twist::ZERO,
+                slip_residual: 0.0,
+                rates_ref: WheelRates::ZERO,
+                rates: WheelRates::ZERO,
+                pose: kinematics::Pose::ZERO,
+                supply: None,
+                late_ticks: 0,
+                roller_states: [RollerState::Constant; 4],
+                roller_sweeps: [0.0; 4],
+            },
+        }
+    }
+
+    /// Takes over a configuration. The outputs go off with it, and the pose starts at zero.
+    pub fn configure(&mut self, configuration: Configuration) {
+        let wheels = configuration.wheels.map(|wheel| Wheel {
+            step: wheel.step,
+            motor_sign: wheel.motor_sign,
+            observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
+            drive: WheelLoop::new(wheel.gains),
+            watch: Watch::new(&configuration, &wheel),
+        });
+        self.report.configuration = configuration.crc;
+        self.report.mode = Mode::Off;
+        self.identification = None;
+        // What the wheels' index has told stays true.
+        let before = self
+            .motion
+            .as_ref()
+            .and_then(|motion| motion.rollers.as_ref());
+        let rollers = configuration
+            .rollers
+            .map(|configured| Rollers::new(configured, before));
+        self.report.roller_states = [RollerState::Constant; 4];
+        self.report.roller_sweeps = [0.0; 4];
+        self.motion = Some(Motion {
+            interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
+            limiter: Limiter::default(),
+            odometry: Odometry::new(),
+            accelerations: [0.0; 4],
+            wheels,
+            factors: configuration.drivetrain.factors(),
+            rollers,
+            configuration,
+        });
+    }
+
+    /// What it did and saw at the last tick.
+    #[must_use]
+    pub const fn report(&self) -> Report {
+        self.report
+    }
+
+    /// What an identification came to, once, when it is over.
+    pub const fn take_identification(&mut self) -> Option<Outcome> {
+        self.outcome.take()
+    }
+
+    /// One tick.
+    // Not inlined: in a caller that is built for size it would be built for size too.
+    #[inline(never)]
+    pub fn tick(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
+        let elapsed = self.last.replace(now).map_or(TICK, |last| span(last, now));
+        if elapsed > LATE_US {
+            self.report.late_ticks = self.report.late_ticks.wrapping_add(1);
+        }
+        // Bounds keep the observer's arithmetic sane after a long pause; the fault below stops it.
+        let dt = elapsed.clamp(TICK / 4, OVERDUE_US) as f32 * 1e-6;
+        let previous = self.counts.replace(inputs.encoder_counts);
+        let previous = previous.unwrap_or(inputs.encoder_counts);
+        self.report.at = now;
+        self.acknowledge(command.start);
+
+        let live = live_fault(inputs);
+        self.report.obstacle = live;
+        let Some(motion) = &mut self.motion else {
+            self.report.mode = Mode::Off;
+            self.report.standstill = command.mode == Mode::Ramp;
+            return Outputs::SAFE;
+        };
+        // Without a minimum nothing is connected: what the input shows is no voltage.
+        let measures = motion.configuration.thresholds.supply_minimum > 0.0;
+        self.report.supply = inputs.supply.filter(|_| measures);
+
+        // Measure.
+        let turned = motion.turned(previous, inputs.encoder_counts);
+        let expected = motion.accelerations;
+        let mut rates = [0.0; 4];
+        for (((wheel, turned), acceleration), rate) in motion
+            .wheels
+            .iter_mut()
+            .zip(turned)
+            .zip(expected)
+            .zip(&mut rates)
+        {
+            *rate = wheel.observer.update(turned, acceleration, dt);
+        }
+        let rates = WheelRates::from(rates);
+        motion.measure(turned, (previous, inputs), &rates, &mut self.report);
+
+        // Faults of its own, the first one kept. They count only while it drives.
+        if command.mode != Mode::Off && self.report.fault.is_none() {
+            self.report.fault = live
+                .or_else(|| motion.wheel_fault())
+                .or_else(|| late(elapsed, now, command.alive))
+                .or_else(|| {
+                    let minimum = motion.configuration.thresholds.supply_minimum;
+                    let low = self.report.supply.is_some_and(|supply| supply < minimum);
+                    self.supply_low
+                        .update(low, now, LASTING_US)
+                        .then_some(Fault::SupplyLow)
+                })
+                .or_else(|| {
+                    let bound = motion.configuration.thresholds.slip_fault;
+                    let slips = bound > 0.0 && self.report.slip_residual.abs() > bound;
+                    self.slip_fault
+                        .update(slips, now, LASTING_US)
+                        .then_some(Fault::SlipExcess)
+                });
+        }
+
+        // What is granted of the wish.
+        let known = command.configuration == motion.configuration.crc;
+        let mode = match (command.mode, self.report.fault.map(Fault::reaction)) {
+            _ if !known => Mode::Off,
+            (_, Some(Reaction::Cut)) => Mode::Off,
+            (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
+            (mode, None | Some(Reaction::Ramp)) => mode,
+        };
+        if mode == Mode::Off {
+            motion.rest(command.update);
+        }
+        self.report.mode = mode;
+        if mode != Mode::Ramp {
+            self.settling = None;
+            self.report.standstill = false;
+        }
+
+        if mode == Mode::Identify || self.identification.is_some() {
+            return self.identify(mode, command, (turned, rates), dt);
+        }
+
+        // Shape.
+        let (input, limits) = match mode {
+            Mode::Off => {
+                self.report.limit = None;
+                self.report.standstill = command.mode == Mode::Ramp;
+                self.report.reference = Twist::ZERO;
+                self.report.rates_ref = WheelRates::ZERO;
+                return Outputs::SAFE;
+            }
+            Mode::Hold | Mode::Ramp | Mode::Identify => {
+                (Input::default(), motion.configuration.ramp)
+            }
+            Mode::Follow => {
+                self.report.sequence = command.sequence;
+                let input = motion
+                    .interpolator
+                    .at(now, command.target, command.update, command.at);
+                (input, motion.configuration.follow)
+            }
+        };
+        let limited = motion.limiter.step(input.twist, input.slope, dt, &limits);
+        if mode != Mode::Follow {
+            // Whatever is followed next begins from here.
+            motion
+                .interpolator
+                .restart(motion.limiter.velocity(), command.update);
+            if motion.limiter.stands() {
+                motion.limiter.reset();
+            }
+        }
+        self.report.reference = motion.limiter.velocity();
+
+        if mode == Mode::Ramp {
+            self.report.standstill = self.report.standstill
+                || settled(&mut self.settling, &motion.limiter, &self.report.rates, now);
+            if self.report.standstill {
+                motion.rest(command.update);
+                self.report.limit = None;
+                self.report.rates_ref = WheelRates::ZERO;
+                return Outputs::SAFE;
+            }
+        }
+
+        // Drive.
+        let minimum = motion.configuration.thresholds.supply_minimum;
+        let supply = match self.report.supply {
+            Some(supply) if supply > minimum => supply,
+            Some(_) => minimum,
+            None => motion.configuration.supply_nominal,
+        };
+        let (duty, short) = motion.drive(&mut self.report, turned, supply, now, dt);
+        let threshold = motion.configuration.thresholds.slip_limit;
+        let slip = self.report.slip_residual.abs();
+        self.report.limit = if self.slip_limit.update(slip, threshold) {
+            Some(Limit::Slip)
+        } else if short {
+            Some(Limit::Voltage)
+        } else if limited && mode == Mode::Follow {
+            Some(Limit::Acceleration)
+        } else if motion.rollers.as_ref().is_some_and(Rollers::any_lost) {
+            Some(Limit::RollerPhase)
+        } else {
+            None
+        };
+        Outputs {
+            duty,
+            drivers_enabled: true,
+            brake_released: true,
+        }
+    }
+
+    /// One tick of an identification, from its beginning to standstill. No loop is closed and nothing is followed: all
+    /// wheels get one voltage, and none when it is over or something has gone wrong.
+    #[cold]
+    #[inline(never)]
+    fn identify(
+        &mut self,
+        mode: Mode,
+        command: &Command,
+        (turned, rates): ([f32; 4], WheelRates),
+        dt: f32,
+    ) -> Outputs {
+        let Some(motion) = &mut self.motion else {
+            return Outputs::SAFE;
+        };
+        self.report.limit = None;
+        self.report.reference = Twist::ZERO;
+        self.report.rates_ref = WheelRates::ZERO;
+        let nominal = motion.configuration.supply_nominal;
+        motion.rest(command.update);
+        let run = self
+            .identification
+            .get_or_insert_with(|| Identification::new(command.bounds, nominal));
+        let voltage = if mode == Mode::Identify {
+            match run.tick(turned, rates.into(), dt) {
+                Step::Voltage(voltage) => voltage,
+                Step::Finished(outcome) => {
+                    run.end();
+                    self.outcome = Some(outcome);
+                    0.0
+                }
+                Step::Ended => 0.0,
+            }
+        } else {
+            if !run.has_ended() {
+                run.end();
+                let why = match self.report.fault {
+                    Some(_) => Stopped::Fault,
+                    None => Stopped::Asked,
+                };
+                self.outcome = Some(Err((why, None)));
+            }
+            0.0
+        };
+        let ramps = mode == Mode::Ramp && !self.report.standstill;
+        if mode == Mode::Off
+            || ramps && settled(&mut self.settling, &motion.limiter, &rates, self.report.at)
+        {
+            self.report.standstill = command.mode == Mode::Ramp;
+            self.identification = None;
+            return Outputs::SAFE;
+        }
+        let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
+        let duty = voltage / supply;
+        Outputs {
+            duty: [0, 1, 2, 3].map(|wheel: usize| {
+                let sign = motion.wheels.get(wheel).map_or(0.0, |w| w.motor_sign);
+                duty * sign
+            }),
+            drivers_enabled: true,
+            brake_released: true,
+        }
+    }
+
+    /// A new start clears what is latched; what still holds is latched again in the same tick.
+    fn acknowledge(&mut self, start: u16) {
+        if start != self.report.start {
+            self.report.start = start;
+            self.report.fault = None;
+            self.supply_low.reset();
+            self.slip_fault.reset();
+            if let Some(motion) = &mut self.motion {
+                for wheel in &mut motion.wheels {
+                    wheel.watch.reset();
+                }
+            }
+        }
+    }
+}
+
+impl Motion {
+    /// How far each wheel turned, rad, a whole number of counts.
+    #[inline]
+    fn turned(&self, previous: [u16; 4], counts: [u16; 4]) -> [f32; 4] {
+        let [a, b, c, d] = &self.wheels;
+        let [pa, pb, pc, pd] = previous;
+        let [na, nb, nc, nd] = counts;
+        let one = |wheel: &Wheel, from: u16, to: u16| {
+            f32::from(to.wrapping_sub(from).cast_signed()) * wheel.step
+        };
+        [
+            one(a, pa, na),
+            one(b, pb, nb),
+            one(c, pc, nc),
+            one(d, pd, nd),
+        ]
+    }
+
+    #[inline]
+    fn measure(
+        &mut self,
+        turned: [f32; 4],
+        (previous, inputs): ([u16; 4], &Inputs),
+        rates: &WheelRates,
+        report: &mut Report,
+    ) {
+        let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
+        let turned = WheelRates::from(turned);
+        // Whole counts, not filtered rates: nothing is lost however slow it goes.
+        let moved = if let Some(rollers) = &mut self.rollers {
+            let passed = passed(previous, inputs.encoder_counts);
+            let middle = rollers.update(passed, inputs.encoder_counts, &inputs.index);
+            (report.measured, report.slip_residual) =
+                drivetrain.achieved_at(rates, factors, rollers.secants());
+            report.roller_states = rollers.states();
+            report.roller_sweeps = rollers.sweeps();
+            drivetrain.displacement_at(&turned, factors, &middle)
+        } else {
+            report.measured = drivetrain.achieved(rates, factors);
+            report.slip_residual = drivetrain.slip_residual(rates);
+            drivetrain.displacement(&turned, factors)
+        };
+        self.odometry.update(moved, 1.0);
+        report.pose = self.odometry.pose();
+        report.rates = *rates;
+    }
+
+    fn wheel_fault(&self) -> Option<Fault> {
+        self.wheels.iter().find_map(|wheel| wheel.watch.fault())
+    }
+
+    #[inline]
+    fn drive(
+        &mut self,
+        report: &mut Report,
+        turned: [f32; 4],
+        supply: f32,
+        now: Micros,
+        dt: f32,
+    ) -> ([f32; 4], bool) {
+        let per_volt = 1.0 / supply;
+        let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
+        drivetrain.renew(&mut self.factors, velocity, report.measured);
+        if let Some(rollers) = &self.rollers {
+            // Rates for where the rollers stand now, and the acceleration that brings the wheels to those for where
+            // they will stand at the next tick, when the twist has changed as well.
+            let now = drivetrain.asked_at(velocity, &self.factors, rollers.secants());
+            let ahead = rollers.ahead(&now, dt);
+            let next = velocity + self.limiter.acceleration() * dt;
+            let next = drivetrain.asked_at(next, &self.factors, &ahead);
+            report.rates_ref = now;
+            self.accelerations = per_second(&now, &next, dt);
+        } else {
+            report.rates_ref = drivetrain.asked(velocity, &self.factors);
+            let acceleration = self.limiter.acceleration();
+            self.accelerations = drivetrain.asked(acceleration, &self.factors).into();
+        }
+        let references: [f32; 4] = report.rates_ref.into();
+        let accelerations = self.accelerations;
+        let rates: [f32; 4] = report.rates.into();
+        let mut duty = [0.0; 4];
+        let mut any_short = false;
+        for (((((wheel, rate_ref), acceleration), rate), turned), duty) in self
+            .wheels
+            .iter_mut()
+            .zip(references)
+            .zip(accelerations)
+            .zip(rates)
+            .zip(turned)
+            .zip(&mut duty)
+        {
+            let reference = WheelReference {
+                rate: rate_ref,
+                acceleration,
+            };
+            let (voltage, short) = wheel.drive.update(reference, rate, supply, dt);
+            any_short |= short;
+            wheel.watch.update((rate_ref, rate), voltage, turned, now);
+            *duty = voltage * per_volt * wheel.motor_sign;
+        }
+        (duty, any_short)
+    }
+
+    /// Loops and reference at rest.
+    fn rest(&mut self, update: u16) {
+        self.limiter.reset();
+        self.accelerations = [0.0; 4];
+        self.interpolator.restart(Twist::ZERO, update);
+        for wheel in &mut self.wheels {
+            wheel.drive.reset();
+        }
+    }
+}
+
+/// Counts each encoder went on by.
+#[inline]
+fn passed(from: [u16; 4], to: [u16; 4]) -> [i16; 4] {
+    let [a, b, c, d] = from;
+    let [e, f, g, h] = to;
+    let one = |from: u16, to: u16| to.wrapping_sub(from).cast_signed();
+    [one(a, e), one(b, f), one(c, g), one(d, h)]
+}
+
+/// Change per second over one step of `dt` s.
+#[inline]
+fn per_second(from: &WheelRates, to: &WheelRates, dt: f32) -> [f32; 4] {
+    let per_second = 1.0 / dt;
+    [
+        (to.front_left - from.front_left) * per_second,
+        (to.front_right - from.front_right) * per_second,
+        (to.rear_left - from.rear_left) * per_second,
+        (to.rear_right - from.rear_right) * per_second,
+    ]
+}
+
+/// A fault that is there right now, whatever the robot does.
+const fn live_fault(inputs: &Inputs) -> Option<Fault> {
+    if inputs.emergency_stop {
+        Some(Fault::EmergencyStop)
+    } else if inputs.driver_fault {
+        Some(Fault::DriverFault)
+    } else {
+        None
+    }
+}
+
+/// Time between two instants in 32 bits: what is more than an hour apart is so long ago either way.
+fn span(from: Micros, to: Micros) -> u32 {
+    u32::try_from(to.since(from).0).unwrap_or(u32::MAX)
+}
+
+fn late(elapsed: u32, now: Micros, alive: Micros) -> Option<Fault> {
+    if elapsed > OVERDUE_US {
+        Some(Fault::ControlLate)
+    } else if span(alive, now) > BUS_SILENT_US {
+        Some(Fault::BusStarved)
+    } else {
+        None
+    }
+}
+
+/// Whether a ramp is over: the reference stands, and the wheels do or had their time to.
+fn settled(since: &mut Option<Micros>, limiter: &Limiter, rates: &WheelRates, now: Micros) -> bool {
+    if !limiter.stands() {
+        *since = None;
+        return false;
+    }
+    let waited = now.since(*since.get_or_insert(now)).0;
+    let rates: [f32; 4] = (*rates).into();
+    let standing = rates.iter().all(|rate| rate.abs() < STANDING_RATE);
+    (standing && waited >= 20_000) || waited >= SETTLE_US
+}

@@ -1,0 +1,403 @@
+//! From the group's twist to this robot's wheels and back: `J C(v) K`, equation (19) with a `C` that may depend on the
+//! motion.
+//!
+//! The three factors are applied one after the other, because the middle one changes while the robot moves: the mount
+//! takes the group's twist to the member's, the compensation says what to ask for, the wheels follow. The way back
+//! divides by the same coefficients. The coefficients belong to the velocity the robot *achieves*, and looking them up
+//! costs more than using them; so the control tick keeps them in [`Factors`] and renews them every other tick, for the
+//! reference and for the measurement in turn. What that leaves behind: a coefficient that is one or two ticks old,
+//! and on the way back the inversion of a table spread over the ticks. Each of them at least halves the error (tables
+//! that would not are refused) and the velocity changes by less than a hundredth of a percent of the wheels' range a
+//! tick. With constant coefficients nothing is looked up and nothing is left behind.
+
+#[cfg(feature = "fixed-point")]
+use kinematics::FixedMember as Kinematics;
+#[cfg(not(feature = "fixed-point"))]
+use kinematics::MemberKinematics as Kinematics;
+use kinematics::{
+    AxisTable, CompensationError, DirectionalCompensation, FourWheelGeometry, GeometryError,
+    GridCompensation, Mount, SpeedCompensation, Twist, VelocityCompensation, Wheel, WheelRates,
+};
+use protocol::compensation::{CompensationSet, ROWS};
+
+use crate::rollers::{self, RollerConfiguration, Secants, Wheels};
+
+/// Wheels, mount and compensation of one robot.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Drivetrain {
+    /// Uncompensated, in the robot's frame; in fixed point with the feature of that name.
+    wheels: Kinematics,
+    mount: Mount,
+    compensation: GridCompensation,
+    /// The same wheels with their rollers, where they are not ideal.
+    rolling: Option<Rolling>,
+}
+
+/// Wheels with rollers, and the ends of what their secants can be.
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Rolling {
+    wheels: Wheels,
+    least: Secants,
+    largest: Secants,
+}
+
+/// Coefficients along x, along y and about z of the robot.
+pub type Coefficients = [f32; 3];
+
+/// The coefficients a control tick works with.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Factors {
+    /// At the reference: achieved to asked.
+    asked: Coefficients,
+    /// At the measurement: asked to achieved.
+    achieved: Coefficients,
+    /// Whose turn it is.
+    reference_next: bool,
+}
+
+impl Drivetrain {
+    /// Puts the three together.
+    ///
+    /// # Errors
+    /// [`GeometryError`] when the wheels leave a motion uncontrolled.
+    pub fn new(
+        wheels: &[Wheel; 4],
+        mount: Mount,
+        compensation: GridCompensation,
+        rollers: Option<(&FourWheelGeometry, &RollerConfiguration)>,
+    ) -> Result<Self, GeometryError> {
+        let rolling = match rollers {
+            None => None,
+            Some((geometry, rollers)) => Some(Rolling {
+                wheels: rollers::wheels(geometry)?,
+                least: rollers.least(),
+                largest: rollers.largest(),
+            }),
+        };
+        Ok(Self {
+            rolling,
+            wheels: Kinematics::from_wheels(wheels, &Mount::IDENTITY, &VelocityCompensation::NONE)?,
+            mount,
+            compensation,
+        })
+    }
+
+    /// Wheel rates (rad/s) that make the group move with this twist (group frame).
+    #[must_use]
+    pub fn inverse(&self, group: Twist) -> WheelRates {
+        self.rates(group, &self.at(group))
+    }
+
+    /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s with its sign.
+    #[must_use]
+    pub fn fastest(&self, group: Twist) -> WheelRates {
+        let Some(rolling) = &self.rolling else {
+            return self.inverse(group);
+        };
+        // Rates are linear in the secant, so the fastest is at one of its ends.
+        let asked = times(self.mount.to_member(group), &self.at(group));
+        let slow: [f32; 4] = rolling.wheels.inverse(asked, &rolling.least).into();
+        let fast: [f32; 4] = rolling.wheels.inverse(asked, &rolling.largest).into();
+        let [a, b, c, d] = slow;
+        let [e, f, g, h] = fast;
+        let more = |a: f32, b: f32| if a.abs() > b.abs() { a } else { b };
+        WheelRates::from([more(a, e), more(b, f), more(c, g), more(d, h)])
+    }
+
+    /// [`Drivetrain::asked`] with the wheels' rollers where they stand.
+    #[must_use]
+    #[inline]
+    pub fn asked_at(&self, group: Twist, factors: &Factors, secants: &Secants) -> WheelRates {
+        match &self.rolling {
+            Some(rolling) => {
+                let asked = times(self.mount.to_member(group), &factors.asked);
+                rolling.wheels.inverse(asked, secants)
+            }
+            None => self.asked(group, factors),
+        }
+    }
+
+    /// [`Drivetrain::achieved`] and [`Drivetrain::slip_residual`] with the wheels' rollers where they stand.
+    #[must_use]
+    #[inline]
+    pub fn achieved_at(
+        &self,
+        rates: &WheelRates,
+        factors: &Factors,
+        secants: &Secants,
+    ) -> (Twist, f32) {
+        match &self.rolling {
+            Some(rolling) => {
+                let (asked, residual) = rolling.wheels.measure(rates, secants);
+                (
+                    self.mount.to_group(times(asked, &factors.achieved)),
+                    residual,
+                )
+            }
+            None => (self.achieved(rates, factors), self.slip_residual(rates)),
+        }
+    }
+
+    /// [`Drivetrain::displacement`] with the secants at the middle of the increments.
+    #[must_use]
+    #[inline]
+    pub fn displacement_at(
+        &self,
+        increments: &WheelRates,
+        factors: &Factors,
+        secants: &Secants,
+    ) -> Twist {
+        match &self.rolling {
+            Some(rolling) => {
+                let asked = rolling.wheels.displacement(increments, secants);
+                self.mount.to_group(times(asked, &factors.achieved))
+            }
+            None => self.displacement(increments, factors),
+        }
+    }
+
+    /// Whether the coefficients are the same for every motion.
+    #[must_use]
+    pub fn is_constant(&self) -> bool {
+        self.compensation.is_constant()
+    }
+
+    /// What no rigid motion explains in these wheel rates, rad/s.
+    #[must_use]
+    #[inline]
+    pub fn slip_residual(&self, rates: &WheelRates) -> f32 {
+        self.wheels.slip_residual(rates)
+    }
+
+    /// The factors of a robot that stands.
+    #[must_use]
+    pub fn factors(&self) -> Factors {
+        let asked = self.at(Twist::ZERO);
+        Factors {
+            asked,
+            achieved: asked.map(|one| 1.0 / one),
+            reference_next: true,
+        }
+    }
+
+    /// Renews one half of the factors: those of the reference or those of the measurement, both given in the group
+    /// frame.
+    #[inline]
+    pub fn renew(&self, factors: &mut Factors, reference: Twist, measured: Twist) {
+        if self.compensation.is_constant() {
+            return;
+        }
+        if factors.reference_next {
+            factors.asked = self.at(reference);
+        } else {
+            factors.achieved = self.at(measured).map(|one| 1.0 / one);
+        }
+        factors.reference_next = !factors.reference_next;
+    }
+
+    /// Wheel rates (or accelerations) for a twist of the group (or its derivative).
+    #[must_use]
+    #[inline]
+    pub fn asked(&self, group: Twist, factors: &Factors) -> WheelRates {
+        self.rates(group, &factors.asked)
+    }
+
+    /// The group's twist that these wheel rates mean.
+    #[must_use]
+    #[inline]
+    pub fn achieved(&self, rates: &WheelRates, factors: &Factors) -> Twist {
+        let asked = self.wheels.forward(rates);
+        self.mount.to_group(times(asked, &factors.achieved))
+    }
+
+    /// The displacement of the group (m, m, rad, its own frame) that these wheel-angle increments (rad) mean.
+    #[must_use]
+    #[inline]
+    pub fn displacement(&self, increments: &WheelRates, factors: &Factors) -> Twist {
+        let asked = self.wheels.displacement(increments);
+        self.mount.to_group(times(asked, &factors.achieved))
+    }
+
+    fn at(&self, group: Twist) -> Coefficients {
+        self.compensation.coefficients(self.mount.to_member(group))
+    }
+
+    #[inline]
+    fn rates(&self, group: Twist, coefficients: &Coefficients) -> WheelRates {
+        let member = self.mount.to_member(group);
+        self.wheels.inverse(times(member, coefficients))
+    }
+}
+
+#[inline]
+fn times(twist: Twist, [x, y, w]: &Coefficients) -> Twist {
+    Twist {
+        vx: twist.vx * x,
+        vy: twist.vy * y,
+        omega: twist.omega * w,
+    }
+}
+
+/// The compensation a set means; axes without rows have the constant.
+///
+/// # Errors
+/// [`CompensationError`] for tables that cannot be inverted.
+#[inline(never)]
+pub fn compensation(
+    set: &CompensationSet<'_>,
+    constant: &VelocityCompensation,
+) -> Result<GridCompensation, CompensationError> {
+    if set.is_empty() {
+        return Ok(GridCompensation::from(constant));
+    }
+    let longitudinal = AxisTable::<ROWS>::filled(set.longitudinal(), constant.longitudinal())?;
+    let lateral = AxisTable::<ROWS>::filled(set.lateral(), constant.lateral())?;
+    let yaw = AxisTable::<ROWS>::filled(set.yaw(), constant.yaw())?;
+    if set.oblique().next().is_none() {
+        return Ok(GridCompensation::from(&SpeedCompensation {
+            longitudinal,
+            lateral,
+            yaw,
+        }));
+    }
+    let oblique_x = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, x, _)| (speed, x)), 1.0)?;
+    let oblique_y = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, _, y)| (speed, y)), 1.0)?;
+    let tables = DirectionalCompensation::new(longitudinal, lateral, oblique_x, oblique_y, yaw)?;
+    Ok(GridCompensation::from(&tables))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinematics::{Compensation as _, Pose};
+    use protocol::compensation::{LENGTH_MAX, Tables};
+
+    fn drivetrain(tables: &Tables<'_>, constant: [f32; 3]) -> Drivetrain {
+        let mut bytes = [0; LENGTH_MAX];
+        let length = tables.encode(&mut bytes).unwrap();
+        let set = CompensationSet::decode(&bytes[..length]).unwrap();
+        let [x, y, w] = constant;
+        let constant = VelocityCompensation::new(x, y, w).unwrap();
+        let geometry =
+            FourWheelGeometry::new(0.370, 0.350, 0.1524, core::f32::consts::FRAC_PI_4).unwrap();
+        let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).unwrap();
+        Drivetrain::new(
+            &geometry.wheels().unwrap(),
+            mount,
+            compensation(&set, &constant).unwrap(),
+            None,
+        )
+        .unwrap()
+    }
+
+    const SPEED: Tables<'_> = Tables {
+        version: 1,
+        longitudinal: &[(0.1, 1.022), (0.5, 1.027)],
+        lateral: &[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)],
+        oblique: &[],
+        yaw: &[],
+    };
+
+    #[test]
+    fn a_set_means_what_its_tables_mean() {
+        let drivetrain = drivetrain(&SPEED, [1.5, 1.5, 1.0195]);
+        let tables = SpeedCompensation {
+            longitudinal: AxisTable::new(&[(0.1, 1.022), (0.5, 1.027)]).unwrap(),
+            lateral: AxisTable::new(&[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)]).unwrap(),
+            // No rows: the constant.
+            yaw: AxisTable::new(&[(1.0, 1.0195)]).unwrap(),
+        };
+        for twist in [
+            Twist::new(0.3, 0.0, 0.0),
+            Twist::new(0.1, -0.25, 0.2),
+            Twist::new(2.0, 0.5, -0.5),
+            Twist::ZERO,
+        ] {
+            let want = tables.apply(twist);
+            let found = drivetrain.compensation.apply(twist);
+            // Coefficients in steps of 1/32768, and 1e-4 for the samples.
+            let bound = |of: f32| of.abs() * 1.5e-4 + 1e-7;
+            assert!((want.vx - found.vx).abs() <= bound(want.vx), "{twist:?}");
+            assert!((want.vy - found.vy).abs() <= bound(want.vy), "{twist:?}");
+            assert!((want.omega - found.omega).abs() <= bound(want.omega));
+        }
+        assert!(!drivetrain.is_constant());
+    }
+
+    #[test]
+    fn oblique_rows_make_the_direction_count() {
+        let tables = Tables {
+            oblique: &[(0.3, 1.017, 1.0175)],
+            ..Tables::default()
+        };
+        let drivetrain = drivetrain(&tables, [1.0022, 1.0326, 1.0195]);
+        let at = |vx, vy| {
+            drivetrain
+                .compensation
+                .coefficients(Twist::new(vx, vy, 0.0))
+        };
+        // Half a step of 1/32768.
+        let near = |found: f32, want: f32| (found - want).abs() <= 0.6 / 32_768.0;
+        assert!(near(at(0.2, 0.2)[0], 1.017) && near(at(0.2, -0.2)[1], 1.0175));
+        assert!(near(at(0.2, 0.0)[0], 1.0022) && near(at(0.0, 0.2)[1], 1.0326));
+    }
+
+    #[test]
+    fn one_row_is_the_constant_case() {
+        let one = Tables {
+            longitudinal: &[(0.3, 1.002)],
+            lateral: &[(0.3, 1.033)],
+            yaw: &[(0.3, 1.0195)],
+            ..Tables::default()
+        };
+        let from_table = drivetrain(&one, [1.0; 3]);
+        let constant = drivetrain(&Tables::default(), [1.002, 1.033, 1.0195]);
+        assert!(from_table.is_constant() && constant.is_constant());
+        let twist = Twist::new(0.4, -0.3, 0.2);
+        let (a, b) = (from_table.inverse(twist), constant.inverse(twist));
+        assert!((a.front_left - b.front_left).abs() < 1e-3);
+    }
+
+    /// Achieved(asked(v)) is v once the factors have settled; with constant coefficients at once.
+    #[test]
+    fn the_way_back_uses_the_same_coefficients() {
+        // In fixed point a step of a wheel rate is 1.5e-5 rad/s: 2.3e-6 m/s at the rim, and a little for the lever.
+        const BOUND: f32 = 1e-5;
+        let same = |a: Twist, b: Twist| {
+            let far = (a.vx - b.vx).abs() + (a.vy - b.vy).abs() + (a.omega - b.omega).abs();
+            assert!(far < BOUND, "{a:?} {b:?}");
+        };
+        let twist = Twist::new(0.31, -0.22, 0.2);
+        for (tables, ticks) in [(Tables::default(), 0), (SPEED, 20)] {
+            let drivetrain = drivetrain(&tables, [1.002, 1.033, 1.0195]);
+            let mut factors = drivetrain.factors();
+            let mut back = Twist::ZERO;
+            for _ in 0..=ticks {
+                let rates = drivetrain.asked(twist, &factors);
+                back = drivetrain.achieved(&rates, &factors);
+                drivetrain.renew(&mut factors, twist, back);
+            }
+            same(back, twist);
+            let rates = drivetrain.inverse(twist);
+            same(drivetrain.achieved(&rates, &factors), twist);
+            let angles: [f32; 4] = rates.into();
+            let moved = WheelRates::from(angles.map(|rate| rate * 1e-3));
+            same(drivetrain.displacement(&moved, &factors) * 1e3, twist);
+        }
+    }
+
+    #[test]
+    fn tables_that_cannot_be_inverted_are_refused() {
+        let tables = Tables {
+            lateral: &[(0.3, 0.6), (0.31, 1.9)],
+            ..Tables::default()
+        };
+        let mut bytes = [0; LENGTH_MAX];
+        let length = tables.encode(&mut bytes).unwrap();
+        let set = CompensationSet::decode(&bytes[..length]).unwrap();
+        assert_eq!(
+            compensation(&set, &VelocityCompensation::NONE),
+            Err(CompensationError::TooSteep(1))
+        );
+    }
+}

@@ -1,0 +1,131 @@
+//! What passes between the two sides of a robot, and between the control side and the outside.
+//!
+//! Everything here is `Copy` and small, because the two sides run at different priorities: the
+//! owner of both copies a [`Command`] one way and a [`Report`] the other, inside whatever critical
+//! section the platform has. Nothing else is shared. Both are latest-wins: neither side waits for
+//! the other, and each says in what it hands over which of the other's it has acted on.
+
+use canopen::Micros;
+use kinematics::{Pose, Twist, WheelRates};
+use protocol::{Fault, Limit};
+
+use crate::identification::Bounds;
+use crate::rollers::{IndexPulse, RollerState};
+
+/// What the bus side asks the control side to do. It can only ask: drivers, brake and duties are
+/// the control side's own.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Mode {
+    /// Outputs off, brake engaged.
+    #[default]
+    Off,
+    /// Drivers on, reference zero.
+    Hold,
+    /// Follow the target.
+    Follow,
+    /// Ramp down along the direction of motion, then outputs off.
+    Ramp,
+    /// Find out what the motors need, then hold.
+    Identify,
+}
+
+/// The bus side's word to the control side.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Command {
+    /// What to do.
+    pub mode: Mode,
+    /// Where to pass to within one SYNC period, group frame, group scale applied.
+    pub target: Twist,
+    /// Sequence of the setpoint behind the target.
+    pub sequence: u8,
+    /// Counts the targets: a new one begins when this changes.
+    pub update: u16,
+    /// When the target takes effect.
+    pub at: Micros,
+    /// Counts the accepted starts: a new one clears latched faults.
+    pub start: u16,
+    /// Which configuration is meant; see [`crate::Configuration::crc`].
+    pub configuration: u32,
+    /// When the bus side last did its work.
+    pub alive: Micros,
+    /// For [`Mode::Identify`].
+    pub bounds: Bounds,
+}
+
+/// What the control side reads each tick.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Inputs {
+    /// Encoder counters, wrapping: front left, front right, rear left, rear right.
+    pub encoder_counts: [u16; 4],
+    /// Emergency stop pressed, or its wire broken.
+    pub emergency_stop: bool,
+    /// The motor driver reports a fault.
+    pub driver_fault: bool,
+    /// Supply voltage, V, where it is measured.
+    pub supply: Option<f32>,
+    /// The last index pulse of each encoder.
+    pub index: [IndexPulse; 4],
+}
+
+/// What the control side sets each tick.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Outputs {
+    /// Duty of each motor, -1 to 1; positive rolls the base forward. Order as the encoders.
+    pub duty: [f32; 4],
+    /// Motor drivers on.
+    pub drivers_enabled: bool,
+    /// Holding brake released. It is spring-applied: `false` is braked.
+    pub brake_released: bool,
+}
+
+impl Outputs {
+    /// No torque, drivers off, braked. Also the default.
+    pub const SAFE: Self = Self {
+        duty: [0.0; 4],
+        drivers_enabled: false,
+        brake_released: false,
+    };
+}
+
+/// The control side's word to the bus side.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Report {
+    /// When the tick began.
+    pub at: Micros,
+    /// Start it has acted on.
+    pub start: u16,
+    /// Configuration it works with; 0 for none.
+    pub configuration: u32,
+    /// What it is doing.
+    pub mode: Mode,
+    /// In [`Mode::Ramp`]: the ramp is over and the wheels stand.
+    pub standstill: bool,
+    /// Latched since that start.
+    pub fault: Option<Fault>,
+    /// What speaks against a start right now.
+    pub obstacle: Option<Fault>,
+    /// The most important limit that is active.
+    pub limit: Option<Limit>,
+    /// Sequence of the setpoint it follows.
+    pub sequence: u8,
+    /// Group twist after all limits, group frame.
+    pub reference: Twist,
+    /// Group twist as the wheels measure it, group frame.
+    pub measured: Twist,
+    /// Wheel rates that no rigid motion explains, rad/s.
+    pub slip_residual: f32,
+    /// Wheel rates asked for, rad/s.
+    pub rates_ref: WheelRates,
+    /// Wheel rates measured, rad/s.
+    pub rates: WheelRates,
+    /// Pose of the group frame since the robot was configured.
+    pub pose: Pose,
+    /// Supply voltage, V, where it is measured.
+    pub supply: Option<f32>,
+    /// Ticks more than half a period late, so far.
+    pub late_ticks: u32,
+    /// What each wheel computes with.
+    pub roller_states: [RollerState; 4],
+    /// Roller angle of each wheel, rad.
+    pub roller_sweeps: [f32; 4],
+}

@@ -1,0 +1,455 @@
+//! Finds out what the motors need: static friction, volts per rate and volts per acceleration of every wheel.
+//!
+//! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back; one on blocks turns
+//! them freely. First the voltage rises slowly, by a tenth of the nominal supply a second, until a wheel reaches the
+//! rate or the way it may (*ramp*); then, from standstill, the same voltage is put on backwards at once (*step*). The
+//! ramp tells `kS` and `kV`, the step `kA` of
+//!
+//! ```text
+//! u = kS sgn(w) + kV w + kA w'
+//! ```
+//!
+//! Nothing is differentiated. Multiplied with a triangle two windows of [`HALF_TICKS`] wide and integrated, the equation
+//! holds between three numbers that whole counts give exactly: the weighted voltage, the difference of the two windows'
+//! mean angles over a window's length (the rate), and the difference of their ways over its square (the acceleration).
+//! Of the three only the acceleration is noisy (half a count over a window's length squared), so it appears in sums and
+//! in products with the others, never squared: its noise averages out instead of pulling `kA` down.
+//!
+//! For how a loop is made of it see [`WheelModel::gains`]. What can go wrong is a [`Stopped`]; every way out ends with
+//! no voltage. At most [`Identification::TIME_LIMIT`] seconds, half of the nominal supply, and the rate and way in
+//! [`Bounds`]. A wheel that does not move at a quarter of the nominal supply ends it: its encoder may be dead.
+//!
+//! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
+
+use crate::wheel::Gains;
+
+/// Ticks in a window.
+const HALF_TICKS: u16 = 100;
+/// Share of the nominal supply by which the ramp rises, 1/s.
+const RAMP_SHARE: f32 = 0.1;
+/// Largest share of the nominal supply.
+const VOLTAGE_SHARE: f32 = 0.5;
+/// Share of the nominal supply at which every wheel must turn.
+const BREAKAWAY_SHARE: f32 = 0.25;
+/// Share of the permitted way that ramp and step take; the rest is for coming to rest.
+const WAY_SHARE: f32 = 0.6;
+/// How much faster than permitted a wheel may become before it counts as run away.
+const OVERSPEED: f32 = 1.5;
+/// A wheel has turned, rad.
+const TURNED: f32 = 0.1;
+/// A wheel has moved within a window, rad.
+const MOVED: f32 = 0.02;
+/// Windows of the ramp a fit needs.
+const RAMP_ROWS: u16 = 4;
+/// Length of the step, s.
+const STEP_TIME: f32 = 0.6;
+/// Wheels slower than this stand, rad/s, and this is how long they must, s, and how long they have for it.
+const STANDING_RATE: f32 = 0.05;
+const STANDING_TIME: f32 = 0.2;
+const COAST_TIME: f32 = 2.0;
+/// Largest rms of what the ramp's line leaves, as a share of the ramp's voltage.
+const MISFIT: f32 = 0.1;
+
+/// How fast and how far the wheels may turn.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Bounds {
+    /// rad/s at the end of the ramp. The step repeats its last voltage and lets the wheel catch up with it: by the
+    /// ramp's volts a second times `kA/kV^2` more.
+    pub rate: f32,
+    /// rad from where they stood at the beginning.
+    pub travel: f32,
+}
+
+/// One wheel's motor.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct WheelModel {
+    /// Static friction, V.
+    pub static_friction: f32,
+    /// V s/rad.
+    pub speed: f32,
+    /// V s^2/rad.
+    pub acceleration: f32,
+    /// Rms of what the ramp's straight line leaves, V.
+    pub residual: f32,
+}
+
+/// Why there is no result.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Stopped {
+    /// The master said so, or left.
+    Asked,
+    /// A fault came up.
+    Fault,
+    /// It took too long.
+    TimedOut,
+    /// A wheel became faster than permitted.
+    TooFast,
+    /// A wheel went farther than permitted.
+    TooFar,
+    /// A wheel did not turn: blocked, motor or encoder not connected.
+    DoesNotMove,
+    /// A wheel turned backwards: motor or encoder reversed.
+    TurnsBackwards,
+    /// What a wheel did is not what a motor does.
+    BadFit,
+}
+
+/// What came of it; a failure with the wheel concerned, if it is one.
+pub type Outcome = Result<[WheelModel; 4], (Stopped, Option<u8>)>;
+
+/// What to do in this tick.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Step {
+    /// This voltage on all wheels.
+    Voltage(f32),
+    /// It is over.
+    Finished(Outcome),
+    /// It has been over before.
+    Ended,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Phase {
+    Ramp,
+    CoastToStep,
+    Step,
+    CoastToEnd,
+    Ended,
+}
+
+/// Sums over the rows of one phase: voltage u, rate w, acceleration a.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+struct Sums {
+    rows: u16,
+    u: f32,
+    w: f32,
+    a: f32,
+    uu: f32,
+    uw: f32,
+    ua: f32,
+    ww: f32,
+    wa: f32,
+}
+
+/// One window of a wheel.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+struct Half {
+    /// Way, rad.
+    way: f32,
+    /// Mean angle from its beginning, rad.
+    mean: f32,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+struct Wheel {
+    travel: f32,
+    /// In this phase.
+    phase_travel: f32,
+    half: Half,
+    last: Half,
+    /// Windows in a row in which it moved.
+    moving: u16,
+    ramp: Sums,
+    step: Sums,
+}
+
+/// One run.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Identification {
+    bounds: Bounds,
+    nominal: f32,
+    phase: Phase,
+    elapsed: f32,
+    phase_time: f32,
+    standing: f32,
+    voltage: f32,
+    step_voltage: f32,
+    ticks: u16,
+    /// Voltage of this window, weighted upwards and downwards; upwards of the last one.
+    rising: f32,
+    falling: f32,
+    last_rising: f32,
+    wheels: [Wheel; 4],
+}
+
+impl Identification {
+    /// Longest run, s.
+    pub const TIME_LIMIT: f32 = 20.0;
+
+    /// Begins with the robot at rest.
+    pub fn new(bounds: Bounds, nominal: f32) -> Self {
+        Self {
+            bounds,
+            nominal,
+            phase: Phase::Ramp,
+            elapsed: 0.0,
+            phase_time: 0.0,
+            standing: 0.0,
+            voltage: 0.0,
+            step_voltage: 0.0,
+            ticks: 0,
+            rising: 0.0,
+            falling: 0.0,
+            last_rising: 0.0,
+            wheels: [Wheel::default(); 4],
+        }
+    }
+
+    /// One tick: what the wheels have turned since the last one, rad, how fast they are, rad/s, and how long it was, s.
+    #[cold]
+    #[inline(never)]
+    pub fn tick(&mut self, turned: [f32; 4], rates: [f32; 4], dt: f32) -> Step {
+        if self.has_ended() {
+            return Step::Ended;
+        }
+        self.elapsed += dt;
+        self.phase_time += dt;
+        self.take(turned, dt);
+        if let Some((why, wheel)) = self.objection(rates) {
+            return Step::Finished(Err((why, wheel)));
+        }
+        let fastest = largest(rates);
+        let way = largest(self.wheels.map(|wheel| wheel.phase_travel));
+        match self.phase {
+            Phase::Ramp => {
+                self.voltage += RAMP_SHARE * self.nominal * dt;
+                let high = self.voltage >= VOLTAGE_SHARE * self.nominal;
+                if high || fastest >= self.bounds.rate || way >= WAY_SHARE * self.bounds.travel {
+                    let few = |wheel: &Wheel| wheel.ramp.rows < RAMP_ROWS;
+                    if let Some(wheel) = self.wheels.iter().position(few) {
+                        return failed(Stopped::DoesNotMove, wheel);
+                    }
+                    self.step_voltage = self.voltage;
+                    self.enter(Phase::CoastToStep, 0.0);
+                }
+            }
+            Phase::Step => {
+                if self.phase_time >= STEP_TIME || way >= WAY_SHARE * self.bounds.travel {
+                    self.enter(Phase::CoastToEnd, 0.0);
+                }
+            }
+            Phase::CoastToStep | Phase::CoastToEnd | Phase::Ended => {
+                self.standing = if fastest < STANDING_RATE {
+                    self.standing + dt
+                } else {
+                    0.0
+                };
+                if self.standing >= STANDING_TIME || self.phase_time >= COAST_TIME {
+                    if self.phase == Phase::CoastToEnd {
+                        return Step::Finished(self.solve());
+                    }
+                    self.enter(Phase::Step, -self.step_voltage);
+                }
+            }
+        }
+        Step::Voltage(self.voltage)
+    }
+
+    /// No more voltage, whatever comes.
+    pub const fn end(&mut self) {
+        self.phase = Phase::Ended;
+    }
+
+    /// Whether it is over.
+    pub const fn has_ended(&self) -> bool {
+        matches!(self.phase, Phase::Ended)
+    }
+
+    fn enter(&mut self, phase: Phase, voltage: f32) {
+        self.phase = phase;
+        self.voltage = voltage;
+        self.phase_time = 0.0;
+        self.standing = 0.0;
+        self.ticks = 0;
+        (self.rising, self.falling) = (0.0, 0.0);
+        for wheel in &mut self.wheels {
+            wheel.phase_travel = 0.0;
+            wheel.half = Half::default();
+            wheel.moving = 0;
+        }
+    }
+
+    /// Takes in the last tick, which the present voltage has driven.
+    fn take(&mut self, turned: [f32; 4], dt: f32) {
+        let place = (f32::from(self.ticks) + 0.5) / f32::from(HALF_TICKS);
+        self.rising += self.voltage * place;
+        self.falling += self.voltage * (1.0 - place);
+        self.ticks += 1;
+        let full = self.ticks == HALF_TICKS;
+        let length = f32::from(HALF_TICKS) * dt;
+        let voltage = (self.last_rising + self.falling) / f32::from(HALF_TICKS);
+        for (wheel, turned) in self.wheels.iter_mut().zip(turned) {
+            wheel.travel += turned;
+            wheel.phase_travel += turned;
+            // The trapezoid of the angle over this tick.
+            wheel.half.mean += (wheel.half.way + 0.5 * turned) / f32::from(HALF_TICKS);
+            wheel.half.way += turned;
+            if !full {
+                continue;
+            }
+            // Of the ramp, the window in which the wheel broke loose and the next are left out.
+            let (direction, needed) = match self.phase {
+                Phase::Ramp => (1.0, 3),
+                Phase::Step => (-1.0, 2),
+                Phase::CoastToStep | Phase::CoastToEnd | Phase::Ended => (0.0, u16::MAX),
+            };
+            let (last, half) = (wheel.last, wheel.half);
+            let moved = half.way * direction > MOVED;
+            wheel.moving = if moved { wheel.moving + 1 } else { 0 };
+            if wheel.moving >= needed {
+                let w = (half.mean - (last.mean - last.way)) / length;
+                let a = (half.way - last.way) / (length * length);
+                let sums = if self.phase == Phase::Ramp {
+                    &mut wheel.ramp
+                } else {
+                    &mut wheel.step
+                };
+                sums.add(voltage * direction, w * direction, a * direction);
+            }
+            wheel.last = half;
+            wheel.half = Half::default();
+        }
+        if full {
+            self.ticks = 0;
+            self.last_rising = self.rising;
+            (self.rising, self.falling) = (0.0, 0.0);
+        }
+    }
+
+    /// What speaks against going on.
+    fn objection(&self, rates: [f32; 4]) -> Option<(Stopped, Option<u8>)> {
+        if self.elapsed > Self::TIME_LIMIT {
+            return Some((Stopped::TimedOut, None));
+        }
+        let must_turn = self.phase == Phase::Ramp && self.voltage > BREAKAWAY_SHARE * self.nominal;
+        for ((number, wheel), rate) in (0..).zip(&self.wheels).zip(rates) {
+            let why = if self.phase == Phase::Ramp && wheel.travel < -TURNED {
+                Stopped::TurnsBackwards
+            } else if rate.abs() > OVERSPEED * self.bounds.rate {
+                Stopped::TooFast
+            } else if wheel.travel.abs() > self.bounds.travel {
+                Stopped::TooFar
+            } else if must_turn && wheel.travel < TURNED {
+                Stopped::DoesNotMove
+            } else {
+                continue;
+            };
+            return Some((why, Some(number)));
+        }
+        None
+    }
+
+    fn solve(&self) -> Outcome {
+        let mut models = [WheelModel::default(); 4];
+        for ((number, wheel), model) in (0..).zip(&self.wheels).zip(&mut models) {
+            *model = wheel.solve().ok_or((Stopped::BadFit, Some(number)))?;
+            if model.residual > MISFIT * self.step_voltage {
+                return Err((Stopped::BadFit, Some(number)));
+            }
+        }
+        Ok(models)
+    }
+}
+
+fn failed(why: Stopped, wheel: usize) -> Step {
+    Step::Finished(Err((why, u8::try_from(wheel).ok())))
+}
+
+fn largest(values: [f32; 4]) -> f32 {
+    values
+        .iter()
+        .fold(0.0, |most: f32, value| most.max(value.abs()))
+}
+
+impl Sums {
+    fn add(&mut self, u: f32, w: f32, a: f32) {
+        self.rows += 1;
+        self.u += u;
+        self.w += w;
+        self.a += a;
+        self.uu += u * u;
+        self.uw += u * w;
+        self.ua += u * a;
+        self.ww += w * w;
+        self.wa += w * a;
+    }
+
+    /// The line `kS + kV w` through the voltages that are left when `kA a` is taken off.
+    fn line(&self, acceleration: f32) -> (f32, f32) {
+        let n = f32::from(self.rows);
+        let u = self.u - acceleration * self.a;
+        let uw = self.uw - acceleration * self.wa;
+        let speed = (n * uw - self.w * u) / (n * self.ww - self.w * self.w);
+        ((u - speed * self.w) / n, speed)
+    }
+}
+
+impl Wheel {
+    /// `kS` and `kV` from the ramp need `kA`, `kA` from the step needs them: a few rounds bring them together, since the
+    /// ramp hardly accelerates. `None` when the result is no motor.
+    fn solve(&self) -> Option<WheelModel> {
+        const ROUNDS: u8 = 8;
+        let (ramp, step) = (&self.ramp, &self.step);
+        let mut acceleration = 0.0;
+        for _ in 0..ROUNDS {
+            let (friction, speed) = ramp.line(acceleration);
+            // z = u - kS - kV w is what accelerates; the sums of z z and z a.
+            let n = f32::from(step.rows);
+            let zz = step.uu + speed * speed * step.ww + n * friction * friction
+                - 2.0 * (speed * step.uw + friction * step.u - speed * friction * step.w);
+            let za = step.ua - speed * step.wa - friction * step.a;
+            acceleration = zz / za;
+        }
+        let (static_friction, speed) = ramp.line(acceleration);
+        let (offset, slope) = ramp.line(0.0);
+        let n = f32::from(ramp.rows);
+        let left = ramp.uu - offset * ramp.u - slope * ramp.uw;
+        let good = |value: f32| value.is_finite() && value > 0.0;
+        (good(speed) && good(acceleration) && static_friction.is_finite()).then_some(WheelModel {
+            // A bearing without friction may come out a little below zero.
+            static_friction: static_friction.max(0.0),
+            speed,
+            acceleration,
+            residual: crate::math::sqrt((left / n).max(0.0)),
+        })
+    }
+}
+
+impl Stopped {
+    /// Its number in object 0x2051:2.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Asked => 3,
+            Self::Fault => 4,
+            Self::TimedOut => 5,
+            Self::TooFast => 6,
+            Self::TooFar => 7,
+            Self::DoesNotMove => 8,
+            Self::TurnsBackwards => 9,
+            Self::BadFit => 10,
+        }
+    }
+}
+
+impl WheelModel {
+    /// Feedforward as found, and a loop with this bandwidth `b`, rad/s, and damping `d`: the characteristic polynomial
+    /// `kA s^2 + (kV + kP) s + kI` is made `kA (s^2 + 2 d b s + b^2)`.
+    ///
+    /// A wheel that is more than damped enough by its own back-EMF still gets a tenth of `kV`, because the loop's
+    /// anti-windup needs some `kP`.
+    #[must_use]
+    pub fn gains(&self, bandwidth: f32, damping: f32) -> Gains {
+        let proportional = 2.0 * damping * bandwidth * self.acceleration - self.speed;
+        Gains {
+            static_friction: self.static_friction,
+            speed: self.speed,
+            acceleration: self.acceleration,
+            proportional: proportional.max(0.1 * self.speed),
+            integral: self.acceleration * bandwidth * bandwidth,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
