@@ -6,14 +6,17 @@
 //! same bytes.
 
 use canopen::{AbortCode, NmtState, ObjectDictionary, PdoDirection, ResetScope, Storage};
-use protocol::address::{self as at, history};
+use protocol::address::{self as at, history, rollers};
+use protocol::compensation::{CompensationSet, SetError};
 use protocol::object::ValueError;
-use protocol::{Access, Address, ENTRIES, Entry, Value, entry, table::highest_sub};
+use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highest_sub};
 
-use crate::configuration::Configuration;
+use crate::bus::Record;
+use crate::configuration;
 use crate::history::History;
 use crate::parameters::Parameters;
 use crate::store::Store;
+use motion::drivetrain::compensation;
 
 /// What the robot counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -32,6 +35,19 @@ pub struct Counters {
     pub watchdog_resets: u32,
     /// Set by the platform.
     pub can_errors: u32,
+    /// What the platform's store has been through.
+    pub store: StoreWear,
+}
+
+/// What a store has been through since it was new.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct StoreWear {
+    /// Images stored.
+    pub saves: u32,
+    /// Sectors erased.
+    pub erases: u32,
+    /// Saves that a loss of power cut off.
+    pub cut: u32,
 }
 
 /// Who the robot is, as the platform knows it.
@@ -41,6 +57,7 @@ pub(crate) struct Device {
     pub serial: u32,
     pub firmware: u32,
     pub reset_cause: u8,
+    pub node_switches: u8,
     pub storage: bool,
 }
 
@@ -57,10 +74,15 @@ pub(crate) struct Dictionary {
     pub measured: [u8; 8],
     pub pose: [u8; 8],
     pub rates: [u8; 8],
+    pub roller_states: [u8; 4],
+    pub roller_sweeps: [f32; 4],
     pub supply: Option<f32>,
     pub counters: Counters,
+    /// Faults.
     pub history: History,
+    pub limits: History,
     pub store: Store,
+    pub identification: Record,
 }
 
 impl Dictionary {
@@ -75,10 +97,14 @@ impl Dictionary {
             measured: [0; 8],
             pose: [0; 8],
             rates: [0; 8],
+            roller_states: [0; 4],
+            roller_sweeps: [0.0; 4],
             supply: None,
             counters: Counters::default(),
             history: History::new(),
+            limits: History::new(),
             store: Store::new(),
+            identification: Record::new(),
         }
     }
 
@@ -98,18 +124,35 @@ impl Dictionary {
         let address = entry.address;
         let counters = &self.counters;
         Some(match address {
-            at::WIRE_VERSION => entry.default,
+            at::WIRE_VERSION => entry.default(),
             at::SERIAL_NUMBER => Value::U32(self.device.serial),
             at::FIRMWARE_VERSION => Value::U32(self.device.firmware),
             at::RESET_CAUSE => Value::U8(self.device.reset_cause),
+            at::NODE_SWITCHES => Value::U8(self.device.node_switches),
+            at::NODE_STORED => Value::U8(self.store.node()),
             at::CONFIGURATION_STATUS => Value::U32(match self.store.corrupt {
                 Some(address) => address.packed() << 8 | 3,
-                None => Configuration::new(&self.parameters, self.device.node)
+                None => configuration::build(&self.parameters, self.device.node)
                     .map_or_else(|error| error.code(), |_| 0),
             }),
             at::CONFIGURATION_CRC => Value::U32(self.parameters.crc()),
             at::GROUP_CRC => Value::U32(self.parameters.group_crc()),
+            at::COMPENSATION_VERSION => {
+                let set = self.parameters.compensation_set();
+                Value::U32(set.map_or(0, |set| set.version))
+            }
+            at::COMPENSATION_CRC => {
+                let set = self.parameters.compensation_set();
+                Value::U32(set.map_or(0, |set| set.crc))
+            }
             at::COMMISSIONING => Value::U8(u8::from(self.commissioning)),
+            at::IDENTIFY => Value::U8(u8::from(self.identification.status == 1)),
+            at::IDENTIFY_STATUS => Value::U8(self.identification.status),
+            at::IDENTIFY_WHEEL => Value::U8(self.identification.wheel),
+            at::IDENTIFY_RATE => Value::F32(self.identification.bounds.rate),
+            at::IDENTIFY_TRAVEL => Value::F32(self.identification.bounds.travel),
+            at::IDENTIFY_BANDWIDTH => Value::F32(self.identification.bandwidth),
+            at::IDENTIFY_DAMPING => Value::F32(self.identification.damping),
             at::SUPPLY => Value::F32(self.supply.unwrap_or(0.0)),
             at::LATE_TICKS => Value::U32(counters.late_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
@@ -118,18 +161,38 @@ impl Dictionary {
             at::STOPS => Value::U32(counters.stops),
             at::WATCHDOG_RESETS => Value::U32(counters.watchdog_resets),
             at::CAN_ERRORS => Value::U32(counters.can_errors),
+            at::SAVES => Value::U32(counters.store.saves),
+            at::ERASES => Value::U32(counters.store.erases),
+            at::CUT_SAVES => Value::U32(counters.store.cut),
             Address { index, sub } if index == history::code(1).index => {
-                Value::U16(self.history.nth(sub).map_or(0, |(fault, _)| fault.code()))
+                Value::U16(self.history.nth(sub).0)
             }
             Address { index, sub } if index == history::time(1).index => {
-                Value::U32(self.history.nth(sub).map_or(0, |(_, time_ms)| time_ms))
+                Value::U32(self.history.nth(sub).1)
+            }
+            Address { index, sub } if index == history::limit_code(1).index => {
+                Value::U16(self.limits.nth(sub).0)
+            }
+            Address { index, sub } if index == history::limit_time(1).index => {
+                Value::U32(self.limits.nth(sub).1)
+            }
+            Address { index, sub } if index == rollers::state(0).index => {
+                let wheel = usize::from(sub.checked_sub(1)?);
+                Value::U8(*self.roller_states.get(wheel)?)
+            }
+            Address { index, sub } if index == rollers::sweep(0).index => {
+                let wheel = usize::from(sub.checked_sub(1)?);
+                Value::F32(*self.roller_sweeps.get(wheel)?)
             }
             _ => match self.process_data(address.index) {
                 Some(bytes) => {
                     let (from, length) = place(entry);
                     Value::from_bytes(entry.kind, bytes.get(from..from + length)?).ok()?
                 }
-                None => self.parameters.get(address)?,
+                None => match self.identification.result(address) {
+                    Some(result) => Value::F32(result),
+                    None => self.parameters.get(address)?,
+                },
             },
         })
     }
@@ -147,6 +210,9 @@ impl Dictionary {
                 return Err(AbortCode::DeviceState);
             }
             Access::Parameter | Access::ReadWrite => {}
+        }
+        if entry.kind == Kind::Domain {
+            return self.write_set(entry, data);
         }
         let value = entry.accept(data).map_err(|error| match error {
             ValueError::TooShort => AbortCode::TooShort,
@@ -166,9 +232,58 @@ impl Dictionary {
                 }
                 self.commissioning = value.to_bits() == 1;
             }
+            0x2051 => self.write_identification(address, value, state)?,
             0x2100 => write_field(&mut self.setpoint, entry, data),
             0x2101 => write_field(&mut self.alone, entry, data),
             _ => return Err(AbortCode::ReadOnly),
+        }
+        Ok(())
+    }
+
+    /// Takes a compensation set as a whole or not at all.
+    fn write_set(&mut self, entry: &Entry, data: &[u8]) -> Result<(), AbortCode> {
+        let set = CompensationSet::decode(data).map_err(|error| match error {
+            SetError::TooShort => AbortCode::TooShort,
+            SetError::TooLong => AbortCode::TooLong,
+            SetError::CoefficientTooLow => AbortCode::ValueTooLow,
+            SetError::OutOfRange => AbortCode::ValueTooHigh,
+            SetError::Crc | SetError::Format | SetError::TooManyRows | SetError::Speed => {
+                AbortCode::InvalidValue
+            }
+        })?;
+        let constant = self.parameters.constant_compensation();
+        constant
+            .and_then(|constant| compensation(&set, &constant))
+            .map_err(|_| AbortCode::ParameterIncompatible)?;
+        let slot = entry.slot.ok_or(AbortCode::General)?;
+        self.parameters.set_block(slot, data);
+        Ok(())
+    }
+}
+
+impl Dictionary {
+    /// A run begins only where a robot may move alone; what it may do is settled before.
+    fn write_identification(
+        &mut self,
+        address: Address,
+        value: Value,
+        state: NmtState,
+    ) -> Result<(), AbortCode> {
+        let record = &mut self.identification;
+        match (address, value) {
+            (at::IDENTIFY, Value::U8(0)) => record.asked = Some(false),
+            (at::IDENTIFY, Value::U8(1)) => {
+                let permitted = self.commissioning && record.permitted;
+                if state != NmtState::Operational || !permitted {
+                    return Err(AbortCode::DeviceState);
+                }
+                record.asked = Some(true);
+            }
+            (at::IDENTIFY_RATE, Value::F32(value)) => record.bounds.rate = value,
+            (at::IDENTIFY_TRAVEL, Value::F32(value)) => record.bounds.travel = value,
+            (at::IDENTIFY_BANDWIDTH, Value::F32(value)) => record.bandwidth = value,
+            (at::IDENTIFY_DAMPING, Value::F32(value)) => record.damping = value,
+            _ => return Err(AbortCode::InvalidValue),
         }
         Ok(())
     }
@@ -211,6 +326,12 @@ impl ObjectDictionary for Dictionary {
             return Ok(1);
         }
         let entry = find(Address::new(index, sub))?;
+        if entry.kind == Kind::Domain {
+            let set = self.parameters.set_bytes();
+            let to = out.get_mut(..set.len()).ok_or(AbortCode::OutOfMemory)?;
+            to.copy_from_slice(set);
+            return Ok(set.len());
+        }
         let value = self.value(entry).ok_or(AbortCode::General)?;
         let length = usize::from(entry.kind.bytes());
         let to = out.get_mut(..length).ok_or(AbortCode::OutOfMemory)?;

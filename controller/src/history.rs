@@ -1,33 +1,34 @@
-//! The last faults, newest first, with the time each appeared.
+//! The last faults, or limits, newest first, with the time each appeared.
 
-use protocol::Fault;
 use protocol::address::history::DEPTH;
 
-/// The last eight faults.
+/// The last eight.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct History {
-    faults: [Option<(Fault, u32)>; DEPTH as usize],
+    /// Code and time in ms; code 0 for none.
+    entries: [(u16, u32); DEPTH as usize],
 }
 
 impl History {
     pub const fn new() -> Self {
         Self {
-            faults: [None; DEPTH as usize],
+            entries: [(0, 0); DEPTH as usize],
         }
     }
 
-    /// Puts a fault in front; the oldest falls out.
-    pub fn push(&mut self, fault: Fault, time_ms: u32) {
-        self.faults.rotate_right(1);
-        if let Some(first) = self.faults.first_mut() {
-            *first = Some((fault, time_ms));
+    /// Puts one in front; the oldest falls out.
+    pub fn push(&mut self, code: u16, time_ms: u32) {
+        self.entries.rotate_right(1);
+        if let Some(first) = self.entries.first_mut() {
+            *first = (code, time_ms);
         }
     }
 
-    /// The `nth` newest, counted from 1.
-    pub fn nth(&self, nth: u8) -> Option<(Fault, u32)> {
-        let at = usize::from(nth).checked_sub(1)?;
-        self.faults.get(at).copied().flatten()
+    /// Code and time of the `nth` newest, counted from 1; zeros for none.
+    pub fn nth(&self, nth: u8) -> (u16, u32) {
+        let at = usize::from(nth).checked_sub(1);
+        let entry = at.and_then(|at| self.entries.get(at));
+        entry.copied().unwrap_or_default()
     }
 }
 
@@ -38,13 +39,13 @@ mod tests {
     #[test]
     fn newest_is_first_and_the_oldest_falls_out() {
         let mut history = History::new();
-        assert_eq!(history.nth(1), None);
+        assert_eq!(history.nth(1), (0, 0));
         for time in 0..10 {
-            history.push(Fault::SyncLost, time);
+            history.push(7, time);
         }
-        assert_eq!(history.nth(1), Some((Fault::SyncLost, 9)));
-        assert_eq!(history.nth(8), Some((Fault::SyncLost, 2)));
-        assert_eq!(history.nth(9), None);
-        assert_eq!(history.nth(0), None);
+        assert_eq!(history.nth(1), (7, 9));
+        assert_eq!(history.nth(8), (7, 2));
+        assert_eq!(history.nth(9), (0, 0));
+        assert_eq!(history.nth(0), (0, 0));
     }
 }

@@ -9,6 +9,8 @@ use crate::dictionary::Device;
 pub struct Identity {
     /// Node number, 2 to 17.
     pub node: NodeId,
+    /// Node by the switches on the board, object 0x2001:4.
+    pub node_switches: u8,
     /// Serial number, objects 0x1018:4 and 0x2001:1.
     pub serial: u32,
     /// Firmware version, object 0x2001:2.
@@ -26,6 +28,7 @@ impl Identity {
     pub const fn new(node: NodeId, serial: u32) -> Self {
         Self {
             node,
+            node_switches: node.get(),
             serial,
             firmware: 0x0001_0000,
             reset_cause: 0,
@@ -118,6 +121,7 @@ pub(crate) const fn device(identity: &Identity) -> Device {
         serial: identity.serial,
         firmware: identity.firmware,
         reset_cause: identity.reset_cause,
+        node_switches: identity.node_switches,
         storage: identity.storage,
     }
 }

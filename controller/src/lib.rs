@@ -36,38 +36,33 @@
 #[cfg(test)]
 extern crate std;
 
+use motion::{math, threshold};
+
 pub mod agreement;
 mod bus;
-pub mod clock;
 pub mod configuration;
-mod control;
 mod dictionary;
-mod handover;
 mod history;
 mod identity;
-pub mod limiter;
-mod math;
-pub mod observer;
 pub mod parameters;
 pub mod sequence;
-pub mod setpoint;
 pub mod state;
 mod store;
 mod strain;
-mod threshold;
-mod watch;
-pub mod wheel;
 
 pub use bus::{BusSide, Event};
 pub use clock::{SyncClock, TickPhase};
 pub use configuration::{Configuration, ConfigurationError};
-pub use control::{ControlSide, TICK_US};
-pub use dictionary::Counters;
+pub use dictionary::{Counters, StoreWear};
 pub use handover::{Command, Inputs, Mode, Outputs, Report};
 pub use identity::{Identity, SYNC_OVERFLOW};
+pub use motion::control::{ControlSide, TICK_US};
+pub use motion::{
+    clock, drivetrain, handover, identification, limiter, observer, rollers, setpoint, wheel,
+};
 pub use parameters::Parameters;
 pub use state::State;
-pub use store::{IMAGE_MAX, Stored};
+pub use store::{IMAGE_MAX, Stored, stored_node};
 
 #[cfg(test)]
 mod tests;

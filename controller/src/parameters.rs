@@ -1,10 +1,15 @@
 //! The parameters as the bus writes them: one word each, and whether it has been written.
 //!
+//! The compensation set is longer; its word is its CRC, and its bytes lie beside the words.
+//!
 //! Nothing here takes effect. A value is checked against its own limits when it is written; the set
 //! is turned into a [`crate::Configuration`], and checked as a set, when the robot is started.
 
+use kinematics::{CompensationError, VelocityCompensation};
+use protocol::address as at;
+use protocol::compensation::{CompensationSet, EMPTY, LENGTH_MAX};
 use protocol::{
-    Address, ENTRIES, Entry, Value, entry,
+    Address, ENTRIES, Entry, Value, crc32, entry,
     table::{COMMON, PARAMETERS},
 };
 
@@ -15,7 +20,13 @@ const WORDS: usize = PARAMETERS.div_ceil(32);
 pub struct Parameters {
     values: [u32; PARAMETERS],
     written: [u32; WORDS],
+    /// The compensation set; always a valid one.
+    set: [u8; LENGTH_MAX],
+    set_length: u8,
 }
+
+/// The length of a set fits a byte.
+const _: () = assert!(LENGTH_MAX < 256);
 
 impl Default for Parameters {
     fn default() -> Self {
@@ -30,12 +41,16 @@ impl Parameters {
         let mut values = [0; PARAMETERS];
         let parameters = ENTRIES.iter().filter(|entry| entry.slot.is_some());
         for (value, entry) in values.iter_mut().zip(parameters) {
-            *value = entry.default.to_bits();
+            *value = entry.default().to_bits();
         }
-        Self {
+        let mut parameters = Self {
             values,
             written: [0; WORDS],
-        }
+            set: [0; LENGTH_MAX],
+            set_length: 0,
+        };
+        parameters.keep_set(&EMPTY);
+        parameters
     }
 
     /// The value of a parameter; `None` for what is none.
@@ -55,6 +70,50 @@ impl Parameters {
         if let Some(word) = self.written.get_mut(slot / 32) {
             *word |= 1 << (slot % 32);
         }
+    }
+
+    /// Keeps a compensation set that has been checked already.
+    pub(crate) fn set_block(&mut self, slot: u8, bytes: &[u8]) {
+        self.keep_set(bytes);
+        let crc = self.values.get(usize::from(slot)).copied().unwrap_or(0);
+        self.set(slot, Value::U32(crc));
+    }
+
+    fn keep_set(&mut self, bytes: &[u8]) {
+        let (Some(to), Ok(length), Some(crc)) = (
+            self.set.get_mut(..bytes.len()),
+            u8::try_from(bytes.len()),
+            bytes.first_chunk(),
+        ) else {
+            return;
+        };
+        to.copy_from_slice(bytes);
+        self.set_length = length;
+        let slot = entry(at::COMPENSATION_SET).and_then(|entry| entry.slot);
+        if let Some(word) = slot.and_then(|slot| self.values.get_mut(usize::from(slot))) {
+            *word = u32::from_le_bytes(*crc);
+        }
+    }
+
+    /// The bytes of the compensation set.
+    #[must_use]
+    pub fn set_bytes(&self) -> &[u8] {
+        self.set.get(..usize::from(self.set_length)).unwrap_or(&[])
+    }
+
+    /// The compensation set.
+    #[must_use]
+    pub fn compensation_set(&self) -> Option<CompensationSet<'_>> {
+        CompensationSet::decode(self.set_bytes()).ok()
+    }
+
+    /// What axes without rows in the set have.
+    pub(crate) fn constant_compensation(&self) -> Result<VelocityCompensation, CompensationError> {
+        VelocityCompensation::new(
+            self.real(at::COMPENSATION_LONGITUDINAL),
+            self.real(at::COMPENSATION_LATERAL),
+            self.real(at::COMPENSATION_YAW),
+        )
     }
 
     /// The value of a parameter that has been written or loaded.
@@ -103,33 +162,27 @@ impl Parameters {
     }
 }
 
-/// CRC-32 (IEEE 802.3).
-pub(crate) fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
-    let mut crc = u32::MAX;
-    for byte in bytes {
-        crc ^= u32::from(byte);
-        for _ in 0..8 {
-            let carry = crc & 1;
-            crc >>= 1;
-            if carry != 0 {
-                crc ^= 0xEDB8_8320;
-            }
-        }
-    }
-    !crc
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::address as at;
+    use protocol::Kind;
+
+    /// Gives a parameter another value than its default.
+    fn change(parameters: &mut Parameters, entry: &Entry) {
+        let changed = if entry.kind == Kind::Domain {
+            Value::U32(1)
+        } else {
+            Value::from_bits(entry.kind, entry.default().to_bits() ^ 1)
+        };
+        parameters.set(entry.slot.unwrap(), changed);
+    }
 
     #[test]
     fn starts_with_the_defaults_and_nothing_written() {
         let parameters = Parameters::new();
         for entry in &ENTRIES {
             if entry.slot.is_some() {
-                assert_eq!(parameters.get(entry.address), Some(entry.default));
+                assert_eq!(parameters.get(entry.address), Some(entry.default()));
             } else {
                 assert_eq!(parameters.get(entry.address), None);
             }
@@ -138,18 +191,11 @@ mod tests {
     }
 
     #[test]
-    fn crc_is_that_of_ieee_802_3() {
-        // The check value of the standard.
-        assert_eq!(crc32(b"123456789".iter().copied()), 0xCBF4_3926);
-    }
-
-    #[test]
     fn group_crc_sees_what_is_common_and_nothing_else() {
         let plain = Parameters::new().group_crc();
         for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
             let mut parameters = Parameters::new();
-            let changed = Value::from_bits(entry.kind, entry.default.to_bits() ^ 1);
-            parameters.set(entry.slot.unwrap(), changed);
+            change(&mut parameters, entry);
             let common = COMMON.contains(&entry.address);
             assert_eq!(
                 parameters.group_crc() != plain,
@@ -166,7 +212,7 @@ mod tests {
         let mut required = 0;
         while let Some(address) = parameters.first_missing() {
             let entry = entry(address).unwrap();
-            parameters.set(entry.slot.unwrap(), entry.default);
+            parameters.set(entry.slot.unwrap(), entry.default());
             required += 1;
         }
         assert_eq!(required, ENTRIES.iter().filter(|e| e.required).count());
@@ -178,8 +224,7 @@ mod tests {
         seen.insert(Parameters::new().crc());
         for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
             let mut parameters = Parameters::new();
-            let changed = Value::from_bits(entry.kind, entry.default.to_bits() ^ 1);
-            parameters.set(entry.slot.unwrap(), changed);
+            change(&mut parameters, entry);
             assert!(seen.insert(parameters.crc()), "{:?}", entry.address);
         }
     }

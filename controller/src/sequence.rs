@@ -40,7 +40,7 @@ pub struct Setpoints {
     frames: u8,
     disorder: u8,
     ignored: u32,
-    /// What came since the last fresh setpoint was not valid.
+    /// What came since the last fresh setpoint was not valid, or stale.
     invalid: bool,
 }
 
@@ -156,7 +156,11 @@ impl Setpoints {
             None => 1,
         };
         match ahead {
-            0 => Reception::Nothing,
+            0 => {
+                // Another of the same after it had been followed: a master that is stuck.
+                self.invalid |= self.sequence.is_some();
+                Reception::Nothing
+            }
             1..=127 => {
                 self.barred = None;
                 self.sequence = Some(sequence);

@@ -41,7 +41,7 @@ pub enum Happening {
     Started,
     /// NMT start, but this does.
     StartRefused(Fault),
-    /// NMT took it out of OPERATIONAL.
+    /// NMT took it out of OPERATIONAL, or an identification is over.
     Left,
     /// All members agree on a new setpoint, at a scale above zero.
     GroupSetpoint,

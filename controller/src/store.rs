@@ -7,9 +7,10 @@
 //! | bytes | |
 //! |---|---|
 //! | 4 | CRC-32 (IEEE 802.3) of all that follows |
-//! | 1 | format, 1 |
+//! | 1 | format, 2 |
 //! | 2 | length of the application's part |
-//! | | the application's part: index, sub-index and value of every parameter that has been written |
+//! | 1 | node-ID given by LSS; 0 for none, then the switches on the board give it |
+//! | | the application's part: index, sub-index and value of every parameter that has been written; of the compensation set its length in one byte and then the set |
 //! | | the communication part, as `canopen` wants it |
 //!
 //! All numbers are little-endian. An image is looked at as a whole before any of it takes effect: a
@@ -23,17 +24,18 @@
 //! The memory the image lies in is the platform's: a robot that stores nothing needs none, and one
 //! that does can make its bus side on a small stack.
 
-use canopen::{AbortCode, Storage, StoreProgress, StoreScope};
-use protocol::{Access, Address, ENTRIES, entry};
+use canopen::{AbortCode, NodeId, Storage, StoreProgress, StoreScope};
+use protocol::compensation::{CompensationSet, LENGTH_MAX};
+use protocol::{Access, Address, ENTRIES, Kind, crc32, entry, is_robot};
 
 use crate::dictionary::Dictionary;
-use crate::parameters::{Parameters, crc32};
+use crate::parameters::Parameters;
 
 /// Bytes kept for the communication part; a longer one cannot be saved.
 const COMMUNICATION: usize = 192;
-const HEADER: usize = 7;
+const HEADER: usize = 8;
 const CRC: usize = 4;
-const FORMAT: u8 = 1;
+const FORMAT: u8 = 2;
 
 /// Length of the longest image.
 pub const IMAGE_MAX: usize = HEADER + parameters_length() + COMMUNICATION;
@@ -45,7 +47,10 @@ const fn parameters_length() -> usize {
     let mut at = 0;
     while at < ENTRIES.len() {
         if ENTRIES[at].persistent {
-            length += 3 + ENTRIES[at].kind.bytes() as usize;
+            length += 3 + match ENTRIES[at].kind {
+                Kind::Domain => 1 + LENGTH_MAX,
+                kind => kind.bytes() as usize,
+            };
         }
         at += 1;
     }
@@ -121,6 +126,11 @@ impl Store {
         check(self.image()).unwrap_or_default()
     }
 
+    /// The node-ID of the image; 0 for none.
+    pub fn node(&self) -> u8 {
+        self.image().get(HEADER - 1).copied().unwrap_or(0)
+    }
+
     /// Both parts of the image.
     fn parts(&self) -> (&[u8], &[u8]) {
         split(self.image()).unwrap_or((&[], &[]))
@@ -129,7 +139,7 @@ impl Store {
 
 /// The application's and the communication part of an image.
 fn split(image: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (&[_, _, _, _, format, low, high], rest) = image.split_first_chunk::<HEADER>()?;
+    let (&[_, _, _, _, format, low, high, _], rest) = image.split_first_chunk::<HEADER>()?;
     if format != FORMAT {
         return None;
     }
@@ -149,10 +159,23 @@ fn check(image: &[u8]) -> Result<Parameters, Address> {
         let entry = entry(address)
             .filter(|entry| entry.persistent)
             .ok_or(address)?;
-        let length = usize::from(entry.kind.bytes());
-        let (value, behind) = behind.split_at_checked(length).ok_or(address)?;
-        let value = entry.accept(value).map_err(|_| address)?;
-        parameters.set(entry.slot.ok_or(address)?, value);
+        let slot = entry.slot.ok_or(address)?;
+        let (length, behind) = match entry.kind {
+            Kind::Domain => {
+                let (length, behind) = behind.split_first().ok_or(address)?;
+                (*length, behind)
+            }
+            kind => (kind.bytes(), behind),
+        };
+        let (value, behind) = behind
+            .split_at_checked(usize::from(length))
+            .ok_or(address)?;
+        if entry.kind == Kind::Domain {
+            CompensationSet::decode(value).map_err(|_| address)?;
+            parameters.set_block(slot, value);
+        } else {
+            parameters.set(slot, entry.accept(value).map_err(|_| address)?);
+        }
         rest = behind;
     }
     if rest.is_empty() {
@@ -160,6 +183,27 @@ fn check(image: &[u8]) -> Result<Parameters, Address> {
     } else {
         Err(NO_OBJECT)
     }
+}
+
+/// The node-ID that LSS has stored in an image, if the image is whole. It comes before the switches.
+#[must_use]
+pub fn stored_node(image: &[u8]) -> Option<NodeId> {
+    let (crc, content) = image.split_first_chunk::<CRC>()?;
+    let is_whole = u32::from_le_bytes(*crc) == crc32(content.iter().copied());
+    split(image).filter(|_| is_whole)?;
+    let node = image.get(HEADER - 1).copied()?;
+    NodeId::new(node).filter(|_| is_robot(node))
+}
+
+/// What an image to be stored has of the application.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Application {
+    /// What is stored.
+    Kept,
+    /// What has been written.
+    Written,
+    /// Nothing: the defaults.
+    Forgotten,
 }
 
 /// Collects an image.
@@ -185,14 +229,13 @@ impl Writer {
 }
 
 impl Dictionary {
-    /// Makes the image to store: of the parts in `scope` the given ones, of the others those that
-    /// are stored.
+    /// Makes the image to store; what is not given, the communication part or the node, stays as it is stored.
     #[inline(never)]
     fn ask(
         &mut self,
-        scope: StoreScope,
-        saves: bool,
-        communication: &[u8],
+        application: Application,
+        communication: Option<&[u8]>,
+        node: Option<u8>,
     ) -> Result<StoreProgress, AbortCode> {
         if !self.store.at_rest || self.store.asked {
             return Err(AbortCode::DeviceState);
@@ -202,28 +245,31 @@ impl Dictionary {
             bytes: [0; IMAGE_MAX],
             length: HEADER,
         };
-        if !scope.has_application() {
+        if application == Application::Kept {
             image.add(old_application)?;
-        } else if saves {
+        } else if application == Application::Written {
             for entry in ENTRIES.iter().filter(|entry| entry.persistent) {
                 let Some(value) = self.parameters.written(entry) else {
                     continue;
                 };
                 let [low, high] = entry.address.index.to_le_bytes();
                 image.add(&[low, high, entry.address.sub])?;
+                if entry.kind == Kind::Domain {
+                    let set = self.parameters.set_bytes();
+                    image.add(&[u8::try_from(set.len()).unwrap_or(0)])?;
+                    image.add(set)?;
+                    continue;
+                }
                 let bytes = value.to_bytes();
                 let length = usize::from(entry.kind.bytes());
                 image.add(bytes.get(..length).unwrap_or(&[]))?;
             }
         }
-        let application = u16::try_from(image.length.saturating_sub(HEADER)).unwrap_or(u16::MAX);
-        let [low, high] = application.to_le_bytes();
-        image.put(CRC, [FORMAT, low, high]);
-        if scope.has_communication() {
-            image.add(communication)?;
-        } else {
-            image.add(old_communication)?;
-        }
+        let length = u16::try_from(image.length.saturating_sub(HEADER)).unwrap_or(u16::MAX);
+        let [low, high] = length.to_le_bytes();
+        let node = node.unwrap_or_else(|| self.store.node());
+        image.put(CRC, [FORMAT, low, high, node]);
+        image.add(communication.unwrap_or(old_communication))?;
         let content = image.bytes.get(CRC..image.length).unwrap_or(&[]);
         let crc = crc32(content.iter().copied());
         image.put(0, crc.to_le_bytes());
@@ -236,17 +282,42 @@ impl Dictionary {
     }
 }
 
+/// What becomes of the application's part in a save or restore of this scope.
+fn part(scope: StoreScope, changed: Application) -> Application {
+    if scope.has_application() {
+        changed
+    } else {
+        Application::Kept
+    }
+}
+
 impl Storage for Dictionary {
     fn save(
         &mut self,
         scope: StoreScope,
         communication: &[u8],
     ) -> Result<StoreProgress, AbortCode> {
-        self.ask(scope, true, communication)
+        self.ask(
+            part(scope, Application::Written),
+            scope.has_communication().then_some(communication),
+            None,
+        )
     }
 
     fn restore(&mut self, scope: StoreScope) -> Result<StoreProgress, AbortCode> {
-        self.ask(scope, false, &[])
+        self.ask(
+            part(scope, Application::Forgotten),
+            scope.has_communication().then_some(&[]),
+            None,
+        )
+    }
+
+    fn save_node(&mut self, node: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
+        let node = node.map_or(0, NodeId::get);
+        if node != 0 && !is_robot(node) {
+            return Err(AbortCode::InvalidValue);
+        }
+        self.ask(Application::Kept, None, Some(node))
     }
 
     fn load(&mut self, out: &mut [u8]) -> usize {

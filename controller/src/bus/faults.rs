@@ -34,6 +34,7 @@ impl BusSide {
             State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 3],
             State::Armed => [heartbeat, None, None],
             State::Moving => [heartbeat, sync, setpoint(&self.setpoints)],
+            State::Alone if self.identifying => [heartbeat, sync, None],
             State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints)],
         }
     }
@@ -57,7 +58,7 @@ impl BusSide {
     /// Announces a fault by an emergency message and keeps it in the history.
     pub(super) fn record(&mut self, fault: Fault, now: Micros) {
         let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
-        self.dictionary.history.push(fault, time_ms);
+        self.dictionary.history.push(fault.code(), time_ms);
         let class = match fault.error_class() {
             FaultClass::Generic => ErrorClass::Generic,
             FaultClass::Voltage => ErrorClass::Voltage,

@@ -7,15 +7,18 @@
 //!
 //! - after every control tick (or at least once per SYNC) hand over the newest [`Report`];
 //! - after every call take the [`Configuration`] if there is one, then the [`Command`];
-//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 20 ms away:
+//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 10 ms away:
 //!   the control side takes a bus side without sign of life for dead.
 //!
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
 mod faults;
+mod identify;
 mod publish;
 mod storage;
+
+pub(crate) use identify::Record;
 
 use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
@@ -25,16 +28,17 @@ use protocol::{APPLY_DELAY_US, Fault, MeasuredTwist, MemberStatus, Scale, cob};
 
 use crate::agreement::{Agreement, Verdict};
 use crate::clock::SyncClock;
-use crate::configuration::Configuration;
+use crate::configuration::{self, Configuration};
 use crate::dictionary::{Counters, Dictionary};
 use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
+use crate::parameters::Parameters;
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{Happening, State};
 use crate::strain::Strain;
 
 /// Longest time between two polls, us.
-const ALIVE_US: u64 = 20_000;
+const ALIVE_US: u64 = 10_000;
 
 /// Something the platform may want to log or show.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -85,6 +89,10 @@ pub struct BusSide {
     last_heartbeat: Micros,
     report: Report,
     command: Command,
+    /// The commissioning motion is an identification.
+    identifying: bool,
+    /// Code of the limit that was active at the last SYNC; 0 for none.
+    limit: u16,
     /// Faults announced and not yet declared over, one bit each.
     announced: u32,
     events: Deque<Event, 8>,
@@ -113,6 +121,8 @@ impl BusSide {
             last_heartbeat: Micros::ZERO,
             report: Report::default(),
             command: Command::default(),
+            identifying: false,
+            limit: 0,
             announced: 0,
             events: Deque::new(),
         }
@@ -122,6 +132,7 @@ impl BusSide {
     pub fn on_frame(&mut self, at: Micros, frame: &Frame) {
         self.supervise(at);
         self.dictionary.store.at_rest = self.is_at_rest();
+        self.dictionary.identification.permitted = self.may_identify();
         self.command.alive = at;
         let id = frame.id();
         if id == cob::MASTER_HEARTBEAT {
@@ -157,6 +168,8 @@ impl BusSide {
     pub fn on_report(&mut self, report: &Report) {
         self.report = *report;
         self.dictionary.supply = report.supply;
+        self.dictionary.roller_states = report.roller_states.map(|state| state as u8);
+        self.dictionary.roller_sweeps = report.roller_sweeps;
         self.dictionary.counters.late_ticks = report.late_ticks;
         // What it says about an earlier start is no longer true.
         if report.start != self.command.start {
@@ -254,12 +267,19 @@ impl BusSide {
         self.scale.factor()
     }
 
+    /// The parameters as they have been written.
+    #[must_use]
+    pub const fn parameters(&self) -> &Parameters {
+        &self.dictionary.parameters
+    }
+
     /// What the robot counts; the platform adds what only it can see.
     pub const fn counters_mut(&mut self) -> &mut Counters {
         &mut self.dictionary.counters
     }
 
     fn drain(&mut self, now: Micros) {
+        self.look_at_identification(now);
         while let Some(event) = self.device.pop_event() {
             match event {
                 canopen::Event::NmtCommand(NmtCommand::Start) => self.on_start(now),
@@ -268,6 +288,7 @@ impl BusSide {
                     if from == NmtState::Operational {
                         self.happen(Happening::Left, now);
                     }
+                    self.follow_node();
                     self.tell(Event::Nmt(to));
                 }
                 canopen::Event::Sync { counter, at, .. } => {
@@ -286,6 +307,14 @@ impl BusSide {
         }
     }
 
+    /// A node-ID given by LSS takes effect with a reset of the communication.
+    fn follow_node(&mut self) {
+        if let Some(node) = self.device.node() {
+            self.identity.node = node;
+            self.dictionary.device.node = node.get();
+        }
+    }
+
     /// NMT start: the only way into motion. Everything that speaks against it is looked at here.
     fn on_start(&mut self, now: Micros) {
         if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {
@@ -298,7 +327,7 @@ impl BusSide {
         if self.dictionary.store.corrupt.is_some() {
             return self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
         }
-        let made = Configuration::new(&self.dictionary.parameters, self.identity.node.get());
+        let made = configuration::build(&self.dictionary.parameters, self.identity.node.get());
         let configuration = match (made, self.report.obstacle) {
             (Err(_), _) => return self.happen(Happening::StartRefused(Fault::Unconfigured), now),
             (Ok(_), Some(fault)) => return self.happen(Happening::StartRefused(fault), now),
@@ -325,7 +354,7 @@ impl BusSide {
         let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
         self.clock.on_sync(at, period_us as f32);
         let Some(configuration) = self.configuration else {
-            self.publish(None);
+            self.publish(at, None);
             return;
         };
         self.decide(at, &configuration);
@@ -350,7 +379,7 @@ impl BusSide {
         }
         self.vote(&configuration);
         self.follow_alone(at, &configuration);
-        self.publish(Some(&configuration));
+        self.publish(at, Some(&configuration));
     }
 
     /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
@@ -408,6 +437,7 @@ impl BusSide {
         let received =
             core::mem::take(&mut self.dictionary.alone.1).then_some(self.dictionary.alone.0);
         let permitted_now = self.dictionary.commissioning
+            && !self.identifying
             && matches!(self.state, State::Armed | State::Alone)
             && self.is_able(configuration);
         if !permitted_now {
@@ -446,9 +476,11 @@ impl BusSide {
         self.command.mode = match to {
             State::Ready | State::Faulted(_) => Mode::Off,
             State::Armed => Mode::Hold,
+            State::Alone if self.identifying => Mode::Identify,
             State::Moving | State::Alone => Mode::Follow,
             State::Ramping(_) => Mode::Ramp,
         };
+        self.identifying &= to == State::Alone;
         if let Some(fault) = to.fault()
             && from.fault() != Some(fault)
         {
@@ -468,6 +500,12 @@ impl BusSide {
 
 /// The scale at which this robot's wheels can make the group move like that.
 fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
-    let rates = configuration.kinematics.inverse(twist);
-    Scale::new(desaturate(rates, configuration.wheel_rate_max).1)
+    let drivetrain = &configuration.drivetrain;
+    let scale = |twist| desaturate(drivetrain.fastest(twist), configuration.wheel_rate_max).1;
+    let first = scale(twist);
+    if drivetrain.is_constant() {
+        return Scale::new(first);
+    }
+    // At the smaller speed the compensation asks for a little more or less.
+    Scale::new(first * scale(twist * first))
 }

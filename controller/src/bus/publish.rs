@@ -1,5 +1,6 @@
 //! What the robot says about itself at every SYNC.
 
+use canopen::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
 
 use super::BusSide;
@@ -8,7 +9,9 @@ use crate::state::State;
 
 impl BusSide {
     /// Process data as it is at this SYNC.
-    pub(super) fn publish(&mut self, configuration: Option<&Configuration>) {
+    pub(super) fn publish(&mut self, at: Micros, configuration: Option<&Configuration>) {
+        let code = self.code();
+        self.remember(at, code);
         let report = &self.report;
         let sequence = self.setpoints.sequence();
         let group = configuration.map_or(0, |configuration| configuration.group);
@@ -17,7 +20,7 @@ impl BusSide {
             sequence,
             scale: self.own,
             slip_residual: (report.configuration != 0).then_some(report.slip_residual),
-            code: self.code(),
+            code,
         }
         .encode();
         self.dictionary.measured = MeasuredTwist {
@@ -31,6 +34,19 @@ impl BusSide {
             rates: report.rates,
         }
         .encode();
+    }
+
+    /// Keeps a limit in the history when it becomes active.
+    fn remember(&mut self, at: Micros, code: Code) {
+        let limit = match code {
+            Code::Limit(limit) => limit.code(),
+            Code::None | Code::Fault(_) => 0,
+        };
+        if limit != 0 && limit != self.limit {
+            let time_ms = u32::try_from(at.0 / 1000).unwrap_or(u32::MAX);
+            self.dictionary.limits.push(limit, time_ms);
+        }
+        self.limit = limit;
     }
 
     /// The most important thing to say.

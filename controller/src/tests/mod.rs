@@ -1,9 +1,12 @@
 //! Whole robots on a bus, in virtual time.
 
+mod compensation;
 mod group_rules;
+mod identification;
 mod reaction;
 mod safety;
 mod start;
 mod storage;
 mod tracking;
+mod wheels;
 mod world;

@@ -5,9 +5,8 @@ use std::vec::Vec;
 
 use canopen::{Frame, Micros, NodeId};
 use protocol::address as at;
-use protocol::{Fault, cob};
+use protocol::{Fault, cob, crc32};
 
-use crate::parameters::crc32;
 use crate::{BusSide, IMAGE_MAX, Identity, State, Stored};
 
 const DEVICE_STATE: [u8; 4] = 0x0800_0022_u32.to_le_bytes();
@@ -164,7 +163,7 @@ fn a_corrupt_image_is_refused_whatever_bit_is_wrong() {
 #[test]
 fn a_value_out_of_its_limits_refuses_the_whole_image_and_is_named() {
     let with = |index: u16, value: f32| {
-        let mut image = std::vec![1, 7, 0];
+        let mut image = std::vec![2, 7, 0, 0];
         image.extend(index.to_le_bytes());
         image.push(1);
         image.extend(value.to_le_bytes());
@@ -180,4 +179,107 @@ fn a_value_out_of_its_limits_refuses_the_whole_image_and_is_named() {
     refused(Stored::Image(&with(0x2010, f32::NAN)), [0x10, 0x20, 1]);
     refused(Stored::Image(&with(0x2FFF, 0.4)), [0xFF, 0x2F, 1]);
     refused(Stored::Image(&with(0x2110, 0.4)), [0x10, 0x21, 1]);
+}
+
+fn lss(bus: &mut BusSide, data: [u8; 8]) -> Vec<Frame> {
+    bus.on_frame(Micros(15), &Frame::new(0x7E5, &data).unwrap());
+    core::iter::from_fn(|| bus.pop_frame()).collect()
+}
+
+/// Gives a robot a node-ID by LSS and stores it; the image.
+fn with_node(bus: &mut BusSide, node: u8) -> Option<Vec<u8>> {
+    lss(bus, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    lss(bus, [0x11, node, 0, 0, 0, 0, 0, 0]);
+    let answer = lss(bus, [0x17, 0, 0, 0, 0, 0, 0, 0]);
+    let image = bus.image_to_store().map(<[u8]>::to_vec);
+    if image.is_some() {
+        assert!(answer.is_empty(), "it waits");
+        bus.finish_store(Ok(()));
+        let frame = bus.pop_frame().unwrap();
+        assert_eq!((frame.id(), &frame.data()[..2]), (0x7E4, &[0x17, 0][..]));
+    } else {
+        assert_eq!(answer[0].data()[..2], [0x17, 2]);
+    }
+    image
+}
+
+#[test]
+fn a_node_given_by_lss_is_kept_with_everything_else_and_given_back() {
+    let mut bus = robot(Stored::Image(&saved()));
+    let image = with_node(&mut bus, 9).unwrap();
+    assert_eq!(crate::stored_node(&image), NodeId::new(9));
+    assert_eq!(half_track(&mut bus), 0.4);
+    // The platform makes the next one with it; the switches say 2.
+    let mut bus = robot(Stored::Image(&image));
+    assert_eq!(half_track(&mut bus), 0.4, "the parameters are still there");
+    let read = |bus: &mut BusSide, sub| answer(&request(bus, [0x40, 1, 0x20, sub, 0, 0, 0, 0]))[4];
+    assert_eq!((read(&mut bus, 4), read(&mut bus, 5)), (2, 9));
+    // Neither saving nor restoring touches it; 255 takes it away.
+    set_half_track(&mut bus, 0.5);
+    for (index, signature) in [(0x10, b"save"), (0x11, b"load")] {
+        store(&mut bus, index, 1, signature);
+        let image = bus.image_to_store().unwrap().to_vec();
+        bus.finish_store(Ok(()));
+        while bus.pop_frame().is_some() {}
+        assert_eq!(crate::stored_node(&image), NodeId::new(9));
+    }
+    let image = with_node(&mut bus, 255).unwrap();
+    assert_eq!(crate::stored_node(&image), None);
+}
+
+#[test]
+fn a_node_no_robot_may_have_is_not_stored() {
+    for node in [1, 18, 127] {
+        let mut bus = robot(Stored::Nothing);
+        assert_eq!(with_node(&mut bus, node), None);
+    }
+}
+
+#[test]
+fn an_image_that_is_not_whole_has_no_node() {
+    let image = with_node(&mut robot(Stored::Nothing), 9).unwrap();
+    for at in 0..image.len() {
+        let mut bad = image.clone();
+        bad[at] ^= 0x10;
+        assert_eq!(crate::stored_node(&bad), None);
+        assert_eq!(crate::stored_node(&image[..at]), None);
+    }
+}
+
+/// After the reset that makes the new node take effect, the robot is that node in every respect.
+#[test]
+fn a_node_given_by_lss_is_the_members_own_after_a_reset() {
+    let mut bus = robot(Stored::Nothing);
+    lss(&mut bus, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    lss(&mut bus, [0x11, 9, 0, 0, 0, 0, 0, 0]);
+    lss(&mut bus, [0x04, 0, 0, 0, 0, 0, 0, 0]);
+    bus.on_frame(Micros(20), &Frame::new(0, &[0x82, 2]).unwrap());
+    bus.poll(Micros(21));
+    let boot_up = core::iter::from_fn(|| bus.pop_frame()).find(|frame| frame.id() == 0x709);
+    assert_eq!(boot_up.unwrap().data(), [0]);
+    for (address, value) in super::world::configuration(0, 1 << 9) {
+        let [low, high] = address.index.to_le_bytes();
+        let [a, b, c, d] = value.to_bytes();
+        let command = 0x23 | (4 - value.kind().bytes()) << 2;
+        let data = [command, low, high, address.sub, a, b, c, d];
+        bus.on_frame(Micros(30), &Frame::new(0x609, &data).unwrap());
+    }
+    while bus.pop_frame().is_some() {}
+    bus.on_frame(Micros(40), &Frame::new(0, &[1, 9]).unwrap());
+    // Node 9 is a member; node 2, which it was, is not.
+    assert_eq!(bus.state(), State::Armed);
+}
+
+#[test]
+fn what_the_store_has_been_through_can_be_read() {
+    let mut bus = robot(Stored::Nothing);
+    bus.counters_mut().store = crate::StoreWear {
+        saves: 41,
+        erases: 2,
+        cut: 1,
+    };
+    for (sub, count) in [(1, 41), (2, 2), (3, 1)] {
+        let frames = request(&mut bus, [0x40, 0x26, 0x21, sub, 0, 0, 0, 0]);
+        assert_eq!(answer(&frames)[4..], [count, 0, 0, 0]);
+    }
 }

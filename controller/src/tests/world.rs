@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::vec::Vec;
 
+use canopen::client::{Outcome, SdoClient, SdoError};
 use canopen::{Frame, Micros, NmtCommand, NodeId};
 use kinematics::Twist;
 use protocol::address::{self as at, motor};
@@ -142,6 +143,9 @@ impl Robot {
         self.outputs = self.control.tick(now, &command, &self.inputs);
         if self.bus_runs {
             self.bus.on_report(&self.control.report());
+            if let Some(outcome) = self.control.take_identification() {
+                self.bus.on_identification(now, &outcome);
+            }
         }
     }
 }
@@ -225,6 +229,36 @@ impl World {
             Err(word)
         } else {
             Ok(word)
+        }
+    }
+
+    /// A segmented SDO write; the abort code if it was refused.
+    pub fn write_block(&mut self, node: u8, address: Address, data: &[u8]) -> Result<(), u32> {
+        let mut client = SdoClient::new(NodeId::new(node).unwrap(), Micros(1_000_000));
+        let started = client.download(Micros(self.now), address.index, address.sub, data);
+        started.unwrap();
+        self.transfer(node, &mut client).map(|_| ())
+    }
+
+    /// A segmented SDO read.
+    pub fn read_block(&mut self, node: u8, address: Address) -> Result<Vec<u8>, u32> {
+        let mut client = SdoClient::new(NodeId::new(node).unwrap(), Micros(1_000_000));
+        let started = client.upload(Micros(self.now), address.index, address.sub);
+        started.unwrap();
+        self.transfer(node, &mut client)
+    }
+
+    fn transfer(&mut self, node: u8, client: &mut SdoClient) -> Result<Vec<u8>, u32> {
+        loop {
+            let request = client.pop_frame().expect("a request");
+            let answer = self.sdo(node, request.data().try_into().unwrap());
+            let answer = Frame::new(cob::sdo_response(node), &answer).unwrap();
+            match client.on_frame(Micros(self.now), &answer) {
+                None => {}
+                Some(Outcome::Failed(SdoError::Aborted(code))) => return Err(code),
+                Some(Outcome::Failed(error)) => panic!("{error:?}"),
+                Some(_) => return Ok(client.data().to_vec()),
+            }
         }
     }
 

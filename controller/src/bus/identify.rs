@@ -1,0 +1,121 @@
+//! Identification as the bus sees it: asked for by SDO, answered by objects that can be read at leisure.
+//!
+//! It begins where a commissioning twist would (started, standing, permitted by object 0x2050:1, which declares the
+//! wheels free or the area clear) and ends at rest: success, failure and abort all ramp to standstill and switch off,
+//! and only an NMT start goes on from there. Nothing it finds takes effect by itself. Heartbeat and SYNC of the master are
+//! watched as in any motion.
+
+use canopen::Micros;
+use protocol::Address;
+
+use super::BusSide;
+use crate::identification::{Bounds, Outcome, Stopped, WheelModel};
+use crate::state::{Happening, State};
+
+/// What has been asked for and what came of it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Record {
+    /// Whether it may begin now.
+    pub permitted: bool,
+    /// Begin (1) or stop (0), until it is looked at.
+    pub asked: Option<bool>,
+    /// Object 0x2051:2.
+    pub status: u8,
+    /// Object 0x2051:3: the wheel concerned, or 255.
+    pub wheel: u8,
+    pub bounds: Bounds,
+    pub bandwidth: f32,
+    pub damping: f32,
+    pub models: [WheelModel; 4],
+}
+
+/// No wheel in particular.
+const NO_WHEEL: u8 = u8::MAX;
+const RUNNING: u8 = 1;
+const DONE: u8 = 2;
+
+impl Record {
+    pub const fn new() -> Self {
+        Self {
+            permitted: false,
+            asked: None,
+            status: 0,
+            wheel: 0,
+            bounds: Bounds {
+                rate: 5.0,
+                travel: 12.0,
+            },
+            bandwidth: 10.0,
+            damping: 1.0,
+            models: [WheelModel {
+                static_friction: 0.0,
+                speed: 0.0,
+                acceleration: 0.0,
+                residual: 0.0,
+            }; 4],
+        }
+    }
+
+    /// A result, by its object: 0x2052 to 0x2055 for the four wheels.
+    pub fn result(&self, address: Address) -> Option<f32> {
+        let wheel = address
+            .index
+            .checked_sub(protocol::address::identified::FIRST)?;
+        let model = self.models.get(usize::from(wheel))?;
+        let gains = model.gains(self.bandwidth, self.damping);
+        Some(match address.sub {
+            1 => model.static_friction,
+            2 => model.speed,
+            3 => model.acceleration,
+            4 => gains.proportional,
+            5 => gains.integral,
+            6 => model.residual,
+            _ => return None,
+        })
+    }
+}
+
+impl BusSide {
+    /// Takes in what the control side has found out.
+    pub fn on_identification(&mut self, now: Micros, outcome: &Outcome) {
+        let record = &mut self.dictionary.identification;
+        (record.status, record.wheel) = match outcome {
+            Ok(models) => {
+                record.models = *models;
+                (DONE, NO_WHEEL)
+            }
+            Err((why, wheel)) => (why.code(), wheel.unwrap_or(NO_WHEEL)),
+        };
+        self.end_identification(now);
+    }
+
+    pub(super) fn may_identify(&self) -> bool {
+        let able = self.configuration.as_ref();
+        self.state == State::Armed && able.is_some_and(|known| self.is_able(known))
+    }
+
+    /// Does what was asked for, and stops when it is no longer permitted.
+    pub(super) fn look_at_identification(&mut self, now: Micros) {
+        let asked = self.dictionary.identification.asked.take();
+        if self.identifying && (asked == Some(false) || !self.dictionary.commissioning) {
+            self.end_identification(now);
+        } else if asked == Some(true) && self.may_identify() {
+            let record = &mut self.dictionary.identification;
+            record.status = RUNNING;
+            record.wheel = NO_WHEEL;
+            record.models = [WheelModel::default(); 4];
+            self.command.bounds = record.bounds;
+            self.identifying = true;
+            self.happen(Happening::OwnSetpoint, now);
+        }
+    }
+
+    fn end_identification(&mut self, now: Micros) {
+        if self.state == State::Alone && self.identifying {
+            self.happen(Happening::Left, now);
+        }
+        if self.dictionary.identification.status == RUNNING {
+            self.dictionary.identification.status = Stopped::Asked.code();
+        }
+    }
+}
