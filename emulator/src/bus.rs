@@ -4,7 +4,7 @@
 //! under one lock (never contended: a board is run by one thread) at the cycle the run loop has published, and
 //! then hands changed interrupt lines to the core.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 use rsemu::core::space::{
@@ -41,6 +41,9 @@ pub(crate) struct Shared {
     pub(crate) lines_changed: AtomicBool,
     /// Changes whenever the content of the flash may have.
     pub(crate) flash_version: AtomicU64,
+    /// What reading the flash costs: FLASH_ACR, or 0 where it is to cost nothing.
+    pub(crate) flash_acr: AtomicU32,
+    flash_waits: bool,
     cpu: OnceLock<Weak<ArmV7m>>,
     lines: Mutex<IrqLines>,
 }
@@ -51,7 +54,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
-    pub(crate) fn new(soc: Soc) -> Self {
+    pub(crate) fn new(soc: Soc, flash_waits: bool) -> Self {
         Self {
             soc: Mutex::new(soc),
             now: AtomicU64::new(0),
@@ -59,6 +62,8 @@ impl Shared {
             attention: AtomicBool::new(false),
             lines_changed: AtomicBool::new(false),
             flash_version: AtomicU64::new(0),
+            flash_acr: AtomicU32::new(0),
+            flash_waits,
             cpu: OnceLock::new(),
             lines: Mutex::new([0; 4]),
         }
@@ -90,6 +95,9 @@ impl Shared {
         let result = f(&mut soc);
         if busy || soc.flash.busy_until().is_some() {
             self.flash_version.fetch_add(1, Relaxed);
+        }
+        if self.flash_waits {
+            self.flash_acr.store(soc.flash.acr(), Relaxed);
         }
         let before = self.next_event.swap(soc.next_event, Relaxed);
         if soc.next_event < before

@@ -19,11 +19,12 @@
 //! |---|---|---|
 //! | RCC: clock tree with lock times, gating, resets, reset causes | 6 | LPENR has no effect, CSS |
 //! | PWR: over-drive, voltage scale, limits of HCLK | 5 | stop and standby mode |
-//! | flash: wait-state limits, keys, erase and program with their times, stall | 3 | option bytes; wait states cost no cycles |
+//! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | option bytes, stale cache lines |
 //! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
 //! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, wakes nobody), memory remap |
-//! | TIM1..14: counting, preload, PWM, encoder, break, lock | 17..20 | capture, other slave modes, DMA, input filters |
+//! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder, break, lock | 17..20 | capture, other slave modes, DMA, input filters |
 //! | CAN1: modes, mailboxes, filters, FIFOs, errors, bus-off, loop-back | 30 | CAN2, time-triggered mode |
+//! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
 //! | unique number, flash size, DBGMCU | 33, 34 | freezing peripherals while halted |
 //! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
@@ -53,6 +54,7 @@ mod bus;
 pub mod can;
 pub mod clock;
 mod fast;
+mod fetch;
 mod firmware;
 pub mod profile;
 mod rtt;
@@ -61,8 +63,9 @@ mod stop;
 pub mod system;
 pub mod timer;
 mod trace;
+pub mod waveform;
 
-pub use board::{Board, BoardConfig, ResetCause};
+pub use board::{Board, BoardConfig, CoreRegisters, ResetCause};
 pub use can::{CanError, CanFrame, CanId, CanPort};
 pub use firmware::{Firmware, LoadError, Symbol};
 pub use rtt::{Level, LogLine};

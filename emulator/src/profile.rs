@@ -1,4 +1,7 @@
-//! Instructions and cycles per function, counted exactly.
+//! Instructions and cycles per function, per exception handler and per call, counted exactly.
+//!
+//! A function's [`Usage`] is what it used without the functions it called. A [`Call`] of a function that is watched is
+//! what it used together with them, but without the handlers that interrupted it.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -15,11 +18,49 @@ pub struct Usage {
     pub cycles: u64,
 }
 
+/// One call of a watched function, from its first instruction to the return to its caller.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Call {
+    /// Core cycle since power-on at which it began.
+    pub began: u64,
+    /// Instructions, those of the functions it called included, those of interrupting handlers not.
+    pub instructions: u64,
+    /// Cycles of the same.
+    pub cycles: u64,
+}
+
+/// A call that has not returned yet.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    function: u32,
+    call: Call,
+    /// Where it will return to, and with which stack pointer.
+    back: (u32, u32),
+    exception: u16,
+}
+
+/// Where the core is before an instruction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    pub pc: u32,
+    pub sp: u32,
+    pub lr: u32,
+    /// Number of the exception it handles; 0 in thread mode.
+    pub exception: u16,
+    /// Core cycles since power-on.
+    pub cycle: u64,
+}
+
 /// Counts per function, by the function's address.
 #[derive(Debug, Clone, Default)]
 pub struct Profile {
     functions: BTreeMap<u32, Usage>,
     exceptions: Usage,
+    handlers: BTreeMap<u16, Usage>,
+    watched: BTreeMap<u32, Vec<Call>>,
+    open: Vec<Open>,
+    /// Lowest stack pointer seen, by exception number.
+    lowest: BTreeMap<u16, u32>,
     /// The function of the last instruction: first address and end.
     last: (u32, u32),
     recent: VecDeque<(u32, u32)>,
@@ -32,10 +73,13 @@ impl Profile {
     pub(crate) fn count(
         &mut self,
         firmware: &Firmware,
-        (pc, sp): (u32, u32),
+        at: At,
         cycles: u64,
         exception_entry: bool,
     ) {
+        let At { pc, sp, .. } = at;
+        let lowest = self.lowest.entry(at.exception).or_insert(u32::MAX);
+        *lowest = sp.min(*lowest);
         if exception_entry {
             self.exceptions.calls += 1;
             self.exceptions.cycles += cycles;
@@ -54,6 +98,63 @@ impl Profile {
         usage.calls += u64::from(pc == self.last.0);
         usage.instructions += 1;
         usage.cycles += cycles;
+        let handler = self.handlers.entry(at.exception).or_default();
+        handler.instructions += 1;
+        handler.cycles += cycles;
+        if !self.watched.is_empty() {
+            self.count_calls(at, cycles);
+        }
+    }
+
+    fn count_calls(&mut self, at: At, cycles: u64) {
+        while let Some(open) = self.open.last()
+            && open.exception == at.exception
+            && open.back == (at.pc, at.sp)
+        {
+            let calls = self.watched.entry(open.function).or_default();
+            calls.push(open.call);
+            self.open.pop();
+        }
+        if self.watched.contains_key(&at.pc) {
+            self.open.push(Open {
+                function: at.pc,
+                call: Call {
+                    began: at.cycle,
+                    ..Call::default()
+                },
+                back: (at.lr & !1, at.sp),
+                exception: at.exception,
+            });
+        }
+        for open in &mut self.open {
+            if open.exception == at.exception {
+                open.call.instructions += 1;
+                open.call.cycles += cycles;
+            }
+        }
+    }
+
+    /// Watches the calls of the function at an address from now on. For functions that do not call themselves.
+    pub fn watch(&mut self, address: u32) {
+        self.watched.entry(address & !1).or_default();
+    }
+
+    /// Calls of a watched function that have returned, in the order of their returns.
+    #[must_use]
+    pub fn calls(&self, address: u32) -> &[Call] {
+        self.watched.get(&(address & !1)).map_or(&[], Vec::as_slice)
+    }
+
+    /// What each exception handler used, by exception number; thread mode is 0.
+    #[must_use]
+    pub fn handlers(&self) -> &BTreeMap<u16, Usage> {
+        &self.handlers
+    }
+
+    /// The lowest stack pointer seen in each exception handler, by exception number; thread mode is 0.
+    #[must_use]
+    pub fn lowest_stack(&self) -> &BTreeMap<u16, u32> {
+        &self.lowest
     }
 
     /// Functions with what they used, the most instructions first.

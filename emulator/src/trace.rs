@@ -1,15 +1,17 @@
 //! A record of what a board's outputs did, each change with the cycle it happened at.
 //!
-//! Only what changes the world is recorded: PWM duties as they take effect (with preload that is at the update
-//! event, not at the write), output pins, and frames handed to the CAN controller. Two runs are the same when
-//! their records are.
+//! What changes the world is recorded: PWM duties as they take effect (with preload that is at the update event, not
+//! at the write), output pins, frames handed to the CAN controller; and what the world does: encoders, frames that
+//! arrive. Two runs are the same when their records are. On demand it also says where the program is.
+
+use std::sync::Arc;
 
 use crate::can::CanFrame;
 use crate::system::gpio::{PinLevel, Port};
 use crate::timer::PwmState;
 
 /// One change of an output.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Change {
     /// A PWM output of timer and channel (from 1), at its pin.
     Pwm {
@@ -31,10 +33,23 @@ pub enum Change {
     },
     /// A frame was put into a transmit mailbox.
     Request(CanFrame),
+    /// A frame arrived on the bus, whether a filter takes it or not.
+    Arrival(CanFrame),
+    /// An encoder was turned.
+    Encoder {
+        /// Its timer.
+        timer: usize,
+        /// Counter after it.
+        count: u32,
+    },
+    /// The exception that is handled, 16 and on being interrupts; 0 is none.
+    Exception(u16),
+    /// The task that is polled.
+    Task(Option<Arc<str>>),
 }
 
 /// A change with its time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Traced {
     /// World time in ns.
     pub t_ns: u64,

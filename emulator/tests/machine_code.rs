@@ -589,6 +589,44 @@ fn stop_mode_is_refused() {
     assert!(stop.to_string().contains("SLEEPDEEP"), "{stop}");
 }
 
+/// The flags of a comparison of floats must outlive an interrupt before they are read, whether its handler uses the
+/// floating-point unit or not.
+#[test]
+fn an_interrupt_leaves_the_flags_of_a_float_comparison() {
+    for (reference_core, floats) in [(false, false), (false, true), (true, false), (true, true)] {
+        let mut code = Code::default();
+        code.store(0xE000_ED88, 0xF << 20); // CPACR: the unit is on
+        code.store(NVIC_ISER0, 1 << 28);
+        code.load(0, 0xE000_E200); // NVIC_ISPR0
+        code.load(1, 1 << 28);
+        code.load(4, RAM + 16);
+        code.0.push(0x2200); // MOVS r2, #0
+        code.0.extend([0xEE00, 0x2A10]); // VMOV s0, r2
+        code.0.push(0x2A01); // CMP r2, #1: not equal
+        code.0.extend([0xEEB5, 0x0A40]); // VCMP.F32 s0, #0: equal
+        code.0.push(0x6001); // STR r1, [r0]: the interrupt comes after this
+        code.0.extend([0xEEF1, 0xFA10]); // VMRS APSR_nzcv, FPSCR
+        code.0.extend([0xBF0C, 0x2301, 0x2302]); // ITE EQ; MOVEQ r3, #1; MOVNE r3, #2
+        code.0.push(0x6023); // STR r3, [r4]
+        code.branch_to_itself();
+        let handler = code.here();
+        code.count(RAM);
+        if floats {
+            code.0.extend([0xEE00, 0x1A10]); // VMOV s0, r1: not zero
+            code.0.extend([0xEEB5, 0x0A40]); // VCMP.F32 s0, #0: not equal
+        }
+        code.ret();
+        let config = BoardConfig {
+            reference_core,
+            ..BoardConfig::default()
+        };
+        let mut board = code.board(handler, config);
+        board.run_until(1_000_000).unwrap();
+        assert_eq!(board.read_word(RAM), Some(1), "the interrupt came");
+        assert_eq!(board.read_word(RAM + 16), Some(1), "equal");
+    }
+}
+
 /// The instruction that makes the interrupt pending may be in the block itself.
 #[test]
 fn an_it_block_that_pends_an_interrupt_goes_on_with_its_condition() {

@@ -8,7 +8,11 @@
 //! Between two runs the world may set pins, turn encoders and deliver frames; they take effect at the time the
 //! last run ended, before the next instruction.
 
+mod debug;
+mod follow;
 mod run;
+
+pub use debug::CoreRegisters;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -18,7 +22,7 @@ use rsemu::core::space::{AddressSpace, RamStore};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 
 use crate::bus::{self, Shared};
-use crate::can::{Can, CanPort};
+use crate::can::{Can, CanFrame, CanPort};
 use crate::fast::Fast;
 use crate::firmware::{FLASH_BASE, Firmware};
 use crate::profile::Profile;
@@ -29,7 +33,7 @@ use crate::system::flash::FlashOperations;
 use crate::system::gpio::{PinLevel, Port};
 use crate::system::{flash, rcc};
 use crate::timer::PwmState;
-use crate::trace::{Trace, Traced};
+use crate::trace::{Change, Trace, Traced};
 
 /// What differs from board to board.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +50,8 @@ pub struct BoardConfig {
     pub stop_on_hard_fault: bool,
     /// Executes every instruction on the reference core. The result is the same and takes several times as long.
     pub reference_core: bool,
+    /// Lets wait states of the flash cost nothing, as if it were RAM.
+    pub ideal_flash: bool,
 }
 
 impl Default for BoardConfig {
@@ -57,6 +63,7 @@ impl Default for BoardConfig {
             lsi_hz: 32_000,
             stop_on_hard_fault: false,
             reference_core: false,
+            ideal_flash: false,
         }
     }
 }
@@ -97,6 +104,8 @@ pub struct Board {
     resets: u32,
     last_cause: ResetCause,
     profile: Option<Profile>,
+    debugger: debug::Debugger,
+    follow: Option<follow::Follow>,
 }
 
 impl Board {
@@ -127,7 +136,7 @@ impl Board {
             config.hse_hz,
             config.lsi_hz,
         );
-        let shared = Arc::new(Shared::new(soc));
+        let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
         let space = bus::address_space(&shared, &flash, &ram, config.uid)
             .expect("the address map is valid");
         // 16 priority levels (RM0390 section 10.1.1).
@@ -153,6 +162,8 @@ impl Board {
             resets: 0,
             last_cause: ResetCause::Power,
             profile: None,
+            debugger: debug::Debugger::default(),
+            follow: None,
         }
     }
 
@@ -180,6 +191,9 @@ impl Board {
         self.shared.with(|soc| soc.system_reset(causes));
         self.cpu.reset(ResetKind::Cold);
         self.log.reset();
+        if let Some(follow) = &mut self.follow {
+            follow.reset();
+        }
         self.asleep = false;
         self.halted = false;
         self.resets += 1;
@@ -225,7 +239,7 @@ impl Board {
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
         let next = self.shared.next_event.load(Relaxed);
-        if self.halted {
+        if self.halted || self.debugger.stopped {
             return (next != u64::MAX).then(|| self.world_ns(next));
         }
         if !self.asleep || self.shared.lines_changed.load(Relaxed) {
@@ -241,12 +255,17 @@ impl Board {
     /// Whether the core sleeps or is halted.
     #[must_use]
     pub fn is_asleep(&self) -> bool {
-        self.asleep || self.halted
+        self.asleep || self.halted || self.debugger.stopped
     }
 
     /// Connects a pin to a level outside. Until this is called, a pin is open.
     pub fn set_input(&mut self, port: Port, pin: u8, high: bool) {
         self.shared.with(|soc| soc.set_input(port, pin & 15, high));
+    }
+
+    /// Connects an external input of ADC1 (0..=15) to a voltage. Until this is called it is at 0 V.
+    pub fn set_analog(&mut self, channel: usize, volts: f64) {
+        self.shared.look(|soc| soc.set_analog(channel, volts));
     }
 
     /// What a pin does to the wire it is connected to.
@@ -280,6 +299,17 @@ impl Board {
             soc.settle();
             result
         })
+    }
+
+    /// Notes in the trace what comes by on the bus.
+    pub(crate) fn note_arrival(&mut self, frame: &CanFrame) {
+        let change = Change::Arrival(*frame);
+        self.shared.look(|soc| {
+            let now = soc.now;
+            if let Some(trace) = &mut soc.trace {
+                trace.changes.push((now, change));
+            }
+        });
     }
 
     pub(crate) fn can_bit_rate(&self) -> Option<u32> {
@@ -341,6 +371,11 @@ impl Board {
         self.cpu.set_pc(address);
     }
 
+    /// Writes a register of the core as the code that runs next sees it, 0..=15, as a debugger would.
+    pub fn set_register(&mut self, register: u8, value: u32) {
+        self.cpu.set_reg(register & 15, value);
+    }
+
     /// Reads a word of RAM or flash, as a debugger would.
     #[must_use]
     pub fn read_word(&self, address: u32) -> Option<u32> {
@@ -384,6 +419,17 @@ impl Board {
         self.shared.look(|soc| soc.flash.cut_power_at(operation));
     }
 
+    /// Begins to record, for each flash operation from now on, what [`Board::flash`] would be had the power failed in the
+    /// middle of it.
+    pub fn record_power_cuts(&mut self) {
+        self.shared.look(|soc| soc.flash.record_cuts());
+    }
+
+    /// What has been recorded, half a megabyte an operation; ends the recording.
+    pub fn take_power_cuts(&mut self) -> Vec<Vec<u8>> {
+        self.shared.look(|soc| soc.flash.take_cuts())
+    }
+
     /// Begins to record what the outputs do, from the present state on.
     pub fn start_trace(&mut self) {
         self.shared.with(|soc| {
@@ -393,6 +439,12 @@ impl Board {
                 trace.changes.clear();
             }
         });
+    }
+
+    /// The same, with the exceptions and tasks of the program; several times slower.
+    pub fn start_trace_of_program(&mut self) {
+        self.start_trace();
+        self.follow = Some(follow::Follow::new(&self.firmware));
     }
 
     /// Changes recorded since the last call, in order.
@@ -417,6 +469,11 @@ impl Board {
     /// Begins to count instructions per function; slower by about half.
     pub fn start_profile(&mut self) {
         self.profile = Some(Profile::default());
+    }
+
+    /// What is counted at the moment, to watch functions or to look at it.
+    pub fn profile(&mut self) -> Option<&mut Profile> {
+        self.profile.as_mut()
     }
 
     /// Ends counting and returns what was counted.

@@ -2,7 +2,7 @@
 //!
 //! [`Board::run`] decides what comes next: something that is due, a stall, sleep, or instructions. The instructions
 //! are executed in one of three ways: on the fast path with the reference core for what is not plain, on the
-//! reference core alone, or on the reference core with every instruction looked at for the profile.
+//! reference core alone, or one by one with every instruction looked at for the profile, the debugger or the trace.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -10,7 +10,9 @@ use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::xpsr;
 
 use super::Board;
+use super::follow::Place;
 use crate::fast::Memory;
+use crate::profile::At;
 use crate::rtt::RAM_BASE;
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
@@ -74,7 +76,7 @@ impl Board {
             match stall.filter(|until| *until > self.now) {
                 // The core fetches from the flash that is busy: it waits, interrupts too.
                 Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
-                _ if self.halted => self.skip_to(limit),
+                _ if self.halted || self.debugger.stopped => self.skip_to(limit),
                 _ if self.asleep && !self.shared.lines_changed.swap(false, Relaxed) => {
                     self.sleep_to(limit)?
                 }
@@ -88,8 +90,8 @@ impl Board {
     /// Steps the core until a cycle, or until something needs attention.
     fn execute(&mut self, limit: u64) {
         let drowsy = std::mem::replace(&mut self.asleep, false);
-        if self.profile.is_some() {
-            self.execute_profiled(limit);
+        if self.profile.is_some() || self.debugger.is_watching() || self.follows_tasks() {
+            self.execute_one_by_one(limit);
         } else if self.config.reference_core {
             self.execute_slowly(limit, drowsy);
         } else {
@@ -108,10 +110,25 @@ impl Board {
     /// An exception can come between the instructions of an IT block. What is left of the block (ITSTATE) is then
     /// kept in the stacked xPSR, and the exception return goes on with it (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it
     /// as zero, after which the rest of the block would run whatever its condition; so it is put there here.
+    ///
+    /// It can also come between a comparison of floats and the instruction that reads its flags out of FPSCR. Entry
+    /// leaves FPSCR alone; the handler's first floating-point instruction saves it (B1.5.7). rsemu 0.0.7 overwrites it
+    /// on entry, before it is saved; so it is put back here. What the handler should then have of FPDSCR are modes,
+    /// which are zero in both.
     fn step(&mut self) -> (u64, bool) {
         let left = self.cpu.xpsr() & xpsr::IT_MASK;
-        let cycles = self.cpu.step();
+        let fpscr = self.cpu.fpscr();
+        let pc = self.cpu.pc();
+        self.fast.end_exclusive();
+        let mut cycles = self.cpu.step();
         let entered = cycles >= 12 && self.entered_exception();
+        if entered {
+            self.cpu.set_fpscr(fpscr);
+        } else if self.cpu.pc() != pc {
+            let waited = self.wait_for(pc);
+            self.cpu.with_sys(|sys| sys.tick_cyccnt(waited));
+            cycles += waited;
+        }
         if left != 0 && entered {
             let regs = self.cpu.regs();
             let on_psp = regs.r[14] & EXC_RETURN_PSP != 0;
@@ -124,6 +141,16 @@ impl Board {
             }
         }
         (cycles, entered)
+    }
+
+    /// What the core waited for the instruction that it has just read from flash.
+    fn wait_for(&mut self, pc: u32) -> u64 {
+        let memory = Memory {
+            ram: &self.ram,
+            flash: &self.flash,
+            shared: &self.shared,
+        };
+        self.fast.wait_for(pc, memory, self.now)
     }
 
     /// Plain instructions on the fast path, the others one by one on the reference core.
@@ -177,13 +204,21 @@ impl Board {
         }
     }
 
-    fn execute_profiled(&mut self, limit: u64) {
+    fn execute_one_by_one(&mut self, limit: u64) {
         while self.now < limit {
-            let (pc, sp) = (self.cpu.pc(), self.cpu.reg(13));
-            self.shared.lines_changed.store(false, Relaxed);
-            let (cycles, entered) = self.step();
-            self.now += cycles;
-            self.shared.now.store(self.now, Relaxed);
+            let pc = self.cpu.pc();
+            if self.debugger.stops_before(pc) {
+                break;
+            }
+            let at = At {
+                pc,
+                sp: self.cpu.reg(13),
+                lr: self.cpu.reg(14),
+                exception: self.cpu.current_exception().0,
+                cycle: self.now,
+            };
+            self.note_place(at);
+            let (cycles, entered) = self.step_either_way();
             if cycles == 1
                 && self.cpu.pc() == pc
                 && (self.cpu.is_asleep() || self.cpu.is_locked_up())
@@ -193,12 +228,57 @@ impl Board {
             }
             self.instructions += u64::from(!entered);
             if let Some(profile) = &mut self.profile {
-                profile.count(&self.firmware, (pc, sp), cycles, entered);
+                profile.count(&self.firmware, at, cycles, entered);
             }
-            if self.shared.attention.load(Relaxed) {
+            if self.debugger.done() || self.shared.attention.load(Relaxed) {
                 break;
             }
         }
+    }
+
+    /// Whether the trace is to say where the program is.
+    fn follows_tasks(&self) -> bool {
+        self.follow.is_some()
+    }
+
+    fn note_place(&mut self, at: At) {
+        let Some(follow) = &mut self.follow else {
+            return;
+        };
+        let place = Place {
+            pc: at.pc,
+            sp: at.sp,
+            lr: at.lr,
+            exception: at.exception,
+        };
+        let (shared, now) = (&self.shared, self.now);
+        follow.look(place, |change| {
+            shared.look(|soc| {
+                if let Some(trace) = &mut soc.trace {
+                    trace.changes.push((now, change));
+                }
+            });
+        });
+    }
+
+    /// One step wherever it belongs, so that one by one costs what many at once do.
+    fn step_either_way(&mut self) -> (u64, bool) {
+        let memory = Memory {
+            ram: &self.ram,
+            flash: &self.flash,
+            shared: &self.shared,
+        };
+        let (now, instructions) = self.fast.run(&self.cpu, memory, self.now, self.now + 1);
+        if instructions > 0 {
+            let cycles = now - self.now;
+            self.now = now;
+            return (cycles, false);
+        }
+        self.shared.lines_changed.store(false, Relaxed);
+        let (cycles, entered) = self.step();
+        self.now += cycles;
+        self.shared.now.store(self.now, Relaxed);
+        (cycles, entered)
     }
 
     /// Whether the last step was the entry into an exception handler and not an instruction: the link register

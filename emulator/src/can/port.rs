@@ -70,6 +70,7 @@ impl CanPort<'_> {
 
     /// Another node's frame has arrived complete.
     pub fn receive(&mut self, frame: &CanFrame) {
+        self.board.note_arrival(frame);
         if self.board.can_pins_connected() {
             self.board.with_can(|can, now| can.receive(now, frame));
         }

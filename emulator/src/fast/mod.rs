@@ -28,6 +28,7 @@ use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::bus::Shared;
+use crate::fetch::Fetch;
 use crate::firmware::FLASH_BASE;
 use crate::rtt::RAM_BASE;
 use crate::system::flash;
@@ -71,6 +72,7 @@ struct Core {
     psr: u32,
     it: u8,
     primask: bool,
+    fetch: Fetch,
     fpu: Fpu,
     fp_usable: bool,
     fp_loaded: bool,
@@ -94,6 +96,23 @@ impl Fast {
         }
     }
 
+    /// The reference core has made a step: what was reserved for an exclusive store no longer is. Between two sessions
+    /// without such a step nothing else can have come.
+    pub(crate) fn end_exclusive(&mut self) {
+        self.core.exclusive = None;
+    }
+
+    /// What the reference core waited for the instruction that it has executed.
+    pub(crate) fn wait_for(&mut self, pc: u32, memory: Memory<'_>, now: u64) -> u64 {
+        let Self { code, core } = self;
+        code.check(memory.shared.flash_version.load(Relaxed));
+        core.configure_fetch(memory.shared);
+        match code.at(pc, memory.flash) {
+            Ok(entry) => core.fetch.instruction(pc - FLASH_BASE, entry.length, now),
+            Err(Leave) => 0, // not in flash
+        }
+    }
+
     /// Runs until cycle `limit`, an instruction that is not plain, or something that needs attention. Returns the
     /// cycle reached and the instructions executed.
     pub(crate) fn run(
@@ -108,6 +127,7 @@ impl Fast {
             return (now, 0);
         }
         code.check(memory.shared.flash_version.load(Relaxed));
+        core.configure_fetch(memory.shared);
         core.now = now;
         let mut instructions = 0;
         while core.now < limit {
@@ -121,6 +141,7 @@ impl Fast {
             instructions += 1;
             if core.io {
                 core.io = false;
+                core.configure_fetch(memory.shared);
                 if memory.shared.attention.load(Relaxed)
                     || memory.shared.lines_changed.load(Relaxed)
                 {
@@ -146,6 +167,7 @@ impl Core {
             psr: 0,
             it: 0,
             primask: false,
+            fetch: Fetch::new(),
             fpu: Fpu::new(),
             fp_usable: false,
             fp_loaded: false,
@@ -158,6 +180,12 @@ impl Core {
             branched: false,
             io: false,
         }
+    }
+
+    fn configure_fetch(&mut self, shared: &Shared) {
+        let version = shared.flash_version.load(Relaxed);
+        self.fetch
+            .configure(shared.flash_acr.load(Relaxed), version);
     }
 
     /// Takes the registers over, unless the next step is the reference core's.
@@ -201,7 +229,6 @@ impl Core {
         self.it = ((regs.xpsr >> 10 & 0x3F) << 2 | regs.xpsr >> 25 & 3) as u8;
         self.primask = regs.primask;
         self.fp_loaded = false;
-        self.exclusive = None;
         self.unmasked = false;
         self.io = false;
         true
@@ -266,6 +293,7 @@ impl Core {
         if !self.branched {
             self.r[15] = pc.wrapping_add(length);
         }
+        self.cycles += self.fetch.instruction(pc - FLASH_BASE, length, self.now);
         self.now += self.cycles;
         Ok(())
     }
@@ -274,7 +302,12 @@ impl Core {
     #[inline]
     fn read(&mut self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
         let value = match self.read_plain(memory, address, width) {
-            Ok(value) => value,
+            Ok(value) => {
+                if address < RAM_BASE {
+                    self.cycles += self.fetch.constant(address - FLASH_BASE);
+                }
+                value
+            }
             Err(Leave) if is_peripheral(address, width) => {
                 memory.shared.now.store(self.now, Relaxed);
                 self.io = true;

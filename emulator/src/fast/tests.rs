@@ -83,7 +83,10 @@ impl Machine {
             ram.write_value(at, Width::U32, u64::from(random.next()), Endian::Little)
                 .unwrap();
         }
-        let shared = Arc::new(Shared::new(Soc::new(Arc::clone(&flash), 0.0, 0, 32_000)));
+        let shared = Arc::new(Shared::new(
+            Soc::new(Arc::clone(&flash), 0.0, 0, 32_000),
+            true,
+        ));
         let space = bus::address_space(&shared, &flash, &ram, [0; 12]).unwrap();
         let cpu = Arc::new(ArmV7m::new(rsemu::cpu::arm::v7m::Config::CORTEX_M4F));
         cpu.attach_space(Arc::new(space));

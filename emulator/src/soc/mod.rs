@@ -13,6 +13,7 @@ use rsemu::core::space::RamStore;
 use crate::can::Can;
 use crate::clock::Clock;
 use crate::stop::StopKind;
+use crate::system::adc::Adc;
 use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
@@ -41,6 +42,7 @@ pub(crate) struct Soc {
     gpio: [Gpio; 8],
     exti: Exti,
     iwdg: Iwdg,
+    pub(crate) adc: Adc,
     /// TIM1..TIM14 at their numbers; index 0 is never addressed.
     timers: [Timer; 15],
     pub(crate) can: Can,
@@ -80,6 +82,7 @@ impl Soc {
             gpio: Port::ALL.map(Gpio::new),
             exti: Exti::default(),
             iwdg: Iwdg::new(lsi_hz),
+            adc: Adc::default(),
             timers: std::array::from_fn(|number| Timer::new(timer_kind(number))),
             can: Can::default(),
             // STM32F446 revision A, DEV_ID 0x421.
@@ -102,6 +105,7 @@ impl Soc {
         self.exti.reset();
         self.exti.reset_syscfg();
         self.iwdg.reset();
+        self.adc.reset();
         self.timers.iter_mut().for_each(|timer| timer.reset(now));
         self.can.reset();
         self.reset_request = 0;
@@ -235,6 +239,12 @@ impl Soc {
             Unit::Exti => self.exti.read(offset).ok_or(""),
             Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
             Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
+            Unit::Adc => {
+                let analog = self.adc.pin().is_some_and(|(port, pin)| {
+                    self.gpio.get(port).map(|gpio| gpio.mode(pin)) == Some(Mode::Analog)
+                });
+                self.adc.read(now_ps, offset, analog).ok_or("")
+            }
             Unit::Other => Err(""),
         }
     }
@@ -272,6 +282,7 @@ impl Soc {
             Unit::Exti => self.exti.write(offset, value).ok_or(""),
             Unit::Syscfg => self.exti.write_syscfg(offset, value).ok_or("memory remap"),
             Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
+            Unit::Adc => self.adc.write(now_ps, offset, value),
             Unit::Other => Err(""),
         }
     }
@@ -306,6 +317,7 @@ impl Soc {
                 }
                 Unit::Can1 => self.can.reset(),
                 Unit::Pwr => self.pwr = Pwr::default(),
+                Unit::Adc => self.adc.reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
                 _ => {}
             }
@@ -325,6 +337,7 @@ impl Soc {
             timer.set_ratio(self.now, hclk / clock.max(1));
         }
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
+        self.adc.set_clock(clocks.pclk2);
         if hclk != self.clock.hz() {
             self.clock.set_hz(self.now, hclk);
             self.check_clocks();

@@ -4,7 +4,10 @@ use super::Soc;
 use crate::system::gpio::{Mode, PinLevel, Port};
 use crate::system::pins::{self, Route};
 use crate::timer::PwmState;
-use crate::trace::{PWM_TIMERS, Trace};
+use crate::trace::{Change, PWM_TIMERS, Trace};
+
+/// Offset of a timer's counter (RM0390 section 17.4.21).
+const CNT: u32 = 0x24;
 
 impl Soc {
     /// Connects a pin to a level outside.
@@ -15,6 +18,12 @@ impl Soc {
         self.settle();
     }
 
+    /// Connects a voltage to an input of the ADC.
+    pub(crate) fn set_analog(&mut self, channel: usize, volts: f64) {
+        let now_ps = self.clock.local_ps(self.now);
+        self.adc.set_input(now_ps, channel, volts);
+    }
+
     /// What a pin does to its wire.
     pub(crate) fn output(&mut self, port: Port, pin: u8) -> PinLevel {
         let gpio = &self.gpio[port as usize];
@@ -22,14 +31,15 @@ impl Soc {
         let level = match gpio.mode(pin) {
             Mode::Alternate(af) => {
                 let route = Route { port, pin, af };
-                match pins::timer_at(port, pin, af) {
-                    Some((timer, channel)) => {
-                        self.timers[timer].sync(self.now);
-                        self.timers[timer].level(channel - 1)
-                    }
+                if let Some((timer, channel)) = pins::timer_at(port, pin, af) {
+                    self.timers[timer].sync(self.now);
+                    self.timers[timer].level(channel - 1)
+                } else if let Some((timer, channel)) = pins::complementary_at(route) {
+                    self.timers[timer].sync(self.now);
+                    self.timers[timer].complementary_level(channel - 1)
+                } else {
                     // Idle: recessive.
-                    None if pins::CAN1_TX.contains(&route) => Some(true),
-                    None => None,
+                    pins::CAN1_TX.contains(&route).then_some(true)
                 }
             }
             _ => return gpio.driven(pin),
@@ -66,6 +76,11 @@ impl Soc {
             |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
+            let count = self.timers[timer].read(self.now, CNT).unwrap_or(0);
+            if let Some(trace) = &mut self.trace {
+                let change = Change::Encoder { timer, count };
+                trace.changes.push((self.now, change));
+            }
             self.settle();
         }
     }

@@ -67,6 +67,8 @@ pub struct Flash {
     busy_until: u64,
     erase: Option<Erase>,
     operations: Operations,
+    /// What each operation would leave if the power failed in it, while that is recorded.
+    cuts: Option<Vec<Vec<u8>>>,
 }
 
 /// Program and erase operations begun since power-on.
@@ -110,6 +112,7 @@ impl Flash {
             busy_until: 0,
             erase: None,
             operations: Operations::default(),
+            cuts: None,
         }
     }
 
@@ -122,6 +125,29 @@ impl Flash {
     /// Lets the power fail in the middle of an operation, counted from power-on, the first being 1.
     pub fn cut_power_at(&mut self, operation: u64) {
         self.operations.cut_at = Some(operation);
+    }
+
+    /// Begins to record what a power failure in each operation from now on would leave.
+    pub fn record_cuts(&mut self) {
+        self.cuts = Some(Vec::new());
+    }
+
+    /// What has been recorded: the whole array, once for each operation. Ends the recording.
+    pub fn take_cuts(&mut self) -> Vec<Vec<u8>> {
+        self.cuts.take().unwrap_or_default()
+    }
+
+    /// Records the array with `part` at `offset`.
+    fn record_cut(&mut self, offset: u64, part: &[u8]) {
+        let Some(cuts) = &mut self.cuts else {
+            return;
+        };
+        let mut content = vec![0; SIZE as usize];
+        // The array has this size, and the part lies in it.
+        let _ = self.array.read_at(0, &mut content);
+        let to = content.iter_mut().skip(offset as usize);
+        to.zip(part).for_each(|(to, from)| *to = *from);
+        cuts.push(content);
     }
 
     /// Whether the power has failed.
@@ -138,6 +164,7 @@ impl Flash {
         }
         *self = Self {
             operations: self.operations,
+            cuts: self.cuts.take(),
             ..Self::new(Arc::clone(&self.array))
         };
     }
@@ -167,6 +194,12 @@ impl Flash {
     pub fn line(&self) -> bool {
         let errors = self.sr & (SR_OPERR | SR_WRPERR | SR_PGPERR | SR_PGSERR) != 0;
         (self.sr & SR_EOP != 0 && self.cr & CR_EOPIE != 0) || (errors && self.cr & CR_ERRIE != 0)
+    }
+
+    /// The access control register: wait states, prefetch, caches.
+    #[must_use]
+    pub fn acr(&self) -> u32 {
+        self.acr
     }
 
     /// Wait states in use.
@@ -248,6 +281,7 @@ impl Flash {
             (start, length, times[column])
         };
         self.operations.done.erases += 1;
+        self.record_cut(start, &vec![0xFF; length as usize / 2]);
         if self.operations.fails() {
             let _ = self.array.fill(start, length / 2, 0xFF);
             return;
@@ -273,15 +307,19 @@ impl Flash {
             let old = &mut old[..data.len()];
             let _ = self.array.read_at(offset, old);
             self.operations.done.programs += 1;
-            let part = if self.operations.fails() {
-                data.len() / 2
+            let half: Vec<u8> = old
+                .iter()
+                .zip(data)
+                .take(data.len() / 2)
+                .map(|(old, new)| old & new)
+                .collect();
+            self.record_cut(offset, &half);
+            if self.operations.fails() {
+                let _ = self.array.write_at(offset, &half);
             } else {
-                data.len()
-            };
-            for (old, new) in old.iter_mut().zip(&data[..part]) {
-                *old &= new;
+                old.iter_mut().zip(data).for_each(|(old, new)| *old &= new);
+                let _ = self.array.write_at(offset, old);
             }
-            let _ = self.array.write_at(offset, old);
             self.sr |= SR_BSY;
             self.busy_until = now_ps + PROGRAM_PS;
         }

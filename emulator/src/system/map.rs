@@ -43,6 +43,8 @@ pub enum Unit {
     Syscfg,
     /// IWDG.
     Iwdg,
+    /// ADC1 and what the three share.
+    Adc,
     /// Not modelled.
     Other,
 }
@@ -70,7 +72,7 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
 }
 
 use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
-use Unit::{Can1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer};
+use Unit::{Adc, Can1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer};
 
 /// All peripherals outside the core, by address. Each reaches up to the next, and at most [`LARGEST`] bytes.
 pub const PERIPHERALS: &[Entry] = &[
@@ -106,7 +108,7 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4001_0400, "TIM8", Apb2(1), Timer(8)),
     entry(0x4001_1000, "USART1", Apb2(4), Other),
     entry(0x4001_1400, "USART6", Apb2(5), Other),
-    entry(0x4001_2000, "ADC", Apb2(8), Other),
+    entry(0x4001_2000, "ADC", Apb2(8), Adc),
     entry(0x4001_2C00, "SDIO", Apb2(11), Other),
     entry(0x4001_3000, "SPI1", Apb2(12), Other),
     entry(0x4001_3400, "SPI4", Apb2(13), Other),

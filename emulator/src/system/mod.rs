@@ -1,5 +1,6 @@
 //! The system peripherals: address map, clocks, power, flash, pins, external interrupts, watchdog.
 
+pub mod adc;
 pub mod exti;
 pub mod flash;
 pub mod gpio;

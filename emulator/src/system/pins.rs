@@ -77,6 +77,29 @@ pub fn timer_channel(timer: usize, channel: usize) -> impl Iterator<Item = &'sta
         .map(|row| &row.2)
 }
 
+/// Timer, channel from 1, and a pin that can carry its complementary output.
+const COMPLEMENTARY: &[(usize, usize, Route)] = &[
+    (1, 1, route(A, 7, 1)),
+    (1, 1, route(B, 13, 1)),
+    (1, 2, route(B, 0, 1)),
+    (1, 2, route(B, 14, 1)),
+    (1, 3, route(B, 1, 1)),
+    (1, 3, route(B, 15, 1)),
+    (8, 1, route(A, 5, 3)),
+    (8, 1, route(A, 7, 3)),
+    (8, 2, route(B, 0, 3)),
+    (8, 2, route(B, 14, 3)),
+    (8, 3, route(B, 1, 3)),
+    (8, 3, route(B, 15, 3)),
+];
+
+/// The timer and channel (from 1) whose complementary output this is.
+#[must_use]
+pub fn complementary_at(route: Route) -> Option<(usize, usize)> {
+    let row = COMPLEMENTARY.iter().find(|row| row.2 == route)?;
+    Some((row.0, row.1))
+}
+
 const BREAK_INPUTS: &[(usize, Route)] = &[
     (1, route(A, 6, 1)),
     (1, route(B, 12, 1)),
@@ -113,7 +136,8 @@ mod tests {
 
     #[test]
     fn no_pin_has_two_signals_in_one_function() {
-        let all: Vec<_> = TIMER_CHANNELS.iter().map(|row| row.2).collect();
+        let rows = TIMER_CHANNELS.iter().chain(COMPLEMENTARY);
+        let all: Vec<_> = rows.map(|row| row.2).collect();
         for (index, one) in all.iter().enumerate() {
             assert!(!all[index + 1..].contains(one), "{one:?}");
         }

@@ -114,4 +114,20 @@ impl Timer {
         }
         Some(self.reference(channel) ^ (self.ccer >> (4 * channel + 1) & 1 != 0))
     }
+
+    /// Level of a complementary output without its main one (CCxE clear, CCxNE set) at the last [`Timer::sync`]; `None`
+    /// when the timer leaves it floating. With both enabled, and dead time between them, it is not modelled.
+    #[must_use]
+    pub fn complementary_level(&self, channel: usize) -> Option<bool> {
+        if !self.kind.advanced || channel > 2 || self.ccer >> (4 * channel) & 5 != 4 {
+            return None;
+        }
+        let inverted = self.ccer >> (4 * channel + 3) & 1 != 0;
+        if !self.outputs_enabled() {
+            // Table of output control bits (17.4.9): with OSSI the pin is driven to OISxN.
+            return (self.bdtr & bdtr::OSSI != 0).then(|| self.cr2 >> (9 + 2 * channel) & 1 != 0);
+        }
+        // Same table: alone, it follows the reference, not its complement.
+        Some(self.reference(channel) ^ inverted)
+    }
 }

@@ -1,0 +1,138 @@
+//! What a debugger does to a board: breakpoints, single steps, registers and memory.
+//!
+//! A board that the debugger has stopped is a halted core: when the world's time goes on, its timers, its CAN
+//! controller and its watchdog do too, as on the chip with DBGMCU at its reset value. Who wants everything to stand
+//! still stops the world.
+
+use std::collections::BTreeSet;
+
+use rsemu::cpu::arm::v7m::Regs;
+
+use super::Board;
+use crate::firmware::FLASH_BASE;
+use crate::rtt::RAM_BASE;
+
+/// The debugger's side of a board.
+#[derive(Debug, Default)]
+pub(super) struct Debugger {
+    breakpoints: BTreeSet<u32>,
+    pub(super) stopped: bool,
+    /// Stop again after one instruction.
+    single: bool,
+    /// The core goes on from here: no breakpoint for the first instruction.
+    leaving: Option<u32>,
+}
+
+impl Debugger {
+    /// Whether every instruction has to be looked at.
+    pub(super) fn is_watching(&self) -> bool {
+        self.single || !self.breakpoints.is_empty()
+    }
+
+    /// Looks at the instruction that comes next; whether the core stops before it.
+    pub(super) fn stops_before(&mut self, pc: u32) -> bool {
+        let leaving = self.leaving.take() == Some(pc);
+        self.stopped = !leaving && self.breakpoints.contains(&pc);
+        self.stopped
+    }
+
+    /// An instruction, or the entry into a handler, is done.
+    pub(super) fn done(&mut self) -> bool {
+        self.stopped |= std::mem::take(&mut self.single);
+        self.stopped
+    }
+}
+
+/// The core's registers as a debugger sees them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CoreRegisters {
+    /// r0 to r12, the stack pointer in use, the link register, the program counter.
+    pub r: [u32; 16],
+    /// Flags, IT state and the number of the active exception.
+    pub xpsr: u32,
+}
+
+impl Board {
+    /// Stops the core before it executes the instruction at an address. Runs are several times slower while there
+    /// is a breakpoint.
+    pub fn add_breakpoint(&mut self, address: u32) {
+        self.debugger.breakpoints.insert(address & !1);
+    }
+
+    /// Whether there was one.
+    pub fn remove_breakpoint(&mut self, address: u32) -> bool {
+        self.debugger.breakpoints.remove(&(address & !1))
+    }
+
+    /// Stops the core where it is.
+    pub fn debug_stop(&mut self) {
+        self.debugger.stopped = true;
+    }
+
+    /// Lets a stopped core go on, for one instruction or until something stops it. A core that sleeps first wakes.
+    pub fn debug_resume(&mut self, single: bool) {
+        self.debugger.stopped = false;
+        self.debugger.single = single;
+        self.debugger.leaving = Some(self.cpu.pc());
+    }
+
+    /// Whether the debugger has stopped the core.
+    #[must_use]
+    pub fn is_debug_stopped(&self) -> bool {
+        self.debugger.stopped
+    }
+
+    /// The core's registers.
+    #[must_use]
+    pub fn registers(&self) -> CoreRegisters {
+        let regs = self.cpu.regs();
+        CoreRegisters {
+            r: regs.r,
+            xpsr: regs.xpsr,
+        }
+    }
+
+    /// Sets the core's registers. The stack pointer set is the one in use.
+    pub fn set_registers(&mut self, registers: &CoreRegisters) {
+        let before = self.cpu.regs();
+        let sp = registers.r[13] & !3;
+        let mut regs = Regs {
+            r: registers.r,
+            xpsr: registers.xpsr,
+            ..before
+        };
+        regs.r[13] = sp;
+        regs.r[15] &= !1;
+        if before.control & 2 != 0 && !before.in_handler() {
+            regs.psp = sp;
+        } else {
+            regs.msp = sp;
+        }
+        self.cpu.set_regs(regs);
+    }
+
+    /// Reads a byte of RAM or flash, or of a peripheral's register. Reading a register has the effects that it has for
+    /// the program; `None` where nothing is, or nothing is modelled.
+    #[must_use]
+    pub fn debug_read(&self, address: u32) -> Option<u8> {
+        let mut byte = [0];
+        match address {
+            FLASH_BASE..0x4000_0000 => self.read_memory(address, &mut byte),
+            0..FLASH_BASE => None,
+            _ => self.shared.look(|soc| {
+                let before = soc.stop.take();
+                byte[0] = soc.read(address, 1) as u8;
+                let failed = soc.stop.is_some();
+                soc.stop = before;
+                (!failed).then_some(())
+            }),
+        }?;
+        Some(byte[0])
+    }
+
+    /// Writes to RAM. Flash and registers are refused: a debugger that programs the chip writes another image.
+    pub fn debug_write(&mut self, address: u32, bytes: &[u8]) -> Option<()> {
+        let at = address.checked_sub(RAM_BASE)?;
+        self.ram.write_at(u64::from(at), bytes).ok()
+    }
+}

@@ -1,0 +1,168 @@
+//! Where the program is, for the trace: the exception that is handled and the Embassy task that is polled.
+//!
+//! A task is recognised by its poll function, whose symbol says that it is one, and ends where it returns to. The
+//! symbol does not say which task it is; the debug information of the code in it does.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::firmware::Firmware;
+use crate::trace::Change;
+
+/// What the symbols of all poll functions have in common.
+const POLL: &str = "TaskStorage<F>::poll";
+
+/// A poll function under way.
+#[derive(Debug)]
+struct Open {
+    /// Program counter and stack pointer after its return.
+    back: (u32, u32),
+    exception: u16,
+    outer: Option<Arc<str>>,
+}
+
+/// Follows the program of one board.
+#[derive(Debug)]
+pub(super) struct Follow {
+    tasks: BTreeMap<u32, Arc<str>>,
+    open: Vec<Open>,
+    exception: u16,
+    task: Option<Arc<str>>,
+}
+
+/// The core before an instruction.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) pc: u32,
+    pub(super) sp: u32,
+    pub(super) lr: u32,
+    pub(super) exception: u16,
+}
+
+impl Follow {
+    pub(super) fn new(firmware: &Firmware) -> Self {
+        Self {
+            tasks: tasks(firmware),
+            open: Vec::new(),
+            exception: 0,
+            task: None,
+        }
+    }
+
+    /// Looks at the core before an instruction; says what is another than before the last one.
+    pub(super) fn look(&mut self, place: Place, mut changed: impl FnMut(Change)) {
+        if std::mem::replace(&mut self.exception, place.exception) != place.exception {
+            changed(Change::Exception(place.exception));
+        }
+        let returned =
+            |open: &Open| open.exception == place.exception && open.back == (place.pc, place.sp);
+        while let Some(open) = self.open.pop_if(|open| returned(open)) {
+            self.task = open.outer;
+            changed(Change::Task(self.task.clone()));
+        }
+        if let Some(task) = self.tasks.get(&place.pc) {
+            self.open.push(Open {
+                back: (place.lr & !1, place.sp),
+                exception: place.exception,
+                outer: self.task.replace(Arc::clone(task)),
+            });
+            changed(Change::Task(self.task.clone()));
+        }
+    }
+
+    /// A reset: nothing that was begun will return.
+    pub(super) fn reset(&mut self) {
+        self.open.clear();
+    }
+}
+
+/// All poll functions by address, with the names of their tasks.
+fn tasks(firmware: &Firmware) -> BTreeMap<u32, Arc<str>> {
+    let polls = firmware
+        .functions()
+        .iter()
+        .filter(|f| f.name.contains(POLL));
+    polls
+        .map(|function| {
+            let mut found = BTreeMap::<String, u32>::new();
+            for at in (function.address..function.address + function.size).step_by(2) {
+                if let Some(name) = firmware.location(at).as_deref().and_then(task_name) {
+                    *found.entry(name.to_owned()).or_default() += 1;
+                }
+            }
+            let most = found.into_iter().max_by_key(|(_, count)| *count);
+            let name = most.map_or_else(|| format!("{:#010x}", function.address), |(name, _)| name);
+            (function.address, Arc::from(name))
+        })
+        .collect()
+}
+
+/// The task whose code lies at a location, "innermost < .. < task::{async_fn#0} (file) < poll (file)".
+fn task_name(location: &str) -> Option<&str> {
+    let frames: Vec<&str> = location.split(" < ").collect();
+    let poll = frames.iter().position(|frame| frame.contains("::poll"))?;
+    let frame = frames[..poll]
+        .iter()
+        .rev()
+        .find(|frame| !frame.contains("embassy_executor"))?;
+    let path = frame.split(" (").next()?;
+    let path = path.split("::{").next()?;
+    Some(path.rsplit_once("::").map_or(path, |(module, function)| {
+        // "omnibus_firmware::bus::run" is the task of bus.rs.
+        module
+            .rsplit_once("::")
+            .map_or(function, |(_, module)| module)
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_is_named_by_what_is_inlined_into_its_poll_function() {
+        let location = "core::ptr::read (ptr.rs:1) < omnibus_firmware::led::__run_task::{async_fn#0} (led.rs:3) \
+                        < embassy_executor::raw::TaskStorage<F>::poll (raw/mod.rs:9)";
+        assert_eq!(task_name(location), Some("led"));
+        assert_eq!(task_name("memcpy (x.rs:1)"), None);
+    }
+
+    #[test]
+    fn a_task_lasts_from_its_poll_function_to_its_return_whatever_interrupts() {
+        let mut follow = Follow {
+            tasks: BTreeMap::from([(0x100, Arc::from("a")), (0x200, Arc::from("b"))]),
+            open: Vec::new(),
+            exception: 0,
+            task: None,
+        };
+        let at = |pc, sp, lr, exception| Place {
+            pc,
+            sp,
+            lr,
+            exception,
+        };
+        let mut changes = Vec::new();
+        for place in [
+            at(0x100, 80, 0x51, 0),
+            at(0x102, 72, 0x51, 0),
+            // An interrupt polls another, and passes the address that the first returns to.
+            at(0x200, 40, 0x61, 69),
+            at(0x50, 80, 0, 69),
+            at(0x60, 40, 0, 69),
+            at(0x104, 72, 0, 0),
+            at(0x50, 80, 0, 0),
+        ] {
+            follow.look(place, |change| changes.push(change));
+        }
+        let task = |name: Option<&str>| Change::Task(name.map(Arc::from));
+        let expected = [
+            task(Some("a")),
+            Change::Exception(69),
+            task(Some("b")),
+            task(Some("a")),
+            Change::Exception(0),
+            task(None),
+        ];
+        assert_eq!(changes, expected);
+    }
+}

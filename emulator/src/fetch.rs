@@ -1,0 +1,248 @@
+//! What reading the flash costs the core: wait states, prefetch and caches (RM0390 rev 6, sections 3.4.1 and 3.4.2).
+//!
+//! The array is read in lines of 128 bits and each read takes the wait states that ACR asks for, five at 180 MHz.
+//! Three things hide them: the line in use is kept, the next one is prefetched while it is executed, and a jump to a
+//! line that was neither puts it into an instruction cache of 64 lines, the oldest use making room. Constants that the
+//! program reads from flash have a cache of 8 lines of their own.
+//!
+//! Simpler than the chip: instructions and constants never wait for each other at the array, a prefetch that
+//! turns out to be useless does not delay the read that follows, and the core's own queue of fetched halfwords hides
+//! nothing. What the caches hold is always what the flash holds: a program that forgets to empty them after an
+//! erase is not found out.
+
+/// Bytes of a line as a power of two.
+const LINE: u32 = 4;
+/// Lines in the whole flash.
+const LINES: usize = (crate::system::flash::SIZE >> LINE) as usize;
+
+/// ACR: wait states, and the three enable bits.
+const LATENCY: u32 = 0xF;
+const PRFTEN: u32 = 1 << 8;
+const ICEN: u32 = 1 << 9;
+const DCEN: u32 = 1 << 10;
+
+/// A fully associative cache of `N` lines that gives up the one unused for longest.
+#[derive(Debug)]
+struct Cache<const N: usize> {
+    enabled: bool,
+    /// For each line of the flash its slot plus one, 0 for none.
+    slot_of: Box<[u8]>,
+    line_of: [Option<u32>; N],
+    used: [u64; N],
+    uses: u64,
+}
+
+impl<const N: usize> Cache<N> {
+    fn new() -> Self {
+        Self {
+            enabled: false,
+            slot_of: vec![0; LINES].into_boxed_slice(),
+            line_of: [None; N],
+            used: [0; N],
+            uses: 0,
+        }
+    }
+
+    /// Whether a line is there; it then counts as used.
+    fn hit(&mut self, line: u32) -> bool {
+        let slot = self.slot_of.get(line as usize).copied().unwrap_or(0);
+        if slot == 0 || !self.enabled {
+            return false;
+        }
+        self.uses += 1;
+        self.used[usize::from(slot) - 1] = self.uses;
+        true
+    }
+
+    fn insert(&mut self, line: u32) {
+        if !self.enabled || line as usize >= LINES {
+            return;
+        }
+        let oldest = (0..N).min_by_key(|slot| self.used[*slot]).unwrap_or(0);
+        if let Some(old) = self.line_of[oldest].replace(line) {
+            self.slot_of[old as usize] = 0;
+        }
+        self.slot_of[line as usize] = oldest as u8 + 1;
+        self.uses += 1;
+        self.used[oldest] = self.uses;
+    }
+
+    fn clear(&mut self) {
+        for line in self.line_of.iter_mut().filter_map(Option::take) {
+            self.slot_of[line as usize] = 0;
+        }
+        self.used = [0; N];
+    }
+}
+
+/// The flash interface's reading side. Addresses are offsets into the flash, times are core cycles.
+#[derive(Debug)]
+pub(crate) struct Fetch {
+    acr: u32,
+    /// Version of the flash's content that the caches hold.
+    version: u64,
+    wait_states: u64,
+    /// The line that instructions come from.
+    line: u32,
+    /// The line that is being prefetched, and when it is there.
+    prefetched: Option<(u32, u64)>,
+    code: Cache<64>,
+    data: Cache<8>,
+}
+
+impl Fetch {
+    /// As after a reset: no wait states, nothing enabled.
+    pub(crate) fn new() -> Self {
+        Self {
+            acr: 0,
+            version: 0,
+            wait_states: 0,
+            line: u32::MAX,
+            prefetched: None,
+            code: Cache::new(),
+            data: Cache::new(),
+        }
+    }
+
+    /// Takes over what ACR says and forgets what belongs to another content of the flash.
+    pub(crate) fn configure(&mut self, acr: u32, version: u64) {
+        if (acr, version) == (self.acr, self.version) {
+            return;
+        }
+        (self.acr, self.version) = (acr, version);
+        self.wait_states = u64::from(acr & LATENCY);
+        self.code.enabled = acr & ICEN != 0;
+        self.data.enabled = acr & DCEN != 0;
+        self.code.clear();
+        self.data.clear();
+        self.line = u32::MAX;
+        self.prefetched = None;
+    }
+
+    /// Cycles that the core waits for an instruction of `length` bytes.
+    #[inline]
+    pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
+        let (first, last) = (offset >> LINE, (offset + length - 1) >> LINE);
+        if self.wait_states == 0 || (first == self.line && last == self.line) {
+            return 0;
+        }
+        let mut waited = 0;
+        for line in first..=last {
+            if line != self.line {
+                waited += self.enter(line, now + waited);
+            }
+        }
+        waited
+    }
+
+    /// Goes on with instructions of another line.
+    fn enter(&mut self, line: u32, now: u64) -> u64 {
+        self.line = line;
+        let waited = if self.code.hit(line) {
+            0
+        } else {
+            match self.prefetched {
+                Some((prefetched, ready)) if prefetched == line => ready.saturating_sub(now),
+                _ => {
+                    self.code.insert(line);
+                    self.wait_states
+                }
+            }
+        };
+        self.prefetched =
+            (self.acr & PRFTEN != 0).then_some((line + 1, now + waited + self.wait_states + 1));
+        waited
+    }
+
+    /// Cycles that the core waits for a constant.
+    #[inline]
+    pub(crate) fn constant(&mut self, offset: u32) -> u64 {
+        if self.wait_states == 0 || self.data.hit(offset >> LINE) {
+            return 0;
+        }
+        self.data.insert(offset >> LINE);
+        self.wait_states
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WAIT_STATES: u32 = 5;
+
+    fn fetch(enabled: u32) -> Fetch {
+        let mut fetch = Fetch::new();
+        fetch.configure(WAIT_STATES | enabled, 0);
+        fetch
+    }
+
+    /// Runs instructions of one cycle each in a row; cycles waited.
+    fn straight(fetch: &mut Fetch, from: u32, length: u32, count: u32) -> u64 {
+        let (mut now, mut waited) = (1_000, 0);
+        for index in 0..count {
+            let wait = fetch.instruction(from + index * length, length, now);
+            waited += wait;
+            now += wait + 1;
+        }
+        waited
+    }
+
+    #[test]
+    fn without_prefetch_every_line_costs_its_wait_states() {
+        assert_eq!(straight(&mut fetch(0), 0, 2, 80), 10 * 5);
+    }
+
+    #[test]
+    fn prefetch_hides_the_wait_behind_eight_short_instructions_but_not_behind_four_long_ones() {
+        // A read takes 6 cycles. Eight instructions last 8: only the first line is waited for.
+        assert_eq!(straight(&mut fetch(PRFTEN), 0, 2, 80), 5);
+        // Four last 4: each of the nine further lines is 2 late.
+        assert_eq!(straight(&mut fetch(PRFTEN), 0, 4, 40), 5 + 9 * 2);
+    }
+
+    #[test]
+    fn a_loop_over_jumps_is_read_once() {
+        let mut fetch = fetch(PRFTEN | ICEN);
+        // 64 lines, none next to another, fit; every one of 65 is gone when it is needed again.
+        let mut round = |lines: u32| -> u64 {
+            (0..lines)
+                .map(|line| fetch.instruction(line * 32, 2, 0))
+                .sum()
+        };
+        assert_eq!(round(64), 64 * 5);
+        assert_eq!(round(64), 0);
+        assert_eq!(round(65), 5);
+        assert_eq!(round(65), 65 * 5);
+    }
+
+    #[test]
+    fn constants_have_eight_lines() {
+        let mut fetch = fetch(DCEN);
+        let mut round =
+            |lines: u32| -> u64 { (0..lines).map(|line| fetch.constant(line * 16)).sum() };
+        assert_eq!((round(8), round(8)), (40, 0));
+        assert_eq!((round(9), round(9)), (5, 45));
+    }
+
+    #[test]
+    fn an_instruction_across_two_lines_needs_both() {
+        assert_eq!(fetch(0).instruction(14, 4, 0), 10);
+    }
+
+    #[test]
+    fn no_wait_states_cost_nothing() {
+        let mut fetch = fetch(0);
+        fetch.configure(0, 0);
+        assert_eq!((straight(&mut fetch, 0, 4, 40), fetch.constant(0)), (0, 0));
+    }
+
+    #[test]
+    fn another_content_of_the_flash_empties_the_caches() {
+        let mut fetch = fetch(ICEN | DCEN);
+        assert_eq!((fetch.instruction(0, 2, 0), fetch.constant(0)), (5, 5));
+        assert_eq!((fetch.instruction(64, 2, 0), fetch.constant(0)), (5, 0));
+        fetch.configure(WAIT_STATES | ICEN | DCEN, 1);
+        assert_eq!((fetch.instruction(0, 2, 0), fetch.constant(0)), (5, 5));
+    }
+}

@@ -1,0 +1,279 @@
+//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and over.
+//!
+//! | register | section | modelled |
+//! |---|---|---|
+//! | SR | 13.13.1 | EOC, STRT |
+//! | CR1 | 13.13.2 | RES at 12 bits; everything else is refused |
+//! | CR2 | 13.13.3 | ADON, CONT, SWSTART, ALIGN to the right; triggers and DMA are refused |
+//! | SMPR1, SMPR2 | 13.13.4, 13.13.5 | sampling times |
+//! | SQR1..3 | 13.13.9 to 13.13.11 | a sequence of one |
+//! | DR | 13.13.14 | the last result; reading clears EOC |
+//! | CCR | 13.13.16 | ADCPRE |
+//!
+//! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when sampling ended. The
+//! result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, injected channels, the watchdog and the
+//! internal channels are not modelled.
+
+use std::cell::Cell;
+
+/// Reference voltage of the board, V.
+pub const VREF: f64 = 3.3;
+/// Clocks of a 12-bit conversion after sampling (13.5).
+const CONVERSION: u64 = 12;
+/// Sampling times by SMP, ADC clocks (13.13.4).
+const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+/// Dividers of PCLK2 by ADCPRE (13.13.16).
+const DIVIDERS: [u64; 4] = [2, 4, 6, 8];
+/// Fastest clock by the data sheet, Hz.
+const MAX_HZ: u64 = 36_000_000;
+
+mod cr2 {
+    pub const ADON: u32 = 1;
+    pub const CONT: u32 = 1 << 1;
+    pub const SWSTART: u32 = 1 << 30;
+}
+
+mod sr {
+    pub const EOC: u32 = 1 << 1;
+    pub const STRT: u32 = 1 << 4;
+}
+
+/// What is connected to one input.
+#[derive(Debug, Clone, Copy, Default)]
+struct Input {
+    volts: f64,
+    before: f64,
+    since_ps: u64,
+}
+
+/// ADC1.
+#[derive(Debug, Clone, Default)]
+pub struct Adc {
+    cr2: u32,
+    smpr: [u32; 2],
+    sqr: [u32; 3],
+    ccr: u32,
+    pclk2: u64,
+    /// Local time at which the first conversion began, ps.
+    started: Option<u64>,
+    /// Conversions whose result has been read, or whose EOC was cleared.
+    seen: Cell<u64>,
+    strt: bool,
+    inputs: [Input; 16],
+}
+
+impl Adc {
+    /// Resets the registers; what is connected stays.
+    pub fn reset(&mut self) {
+        *self = Self {
+            inputs: self.inputs,
+            pclk2: self.pclk2,
+            ..Self::default()
+        };
+    }
+
+    /// Connects a voltage to an external channel.
+    pub fn set_input(&mut self, now_ps: u64, channel: usize, volts: f64) {
+        if let Some(input) = self.inputs.get_mut(channel) {
+            *input = Input {
+                volts,
+                before: input.volts,
+                since_ps: now_ps,
+            };
+        }
+    }
+
+    /// Takes over the bus clock.
+    pub fn set_clock(&mut self, pclk2: u64) {
+        self.pclk2 = pclk2;
+    }
+
+    fn clock_ps(&self) -> u64 {
+        let divider = DIVIDERS[(self.ccr >> 16 & 3) as usize];
+        1_000_000_000_000 * divider / self.pclk2.max(1)
+    }
+
+    fn channel(&self) -> usize {
+        (self.sqr[2] & 31) as usize
+    }
+
+    /// Sampling time and length of a conversion, ps.
+    fn times_ps(&self) -> (u64, u64) {
+        let channel = self.channel() as u32;
+        let smp = match channel.checked_sub(10) {
+            Some(place) => self.smpr[0] >> (3 * place),
+            None => self.smpr[1] >> (3 * channel),
+        } & 7;
+        let sampling = SAMPLING[smp as usize];
+        (
+            sampling * self.clock_ps(),
+            (sampling + CONVERSION) * self.clock_ps(),
+        )
+    }
+
+    /// Conversions that are complete.
+    fn complete(&self, now_ps: u64) -> u64 {
+        let Some(started) = self.started else {
+            return 0;
+        };
+        let done = (now_ps - started) / self.times_ps().1;
+        if self.cr2 & cr2::CONT != 0 {
+            done
+        } else {
+            done.min(1)
+        }
+    }
+
+    /// The result of the last conversion.
+    fn result(&self, now_ps: u64, analog: bool) -> u32 {
+        let (Some(started), done @ 1..) = (self.started, self.complete(now_ps)) else {
+            return 0;
+        };
+        let (sampling, length) = self.times_ps();
+        let sampled = started + (done - 1) * length + sampling;
+        let input = self.inputs.get(self.channel()).copied().unwrap_or_default();
+        let volts = if sampled < input.since_ps {
+            input.before
+        } else {
+            input.volts
+        };
+        if analog {
+            (volts / VREF * 4096.0).clamp(0.0, 4095.0) as u32
+        } else {
+            0
+        }
+    }
+
+    /// The pin of the channel that is converted: port by number, and pin.
+    #[must_use]
+    pub fn pin(&self) -> Option<(usize, u8)> {
+        // Data sheet DS10693 rev 10, table 10: IN0..7 are PA0..7, IN8 and 9 PB0 and 1, IN10..15 PC0..5.
+        match self.channel() as u8 {
+            channel @ 0..=7 => Some((0, channel)),
+            channel @ 8..=9 => Some((1, channel - 8)),
+            channel @ 10..=15 => Some((2, channel - 10)),
+            _ => None,
+        }
+    }
+
+    /// Reads a register; `analog` tells whether the channel's pin is in analog mode. `None` for what is not modelled.
+    #[must_use]
+    pub fn read(&self, now_ps: u64, offset: u32, analog: bool) -> Option<u32> {
+        Some(match offset {
+            0x00 => {
+                let done = self.complete(now_ps) > self.seen.get();
+                (u32::from(done) * sr::EOC) | (u32::from(self.strt) * sr::STRT)
+            }
+            0x04 => 0,
+            0x08 => self.cr2,
+            0x0C => self.smpr[0],
+            0x10 => self.smpr[1],
+            0x2C => self.sqr[0],
+            0x30 => self.sqr[1],
+            0x34 => self.sqr[2],
+            0x4C => {
+                self.seen.set(self.complete(now_ps));
+                self.result(now_ps, analog)
+            }
+            0x304 => self.ccr,
+            _ => return None,
+        })
+    }
+
+    /// Writes a register; an error says what is not modelled.
+    ///
+    /// # Errors
+    /// In words.
+    pub fn write(&mut self, now_ps: u64, offset: u32, value: u32) -> Result<(), &'static str> {
+        match offset {
+            // Flags are cleared by writing 0.
+            0x00 => {
+                if value & sr::EOC == 0 {
+                    self.seen.set(self.complete(now_ps));
+                }
+                self.strt &= value & sr::STRT != 0;
+            }
+            0x04 if value == 0 => {}
+            0x04 => return Err("anything but 12 bits without interrupts"),
+            0x08 => {
+                if value & !(cr2::ADON | cr2::CONT | cr2::SWSTART) != 0 {
+                    return Err("triggers, DMA, alignment to the left");
+                }
+                self.cr2 = value & !cr2::SWSTART;
+                if value & cr2::ADON == 0 {
+                    self.started = None;
+                } else if value & cr2::SWSTART != 0 {
+                    if self.pclk2 / DIVIDERS[(self.ccr >> 16 & 3) as usize] > MAX_HZ {
+                        return Err("a clock above 36 MHz (DS10693)");
+                    }
+                    self.started = Some(now_ps);
+                    self.seen.set(0);
+                    self.strt = true;
+                }
+            }
+            0x0C => self.smpr[0] = value,
+            0x10 => self.smpr[1] = value,
+            0x2C if value >> 20 & 15 != 0 => return Err("a sequence of more than one"),
+            0x2C => self.sqr[0] = value,
+            0x30 => self.sqr[1] = value,
+            0x34 => self.sqr[2] = value,
+            0x304 if value & !(3 << 16) != 0 => return Err("multi mode, internal channels"),
+            0x304 => self.ccr = value,
+            _ => return Err(""),
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 22.5 MHz: 90 MHz by 4. 480 + 12 clocks are 21.87 us.
+    fn running() -> Adc {
+        let mut adc = Adc::default();
+        adc.set_clock(90_000_000);
+        adc.set_input(0, 4, 1.65);
+        for (offset, value) in [(0x304, 1 << 16), (0x10, 7 << 12), (0x34, 4)] {
+            adc.write(0, offset, value).unwrap();
+        }
+        let on = cr2::ADON | cr2::CONT;
+        adc.write(0, 0x08, on).unwrap();
+        adc.write(0, 0x08, on | cr2::SWSTART).unwrap();
+        adc
+    }
+
+    #[test]
+    fn half_of_the_reference_is_half_of_the_scale_after_492_clocks() {
+        let adc = running();
+        assert_eq!(adc.read(21_800_000, 0x4C, true), Some(0));
+        assert_eq!(adc.read(21_900_000, 0x4C, true), Some(2048));
+        assert_eq!(adc.read(21_900_000, 0x4C, false), Some(0), "a digital pin");
+    }
+
+    #[test]
+    fn end_of_conversion_is_cleared_by_reading() {
+        let adc = running();
+        assert_eq!(adc.read(21_900_000, 0x00, true), Some(sr::EOC | sr::STRT));
+        assert_eq!(adc.read(21_900_000, 0x4C, true), Some(2048));
+        assert_eq!(adc.read(21_900_000, 0x00, true), Some(sr::STRT));
+        assert_eq!(adc.read(43_800_000, 0x00, true), Some(sr::EOC | sr::STRT));
+    }
+
+    #[test]
+    fn a_change_shows_with_the_next_sampling() {
+        let mut adc = running();
+        // The first sampling ends after 480 clocks, 21.3 us.
+        adc.set_input(21_500_000, 4, 3.3);
+        assert_eq!(adc.read(21_900_000, 0x4C, true), Some(2048));
+        assert_eq!(adc.read(43_800_000, 0x4C, true), Some(4095));
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let mut adc = running();
+        assert!(adc.write(0, 0x2C, 1 << 20).is_err());
+        assert!(adc.write(0, 0x08, 1 << 8).is_err());
+        assert_eq!(adc.read(0, 0x38, true), None);
+    }
+}
