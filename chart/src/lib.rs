@@ -1,0 +1,319 @@
+//! One chart as an SVG string or a picture: axes, grid, lines, a legend. Drawn by `plotters`, which
+//! measures text with a font that is embedded, so nothing but Rust is needed.
+//!
+//! A chart is plain data ([`Chart`]); this file only knows how charts look. [`page`] has what a page of
+//! charts and tables needs. The master's reports and the simulator's share both.
+//! Lines are thinned to what a screen can show, keeping the first and the last point, so a report
+//! of a minute at 1 kHz stays a few hundred kilobytes.
+
+#![forbid(unsafe_code)]
+
+pub mod page;
+mod picture;
+
+pub use picture::Sheet;
+use plotters::coord::Shift;
+pub use plotters::style::RGBColor;
+
+use plotters::prelude::*;
+
+/// Ink of axes, text and the theory's line.
+const INK: RGBColor = RGBColor(45, 52, 62);
+/// Grid lines.
+const GRID: RGBColor = RGBColor(228, 232, 237);
+/// Lines are thinned to at most this many points.
+const MAX_POINTS: usize = 900;
+/// Space around the plot for the labels of the axes, in pixels.
+const LABEL_AREA: (u32, u32) = (46, 62);
+/// Space around everything, in pixels.
+const MARGIN: u32 = 14;
+/// Height of the title line, in pixels.
+const TITLE_HEIGHT: u32 = 30;
+/// Everything is drawn this much larger than it is shown, because the drawing library rounds to whole
+/// pixels and curves would show steps.
+const SCALE: u32 = 8;
+/// Width of a line and of a band, in pixels.
+const LINE_WIDTH: u32 = 2;
+const BAND_WIDTH: u32 = 7;
+/// How much of its colour a band has.
+const BAND_OPACITY: f64 = 0.22;
+
+/// Line colours, in the order series use them. Distinguishable without red-green vision.
+pub const PALETTE: [RGBColor; 6] = [
+    RGBColor(0, 95, 160),
+    RGBColor(214, 95, 0),
+    RGBColor(0, 140, 110),
+    RGBColor(170, 70, 140),
+    RGBColor(120, 120, 40),
+    RGBColor(90, 100, 115),
+];
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stroke {
+    /// A line.
+    Line,
+    /// A broad pale band, for what other lines are to be compared with.
+    Band,
+}
+
+/// One line of a chart.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// Text in the legend; empty for none.
+    pub label: String,
+    /// Colour of the line; `None` for the ink of the axes.
+    pub color: Option<RGBColor>,
+    /// How the line is drawn.
+    pub stroke: Stroke,
+    /// Points in the units of the axes.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A chart as data.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Title above the plot.
+    pub title: String,
+    /// Description of the horizontal axis, with its unit.
+    pub x_label: String,
+    /// Description of the vertical axis, with its unit.
+    pub y_label: String,
+    /// Size in pixels.
+    pub size: (u32, u32),
+    /// Whether a unit is equally long on both axes, as on a map.
+    pub equal_axes: bool,
+    /// Lines, drawn in order.
+    pub series: Vec<Series>,
+    /// Closed outlines drawn under the lines, with their fill.
+    pub outlines: Vec<(RGBColor, Vec<(f64, f64)>)>,
+}
+
+/// Why a chart could not be drawn.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("chart '{title}': {reason}")]
+pub struct ChartError {
+    /// The chart's title.
+    pub title: String,
+    /// What the drawing library said.
+    pub reason: String,
+}
+
+/// Smallest interval holding all finite `values`, widened by 6 % and never empty.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values
+        .filter(|v| v.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let margin = ((high - low) * 0.06).max(high.abs().max(low.abs()).max(1e-3) * 1e-3);
+    (low - margin, high + margin)
+}
+
+/// Every n-th point so that at most [`MAX_POINTS`] remain, the last one included.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let step = points.len().div_ceil(MAX_POINTS).max(1);
+    let mut out: Vec<_> = points.iter().copied().step_by(step).collect();
+    if let Some(last) = points.last()
+        && out.last() != Some(last)
+    {
+        out.push(*last);
+    }
+    out
+}
+
+impl Chart {
+    /// The line of a series as the value of CSS `border-top`.
+    #[must_use]
+    pub fn css_line(series: &Series) -> String {
+        let RGBColor(r, g, b) = series.color.unwrap_or(INK);
+        let (width, opacity) = match series.stroke {
+            Stroke::Line => (LINE_WIDTH + 1, 1.0),
+            Stroke::Band => (BAND_WIDTH, BAND_OPACITY),
+        };
+        format!("{width}px solid rgb({r} {g} {b} / {opacity})")
+    }
+
+    /// Draws the chart.
+    ///
+    /// # Errors
+    /// When the drawing library refuses; it names the chart.
+    pub fn to_svg(&self) -> Result<String, ChartError> {
+        self.svg(false)
+    }
+
+    fn failed(&self, reason: &dyn std::fmt::Display) -> ChartError {
+        ChartError {
+            title: self.title.clone(),
+            reason: reason.to_string(),
+        }
+    }
+
+    fn svg(&self, alone: bool) -> Result<String, ChartError> {
+        let (width, height) = self.size;
+        let drawn = (width * SCALE, height * SCALE);
+        let mut svg = String::new();
+        let area = SVGBackend::with_string(&mut svg, drawn).into_drawing_area();
+        self.draw(&area, alone)
+            .map_err(|reason| self.failed(&reason))?;
+        drop(area);
+        // The view box keeps the size drawn; only the size shown changes.
+        Ok(svg.replacen(
+            &format!("width=\"{}\" height=\"{}\"", drawn.0, drawn.1),
+            &format!("width=\"{width}\" height=\"{height}\""),
+            1,
+        ))
+    }
+
+    /// Ranges of both axes: time axes fit tightly, maps keep one scale.
+    fn ranges(&self) -> ((f64, f64), (f64, f64)) {
+        let all = || {
+            let lines = self.series.iter().flat_map(|s| s.points.iter());
+            lines.chain(self.outlines.iter().flat_map(|(_, points)| points.iter()))
+        };
+        let (mut x, mut y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
+        if self.equal_axes {
+            let inner = (
+                f64::from(self.size.0 - LABEL_AREA.1 - 2 * MARGIN),
+                f64::from(self.size.1 - LABEL_AREA.0 - 2 * MARGIN - TITLE_HEIGHT),
+            );
+            let unit = ((x.1 - x.0) / inner.0).max((y.1 - y.0) / inner.1);
+            let widen = |(low, high): (f64, f64), to: f64| {
+                let spare = (to - (high - low)) / 2.0;
+                (low - spare, high + spare)
+            };
+            (x, y) = (widen(x, unit * inner.0), widen(y, unit * inner.1));
+        } else {
+            let low = all().map(|p| p.0).fold(f64::INFINITY, f64::min);
+            let high = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+            if high > low {
+                x = (low, high);
+            }
+        }
+        (x, y)
+    }
+
+    /// Draws it; `alone` when no page around it shows the legend.
+    fn draw<B: DrawingBackend>(
+        &self,
+        root: &DrawingArea<B, Shift>,
+        alone: bool,
+    ) -> Result<(), Box<dyn std::error::Error>>
+    where
+        B::ErrorType: 'static,
+    {
+        picture::prepare_font();
+        let legend = alone || self.equal_axes;
+        let text = |size: i32| ("sans-serif", size * SCALE as i32).into_font().color(&INK);
+        let ((x0, x1), (y0, y1)) = self.ranges();
+        root.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(root)
+            .caption(&self.title, text(17))
+            .margin(MARGIN * SCALE)
+            .x_label_area_size(LABEL_AREA.0 * SCALE)
+            .y_label_area_size(LABEL_AREA.1 * SCALE)
+            .build_cartesian_2d(x0..x1, y0..y1)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(GRID.stroke_width(SCALE))
+            .axis_style(INK.mix(0.5).stroke_width(SCALE))
+            .set_all_tick_mark_size(5 * SCALE)
+            .label_style(text(13))
+            .axis_desc_style(text(14))
+            .x_desc(&self.x_label)
+            .y_desc(&self.y_label)
+            .x_labels(8)
+            .y_labels(7)
+            .draw()?;
+        for (color, points) in &self.outlines {
+            chart.draw_series([Polygon::new(points.clone(), color.mix(0.12).filled())])?;
+            let closed = points.iter().chain(points.first()).copied();
+            chart.draw_series(LineSeries::new(closed, color.mix(0.7).stroke_width(SCALE)))?;
+        }
+        for series in &self.series {
+            let color = series.color.unwrap_or(INK);
+            let style = match series.stroke {
+                Stroke::Line => color.stroke_width(LINE_WIDTH * SCALE),
+                Stroke::Band => color.mix(BAND_OPACITY).stroke_width(BAND_WIDTH * SCALE),
+            };
+            let drawn = chart.draw_series(LineSeries::new(thinned(&series.points), style))?;
+            if legend && !series.label.is_empty() {
+                let length = 20 * SCALE as i32;
+                drawn
+                    .label(&series.label)
+                    .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + length, y)], style));
+            }
+        }
+        // A map has empty corners; over a time axis a legend would hide the lines it explains, so
+        // there the page puts it under the chart.
+        if legend && self.series.iter().any(|series| !series.label.is_empty()) {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.85))
+                .border_style(GRID.stroke_width(SCALE))
+                .legend_area_size(26 * SCALE)
+                .margin(8 * SCALE)
+                .label_font(text(13))
+                .draw()?;
+        }
+        root.present()?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(points: Vec<(f64, f64)>) -> Chart {
+        Chart {
+            title: "a & b".into(),
+            x_label: "t / s".into(),
+            y_label: "x / m".into(),
+            size: (400, 300),
+            equal_axes: false,
+            series: vec![Series {
+                label: "line".into(),
+                color: Some(PALETTE[0]),
+                stroke: Stroke::Line,
+                points,
+            }],
+            outlines: vec![],
+        }
+    }
+
+    #[test]
+    fn an_empty_chart_is_still_a_chart() {
+        let svg = chart(vec![]).to_svg().unwrap();
+        assert!(svg.starts_with("<svg"));
+        assert!(svg.trim_end().ends_with("</svg>"));
+    }
+
+    #[test]
+    fn text_is_escaped() {
+        let svg = chart(vec![(0.0, 0.0), (1.0, 1.0)]).to_svg().unwrap();
+        assert!(svg.contains("a &amp; b"));
+    }
+
+    #[test]
+    fn thinning_keeps_both_ends() {
+        let points: Vec<_> = (0..10_000).map(|i| (f64::from(i), 0.0)).collect();
+        let thin = thinned(&points);
+        assert!(thin.len() <= MAX_POINTS + 1);
+        assert_eq!((thin[0].0, thin[thin.len() - 1].0), (0.0, 9999.0));
+    }
+
+    #[test]
+    fn a_map_has_one_scale() {
+        let mut map = chart(vec![(0.0, 0.0), (1.0, 10.0)]);
+        map.equal_axes = true;
+        let ((x0, x1), (y0, y1)) = map.ranges();
+        let inner = (400.0 - 62.0 - 28.0, 300.0 - 46.0 - 28.0 - 30.0);
+        assert!(((x1 - x0) / inner.0 - (y1 - y0) / inner.1).abs() < 1e-9);
+    }
+}
