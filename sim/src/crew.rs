@@ -167,6 +167,7 @@ impl Robot for Absent {
     fn turn_encoders(&mut self, _: [i32; 4]) {}
     fn set_emergency_stop(&mut self, _: bool) {}
     fn set_driver_fault(&mut self, _: bool) {}
+    fn set_power(&mut self, _: bool) {}
 }
 
 fn work(inbox: &Receiver<Job>, outbox: &Sender<Done>) {

@@ -27,6 +27,11 @@ impl Digest {
         self.bytes(frame.data());
     }
 
+    pub fn error_frame(&mut self, end_ns: u64) {
+        self.bytes(&end_ns.to_le_bytes());
+        self.bytes(b"error");
+    }
+
     pub fn bridges(&mut self, now_ns: u64, node: u8, drives: &[Drive; 4]) {
         self.bytes(&now_ns.to_le_bytes());
         for drive in drives {

@@ -12,26 +12,37 @@
 //!
 //! - [`robot`]: native robots and emulated ones behind one trait.
 //! - [`bus`]: arbitration, exact bit times, load, candump logs.
+//! - [`motor`], [`battery`], [`encoder`]: from duty to angle and back to counts.
 //! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
+//! - [`configure`]: the group file written into the robots.
 //! - [`rig`]: a master that can be told to do wrong, for trying what robots do about it.
+//! - [`study`]: many groups without a bus.
+//! - [`paper`]: the source paper's experiments, beside its own numbers.
+//! - [`fault`]: what goes wrong at a time, as text and as a schedule.
 //! - [`endpoint`]: the bus for programs outside.
 #![forbid(unsafe_code)]
 
+pub mod battery;
 pub mod bus;
+pub mod configure;
 mod crew;
 mod digest;
+pub mod encoder;
 pub mod endpoint;
 mod error;
+pub mod fault;
 pub mod motor;
+pub mod paper;
 pub mod plant;
 mod random;
 pub mod rig;
 pub mod robot;
+pub mod study;
 mod truth;
 mod world;
 
 pub use bus::BusLoad;
 pub use error::SimError;
-pub use robot::Backend;
+pub use robot::{Backend, Crash};
 pub use truth::{RobotTruth, TruthSample};
-pub use world::{EncoderState, MASTER, Options, Port, World};
+pub use world::{EncoderState, MASTER, Options, Port, World, index};

@@ -1,4 +1,4 @@
-//! A DC motor with its gear, bridge, brake and encoder, as seen from the wheel.
+//! A DC motor with its gear, bridge and brake, as seen from the wheel.
 //!
 //! `L di/dt = V - R i - K w` and `J dw/dt = K i - b w - dry friction`, with `V = duty * supply` while the
 //! drivers are enabled and no current at all while they are not. All torques, rates and inertias are the
@@ -8,11 +8,11 @@
 //!
 //! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate is
 //! within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, current limits,
-//! heating, gear backlash, and the torque ripple of the PWM itself, which at 20 kHz a wheel does not feel.
+//! heating, and the torque ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may
+//! be a battery that motors share, see [`crate::battery`]; play in the gear is the caller's, because it
+//! lies between this and the wheel.
 
-use std::f64::consts::TAU;
-
-use group::{Encoder, Motor as Parameters};
+use group::Motor as Parameters;
 
 /// Torque the holding brake holds, N·m at the wheel.
 pub const BRAKE_TORQUE: f64 = 60.0;
@@ -63,16 +63,15 @@ impl Motor {
         }
     }
 
-    /// Advances by `dt` (s) under constant drive.
+    /// Advances by `dt` (s) under constant drive from the nominal supply.
     pub fn step(&mut self, dt: f64, drive: Drive) {
-        self.current = if drive.enabled {
-            let emf = self.constant * self.rate;
-            let volts = drive.duty.clamp(-1.0, 1.0) * self.supply;
-            (self.inductance * self.current + dt * (volts - emf))
-                / (self.inductance + dt * self.resistance)
-        } else {
-            0.0
-        };
+        self.step_on(self.supply, dt, drive);
+    }
+
+    /// Advances by `dt` (s) under constant drive from a supply of so many volts.
+    pub fn step_on(&mut self, supply: f64, dt: f64, drive: Drive) {
+        let (still, per_volt) = self.admittance(dt, drive);
+        self.current = still + per_volt * supply;
         let torque = self.constant * self.current - self.viscous * self.rate;
         let brake = if drive.brake_released {
             0.0
@@ -90,6 +89,32 @@ impl Motor {
         };
         self.angle += dt * 0.5 * (self.rate + rate);
         self.rate = rate;
+    }
+
+    /// Changes the voltage of the supply, V.
+    pub fn set_supply(&mut self, volts: f64) {
+        self.supply = volts;
+    }
+
+    /// The current at the end of a step of `dt`: what it is at 0 V of supply, A, and what each volt of supply
+    /// adds, A/V.
+    #[must_use]
+    pub fn admittance(&self, dt: f64, drive: Drive) -> (f64, f64) {
+        if !drive.enabled {
+            return (0.0, 0.0);
+        }
+        let emf = self.constant * self.rate;
+        let impedance = self.inductance + dt * self.resistance;
+        (
+            (self.inductance * self.current - dt * emf) / impedance,
+            dt * drive.duty.clamp(-1.0, 1.0) / impedance,
+        )
+    }
+
+    /// Nominal supply voltage, V.
+    #[must_use]
+    pub fn supply(&self) -> f64 {
+        self.supply
     }
 
     /// Sets the dry friction of whatever is caught in the wheel, N·m at the wheel.
@@ -113,39 +138,6 @@ impl Motor {
     #[must_use]
     pub fn current(&self) -> f64 {
         self.current
-    }
-}
-
-/// A quadrature encoder: whole counts, nothing between.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WheelEncoder {
-    counts_per_rad: f64,
-    counts: i64,
-}
-
-impl WheelEncoder {
-    /// An encoder that stands at 0 at angle 0.
-    #[must_use]
-    pub fn new(parameters: &Encoder) -> Self {
-        Self {
-            counts_per_rad: f64::from(parameters.counts_per_revolution) / TAU,
-            counts: 0,
-        }
-    }
-
-    /// Follows the wheel to an angle (rad, unwrapped); returns the counts that went by.
-    pub fn follow(&mut self, angle: f64) -> i32 {
-        // Floor, not truncation: zero must not be twice as wide as every other count.
-        let counts = (angle * self.counts_per_rad).floor() as i64;
-        let passed = counts - self.counts;
-        self.counts = counts;
-        passed as i32
-    }
-
-    /// Counts since angle 0.
-    #[must_use]
-    pub fn counts(&self) -> i64 {
-        self.counts
     }
 }
 
@@ -264,17 +256,5 @@ mod tests {
             },
         );
         assert_eq!(motor.angle(), 0.0);
-    }
-
-    #[test]
-    fn encoder_counts_are_whole_and_even_about_zero() {
-        let mut encoder = WheelEncoder::new(&Encoder {
-            counts_per_revolution: 8.0,
-        });
-        let eighth = TAU / 8.0;
-        assert_eq!(encoder.follow(0.9 * eighth), 0);
-        assert_eq!(encoder.follow(-0.1 * eighth), -1);
-        assert_eq!(encoder.follow(2.5 * eighth), 3);
-        assert_eq!(encoder.counts(), 2);
     }
 }

@@ -8,8 +8,8 @@
 use std::collections::BTreeMap;
 
 use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
-use kinematics::Twist;
-use protocol::{GroupTwist, MeasuredTwist, MemberState, MemberStatus, cob};
+use kinematics::{Twist, WheelRates};
+use protocol::{GroupTwist, MeasuredTwist, MemberState, MemberStatus, WheelRateReport, cob};
 
 use crate::error::SimError;
 use crate::world::{MASTER, World};
@@ -43,6 +43,7 @@ pub struct Rig {
     counter: u8,
     status: BTreeMap<u8, MemberStatus>,
     measured: BTreeMap<u8, Twist>,
+    rates: BTreeMap<u8, WheelRates>,
     emergencies: Vec<(Micros, u8, u16)>,
 }
 
@@ -63,6 +64,7 @@ impl Rig {
             counter: 0,
             status: BTreeMap::new(),
             measured: BTreeMap::new(),
+            rates: BTreeMap::new(),
             emergencies: Vec::new(),
         }
     }
@@ -147,6 +149,12 @@ impl Rig {
         self.measured.get(&node).copied()
     }
 
+    /// A member's last wheel rates as it measures them, rad/s.
+    #[must_use]
+    pub fn rates(&self, node: u8) -> Option<WheelRates> {
+        self.rates.get(&node).copied()
+    }
+
     /// Emergency messages of a node so far: when they were complete, and their code.
     pub fn emergencies(&self, node: u8) -> impl Iterator<Item = (Micros, u16)> {
         let heard = self.emergencies.iter();
@@ -186,11 +194,21 @@ impl Rig {
             if let Ok(measured) = MeasuredTwist::try_from(data) {
                 self.measured.insert(node, measured.twist);
             }
+        } else if let Some(node) = rates_sender(id) {
+            if let Ok(report) = WheelRateReport::try_from(data) {
+                self.rates.insert(node, report.rates);
+            }
         } else if let (Some(node), [low, high, ..]) = (emergency_sender(id), data) {
             self.emergencies
                 .push((at, node, u16::from_le_bytes([*low, *high])));
         }
     }
+}
+
+/// The robot that sends its wheel rates with this identifier.
+fn rates_sender(id: u16) -> Option<u8> {
+    let node = u8::try_from(id.checked_sub(cob::wheel_rates(0))?).ok()?;
+    protocol::is_robot(node).then_some(node)
 }
 
 /// The robot that sends emergency messages with this identifier.

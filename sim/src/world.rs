@@ -6,7 +6,9 @@
 //! robot computes, one [`Options::quantum_ns`]. In a step the motors turn under the bridges' last state
 //! and the encoders follow; then the robots run, in order; then what is due on the plant and the bus
 //! happens. So a robot that wakes at a time reads encoders of that time, and whatever it changes acts
-//! from the end of the step on: at most one quantum later than in life.
+//! from the end of the step on: at most one quantum later than in life. Native robots sleep between their
+//! own events: theirs are the only moments at which they look at wheels or change bridges, so their
+//! motors are only stepped up to those and to the plant's.
 //!
 //! Robots may run side by side within a step, everything else happens in one thread in a fixed order: the
 //! same group, backend and calls give the same bytes on any number of threads, which [`World::digest`]
@@ -16,24 +18,28 @@
 //! carries sees its own delay grow. Frames for a port wait until they are taken.
 
 mod harm;
+pub mod index;
+mod nodes;
+mod unit;
 
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
-use kinematics::{Pose, WheelRates};
+use kinematics::Pose;
 
 use crate::bus::candump::Candump;
-use crate::bus::{Bus, BusLoad, Transfer};
+use crate::bus::disturb::Disturbances;
+use crate::bus::errors::Confinement;
+use crate::bus::{Bus, BusLoad};
 use crate::crew::{Absent, Crew};
 use crate::digest::Digest;
+pub use crate::encoder::EncoderState;
 use crate::error::SimError;
-use crate::motor::{Drive, Motor, WheelEncoder};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
-use crate::truth::{RobotTruth, TruthSample};
-pub use harm::EncoderState;
-use harm::Harm;
+use crate::truth::{Eyes, TruthSample};
+use unit::Unit;
 
 /// Steps and periods, all in ns of virtual time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,24 +85,14 @@ pub const MASTER: Port = Port(0);
 
 #[derive(Debug, Default)]
 struct PortQueues {
-    send: VecDeque<Frame>,
+    /// Each with the time, ns, from which on it wants the bus.
+    send: VecDeque<(u64, Frame)>,
     received: VecDeque<(Micros, Frame)>,
-}
-
-/// A robot with its wheels.
-struct Unit {
-    node: u8,
-    robot: Box<dyn Robot>,
-    motors: [Motor; 4],
-    encoders: [WheelEncoder; 4],
-    drives: [Drive; 4],
-    /// Angles that the plant has been told.
-    told: [f64; 4],
-    /// What the plant adds to the motors' angles: a plant outside may turn wheels itself.
-    slipped: [f64; 4],
-    /// Off when its CAN connector is pulled.
-    connected: bool,
-    harm: Harm,
+    /// Nobody wants to have what arrives.
+    deaf: bool,
+    errors: Confinement,
+    /// While bus-off: when it is back, ns.
+    back_ns: u64,
 }
 
 /// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this file.
@@ -108,15 +104,23 @@ pub struct World {
     plant_at_ns: u64,
     plant_period_ns: u64,
     bus: Bus,
+    disturbances: Disturbances,
+    /// By how much what the ports send is late, ns.
+    port_delay_ns: u64,
+    /// An error-passive node that has just sent, and until when it lets others go first.
+    suspended: Option<(usize, u64)>,
     ports: Vec<PortQueues>,
     candump: Option<Candump>,
     truth: Vec<TruthSample>,
+    eyes: Eyes,
     /// Time of the last sample, and how long the bus had been taken then.
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
     digest: Digest,
     crew: Option<Crew>,
     turned: Vec<[f64; 4]>,
+    /// Encoders still to break, the last first: when (ns), whose, which, how.
+    breaking: Vec<(u64, usize, usize, EncoderState)>,
 }
 
 impl World {
@@ -164,17 +168,8 @@ impl World {
             .robots
             .iter()
             .zip(robots)
-            .map(|(data, robot)| Unit {
-                node: data.node,
-                drives: robot.drives(),
-                robot,
-                motors: std::array::from_fn(|_| Motor::new(&data.motor)),
-                encoders: [WheelEncoder::new(&data.encoder); 4],
-                told: [0.0; 4],
-                slipped: [0.0; 4],
-                connected: true,
-                harm: Harm::default(),
-            })
+            .enumerate()
+            .map(|(place, (data, robot))| Unit::new(place, data, robot, &group.simulation))
             .collect();
         let threads = match options.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -184,14 +179,19 @@ impl World {
         Ok(Self {
             now_ns: 0,
             turned: vec![[0.0; 4]; units.len()],
+            breaking: unit::breaking(&group.simulation.encoder_faults),
             units,
             plant_at_ns: 0,
             plant_period_ns: plant.period_ns(),
             plant,
             bus: Bus::new(options.load_window_ns),
+            disturbances: Disturbances::new(group.simulation.seed),
+            port_delay_ns: 0,
+            suspended: None,
             ports: vec![PortQueues::default()],
             candump: None,
             truth: Vec::new(),
+            eyes: Eyes::new(group.simulation.pose_noise, group.simulation.seed),
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
@@ -229,6 +229,7 @@ impl World {
                 return Ok(Some(received));
             }
             if self.now_ns >= until_ns {
+                self.turn_wheels();
                 return Ok(None);
             }
             self.step(until_ns)?;
@@ -244,6 +245,7 @@ impl World {
         while self.now_ns < until_ns {
             self.step(until_ns)?;
         }
+        self.turn_wheels();
         Ok(())
     }
 
@@ -255,8 +257,24 @@ impl World {
 
     /// Queues a frame at a port.
     pub fn send_from(&mut self, port: Port, frame: Frame) {
+        self.send_at(port, self.now_ns, frame);
+    }
+
+    /// Queues a frame at a port, behind those already there; it wants the bus from this time on, ns.
+    pub fn send_at(&mut self, port: Port, at_ns: u64, frame: Frame) {
         if let Some(queues) = self.ports.get_mut(port.0) {
-            queues.send.push_back(frame);
+            queues.send.push_back((at_ns + self.port_delay_ns, frame));
+        }
+    }
+
+    /// Whether what arrives at a port is kept for someone to take. A new port listens; one that does not
+    /// acknowledges frames all the same.
+    pub fn set_listening(&mut self, port: Port, listening: bool) {
+        if let Some(queues) = self.ports.get_mut(port.0) {
+            queues.deaf = !listening;
+            if queues.deaf {
+                queues.received.clear();
+            }
         }
     }
 
@@ -290,6 +308,12 @@ impl World {
         self.bus.frames()
     }
 
+    /// Error frames so far.
+    #[must_use]
+    pub fn error_frames(&self) -> u64 {
+        self.bus.error_frames()
+    }
+
     /// The truth now.
     #[must_use]
     pub fn truth(&self) -> TruthSample {
@@ -313,6 +337,12 @@ impl World {
     /// The samples since the last call, one every [`Options::truth_period_ns`].
     pub fn take_truth(&mut self) -> Vec<TruthSample> {
         std::mem::take(&mut self.truth)
+    }
+
+    /// The same samples as an observer sees them, with the noise of the group file on every pose.
+    pub fn take_seen(&mut self) -> Vec<TruthSample> {
+        let truth = self.take_truth();
+        truth.into_iter().map(|s| self.eyes.see(s)).collect()
     }
 
     /// Largest shape error of all plant steps since the beginning or the last reset, mm.
@@ -341,6 +371,15 @@ impl World {
         self.units.iter().map(|u| u.robot.instructions()).sum()
     }
 
+    /// The emulated board of a robot, for a debugger or a trace.
+    pub fn board(&mut self, node: u8) -> Option<&mut emulator::Board> {
+        self.units
+            .iter_mut()
+            .find(|u| u.node == node)?
+            .robot
+            .board()
+    }
+
     /// A hash of every frame with its time and of every change of a bridge: equal runs, equal digests.
     #[must_use]
     pub fn digest(&self) -> u64 {
@@ -349,20 +388,24 @@ impl World {
 
     /// One step of time, to `until_ns` at most.
     fn step(&mut self, until_ns: u64) -> Result<(), SimError> {
+        self.look_at_nodes();
         if self.bus.is_free(self.now_ns) {
             self.arbitrate();
         }
         let end_ns = self.step_end(until_ns);
-        let dt = (end_ns - self.now_ns) as f64 * 1e-9;
-        for unit in &mut self.units {
-            unit.turn(dt);
-        }
         self.now_ns = end_ns;
+        let step_ns = self.options.motor_step_ns;
+        for unit in self.units.iter_mut().filter(|u| u.is_due(end_ns)) {
+            unit.turn_to(end_ns, step_ns);
+        }
+        self.break_encoders();
         self.run_robots(end_ns)?;
-        for unit in &mut self.units {
-            if unit.look_at_bridges() {
-                self.digest.bridges(end_ns, unit.node, &unit.drives);
+        for unit in self.units.iter_mut().filter(|u| u.is_due(end_ns)) {
+            let node = unit.node;
+            if let Some(drives) = unit.look_at_bridges() {
+                self.digest.bridges(end_ns, node, drives);
             }
+            unit.has_run();
         }
         if end_ns - self.plant_at_ns >= self.plant_period_ns {
             self.step_plant()?;
@@ -373,12 +416,31 @@ impl World {
         Ok(())
     }
 
+    /// Turns all wheels up to now.
+    fn turn_wheels(&mut self) {
+        for unit in &mut self.units {
+            unit.turn_to(self.now_ns, self.options.motor_step_ns);
+        }
+    }
+
+    /// Breaks the encoders whose time has come.
+    fn break_encoders(&mut self) {
+        while let Some((_, robot, wheel, state)) =
+            self.breaking.pop_if(|(at, ..)| *at <= self.now_ns)
+        {
+            self.set_encoder(robot, wheel, state);
+        }
+    }
+
     /// Runs all robots to a time, heavy ones side by side if there are several.
     fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
         let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);
         let several = self.crew.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
         let mut away = Vec::new();
         for (place, unit) in self.units.iter_mut().enumerate() {
+            if !unit.is_due(end_ns) {
+                continue;
+            }
             if several && heavy(unit) {
                 away.push((place, std::mem::replace(&mut unit.robot, Box::new(Absent))));
             } else {
@@ -396,71 +458,33 @@ impl World {
 
     /// The earliest moment at which something may happen that others can notice.
     fn step_end(&self, until_ns: u64) -> u64 {
-        let mut end = until_ns
-            .min(self.now_ns + self.options.motor_step_ns)
-            .min(self.plant_at_ns + self.plant_period_ns);
+        let mut end = until_ns.min(self.plant_at_ns + self.plant_period_ns);
+        if let Some((at, ..)) = self.breaking.last() {
+            end = end.min(*at);
+        }
         if let Some(at) = self.bus.transfer_end_ns() {
             end = end.min(at);
         } else if self.now_ns < self.bus.free_at_ns() {
             end = end.min(self.bus.free_at_ns());
         }
         for unit in &self.units {
-            match unit.robot.wake() {
+            if !unit.is_lazy() {
+                end = end.min(self.now_ns + self.options.motor_step_ns);
+            }
+            match unit.wake() {
                 Wake::Busy => end = end.min(self.now_ns + self.options.quantum_ns),
                 Wake::At(at) => end = end.min(at),
                 Wake::Never => {}
             }
         }
+        end = end.min(self.next_of_nodes());
         // An event in the past is due now; time must still move for anything to run.
         end.max(self.now_ns + 1)
     }
 
-    fn arbitrate(&mut self) {
-        let ports = self.ports.iter().enumerate();
-        let from_ports = ports.filter_map(|(n, port)| Some((n, *port.send.front()?)));
-        let first = self.ports.len();
-        let units = self.units.iter().enumerate().filter(|(_, u)| u.connected);
-        let from_units = units.filter_map(|(n, u)| Some((first + n, u.robot.pending()?)));
-        let Some(transfer) = self
-            .bus
-            .arbitrate(self.now_ns, from_ports.chain(from_units))
-        else {
-            return;
-        };
-        for (n, unit) in self.units.iter_mut().enumerate() {
-            if first + n == transfer.sender {
-                unit.robot.begin();
-            } else if unit.connected && unit.robot.pending().is_some() {
-                unit.robot.lost_arbitration();
-            }
-        }
-    }
-
-    fn deliver(&mut self, transfer: &Transfer) {
-        let time = Micros(transfer.end_ns / 1_000);
-        let first = self.ports.len();
-        for (n, port) in self.ports.iter_mut().enumerate() {
-            if n == transfer.sender {
-                port.send.pop_front();
-            } else {
-                port.received.push_back((time, transfer.frame));
-            }
-        }
-        for (n, unit) in self.units.iter_mut().enumerate() {
-            if first + n == transfer.sender {
-                unit.robot.transmitted();
-            } else if unit.connected && unit.harm.misses != Some(transfer.frame.id()) {
-                unit.robot.receive(&transfer.frame);
-            }
-        }
-        if let Some(log) = &mut self.candump {
-            log.frame(transfer.end_ns, &transfer.frame);
-        }
-        self.digest.frame(transfer.end_ns, &transfer.frame);
-    }
-
     fn step_plant(&mut self) -> Result<(), SimError> {
         let dt = (self.now_ns - self.plant_at_ns) as f64 * 1e-9;
+        self.turn_wheels();
         for (unit, turned) in self.units.iter_mut().zip(&mut self.turned) {
             *turned = unit.turned();
         }
@@ -478,59 +502,5 @@ impl World {
             self.truth_at = (self.now_ns, self.bus.busy_ns(self.now_ns));
         }
         Ok(())
-    }
-}
-
-impl Unit {
-    /// Turns the wheels for `dt` (s) and the encoders with them.
-    fn turn(&mut self, dt: f64) {
-        let mut counts = [0; 4];
-        let wheels = self
-            .motors
-            .iter_mut()
-            .zip(&mut self.encoders)
-            .zip(&mut counts);
-        let harm = &self.harm;
-        for (wheel, (((motor, encoder), count), (drive, slipped))) in wheels
-            .zip(self.drives.iter().zip(&self.slipped))
-            .enumerate()
-        {
-            motor.step(dt, *drive);
-            *count = harm.on_counts(wheel, encoder.follow(motor.angle() + slipped));
-        }
-        if counts != [0; 4] {
-            self.robot.turn_encoders(counts);
-        }
-    }
-
-    /// Looks at the bridges; whether anything changed.
-    fn look_at_bridges(&mut self) -> bool {
-        let drives = self.robot.drives();
-        std::mem::replace(&mut self.drives, drives) != drives
-    }
-
-    /// By how much the motors have turned the wheels since the plant was last told, rad.
-    fn turned(&mut self) -> [f64; 4] {
-        let angles = [0, 1, 2, 3].map(|n: usize| self.motors[n].angle());
-        let told = std::mem::replace(&mut self.told, angles);
-        std::array::from_fn(|n| angles[n] - told[n])
-    }
-
-    /// The plant says where the wheels really are.
-    fn correct(&mut self, angles: [f64; 4]) {
-        self.slipped = std::array::from_fn(|n| angles[n] - self.motors[n].angle());
-    }
-
-    fn truth(&self, pose: Pose<f64>) -> RobotTruth {
-        let on = |drive: &Drive| if drive.enabled { drive.duty } else { 0.0 };
-        RobotTruth {
-            node: self.node,
-            pose,
-            wheel_angles: std::array::from_fn(|n| self.motors[n].angle() + self.slipped[n]),
-            wheel_rates: WheelRates::from([0, 1, 2, 3].map(|n: usize| self.motors[n].rate())),
-            duties: [0, 1, 2, 3].map(|n: usize| on(&self.drives[n])),
-            drivers_enabled: self.drives.iter().any(|d| d.enabled),
-            brake_released: self.drives.iter().any(|d| d.brake_released),
-        }
     }
 }

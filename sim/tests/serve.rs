@@ -1,49 +1,84 @@
-//! The `serve` command as a program beside it sees it: a TCP socket that speaks slcan.
+//! The `serve` command as a program beside it sees it: sockets, a terminal, signals.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 /// A running command; it ends with the test, however that ends.
-struct Served(Child);
+struct Served {
+    child: Child,
+    /// What it has printed before `serving`, by its first word.
+    endpoints: Vec<(String, String)>,
+}
 
 impl Drop for Served {
     fn drop(&mut self) {
         // It may have ended by itself.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
-/// The command with these arguments, and the address it prints for slcan.
-fn serve(arguments: &[&str]) -> (Served, String) {
-    let group = format!("{}/../groups/tcc-2.toml", env!("CARGO_MANIFEST_DIR"));
-    let mut served = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
-        .args(["serve", &group, "--slcan-tcp", "127.0.0.1:0"])
-        .args(arguments)
-        .stdout(Stdio::piped())
-        .spawn()
-        .map(Served)
-        .unwrap();
-    let mut lines = BufReader::new(served.0.stdout.take().unwrap()).lines();
-    let address = lines.next().unwrap().unwrap();
-    assert_eq!(lines.next().unwrap().unwrap(), "serving tcc-2");
-    let address = address.strip_prefix("slcan-tcp ").unwrap().to_owned();
-    (served, address)
+fn group() -> String {
+    format!("{}/../groups/tcc-2.toml", env!("CARGO_MANIFEST_DIR"))
 }
 
-fn connect(address: &str) -> BufReader<TcpStream> {
-    let stream = TcpStream::connect(address).unwrap();
-    // Only so that a failure ends; nothing depends on how long anything takes.
-    stream
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .unwrap();
-    BufReader::new(stream)
+/// A name for a file of one test.
+fn scratch(name: &str) -> String {
+    format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"))
 }
 
-/// The next answer or frame, without its carriage return.
-fn line(stream: &mut BufReader<TcpStream>) -> String {
+impl Served {
+    fn new(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+            .args(["serve", &group()])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let lines = lines.map(|line| line.unwrap());
+        let endpoints = lines
+            .take_while(|line| line != "serving tcc-2")
+            .map(|line| {
+                let (kind, place) = line.split_once(' ').unwrap();
+                (kind.to_owned(), place.to_owned())
+            })
+            .collect();
+        Self { child, endpoints }
+    }
+
+    fn place(&self, kind: &str) -> &str {
+        &self.endpoints.iter().find(|(k, _)| k == kind).unwrap().1
+    }
+
+    fn connect(&self, kind: &str) -> BufReader<TcpStream> {
+        let stream = TcpStream::connect(self.place(kind)).unwrap();
+        // Only so that a failure ends; nothing depends on how long anything takes.
+        let patience = Some(Duration::from_secs(20));
+        stream.set_read_timeout(patience).unwrap();
+        BufReader::new(stream)
+    }
+
+    /// Ends it with this signal; what it has said on standard error.
+    fn end(mut self, signal: &str) -> String {
+        let pid = self.child.id().to_string();
+        let sent = Command::new("kill").args([signal, &pid]).status().unwrap();
+        assert!(sent.success());
+        assert!(self.child.wait().unwrap().success());
+        let mut said = String::new();
+        let mut errors = self.child.stderr.take().unwrap();
+        errors.read_to_string(&mut said).unwrap();
+        said
+    }
+}
+
+/// The next slcan answer or frame, without its carriage return.
+fn line(stream: &mut impl Read) -> String {
     let mut line = String::new();
     let mut byte = [0];
     loop {
@@ -56,10 +91,18 @@ fn line(stream: &mut BufReader<TcpStream>) -> String {
     }
 }
 
+/// The next of socketcand's texts.
+fn bracket(stream: &mut impl BufRead) -> String {
+    let mut text = Vec::new();
+    stream.read_until(b'>', &mut text).unwrap();
+    String::from_utf8(text).unwrap()
+}
+
 #[test]
 fn two_programs_and_two_robots_on_one_bus() {
-    let (_served, address) = serve(&["--speed", "real"]);
-    let (mut master, mut listener) = (connect(&address), connect(&address));
+    let served = Served::new(&["--slcan-tcp", "127.0.0.1:0"]);
+    let mut master = served.connect("slcan-tcp");
+    let mut listener = served.connect("slcan-tcp");
     listener.get_mut().write_all(b"S8\rO\r").unwrap();
     assert_eq!(
         (line(&mut listener), line(&mut listener)),
@@ -81,23 +124,236 @@ fn two_programs_and_two_robots_on_one_bus() {
             heard.push(frame);
         }
     }
+    // Which of the two is first is a matter of their crystals.
+    heard.sort();
     assert_eq!(heard, ["t702100", "t703100"]);
+}
+
+#[test]
+fn socketcand_and_slcan_share_the_bus() {
+    let served = Served::new(&["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0"]);
+    let mut raw = served.connect("socketcand");
+    assert_eq!(bracket(&mut raw), "< hi >");
+    let mut say = |text: &str, wanted: &str| {
+        raw.get_mut().write_all(text.as_bytes()).unwrap();
+        assert_eq!(bracket(&mut raw), wanted, "{text}");
+    };
+    say("< rawmode >", "< error open a bus first >");
+    say("< open can0 >", "< ok >");
+    say("< add 1 0 123 1 00 >", "< error unknown command >");
+    say("< echo >", "< echo >");
+    say("< rawmode >", "< ok >");
+    let mut slcan = served.connect("slcan-tcp");
+    slcan.get_mut().write_all(b"O\r").unwrap();
+    assert_eq!(line(&mut slcan), "");
+    let (sent, wanted) = (b"< send 7EF 2 e8 3 >", "t7EF2E803");
+    raw.get_mut().write_all(sent).unwrap();
+    while line(&mut slcan) != wanted {}
+    slcan.get_mut().write_all(b"t7EE0\rt7EE1AB\r").unwrap();
+    let mut heard = Vec::new();
+    while heard.len() < 2 {
+        let text = bracket(&mut raw);
+        let words: Vec<&str> = text.split(' ').collect();
+        assert_eq!((words[0], words[1]), ("<", "frame"), "{text}");
+        // Nobody hears himself.
+        assert_ne!(words[2], "7EF", "{text}");
+        if words[2] == "7EE" {
+            heard.push(words[4..].join(" "));
+        }
+    }
+    assert_eq!(heard, [" >", "AB >"]);
+}
+
+#[test]
+#[cfg(unix)]
+fn a_terminal_speaks_slcan_until_the_end() {
+    let (path, log) = (scratch("serve-pty"), scratch("serve-pty.log"));
+    let served = Served::new(&["--pty", &path, "--log", &log]);
+    assert_eq!(served.place("pty"), path);
+    let open = || File::options().read(true).write(true).open(&path).unwrap();
+    let mut first = open();
+    first.write_all(b"t7E1000\r").unwrap();
+    assert_eq!(line(&mut first), "\u{7}");
+    drop(first);
+    for name in ["7E1", "7E2"] {
+        // Programs for adapters begin like this. What the one before has not read may come first.
+        let mut terminal = open();
+        terminal.write_all(b"C\rS8\rO\r").unwrap();
+        let frame = format!("t{name}3010D7F\r");
+        terminal.write_all(frame.as_bytes()).unwrap();
+        while line(&mut terminal) != "z" {}
+        // Nothing is echoed, so what comes is the robots'.
+        assert!(line(&mut terminal).starts_with("t70"));
+    }
+    served.end("-INT");
+    assert!(
+        std::fs::symlink_metadata(&path).is_err(),
+        "the link is gone"
+    );
+    let log = std::fs::read_to_string(log).unwrap();
+    assert!(log.ends_with('\n'));
+    for frame in ["7E1#010D7F", "7E2#010D7F"] {
+        assert_eq!(log.matches(frame).count(), 1, "{frame}");
+    }
+}
+
+#[test]
+fn poses_come_as_lines_of_json() {
+    let served = Served::new(&["--pose-tcp", "127.0.0.1:0", "--pose-rate", "250"]);
+    let mut clients = [served.connect("pose-tcp"), served.connect("pose-tcp")];
+    for client in &mut clients {
+        let mut times = Vec::new();
+        for _ in 0..5 {
+            let mut text = String::new();
+            client.read_line(&mut text).unwrap();
+            let line: serde_json::Value = serde_json::from_str(&text).unwrap();
+            times.push((line["t"].as_f64().unwrap() * 1e3).round() as u64);
+            assert_eq!(line["group"]["x"], 0.0);
+            assert_eq!(line["robots"][0]["node"], 2);
+            // tcc-2: two robots in tandem, 1.2 m apart, the first in front.
+            for (robot, x) in [(0, 0.6), (1, -0.6)] {
+                let error = line["robots"][robot]["x"].as_f64().unwrap() - x;
+                // A group file's numbers are f32.
+                assert!(error.abs() < 1e-7, "{text}");
+            }
+        }
+        let steps: Vec<u64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert_eq!(steps, [4; 4], "{times:?}");
+    }
+}
+
+#[test]
+fn faults_come_from_the_command_line_and_from_standard_input() {
+    let mut served = Served::new(&[
+        "--slcan-tcp",
+        "127.0.0.1:0",
+        "--fault",
+        "t=0.05:node=2:power-off",
+        "--fault",
+        "-",
+    ]);
+    let mut client = served.connect("slcan-tcp");
+    client.get_mut().write_all(b"O\r").unwrap();
+    let input = served.child.stdin.as_mut().unwrap();
+    input
+        .write_all(b"node=4:power-on\nnode=3:power-cycle\n")
+        .unwrap();
+    // Node 3 boots again; node 2 does when it is told to.
+    while line(&mut client) != "t703100" {}
+    input.write_all(b"node=2:power-on\n").unwrap();
+    while line(&mut client) != "t702100" {}
+    let said = served.end("-TERM");
+    let lines: Vec<&str> = said.lines().collect();
+    assert!(
+        lines.contains(&"fault at 0.050000 s: node 2: power-off"),
+        "{said}"
+    );
+    assert!(
+        lines.contains(&"node=4:power-on: node: 4 is not in the group; give one of 2, 3"),
+        "{said}"
+    );
+    let told = |what: &str| lines.iter().any(|line| line.ends_with(what));
+    assert!(
+        told(" s: node 3: power-cycle") && told(" s: node 3: power-on"),
+        "{said}"
+    );
+}
+
+/// What one run has logged is played onto the bus of another, which says the same again. The second world's
+/// robots are silent: they have no power.
+#[test]
+fn a_log_is_played_frame_by_frame() {
+    let (first, second) = (scratch("serve-first.log"), scratch("serve-second.log"));
+    let serve = |arguments: &[&str]| {
+        let done = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+            .args(["serve", &group(), "--speed", "max", "--duration", "0.5"])
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(done.status.success());
+        String::from_utf8(done.stdout).unwrap()
+    };
+    serve(&["--log", &first]);
+    let off = ["node=2:power-off", "node=3:power-off"];
+    let said = serve(&[
+        "--log", &second, "--replay", &first, "--fault", off[0], "--fault", off[1],
+    ]);
+    assert_eq!(said, format!("replay {first}: 10 frames\nserving tcc-2\n"));
+    let [first, second] = [first, second].map(|path| std::fs::read_to_string(path).unwrap());
+    let frames = |log: &str| -> Vec<String> {
+        let words = log
+            .lines()
+            .map(|line| line.split(' ').nth(2).unwrap().to_owned());
+        words.collect()
+    };
+    // Boot-up and a heartbeat every 100 ms of two robots.
+    assert_eq!(frames(&first).len(), 10, "{first}");
+    assert_eq!(frames(&first), frames(&second));
 }
 
 #[test]
 fn bad_input_is_named() {
     let run = |arguments: &[&str]| {
         let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+            .args(["serve", &group()])
             .args(arguments)
             .output()
             .unwrap();
         assert!(!output.status.success());
         String::from_utf8(output.stderr).unwrap()
     };
-    let group = format!("{}/../groups/tcc-2.toml", env!("CARGO_MANIFEST_DIR"));
-    assert_eq!(
-        run(&["serve", &group, "--plant", "ice"]),
-        "error: --plant ice: give table, contact or tcp://HOST:PORT\n"
+    let taken = scratch("serve-taken");
+    std::fs::write(&taken, "").unwrap();
+    let taken_link =
+        format!("error: --pty {taken}: cannot be linked; give a path where nothing is yet");
+    for (arguments, wanted) in [
+        (
+            ["--plant", "ice"],
+            "error: --plant ice: give table, contact or tcp://HOST:PORT\n",
+        ),
+        (
+            ["--socketcand", "nowhere"],
+            "error: cannot listen on nowhere; give HOST:PORT of this machine",
+        ),
+        (["--pty", &taken], &taken_link),
+        (
+            ["--socketcan", "no-such-can"],
+            "error: --socketcan no-such-can: cannot be opened; make one with:",
+        ),
+        (
+            ["--pose-rate", "60"],
+            "error: --pose-rate 60: give a divisor of 4000, for example 100 or 250\n",
+        ),
+        (
+            ["--duration", "0"],
+            "error: --duration 0: give seconds, more than 0\n",
+        ),
+        (
+            ["--fault", "node=2:explode"],
+            "error: --fault node=2:explode: explode: is no action; give one of",
+        ),
+        (
+            ["--replay", "no.log"],
+            "error: --replay no.log: cannot be read",
+        ),
+    ] {
+        {
+            let said = run(&arguments);
+            assert!(said.starts_with(wanted), "{said}");
+        }
+    }
+    let said = run(&["--backend", "emulator", "--elf", "no.elf"]);
+    assert!(
+        said.starts_with("error: --elf no.elf: cannot be loaded; `cargo xtask size`"),
+        "{said}"
     );
-    assert!(run(&["serve", "no.toml"]).starts_with("error: no.toml: cannot be read ("));
+    let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args(["serve", "no.toml"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        said.starts_with("error: no.toml: cannot be read ("),
+        "{said}"
+    );
 }

@@ -66,11 +66,19 @@ impl Robot for Puppet {
     }
     fn set_emergency_stop(&mut self, _: bool) {}
     fn set_driver_fault(&mut self, _: bool) {}
+    fn set_power(&mut self, _: bool) {}
 }
 
 fn world(name: &str) -> (World, Vec<Arc<Mutex<Strings>>>) {
+    simulated(name, "")
+}
+
+/// With more lines in the `[simulation]` table.
+fn simulated(name: &str, lines: &str) -> (World, Vec<Arc<Mutex<Strings>>>) {
     let path = format!("{}/../groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    let group = GroupFile::load(path).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let text = text.replace("[simulation]\n", &format!("[simulation]\n{lines}\n"));
+    let group = GroupFile::parse(name, &text).unwrap();
     let strings: Vec<_> = group.robots.iter().map(|_| Arc::default()).collect();
     let robots = strings.iter().map(|strings: &Arc<Mutex<Strings>>| {
         Box::new(Puppet {
@@ -237,4 +245,104 @@ fn the_log_is_candumps() {
         String::from_utf8(log.0.lock().unwrap().clone()).unwrap(),
         "(0.000056) can0 080#01\n"
     );
+}
+
+/// The duty that holds 10 rad/s from 24 V (static 0.015625, per rad/s 0.8/24 + 0.02 * 0.015625) draws
+/// `i = (1 + 0.02 * 10) / 0.8 = 1.5 A` a motor. From a battery of 1 ohm the rate is where motor and sag
+/// agree: `d U = 0.8 w + 0.3 i`, `U = 24 - 4 d i`, `i = (1 + 0.02 w) / 0.8`.
+#[test]
+fn a_battery_sags_under_its_motors() {
+    let (mut world, strings) = simulated("single", "battery = { resistance = 1 }");
+    let duty = 0.015_625 + 10.0 * (0.8 / 24.0 + 0.02 * 0.015_625);
+    strings[0].lock().unwrap().duty = duty;
+    world.run_until(Micros(6_000_000)).unwrap();
+    let rate = world.truth().robots[0].wheel_rates.front_left;
+    // Linear in w: i = i0 + i1 w.
+    let (i0, i1) = (1.0 / 0.8, 0.02 / 0.8);
+    let expected =
+        (24.0 * duty - (0.3 + 4.0 * duty * duty) * i0) / (0.8 + (0.3 + 4.0 * duty * duty) * i1);
+    assert!(expected < 9.5, "{expected}");
+    assert!((rate - expected).abs() < 1e-3, "{rate} {expected}");
+}
+
+/// 2 degrees of play: a wheel that is driven lags half of it behind its motor, which the encoder is on.
+#[test]
+fn play_lies_between_encoder_and_wheel() {
+    let (mut world, strings) = simulated("single", "backlash_deg = 2.0");
+    strings[0].lock().unwrap().duty = 0.3;
+    world.run_until(Micros(1_000_000)).unwrap();
+    let lag = |world: &World| {
+        let truth = &world.truth().robots[0];
+        let count = std::f64::consts::TAU / 40_000.0;
+        strings[0].lock().unwrap().counts[2] as f64 * count - truth.wheel_angles[2]
+    };
+    let half = 1.0f64.to_radians();
+    let count = std::f64::consts::TAU / 40_000.0;
+    assert!((lag(&world) - half).abs() < count, "{}", lag(&world));
+    strings[0].lock().unwrap().duty = -0.3;
+    world.run_until(Micros(4_000_000)).unwrap();
+    assert!((lag(&world) + half).abs() < count, "{}", lag(&world));
+}
+
+/// The front right encoder of node 3 breaks after half a second, its rear left one loses a channel; nobody
+/// else's do.
+#[test]
+fn encoders_break_at_their_time() {
+    let (mut world, strings) = simulated(
+        "tcc-2",
+        "encoder_faults = [\
+         { node = 3, wheel = \"front-right\", kind = \"dead\", at = 0.5 }, \
+         { node = 3, wheel = \"rear-left\", kind = \"one-channel\", at = 0.5 }]",
+    );
+    for strings in &strings {
+        strings.lock().unwrap().duty = 0.3;
+    }
+    world.run_until(Micros(500_000)).unwrap();
+    let at_half = strings[1].lock().unwrap().counts;
+    assert!(
+        at_half.iter().all(|n| *n == at_half[0] && *n > 100),
+        "{at_half:?}"
+    );
+    world.run_until(Micros(1_000_000)).unwrap();
+    let (whole, broken) = (
+        strings[0].lock().unwrap().counts,
+        strings[1].lock().unwrap().counts,
+    );
+    assert!(whole.iter().all(|n| *n > 2 * at_half[0]), "{whole:?}");
+    assert_eq!(broken[0], whole[0]);
+    assert_eq!(broken[1], at_half[1]);
+    assert!(
+        (broken[2] - at_half[2]).abs() <= 1,
+        "{broken:?} {at_half:?}"
+    );
+}
+
+/// Noise has a seed: equal seeds, equal counts; another seed, other counts.
+#[test]
+fn noise_comes_from_the_seed() {
+    let counts = |seed: u32| {
+        let lines = "encoder = { lost = 0.01, extra_per_s = 50 }";
+        let path = format!("{}/../groups/single.toml", env!("CARGO_MANIFEST_DIR"));
+        let text = std::fs::read_to_string(path).unwrap();
+        assert!(text.contains("seed = 1"));
+        let text = text
+            .replace("[simulation]\n", &format!("[simulation]\n{lines}\n"))
+            .replace("seed = 1", &format!("seed = {seed}"));
+        let group = GroupFile::parse("single", &text).unwrap();
+        let strings: Arc<Mutex<Strings>> = Arc::default();
+        strings.lock().unwrap().duty = 0.3;
+        let robot = Box::new(Puppet {
+            strings: strings.clone(),
+            now_ns: 0,
+        });
+        let options = Options::default();
+        let plant = plant::build(&group, options.start).unwrap();
+        let mut world = World::with_parts(&group, vec![robot], plant, options).unwrap();
+        world.run_until(Micros(1_000_000)).unwrap();
+        strings.lock().unwrap().counts
+    };
+    assert_eq!(counts(5), counts(5));
+    assert_ne!(counts(5), counts(6));
+    let four = counts(5);
+    assert!(four.iter().any(|n| *n != four[0]), "{four:?}");
 }

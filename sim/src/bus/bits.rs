@@ -5,6 +5,9 @@
 //! inserted bit counts for what follows. Then CRC delimiter, acknowledge slot and delimiter, and seven
 //! end-of-frame bits, unstuffed. Three bits of intermission separate frames. The count is exact, not a
 //! worst case: bus load follows the data that was really sent.
+//!
+//! A frame that goes wrong ends with an error flag of six equal bits, which breaks the stuffing rule for
+//! whoever has not seen the error yet; then those send their flags. Eight bits of delimiter end it.
 
 use canopen::Frame;
 
@@ -13,28 +16,95 @@ const TAIL: u32 = 1 + 1 + 1 + 7;
 /// Bits that must pass before another frame may start.
 pub const INTERMISSION: u32 = 3;
 
+/// Bits of an error flag.
+pub const FLAG: u32 = 6;
+/// Bits after the last flag.
+pub const ERROR_DELIMITER: u32 = 8;
+
 /// Bits of a frame from its start to the end of its end-of-frame field, stuffing included,
 /// intermission excluded.
 #[must_use]
 pub fn frame_bits(frame: &Frame) -> u32 {
-    let mut wire = Stuffer::default();
-    let mut crc = 0;
-    let data = frame.data();
-    // Start, identifier, RTR, IDE and reserved bit: all but the identifier are dominant.
-    let head = (u32::from(frame.id()) << 3, 15);
-    // At most 8, four bits.
-    let length = (data.len() as u32, 4);
-    let bytes = data.iter().map(|byte| (u32::from(*byte), 8));
-    for (value, width) in [head, length].into_iter().chain(bytes) {
-        for bit in (0..width).rev().map(|n| value >> n & 1 == 1) {
-            crc = crc15(crc, bit);
-            wire.push(bit);
+    Wire::of(frame).bits()
+}
+
+/// A frame as it is on the wire.
+#[derive(Debug, Clone, Copy)]
+pub struct Wire {
+    /// Bits from the start to the end of the CRC, the first one highest of those that count.
+    levels: u128,
+    stuffed: u32,
+}
+
+impl Wire {
+    /// The bits of a frame.
+    #[must_use]
+    pub fn of(frame: &Frame) -> Self {
+        let mut wire = Stuffer::default();
+        let mut crc = 0;
+        let data = frame.data();
+        // Start, identifier, RTR, IDE and reserved bit: all but the identifier are dominant.
+        let head = (u32::from(frame.id()) << 3, 15);
+        // At most 8, four bits.
+        let length = (data.len() as u32, 4);
+        let bytes = data.iter().map(|byte| (u32::from(*byte), 8));
+        for (value, width) in [head, length].into_iter().chain(bytes) {
+            for bit in (0..width).rev().map(|n| value >> n & 1 == 1) {
+                crc = crc15(crc, bit);
+                wire.push(bit);
+            }
+        }
+        for n in (0..15).rev() {
+            wire.push(crc >> n & 1 == 1);
+        }
+        Self {
+            levels: wire.levels,
+            stuffed: wire.count,
         }
     }
-    for n in (0..15).rev() {
-        wire.push(crc >> n & 1 == 1);
+
+    /// Bits up to the end of the CRC, stuffing included: at most 122.
+    #[must_use]
+    pub fn stuffed(&self) -> u32 {
+        self.stuffed
     }
-    wire.count + TAIL
+
+    /// Bits up to the end of the end-of-frame field.
+    #[must_use]
+    pub fn bits(&self) -> u32 {
+        self.stuffed + TAIL
+    }
+
+    /// Bits up to the end of the error delimiter when bit `n`, counted from 0, is inverted. `active`: the
+    /// sender's flag is dominant. It begins with the bit after; the others notice at the sixth equal bit
+    /// and send theirs.
+    #[must_use]
+    pub fn bits_when_corrupt(&self, n: u32, active: bool) -> u32 {
+        let level = |at: u32| (self.levels >> (self.stuffed - 1 - at) & 1 == 1) != (at == n);
+        // Recessive is 1.
+        let flag = !active;
+        let run = (0..=n.min(self.stuffed - 1))
+            .rev()
+            .take_while(|at| level(*at) == flag);
+        let seen = u32::try_from(run.count()).unwrap_or(FLAG).min(FLAG);
+        n + 1 + (FLAG - seen) + FLAG + ERROR_DELIMITER
+    }
+
+    /// Bits up to the end of the error delimiter when the acknowledge is missing and the sender's flag begins
+    /// with the acknowledge delimiter. The others see at its first bit that the form is wrong.
+    #[must_use]
+    pub fn bits_when_unacknowledged(&self) -> u32 {
+        let acknowledge = self.stuffed + 2;
+        acknowledge + 1 + FLAG + ERROR_DELIMITER
+    }
+
+    /// Bits up to the end of the error delimiter when one receiver refuses the checksum: its flag begins
+    /// after the acknowledge delimiter, the others see at its first bit that the form is wrong.
+    #[must_use]
+    pub fn bits_when_refused(&self) -> u32 {
+        let delimiter = self.stuffed + 3;
+        delimiter + 1 + FLAG + ERROR_DELIMITER
+    }
 }
 
 /// One step of the CRC of ISO 11898-1, polynomial 0x4599.
@@ -46,6 +116,7 @@ fn crc15(crc: u16, bit: bool) -> u16 {
 /// Counts bits as they go out, stuff bits included.
 #[derive(Default)]
 struct Stuffer {
+    levels: u128,
     count: u32,
     level: Option<bool>,
     run: u32,
@@ -53,7 +124,7 @@ struct Stuffer {
 
 impl Stuffer {
     fn push(&mut self, bit: bool) {
-        self.count += 1;
+        self.put(bit);
         self.run = if self.level == Some(bit) {
             self.run + 1
         } else {
@@ -61,10 +132,15 @@ impl Stuffer {
         };
         self.level = Some(bit);
         if self.run == 5 {
-            self.count += 1;
+            self.put(!bit);
             self.run = 1;
             self.level = Some(!bit);
         }
+    }
+
+    fn put(&mut self, bit: bool) {
+        self.levels = self.levels << 1 | u128::from(bit);
+        self.count += 1;
     }
 }
 
@@ -113,5 +189,24 @@ mod tests {
             let unstuffed = 44 + 8 * u32::try_from(data.len()).unwrap();
             assert_eq!(bits(id, data), unstuffed + stuffed, "{id:03X}");
         }
+    }
+
+    /// Identifier 0 without data: five dominant bits and a recessive stuff bit, six times, then four dominant.
+    /// So bits 5, 11, 17 .. are recessive.
+    #[test]
+    fn an_error_frame_is_as_long_as_the_bits_before_it_make_it() {
+        let wire = Wire::of(&Frame::new(0, &[]).unwrap());
+        assert_eq!((wire.stuffed(), wire.bits()), (40, 50));
+        // Bit 12 inverted is recessive, so nobody else has noticed when the flag begins: six bits of flag, then six of
+        // the others'.
+        assert_eq!(wire.bits_when_corrupt(12, true), 13 + 12 + 8);
+        // Stuff bit 11, inverted, is the sixth dominant bit in a row: all notice at once.
+        assert_eq!(wire.bits_when_corrupt(11, true), 12 + 6 + 8);
+        assert_eq!(wire.bits_when_corrupt(17, true), 18 + 6 + 8);
+        // A passive sender's flag is recessive: bit 12 inverted follows a recessive bit, so two of six are there.
+        assert_eq!(wire.bits_when_corrupt(12, false), 13 + 4 + 6 + 8);
+        // 40 bits to the end of the checksum; delimiter, acknowledge; flag of one bit and then six; delimiter.
+        assert_eq!(wire.bits_when_unacknowledged(), 42 + 7 + 8);
+        assert_eq!(wire.bits_when_refused(), 43 + 7 + 8);
     }
 }

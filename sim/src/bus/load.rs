@@ -47,6 +47,11 @@ impl LoadMeter {
         self.last = (from, to);
     }
 
+    /// The last interval ends at another time than was thought; not before now.
+    pub fn ends(&mut self, to: u64) {
+        self.last.1 = to;
+    }
+
     /// Books the last interval as far as it lies before `now`, and closes windows that are over.
     fn settle(&mut self, now: u64) {
         let (mut from, end) = self.last;

@@ -1,6 +1,44 @@
-//! Ways onto the virtual bus for programs that nobody here wrote.
+//! Ways onto the virtual bus, and into the world, for programs that nobody here wrote.
 //!
-//! - [`slcan`]: the text protocol of serial CAN adapters, over TCP; python-can, slcand and `omnibus` itself
-//!   speak it.
+//! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time it takes
+//! in what programs have sent and hands out what has happened. None of them waits for anybody: what a
+//! client does not read is kept for a while, and then the client loses frames or its connection, because a
+//! bus does not wait for slow listeners either. So an endpoint decides *when*, in virtual time, a program's
+//! frames reach the bus; a run with programs outside is only as repeatable as they are.
+//!
+//! | endpoint | who speaks it |
+//! |---|---|
+//! | [`slcan_tcp`]: slcan over TCP | `omnibus`, python-can (`slcan`, `socket://`) |
+//! | [`pty`]: slcan over a pseudo terminal | slcand, python-can (`slcan`), everything for serial adapters |
+//! | [`socketcand`]: socketcand in raw mode | python-can (`socketcand`), Wireshark, Kayak |
+//! | [`socket_can`]: a Linux CAN interface | can-utils, python-can, everything for Linux |
+//! | [`pose`]: true poses as lines of JSON | what would listen to a motion-capture system |
+//! | [`replay`]: a candump log in | nobody: it plays a file |
 
+pub mod pose;
+#[cfg(unix)]
+pub mod pty;
+pub mod replay;
 pub mod slcan;
+pub mod slcan_tcp;
+#[cfg(target_os = "linux")]
+pub mod socket_can;
+pub mod socketcand;
+mod stream;
+
+use std::io;
+
+use crate::world::World;
+
+/// A way into the world for programs outside.
+pub trait Endpoint {
+    /// What it is and where, in one line: `slcan-tcp 127.0.0.1:7701`.
+    fn announce(&self) -> String;
+
+    /// Takes in what programs have sent and hands out what has happened. To be called often; it never
+    /// waits.
+    ///
+    /// # Errors
+    /// When the endpoint itself is lost, not when a client is.
+    fn exchange(&mut self, world: &mut World) -> io::Result<()>;
+}

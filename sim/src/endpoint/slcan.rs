@@ -1,43 +1,76 @@
-//! slcan over TCP: CAN frames as lines of text (the LAWICEL protocol), for any number of clients.
+//! slcan: CAN frames as lines of text, the LAWICEL protocol of serial CAN adapters.
 //!
 //! A client opens its channel with `O`, closes it with `C`, and sends `tIIILDD..`; every command ends in a
 //! carriage return and is answered with one, or with a bell when it is refused. Bit rates are accepted
-//! and ignored: the bus has the one it has. Extended and remote frames are refused. Every client is a
-//! node of its own: it hears the others' frames and not its own.
+//! and ignored: the bus has the one it has. Extended and remote frames are refused.
 //!
-//! Nothing here waits. What a client does not read is kept up to [`BACKLOG`] bytes; then the client is
-//! dropped, because a bus does not wait for slow listeners either.
+//! This is the protocol alone; [`slcan_tcp`](super::slcan_tcp) and [`pty`](super::pty) carry it.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::io::Write as _;
 
 use canopen::Frame;
 
 use crate::world::{Port, World};
 
-/// Bytes that may wait for a client: some 40 000 frames.
-pub const BACKLOG: usize = 1 << 20;
 /// Longest command, with room to spare.
 const LONGEST: usize = 64;
 const OK: u8 = b'\r';
 const BELL: u8 = 7;
 
-/// A listening endpoint and its clients.
+/// One client's channel: a node of its own on the bus, which hears the others' frames and not its own.
 #[derive(Debug)]
-pub struct SlcanServer {
-    listener: TcpListener,
-    clients: Vec<Client>,
-    /// Ports of clients that have gone.
-    spare: Vec<Port>,
-}
-
-#[derive(Debug)]
-struct Client {
-    stream: TcpStream,
+pub(super) struct Channel {
     port: Port,
     open: bool,
-    input: Vec<u8>,
-    output: Vec<u8>,
+}
+
+impl Channel {
+    /// A closed channel at this port.
+    pub fn new(port: Port) -> Self {
+        Self { port, open: false }
+    }
+
+    /// Its port, for the next client.
+    pub fn port(&self) -> Port {
+        self.port
+    }
+
+    /// Closes it, as after `C`.
+    pub fn close(&mut self) {
+        self.open = false;
+    }
+
+    /// Answers the commands that are complete, and prints the frames that have come.
+    pub fn exchange(&mut self, input: &mut Vec<u8>, output: &mut Vec<u8>, world: &mut World) {
+        while let Some(end) = input.iter().position(|byte| *byte == OK) {
+            let line: Vec<u8> = input.drain(..=end).take(end).collect();
+            self.answer(&line, output, world);
+        }
+        if input.len() > LONGEST {
+            input.clear();
+            output.push(BELL);
+        }
+        while let Some((_, frame)) = world.take_received(self.port) {
+            if self.open {
+                print(output, &frame);
+            }
+        }
+    }
+
+    fn answer(&mut self, line: &[u8], output: &mut Vec<u8>, world: &mut World) {
+        match parse(line) {
+            Request::Open => self.open = true,
+            Request::Close => self.open = false,
+            Request::Send(frame) if self.open => {
+                world.send_from(self.port, frame);
+                output.push(b'z');
+            }
+            Request::Say(text) => output.extend_from_slice(text.as_bytes()),
+            Request::Accept => {}
+            Request::Send(_) | Request::Refuse => return output.push(BELL),
+        }
+        output.push(OK);
+    }
 }
 
 /// What a line asks for.
@@ -51,107 +84,6 @@ enum Request {
     /// Something that makes no difference here.
     Accept,
     Refuse,
-}
-
-impl SlcanServer {
-    /// Listens; port 0 picks a free one.
-    ///
-    /// # Errors
-    /// When the address cannot be had.
-    pub fn bind(address: &str) -> std::io::Result<Self> {
-        let listener = TcpListener::bind(address)?;
-        listener.set_nonblocking(true)?;
-        Ok(Self {
-            listener,
-            clients: Vec::new(),
-            spare: Vec::new(),
-        })
-    }
-
-    /// Where it listens.
-    ///
-    /// # Errors
-    /// When the system does not say.
-    pub fn address(&self) -> std::io::Result<SocketAddr> {
-        self.listener.local_addr()
-    }
-
-    /// Takes in what clients have sent and hands out what the bus has brought. To be called often.
-    pub fn exchange(&mut self, world: &mut World) {
-        while let Ok((stream, _)) = self.listener.accept() {
-            if stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok() {
-                let port = self.spare.pop().unwrap_or_else(|| world.add_port());
-                self.clients.push(Client {
-                    stream,
-                    port,
-                    open: false,
-                    input: Vec::new(),
-                    output: Vec::new(),
-                });
-            }
-        }
-        for port in &self.spare {
-            while world.take_received(*port).is_some() {}
-        }
-        let mut gone = Vec::new();
-        for (n, client) in self.clients.iter_mut().enumerate() {
-            if !client.exchange(world) {
-                gone.push(n);
-            }
-        }
-        for n in gone.into_iter().rev() {
-            self.spare.push(self.clients.remove(n).port);
-        }
-    }
-}
-
-impl Client {
-    /// `false` when the client has gone.
-    fn exchange(&mut self, world: &mut World) -> bool {
-        let mut bytes = [0; 4096];
-        loop {
-            match self.stream.read(&mut bytes) {
-                Ok(0) => return false,
-                Ok(count) => self.input.extend_from_slice(&bytes[..count]),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-                Err(_) => return false,
-            }
-        }
-        while let Some(end) = self.input.iter().position(|byte| *byte == OK) {
-            let line: Vec<u8> = self.input.drain(..=end).take(end).collect();
-            self.answer(&line, world);
-        }
-        if self.input.len() > LONGEST {
-            self.input.clear();
-            self.output.push(BELL);
-        }
-        while let Some((_, frame)) = world.take_received(self.port) {
-            if self.open {
-                print(&mut self.output, &frame);
-            }
-        }
-        match self.stream.write(&self.output) {
-            Ok(count) => drop(self.output.drain(..count)),
-            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-            Err(_) => return false,
-        }
-        self.output.len() <= BACKLOG
-    }
-
-    fn answer(&mut self, line: &[u8], world: &mut World) {
-        match parse(line) {
-            Request::Open => self.open = true,
-            Request::Close => self.open = false,
-            Request::Send(frame) if self.open => {
-                world.send_from(self.port, frame);
-                self.output.push(b'z');
-            }
-            Request::Say(text) => self.output.extend_from_slice(text.as_bytes()),
-            Request::Accept => {}
-            Request::Send(_) | Request::Refuse => return self.output.push(BELL),
-        }
-        self.output.push(OK);
-    }
 }
 
 fn parse(line: &[u8]) -> Request {

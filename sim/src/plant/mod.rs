@@ -65,10 +65,7 @@ pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimE
             group, address, start,
         )?)),
         Kind::Contact { rollers } => {
-            let contact = contact::Contact {
-                rollers: *rollers,
-                ..contact::Contact::default()
-            };
+            let contact = contact::Contact::of(group, *rollers);
             Ok(Box::new(contact::ContactPlant::new(group, contact, start)?))
         }
     }

@@ -7,28 +7,42 @@
 //! | rear left | TIM1 CH3 | PC2 | TIM4 |
 //! | rear right | TIM1 CH4 | PC3 | TIM5 |
 //!
-//! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 (a closed contact pulls it low),
+//! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed contact pulls them low),
 //! driver fault PB13 (low is a fault), node switches PC8..PC11 (closed pulls low and is 1; node = 2 +
-//! value). A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
+//! value), supply PA4 (ADC input 4, divided by 11). A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
 //! floats is a bridge that is off.
+//!
+//! A power cycle is a new board with the flash of the old one, whose time begins when its power comes.
+//!
+//! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a moment at each pulse.
 //!
 //! A sleeping board is not run: it is brought to the present when something reaches it or its own next
 //! event is due. Encoder edges are handed over when it next computes, in one piece.
 
 use canopen::Frame;
-use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Firmware, PinLevel, Port};
+use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
 
-use super::{LogLine, Robot, Wake};
+use super::{Crash, LogLine, Robot, Wake, code};
+use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::error::SimError;
 use crate::motor::Drive;
 
 /// The PWM timer, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;
 const ENCODER_TIMERS: [usize; 4] = [2, 3, 4, 5];
+/// The encoders' indexes.
+const INDEX_PINS: [(Port, u8); 4] = [(Port::B, 10), (Port::A, 12), (Port::B, 14), (Port::B, 15)];
+/// How long a counter stands still at an index, so that the program reads it there, ns: a few hundred instructions.
+const INDEX_NS: u64 = 3_000;
 /// Pins of port B.
 const DRIVER_ENABLE: u8 = 0;
 const BRAKE_RELEASE: u8 = 1;
 const EMERGENCY_STOP: u8 = 12;
+/// Pin of port A that is wired to it: the emergency stop cuts brake and driver enable there.
+const EMERGENCY_STOP_A: u8 = 6;
+/// ADC input of the supply, and its divider.
+const SUPPLY_INPUT: usize = 4;
+const SUPPLY_DIVIDER: f64 = 11.0;
 const DRIVER_FAULT: u8 = 13;
 /// Pins of port C: directions from 0, switches from here.
 const FIRST_SWITCH: u8 = 8;
@@ -40,14 +54,32 @@ const SETTLING_NS: u64 = 60_000;
 /// See the [module](self).
 pub struct EmulatedRobot {
     node: u8,
+    firmware: Firmware,
+    config: BoardConfig,
     board: Board,
+    /// World time at which the board was switched on, ns: its own time begins there.
+    born_ns: u64,
+    powered: bool,
+    emergency_stop: bool,
+    driver_fault: bool,
+    /// V.
+    supply: f64,
+    /// Instructions and log of the boards before this one.
+    instructions_before: u64,
+    log_before: Vec<LogLine>,
     /// World time, which the board may be behind while it sleeps.
     now_ns: u64,
     computed_ns: u64,
     instructions: u64,
     pending_counts: [i32; 4],
+    /// Counts since an index pulse that the board has not seen yet.
+    pending_index: [Option<i32>; 4],
+    /// Whether the index pins are high.
+    index_high: [bool; 4],
     pending: Option<Frame>,
     drives: [Drive; 4],
+    /// As of the last look; nobody needs to look while there have been no errors.
+    errors: (ErrorState, ErrorCounters),
 }
 
 impl EmulatedRobot {
@@ -56,10 +88,10 @@ impl EmulatedRobot {
     /// # Errors
     /// When four switches cannot say the node.
     pub fn new(firmware: &Firmware, node: u8, crystal_ppm: f64) -> Result<Self, SimError> {
-        let Some(switches) = node.checked_sub(FIRST_NODE).filter(|value| *value < 16) else {
+        if switches(node).is_none() {
             let problem = "four switches give nodes 2 to 17 only".to_owned();
             return Err(SimError::Robot { node, problem });
-        };
+        }
         let mut uid = *b"OMNIBUS-SIM\0";
         uid[11] = node;
         let config = BoardConfig {
@@ -67,22 +99,58 @@ impl EmulatedRobot {
             uid,
             ..BoardConfig::default()
         };
-        let mut board = Board::new(firmware, config);
-        for bit in 0..4 {
-            board.set_input(Port::C, FIRST_SWITCH + bit, switches >> bit & 1 == 0);
-        }
-        board.set_input(Port::B, EMERGENCY_STOP, false);
-        board.set_input(Port::B, DRIVER_FAULT, true);
-        Ok(Self {
+        let mut robot = Self {
             node,
-            board,
+            firmware: firmware.clone(),
+            board: Board::new(firmware, config.clone()),
+            config,
+            born_ns: 0,
+            powered: true,
+            emergency_stop: false,
+            driver_fault: false,
+            supply: 0.0,
+            instructions_before: 0,
+            log_before: Vec::new(),
             now_ns: 0,
             computed_ns: 0,
             instructions: 0,
             pending_counts: [0; 4],
+            pending_index: [None; 4],
+            index_high: [false; 4],
             pending: None,
             drives: [Drive::default(); 4],
-        })
+            errors: Default::default(),
+        };
+        robot.wire();
+        Ok(robot)
+    }
+
+    /// Connects everything outside to the board's pins.
+    fn wire(&mut self) {
+        // Checked when it was built.
+        let switches = switches(self.node).unwrap_or_default();
+        for bit in 0..4 {
+            let open = switches >> bit & 1 == 0;
+            self.board.set_input(Port::C, FIRST_SWITCH + bit, open);
+        }
+        self.board
+            .set_input(Port::B, EMERGENCY_STOP, self.emergency_stop);
+        self.board
+            .set_input(Port::A, EMERGENCY_STOP_A, self.emergency_stop);
+        self.board
+            .set_analog(SUPPLY_INPUT, self.supply / SUPPLY_DIVIDER);
+        self.board
+            .set_input(Port::B, DRIVER_FAULT, !self.driver_fault);
+    }
+
+    /// World time that the board has reached, ns.
+    fn board_now_ns(&self) -> u64 {
+        self.born_ns + self.board.now_ns()
+    }
+
+    /// World time of the board's next own event, ns.
+    fn next_event_ns(&self) -> Option<u64> {
+        self.board.next_event_ns().map(|at| self.born_ns + at)
     }
 
     /// The board, for looking at.
@@ -91,27 +159,86 @@ impl EmulatedRobot {
         &self.board
     }
 
+    /// The board, for measuring on it.
+    pub fn board_mut(&mut self) -> &mut Board {
+        &mut self.board
+    }
+
     fn run(&mut self, time_ns: u64) -> Result<(), SimError> {
+        for (high, (port, pin)) in self.index_high.iter_mut().zip(INDEX_PINS) {
+            if std::mem::take(high) {
+                self.board.set_input(port, pin, false);
+            }
+        }
+        if self.pending_index != [None; 4] {
+            self.pulse(time_ns)?;
+        }
         for (timer, counts) in ENCODER_TIMERS.into_iter().zip(&mut self.pending_counts) {
             if *counts != 0 {
                 self.board.encoder_add(timer, *counts);
                 *counts = 0;
             }
         }
-        self.board
-            .run_until(time_ns)
-            .map_err(|stop| SimError::Stopped {
-                node: self.node,
-                time_ns: stop.t_ns,
-                problem: stop.to_string(),
-            })?;
+        self.advance(time_ns)?;
         let instructions = self.board.instructions();
         if std::mem::replace(&mut self.instructions, instructions) != instructions {
             self.computed_ns = time_ns;
             self.look_at_mailboxes();
         }
         self.look_at_bridges();
+        self.follow_errors();
         Ok(())
+    }
+
+    /// Brings the counters to where they stood at the index pulses, raises the pins and lets the board see it.
+    fn pulse(&mut self, time_ns: u64) -> Result<(), SimError> {
+        for wheel in 0..4 {
+            let Some(ago) = self.pending_index[wheel].take() else {
+                continue;
+            };
+            let to_index = self.pending_counts[wheel] - ago;
+            self.board.encoder_add(ENCODER_TIMERS[wheel], to_index);
+            self.pending_counts[wheel] = ago;
+            let (port, pin) = INDEX_PINS[wheel];
+            self.board.set_input(port, pin, true);
+            self.index_high[wheel] = true;
+        }
+        let now_ns = self.born_ns + self.board.now_ns();
+        self.advance((now_ns + INDEX_NS).min(time_ns))
+    }
+
+    /// Runs the board to a time.
+    fn advance(&mut self, time_ns: u64) -> Result<(), SimError> {
+        self.board
+            .run_until(time_ns - self.born_ns)
+            .map_err(|stop| SimError::Stopped {
+                node: self.node,
+                time_ns: self.born_ns + stop.t_ns,
+                problem: stop.to_string(),
+            })?;
+        Ok(())
+    }
+
+    /// Looks at the error counters.
+    fn look_at_errors(&mut self) {
+        let can = self.board.can();
+        let (transmit, receive) = can.error_counters();
+        let state = if can.bus_off() {
+            ErrorState::BusOff
+        } else if can.error_passive() {
+            ErrorState::Passive
+        } else {
+            ErrorState::Active
+        };
+        self.errors = (state, ErrorCounters { transmit, receive });
+        self.look_at_mailboxes();
+    }
+
+    /// Looks at the error counters if there is anything to see.
+    fn follow_errors(&mut self) {
+        if self.errors != Default::default() {
+            self.look_at_errors();
+        }
     }
 
     fn look_at_mailboxes(&mut self) {
@@ -144,26 +271,35 @@ impl EmulatedRobot {
 
     /// Brings a sleeping board to the present.
     fn catch_up(&mut self) {
-        if self.board.now_ns() < self.now_ns {
+        if self.powered && self.board_now_ns() < self.now_ns {
             // It sleeps with nothing due, so nothing can go wrong.
             let _ = self.run(self.now_ns);
         }
     }
 }
 
+/// What the four switches say for this node, if they can.
+fn switches(node: u8) -> Option<u8> {
+    node.checked_sub(FIRST_NODE).filter(|value| *value < 16)
+}
+
 impl Robot for EmulatedRobot {
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
         self.now_ns = time_ns;
+        if !self.powered {
+            return Ok(());
+        }
         let settled = time_ns > self.computed_ns + SETTLING_NS;
-        let due = self.board.next_event_ns().is_some_and(|at| at <= time_ns);
-        if settled && self.board.is_asleep() && !due {
+        let due = self.next_event_ns().is_some_and(|at| at <= time_ns);
+        if settled && self.board.is_asleep() && !due && self.pending_index == [None; 4] {
             return Ok(());
         }
         self.run(time_ns)
     }
 
     fn wake(&self) -> Wake {
-        match self.board.next_event_ns() {
+        match self.next_event_ns() {
+            _ if !self.powered => Wake::Never,
             Some(at) if at <= self.now_ns || !self.board.is_asleep() => Wake::Busy,
             Some(at) => Wake::At(at),
             None => Wake::Never,
@@ -183,6 +319,7 @@ impl Robot for EmulatedRobot {
         self.catch_up();
         self.board.can().transmitted();
         self.look_at_mailboxes();
+        self.follow_errors();
     }
 
     fn lost_arbitration(&mut self) {
@@ -190,11 +327,44 @@ impl Robot for EmulatedRobot {
         self.board.can().lost_arbitration();
     }
 
+    fn transmit_failed(&mut self, error: TransmitError) {
+        self.catch_up();
+        self.board.can().error(match error {
+            TransmitError::Bit => CanError::BitDominant,
+            TransmitError::Form => CanError::Form,
+            TransmitError::Acknowledge => CanError::Acknowledge,
+        });
+        self.look_at_errors();
+    }
+
+    fn receive_failed(&mut self, first: bool) {
+        if !self.powered {
+            return;
+        }
+        self.catch_up();
+        if first {
+            self.board.can().receive_error(CanError::Crc);
+            // It sees dominant bits after its own flag: 8 more.
+            (0..8).for_each(|_| self.board.can().receive_error(CanError::BitRecessive));
+        } else {
+            self.board.can().receive_error(CanError::Stuff);
+        }
+        self.look_at_errors();
+    }
+
+    fn error_state(&self) -> (ErrorState, ErrorCounters) {
+        self.errors
+    }
+
     fn receive(&mut self, frame: &Frame) {
+        if !self.powered {
+            return;
+        }
         self.catch_up();
         if let Some(frame) = CanFrame::new(frame.id(), frame.data()) {
             self.board.can().receive(&frame);
         }
+        self.follow_errors();
     }
 
     fn drives(&self) -> [Drive; 4] {
@@ -202,24 +372,73 @@ impl Robot for EmulatedRobot {
     }
 
     fn turn_encoders(&mut self, counts: [i32; 4]) {
+        if !self.powered {
+            return;
+        }
         for (pending, counts) in self.pending_counts.iter_mut().zip(counts) {
             *pending += counts;
         }
     }
 
+    fn index(&mut self, wheel: usize, ago: i32) {
+        if self.powered {
+            self.pending_index[wheel] = Some(ago);
+        }
+    }
+
     fn set_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+        if !self.powered {
+            return;
+        }
         self.catch_up();
         self.board.set_input(Port::B, EMERGENCY_STOP, pressed);
+        self.board.set_input(Port::A, EMERGENCY_STOP_A, pressed);
         // The break input acts without the processor, which may be asleep or halted.
         self.look_at_bridges();
     }
 
     fn set_driver_fault(&mut self, fault: bool) {
+        self.driver_fault = fault;
+        if self.powered {
+            self.catch_up();
+            self.board.set_input(Port::B, DRIVER_FAULT, !fault);
+        }
+    }
+
+    fn set_power(&mut self, on: bool) {
         self.catch_up();
-        self.board.set_input(Port::B, DRIVER_FAULT, !fault);
+        self.powered = on;
+        self.pending = None;
+        self.pending_counts = [0; 4];
+        self.pending_index = [None; 4];
+        self.index_high = [false; 4];
+        self.drives = [Drive::default(); 4];
+        if on {
+            self.instructions_before += self.board.instructions();
+            self.log_before = self.take_log();
+            let flash = self.board.flash();
+            self.board = Board::with_flash(&self.firmware, self.config.clone(), &flash);
+            self.born_ns = self.now_ns;
+            self.computed_ns = self.now_ns;
+            self.instructions = 0;
+            self.errors = Default::default();
+            self.wire();
+        }
+    }
+
+    fn set_supply(&mut self, volts: f64) {
+        self.supply = volts;
+        if self.powered {
+            self.catch_up();
+            self.board.set_analog(SUPPLY_INPUT, volts / SUPPLY_DIVIDER);
+        }
     }
 
     fn force_bus_off(&mut self) -> bool {
+        if !self.powered {
+            return false;
+        }
         self.catch_up();
         self.look_at_mailboxes();
         if self.pending.is_none() {
@@ -230,7 +449,7 @@ impl Robot for EmulatedRobot {
             can.error(CanError::BitDominant);
         }
         let off = can.bus_off();
-        self.look_at_mailboxes();
+        self.look_at_errors();
         off
     }
 
@@ -249,12 +468,52 @@ impl Robot for EmulatedRobot {
         true
     }
 
-    fn crash(&mut self) -> bool {
+    fn crash(&mut self, how: Crash) -> bool {
         // Between the peripherals and the core's own registers there is nothing.
         const NOWHERE: u32 = 0xC000_0000;
+        const STACK_POINTER: u8 = 13;
         self.catch_up();
-        self.board.jump(NOWHERE);
-        true
+        if how != Crash::Nowhere && !self.board.is_asleep() {
+            return false;
+        }
+        let address = match how {
+            Crash::Nowhere => Some(NOWHERE),
+            Crash::Panic => code::panic_site(&self.firmware, &self.board),
+            Crash::Loop => code::endless_loop(&self.firmware, &self.board),
+            Crash::StackOverflow => {
+                // Two words above the end: an exception pushes eight at least.
+                let end = self.firmware.variable("_stack_end");
+                if let Some(end) = end {
+                    self.board.set_register(STACK_POINTER, end.address + 8);
+                }
+                return end.is_some();
+            }
+        };
+        if let Some(address) = address {
+            self.board.jump(address);
+        }
+        address.is_some()
+    }
+
+    fn start_trace(&mut self) {
+        self.catch_up();
+        self.board.start_trace();
+    }
+
+    fn take_duty_changes(&mut self) -> Vec<u64> {
+        let changes = self.board.take_trace().into_iter();
+        let first_wheel = changes.filter(|traced| {
+            matches!(
+                traced.change,
+                Change::Pwm {
+                    timer: PWM_TIMER,
+                    channel: 1,
+                    ..
+                }
+            )
+        });
+        let born_ns = self.born_ns;
+        first_wheel.map(|traced| born_ns + traced.t_ns).collect()
     }
 
     fn take_log(&mut self) -> Vec<LogLine> {
@@ -266,16 +525,22 @@ impl Robot for EmulatedRobot {
                 None => line.text,
             },
         };
-        self.board.take_log().into_iter().map(line).collect()
+        let mut log = std::mem::take(&mut self.log_before);
+        log.extend(self.board.take_log().into_iter().map(line));
+        log
     }
 
     fn is_heavy(&self, until_ns: u64) -> bool {
         // A processor that computes does some thousand instructions in a step of 20 us; shorter steps
         // are over before another thread has woken up.
-        !self.board.is_asleep() && until_ns - self.now_ns > 2_000
+        self.powered && !self.board.is_asleep() && until_ns - self.now_ns > 2_000
+    }
+
+    fn board(&mut self) -> Option<&mut Board> {
+        Some(&mut self.board)
     }
 
     fn instructions(&self) -> u64 {
-        self.board.instructions()
+        self.instructions_before + self.board.instructions()
     }
 }

@@ -5,11 +5,13 @@
 //! delivers frames, turns encoders, reads the bridges, and lets time pass. Each robot has a clock of its
 //! own behind this trait; all times here are bus time.
 
+mod code;
 pub mod emulated;
 pub mod native;
 
 use canopen::Frame;
 
+use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::error::SimError;
 use crate::motor::Drive;
 
@@ -35,6 +37,20 @@ pub struct LogLine {
     pub text: String,
 }
 
+/// How a robot's program goes wrong. All but the first strike while the processor sleeps, that is, in its lowest
+/// priority.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Crash {
+    /// It goes where there is no memory.
+    Nowhere,
+    /// It runs into a panic of its own.
+    Panic,
+    /// Its stack has no room left for the next interrupt.
+    StackOverflow,
+    /// What it does outside interrupts loops for ever; interrupts go on.
+    Loop,
+}
+
 /// One robot.
 pub trait Robot: Send {
     /// Lets the robot run until this time, ns; never backwards.
@@ -45,6 +61,17 @@ pub trait Robot: Send {
 
     /// When it next does something by itself.
     fn wake(&self) -> Wake;
+
+    /// Whether it reads its wheels and changes its bridges only at the times [`wake`](Self::wake) names, so
+    /// that it need not be run between them. Then [`set_now`](Self::set_now) tells it the time.
+    fn is_lazy(&self) -> bool {
+        false
+    }
+
+    /// It is this late, ns, and nothing of its own is due.
+    fn set_now(&mut self, time_ns: u64) {
+        let _ = time_ns;
+    }
 
     /// The frame it would send first.
     fn pending(&self) -> Option<Frame>;
@@ -61,17 +88,47 @@ pub trait Robot: Send {
     /// A frame of another node has just ended.
     fn receive(&mut self, frame: &Frame);
 
+    /// Its frame on the wire was destroyed. It stays pending, unless that took the robot off the bus.
+    fn transmit_failed(&mut self, error: TransmitError) {
+        let _ = error;
+    }
+
+    /// A frame of another node was destroyed; `first`: by this robot.
+    fn receive_failed(&mut self, first: bool) {
+        let _ = first;
+    }
+
+    /// What its CAN controller may still do, and its error counters.
+    fn error_state(&self) -> (ErrorState, ErrorCounters) {
+        Default::default()
+    }
+
     /// What its outputs do to the motors: front left, front right, rear left, rear right.
     fn drives(&self) -> [Drive; 4];
 
     /// The wheels went on by this many encoder counts.
     fn turn_encoders(&mut self, counts: [i32; 4]);
 
+    /// The index of a wheel's encoder has pulsed, this many counts before where the encoder stands now.
+    fn index(&mut self, wheel: usize, ago: i32) {
+        let _ = (wheel, ago);
+    }
+
     /// Presses or releases the emergency stop.
     fn set_emergency_stop(&mut self, pressed: bool);
 
     /// Raises or clears the motor driver's fault line.
     fn set_driver_fault(&mut self, fault: bool);
+
+    /// Changes the voltage at its supply input, V.
+    fn set_supply(&mut self, volts: f64) {
+        let _ = volts;
+    }
+
+    /// Takes its power away or gives it back. Without power it neither speaks nor hears, its bridges are off
+    /// and its brake is engaged; with it, it starts like a robot that has just been switched on, with what its
+    /// flash holds. What is pressed or pulled stays so.
+    fn set_power(&mut self, on: bool);
 
     /// Fails to send until its CAN controller is off the bus; `false` when it has nothing to send.
     fn force_bus_off(&mut self) -> bool {
@@ -87,9 +144,18 @@ pub trait Robot: Send {
         false
     }
 
-    /// Sends its processor where there is no memory; `false` when it has none.
-    fn crash(&mut self) -> bool {
+    /// Makes its program go wrong; `false` when it has no processor, or at the moment is not where it can be.
+    fn crash(&mut self, how: Crash) -> bool {
+        let _ = how;
         false
+    }
+
+    /// Begins to note when its outputs change.
+    fn start_trace(&mut self) {}
+
+    /// When the duty of its front left wheel changed since the last call, ns.
+    fn take_duty_changes(&mut self) -> Vec<u64> {
+        Vec::new()
     }
 
     /// Log lines since the last call.
@@ -101,6 +167,11 @@ pub trait Robot: Send {
     fn is_heavy(&self, until_ns: u64) -> bool {
         let _ = until_ns;
         false
+    }
+
+    /// Its emulated board, if it has one.
+    fn board(&mut self) -> Option<&mut emulator::Board> {
+        None
     }
 
     /// Instructions its processor has executed, if it has one.

@@ -6,17 +6,23 @@
 //! mailboxes from which the lowest identifier is sent first, as in the real CAN controller; the
 //! controller keeps the rest.
 //!
-//! Its parameter store is memory that takes no time to write and that no power cycle can be tried on.
+//! Its error counters are those of [`Confinement`]; what waits in the mailboxes when it goes off the bus is
+//! discarded, as the firmware does.
 //!
-//! The robot's clock starts [`BOOT_NS`] after the world's and runs fast by its crystal's error.
+//! Its parameter store is memory that takes no time to write. It outlives a power cycle; a power failure in
+//! the middle of a save is for emulated robots.
+//!
+//! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
 
 use canopen::{Frame, Micros, NodeId};
 use controller::{
-    BusSide, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, Stored, TICK_US, TickPhase,
+    BusSide, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, StoreWear, Stored, TICK_US,
+    TickPhase, stored_node,
 };
 use protocol::Fault;
 
 use super::{LogLine, Robot, Wake};
+use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
 use crate::error::SimError;
 use crate::motor::Drive;
 
@@ -30,23 +36,27 @@ const MAILBOXES: usize = 3;
 struct Clock {
     /// Microseconds of this clock in a nanosecond of the world's.
     rate: f64,
+    /// World time at which it starts, ns.
+    boot_ns: u64,
 }
 
 impl Clock {
-    fn new(crystal_ppm: f64) -> Self {
+    /// A clock that starts with a robot whose power comes at this time.
+    fn new(crystal_ppm: f64, power_ns: u64) -> Self {
         Self {
             rate: (1.0 + crystal_ppm * 1e-6) * 1e-3,
+            boot_ns: power_ns + BOOT_NS,
         }
     }
 
     /// What the clock shows at a world time.
     fn local(self, world_ns: u64) -> Micros {
-        Micros((world_ns.saturating_sub(BOOT_NS) as f64 * self.rate) as u64)
+        Micros((world_ns.saturating_sub(self.boot_ns) as f64 * self.rate) as u64)
     }
 
     /// The first world time at which the clock shows this.
     fn world_ns(self, local: Micros) -> u64 {
-        let mut at = BOOT_NS + (local.0 as f64 / self.rate) as u64;
+        let mut at = self.boot_ns + (local.0 as f64 / self.rate) as u64;
         while self.local(at) < local {
             at += 1;
         }
@@ -56,19 +66,64 @@ impl Clock {
 
 /// See the [module](self).
 pub struct NativeRobot {
-    clock: Clock,
+    id: NodeId,
+    crystal_ppm: f64,
+    /// What its flash holds, and what it has been through.
+    flash: Option<Vec<u8>>,
+    wear: StoreWear,
+    powered: bool,
     now_ns: u64,
+    inputs: Inputs,
+    /// What power brings to life and takes away again.
+    live: Live,
+    log: Vec<LogLine>,
+}
+
+/// A running program and the CAN controller beside it.
+struct Live {
+    clock: Clock,
     bus: BusSide,
     control: ControlSide,
     next_tick: Micros,
     /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.
     phase: TickPhase,
     sync: Option<Micros>,
-    inputs: Inputs,
     outputs: Outputs,
     mailboxes: Vec<Frame>,
     sending: Option<Frame>,
-    log: Vec<LogLine>,
+    errors: Confinement,
+    /// World time at which it is back on the bus, ns, once it has begun to come back.
+    back_ns: Option<u64>,
+}
+
+impl Live {
+    fn boot(id: NodeId, clock: Clock, flash: Option<&[u8]>) -> Self {
+        // The serial number is that of the board, whatever node LSS has stored.
+        let node = flash.and_then(stored_node).unwrap_or(id);
+        let mut bus = BusSide::new(Identity {
+            storage: true,
+            node_switches: id.get(),
+            ..Identity::new(node, 0x4F4D_0000 + u32::from(id.get()))
+        });
+        // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or two for
+        // every time a robot is switched on.
+        let memory = Box::leak(Box::new([0; IMAGE_MAX]));
+        let stored = flash.map_or(Stored::Nothing, Stored::Image);
+        bus.load(Micros::ZERO, memory, stored);
+        Self {
+            clock,
+            bus,
+            control: ControlSide::new(),
+            next_tick: Micros(TICK_US),
+            phase: TickPhase::new(),
+            sync: None,
+            outputs: Outputs::SAFE,
+            mailboxes: Vec::with_capacity(MAILBOXES),
+            sending: None,
+            errors: Confinement::default(),
+            back_ns: None,
+        }
+    }
 }
 
 impl NativeRobot {
@@ -81,25 +136,15 @@ impl NativeRobot {
             node,
             problem: "is not a CANopen node".to_owned(),
         })?;
-        let mut bus = BusSide::new(Identity {
-            storage: true,
-            ..Identity::new(id, 0x4F4D_0000 + u32::from(node))
-        });
-        // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or two a robot.
-        let memory = Box::leak(Box::new([0; IMAGE_MAX]));
-        bus.load(Micros::ZERO, memory, Stored::Nothing);
         Ok(Self {
-            clock: Clock::new(crystal_ppm),
+            id,
+            crystal_ppm,
+            flash: None,
+            wear: StoreWear::default(),
+            powered: true,
             now_ns: 0,
-            bus,
-            control: ControlSide::new(),
-            next_tick: Micros(TICK_US),
-            phase: TickPhase::new(),
-            sync: None,
             inputs: Inputs::default(),
-            outputs: Outputs::SAFE,
-            mailboxes: Vec::with_capacity(MAILBOXES),
-            sending: None,
+            live: Live::boot(id, Clock::new(crystal_ppm, 0), None),
             log: Vec::new(),
         })
     }
@@ -107,39 +152,66 @@ impl NativeRobot {
     /// What the control side last reported.
     #[must_use]
     pub fn report(&self) -> controller::Report {
-        self.control.report()
+        self.live.control.report()
+    }
+
+    /// Whether its program runs: it has power and has started.
+    fn is_running(&self) -> bool {
+        self.powered && self.now_ns >= self.live.clock.boot_ns
+    }
+
+    fn is_on_bus(&self) -> bool {
+        self.is_running() && self.live.errors.state() != ErrorState::BusOff
+    }
+
+    /// What the firmware does when its controller has gone off the bus.
+    fn go_off(&mut self) {
+        self.live.mailboxes.clear();
+        self.live.sending = None;
+        let now = self.live.clock.local(self.now_ns);
+        self.live.bus.on_bus_off(now);
+        self.pump(now);
     }
 
     fn tick(&mut self) {
-        if let Some(configuration) = self.bus.take_configuration() {
-            self.phase = TickPhase::with_period(configuration.times.sync_period_us);
-            self.control.configure(configuration);
+        if let Some(configuration) = self.live.bus.take_configuration() {
+            self.live.phase = TickPhase::with_period(configuration.times.sync_period_us);
+            self.live.control.configure(configuration);
         }
-        let command = self.bus.command();
-        self.outputs = self.control.tick(self.next_tick, &command, &self.inputs);
-        self.bus.on_report(&self.control.report());
-        if let Some(sync) = self.sync.take() {
-            self.phase.on_sync(sync);
+        let command = self.live.bus.command();
+        self.live.outputs = self
+            .live
+            .control
+            .tick(self.live.next_tick, &command, &self.inputs);
+        self.live.bus.on_report(&self.live.control.report());
+        if let Some(outcome) = self.live.control.take_identification() {
+            let now = self.live.next_tick;
+            self.live.bus.on_identification(now, &outcome);
         }
-        self.next_tick = self.phase.next(self.next_tick);
+        if let Some(sync) = self.live.sync.take() {
+            self.live.phase.on_sync(sync);
+        }
+        self.live.next_tick = self.live.phase.next(self.live.next_tick);
     }
 
     /// Moves frames from the controller to free mailboxes, and events to the log.
     fn pump(&mut self, now: Micros) {
-        if self.bus.image_to_store().is_some() {
-            self.bus.finish_store(Ok(()));
+        if let Some(image) = self.live.bus.image_to_store() {
+            self.flash = Some(image.to_vec());
+            self.wear.saves += 1;
+            self.live.bus.counters_mut().store = self.wear;
+            self.live.bus.finish_store(Ok(()));
         }
-        while self.mailboxes.len() < MAILBOXES {
-            let Some(frame) = self.bus.pop_frame() else {
+        while self.live.mailboxes.len() < MAILBOXES {
+            let Some(frame) = self.live.bus.pop_frame() else {
                 break;
             };
-            self.mailboxes.push(frame);
+            self.live.mailboxes.push(frame);
         }
-        while let Some(event) = self.bus.pop_event() {
+        while let Some(event) = self.live.bus.pop_event() {
             match event {
-                Event::Sync { at, .. } => self.sync = Some(at),
-                // The 1.4 ms that this takes on the wire are left out.
-                Event::RecoverBus => self.bus.on_bus_recovered(now),
+                Event::Sync { at, .. } => self.live.sync = Some(at),
+                Event::RecoverBus => self.live.back_ns = Some(self.now_ns + RECOVERY_NS),
                 event => self.log.push(log_line(now, &event)),
             }
         }
@@ -147,7 +219,8 @@ impl NativeRobot {
 
     fn first(&self) -> Option<Frame> {
         // Stable: of two frames with one identifier the older goes first.
-        self.mailboxes
+        self.live
+            .mailboxes
             .iter()
             .min_by_key(|frame| frame.id())
             .copied()
@@ -165,68 +238,110 @@ fn log_line(now: Micros, event: &Event) -> LogLine {
 impl Robot for NativeRobot {
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
         self.now_ns = time_ns;
-        if time_ns < BOOT_NS {
+        if !self.is_running() {
             return Ok(());
         }
-        let now = self.clock.local(time_ns);
-        while self.next_tick <= now {
+        let now = self.live.clock.local(time_ns);
+        while self.live.next_tick <= now {
             self.tick();
         }
         if self
+            .live
             .bus
             .next_deadline()
             .is_some_and(|deadline| deadline <= now)
         {
-            self.bus.poll(now);
+            self.live.bus.poll(now);
+        }
+        if self.live.back_ns.take_if(|at| *at <= time_ns).is_some() {
+            self.live.errors.recovered();
+            self.live.bus.on_bus_recovered(now);
         }
         self.pump(now);
         Ok(())
     }
 
+    fn is_lazy(&self) -> bool {
+        true
+    }
+
+    fn set_now(&mut self, time_ns: u64) {
+        self.now_ns = time_ns;
+    }
+
     fn wake(&self) -> Wake {
+        if !self.powered {
+            return Wake::Never;
+        }
         // What is still due was looked at in this microsecond already.
-        let soonest = self.clock.local(self.now_ns) + Micros(1);
+        let soonest = self.live.clock.local(self.now_ns) + Micros(1);
         let deadline = self
+            .live
             .bus
             .next_deadline()
             .map(|deadline| deadline.max(soonest));
-        let next = deadline.map_or(self.next_tick, |deadline| deadline.min(self.next_tick));
-        Wake::At(self.clock.world_ns(next))
+        let next = deadline.map_or(self.live.next_tick, |deadline| {
+            deadline.min(self.live.next_tick)
+        });
+        let next = self.live.clock.world_ns(next);
+        Wake::At(self.live.back_ns.map_or(next, |at| at.min(next)))
     }
 
     fn pending(&self) -> Option<Frame> {
+        if self.live.errors.state() == ErrorState::BusOff {
+            return None;
+        }
         self.first()
     }
 
     fn begin(&mut self) {
-        self.sending = self.first();
+        self.live.sending = self.first();
     }
 
     fn transmitted(&mut self) {
-        if let Some(sent) = self.sending.take()
-            && let Some(place) = self.mailboxes.iter().position(|frame| *frame == sent)
+        self.live.errors.transmitted();
+        if let Some(sent) = self.live.sending.take()
+            && let Some(place) = self.live.mailboxes.iter().position(|frame| *frame == sent)
         {
-            self.mailboxes.remove(place);
+            self.live.mailboxes.remove(place);
         }
-        self.pump(self.clock.local(self.now_ns));
+        self.pump(self.live.clock.local(self.now_ns));
     }
 
     fn lost_arbitration(&mut self) {}
 
+    fn transmit_failed(&mut self, error: TransmitError) {
+        self.live.sending = None;
+        if self.is_running() && self.live.errors.transmit_failed(error) {
+            self.go_off();
+        }
+    }
+
+    fn receive_failed(&mut self, first: bool) {
+        if self.is_on_bus() {
+            self.live.errors.receive_failed(first);
+        }
+    }
+
+    fn error_state(&self) -> (ErrorState, ErrorCounters) {
+        (self.live.errors.state(), self.live.errors.counters())
+    }
+
     fn receive(&mut self, frame: &Frame) {
-        if self.now_ns < BOOT_NS {
+        if !self.is_on_bus() {
             return;
         }
-        let now = self.clock.local(self.now_ns);
-        self.bus.on_frame(now, frame);
+        self.live.errors.received();
+        let now = self.live.clock.local(self.now_ns);
+        self.live.bus.on_frame(now, frame);
         self.pump(now);
     }
 
     fn drives(&self) -> [Drive; 4] {
-        self.outputs.duty.map(|duty| Drive {
+        self.live.outputs.duty.map(|duty| Drive {
             duty: f64::from(duty),
-            enabled: self.outputs.drivers_enabled,
-            brake_released: self.outputs.brake_released,
+            enabled: self.live.outputs.drivers_enabled,
+            brake_released: self.live.outputs.brake_released,
         })
     }
 
@@ -234,6 +349,14 @@ impl Robot for NativeRobot {
         for (counter, passed) in self.inputs.encoder_counts.iter_mut().zip(counts) {
             // The counter has 16 bits and wraps: the low half of the sum is meant.
             *counter = counter.wrapping_add(passed as u16);
+        }
+    }
+
+    fn index(&mut self, wheel: usize, ago: i32) {
+        let counts = self.inputs.encoder_counts.get(wheel);
+        if let (Some(count), Some(pulse)) = (counts, self.inputs.index.get_mut(wheel)) {
+            pulse.number = pulse.number.wrapping_add(1);
+            pulse.count = count.wrapping_sub(ago as u16);
         }
     }
 
@@ -245,18 +368,37 @@ impl Robot for NativeRobot {
         self.inputs.driver_fault = fault;
     }
 
+    fn set_supply(&mut self, volts: f64) {
+        self.inputs.supply = Some(volts as f32);
+    }
+
+    fn set_power(&mut self, on: bool) {
+        self.powered = on;
+        let clock = Clock::new(self.crystal_ppm, self.now_ns);
+        self.live = Live::boot(self.id, clock, self.flash.as_deref());
+        // The counters are the microcontroller's; emergency stop and driver fault are wires from outside.
+        self.inputs.encoder_counts = Default::default();
+    }
+
     fn force_bus_off(&mut self) -> bool {
-        self.mailboxes.clear();
-        self.sending = None;
-        let now = self.clock.local(self.now_ns);
-        self.bus.on_bus_off(now);
-        self.pump(now);
+        if !self.is_running() {
+            return false;
+        }
+        while !self.live.errors.transmit_failed(TransmitError::Bit) {
+            if self.live.errors.state() == ErrorState::BusOff {
+                return true;
+            }
+        }
+        self.go_off();
         true
     }
 
     fn overrun(&mut self) {
-        let now = self.clock.local(self.now_ns);
-        self.bus.on_fault(now, Fault::ReceiveOverrun);
+        if !self.is_running() {
+            return;
+        }
+        let now = self.live.clock.local(self.now_ns);
+        self.live.bus.on_fault(now, Fault::ReceiveOverrun);
         self.pump(now);
     }
 
@@ -272,7 +414,7 @@ mod tests {
     #[test]
     fn a_clock_finds_the_first_moment_of_a_microsecond() {
         for ppm in [-50.0, 0.0, 37.5] {
-            let clock = Clock::new(ppm);
+            let clock = Clock::new(ppm, 0);
             for local in [0, 1, 999, 1_000_000, 3_600_000_000] {
                 let at = clock.world_ns(Micros(local));
                 assert_eq!(clock.local(at), Micros(local));

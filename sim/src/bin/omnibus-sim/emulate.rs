@@ -1,0 +1,126 @@
+//! `omnibus-sim emulate` runs one robot's image on an emulated board: its log on the terminal, its bus at the
+//! endpoints, a trace in a file, a debugger at a port.
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use emulator::Firmware;
+use group::GroupFile;
+use omnibus_sim::{Backend, MASTER, Options, World};
+
+use crate::bench::Bench;
+use crate::endpoints::Endpoints;
+use crate::gdb;
+use crate::serve::Speed;
+
+/// The robot that is emulated where no group file says otherwise.
+const SINGLE: &str = include_str!("../../../../groups/single.toml");
+
+/// Virtual time between two looks at the clock on the wall, ns.
+const SLICE_NS: u64 = 1_000_000;
+
+/// Options of `omnibus-sim emulate`.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  omnibus-sim emulate target/thumbv7em-none-eabihf/release/omnibus-firmware
+  omnibus-sim emulate ELF --slcan-tcp 127.0.0.1:7701    # then: omnibus scan --bus slcan-tcp://127.0.0.1:7701
+  omnibus-sim emulate ELF --trace run.vcd --duration 2 --speed max
+  omnibus-sim emulate ELF --gdb 3333                    # then: gdb-multiarch ELF -ex 'target remote :3333'")]
+pub struct Emulate {
+    /// The firmware image, an ELF file.
+    elf: PathBuf,
+    /// A group file with one robot: its motors, encoders and floor. Without it, groups/single.toml.
+    #[arg(long, value_name = "FILE")]
+    group: Option<PathBuf>,
+    /// Waits for GDB at this port of this machine, or at HOST:PORT, before the first instruction. While GDB has
+    /// stopped the core, the world stands still.
+    #[arg(long, value_name = "PORT")]
+    gdb: Option<String>,
+    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. Some ten times slower.
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    #[command(flatten)]
+    endpoints: Endpoints,
+    /// Writes every frame into a candump log.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// How fast time passes. With --gdb, as fast as it goes.
+    #[arg(long, value_enum, default_value = "real")]
+    speed: Speed,
+    /// Ends after this much virtual time instead of at Ctrl-C.
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+}
+
+/// Runs until told to stop.
+pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
+    let until_ns = match arguments.duration {
+        None => u64::MAX,
+        Some(s) if s > 0.0 && s < 1e9 => (s * 1e9).ceil() as u64,
+        Some(s) => bail!("--duration {s}: give seconds, more than 0"),
+    };
+    let group = match &arguments.group {
+        Some(path) => GroupFile::load(path)?,
+        None => GroupFile::parse("groups/single.toml", SINGLE)?,
+    };
+    let [robot] = &*group.robots else {
+        let robots = group.robots.len();
+        bail!("--group: {robots} robots; give a file with one, or use omnibus-sim serve");
+    };
+    let elf = arguments.elf.display();
+    let firmware = Firmware::load(&arguments.elf).with_context(|| {
+        format!("{elf}: cannot be loaded; `cargo xtask size` builds the firmware")
+    })?;
+    let options = Options {
+        truth_period_ns: arguments.endpoints.pose_period_ns()?,
+        ..Options::default()
+    };
+    let create = |path: &PathBuf| {
+        File::create(path).with_context(|| format!("cannot write {}", path.display()))
+    };
+    let mut world = World::new(&group, Backend::Emulator(firmware), options)?;
+    world.set_listening(MASTER, false);
+    if let Some(path) = &arguments.log {
+        world.log_candump(Box::new(BufWriter::new(create(path)?)));
+    }
+    let endpoints = arguments.endpoints.open()?;
+    for endpoint in &endpoints {
+        println!("{}", endpoint.announce());
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&stop);
+    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
+    let mut bench = Bench::new(world, robot.node, endpoints);
+    if let Some(path) = &arguments.trace {
+        bench.trace(create(path)?)?;
+    }
+    let result = match &arguments.gdb {
+        Some(at) => gdb::serve(&mut bench, at, until_ns, &stop),
+        None => run(&mut bench, arguments.speed, until_ns, &stop),
+    };
+    bench.finish()?;
+    result
+}
+
+fn run(bench: &mut Bench, speed: Speed, until_ns: u64, stop: &AtomicBool) -> anyhow::Result<()> {
+    println!("node {}", bench.node);
+    std::io::stdout().flush()?;
+    let began = Instant::now();
+    while bench.world.now_ns() < until_ns && !stop.load(Ordering::Relaxed) {
+        let left = until_ns - bench.world.now_ns();
+        bench.advance(left.min(SLICE_NS))?;
+        let due = Duration::from_nanos(bench.world.now_ns());
+        if speed == Speed::Real
+            && let Some(early) = due.checked_sub(began.elapsed())
+        {
+            std::thread::sleep(early);
+        }
+    }
+    Ok(())
+}

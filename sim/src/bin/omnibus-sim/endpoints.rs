@@ -1,0 +1,120 @@
+//! The endpoints that the command line asks for.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, bail};
+use clap::Args;
+use omnibus_sim::endpoint::Endpoint;
+use omnibus_sim::endpoint::pose::PoseServer;
+use omnibus_sim::endpoint::replay::Replay;
+use omnibus_sim::endpoint::slcan_tcp::SlcanServer;
+use omnibus_sim::endpoint::socketcand::SocketcandServer;
+
+/// Where programs find the bus and the poses. In an address, port 0 picks a free one.
+#[derive(Args)]
+pub struct Endpoints {
+    /// Serves slcan over TCP here, for example 127.0.0.1:7701.
+    #[arg(long, value_name = "ADDR")]
+    slcan_tcp: Option<String>,
+    /// Serves socketcand's raw mode here, for example 127.0.0.1:29536.
+    #[arg(long, value_name = "ADDR")]
+    socketcand: Option<String>,
+    /// Serves slcan on a pseudo terminal and links it here.
+    #[arg(long, value_name = "PATH")]
+    pty: Option<PathBuf>,
+    /// Joins the bus with this CAN interface (Linux), for example vcan0.
+    #[arg(long, value_name = "IFACE")]
+    socketcan: Option<String>,
+    /// Plays a candump log onto the bus, from the beginning of time on.
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
+    /// Streams the true poses here as lines of JSON.
+    #[arg(long, value_name = "ADDR")]
+    pose_tcp: Option<String>,
+    /// Samples of the poses in a second: a divisor of 4000.
+    #[arg(long, value_name = "HZ", default_value_t = 100)]
+    pose_rate: u32,
+}
+
+impl Endpoints {
+    /// Period of the pose samples, ns; 0 when nobody asks for them.
+    pub fn pose_period_ns(&self) -> anyhow::Result<u64> {
+        // The plant moves the robots every 250 us.
+        const STEPS: u32 = 4_000;
+        if self.pose_rate == 0 || !STEPS.is_multiple_of(self.pose_rate) {
+            bail!(
+                "--pose-rate {}: give a divisor of {STEPS}, for example 100 or 250",
+                self.pose_rate
+            );
+        }
+        let wanted = self.pose_tcp.is_some();
+        Ok(if wanted {
+            1_000_000_000 / u64::from(self.pose_rate)
+        } else {
+            0
+        })
+    }
+
+    /// Opens them all.
+    pub fn open(&self) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
+        let listen =
+            |address: &str| format!("cannot listen on {address}; give HOST:PORT of this machine");
+        let mut open: Vec<Box<dyn Endpoint>> = Vec::new();
+        if let Some(at) = &self.slcan_tcp {
+            open.push(Box::new(SlcanServer::bind(at).with_context(|| listen(at))?));
+        }
+        if let Some(at) = &self.socketcand {
+            let server = SocketcandServer::bind(at).with_context(|| listen(at))?;
+            open.push(Box::new(server));
+        }
+        if let Some(path) = &self.pty {
+            open.push(pty(path)?);
+        }
+        if let Some(interface) = &self.socketcan {
+            open.push(socket_can(interface)?);
+        }
+        if let Some(path) = &self.replay {
+            let name = path.display().to_string();
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("--replay {name}: cannot be read"))?;
+            let replay = Replay::new(&name, &text)
+                .map_err(|problem| anyhow::anyhow!("--replay {name}: {problem}"))?;
+            open.push(Box::new(replay));
+        }
+        if let Some(at) = &self.pose_tcp {
+            open.push(Box::new(PoseServer::bind(at).with_context(|| listen(at))?));
+        }
+        Ok(open)
+    }
+}
+
+#[cfg(unix)]
+fn pty(path: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
+    let pty = omnibus_sim::endpoint::pty::Pty::open(path).with_context(|| {
+        let path = path.display();
+        format!("--pty {path}: cannot be linked; give a path where nothing is yet")
+    })?;
+    Ok(Box::new(pty))
+}
+
+#[cfg(not(unix))]
+fn pty(_: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
+    bail!("--pty: this system has no pseudo terminals; use --slcan-tcp")
+}
+
+#[cfg(target_os = "linux")]
+fn socket_can(interface: &str) -> anyhow::Result<Box<dyn Endpoint>> {
+    let endpoint =
+        omnibus_sim::endpoint::socket_can::SocketCan::open(interface).with_context(|| {
+            format!(
+                "--socketcan {interface}: cannot be opened; make one with: modprobe vcan; \
+             ip link add {interface} type vcan; ip link set {interface} up"
+            )
+        })?;
+    Ok(Box::new(endpoint))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn socket_can(_: &str) -> anyhow::Result<Box<dyn Endpoint>> {
+    bail!("--socketcan: SocketCAN is Linux only; use --slcan-tcp or --socketcand")
+}

@@ -1,0 +1,56 @@
+//! The `omnibus-sim` command: a simulated group that other programs reach over a bus.
+//!
+//! One file per subcommand; each either finishes, or says what failed and what to do about it, and exits
+//! with 1.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+mod bench;
+mod emulate;
+mod endpoints;
+mod faults;
+mod gdb;
+mod paper;
+mod serve;
+mod study;
+
+/// Simulates groups of Mecanum-wheeled robots.
+#[derive(Parser)]
+#[command(name = "omnibus-sim", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Simulates a group and serves its bus.
+    Serve(serve::Serve),
+    /// Runs the source paper's experiments, beside its own numbers.
+    Paper(paper::Paper),
+    /// Drives many copies of a group along a motion, without a bus.
+    Study(study::Arguments),
+    /// Measures what a simulated robot costs.
+    Scale,
+    /// Runs one robot's firmware image, with its log on the terminal.
+    Emulate(emulate::Emulate),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Serve(arguments) => serve::serve(&arguments),
+        Command::Paper(arguments) => paper::paper(&arguments),
+        Command::Study(arguments) => study::study(&arguments),
+        Command::Scale => study::scale(),
+        Command::Emulate(arguments) => emulate::emulate(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! `omnibus-sim paper` runs the source paper's experiments and puts what comes out beside what it prints.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use clap::{Args, ValueEnum};
+use omnibus_sim::Backend;
+use omnibus_sim::paper::page::{to_html, to_text};
+use omnibus_sim::paper::{Findings, OnPlant, SCENARIOS, Scenario, Setting, find};
+
+/// Options of `omnibus-sim paper`.
+#[derive(Args)]
+pub struct Paper {
+    /// Name of an experiment, or all.
+    name: Option<String>,
+    /// Prints the experiments there are.
+    #[arg(long)]
+    list: bool,
+    /// Runs on this plant only; default: those that suit the experiment.
+    #[arg(long, value_enum)]
+    plant: Option<PlantName>,
+    /// What the robots are.
+    #[arg(long, value_enum, default_value = "native")]
+    backend: BackendName,
+    /// The firmware's release image, for emulated robots.
+    #[arg(
+        long,
+        default_value = "target/thumbv7em-none-eabihf/release/omnibus-firmware"
+    )]
+    elf: PathBuf,
+    /// Writes report.html and the figures as SVG files into this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PlantName {
+    /// The paper's own tables.
+    Table,
+    /// Rollers, friction, rigid bodies.
+    Contact,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BackendName {
+    /// The firmware's control code compiled for this machine.
+    Native,
+    /// The firmware image on emulated microcontrollers.
+    Emulator,
+}
+
+/// Runs the experiments asked for.
+///
+/// # Errors
+/// When there is no such experiment, a robot faults, or a file cannot be written.
+pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
+    if arguments.list {
+        for scenario in SCENARIOS {
+            println!("{:<22} {}", scenario.name, scenario.text);
+        }
+        return Ok(());
+    }
+    let chosen: Vec<&Scenario> = match arguments.name.as_deref() {
+        None => bail!("paper: give the name of an experiment, all, or --list"),
+        Some("all") => SCENARIOS.iter().collect(),
+        Some(name) => match find(name) {
+            Some(scenario) => vec![scenario],
+            None => {
+                bail!("paper {name}: no experiment has this name; --list prints those there are")
+            }
+        },
+    };
+    let (backend, word) = match arguments.backend {
+        BackendName::Native => (Backend::Native, "native"),
+        BackendName::Emulator => {
+            let firmware = emulator::Firmware::load(&arguments.elf).with_context(|| {
+                format!(
+                    "cannot load {}; build it with `cargo xtask size`",
+                    arguments.elf.display()
+                )
+            })?;
+            (Backend::Emulator(firmware), "emulator")
+        }
+    };
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot create {}", folder.display()))?;
+    }
+    let setting = Setting {
+        backend,
+        plants: match arguments.plant {
+            None => vec![],
+            Some(PlantName::Table) => vec![OnPlant::Table],
+            Some(PlantName::Contact) => vec![OnPlant::Contact],
+        },
+    };
+    let mut all = Vec::new();
+    for scenario in chosen {
+        let findings = scenario
+            .run(&setting)
+            .with_context(|| format!("experiment {}", scenario.name))?;
+        println!("{}", to_text(&findings));
+        all.push(findings);
+    }
+    if let Some(folder) = &arguments.out {
+        write(folder, &all, word)?;
+        println!("report   {}", folder.join("report.html").display());
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, all: &[Findings], backend: &str) -> anyhow::Result<()> {
+    let file = |name: String, text: String| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    for findings in all {
+        for (n, chart) in findings.charts.iter().enumerate() {
+            file(format!("{}-{}.svg", findings.name, n + 1), chart.to_svg()?)?;
+        }
+    }
+    file("report.html".to_owned(), to_html(all, backend)?)
+}

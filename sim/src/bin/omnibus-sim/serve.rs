@@ -1,0 +1,191 @@
+//! `omnibus-sim serve` builds the world of a group file, opens its endpoints, prints one line per endpoint
+//! when it is ready, and lets time pass until Ctrl-C: as fast as the clock on the wall, or as fast as it
+//! can.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use canopen::Micros;
+use clap::{Args, ValueEnum};
+use group::{GroupFile, Plant};
+use omnibus_sim::endpoint::Endpoint;
+use omnibus_sim::{Backend, MASTER, Options, World};
+
+use crate::endpoints::Endpoints;
+use crate::faults::Faults;
+
+/// Virtual time between two looks at the endpoints.
+const SLICE: Micros = Micros(500);
+/// Further behind the clock on the wall than this, the world gives up catching up.
+const LAG: Duration = Duration::from_millis(200);
+
+/// Options of `omnibus-sim serve`.
+#[derive(Args)]
+pub struct Serve {
+    /// The group file.
+    group: PathBuf,
+    /// What the robots are.
+    #[arg(long, value_enum, default_value = "native")]
+    backend: BackendName,
+    /// The firmware's release image, for emulated robots.
+    #[arg(
+        long,
+        default_value = "target/thumbv7em-none-eabihf/release/omnibus-firmware"
+    )]
+    elf: PathBuf,
+    /// The plant instead of the file's: table, contact, or tcp://HOST:PORT.
+    #[arg(long)]
+    plant: Option<String>,
+    #[command(flatten)]
+    endpoints: Endpoints,
+    /// Writes every frame into a candump log.
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// How fast time passes.
+    #[arg(long, value_enum, default_value = "real")]
+    speed: Speed,
+    /// Ends after this much virtual time instead of at Ctrl-C.
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Seed instead of the file's.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Lets something go wrong, for example t=5:node=3:power-cycle; again for more. A single - reads more
+    /// of them, one a line, from standard input. docs/simulation.md lists them.
+    #[arg(long, value_name = "SPEC")]
+    fault: Vec<String>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BackendName {
+    /// The firmware's control code compiled for this machine.
+    Native,
+    /// The firmware image on emulated microcontrollers.
+    Emulator,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Speed {
+    /// As the clock on the wall.
+    Real,
+    /// As fast as it goes.
+    Max,
+}
+
+/// Serves until told to stop.
+pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
+    let mut group = GroupFile::load(&arguments.group)?;
+    if let Some(plant) = &arguments.plant {
+        group.simulation.plant = named_plant(plant, &group.simulation.plant)?;
+    }
+    if let Some(seed) = arguments.seed {
+        group.simulation.seed = seed;
+    }
+    let backend = match arguments.backend {
+        BackendName::Native => Backend::Native,
+        BackendName::Emulator => {
+            Backend::Emulator(emulator::Firmware::load(&arguments.elf).with_context(|| {
+                let elf = arguments.elf.display();
+                format!("--elf {elf}: cannot be loaded; `cargo xtask size` builds the firmware")
+            })?)
+        }
+    };
+    let options = Options {
+        truth_period_ns: arguments.endpoints.pose_period_ns()?,
+        ..Options::default()
+    };
+    let until = end(arguments.duration)?;
+    let has_processor = matches!(backend, Backend::Emulator(_));
+    let mut faults = Faults::new(&group, has_processor, &arguments.fault)?;
+    let mut world = World::new(&group, backend, options)?;
+    if let Some(path) = &arguments.log {
+        let file =
+            File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        world.log_candump(Box::new(BufWriter::new(file)));
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    let seen = Arc::clone(&stop);
+    ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
+    // Nobody sits at the master's port here.
+    world.set_listening(MASTER, false);
+    let mut endpoints = arguments.endpoints.open()?;
+    for endpoint in &endpoints {
+        println!("{}", endpoint.announce());
+    }
+    println!("serving {}", group.name);
+    std::io::stdout().flush()?;
+    let pace = Pace {
+        speed: arguments.speed,
+        until,
+        stop: &stop,
+    };
+    let result = run(&mut world, &mut endpoints, &mut faults, &pace);
+    world.finish_candump().context("the log is incomplete")?;
+    result
+}
+
+/// How fast time passes, and until when.
+struct Pace<'a> {
+    speed: Speed,
+    until: Micros,
+    stop: &'a AtomicBool,
+}
+
+/// Lets time pass until told to stop.
+fn run(
+    world: &mut World,
+    endpoints: &mut [Box<dyn Endpoint>],
+    faults: &mut Faults<'_>,
+    pace: &Pace<'_>,
+) -> anyhow::Result<()> {
+    let mut began = Instant::now();
+    while world.now() < pace.until && !pace.stop.load(Ordering::Relaxed) {
+        for endpoint in &mut *endpoints {
+            endpoint
+                .exchange(world)
+                .with_context(|| format!("{} is lost", endpoint.announce()))?;
+        }
+        faults.listen(world.now_ns());
+        let to = (world.now() + SLICE).min(pace.until);
+        faults.run(world, to.0 * 1_000)?;
+        if pace.speed == Speed::Real {
+            let due = Duration::from_micros(world.now().0);
+            let passed = began.elapsed();
+            if due > passed {
+                std::thread::sleep(due - passed);
+            } else if passed - due > LAG {
+                began += passed - due;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn end(duration: Option<f64>) -> anyhow::Result<Micros> {
+    match duration {
+        None => Ok(Micros(u64::MAX / 1_000)),
+        // Some centuries fit.
+        Some(s) if s > 0.0 && s < 1e9 => Ok(Micros((s * 1e6).ceil() as u64)),
+        Some(s) => bail!("--duration {s}: give seconds, more than 0"),
+    }
+}
+
+/// The plant of this name; what the file says about one of that kind stays.
+fn named_plant(name: &str, of_file: &Plant) -> anyhow::Result<Plant> {
+    Ok(match (name, of_file) {
+        ("table", Plant::Table(_)) | ("contact", Plant::Contact { .. }) => of_file.clone(),
+        ("table", _) => Plant::Table(group::Tables::Virtual),
+        ("contact", _) => Plant::Contact { rollers: 8 },
+        _ => match name.strip_prefix("tcp://") {
+            Some(address) if address.contains(':') => Plant::External {
+                address: address.to_owned(),
+            },
+            _ => bail!("--plant {name}: give table, contact or tcp://HOST:PORT"),
+        },
+    })
+}

@@ -1,0 +1,170 @@
+//! A wheel's quadrature encoder: whole counts, and what can be wrong with them.
+//!
+//! The encoder follows the motor's side of the gear. Noise is spread evenly over time: with a share `p` of
+//! counts lost, of `n` counts `n p` are, rounded up or down at random so that the mean is right. All of
+//! it comes from the seed it is built with.
+
+use std::f64::consts::TAU;
+
+use group::{Encoder as Parameters, EncoderFaultKind, EncoderNoise};
+
+use crate::random::Random;
+
+/// What an encoder tells of its wheel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum EncoderState {
+    /// The truth.
+    #[default]
+    Works,
+    /// Nothing: a broken wire.
+    Dead,
+    /// One count up and one down again: one of its two channels is dead.
+    OneChannel,
+    /// The opposite: its two channels are swapped.
+    Reversed,
+}
+
+impl From<EncoderFaultKind> for EncoderState {
+    fn from(kind: EncoderFaultKind) -> Self {
+        match kind {
+            EncoderFaultKind::Dead => Self::Dead,
+            EncoderFaultKind::OneChannel => Self::OneChannel,
+            EncoderFaultKind::Reversed => Self::Reversed,
+        }
+    }
+}
+
+/// An encoder.
+#[derive(Debug, Clone)]
+pub struct WheelEncoder {
+    counts_per_rad: f64,
+    counts: i64,
+    noise: EncoderNoise,
+    random: Random,
+    /// What is wrong with it.
+    pub state: EncoderState,
+}
+
+impl WheelEncoder {
+    /// An encoder that stands at 0 at angle 0.
+    #[must_use]
+    pub fn new(parameters: &Parameters, noise: EncoderNoise, seed: u64) -> Self {
+        Self {
+            counts_per_rad: f64::from(parameters.counts_per_revolution * parameters.gear_ratio)
+                / TAU,
+            counts: 0,
+            noise,
+            random: Random::new(seed),
+            state: EncoderState::Works,
+        }
+    }
+
+    /// Follows the wheel to an angle (rad, unwrapped) in `dt` (s); returns the counts that it tells.
+    pub fn follow(&mut self, angle: f64, dt: f64) -> i32 {
+        let before = self.counts;
+        self.counts = floor(angle * self.counts_per_rad);
+        let passed = (self.counts - before) as i32;
+        let told = match self.state {
+            EncoderState::Works => passed,
+            EncoderState::Dead => 0,
+            EncoderState::OneChannel => channel(self.counts) - channel(before),
+            EncoderState::Reversed => -passed,
+        };
+        if self.noise == EncoderNoise::default() {
+            return told;
+        }
+        let lost = self.rounded(f64::from(told.abs()) * self.noise.lost);
+        let extra = self.rounded(self.noise.extra_per_s * dt);
+        let up = (0..extra).filter(|_| self.random.unit() < 0.5).count() as i32;
+        told - told.signum() * lost + 2 * up - extra
+    }
+
+    /// Counts since angle 0, all of them.
+    #[must_use]
+    pub fn counts(&self) -> i64 {
+        self.counts
+    }
+
+    /// A whole number whose mean is `value`.
+    fn rounded(&mut self, value: f64) -> i32 {
+        let whole = value.floor();
+        whole as i32 + i32::from(self.random.unit() < value - whole)
+    }
+}
+
+/// Floor, not truncation: zero must not be twice as wide as every other count. (`f64::floor` is a call into
+/// a library on machines without an instruction for it, and this is done for every wheel in every step.)
+fn floor(value: f64) -> i64 {
+    let whole = value as i64;
+    whole - i64::from(whole as f64 > value)
+}
+
+/// Level of the channel that is left: it changes at every other count.
+fn channel(counts: i64) -> i32 {
+    ((counts >> 1) & 1) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EIGHT: Parameters = Parameters {
+        counts_per_revolution: 8.0,
+        gear_ratio: 1.0,
+    };
+    const EIGHTH: f64 = TAU / 8.0;
+
+    fn encoder(noise: EncoderNoise) -> WheelEncoder {
+        WheelEncoder::new(&EIGHT, noise, 1)
+    }
+
+    #[test]
+    fn counts_are_whole_and_even_about_zero() {
+        let mut encoder = encoder(EncoderNoise::default());
+        assert_eq!(encoder.follow(0.9 * EIGHTH, 1.0), 0);
+        assert_eq!(encoder.follow(-0.1 * EIGHTH, 1.0), -1);
+        assert_eq!(encoder.follow(2.5 * EIGHTH, 1.0), 3);
+        assert_eq!(encoder.follow(-1.5 * EIGHTH, 1.0), -4);
+        assert_eq!(encoder.counts(), -2);
+    }
+
+    #[test]
+    fn one_channel_goes_nowhere() {
+        let mut encoder = encoder(EncoderNoise::default());
+        encoder.state = EncoderState::OneChannel;
+        let told: Vec<i32> = (1..=8)
+            .map(|n| encoder.follow((f64::from(n) + 0.5) * EIGHTH, 1.0))
+            .collect();
+        assert_eq!(told, [0, 1, 0, -1, 0, 1, 0, -1]);
+    }
+
+    /// Of 80 000 counts a tenth is lost: 8000, give or take four standard deviations of the rounding of
+    /// 10 000 steps, 4 sqrt(10 000 / 4).
+    #[test]
+    fn a_share_of_the_counts_is_lost() {
+        let noise = EncoderNoise {
+            lost: 0.1,
+            extra_per_s: 0.0,
+        };
+        let mut encoder = encoder(noise);
+        let told = (1..=10_000).map(|n| encoder.follow(TAU * f64::from(n) + 0.1, 1e-3));
+        let told: i32 = told.sum();
+        assert!((told - 72_000).abs() < 200, "{told}");
+    }
+
+    /// 100 a second for 100 s: 10 000 counts of either sign; their number by the mean, their sum within
+    /// four standard deviations, 4 sqrt(10 000).
+    #[test]
+    fn counts_come_from_nowhere() {
+        let noise = EncoderNoise {
+            lost: 0.0,
+            extra_per_s: 100.0,
+        };
+        let mut encoder = encoder(noise);
+        let told: Vec<i32> = (0..100_000).map(|_| encoder.follow(0.0, 1e-3)).collect();
+        let number: i32 = told.iter().map(|n| n.abs()).sum();
+        assert!((number - 10_000).abs() < 400, "{number}");
+        let sum: i32 = told.iter().sum();
+        assert!(number > 0 && sum.abs() < 400, "{sum}");
+    }
+}

@@ -1,0 +1,241 @@
+//! What goes wrong, ready to be done to a world.
+
+use std::fmt;
+
+use crate::bus::disturb::Share;
+use crate::world::{EncoderState, World};
+
+/// Names of the wheels in the usual order.
+pub(super) const WHEELS: [&str; 4] = ["front-left", "front-right", "rear-left", "rear-right"];
+/// How long a power cycle leaves the robot without power, unless it says so.
+const POWER_CYCLE_NS: u64 = 100_000_000;
+
+/// A robot, as the world and as people call it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Its place in the group file.
+    pub robot: usize,
+    /// Its node.
+    pub node: u8,
+}
+
+/// A change to a robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RobotAction {
+    /// Power off for 100 ms, then on again.
+    PowerCycle,
+    /// Power on or off.
+    Power(bool),
+    /// Emergency stop pressed or released.
+    EmergencyStop(bool),
+    /// The motor driver's fault line.
+    DriverFault(bool),
+    /// CAN connector pulled or plugged.
+    BusCut(bool),
+    /// The next frame fails until the controller is off the bus.
+    BusOff,
+    /// More frames at once than the controller holds.
+    Overrun,
+    /// The processor stands still or goes on.
+    Halt(bool),
+    /// The processor goes where there is no memory.
+    Crash,
+    /// What a wheel's encoder tells.
+    Encoder(usize, EncoderState),
+    /// Something drags at a wheel, N·m.
+    WheelDrag(usize, f64),
+    /// Frames with this identifier do not reach the robot.
+    Misses(Option<u16>),
+    /// Its receiver gets frames wrong.
+    BadReceiver(Share),
+    /// Its controller sends frames with this identifier all the time.
+    Babble(Option<u16>),
+    /// What it sends is late, ns.
+    Delay(u64),
+}
+
+/// A change to the bus.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BusAction {
+    /// One bit of a frame is inverted.
+    Corrupt(Share),
+    /// The acknowledge does not reach the sender.
+    LostAcknowledge(Share),
+    /// A node that is none of ours sends frames with this identifier all the time.
+    Babble(Option<u16>),
+    /// What the programs outside send, the master among them, is late, ns.
+    Delay(u64),
+}
+
+/// Something that goes wrong, or right again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// With a robot.
+    Robot(Place, RobotAction),
+    /// With the bus.
+    Bus(BusAction),
+}
+
+impl Action {
+    /// Does it; `false` when it has to be tried again a little later.
+    pub(super) fn apply(self, world: &mut World) -> bool {
+        match self {
+            Self::Robot(place, action) => action.apply(world, place.robot),
+            Self::Bus(action) => {
+                action.apply(world);
+                true
+            }
+        }
+    }
+
+    /// The opposite, where there is one.
+    pub(super) fn undone(self) -> Option<Self> {
+        match self {
+            Self::Robot(place, action) => Some(Self::Robot(place, action.undone()?)),
+            Self::Bus(action) => Some(Self::Bus(action.undone())),
+        }
+    }
+
+    /// How long it lasts by itself.
+    pub(super) fn lasts_ns(self) -> Option<u64> {
+        matches!(self, Self::Robot(_, RobotAction::PowerCycle)).then_some(POWER_CYCLE_NS)
+    }
+}
+
+impl RobotAction {
+    fn apply(self, world: &mut World, robot: usize) -> bool {
+        match self {
+            Self::PowerCycle => world.set_power(robot, false),
+            Self::Power(on) => world.set_power(robot, on),
+            Self::EmergencyStop(pressed) => world.set_emergency_stop(robot, pressed),
+            Self::DriverFault(fault) => world.set_driver_fault(robot, fault),
+            Self::BusCut(cut) => world.set_connected(robot, !cut),
+            // A robot without power has nothing to send, ever.
+            Self::BusOff => return !world.is_powered(robot) || world.force_bus_off(robot),
+            Self::Overrun => world.overrun(robot),
+            Self::Halt(halted) => _ = world.halt(robot, halted),
+            Self::Crash => _ = world.crash(robot, crate::Crash::Nowhere),
+            Self::Encoder(wheel, state) => world.set_encoder(robot, wheel, state),
+            Self::WheelDrag(wheel, torque) => world.set_wheel_drag(robot, wheel, torque),
+            Self::Misses(id) => world.set_misses(robot, id),
+            Self::BadReceiver(share) => world.set_bad_receiver(robot, share),
+            Self::Babble(id) => world.set_babbling(robot, id),
+            Self::Delay(ns) => world.set_delay(robot, ns),
+        }
+        true
+    }
+
+    fn undone(self) -> Option<Self> {
+        Some(match self {
+            Self::PowerCycle => Self::Power(true),
+            Self::Power(on) => Self::Power(!on),
+            Self::EmergencyStop(pressed) => Self::EmergencyStop(!pressed),
+            Self::DriverFault(fault) => Self::DriverFault(!fault),
+            Self::BusCut(cut) => Self::BusCut(!cut),
+            Self::Halt(halted) => Self::Halt(!halted),
+            Self::Encoder(wheel, _) => Self::Encoder(wheel, EncoderState::Works),
+            Self::WheelDrag(wheel, _) => Self::WheelDrag(wheel, 0.0),
+            Self::Misses(_) => Self::Misses(None),
+            Self::BadReceiver(_) => Self::BadReceiver(Share::NONE),
+            Self::Babble(_) => Self::Babble(None),
+            Self::Delay(_) => Self::Delay(0),
+            Self::BusOff | Self::Overrun | Self::Crash => return None,
+        })
+    }
+}
+
+impl BusAction {
+    fn apply(self, world: &mut World) {
+        match self {
+            Self::Corrupt(share) => world.set_corruption(share),
+            Self::LostAcknowledge(share) => world.set_lost_acknowledge(share),
+            Self::Babble(id) => world.set_babbler(id),
+            Self::Delay(ns) => world.set_port_delay(ns),
+        }
+    }
+
+    fn undone(self) -> Self {
+        match self {
+            Self::Corrupt(_) => Self::Corrupt(Share::NONE),
+            Self::LostAcknowledge(_) => Self::LostAcknowledge(Share::NONE),
+            Self::Babble(_) => Self::Babble(None),
+            Self::Delay(_) => Self::Delay(0),
+        }
+    }
+}
+
+impl fmt::Display for BusAction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Corrupt(share) => share_of(f, "corrupt", *share),
+            Self::LostAcknowledge(share) => share_of(f, "lost-acknowledge", *share),
+            Self::Babble(id) => babble(f, *id),
+            Self::Delay(ns) => delay(f, *ns),
+        }
+    }
+}
+
+fn share_of(f: &mut fmt::Formatter<'_>, name: &str, share: Share) -> fmt::Result {
+    match share {
+        Share { of: 0.0, .. } => write!(f, "{name}=off"),
+        Share { of, id: None } => write!(f, "{name}={of}"),
+        Share { of, id: Some(id) } => write!(f, "{name}={of}:id=0x{id:03X}"),
+    }
+}
+
+fn babble(f: &mut fmt::Formatter<'_>, id: Option<u16>) -> fmt::Result {
+    match id {
+        Some(id) => write!(f, "babble=0x{id:03X}"),
+        None => f.write_str("babble=off"),
+    }
+}
+
+fn delay(f: &mut fmt::Formatter<'_>, ns: u64) -> fmt::Result {
+    match ns {
+        0 => f.write_str("delay=off"),
+        _ => write!(f, "delay={}", ns as f64 * 1e-9),
+    }
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Robot(place, action) => write!(f, "node {}: {action}", place.node),
+            Self::Bus(action @ BusAction::Delay(_)) => write!(f, "node 1: {action}"),
+            Self::Bus(action) => write!(f, "bus: {action}"),
+        }
+    }
+}
+
+impl fmt::Display for RobotAction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let on = |on: &bool| if *on { "" } else { "=off" };
+        let wheel = |wheel: &usize| WHEELS.get(*wheel).copied().unwrap_or("no wheel");
+        match self {
+            Self::PowerCycle => f.write_str("power-cycle"),
+            Self::Power(true) => f.write_str("power-on"),
+            Self::Power(false) => f.write_str("power-off"),
+            Self::EmergencyStop(pressed) => write!(f, "emergency-stop{}", on(pressed)),
+            Self::DriverFault(fault) => write!(f, "driver-fault{}", on(fault)),
+            Self::BusCut(cut) => write!(f, "bus-cut{}", on(cut)),
+            Self::BusOff => f.write_str("bus-off"),
+            Self::Overrun => f.write_str("overrun"),
+            Self::Halt(halted) => write!(f, "halt{}", on(halted)),
+            Self::Crash => f.write_str("crash"),
+            Self::Encoder(n, EncoderState::Works) => write!(f, "encoder-works:wheel={}", wheel(n)),
+            Self::Encoder(n, EncoderState::Dead) => write!(f, "encoder-dead:wheel={}", wheel(n)),
+            Self::Encoder(n, EncoderState::OneChannel) => {
+                write!(f, "encoder-one-channel:wheel={}", wheel(n))
+            }
+            Self::Encoder(n, EncoderState::Reversed) => {
+                write!(f, "encoder-reversed:wheel={}", wheel(n))
+            }
+            Self::WheelDrag(n, torque) => write!(f, "wheel-drag={torque}:wheel={}", wheel(n)),
+            Self::Misses(Some(id)) => write!(f, "misses=0x{id:03X}"),
+            Self::Misses(None) => f.write_str("misses=off"),
+            Self::BadReceiver(share) => share_of(f, "corrupt", *share),
+            Self::Babble(id) => babble(f, *id),
+            Self::Delay(ns) => delay(f, *ns),
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! The contact plant: rigid bodies on rollers with friction.
+//!
+//! A Mecanum wheel touches the ground with one roller at a time. The roller turns freely about its
+//! axle, so the ground can only push along the axle's horizontal projection, and with no more than dry
+//! friction allows. While the wheel turns by `phi` away from a roller's lowest position, the axle tilts:
+//! its projection is `(sin g cos phi)` along the wheel and `(cos g)` along the wheel's axle, `g` the
+//! roller angle; the point of contact wanders along the wheel's axle by `(r - r_roller) tan phi cot g`.
+//! With `n` rollers `phi` runs from `-pi/n` to `pi/n` again and again: that alone is why strafing loses
+//! `1 - sin(pi/n)/(pi/n)` and ripples.
+//!
+//! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase; free
+//! robots are bodies of their own. In every step the friction of all wheels of a body is found together
+//! ([`body`]): below its limit rubber creeps, a contact slips in proportion to its force. Rollers resist
+//! their own turning in proportion to it. A payload shifts the centre of mass and loads the wheels as
+//! equal springs would share it; parts of the floor may have a friction of their own.
+//!
+//! The motors are velocity sources here: their inertia already contains the robot's. What it cannot do:
+//! wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
+//! rollers that meet the floor with a jolt.
+
+mod body;
+mod wheel;
+
+use std::f64::consts::{PI, TAU};
+
+use group::GroupFile;
+use kinematics::Pose;
+
+use super::Plant;
+use super::formation::Formation;
+use super::table::members;
+use crate::error::SimError;
+use crate::random::Random;
+use body::{Body, Part};
+
+const GRAVITY: f64 = 9.81;
+
+/// Sizes and materials that the group file does not hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Rollers of a wheel.
+    pub rollers: u8,
+    /// Radius of a roller at its middle, m.
+    pub roller_radius: f64,
+    /// Dry friction between roller and floor.
+    pub friction: f64,
+    /// Resistance to a roller's own turning: force at the floor over the wheel's load, per m/s at which
+    /// the roller rolls, s/m.
+    pub roller_damping: f64,
+    /// Slip velocity at which friction is fully developed, m/s; below, it grows in proportion, as rubber
+    /// creeps. 0 is ideal dry friction.
+    pub creep: f64,
+    /// By which part of the radius a loaded wheel settles.
+    pub settling: f64,
+    /// Mass of a robot, kg, spread evenly over the rectangle of its wheels.
+    pub mass: f64,
+    /// Each wheel begins at a roller phase of its own, from the seed; else all begin on a roller.
+    pub scattered: bool,
+}
+
+impl Default for Contact {
+    /// The paper's virtual robot: 8 rollers with a radius of 33.5 mm, friction 0.35, 200 kg (section
+    /// 3.1). The settling is Table 3's longitudinal loss; creep and roller damping are chosen so that
+    /// every row of Tables 3 to 6 is met within half a point.
+    fn default() -> Self {
+        Self {
+            rollers: 8,
+            roller_radius: 0.0335,
+            friction: 0.35,
+            roller_damping: 0.035,
+            creep: 0.02,
+            settling: 0.0022,
+            mass: 200.0,
+            scattered: false,
+        }
+    }
+}
+
+impl Contact {
+    /// The default with what a group file says.
+    #[must_use]
+    pub fn of(group: &GroupFile, rollers: u8) -> Self {
+        let given = &group.simulation.contact;
+        let default = Self::default();
+        Self {
+            rollers,
+            friction: given.friction.unwrap_or(default.friction),
+            mass: given.robot_mass.unwrap_or(default.mass),
+            scattered: given.scattered,
+            ..default
+        }
+    }
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct ContactPlant {
+    formation: Formation,
+    /// The load with all robots, when they are connected.
+    joined: Option<Body>,
+    /// Every robot for itself: what it does when free, and what its wheels would do when not.
+    single: Vec<Body>,
+    angles: Vec<[f64; 4]>,
+    group: Pose<f64>,
+    poses: Vec<Pose<f64>>,
+    alone: Vec<Pose<f64>>,
+}
+
+impl ContactPlant {
+    /// The robots of a group with the group frame at `start`, on these contacts. Payload and floor are the
+    /// group file's.
+    ///
+    /// # Errors
+    /// When a robot's geometry has no solution, or the payload lifts a wheel off the floor.
+    pub fn new(group: &GroupFile, contact: Contact, start: Pose<f64>) -> Result<Self, SimError> {
+        let members = members(group)?;
+        let formation = Formation::new(&members);
+        let poses: Vec<_> = formation.places(start).collect();
+        let phases = phases(group, &contact);
+        let parts =
+            members
+                .iter()
+                .zip(phases)
+                .enumerate()
+                .map(|(robot, ((place, geometry), phases))| Part {
+                    robot,
+                    place: *place,
+                    geometry: *geometry,
+                    phases,
+                });
+        let parts: Vec<Part> = parts.collect();
+        let floor = &group.simulation.contact.floor;
+        let here = Pose::new(0.0, 0.0, 0.0);
+        let single = parts.iter().zip(&poses).map(|(part, pose)| {
+            Body::new(
+                &contact,
+                &[Part {
+                    place: here,
+                    ..*part
+                }],
+                None,
+                floor,
+                *pose,
+            )
+        });
+        let payload = group.simulation.contact.payload;
+        let joined = group
+            .simulation
+            .rigid
+            .then(|| Body::new(&contact, &parts, payload, floor, start));
+        Ok(Self {
+            single: single.collect::<Result<_, _>>()?,
+            joined: joined.transpose()?,
+            formation,
+            angles: vec![[0.0; 4]; poses.len()],
+            group: start,
+            alone: poses.clone(),
+            poses,
+        })
+    }
+
+    /// Velocity of the body that carries a robot, at its centre of mass: world frame, m/s, m/s, rad/s.
+    #[must_use]
+    pub fn velocity(&self, robot: usize) -> Option<[f64; 3]> {
+        self.joined
+            .as_ref()
+            .or(self.single.get(robot))
+            .map(Body::velocity)
+    }
+
+    /// Pushes the body that carries a robot to a velocity, as [`velocity`](Self::velocity) gives it.
+    pub fn set_velocity(&mut self, robot: usize, velocity: [f64; 3]) {
+        if let Some(body) = self.joined.as_mut().or(self.single.get_mut(robot)) {
+            body.set_velocity(velocity);
+        }
+    }
+}
+
+impl Plant for ContactPlant {
+    fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
+        for body in self.joined.iter_mut().chain(&mut self.single) {
+            body.step(dt, &self.angles, turned);
+        }
+        for (angles, turned) in self.angles.iter_mut().zip(turned) {
+            for (angle, turned) in angles.iter_mut().zip(turned) {
+                *angle += turned;
+            }
+        }
+        for (pose, body) in self.alone.iter_mut().zip(&self.single) {
+            *pose = body.frame();
+        }
+        if let Some(body) = &self.joined {
+            self.group = body.frame();
+            for (pose, place) in self.poses.iter_mut().zip(self.formation.places(self.group)) {
+                *pose = place;
+            }
+        } else {
+            self.poses.copy_from_slice(&self.alone);
+            self.group = self.formation.fit_poses(&self.poses);
+        }
+        Ok(())
+    }
+
+    fn poses(&self) -> &[Pose<f64>] {
+        &self.poses
+    }
+
+    fn group(&self) -> Pose<f64> {
+        self.group
+    }
+
+    fn shape_error_mm(&self) -> f64 {
+        self.formation.shape_error_mm(self.group, &self.alone)
+    }
+}
+
+/// How far each wheel has rolled on past a roller's middle at the beginning, one row a robot, rad.
+#[must_use]
+pub fn phases(group: &GroupFile, contact: &Contact) -> Vec<[f64; 4]> {
+    let mut random = Random::new(group.simulation.seed);
+    let pitch = TAU / f64::from(contact.rollers);
+    let mut phase = || {
+        if contact.scattered {
+            pitch * random.unit()
+        } else {
+            0.0
+        }
+    };
+    let robots = group.robots.iter();
+    robots.map(|_| std::array::from_fn(|_| phase())).collect()
+}
+
+/// Mean lateral velocity over what the wheels ask for, all wheels in one phase: `sin(pi/n) / (pi/n)`.
+#[must_use]
+pub fn mean_lateral_ratio(rollers: u8) -> f64 {
+    let half = PI / f64::from(rollers);
+    half.sin() / half
+}

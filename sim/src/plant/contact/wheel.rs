@@ -1,0 +1,124 @@
+//! One wheel as a contact of a body: where the floor can push it, and how hard.
+
+use kinematics::FourWheelGeometry;
+
+use super::Contact;
+use super::body::Part;
+
+/// A wheel. Directions and places are in the body's frame, from its centre of mass.
+#[derive(Debug, Clone)]
+pub(super) struct Wheel {
+    pub robot: usize,
+    pub index: usize,
+    /// Hub, m.
+    pub x: f64,
+    pub y: f64,
+    /// Direction of the robot: sine and cosine.
+    sin: f64,
+    cos: f64,
+    /// +1 on the diagonal front left to rear right, -1 on the other.
+    hand: f64,
+    sin_roller: f64,
+    cos_roller: f64,
+    /// Rolling radius, settled, m.
+    radius: f64,
+    /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's tilt, m.
+    wander: f64,
+    /// Angle from one roller to the next, and roller phase at wheel angle 0, rad.
+    pitch: f64,
+    phase: f64,
+    /// Slip velocity at which friction is fully developed, m/s.
+    creep: f64,
+    /// Force across the roller's axle over load and velocity, s/m.
+    damping: f64,
+    /// What it carries, N.
+    pub load: f64,
+}
+
+/// One direction in which the floor pushes a body through a wheel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Push {
+    /// Direction, and moment arm about the centre of mass.
+    pub row: [f64; 3],
+    /// Velocity along it at which the contact would rest, m/s.
+    pub rest: f64,
+    /// Largest force, N.
+    pub limit: f64,
+    /// Force over slip velocity below the limit, N s/m.
+    pub stiffness: f64,
+}
+
+/// Stiffest contact, N s/m: what wheels that contradict each other fight about is shared by it.
+const STIFFEST: f64 = 4e9;
+
+/// Wheels of a robot: ahead, left, hand.
+const CORNERS: [(f64, f64, f64); 4] = [
+    (1.0, 1.0, 1.0),
+    (1.0, -1.0, -1.0),
+    (-1.0, 1.0, -1.0),
+    (-1.0, -1.0, 1.0),
+];
+
+impl Wheel {
+    /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load yet.
+    pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> [Self; 4] {
+        let geometry: &FourWheelGeometry<f64> = &part.geometry;
+        let (sin, cos) = part.place.heading.sin_cos();
+        let r = geometry.wheel_radius();
+        let (sin_roller, cos_roller) = geometry.roller_angle().sin_cos();
+        std::array::from_fn(|index| {
+            let (ahead, left, hand) = CORNERS[index];
+            let (ahead, left) = (
+                ahead * geometry.half_wheelbase(),
+                left * geometry.half_track(),
+            );
+            Self {
+                robot: part.robot,
+                index,
+                x: x + cos * ahead - sin * left,
+                y: y + sin * ahead + cos * left,
+                sin,
+                cos,
+                hand,
+                sin_roller,
+                cos_roller,
+                radius: r * (1.0 - contact.settling),
+                wander: -hand * (r - contact.roller_radius).max(0.0) * cos_roller / sin_roller,
+                pitch: std::f64::consts::TAU / f64::from(contact.rollers),
+                phase: part.phases[index],
+                creep: contact.creep,
+                damping: contact.roller_damping,
+                load: 0.0,
+            }
+        })
+    }
+
+    /// What the floor can do to the wheel at this angle when it turns at `rate`: along the roller's axle,
+    /// and across it.
+    pub fn pushes(&self, angle: f64, rate: f64, friction: f64) -> impl Iterator<Item = Push> {
+        let half = 0.5 * self.pitch;
+        let phi = (angle + self.phase + half).rem_euclid(self.pitch) - half;
+        let (sin_phi, cos_phi) = phi.sin_cos();
+        // The roller's axle over the floor, in the robot's frame: ahead, left.
+        let (ahead, left) = (self.sin_roller * cos_phi, -self.hand * self.cos_roller);
+        let length = ahead.hypot(left);
+        let (ahead, left) = (ahead / length, left / length);
+        let wander = self.wander * sin_phi / cos_phi;
+        let (x, y) = (self.x - self.sin * wander, self.y + self.cos * wander);
+        let surface = rate * self.radius;
+        let push = move |ahead: f64, left: f64, limit: f64, stiffness: f64| {
+            let dx = self.cos * ahead - self.sin * left;
+            let dy = self.sin * ahead + self.cos * left;
+            Push {
+                row: [dx, dy, x * dy - y * dx],
+                rest: surface * ahead,
+                limit,
+                stiffness,
+            }
+        };
+        let grip = friction * self.load;
+        let along = push(ahead, left, grip, (grip / self.creep).min(STIFFEST));
+        let drag = self.damping * self.load;
+        std::iter::once(along).chain((drag > 0.0).then(|| push(-left, ahead, grip, drag)))
+    }
+}

@@ -1,0 +1,268 @@
+//! The nodes of the bus: who wants to send, and what each makes of a frame's end.
+//!
+//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever babbles.
+
+use canopen::{Frame, Micros};
+
+use super::World;
+use super::unit::Unit;
+use crate::bus::bits::Wire;
+use crate::bus::errors::{ErrorState, RECOVERY_NS, SUSPEND, TransmitError};
+use crate::bus::{BIT_NS, Fate, Transfer};
+
+impl World {
+    /// Brings up to date what nodes do by themselves, before the bus is given to one of them.
+    pub(super) fn look_at_nodes(&mut self) {
+        let now_ns = self.now_ns;
+        for port in &mut self.ports {
+            if port.errors.state() == ErrorState::BusOff && port.back_ns <= now_ns {
+                port.errors.recovered();
+            }
+        }
+        for unit in &mut self.units {
+            unit.look(now_ns);
+        }
+        if self.suspended.is_some_and(|(_, until)| until <= now_ns) {
+            self.suspended = None;
+        }
+    }
+
+    /// The next time at which a node may want to send that does not want to now, ns.
+    pub(super) fn next_of_nodes(&self) -> u64 {
+        let now_ns = self.now_ns;
+        let coming = self.ports.iter().filter_map(|port| {
+            let (at, _) = port.send.front()?;
+            let off = port.errors.state() == ErrorState::BusOff;
+            Some(if off { port.back_ns.max(*at) } else { *at })
+        });
+        let units = self.units.iter().filter_map(Unit::next_ns);
+        let suspended = self.suspended.map(|(_, until)| until);
+        coming
+            .chain(units)
+            .chain(suspended)
+            .filter(|at| *at > now_ns)
+            .min()
+            .unwrap_or(u64::MAX)
+    }
+
+    /// Gives the free bus to one of those who want it.
+    pub(super) fn arbitrate(&mut self) {
+        let now_ns = self.now_ns;
+        let first = self.ports.len();
+        let suspended = self.suspended.map(|(node, _)| node);
+        let ports = self.ports.iter().enumerate();
+        let from_ports = ports.filter_map(|(n, port)| {
+            let (at, frame) = port.send.front()?;
+            let ready = *at <= now_ns && port.errors.state() != ErrorState::BusOff;
+            ready.then_some((n, *frame))
+        });
+        let units = self.units.iter().enumerate();
+        let from_units = units.filter_map(|(n, unit)| Some((first + n, unit.wants(now_ns)?)));
+        let babble = self
+            .disturbances
+            .babble
+            .map(|f| (first + self.units.len(), f));
+        let contenders = from_ports
+            .chain(from_units)
+            .chain(babble)
+            .filter(|(node, _)| Some(*node) != suspended);
+        let (ports, units) = (&self.ports, &self.units);
+        let state = |node: usize| match node.checked_sub(first) {
+            None => ports[node].errors.state(),
+            Some(n) => units.get(n).map_or(ErrorState::Active, Unit::error_state),
+        };
+        let disturbances = &mut self.disturbances;
+        let mut missed = Vec::new();
+        let transfer = self.bus.arbitrate(now_ns, contenders, |sender, frame| {
+            let active = state(sender) == ErrorState::Active;
+            let mut fate = disturbances.fate(frame, active);
+            for (n, unit) in units.iter().enumerate() {
+                let hears = unit.connected && unit.powered && first + n != sender;
+                if !hears || !disturbances.strikes(unit.harm.bad_receiver, frame) {
+                    continue;
+                }
+                missed.push(n);
+                if fate == Fate::Good && unit.error_state() == ErrorState::Active {
+                    fate = Fate::Refused { by: first + n };
+                }
+            }
+            fate
+        });
+        let Some(transfer) = transfer else {
+            return;
+        };
+        for (n, unit) in self.units.iter_mut().enumerate() {
+            unit.misses_this = missed.contains(&n);
+            unit.sends_own = first + n == transfer.sender && unit.harm.babble.is_none();
+            if unit.harm.babble.is_some() || !unit.connected {
+                continue;
+            }
+            if unit.sends_own {
+                unit.robot.begin();
+            } else if unit.wants(now_ns).is_some() {
+                unit.robot.lost_arbitration();
+            }
+        }
+    }
+
+    /// Tells everybody what has become of a frame.
+    pub(super) fn deliver(&mut self, transfer: &Transfer) {
+        let destroyed = transfer.fate.is_destroyed();
+        self.deliver_to_ports(transfer);
+        self.deliver_to_units(transfer);
+        let passive = match transfer.sender.checked_sub(self.ports.len()) {
+            None => self.ports[transfer.sender].errors.state() == ErrorState::Passive,
+            Some(n) => self
+                .units
+                .get(n)
+                .is_some_and(|u| u.error_state() == ErrorState::Passive),
+        };
+        if passive {
+            let until = self.bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
+            self.suspended = Some((transfer.sender, until));
+        }
+        if destroyed {
+            self.digest.error_frame(transfer.end_ns);
+        } else {
+            self.digest.frame(transfer.end_ns, &transfer.frame);
+        }
+        if let Some(log) = &mut self.candump {
+            if destroyed {
+                log.error(transfer.end_ns, transfer.fate);
+            } else {
+                log.frame(transfer.end_ns, &transfer.frame);
+            }
+        }
+    }
+
+    fn deliver_to_ports(&mut self, transfer: &Transfer) {
+        let time = Micros(transfer.end_ns / 1_000);
+        let failed = sender_sees(transfer.fate);
+        for (n, port) in self.ports.iter_mut().enumerate() {
+            if n == transfer.sender {
+                match failed {
+                    None => {
+                        port.errors.transmitted();
+                        port.send.pop_front();
+                    }
+                    Some(error) => {
+                        if port.errors.transmit_failed(error) {
+                            port.back_ns = transfer.end_ns + RECOVERY_NS;
+                        }
+                    }
+                }
+            } else if port.errors.state() == ErrorState::BusOff {
+            } else if transfer.fate.is_destroyed() {
+                port.errors.receive_failed(false);
+            } else {
+                port.errors.received();
+                if !port.deaf {
+                    port.received.push_back((time, transfer.frame));
+                }
+            }
+        }
+    }
+
+    fn deliver_to_units(&mut self, transfer: &Transfer) {
+        let first = self.ports.len();
+        let failed = sender_sees(transfer.fate);
+        for (n, unit) in self.units.iter_mut().enumerate() {
+            if first + n == transfer.sender {
+                if !unit.sends_own {
+                    continue;
+                }
+                unit.robot.set_now(transfer.end_ns);
+                match failed {
+                    None => unit.robot.transmitted(),
+                    Some(error) => unit.robot.transmit_failed(error),
+                }
+            } else if !unit.connected {
+                continue;
+            } else if transfer.fate.is_destroyed() {
+                let by_it = transfer.fate == Fate::Refused { by: first + n };
+                unit.robot.set_now(transfer.end_ns);
+                unit.robot.receive_failed(by_it);
+            } else if unit.misses_this {
+                unit.robot.set_now(transfer.end_ns);
+                unit.robot.receive_failed(false);
+            } else if unit.harm.misses != Some(transfer.frame.id()) {
+                unit.robot.set_now(transfer.end_ns);
+                unit.robot.receive(&transfer.frame);
+            }
+            unit.has_run();
+        }
+    }
+
+    /// A node of the bus, by its robot's place.
+    pub(super) fn node_of(&self, robot: usize) -> usize {
+        self.ports.len() + robot
+    }
+}
+
+/// What the sender sees of this.
+fn sender_sees(fate: Fate) -> Option<TransmitError> {
+    match fate {
+        Fate::Good => None,
+        Fate::Corrupt { .. } | Fate::CutOff => Some(TransmitError::Bit),
+        Fate::Unacknowledged { .. } => Some(TransmitError::Acknowledge),
+        Fate::Refused { .. } => Some(TransmitError::Form),
+    }
+}
+
+impl Unit {
+    pub(super) fn error_state(&self) -> ErrorState {
+        self.robot.error_state().0
+    }
+
+    /// The frame for which it wants the bus now.
+    fn wants(&self, now_ns: u64) -> Option<Frame> {
+        if !self.connected {
+            return None;
+        }
+        if self.powered && self.harm.babble.is_some() {
+            return self.harm.babble;
+        }
+        let frame = self.robot.pending()?;
+        let kept = self.harm.delay_ns > 0
+            && self
+                .held
+                .is_none_or(|(_, since)| since + self.harm.delay_ns > now_ns);
+        (!kept).then_some(frame)
+    }
+
+    /// When it may next want something that it does not want now, ns.
+    fn next_ns(&self) -> Option<u64> {
+        if !self.connected {
+            return self.tries_alone().then_some(self.alone_ns);
+        }
+        let (_, since) = self.held?;
+        Some(since + self.harm.delay_ns)
+    }
+
+    /// Notes since when it has had its frame, and lets it try alone on a stub without a bus.
+    fn look(&mut self, now_ns: u64) {
+        if self.harm.delay_ns > 0 {
+            let pending = self.robot.pending();
+            if self.held.map(|(frame, _)| frame) != pending {
+                self.held = pending.map(|frame| (frame, now_ns));
+            }
+        }
+        if !self.connected
+            && self.tries_alone()
+            && self.alone_ns <= now_ns
+            && let Some(frame) = self.robot.pending()
+        {
+            let bits = Wire::of(&frame).bits_when_unacknowledged();
+            self.alone_ns = now_ns + u64::from(bits) * BIT_NS;
+            self.robot.set_now(now_ns);
+            self.robot.begin();
+            self.robot.transmit_failed(TransmitError::Acknowledge);
+            self.has_run();
+        }
+    }
+
+    /// Whether it goes on sending to nobody: once it is error passive, that changes nothing any more.
+    fn tries_alone(&self) -> bool {
+        self.error_state() == ErrorState::Active && self.robot.pending().is_some()
+    }
+}

@@ -1,0 +1,214 @@
+//! A robot with its wheels: battery, motors, gears, encoders, and how far in time they are.
+
+use canopen::Frame;
+use group::{EncoderFault, Simulation};
+use kinematics::{Pose, WheelRates};
+
+use crate::battery::Battery;
+use crate::encoder::{EncoderState, WheelEncoder};
+use crate::motor::{Drive, Motor};
+use crate::robot::{Robot, Wake};
+use crate::truth::RobotTruth;
+use crate::world::index::{self, Indexes};
+
+use super::harm::Harm;
+
+/// A robot with its wheels.
+pub(super) struct Unit {
+    pub node: u8,
+    pub robot: Box<dyn Robot>,
+    /// Off when its CAN connector is pulled.
+    pub connected: bool,
+    pub powered: bool,
+    pub harm: Harm,
+    /// What it has to send, since when, while that is kept back.
+    pub held: Option<(Frame, u64)>,
+    /// While it is alone on its stub: when it may try again, ns.
+    pub alone_ns: u64,
+    /// Its receiver gets the frame on the wire wrong.
+    pub misses_this: bool,
+    /// The frame on the wire is its program's, not its babble.
+    pub sends_own: bool,
+    pub motors: [Motor; 4],
+    pub encoders: [WheelEncoder; 4],
+    pub indexes: Indexes,
+    battery: Option<Battery>,
+    /// Half of the play between motor and wheel, rad, and the wheels' angles.
+    half_play: f64,
+    wheels: [f64; 4],
+    drives: [Drive; 4],
+    /// Angles that the plant has been told.
+    told: [f64; 4],
+    /// What the plant adds to the wheels' angles: a plant outside may turn wheels itself.
+    slipped: [f64; 4],
+    /// Up to when its motors have turned, ns.
+    at_ns: u64,
+    /// It only does something at times it knows, and those last said.
+    lazy: bool,
+    wake: Wake,
+}
+
+impl Unit {
+    pub fn new(
+        place: usize,
+        data: &group::Robot,
+        mut robot: Box<dyn Robot>,
+        simulation: &Simulation,
+    ) -> Self {
+        // Every encoder has a stream of its own.
+        let seed = |wheel: usize| {
+            simulation.seed ^ ((4 * place + wheel + 1) as u64).wrapping_mul(0xD6E8_FEB8_6659_FD93)
+        };
+        robot.set_supply(data.motor.supply.into());
+        Self {
+            node: data.node,
+            drives: robot.drives(),
+            lazy: robot.is_lazy(),
+            wake: robot.wake(),
+            robot,
+            connected: true,
+            powered: true,
+            harm: Harm::default(),
+            held: None,
+            alone_ns: 0,
+            misses_this: false,
+            sends_own: false,
+            motors: std::array::from_fn(|_| Motor::new(&data.motor)),
+            encoders: std::array::from_fn(|wheel| {
+                WheelEncoder::new(&data.encoder, simulation.encoder_noise, seed(wheel))
+            }),
+            indexes: Indexes::new(
+                &index::robot_angles(simulation.seed, place),
+                data.encoder.counts_per_revolution.into(),
+                seed(4),
+            ),
+            battery: simulation.battery.as_ref().map(Battery::new),
+            half_play: 0.5 * simulation.backlash,
+            wheels: [0.0; 4],
+            told: [0.0; 4],
+            slipped: [0.0; 4],
+            at_ns: 0,
+        }
+    }
+
+    /// Whether it may be left alone between the times it wakes.
+    pub fn is_lazy(&self) -> bool {
+        self.lazy
+    }
+
+    /// When it next does something by itself.
+    pub fn wake(&self) -> Wake {
+        if self.lazy {
+            self.wake
+        } else {
+            self.robot.wake()
+        }
+    }
+
+    /// Whether it has something to do at this time.
+    pub fn is_due(&self, now_ns: u64) -> bool {
+        match self.wake {
+            _ if !self.lazy => true,
+            Wake::Busy => true,
+            Wake::At(at) => at <= now_ns,
+            Wake::Never => false,
+        }
+    }
+
+    /// It has been at work: it may want to wake at another time.
+    pub fn has_run(&mut self) {
+        if self.lazy {
+            self.wake = self.robot.wake();
+        }
+    }
+
+    /// Something will be done to it from outside, now: afterwards it has to be looked at.
+    pub fn touch(&mut self, now_ns: u64, step_ns: u64) {
+        self.turn_to(now_ns, step_ns);
+        self.robot.set_now(now_ns);
+        self.wake = Wake::At(now_ns);
+    }
+
+    /// Turns the wheels up to a time, in steps of at most `step_ns`, and the encoders with them.
+    pub fn turn_to(&mut self, now_ns: u64, step_ns: u64) {
+        let steps = (now_ns - self.at_ns).div_ceil(step_ns.max(1));
+        if steps == 0 {
+            return;
+        }
+        let dt = (now_ns - self.at_ns) as f64 * 1e-9;
+        self.at_ns = now_ns;
+        let step = dt / steps as f64;
+        let mut volts = None;
+        for _ in 0..steps {
+            if let Some(battery) = &mut self.battery {
+                volts = Some(battery.step(&mut self.motors, &self.drives, step));
+            } else {
+                for (motor, drive) in self.motors.iter_mut().zip(&self.drives) {
+                    motor.step(step, *drive);
+                }
+            }
+        }
+        if let Some(volts) = volts {
+            self.robot.set_supply(volts);
+        }
+        let mut pulses = [None; 4];
+        let counts = std::array::from_fn(|wheel| {
+            let angle = self.motors[wheel].angle();
+            let play = (angle - self.half_play, angle + self.half_play);
+            self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
+            let angle = angle + self.slipped[wheel];
+            pulses[wheel] = self.indexes.follow(wheel, angle);
+            self.encoders[wheel].follow(angle, dt)
+        });
+        if counts != [0; 4] {
+            self.robot.turn_encoders(counts);
+        }
+        for (wheel, ago) in pulses.into_iter().enumerate() {
+            if let Some(ago) = ago {
+                self.robot.index(wheel, ago);
+            }
+        }
+    }
+
+    /// Looks at the bridges; what they do now, if anything changed.
+    pub fn look_at_bridges(&mut self) -> Option<&[Drive; 4]> {
+        let drives = self.robot.drives();
+        let changed = std::mem::replace(&mut self.drives, drives) != drives;
+        changed.then_some(&self.drives)
+    }
+
+    /// By how much the wheels have turned since the plant was last told, rad.
+    pub fn turned(&mut self) -> [f64; 4] {
+        let told = std::mem::replace(&mut self.told, self.wheels);
+        std::array::from_fn(|n| self.wheels[n] - told[n])
+    }
+
+    /// The plant says where the wheels really are.
+    pub fn correct(&mut self, angles: [f64; 4]) {
+        self.slipped = std::array::from_fn(|n| angles[n] - self.wheels[n]);
+    }
+
+    pub fn truth(&self, pose: Pose<f64>) -> RobotTruth {
+        let on = |drive: &Drive| if drive.enabled { drive.duty } else { 0.0 };
+        RobotTruth {
+            node: self.node,
+            pose,
+            wheel_angles: std::array::from_fn(|n| self.wheels[n] + self.slipped[n]),
+            wheel_rates: WheelRates::from([0, 1, 2, 3].map(|n: usize| self.motors[n].rate())),
+            duties: [0, 1, 2, 3].map(|n: usize| on(&self.drives[n])),
+            drivers_enabled: self.drives.iter().any(|d| d.enabled),
+            brake_released: self.drives.iter().any(|d| d.brake_released),
+        }
+    }
+}
+
+/// The encoders that a group file lets break, the last first.
+pub(super) fn breaking(faults: &[EncoderFault]) -> Vec<(u64, usize, usize, EncoderState)> {
+    let of = |fault: &EncoderFault| {
+        let at_ns = (fault.at * 1e9).round() as u64;
+        (at_ns, fault.robot, fault.wheel as usize, fault.kind.into())
+    };
+    let mut all: Vec<_> = faults.iter().map(of).collect();
+    all.sort_by_key(|(at_ns, ..)| std::cmp::Reverse(*at_ns));
+    all
+}

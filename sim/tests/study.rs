@@ -1,0 +1,95 @@
+//! Studies: many groups without a bus.
+
+use group::{GroupFile, Plant, Tables};
+use kinematics::{Pose, Twist};
+use omnibus_sim::study::{Study, StudyOptions};
+
+const START: Pose<f64> = Pose {
+    x: 0.0,
+    y: 0.0,
+    heading: 0.0,
+};
+
+fn file(plant: Plant) -> GroupFile {
+    let path = format!("{}/../groups/tcc-3.toml", env!("CARGO_MANIFEST_DIR"));
+    let mut file = GroupFile::load(path).unwrap();
+    file.simulation.plant = plant;
+    file
+}
+
+/// From rest to 0.24 m/s at 2.4 m/s2 takes ten periods of 10 ms: 0.24 s on (the first period ends at
+/// 0.024 m/s) the way is 0.24 (0.01 (1 + 2 + ... + 10) / 10 + 0.9) = 0.2292 m after a second. The robots
+/// do not compensate and lose nothing.
+#[test]
+fn a_group_accelerates_within_its_limits() {
+    let options = StudyOptions {
+        compensation: false,
+        ..StudyOptions::default()
+    };
+    let mut study = Study::copies(&file(Plant::Table(Tables::Ideal)), 1, START, options).unwrap();
+    study
+        .run(100, 1, &|_, _| Twist::new(0.24, 0.0, 0.0))
+        .unwrap();
+    let group = &study.groups()[0];
+    assert!((group.time() - 1.0).abs() < 1e-12);
+    assert!((group.pose().x - 0.2292).abs() < 1e-6, "{:?}", group.pose());
+    assert!(group.worst_shape_error_mm() < 1e-6);
+}
+
+/// 22 rad/s at 0.1524 m are 3.3528 m/s: no group goes faster, and it keeps its direction.
+#[test]
+fn the_slowest_wheel_sets_the_pace() {
+    let options = StudyOptions {
+        compensation: false,
+        ..StudyOptions::default()
+    };
+    let mut study = Study::copies(&file(Plant::Table(Tables::Ideal)), 1, START, options).unwrap();
+    study
+        .run(400, 1, &|_, _| Twist::new(4.0, 4.0, 0.0))
+        .unwrap();
+    let before = study.groups()[0].pose();
+    study
+        .run(100, 1, &|_, _| Twist::new(4.0, 4.0, 0.0))
+        .unwrap();
+    let after = study.groups()[0].pose();
+    // Ahead and left at once: the front right wheel turns at (vx + vy) / r.
+    let (dx, dy) = (after.x - before.x, after.y - before.y);
+    assert!((dx + dy - 22.0 * 0.1524).abs() < 1e-5, "{dx} {dy}");
+    // Wheel rates are single precision.
+    assert!((dx - dy).abs() < 1e-6, "{dx} {dy}");
+}
+
+/// Every group has its own seed and its own command, and does the same on one thread and on three.
+#[test]
+fn threads_change_nothing() {
+    let mut file = file(Plant::Contact { rollers: 8 });
+    file.simulation.contact.scattered = true;
+    file.simulation.rigid = false;
+    let run = |threads| {
+        let mut study = Study::copies(&file, 7, START, StudyOptions::default()).unwrap();
+        let command =
+            |n: usize, _: &_| Twist::new(0.0, 0.1 * f64::from(u8::try_from(n).unwrap()), 0.0);
+        study.run(100, threads, &command).unwrap();
+        let poses: Vec<_> = study.groups().iter().map(|g| g.robots().to_vec()).collect();
+        poses
+    };
+    let one = run(1);
+    assert_eq!(one, run(3));
+    // Group 0 stands; the faster, the farther.
+    assert!(one[0].iter().all(|pose| pose.y.abs() < 1e-9), "{one:?}");
+    assert!(one.windows(2).all(|pair| pair[0][0].y < pair[1][0].y));
+}
+
+#[test]
+fn a_study_waits_for_nobody() {
+    let file = file(Plant::External {
+        address: "127.0.0.1:1".to_owned(),
+    });
+    let error = Study::copies(&file, 1, START, StudyOptions::default())
+        .err()
+        .unwrap();
+    assert_eq!(
+        error.to_string(),
+        "plant: simulation.plant: a study cannot wait for another program; use table or contact"
+    );
+}
