@@ -8,8 +8,8 @@
 use std::path::Path;
 
 use crate::error::{GroupError, Source};
-use crate::model::{FIRST_NODE, GroupFile, LAST_NODE, Limits, Plant, Robot, Simulation, Tables};
-use crate::schema::{self, At, PlantName, TablesName};
+use crate::model::{FIRST_NODE, GroupFile, LAST_NODE, Limits, Robot};
+use crate::schema::{self, At};
 
 /// What a file may leave out.
 pub mod default {
@@ -28,9 +28,6 @@ pub mod default {
     pub const PROPORTIONAL: f64 = 0.04;
     pub const INTEGRAL: f64 = 0.4;
 }
-
-/// Largest crystal error, ppm: ten times that of the worst part one can buy.
-const CRYSTAL_PPM_LIMIT: f64 = 1000.0;
 
 impl GroupFile {
     /// Reads and checks a file.
@@ -110,7 +107,7 @@ impl Checker<'_> {
             }
         };
         let robots = self.robots(&entries, &defaults)?;
-        let simulation = self.simulation(raw.simulation.unwrap_or_default(), robots.len())?;
+        let simulation = self.simulation(raw.simulation.unwrap_or_default(), &robots)?;
         Ok(GroupFile {
             name: raw.name.into_inner(),
             group_id,
@@ -193,115 +190,6 @@ impl Checker<'_> {
         })
     }
 
-    fn simulation(&self, raw: schema::Simulation, robots: usize) -> Checked<Simulation> {
-        let plant = match raw
-            .plant
-            .as_ref()
-            .map_or(PlantName::Table, |p| *p.get_ref())
-        {
-            PlantName::Table => Plant::Table(
-                match raw
-                    .tables
-                    .as_ref()
-                    .map_or(TablesName::Virtual, |t| *t.get_ref())
-                {
-                    TablesName::Virtual => Tables::Virtual,
-                    TablesName::Physical => Tables::Physical,
-                    TablesName::Ideal => Tables::Ideal,
-                },
-            ),
-            PlantName::Contact => Plant::Contact {
-                rollers: self.rollers(raw.rollers.as_ref())?,
-            },
-            PlantName::External => Plant::External {
-                address: self.address(&raw)?,
-            },
-        };
-        Ok(Simulation {
-            rigid: raw.rigid.is_none_or(|r| *r.get_ref()),
-            plant,
-            crystal_ppm: self.crystals(raw.crystal_ppm, robots)?,
-            seed: match raw.seed {
-                None => 1,
-                Some(seed) => u64::try_from(*seed.get_ref()).map_err(|_| {
-                    self.refuse(
-                        &seed,
-                        "simulation.seed",
-                        &format!("is {}", seed.get_ref()),
-                        "give a whole number, 0 or more",
-                    )
-                })?,
-            },
-        })
-    }
-
-    fn rollers(&self, raw: Option<&At<i64>>) -> Checked<u8> {
-        let Some(rollers) = raw else {
-            return Ok(default::ROLLERS);
-        };
-        u8::try_from(*rollers.get_ref())
-            .ok()
-            .filter(|n| (3..=64).contains(n))
-            .ok_or_else(|| {
-                let problem = format!("is {}", rollers.get_ref());
-                self.refuse(
-                    rollers,
-                    "simulation.rollers",
-                    &problem,
-                    "give the rollers of one wheel, 3 to 64",
-                )
-            })
-    }
-
-    fn address(&self, raw: &schema::Simulation) -> Checked<String> {
-        const REMEDY: &str = "give the other simulator's `host:port`";
-        match (&raw.address, &raw.plant) {
-            (Some(address), _) if address.get_ref().contains(':') => Ok(address.get_ref().clone()),
-            (Some(address), _) => {
-                let problem = format!("\"{}\" has no port", address.get_ref());
-                Err(self.refuse(address, "simulation.address", &problem, REMEDY))
-            }
-            (None, plant) => {
-                let at = plant.as_ref().map_or(0, |p| p.span().start);
-                Err(self
-                    .source
-                    .error(at, "simulation.address", "is missing", REMEDY))
-            }
-        }
-    }
-
-    fn crystals(&self, raw: Option<At<Vec<At<f64>>>>, robots: usize) -> Checked<Vec<f64>> {
-        const FIELD: &str = "simulation.crystal_ppm";
-        let Some(list) = raw else {
-            return Ok(vec![0.0; robots]);
-        };
-        if list.get_ref().len() != robots {
-            let problem = format!("has {} values for {robots} robots", list.get_ref().len());
-            return Err(self.refuse(
-                &list,
-                FIELD,
-                &problem,
-                "give one value a robot, in their order",
-            ));
-        }
-        list.get_ref()
-            .iter()
-            .map(|value| {
-                let ppm = *value.get_ref();
-                if ppm.abs() <= CRYSTAL_PPM_LIMIT {
-                    Ok(ppm)
-                } else {
-                    Err(self.refuse(
-                        value,
-                        FIELD,
-                        &format!("is {}", shown(ppm)),
-                        "give an error between -1000 and 1000 ppm",
-                    ))
-                }
-            })
-            .collect()
-    }
-
     /// A period: a whole number of milliseconds, because robots count them in ticks of one.
     fn milliseconds(&self, raw: Option<&At<f64>>, field: &str, fallback: f64) -> Checked<u32> {
         let ms = self.number(field, raw, fallback, Range::Positive)?;
@@ -351,7 +239,7 @@ impl Checker<'_> {
 const ADD_ROBOT: &str = "add a `[[robots]]` entry for every robot";
 
 /// A number as TOML writes it.
-fn shown(value: f64) -> String {
+pub fn shown(value: f64) -> String {
     if value.is_nan() {
         "nan".to_owned()
     } else {

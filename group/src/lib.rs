@@ -11,8 +11,9 @@
 //! which file, line and field, what is wrong with it, and what to write instead.
 //!
 //! - `schema`: the file as TOML has it, every value with its place in the text.
-//! - `model`: the group as the programs use it, SI units, checked.
-//! - `check` and `member`: the way from one to the other, and all rules.
+//! - `model` and `simulation`: the group as the programs use it, SI units, checked.
+//! - `check`, `member` and `check_simulation`: the way from one to the other, and all rules.
+//! - `parameters`: what a robot must be told, as objects and values.
 //! - `error`: what is said when a rule is broken.
 //!
 //! The file does not say how anything behaves: it holds data of robots, and the `[simulation]` table
@@ -20,13 +21,21 @@
 #![forbid(unsafe_code)]
 
 mod check;
+mod check_simulation;
 mod error;
 mod member;
 mod model;
+mod parameters;
 mod schema;
+mod simulation;
 
 pub use error::GroupError;
 pub use model::{
-    Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE, Limits, Motor, Plant, Robot,
-    Simulation, Tables,
+    CompensationTable, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE, Limits,
+    Motor, Robot, Rollers, Wheel,
+};
+pub use parameters::{Parameter, compensation_set, member_mask, parameters};
+pub use simulation::{
+    Battery, Contact, EncoderFault, EncoderFaultKind, EncoderNoise, Patch, Payload, Plant,
+    PoseNoise, Simulation, Tables, WheelName,
 };

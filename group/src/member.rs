@@ -3,11 +3,15 @@
 //! Every field is looked up in the entry, then in the `[robot]` table, then among the defaults; an error
 //! names the place it was found in, because that is where it has to be mended.
 
-use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
+use kinematics::{
+    AxisTable, DirectionalCompensation, FourWheelGeometry, Pose, VelocityCompensation,
+};
 
 use crate::check::{Checked, Checker, Range, Value, default};
 use crate::error::GroupError;
-use crate::model::{Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot};
+use crate::model::{
+    CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
+};
 use crate::schema::{self, At};
 
 impl Checker<'_> {
@@ -98,11 +102,15 @@ impl Checker<'_> {
                 "lower it, or mend motor.supply and motor.constant",
             ));
         }
+        let compensation = self.compensation(&field, e, d)?;
         Ok(Robot {
             node,
             mount,
             geometry: self.geometry(&field, e, d)?,
-            compensation: self.compensation(&field, e, d)?,
+            wheels: self.wheels(&field, e, d)?,
+            compensation,
+            compensation_table: self.compensation_table(&field, e, d, &compensation)?,
+            rollers: self.known_rollers(&field, e, d)?,
             max_wheel_rate,
             encoder: Encoder {
                 counts_per_revolution: positive(
@@ -110,6 +118,12 @@ impl Checker<'_> {
                     &e.encoder.counts_per_revolution,
                     &d.encoder.counts_per_revolution,
                     None,
+                )?,
+                gear_ratio: positive(
+                    "encoder.gear_ratio",
+                    &e.encoder.gear_ratio,
+                    &d.encoder.gear_ratio,
+                    Some(1.0),
                 )?,
             },
             motor,
@@ -126,6 +140,9 @@ impl Checker<'_> {
                     &d.control.integral,
                     Some(default::INTEGRAL),
                 )?,
+                identified: (e.control.identified.as_ref())
+                    .or(d.control.identified.as_ref())
+                    .is_some_and(|identified| *identified.get_ref()),
             },
         })
     }
@@ -198,6 +215,221 @@ impl Checker<'_> {
                 "mend the coefficients",
             )
         })
+    }
+}
+
+impl Checker<'_> {
+    /// The wheels one by one, from the entry or from `[robot]`, if either has them; they must make a robot.
+    fn wheels(
+        &self,
+        field: &Member<'_, '_>,
+        e: &schema::Entry,
+        d: &schema::Defaults,
+    ) -> Checked<Option<[Wheel; 4]>> {
+        let (wheels, path) = match (&e.wheels, &d.wheels) {
+            (Some(own), _) => (own, format!("robots[{}].wheels", field.index)),
+            (None, Some(shared)) => (shared, "robot.wheels".to_owned()),
+            (None, None) => return Ok(None),
+        };
+        let one = |name: &str, raw: &At<schema::Wheel>| -> Checked<Wheel> {
+            let path = format!("{path}.{name}");
+            let w = raw.get_ref();
+            let number = |key: &str, value: &At<f64>, range| {
+                self.number(&format!("{path}.{key}"), Some(value), 0.0, range)
+            };
+            let counts = w.counts_per_revolution.as_ref();
+            let wheel = Wheel {
+                x: number("x", &w.x, Range::Any)?,
+                y: number("y", &w.y, Range::Any)?,
+                radius: number("radius", &w.radius, Range::Positive)?,
+                roller_angle: number("roller_angle_deg", &w.roller_angle_deg, Range::Any)?
+                    .to_radians(),
+                counts_per_revolution: counts
+                    .map(|counts| number("counts_per_revolution", counts, Range::Positive))
+                    .transpose()?,
+            };
+            kinematics::Wheel::new(wheel.x, wheel.y, 0.0, wheel.roller_angle, wheel.radius)
+                .map_err(|error| self.refuse(raw, &path, &error.to_string(), "mend this wheel"))?;
+            Ok(wheel)
+        };
+        let all = [
+            one("front_left", &wheels.front_left)?,
+            one("front_right", &wheels.front_right)?,
+            one("rear_left", &wheels.rear_left)?,
+            one("rear_right", &wheels.rear_right)?,
+        ];
+        let built = all.map(|w| kinematics::Wheel::new(w.x, w.y, 0.0, w.roller_angle, w.radius));
+        let built: Result<Vec<_>, _> = built.into_iter().collect();
+        let robot = built
+            .ok()
+            .and_then(|wheels| <[kinematics::Wheel; 4]>::try_from(wheels).ok());
+        let platform = robot.map(|wheels| kinematics::Platform::new(&wheels));
+        if let Some(Err(error)) = platform {
+            let remedy = "mend positions and roller angles";
+            return Err(self.refuse(&wheels.front_left, &path, &error.to_string(), remedy));
+        }
+        Ok(Some(all))
+    }
+}
+
+impl Checker<'_> {
+    /// What an entry knows of its rollers, else what `[robot]` knows, else nothing.
+    fn known_rollers(
+        &self,
+        field: &Member<'_, '_>,
+        e: &schema::Entry,
+        d: &schema::Defaults,
+    ) -> Checked<Option<Rollers>> {
+        let (raw, path) = match (&e.rollers, &d.rollers) {
+            (Some(own), _) => (own, format!("robots[{}].rollers", field.index)),
+            (None, Some(shared)) => (shared, "robot.rollers".to_owned()),
+            (None, None) => return Ok(None),
+        };
+        let rollers = raw.get_ref();
+        let count = rollers.count.get_ref();
+        let count = match u8::try_from(*count) {
+            Ok(count @ 3..=64) => count,
+            _ => {
+                let (path, problem) = (format!("{path}.count"), format!("is {count}"));
+                let remedy = "give the number of rollers of a wheel, 3 to 64";
+                return Err(self.refuse(&rollers.count, &path, &problem, remedy));
+            }
+        };
+        let pitch = 360.0 / f64::from(count);
+        let mut phases = [0.0; 4];
+        if let Some(given) = &rollers.phases_deg {
+            for (phase, degrees) in phases.iter_mut().zip(given.get_ref()) {
+                if degrees.abs() > pitch / 2.0 + 1e-6 || degrees.is_nan() {
+                    let (path, problem) = (format!("{path}.phases_deg"), format!("has {degrees}"));
+                    let remedy = format!(
+                        "give angles within half of the {pitch} degrees from roller to roller; \
+                         `omnibus calibrate --phase` finds them"
+                    );
+                    return Err(self.refuse(given, &path, &problem, &remedy));
+                }
+                *phase = degrees.to_radians() as f32;
+            }
+        }
+        let axis = |key: &str, value: &Value| -> Checked<f32> {
+            let Some(value) = value else { return Ok(1.0) };
+            let coefficient = *value.get_ref();
+            if !(0.5..=2.0).contains(&coefficient) {
+                let (path, problem) = (format!("{path}.{key}"), format!("is {coefficient}"));
+                let remedy = "give 0.5 to 2; 1 is no compensation, 0 would delete the axis";
+                return Err(self.refuse(value, &path, &problem, remedy));
+            }
+            Ok(coefficient as f32)
+        };
+        let compensation = VelocityCompensation::new(
+            axis("longitudinal", &rollers.longitudinal)?,
+            axis("lateral", &rollers.lateral)?,
+            axis("yaw", &rollers.yaw)?,
+        )
+        .map_err(|error| self.refuse(raw, &path, &error.to_string(), "mend the coefficients"))?;
+        Ok(Some(Rollers {
+            count,
+            phases,
+            compensation,
+        }))
+    }
+}
+
+/// The most rows of one compensation table: what a robot keeps.
+const ROWS: usize = 8;
+
+impl Checker<'_> {
+    /// The tables of an entry, else those of `[robot]`, else none. They must be what a robot takes: rising speeds,
+    /// coefficients from 0.5 to 1.9999, and tables that can be inverted.
+    fn compensation_table(
+        &self,
+        field: &Member<'_, '_>,
+        e: &schema::Entry,
+        d: &schema::Defaults,
+        constant: &VelocityCompensation,
+    ) -> Checked<CompensationTable> {
+        let (raw, path) = match (&e.compensation.table, &d.compensation.table) {
+            (Some(own), _) => (own, format!("robots[{}].compensation.table", field.index)),
+            (None, Some(shared)) => (shared, "robot.compensation.table".to_owned()),
+            (None, None) => return Ok(CompensationTable::default()),
+        };
+        let table = raw.get_ref();
+        let version = u32::try_from(*table.version.get_ref()).map_err(|_| {
+            let problem = format!("is {}", table.version.get_ref());
+            let remedy = "give a whole number, 0 to 4294967295, such as the date 20261121";
+            self.refuse(&table.version, &format!("{path}.version"), &problem, remedy)
+        })?;
+        let pairs = |key: &str, rows: &[At<[f64; 2]>]| -> Checked<Vec<(f32, f32)>> {
+            let row = |[speed, coefficient]: [f64; 2]| (speed, [coefficient, coefficient]);
+            let rows = self.rows(&format!("{path}.{key}"), rows, row)?;
+            Ok(rows.into_iter().map(|(speed, x, _)| (speed, x)).collect())
+        };
+        let longitudinal = pairs("longitudinal", &table.longitudinal)?;
+        let lateral = pairs("lateral", &table.lateral)?;
+        let yaw = pairs("yaw", &table.yaw)?;
+        let oblique = self.rows(&format!("{path}.oblique"), &table.oblique, |[s, x, y]| {
+            (s, [x, y])
+        })?;
+
+        let axis = |key: &str, rows: &[(f32, f32)], constant: f32| {
+            AxisTable::<ROWS>::filled(rows.iter().copied(), constant).map_err(|error| {
+                let problem = error.to_string();
+                self.refuse(raw, &format!("{path}.{key}"), &problem, "mend the rows")
+            })
+        };
+        let ahead = axis("longitudinal", &longitudinal, constant.longitudinal())?;
+        let aside = axis("lateral", &lateral, constant.lateral())?;
+        let about = axis("yaw", &yaw, constant.yaw())?;
+        if !oblique.is_empty() {
+            let x: Vec<_> = oblique.iter().map(|(speed, x, _)| (*speed, *x)).collect();
+            let y: Vec<_> = oblique.iter().map(|(speed, _, y)| (*speed, *y)).collect();
+            let (x, y) = (axis("oblique", &x, 1.0)?, axis("oblique", &y, 1.0)?);
+            DirectionalCompensation::new(ahead, aside, x, y, about).map_err(|error| {
+                let problem = error.to_string();
+                self.refuse(raw, &format!("{path}.oblique"), &problem, "mend the rows")
+            })?;
+        }
+        Ok(CompensationTable {
+            version,
+            longitudinal,
+            lateral,
+            oblique,
+            yaw,
+        })
+    }
+
+    /// Rows of speed and two coefficients, each within what a robot takes.
+    fn rows<const N: usize>(
+        &self,
+        path: &str,
+        rows: &[At<[f64; N]>],
+        split: impl Fn([f64; N]) -> (f64, [f64; 2]),
+    ) -> Checked<Vec<(f32, f32, f32)>> {
+        if let Some(over) = rows.get(ROWS) {
+            let problem = format!("has {} rows", rows.len());
+            return Err(self.refuse(over, path, &problem, "keep at most 8"));
+        }
+        let mut before = 0;
+        let mut out = Vec::with_capacity(rows.len());
+        for (i, row) in rows.iter().enumerate() {
+            let (speed, coefficients) = split(*row.get_ref());
+            let path = format!("{path}[{i}]");
+            // The robot has speeds in steps of 0.1 mm/s or 0.1 mrad/s.
+            let steps = (speed * 1e4).round() as u32;
+            if steps <= before || speed > 6.5 {
+                let problem = format!("has speed {speed}");
+                let remedy = "give speeds up to 6.5 that rise from row to row by 0.0001 or more";
+                return Err(self.refuse(row, &path, &problem, remedy));
+            }
+            before = steps;
+            if let Some(bad) = coefficients.iter().find(|c| !(0.5..=1.9999).contains(*c)) {
+                let problem = format!("has coefficient {bad}");
+                let remedy = "give 0.5 to 1.9999; 1 is no compensation, 0 would delete the axis";
+                return Err(self.refuse(row, &path, &problem, remedy));
+            }
+            let [x, y] = coefficients.map(|c| c as f32);
+            out.push((speed as f32, x, y));
+        }
+        Ok(out)
     }
 }
 

@@ -6,6 +6,8 @@
 
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
 
+use crate::simulation::Simulation;
+
 /// Lowest node identifier of a robot; node 1 is the master.
 pub const FIRST_NODE: u8 = 2;
 /// Highest node identifier of a robot: sixteen on one bus.
@@ -56,8 +58,14 @@ pub struct Robot {
     pub mount: Pose,
     /// Wheels and where they are.
     pub geometry: FourWheelGeometry,
+    /// The wheels one by one, where they differ; then `geometry` is what simulated worlds go by.
+    pub wheels: Option<[Wheel; 4]>,
     /// What the master writes into the robot against its losses; 1 is none.
     pub compensation: VelocityCompensation,
+    /// Tables over speed and direction that stand in for it, axis by axis, where they have rows.
+    pub compensation_table: CompensationTable,
+    /// Its wheels' rollers, where their phase is known; `None` computes with ideal rollers.
+    pub rollers: Option<Rollers>,
     /// Fastest wheel rate that may be asked for, rad/s.
     pub max_wheel_rate: f32,
     /// The wheel's encoder.
@@ -68,11 +76,56 @@ pub struct Robot {
     pub control: Control,
 }
 
+/// One wheel of a robot whose wheels differ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wheel {
+    /// Centre, forward, m.
+    pub x: f32,
+    /// Centre, left, m.
+    pub y: f32,
+    /// m.
+    pub radius: f32,
+    /// Roller axle against wheel axle, counter-clockwise from above, rad.
+    pub roller_angle: f32,
+    /// Encoder counts per revolution, where they are not the robot's.
+    pub counts_per_revolution: Option<f32>,
+}
+
+/// Compensation over speed and direction; every row with the speed that is achieved.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CompensationTable {
+    /// Tells one calibration from another; a date serves. 0 where the file has no table.
+    pub version: u32,
+    /// m/s, coefficient.
+    pub longitudinal: Vec<(f32, f32)>,
+    /// m/s, coefficient.
+    pub lateral: Vec<(f32, f32)>,
+    /// m/s, longitudinal and lateral coefficient at 45 degrees.
+    pub oblique: Vec<(f32, f32, f32)>,
+    /// rad/s, coefficient.
+    pub yaw: Vec<(f32, f32)>,
+}
+
+/// The rollers of a robot's wheels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rollers {
+    /// Rollers of a wheel.
+    pub count: u8,
+    /// How far each wheel has rolled on past the middle of its ground roller when its encoder's index comes, rad:
+    /// front left, front right, rear left, rear right. From calibration.
+    pub phases: [f32; 4],
+    /// What is left to compensate when the wheels' roller angles are taken into account; stands in for
+    /// [`Robot::compensation`].
+    pub compensation: VelocityCompensation,
+}
+
 /// The encoder of a wheel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Encoder {
-    /// Quadrature counts per revolution of the *wheel* (lines times 4 times gear ratio).
+    /// Quadrature counts per revolution of the encoder's shaft (lines times 4); of the wheel where the gear ratio is 1.
     pub counts_per_revolution: f32,
+    /// Revolutions of the encoder's shaft in one of the wheel.
+    pub gear_ratio: f32,
 }
 
 /// Motor and gear as seen from the wheel: torques and rates are the wheel's.
@@ -101,6 +154,9 @@ pub struct Control {
     pub proportional: f32,
     /// Duty per rad of accumulated rate error.
     pub integral: f32,
+    /// The robot knows its motors, gains and wiring from an identification and keeps them; nothing of that is
+    /// written into it.
+    pub identified: bool,
 }
 
 /// Duty that holds or changes a wheel rate, from the motor's own data.
@@ -133,45 +189,4 @@ impl Motor {
         let f = self.feedforward();
         (1.0 - f.duty_static) / f.duty_per_rate
     }
-}
-
-/// What a simulated world needs to be told and a real one knows by itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Simulation {
-    /// All members are bolted to one load; otherwise each moves alone.
-    pub rigid: bool,
-    /// How wheel motion becomes robot motion.
-    pub plant: Plant,
-    /// Crystal error of every robot in parts per million, in the order of `robots`.
-    pub crystal_ppm: Vec<f64>,
-    /// Seed of everything random.
-    pub seed: u64,
-}
-
-/// How wheel motion becomes robot motion.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Plant {
-    /// Measured losses over speed.
-    Table(Tables),
-    /// Rollers, friction and rigid-body dynamics.
-    Contact {
-        /// Rollers per wheel.
-        rollers: u8,
-    },
-    /// Another simulator, reached over TCP.
-    External {
-        /// `host:port`.
-        address: String,
-    },
-}
-
-/// Which measured losses the table plant has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tables {
-    /// The paper's virtual robot, Tables 3 and 5.
-    Virtual,
-    /// The paper's physical robot, Tables 7 and 8.
-    Physical,
-    /// No losses.
-    Ideal,
 }

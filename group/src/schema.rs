@@ -7,6 +7,8 @@
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::simulation::{EncoderFaultKind, WheelName};
+
 /// A value with its place in the text.
 pub type At<T> = Spanned<T>;
 
@@ -44,14 +46,36 @@ pub struct Defaults {
     pub wheel_radius: Option<At<f64>>,
     pub roller_angle_deg: Option<At<f64>>,
     pub max_wheel_rate: Option<At<f64>>,
+    pub rollers: Option<At<Rollers>>,
     #[serde(default)]
     pub compensation: Compensation,
+    pub wheels: Option<Wheels>,
     #[serde(default)]
     pub encoder: Encoder,
     #[serde(default)]
     pub motor: Motor,
     #[serde(default)]
     pub control: Control,
+}
+
+/// Wheels that differ.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wheels {
+    pub front_left: At<Wheel>,
+    pub front_right: At<Wheel>,
+    pub rear_left: At<Wheel>,
+    pub rear_right: At<Wheel>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wheel {
+    pub x: At<f64>,
+    pub y: At<f64>,
+    pub radius: At<f64>,
+    pub roller_angle_deg: At<f64>,
+    pub counts_per_revolution: Option<At<f64>>,
 }
 
 /// One `[[robots]]` entry. The fields of [`Defaults`] are repeated because TOML readers cannot both
@@ -68,8 +92,10 @@ pub struct Entry {
     pub wheel_radius: Option<At<f64>>,
     pub roller_angle_deg: Option<At<f64>>,
     pub max_wheel_rate: Option<At<f64>>,
+    pub rollers: Option<At<Rollers>>,
     #[serde(default)]
     pub compensation: Compensation,
+    pub wheels: Option<Wheels>,
     #[serde(default)]
     pub encoder: Encoder,
     #[serde(default)]
@@ -78,9 +104,12 @@ pub struct Entry {
     pub control: Control,
 }
 
-#[derive(Debug, Default, Deserialize)]
+/// What is known of the rollers; the compensation is what is left with it.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Compensation {
+pub struct Rollers {
+    pub count: At<i64>,
+    pub phases_deg: Option<At<[f64; 4]>>,
     pub longitudinal: Option<At<f64>>,
     pub lateral: Option<At<f64>>,
     pub yaw: Option<At<f64>>,
@@ -88,8 +117,33 @@ pub struct Compensation {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
+pub struct Compensation {
+    pub longitudinal: Option<At<f64>>,
+    pub lateral: Option<At<f64>>,
+    pub yaw: Option<At<f64>>,
+    pub table: Option<At<CompensationTable>>,
+}
+
+/// Rows of achieved speed (m/s, rad/s) and coefficient; oblique ones have two coefficients.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CompensationTable {
+    pub version: At<i64>,
+    #[serde(default)]
+    pub longitudinal: Vec<At<[f64; 2]>>,
+    #[serde(default)]
+    pub lateral: Vec<At<[f64; 2]>>,
+    #[serde(default)]
+    pub oblique: Vec<At<[f64; 3]>>,
+    #[serde(default)]
+    pub yaw: Vec<At<[f64; 2]>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Encoder {
     pub counts_per_revolution: Option<At<f64>>,
+    pub gear_ratio: Option<At<f64>>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -109,6 +163,7 @@ pub struct Motor {
 pub struct Control {
     pub proportional: Option<At<f64>>,
     pub integral: Option<At<f64>>,
+    pub identified: Option<At<bool>>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -121,6 +176,71 @@ pub struct Simulation {
     pub address: Option<At<String>>,
     pub crystal_ppm: Option<At<Vec<At<f64>>>>,
     pub seed: Option<At<i64>>,
+    pub backlash_deg: Option<At<f64>>,
+    pub friction: Option<At<f64>>,
+    pub robot_mass: Option<At<f64>>,
+    pub scattered_rollers: Option<At<bool>>,
+    pub battery: Option<At<Battery>>,
+    #[serde(default)]
+    pub encoder: EncoderNoise,
+    #[serde(default)]
+    pub encoder_faults: Vec<EncoderFault>,
+    #[serde(default)]
+    pub pose_noise: PoseNoise,
+    pub payload: Option<At<Payload>>,
+    #[serde(default)]
+    pub floor: Vec<At<Patch>>,
+}
+
+/// Rows of charge (0 to 1) and volts.
+pub type Curve = Vec<At<(f64, f64)>>;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Battery {
+    pub resistance: At<f64>,
+    pub capacity_ah: Option<At<f64>>,
+    pub charge: Option<At<f64>>,
+    pub curve: Option<At<Curve>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderNoise {
+    pub lost: Option<At<f64>>,
+    pub extra_per_s: Option<At<f64>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderFault {
+    pub node: At<i64>,
+    pub wheel: WheelName,
+    pub kind: EncoderFaultKind,
+    pub at: Option<At<f64>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseNoise {
+    pub position_mm: Option<At<f64>>,
+    pub heading_mrad: Option<At<f64>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Payload {
+    pub mass: At<f64>,
+    pub x: Option<At<f64>>,
+    pub y: Option<At<f64>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Patch {
+    pub x: At<(f64, f64)>,
+    pub y: At<(f64, f64)>,
+    pub friction: At<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

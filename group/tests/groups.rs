@@ -61,6 +61,29 @@ fn an_entry_overrides_the_robot_table_field_by_field() {
 
 /// The feedforward of tcc-3's motor by hand: 0.3 ohm, 0.8 V s/rad, 24 V.
 #[test]
+fn an_identified_robot_keeps_its_motors_gains_and_wiring() {
+    let mut file = load("tcc-3");
+    assert!(
+        !file.robots[1].control.identified,
+        "unless the file says so"
+    );
+    let written = |file: &GroupFile| omnibus_group::parameters(file, &file.robots[1], true);
+    let whole = written(&file);
+    file.robots[1].control.identified = true;
+    let kept: Vec<u16> = whole
+        .iter()
+        .filter(|parameter| !written(&file).contains(parameter))
+        .map(|(address, _)| address.index)
+        .collect();
+    // Two of 0x2020, five of each motor.
+    let mut expected = vec![0x2020; 2];
+    for index in 0x2021..=0x2024 {
+        expected.extend([index; 5]);
+    }
+    assert_eq!(kept, expected);
+}
+
+#[test]
 fn feedforward_follows_from_the_motor() {
     let f = load("single").robots[0].motor.feedforward();
     // Torque of 1 N m takes 0.3 / 0.8 = 0.375 V, 0.015625 of 24 V.
@@ -76,4 +99,35 @@ fn feedforward_follows_from_the_motor() {
     // (24 - 0.375) / (0.8 + 0.02 * 0.375) = 29.257 rad/s.
     let top = load("single").robots[0].motor.no_load_rate();
     assert!((top - 29.257).abs() < 1e-3, "{top}");
+}
+
+#[test]
+fn a_compensation_table_is_the_robots_own_or_the_shared_one() {
+    let text =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml"))
+            .unwrap();
+    let shared = text.replace(
+        "yaw = 1.0195",
+        "yaw = 1.0195\n[robot.compensation.table]\nversion = 20261121\nlateral = [[0.1, 1.141], [0.5, 1.157]]",
+    );
+    let own = shared.replace(
+        "node = 3",
+        "node = 3\ncompensation.table = { version = 7, oblique = [[0.3, 1.017, 1.0175]] }",
+    );
+    let group = GroupFile::parse("tcc-3.toml", &own).unwrap();
+    let [first, second, _] = &group.robots[..] else {
+        panic!("three robots");
+    };
+    assert_eq!(first.compensation_table.version, 20_261_121);
+    assert_eq!(
+        first.compensation_table.lateral,
+        [(0.1, 1.141), (0.5, 1.157)]
+    );
+    assert_eq!(second.compensation_table.version, 7);
+    assert!(second.compensation_table.lateral.is_empty());
+    assert_eq!(second.compensation_table.oblique, [(0.3, 1.017, 1.0175)]);
+    // What the tables do not have stays.
+    assert_eq!(second.compensation.lateral(), 1.033);
+    let plain = GroupFile::parse("tcc-3.toml", &text).unwrap();
+    assert_eq!(plain.robots[0].compensation_table.version, 0);
 }

@@ -63,7 +63,7 @@ fn unknown_key_lists_the_keys_there_are() {
             "compensation = { lateral = 1.033 }",
             "compensation = { sideways = 1.033 }"
         ),
-        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, yaw"
+        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, yaw, table"
     );
 }
 
@@ -296,4 +296,56 @@ fn a_file_that_is_not_there() {
     let text = error.to_string();
     assert!(text.starts_with("no/such.toml: cannot be read ("), "{text}");
     assert!(text.ends_with("; give the path of a group file"), "{text}");
+}
+
+/// The refusal of [`VALID`] with these rows of a table.
+fn table(rows: &str) -> String {
+    let with = format!("compensation = {{ table = {{ version = 1, {rows} }} }}");
+    refusal("compensation = { lateral = 1.033 }", &with)
+}
+
+#[test]
+fn compensation_table_with_a_zero() {
+    assert_eq!(
+        table("lateral = [[0.1, 1.1], [0.2, 0]]"),
+        "pair.toml:24: robots[1].compensation.table.lateral[1]: has coefficient 0; give 0.5 to 1.9999; 1 is no \
+         compensation, 0 would delete the axis"
+    );
+}
+
+#[test]
+fn compensation_table_whose_speeds_do_not_rise() {
+    for speeds in ["[0.2, 1.1], [0.2, 1.2]", "[0.1, 1.1], [nan, 1.2]"] {
+        let text = table(&format!("yaw = [{speeds}]"));
+        let remedy = "give speeds up to 6.5 that rise from row to row by 0.0001 or more";
+        assert!(text.ends_with(remedy), "{text}");
+    }
+}
+
+#[test]
+fn compensation_table_that_cannot_be_inverted() {
+    assert_eq!(
+        table("lateral = [[0.3, 0.6], [0.31, 1.9]]"),
+        "pair.toml:24: robots[1].compensation.table.lateral: row 1: the coefficient changes too fast with speed to be \
+         inverted; mend the rows"
+    );
+    let text = table("oblique = [[0.3, 1.5, 1.5]]");
+    assert!(
+        text.contains("oblique and axial coefficients differ too much"),
+        "{text}"
+    );
+}
+
+#[test]
+fn compensation_table_with_nine_rows() {
+    let rows: Vec<String> = (1..=9).map(|i| format!("[0.{i}, 1.1]")).collect();
+    let text = table(&format!("longitudinal = [{}]", rows.join(", ")));
+    assert!(text.ends_with("has 9 rows; keep at most 8"), "{text}");
+}
+
+#[test]
+fn compensation_table_without_a_version() {
+    let with = "compensation = { table = { lateral = [[0.1, 1.1]] } }";
+    let text = refusal("compensation = { lateral = 1.033 }", with);
+    assert!(text.contains("version"), "{text}");
 }

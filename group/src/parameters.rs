@@ -1,0 +1,158 @@
+//! What a robot must be told: the group file as a list of objects and values.
+//!
+//! One function of the file, so that every master writes the same: the `omnibus` command, and the
+//! simulator when it drives robots of its own.
+
+use protocol::compensation::{EMPTY, LENGTH_MAX, SetError, Tables};
+use protocol::{Address, Value, address};
+
+use crate::model::{GroupFile, Robot};
+
+/// A value to be written, under the address it goes to.
+pub type Parameter = (Address, Value);
+
+/// Bit mask of all members: bit n stands for node n.
+#[must_use]
+pub fn member_mask(file: &GroupFile) -> u32 {
+    let bits = file.robots.iter().map(|robot| 1_u32 << robot.node);
+    bits.fold(0, |mask, bit| mask | bit)
+}
+
+/// Milliseconds of a time in µs, saturating.
+fn millis(us: u32) -> u16 {
+    u16::try_from(us.div_ceil(1000)).unwrap_or(u16::MAX)
+}
+
+/// Everything a robot must know, in the order of the object dictionary. With `compensation` off it
+/// is told that it loses nothing. A robot whose motors are identified keeps what it has found.
+#[must_use]
+pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Parameter> {
+    let real = |at: Address, value: f32| (at, Value::F32(value));
+    let geometry = &robot.geometry;
+    let given = robot
+        .rollers
+        .map_or(robot.compensation, |rollers| rollers.compensation);
+    let coefficient = |value: f32| if compensation { value } else { 1.0 };
+    let mut out = vec![
+        real(address::HALF_TRACK, geometry.half_track()),
+        real(address::HALF_WHEELBASE, geometry.half_wheelbase()),
+        real(address::WHEEL_RADIUS, geometry.wheel_radius()),
+        real(address::ROLLER_ANGLE, geometry.roller_angle()),
+        (
+            address::INDIVIDUAL_WHEELS,
+            Value::U8(u8::from(robot.wheels.is_some())),
+        ),
+        real(address::MOUNT_X, robot.mount.x),
+        real(address::MOUNT_Y, robot.mount.y),
+        real(address::MOUNT_HEADING, robot.mount.heading),
+        real(
+            address::COMPENSATION_LONGITUDINAL,
+            coefficient(given.longitudinal()),
+        ),
+        real(address::COMPENSATION_LATERAL, coefficient(given.lateral())),
+        real(address::COMPENSATION_YAW, coefficient(given.yaw())),
+        real(address::GEAR_RATIO, robot.encoder.gear_ratio),
+        real(address::ENCODER_COUNTS, robot.encoder.counts_per_revolution),
+    ];
+    if !robot.control.identified {
+        // As wired by the book: encoders count up and motors turn forward when it rolls forward.
+        out.extend([
+            (address::ENCODER_REVERSED, Value::U8(0)),
+            (address::MOTOR_REVERSED, Value::U8(0)),
+        ]);
+    }
+    for (place, wheel) in (0..).zip(robot.wheels.iter().flatten()) {
+        out.extend([
+            real(address::wheel::x(place), wheel.x),
+            real(address::wheel::y(place), wheel.y),
+            real(address::wheel::radius(place), wheel.radius),
+            real(address::wheel::roller_angle(place), wheel.roller_angle),
+        ]);
+    }
+    // Counts of their own hold for wheels that are alike too, so those of an earlier file must go.
+    for place in 0..4 {
+        let wheel = robot.wheels.map(|wheels| wheels[usize::from(place)]);
+        let counts = wheel.and_then(|wheel| wheel.counts_per_revolution);
+        let at = address::wheel::encoder_counts(place);
+        out.push(real(at, counts.unwrap_or(0.0)));
+    }
+    // The file has duties, the robot volts: what a duty is worth depends on the battery.
+    let (forward, supply) = (robot.motor.feedforward(), robot.motor.supply);
+    for wheel in (0..4).filter(|_| !robot.control.identified) {
+        out.extend([
+            real(
+                address::motor::static_friction(wheel),
+                forward.duty_static * supply,
+            ),
+            real(address::motor::speed(wheel), forward.duty_per_rate * supply),
+            real(
+                address::motor::acceleration(wheel),
+                forward.duty_per_acceleration * supply,
+            ),
+            real(
+                address::motor::proportional(wheel),
+                robot.control.proportional * supply,
+            ),
+            real(
+                address::motor::integral(wheel),
+                robot.control.integral * supply,
+            ),
+        ]);
+    }
+    // Written always: a robot that had rollers before must forget them.
+    let rollers = robot.rollers.map_or((0, [0.0; 4]), |r| (r.count, r.phases));
+    for wheel in 0..4 {
+        out.push((address::rollers::count(wheel), Value::U8(rollers.0)));
+    }
+    for (wheel, phase) in (0..).zip(rollers.1) {
+        out.push(real(address::rollers::phase(wheel), phase));
+    }
+    let reference = Value::U8(u8::from(rollers.0 > 0));
+    out.push((address::ROLLER_REFERENCE, reference));
+    let limits = &file.limits;
+    out.extend([
+        real(address::SUPPLY_NOMINAL, supply),
+        real(address::WHEEL_RATE_MAX, robot.max_wheel_rate),
+        real(address::ACCELERATION, limits.linear_acceleration),
+        real(address::ACCELERATION_YAW, limits.yaw_acceleration),
+        real(address::JERK, limits.linear_jerk),
+        real(address::JERK_YAW, limits.yaw_jerk),
+        real(address::DECELERATION, limits.linear_acceleration),
+        real(address::DECELERATION_YAW, limits.yaw_acceleration),
+        (address::GROUP_ID, Value::U8(file.group_id)),
+        (address::MEMBERS, Value::U32(member_mask(file))),
+        (address::SYNC_PERIOD, Value::U32(file.sync_period_us)),
+        (
+            address::SYNC_TIMEOUT,
+            Value::U16(millis(file.sync_period_us.saturating_mul(5))),
+        ),
+        (
+            address::SETPOINT_TIMEOUT,
+            Value::U16(millis(limits.command_timeout_us)),
+        ),
+    ]);
+    out
+}
+
+/// The compensation set of a robot in the bytes of object 0x2013:1; one without rows where the file has no table or
+/// `compensation` is off.
+///
+/// # Errors
+/// When the tables make no set, which those of a file that was loaded do.
+pub fn compensation_set(robot: &Robot, compensation: bool) -> Result<Vec<u8>, SetError> {
+    // A table was measured with ideal rollers.
+    if !compensation || robot.rollers.is_some() {
+        return Ok(EMPTY.to_vec());
+    }
+    let table = &robot.compensation_table;
+    let tables = Tables {
+        version: table.version,
+        longitudinal: &table.longitudinal,
+        lateral: &table.lateral,
+        oblique: &table.oblique,
+        yaw: &table.yaw,
+    };
+    let mut bytes = [0; LENGTH_MAX];
+    let length = tables.encode(&mut bytes)?;
+    Ok(bytes[..length].to_vec())
+}

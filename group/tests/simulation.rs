@@ -1,0 +1,198 @@
+//! The `[simulation]` table: what its values become, and what it is refused for.
+
+use omnibus_group::{
+    Battery, EncoderFault, EncoderFaultKind, EncoderNoise, GroupFile, Patch, Payload, PoseNoise,
+    WheelName,
+};
+
+const ROBOTS: &str = r#"name = "pair"
+group_id = 7
+[robot]
+half_track = 0.37
+half_wheelbase = 0.35
+wheel_radius = 0.1524
+roller_angle_deg = 45
+max_wheel_rate = 22
+encoder = { counts_per_revolution = 40000 }
+motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
+[[robots]]
+node = 2
+x = 0.6
+[[robots]]
+node = 3
+x = -0.6
+[simulation]
+"#;
+
+fn parsed(simulation: &str) -> GroupFile {
+    GroupFile::parse("pair.toml", &format!("{ROBOTS}{simulation}"))
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Without the name of the file; the table's first line is 18.
+fn refusal(simulation: &str) -> String {
+    GroupFile::parse("pair.toml", &format!("{ROBOTS}{simulation}"))
+        .expect_err("must be refused")
+        .to_string()
+}
+
+#[test]
+fn an_empty_table_is_a_perfect_robot() {
+    let simulation = parsed("").simulation;
+    assert_eq!(simulation.battery, None);
+    assert_eq!(simulation.backlash, 0.0);
+    assert_eq!(simulation.encoder_noise, EncoderNoise::default());
+    assert_eq!(simulation.encoder_faults, []);
+    assert_eq!(simulation.pose_noise, PoseNoise::default());
+    assert_eq!(simulation.contact, omnibus_group::Contact::default());
+}
+
+#[test]
+fn every_value_arrives_in_si_units() {
+    let simulation = parsed(
+        r#"plant = "contact"
+backlash_deg = 0.9
+friction = 0.5
+robot_mass = 150
+scattered_rollers = true
+battery = { resistance = 0.05, capacity_ah = 20, charge = 0.5, curve = [[0, 21], [1, 25.2]] }
+encoder = { lost = 0.01, extra_per_s = 3 }
+pose_noise = { position_mm = 2, heading_mrad = 0.5 }
+payload = { mass = 80, x = 0.1, y = -0.2 }
+[[simulation.encoder_faults]]
+node = 3
+wheel = "rear-left"
+kind = "one-channel"
+at = 1.5
+[[simulation.floor]]
+x = [1, 2]
+y = [-0.5, 0.5]
+friction = 0.1
+"#,
+    )
+    .simulation;
+    assert_eq!(
+        simulation.battery,
+        Some(Battery {
+            resistance: 0.05,
+            capacity_ah: Some(20.0),
+            charge: 0.5,
+            curve: vec![(0.0, 21.0), (1.0, 25.2)],
+        })
+    );
+    // A hundredth of a quarter turn.
+    assert!((simulation.backlash - std::f64::consts::FRAC_PI_2 / 100.0).abs() < 1e-15);
+    assert_eq!(
+        simulation.encoder_noise,
+        EncoderNoise {
+            lost: 0.01,
+            extra_per_s: 3.0
+        }
+    );
+    assert_eq!(
+        simulation.encoder_faults,
+        [EncoderFault {
+            robot: 1,
+            wheel: WheelName::RearLeft,
+            kind: EncoderFaultKind::OneChannel,
+            at: 1.5,
+        }]
+    );
+    assert_eq!(
+        simulation.pose_noise,
+        PoseNoise {
+            position: 0.002,
+            heading: 0.0005
+        }
+    );
+    let contact = simulation.contact;
+    assert_eq!(
+        (contact.friction, contact.robot_mass),
+        (Some(0.5), Some(150.0))
+    );
+    assert!(contact.scattered);
+    assert_eq!(
+        contact.payload,
+        Some(Payload {
+            mass: 80.0,
+            x: 0.1,
+            y: -0.2
+        })
+    );
+    assert_eq!(
+        contact.floor,
+        [Patch {
+            x: (1.0, 2.0),
+            y: (-0.5, 0.5),
+            friction: 0.1
+        }]
+    );
+}
+
+#[test]
+fn numbers_out_of_range_are_refused_by_name() {
+    for (text, expected) in [
+        (
+            "battery = { resistance = -1 }",
+            "simulation.battery.resistance: is -1; give 0 or a positive number",
+        ),
+        (
+            "battery = { resistance = 0, capacity_ah = 0 }",
+            "simulation.battery.capacity_ah: is 0; give a number greater than 0",
+        ),
+        (
+            "battery = { resistance = 0, charge = 1.5 }",
+            "simulation.battery.charge: is 1.5; give a number from 0 to 1",
+        ),
+        (
+            "battery = { resistance = 0, curve = [[0, 21], [0, 22]] }",
+            "simulation.battery.curve: has the row [0, 22]; give the rows in order of rising charge",
+        ),
+        (
+            "battery = { resistance = 0, curve = [[2, 21]] }",
+            "simulation.battery.curve: has the row [2, 21]; give rows [charge 0 to 1, volts above 0]",
+        ),
+        (
+            "backlash_deg = 45",
+            "simulation.backlash_deg: is 45; give a number from 0 to 10",
+        ),
+        (
+            "encoder = { lost = 2 }",
+            "simulation.encoder.lost: is 2; give a number from 0 to 1",
+        ),
+        (
+            "encoder = { extra_per_s = nan }",
+            "simulation.encoder.extra_per_s: is nan; give 0 or a positive number",
+        ),
+        (
+            "pose_noise = { position_mm = -1 }",
+            "simulation.pose_noise.position_mm: is -1; give 0 or a positive number",
+        ),
+        (
+            "encoder_faults = [{ node = 9, wheel = \"rear-left\", kind = \"dead\" }]",
+            "simulation.encoder_faults[0].node: is 9, which no robot has; give the node of a robot in this file",
+        ),
+    ] {
+        assert_eq!(refusal(text), format!("pair.toml:18: {expected}"));
+    }
+}
+
+#[test]
+fn only_the_contact_plant_knows_floors_and_loads() {
+    assert_eq!(
+        refusal("friction = 0.5"),
+        "pair.toml:18: simulation.friction: means nothing to this plant; set plant = \"contact\", or remove it"
+    );
+    assert_eq!(
+        refusal("plant = \"contact\"\nfriction = 0"),
+        "pair.toml:19: simulation.friction: is 0; give a number greater than 0"
+    );
+    assert_eq!(
+        refusal("plant = \"contact\"\nfloor = [{ x = [2, 1], y = [0, 1], friction = 0.1 }]"),
+        "pair.toml:19: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller first"
+    );
+    assert_eq!(
+        refusal("plant = \"contact\"\nrigid = false\npayload = { mass = 50 }"),
+        "pair.toml:20: simulation.payload: lies on robots that are not connected; set rigid = true, or remove it"
+    );
+}
