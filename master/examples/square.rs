@@ -3,28 +3,28 @@
 //! `cargo run -p omnibus --example square`
 
 use group::GroupFile;
-use kinematics::{Pose, Twist};
-use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use kinematics::Twist;
+use omnibus::telemetry::Telemetry;
 
 fn main() -> anyhow::Result<()> {
-    let file = GroupFile::load("groups/tcc-3.toml")?;
-    let start = Pose::new(0.0, 0.0, 0.0);
-    let world = omnibus::drive::world(&file, None, start)?;
-    let mut group = Group::connect(SimLink::new(world, "sim"), &file)?;
-    group.configure(true)?;
+    let config = GroupFile::load("groups/tcc-3.toml")?;
+    let bus = omnibus::bus::open(&"sim:groups/tcc-3.toml".parse()?, &config)?;
+    let mut group = omnibus::Group::connect(bus, &config)?;
+    let telemetry = group.telemetry();
     group.start()?;
     for (vx, vy) in [(0.5, 0.0), (0.0, 0.5), (-0.5, 0.0), (0.0, -0.5)] {
-        // One call is one SYNC period; 200 of them are two seconds.
-        for _ in 0..200 {
-            group.cycle(Twist::new(vx, vy, 0.0))?;
+        group.set_twist(Twist::new(vx, vy, 0.0))?;
+        group.run(2.0)?;
+    }
+    group.stop()?;
+    drop(group);
+    for item in telemetry {
+        if let Telemetry::Snapshot(now) = item
+            && let Some(pose) = now.pose
+            && now.sequence.is_multiple_of(50)
+        {
+            println!("{:5.2} s  x {:.3} m  y {:.3} m", now.t, pose.x, pose.y);
         }
     }
-    group.ramp_down(3_000_000)?;
-    for (robot, member) in file.robots.iter().zip(group.members()) {
-        println!("node {}: {:?}", robot.node, member.status);
-    }
-    let truth = group.link().world.truth().group;
-    println!("the group came to ({:.3}, {:.3}) m", truth.x, truth.y);
     Ok(())
 }

@@ -16,6 +16,11 @@ impl Abort {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Takes the wish back, once it has been fulfilled.
+    pub fn forget(&self) {
+        self.0.store(0, Ordering::Relaxed);
+    }
+
     /// Whether the group shall ramp down.
     #[must_use]
     pub fn is_asked(&self) -> bool {

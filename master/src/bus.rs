@@ -1,7 +1,14 @@
-//! Which bus: the text after `--bus`, and what it means.
+//! Which bus: the text after `--bus`, what it means, and how it is opened.
 
 use std::path::PathBuf;
 use std::str::FromStr;
+
+use group::GroupFile;
+use kinematics::Pose;
+
+use crate::drive::DriveError;
+use crate::link::Link;
+use crate::sim_link::SimLink;
 
 /// A bus as named on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,13 +21,16 @@ pub enum BusAddress {
     Slcan(PathBuf),
     /// `slcan-tcp://HOST:PORT`: slcan over a network.
     SlcanTcp(String),
+    /// `socketcand://HOST:PORT/can0`: a CAN interface that a socketcand server offers.
+    Socketcand(String, String),
 }
 
 /// Why a text names no bus.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
-     slcan-tcp://HOST:PORT (for example sim:groups/tcc-3.toml, socketcan:can0, slcan:/dev/ttyACM0)"
+     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE (for example sim:groups/tcc-3.toml, \
+     socketcan:can0, slcan:/dev/ttyACM0, socketcand://pi.local:29536/can0)"
 )]
 pub struct NoBus(String);
 
@@ -37,6 +47,17 @@ impl FromStr for BusAddress {
                 Some(address) if address.contains(':') => Ok(Self::SlcanTcp(address.into())),
                 _ => Err(NoBus(text.into())),
             },
+            Some(("socketcand", rest)) => {
+                let parts = rest.strip_prefix("//").and_then(|r| r.split_once('/'));
+                match parts {
+                    Some((address, interface))
+                        if address.contains(':') && !interface.is_empty() =>
+                    {
+                        Ok(Self::Socketcand(address.into(), interface.into()))
+                    }
+                    _ => Err(NoBus(text.into())),
+                }
+            }
             Some(_) => Err(NoBus(text.into())),
         }
     }
@@ -47,10 +68,27 @@ impl std::fmt::Display for BusAddress {
         match self {
             Self::Sim(file) => write!(f, "sim:{}", file.display()),
             Self::SocketCan(interface) => write!(f, "socketcan:{interface}"),
+            Self::Socketcand(address, interface) => {
+                write!(f, "socketcand://{address}/{interface}")
+            }
             Self::SlcanTcp(address) => write!(f, "slcan-tcp://{address}"),
             Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
         }
     }
+}
+
+/// Opens a bus. A simulated one is built with freshly booted native robots of `group` at the origin.
+///
+/// # Errors
+/// When the adapter cannot be opened or the world cannot be built; the error says what to check.
+pub fn open(bus: &BusAddress, group: &GroupFile) -> Result<Box<dyn Link>, DriveError> {
+    Ok(match bus {
+        BusAddress::Sim(_) => {
+            let world = crate::drive::world(group, None, Pose::new(0.0, 0.0, 0.0))?;
+            Box::new(SimLink::new(world, bus.to_string()))
+        }
+        real => Box::new(crate::adapter::open(real).map_err(crate::error::MasterError::from)?),
+    })
 }
 
 #[cfg(test)]
@@ -64,6 +102,7 @@ mod tests {
             "socketcan:can0",
             "slcan:/dev/ttyACM0",
             "slcan-tcp://localhost:3333",
+            "socketcand://pi.local:29536/can0",
         ] {
             assert_eq!(text.parse::<BusAddress>().unwrap().to_string(), text);
         }
@@ -78,6 +117,9 @@ mod tests {
             "usb:1",
             "slcan-tcp://localhost",
             "slcan-tcp:x:1",
+            "socketcand://pi.local/can0",
+            "socketcand://pi.local:29536",
+            "socketcand://pi.local:29536/",
         ] {
             let error = text.parse::<BusAddress>().unwrap_err().to_string();
             assert!(error.contains("socketcan:can0"), "{error}");

@@ -3,10 +3,10 @@
 //! Every value goes over SDO in PRE-OPERATIONAL and is read back; then the robot is asked whether
 //! its configuration is complete and fits together (object 0x2002:1). Nothing is written into a
 //! robot that has not said before that it speaks this wire version. The list of values is one
-//! function of the file, [`parameters`], which `omnibus group show` prints as well.
+//! function of the file, [`group::parameters`], which `omnibus group show` prints as well.
 
 use canopen::{Micros, NmtCommand};
-use group::{GroupFile, Robot};
+pub use group::{Parameter, compensation_set, member_mask, parameters};
 use protocol::{Address, Kind, Value, address};
 
 use crate::error::MasterError;
@@ -14,97 +14,7 @@ use crate::link::Link;
 use crate::sdo;
 use crate::session::Group;
 
-/// A value to be written, under the address it goes to.
-pub type Parameter = (Address, Value);
-
-/// Bit mask of all members: bit n stands for node n.
-#[must_use]
-pub fn member_mask(file: &GroupFile) -> u32 {
-    let bits = file.robots.iter().map(|robot| 1_u32 << robot.node);
-    bits.fold(0, |mask, bit| mask | bit)
-}
-
-/// Milliseconds of a time in µs, saturating.
-fn millis(us: u32) -> u16 {
-    u16::try_from(us.div_ceil(1000)).unwrap_or(u16::MAX)
-}
-
-/// Everything a robot must know, in the order of the object dictionary. With `compensation` off it
-/// is told that it loses nothing.
-#[must_use]
-pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Parameter> {
-    let real = |at: Address, value: f32| (at, Value::F32(value));
-    let geometry = &robot.geometry;
-    let given = &robot.compensation;
-    let coefficient = |value: f32| if compensation { value } else { 1.0 };
-    let mut out = vec![
-        real(address::HALF_TRACK, geometry.half_track()),
-        real(address::HALF_WHEELBASE, geometry.half_wheelbase()),
-        real(address::WHEEL_RADIUS, geometry.wheel_radius()),
-        real(address::ROLLER_ANGLE, geometry.roller_angle()),
-        real(address::MOUNT_X, robot.mount.x),
-        real(address::MOUNT_Y, robot.mount.y),
-        real(address::MOUNT_HEADING, robot.mount.heading),
-        real(
-            address::COMPENSATION_LONGITUDINAL,
-            coefficient(given.longitudinal()),
-        ),
-        real(address::COMPENSATION_LATERAL, coefficient(given.lateral())),
-        real(address::COMPENSATION_YAW, coefficient(given.yaw())),
-        real(address::ENCODER_COUNTS, robot.encoder.counts_per_revolution),
-        // Wiring is the robot's business: encoders count up and motors turn when it rolls forward.
-        (address::ENCODER_REVERSED, Value::U8(0)),
-        (address::MOTOR_REVERSED, Value::U8(0)),
-    ];
-    // The file has duties, the robot volts: what a duty is worth depends on the battery.
-    let (forward, supply) = (robot.motor.feedforward(), robot.motor.supply);
-    for wheel in 0..4 {
-        out.extend([
-            real(
-                address::motor::static_friction(wheel),
-                forward.duty_static * supply,
-            ),
-            real(address::motor::speed(wheel), forward.duty_per_rate * supply),
-            real(
-                address::motor::acceleration(wheel),
-                forward.duty_per_acceleration * supply,
-            ),
-            real(
-                address::motor::proportional(wheel),
-                robot.control.proportional * supply,
-            ),
-            real(
-                address::motor::integral(wheel),
-                robot.control.integral * supply,
-            ),
-        ]);
-    }
-    let limits = &file.limits;
-    out.extend([
-        real(address::SUPPLY_NOMINAL, supply),
-        real(address::WHEEL_RATE_MAX, robot.max_wheel_rate),
-        real(address::ACCELERATION, limits.linear_acceleration),
-        real(address::ACCELERATION_YAW, limits.yaw_acceleration),
-        real(address::JERK, limits.linear_jerk),
-        real(address::JERK_YAW, limits.yaw_jerk),
-        real(address::DECELERATION, limits.linear_acceleration),
-        real(address::DECELERATION_YAW, limits.yaw_acceleration),
-        (address::GROUP_ID, Value::U8(file.group_id)),
-        (address::MEMBERS, Value::U32(member_mask(file))),
-        (address::SYNC_PERIOD, Value::U32(file.sync_period_us)),
-        (
-            address::SYNC_TIMEOUT,
-            Value::U16(millis(file.sync_period_us.saturating_mul(5))),
-        ),
-        (
-            address::SETPOINT_TIMEOUT,
-            Value::U16(millis(limits.command_timeout_us)),
-        ),
-    ]);
-    out
-}
-
-impl<L: Link> Group<'_, L> {
+impl<L: Link> Group<L> {
     /// Asks one robot who it is, again and again until it answers or `deadline` has come: it may
     /// still be booting.
     pub(crate) fn identify(&mut self, index: usize, deadline: Micros) -> Result<(), MasterError> {
@@ -119,6 +29,12 @@ impl<L: Link> Group<'_, L> {
                     });
                 }
                 Err(MasterError::NodeSilent { .. }) if self.wire.now().0 < deadline.0 => {}
+                Err(MasterError::NodeSilent { node }) => {
+                    return Err(match self.wire.link.trouble() {
+                        Some(trouble) => MasterError::BusTrouble { node, trouble },
+                        None => MasterError::NodeSilent { node },
+                    });
+                }
                 Err(error) => return Err(error),
             }
         }
@@ -131,15 +47,31 @@ impl<L: Link> Group<'_, L> {
     /// configuration incomplete; the error names node and object. Nothing moves.
     pub fn configure(&mut self, compensation: bool) -> Result<(), MasterError> {
         self.command(NmtCommand::EnterPreOperational)?;
-        let file = self.file;
+        let file = std::sync::Arc::clone(&self.file);
         for robot in &file.robots {
-            for (at, value) in parameters(file, robot, compensation) {
+            for (at, value) in parameters(&file, robot, compensation) {
                 self.wire.write_checked(robot.node, at, value)?;
+            }
+            // Only where it is another one: it is the longest value there is.
+            let set = compensation_set(robot, compensation).map_err(|error| {
+                MasterError::Configuration {
+                    node: robot.node,
+                    object: sdo::name(address::COMPENSATION_SET),
+                    reason: format!("cannot be made: {error}"),
+                }
+            })?;
+            let crc = self
+                .wire
+                .read(robot.node, address::COMPENSATION_CRC, Kind::U32)?;
+            if crc.to_bytes() != set[..4] {
+                let at = address::COMPENSATION_SET;
+                self.wire.write_block(robot.node, at, &set)?;
             }
         }
         for robot in &file.robots {
             self.check_configuration(robot.node)?;
         }
+        self.set_configured();
         Ok(())
     }
 

@@ -1,26 +1,30 @@
 //! The curves the master knows by name, with their ramps, checked against the group's limits.
 //!
-//! The shapes are `kinematics::trajectory`'s; this file only chooses the paper's parameters, ramps
+//! The shapes are `kinematics::trajectory`'s; this file only chooses their parameters, ramps
 //! both ends and asks beforehand whether a group may go that fast: a curve that would be slowed
 //! down on the way is refused before anything moves, because then the group would no longer be where
 //! the curve says. Evaluated in f64, since time runs to minutes; handed out as the f32 that robots
 //! use.
 
 use group::Limits;
-use kinematics::trajectory::{Circle, FigureEight, Harmonic, Ramped, Trajectory};
+use kinematics::trajectory::{Ramped, Trajectory};
 use kinematics::{Pose, Twist};
 
+use crate::course::Motion;
 use crate::error::MasterError;
 
 /// Time over which a curve is entered and left, in s. The paper's 0.6 s would need more
 /// acceleration on its figure-eight than the wheels' friction gives.
-const RAMP: f64 = 2.0;
+pub const RAMP: f64 = 2.0;
+/// The same for going there and back, which begins at rest.
+const ENTRY: f64 = 0.3;
 /// How much of a curve is driven in a quick run, in s.
 const QUICK: f64 = 6.0;
 /// Step at which a curve is checked against limits, in s.
 const CHECK_STEP: f64 = 0.01;
 
-/// A curve by name, with the parameters of the source paper.
+/// A curve by name. Lateral, oblique and turn last 8 s, to see how evenly wheels move a group; the others have the
+/// parameters of the source paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Curve {
     /// A figure-eight of 2500 mm, pi/10 rad/s (20 s).
@@ -29,6 +33,16 @@ pub enum Curve {
     Circle,
     /// A harmonic curve: 300 mm/s to the right, 1000 mm and pi/5 rad/s forward and back (20 s).
     Harmonic,
+    /// Straight ahead at 500 mm/s (10 s).
+    Forward,
+    /// Sideways to the left at 500 mm/s (8 s).
+    Lateral,
+    /// At 45 degrees ahead and to the left, 353.6 mm/s an axis (8 s).
+    Oblique,
+    /// Turning on the spot at 0.5 rad/s (8 s).
+    Turn,
+    /// A circle of 1350 mm, pi/5 rad/s (10 s), the front always outwards.
+    Centripetal,
 }
 
 impl Curve {
@@ -39,36 +53,24 @@ impl Curve {
             Self::FigureEight => "figure-eight",
             Self::Circle => "circle",
             Self::Harmonic => "harmonic",
+            Self::Forward => "forward",
+            Self::Lateral => "lateral",
+            Self::Oblique => "oblique",
+            Self::Turn => "turn",
+            Self::Centripetal => "centripetal",
         }
     }
 
     /// The curve as it will be driven. `quick` drives its first seconds only.
     #[must_use]
     pub fn plan(self, quick: bool) -> Plan {
-        fn ramped<T: Trajectory<f64> + 'static>(curve: T, quick: bool) -> Box<dyn Trajectory<f64>> {
-            if quick {
-                Box::new(Ramped::new(Beginning(curve), RAMP))
-            } else {
-                Box::new(Ramped::new(curve, RAMP))
-            }
-        }
-        let motion = match self {
-            Self::FigureEight => ramped(FigureEight::paper(), quick),
-            Self::Circle => ramped(Circle::paper(), quick),
-            Self::Harmonic => ramped(
-                Harmonic {
-                    amplitude: 1.0,
-                    speed: 0.3,
-                    frequency: std::f64::consts::PI / 5.0,
-                    periods: 2.0,
-                },
-                quick,
-            ),
+        let motion = Motion(Box::new(self.motion()));
+        let motion = if quick {
+            Motion(Box::new(Beginning(motion)))
+        } else {
+            motion
         };
-        Plan {
-            name: self.name(),
-            motion,
-        }
+        Plan::new(self.name().into(), motion, RAMP)
     }
 }
 
@@ -79,7 +81,7 @@ impl std::fmt::Display for Curve {
 }
 
 /// The first [`QUICK`] seconds of a curve.
-struct Beginning<T>(T);
+pub(crate) struct Beginning<T>(pub T);
 
 impl<T: Trajectory<f64>> Trajectory<f64> for Beginning<T> {
     fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
@@ -91,17 +93,61 @@ impl<T: Trajectory<f64>> Trajectory<f64> for Beginning<T> {
     }
 }
 
+/// Ahead and back: `distance / 2 (1 - cos)`.
+struct ThereAndBack {
+    distance: f64,
+    duration: f64,
+}
+
+impl Trajectory<f64> for ThereAndBack {
+    fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
+        let rate = std::f64::consts::TAU / self.duration;
+        let (sin, cos) = (rate * time).sin_cos();
+        (
+            Pose::new(0.5 * self.distance * (1.0 - cos), 0.0, 0.0),
+            Twist::translation(0.5 * self.distance * rate * sin, 0.0),
+        )
+    }
+
+    fn duration(&self) -> f64 {
+        self.duration
+    }
+}
+
 /// A curve ready to be driven: from rest to rest.
 pub struct Plan {
-    name: &'static str,
-    motion: Box<dyn Trajectory<f64>>,
+    name: String,
+    motion: Ramped<Motion, f64>,
 }
 
 impl Plan {
+    /// A motion with ramps of so many seconds at both ends.
+    pub(crate) fn new(name: String, motion: Motion, ramp: f64) -> Self {
+        let motion = Ramped::new(motion, ramp);
+        Self { name, motion }
+    }
+
+    /// Straight ahead by a distance (m) and back, as a cosine: as fast as the group's limits allow with some room.
+    #[must_use]
+    pub fn there_and_back(distance: f64, limits: &Limits) -> Self {
+        let (speed, acceleration) = (
+            0.7 * f64::from(limits.linear_speed),
+            0.7 * f64::from(limits.linear_acceleration),
+        );
+        let pi = std::f64::consts::PI;
+        let by_speed = pi * distance / speed;
+        let by_acceleration = pi * (2.0 * distance / acceleration).sqrt();
+        let motion = ThereAndBack {
+            distance,
+            duration: by_speed.max(by_acceleration),
+        };
+        Self::new("there and back".into(), Motion(Box::new(motion)), ENTRY)
+    }
+
     /// Name of the curve.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.name
+        &self.name
     }
 
     /// How long the motion takes, in s.
@@ -183,7 +229,7 @@ impl Plan {
         for (asked, (limit_name, unit, limit)) in largest.into_iter().zip(allowed) {
             if asked > limit {
                 return Err(MasterError::TooFast {
-                    trajectory: self.name.into(),
+                    trajectory: self.name.clone(),
                     asked,
                     unit,
                     limit_name,
@@ -211,7 +257,8 @@ mod tests {
 
     #[test]
     fn every_curve_starts_and_ends_at_rest_within_the_papers_limits() {
-        for curve in [Curve::FigureEight, Curve::Circle, Curve::Harmonic] {
+        for curve in <Curve as clap::ValueEnum>::value_variants() {
+            let curve = *curve;
             for quick in [false, true] {
                 let plan = curve.plan(quick);
                 plan.check(&LIMITS).unwrap();

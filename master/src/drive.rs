@@ -5,11 +5,14 @@
 //! reaches the master or the robots. The world is built with the group standing where the curve
 //! begins, so truth and curve share one frame.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::time::Instant as WallClock;
 
+use canopen::Micros;
 use emulator::Firmware;
 use group::GroupFile;
 use kinematics::{Pose, WheelRates};
@@ -17,16 +20,21 @@ use sim::robot::LogLine;
 use sim::{Backend, Options, TruthSample, World};
 
 use crate::abort::Abort;
-use crate::curve::{Curve, Plan};
+use crate::course::{Course, CourseError};
+use crate::curve::Plan;
 use crate::error::MasterError;
 use crate::follow::Instant;
 use crate::link::Link;
-use crate::metrics::{MetricsError, PathPoint, path_errors};
+use crate::metrics::{MetricsError, PathPoint, evenness, path_errors};
 use crate::odometry;
+use crate::pose::PoseStream;
 use crate::record::{RobotTruth, Row, TruthRow};
+use crate::recording::{PLAN, Recorder, TRUTH};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
 use crate::sim_link::SimLink;
+use crate::steering::{Eyes, Law, Steering};
+use crate::telemetry::Punctuality;
 
 /// SYNC periods over which the bus load is averaged before the largest is taken: 100 ms at 100 Hz.
 const LOAD_WINDOW: usize = 10;
@@ -37,10 +45,10 @@ const DRIVING: std::ops::Range<f64> = 0.05..0.98;
 pub struct Drive<'a> {
     /// The group.
     pub group: &'a GroupFile,
-    /// The curve.
-    pub curve: Curve,
-    /// Whether to drive only its beginning.
-    pub quick: bool,
+    /// The curve, and how it is to be driven.
+    pub course: Course,
+    /// Feedback from where the group is seen to be; without it the group is driven by the curve alone.
+    pub feedback: Option<Feedback>,
     /// Whether members compensate for wheel slip.
     pub compensation: bool,
     /// The firmware image for emulated robots; `None` for native ones.
@@ -51,11 +59,86 @@ pub struct Drive<'a> {
     pub log: Option<PathBuf>,
     /// By which the drive can be stopped on the way.
     pub abort: Abort,
+    /// Where every frame, the curve and what was seen of the group are recorded.
+    pub record: Option<&'a Recorder>,
+}
+
+/// Feedback on a drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Feedback {
+    /// Where poses come from.
+    pub source: Source,
+    /// How they correct the drive.
+    pub law: Law,
+    /// Whether they correct it, or are only looked at.
+    pub corrects: bool,
+}
+
+/// Where poses come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The robots' own wheels.
+    Odometry,
+    /// The simulated world itself, as a perfect motion-capture system.
+    Truth,
+    /// A program that sends JSON lines at this address.
+    Stream(String),
+}
+
+impl std::str::FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.strip_prefix("tcp://")) {
+            ("odometry", _) => Ok(Self::Odometry),
+            ("truth", _) => Ok(Self::Truth),
+            (_, Some(address)) if address.contains(':') => Ok(Self::Stream(address.into())),
+            _ => Err("give tcp://HOST:PORT, odometry, or (on a simulated bus) truth".into()),
+        }
+    }
+}
+
+/// What an observer leaves for the feedback to see.
+type Seen = Rc<Cell<Option<(Micros, Pose)>>>;
+
+impl Feedback {
+    /// `seen` is where an observer in this process leaves what it sees.
+    fn steering(&self, start: Pose, seen: &Seen) -> Result<Steering, DriveError> {
+        let eyes = match &self.source {
+            Source::Odometry => Eyes::Odometry,
+            Source::Truth => Eyes::Observer(Rc::clone(seen)),
+            Source::Stream(address) => {
+                let stream = PoseStream::connect(address);
+                Eyes::Stream(stream.map_err(|error| DriveError::Pose {
+                    address: address.clone(),
+                    problem: error.to_string(),
+                })?)
+            }
+        };
+        Ok(Steering::new(self.law, eyes, start, self.corrects))
+    }
 }
 
 /// Why a drive gave no result.
 #[derive(Debug, thiserror::Error)]
 pub enum DriveError {
+    /// The source of poses.
+    #[error(
+        "no poses from {address}: {problem}; start what sends them (omnibus-sim serve --pose-tcp prints its \
+         address) or correct --pose"
+    )]
+    Pose {
+        /// Where they were to come from.
+        address: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The source of poses is not there.
+    #[error("--pose truth is for simulated buses; on a real one give odometry or tcp://HOST:PORT")]
+    NoTruth,
+    /// What is to be driven.
+    #[error(transparent)]
+    Course(#[from] CourseError),
     /// The master.
     #[error(transparent)]
     Master(#[from] MasterError),
@@ -168,7 +251,7 @@ pub fn simulated(
     drive: &Drive<'_>,
     progress: &mut dyn FnMut(f64, &'static str),
 ) -> Result<Run, DriveError> {
-    let plan = drive.curve.plan(drive.quick);
+    let plan = drive.course.plan()?;
     plan.check(&drive.group.limits)?;
     progress(0.0, "booting");
     let mut world = world(drive.group, drive.elf, plan.start())?;
@@ -190,10 +273,13 @@ pub fn simulated(
         write_log(path, &world.take_logs()).map_err(|error| file_error(path, &error))?;
     }
     let (truth, rows) = driven?;
+    let errors = path_errors(&path(&truth))?;
     progress(1.0, "done");
     Ok(Run {
         compensation: drive.compensation,
-        errors: path_errors(&path(&truth))?,
+        phase: has_rollers(drive.group),
+        errors,
+        evenness: evenness(&path(&truth))?,
         shape_error_mm: world.worst_shape_error_mm(),
         bus_load_percent: Some(largest_load(&truth)),
         realtime_factor: world.now_ns() as f64 * 1e-9 / elapsed,
@@ -208,19 +294,37 @@ fn drive_world(
     drive: &Drive<'_>,
     plan: &Plan,
     progress: &mut dyn FnMut(f64, &'static str),
-) -> Result<(Vec<TruthRow>, Vec<Row>), MasterError> {
-    let mut group = Group::connect(link, drive.group)?;
+) -> Result<(Vec<TruthRow>, Vec<Row>), DriveError> {
+    let seen = Seen::default();
+    let mut steering = match &drive.feedback {
+        Some(feedback) => Some(feedback.steering(plan.at(0.0).0, &seen)?),
+        None => None,
+    };
+    let mut group = Group::observe(link, drive.group);
+    if let Some(recorder) = drive.record {
+        group.wire().tap(recorder.sink());
+    }
+    group.claim()?;
     progress(DRIVING.start / 2.0, "configuring");
     group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
+    find_rollers(&mut group, progress)?;
     group.start()?;
+    let before = group.recorder().rows().len();
     let world = &mut group.link().world;
     world.take_truth();
     world.reset_worst_shape_error();
     let mut truth = Vec::new();
-    group.follow(plan, &mut |link, instant| {
+    group.follow_with(plan, steering.as_mut(), &mut |link, instant| {
         if let Some(sample) = link.world.take_truth().last() {
-            truth.push(row(instant, sample));
+            let now = link.world.now();
+            seen.set(Some((now, pose(&sample.group))));
+            let sampled = row(instant, sample);
+            if let Some(recorder) = drive.record {
+                recorder.pose(PLAN, now, instant.pose);
+                recorder.pose(TRUTH, now, sampled.group);
+            }
+            truth.push(sampled);
         }
         let share = (instant.t / instant.duration).min(1.0);
         progress(
@@ -228,7 +332,24 @@ fn drive_world(
             "driving",
         );
     })?;
-    Ok((truth, group.recorder().rows().to_vec()))
+    Ok((truth, group.recorder().rows()[before..].to_vec()))
+}
+
+/// Whether the robots are told about their rollers.
+fn has_rollers(group: &GroupFile) -> bool {
+    group.robots.iter().any(|robot| robot.rollers.is_some())
+}
+
+/// Lets robots with rollers find the angles of their wheels.
+fn find_rollers<L: Link>(
+    group: &mut Group<L>,
+    progress: &mut dyn FnMut(f64, &'static str),
+) -> Result<(), MasterError> {
+    if has_rollers(group.config()) {
+        progress(DRIVING.start / 2.0, "seeking index");
+        group.find_rollers()?;
+    }
+    Ok(())
 }
 
 /// Writes what the robots' firmware logged, one line each.
@@ -245,7 +366,8 @@ fn write_log(path: &Path, lines: &[(u8, LogLine)]) -> std::io::Result<()> {
     out.flush()
 }
 
-/// Drives the robots on a real bus. The path is what their own wheels say.
+/// Drives the robots on a real bus. The path is what their own wheels say; where another source of poses was
+/// given, the errors are by that. Returns how punctual SYNC was, too.
 ///
 /// # Errors
 /// When anything on the way fails; the group has then been told to stand.
@@ -253,36 +375,63 @@ pub fn measured<L: Link>(
     link: L,
     drive: &Drive<'_>,
     progress: &mut dyn FnMut(f64, &'static str),
-) -> Result<Run, DriveError> {
-    let plan = drive.curve.plan(drive.quick);
+) -> Result<(Run, Option<Punctuality>), DriveError> {
+    let plan = drive.course.plan()?;
     plan.check(&drive.group.limits)?;
-    let mut group = Group::connect(link, drive.group)?;
+    let mut steering = match &drive.feedback {
+        Some(feedback) if feedback.source == Source::Truth => return Err(DriveError::NoTruth),
+        Some(feedback) => Some(feedback.steering(plan.at(0.0).0, &Seen::default())?),
+        None => None,
+    };
+    let mut group = Group::observe(link, drive.group);
+    if let Some(recorder) = drive.record {
+        group.wire().tap(recorder.sink());
+    }
+    group.claim()?;
     progress(DRIVING.start / 2.0, "configuring");
     group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
+    find_rollers(&mut group, progress)?;
     group.start()?;
     let mut instants = Vec::new();
-    let followed = group.follow(&plan, &mut |_, instant| {
+    group.follow_with(&plan, steering.as_mut(), &mut |link, instant| {
         instants.push(*instant);
+        if let Some(recorder) = drive.record {
+            recorder.pose(PLAN, link.now(), instant.pose);
+        }
         let share = (instant.t / instant.duration).min(1.0);
         progress(
             DRIVING.start + share * (DRIVING.end - DRIVING.start),
             "driving",
         );
-    });
-    followed?;
+    })?;
     let rows = group.recorder().rows().to_vec();
     let seen = odometry::rows(plan.at(0.0).0, &instants, &rows);
+    let points = match &steering {
+        Some(steering) => steering
+            .sightings
+            .iter()
+            .map(|sighting| PathPoint {
+                t: sighting.t,
+                theory: plan.at(sighting.t).0,
+                actual: sighting.pose,
+            })
+            .collect(),
+        None => path(&seen),
+    };
     progress(1.0, "done");
-    Ok(Run {
+    let run = Run {
         compensation: drive.compensation,
-        errors: path_errors(&path(&seen))?,
+        phase: has_rollers(drive.group),
+        errors: path_errors(&points)?,
+        evenness: evenness(&points)?,
         shape_error_mm: seen.iter().map(|r| r.shape_error_mm).fold(0.0, f64::max),
         bus_load_percent: None,
         realtime_factor: 1.0,
         truth: seen,
         rows,
-    })
+    };
+    Ok((run, group.punctuality()))
 }
 
 fn file_error(path: &Path, error: &std::io::Error) -> DriveError {
@@ -294,7 +443,7 @@ fn file_error(path: &Path, error: &std::io::Error) -> DriveError {
 
 /// Puts runs of one group along one curve together.
 #[must_use]
-pub fn report(group: &GroupFile, curve: Curve, backend: BackendName, runs: Vec<Run>) -> Report {
+pub fn report(group: &GroupFile, trajectory: &str, backend: BackendName, runs: Vec<Run>) -> Report {
     let robots = group.robots.iter().map(|robot| Outline {
         node: robot.node,
         mount: robot.mount,
@@ -305,7 +454,7 @@ pub fn report(group: &GroupFile, curve: Curve, backend: BackendName, runs: Vec<R
         backend,
         scalar: None,
         config: group.name.clone(),
-        trajectory: curve.name().into(),
+        trajectory: trajectory.into(),
         robots: robots.collect(),
         runs,
     }

@@ -22,6 +22,14 @@ pub enum MasterError {
         /// The node.
         node: u8,
     },
+    /// A robot gave no sign of life, and the adapter has an idea why.
+    #[error("node {node} does not answer; {trouble}")]
+    BusTrouble {
+        /// The node.
+        node: u8,
+        /// What the adapter says, and what to check.
+        trouble: String,
+    },
     /// A robot speaks another version of the protocol.
     #[error(
         "node {node}: wire version {found}, this master speaks {}; flash the robot with the \
@@ -33,6 +41,14 @@ pub enum MasterError {
         node: u8,
         /// What the node says.
         found: u32,
+    },
+    /// A robot could not identify its motors.
+    #[error("node {node}: motors not identified: {reason}")]
+    Identification {
+        /// The node.
+        node: u8,
+        /// Why, and what to do about it.
+        reason: String,
     },
     /// A robot refused a parameter.
     #[error("node {node}: {object} = {value} was refused: {abort}; {}", remedy(*abort))]
@@ -132,9 +148,46 @@ pub enum MasterError {
         /// Its state as last heard.
         state: NmtState,
     },
+    /// The source of poses went silent.
+    #[error(
+        "there has been no pose of the group for a second; the group ramps down. Check what sends the poses"
+    )]
+    PoseLost,
+    /// Giving node ids did not work.
+    #[error("LSS: {0}")]
+    Lss(String),
+    /// Somebody else commands this bus.
+    #[error(
+        "another master is on the bus (its heartbeat or SYNC was heard); stop it first: robots stop when \
+         two command them"
+    )]
+    AnotherMaster,
     /// Somebody asked to stop.
     #[error("stopped on request")]
     Aborted,
+    /// Poses do not come as they should.
+    #[error(
+        "--pose {address}: {problem}; one JSON line a sample is expected, see `docs/operating.md`"
+    )]
+    PoseSource {
+        /// Where they come from.
+        address: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A wheel turned once and its encoder's index was not seen.
+    #[error(
+        "node {node}: the index of the {wheel} wheel was not seen in a turn (object 0x2114 says {state}); check \
+         its wire, or set rollers to none for this robot in the group file"
+    )]
+    NoIndex {
+        /// The robot.
+        node: u8,
+        /// Its wheel.
+        wheel: &'static str,
+        /// What object 0x2114 says of it.
+        state: u8,
+    },
     /// A curve asks for more than the group may do.
     #[error(
         "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; choose \

@@ -6,7 +6,8 @@ use std::collections::{HashMap, VecDeque};
 use canopen::{AbortCode, Frame, Micros, NmtState, client};
 use protocol::{Address, Code, Fault, MeasuredTwist, MemberState, MemberStatus, Scale, cob};
 
-use crate::link::{Link, LinkError};
+use crate::link::{Link, LinkError, Schedule};
+use crate::telemetry::Punctuality;
 
 /// How long a robot takes to answer, in µs.
 const ANSWER_US: u64 = 300;
@@ -34,6 +35,10 @@ impl FakeRobot {
         let store = [
             (protocol::address::WIRE_VERSION, wire),
             (protocol::address::CONFIGURATION_STATUS, vec![0; 4]),
+            (
+                protocol::address::COMPENSATION_CRC,
+                protocol::compensation::EMPTY[..4].to_vec(),
+            ),
         ];
         Self {
             node,
@@ -83,8 +88,13 @@ pub struct FakeBus {
     now: u64,
     pub robots: Vec<FakeRobot>,
     waiting: VecDeque<(u64, Frame)>,
-    /// Everything the master sent.
+    /// Everything the master sent, and SYNC that the bus sent for it.
     pub sent: Vec<(u64, Frame)>,
+    /// Whether the bus can send SYNC by itself.
+    pub paces: bool,
+    /// At the first time, µs, the master's machine hangs until the second.
+    pub hang: Option<(u64, u64)>,
+    schedule: Option<Schedule>,
 }
 
 impl FakeBus {
@@ -94,6 +104,21 @@ impl FakeBus {
             robots: nodes.iter().map(|node| FakeRobot::new(*node)).collect(),
             waiting: VecDeque::new(),
             sent: Vec::new(),
+            paces: false,
+            hang: None,
+            schedule: None,
+        }
+    }
+
+    /// Sends SYNC as long as it is due before `until`.
+    fn keep_schedule(&mut self, until: u64) {
+        while let Some(schedule) = &mut self.schedule
+            && schedule.first.0 <= until
+        {
+            let (at, counter) = (schedule.first.0, schedule.counter);
+            schedule.first.0 += schedule.period_us;
+            schedule.counter = counter % schedule.overflow + 1;
+            self.deliver(at, &client::sync(Some(counter)));
         }
     }
 
@@ -112,8 +137,50 @@ impl Link for FakeBus {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
-        self.sent.push((self.now, *frame));
-        let (now, id, data) = (self.now, frame.id(), frame.data());
+        self.deliver(self.now, frame);
+        Ok(())
+    }
+
+    fn pace(&mut self, schedule: Option<Schedule>) -> bool {
+        self.schedule = schedule;
+        self.paces
+    }
+
+    fn punctuality(&self) -> Option<Punctuality> {
+        self.paces.then(Punctuality::default)
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        let until = match self.hang {
+            Some((from, to)) if self.now >= from => {
+                self.hang = None;
+                self.now = to;
+                Micros(to)
+            }
+            _ => until,
+        };
+        if self.paces {
+            self.keep_schedule(until.0);
+        }
+        match self.waiting.front() {
+            Some((at, _)) if *at <= until.0 => {
+                let (at, frame) = self.waiting.pop_front().unwrap();
+                self.now = self.now.max(at);
+                Ok(Some((Micros(at), frame)))
+            }
+            _ => {
+                self.now = self.now.max(until.0);
+                Ok(None)
+            }
+        }
+    }
+}
+
+impl FakeBus {
+    /// What the robots do about a frame.
+    fn deliver(&mut self, now: u64, frame: &Frame) {
+        self.sent.push((now, *frame));
+        let (id, data) = (frame.id(), frame.data());
         for robot in self.robots.iter_mut().filter(|r| now < r.silent_from) {
             let mut say = |id: u16, data: &[u8]| {
                 let frame = Frame::new(id, data).unwrap();
@@ -149,21 +216,6 @@ impl Link for FakeBus {
                     group: data[0],
                 };
                 say(cob::measured_twist(robot.node), &measured.encode());
-            }
-        }
-        Ok(())
-    }
-
-    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
-        match self.waiting.front() {
-            Some((at, _)) if *at <= until.0 => {
-                let (at, frame) = self.waiting.pop_front().unwrap();
-                self.now = self.now.max(at);
-                Ok(Some((Micros(at), frame)))
-            }
-            _ => {
-                self.now = self.now.max(until.0);
-                Ok(None)
             }
         }
     }

@@ -11,12 +11,11 @@ use kinematics::{Pose, Twist};
 use crate::curve::Plan;
 use crate::error::MasterError;
 use crate::link::Link;
-use crate::session::Group;
+use crate::session::{Group, STOP_PATIENCE_US};
+use crate::steering::{Lost, Steering, limited};
 
 /// SYNC periods from latching a setpoint to its being reached.
 const PREVIEW_SYNCS: u64 = 2;
-/// Longest time a group may take to come to rest after the curve's end, in µs.
-const STOP_PATIENCE_US: u64 = 3_000_000;
 /// How long the group is watched after the curve's end, in s: the pipeline's delay and a little more.
 const TAIL: f64 = 0.1;
 
@@ -41,7 +40,7 @@ pub struct Instant {
     pub twist: Twist,
 }
 
-impl<L: Link> Group<'_, L> {
+impl<L: Link> Group<L> {
     /// Drives `plan` from rest to rest; call [`Group::start`] before. `observe` is called at every
     /// SYNC, at the time of the [`Instant`] it is given. However it ends, the group stands
     /// afterwards and is in PRE-OPERATIONAL.
@@ -54,8 +53,24 @@ impl<L: Link> Group<'_, L> {
         plan: &Plan,
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
+        self.follow_with(plan, None, observe)
+    }
+
+    /// The same with feedback.
+    ///
+    /// # Errors
+    /// As [`Group::follow`], and when sightings of the group stop coming.
+    pub fn follow_with(
+        &mut self,
+        plan: &Plan,
+        steering: Option<&mut Steering>,
+        observe: &mut dyn FnMut(&mut L, &Instant),
+    ) -> Result<(), MasterError> {
         plan.check(&self.file.limits)?;
-        let driven = self.drive(plan, observe);
+        let driven = self.drive(plan, steering, observe);
+        if let Err(error) = &driven {
+            self.fail(error);
+        }
         let stopped = self.ramp_down(STOP_PATIENCE_US);
         driven.and(stopped)
     }
@@ -63,16 +78,28 @@ impl<L: Link> Group<'_, L> {
     fn drive(
         &mut self,
         plan: &Plan,
+        mut steering: Option<&mut Steering>,
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
-        let period = self.period_us() as f64 * 1e-6;
         let preview = preview_us(self.period_us()) as f64 * 1e-6;
         let duration = plan.duration();
-        let mut k = 0.0;
-        while k * period <= duration + TAIL {
-            let t = k * period;
-            self.cycle(plan.setpoint(t + preview))?;
+        let began = self.next_sync();
+        if let Some(steering) = &mut steering {
+            steering.begin(began);
+        }
+        loop {
+            self.await_turn()?;
+            let t = self.next_sync().since(began).0 as f64 * 1e-6;
+            if t > duration + TAIL {
+                return Ok(());
+            }
             let (pose, twist) = plan.at(t);
+            let setpoint = match &mut steering {
+                Some(steering) => self.steer(plan, t + preview, steering)?,
+                None => plan.setpoint(t + preview),
+            };
+            self.set_target(Some(pose));
+            self.take_turn(setpoint)?;
             let instant = Instant {
                 t,
                 row: self.recorder().rows().len() - 1,
@@ -81,8 +108,28 @@ impl<L: Link> Group<'_, L> {
                 twist,
             };
             observe(self.link(), &instant);
-            k += 1.0;
         }
-        Ok(())
+    }
+
+    /// The setpoint for the time `t` of the curve, corrected by what was seen.
+    fn steer(&self, plan: &Plan, t: f64, steering: &mut Steering) -> Result<Twist, MasterError> {
+        let now = self.wire.now();
+        let seen = steering
+            .look(now, self.rows_began(), self.recorder().rows())
+            .map_err(|Lost| MasterError::PoseLost)?;
+        let Some(seen) = seen.filter(|_| steering.corrects) else {
+            return Ok(plan.setpoint(t));
+        };
+        let (wanted, _) = plan.at(seen.t);
+        let correction = steering.law.correction(wanted, seen.pose);
+        let (pose, forward) = plan.at(t);
+        // The heading error stays as it was seen until something is done about it.
+        let heading = pose.heading + seen.pose.heading - wanted.heading;
+        let sum = Twist::new(
+            forward.vx + correction.vx,
+            forward.vy + correction.vy,
+            forward.omega + correction.omega,
+        );
+        Ok(limited(sum.to_body(heading), &self.file.limits))
     }
 }

@@ -3,22 +3,39 @@
 pub mod abort;
 pub mod adapter;
 pub mod bus;
+pub mod bus_load;
+pub mod calibrate;
 pub mod configure;
+pub mod course;
 pub mod curve;
 pub mod drive;
 pub mod error;
 pub mod follow;
+pub mod identify;
 pub mod link;
+pub mod listen;
+pub mod lss;
 pub mod metrics;
 pub mod odometry;
+pub mod path_file;
+pub mod pilot;
+pub mod pose;
+pub mod punctuality;
 pub mod record;
+pub mod recording;
 pub mod report;
+pub mod rollers;
 pub mod sdo;
 pub mod session;
 pub mod sim_link;
+pub mod steering;
+pub mod survey;
+pub mod telemetry;
+pub mod trial;
+pub mod web;
 pub mod wire;
+
+pub use session::Group;
 
 #[cfg(test)]
 mod fake;
-#[cfg(test)]
-mod session_tests;

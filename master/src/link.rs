@@ -8,6 +8,8 @@
 
 use canopen::{Frame, Micros};
 
+use crate::telemetry::Punctuality;
+
 /// Why a frame did not go out or none can come in.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{bus}: {problem}; {remedy}")]
@@ -18,6 +20,19 @@ pub struct LinkError {
     pub problem: String,
     /// What to check or do.
     pub remedy: String,
+}
+
+/// When SYNC is sent, by a link that does so by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Schedule {
+    /// Time of the first one, on the link's clock.
+    pub first: Micros,
+    /// Time from one to the next, in µs.
+    pub period_us: u64,
+    /// Counter of the first one.
+    pub counter: u8,
+    /// The counter runs from 1 to this.
+    pub overflow: u8,
 }
 
 /// A connection to a CAN bus.
@@ -37,6 +52,23 @@ pub trait Link {
     /// # Errors
     /// When the bus is gone.
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError>;
+
+    /// What the adapter says is wrong with the bus, if it can tell, with what to check.
+    fn trouble(&mut self) -> Option<String> {
+        None
+    }
+
+    /// Asks the link to send SYNC by itself from now on, or with `None` to leave off. `false` when it cannot:
+    /// then whoever drives the session sends SYNC when the link's clock says so, which on a bus with virtual
+    /// time is exact.
+    fn pace(&mut self, _schedule: Option<Schedule>) -> bool {
+        false
+    }
+
+    /// How punctual those SYNCs were; `None` where the link sends none.
+    fn punctuality(&self) -> Option<Punctuality> {
+        None
+    }
 }
 
 impl<L: Link + ?Sized> Link for &mut L {
@@ -51,6 +83,18 @@ impl<L: Link + ?Sized> Link for &mut L {
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         (**self).receive(until)
     }
+
+    fn trouble(&mut self) -> Option<String> {
+        (**self).trouble()
+    }
+
+    fn pace(&mut self, schedule: Option<Schedule>) -> bool {
+        (**self).pace(schedule)
+    }
+
+    fn punctuality(&self) -> Option<Punctuality> {
+        (**self).punctuality()
+    }
 }
 
 impl<L: Link + ?Sized> Link for Box<L> {
@@ -64,5 +108,17 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         (**self).receive(until)
+    }
+
+    fn trouble(&mut self) -> Option<String> {
+        (**self).trouble()
+    }
+
+    fn pace(&mut self, schedule: Option<Schedule>) -> bool {
+        (**self).pace(schedule)
+    }
+
+    fn punctuality(&self) -> Option<Punctuality> {
+        (**self).punctuality()
     }
 }

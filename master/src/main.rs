@@ -1,27 +1,29 @@
 //! The `omnibus` command: everything done from the PC.
 //!
 //! One file per command under `cli/`; this one only reads the arguments and prints errors. Exit
-//! codes: 0 done, 1 failed (the message says node, object or field and what to do), 2 wrong usage.
+//! codes are listed in `cli/output.rs` and at the end of the help.
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 mod cli;
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
-  omnibus follow circle --bus sim:groups/tcc-2.toml --compensation off --json
-  omnibus scan --bus sim:groups/tcc-3.toml
+  omnibus scan --bus socketcan:can0
   omnibus group check groups/tcc-3.toml
 
-A bus is sim:GROUP.toml (a simulated world in this process), socketcan:INTERFACE,
-slcan:DEVICE or slcan-tcp://HOST:PORT; real ones need --group GROUP.toml beside them.";
+A bus is sim:GROUP.toml (a simulated world in this process), socketcan:INTERFACE, slcan:DEVICE,
+slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE. Commands that move a group on a real bus
+need --group GROUP.toml beside it. OMNIBUS_BUS stands in for --bus.";
 
 /// Makes several Mecanum-wheeled robots move as one body.
 #[derive(Parser)]
-#[command(name = "omnibus", version, after_help = EXAMPLES)]
+#[command(name = "omnibus", version, after_help = format!("{EXAMPLES}\n\n{}", cli::output::EXIT_CODES))]
 struct Arguments {
+    #[command(flatten)]
+    output: cli::output::Output,
     #[command(subcommand)]
     command: Command,
 }
@@ -32,33 +34,86 @@ enum Command {
     Follow(cli::follow::Arguments),
     /// Moves the group at one velocity for a time.
     Drive(cli::drive::Arguments),
+    /// Finds what robots have to be told about themselves.
+    Calibrate(cli::calibrate::Arguments),
+    /// Shows a running group in the terminal, and starts, stops and drives it by keyboard.
+    Watch(cli::live::Watch),
+    /// Drives the group by keyboard or gamepad, as long as a key is held.
+    Teleop(cli::live::Teleop),
     /// Lists the robots on the bus.
     Scan(cli::nodes::Scan),
     /// Says how every robot of the group is.
     Status(cli::nodes::Status),
     /// Reads and writes the robots' parameters.
+    Param(cli::param::Arguments),
+    /// Checks and shows group files, and writes them into the robots.
+    Group(cli::group::Arguments),
+    /// Gives robots their node ids over the bus.
     #[command(subcommand)]
-    Param(cli::param::Command),
-    /// Checks and shows group files.
-    #[command(subcommand)]
-    Group(cli::group::Command),
+    Lss(cli::lss::Command),
+    /// Lets one robot find out what its motors need.
+    IdentifyMotors(cli::identify::Arguments),
+    /// Calculates how full the bus will be.
+    BusLoad(cli::bus_load::Arguments),
+    /// Listens to a bus and records everything on it.
+    Record(cli::record::Arguments),
+    /// Turns a recording into CSV or a candump log, or a log into a recording.
+    Convert(cli::convert::Arguments),
+    /// Sends a recorded master's frames again, with their timing.
+    Replay(cli::replay::Arguments),
+    /// Draws a recording as SVG and PNG.
+    Plot(cli::plot::Plot),
+    /// Makes an HTML page of a recording.
+    Report(cli::plot::Report),
+    /// Serves a page with the live group and a joystick.
+    Serve(cli::serve::Arguments),
+    /// Prints a script that completes commands in your shell.
+    Completions(cli::completions::Arguments),
 }
 
 fn main() -> ExitCode {
-    let done = match Arguments::parse().command {
+    let arguments = Arguments::parse();
+    cli::output::set(arguments.output);
+    let done = match arguments.command {
         Command::Follow(arguments) => cli::follow::run(&arguments),
         Command::Drive(arguments) => cli::drive::run(&arguments),
+        Command::Calibrate(arguments) => cli::calibrate::run(&arguments),
+        Command::Watch(arguments) => cli::live::watch(&arguments),
+        Command::Teleop(arguments) => cli::live::teleop(&arguments),
         Command::Scan(arguments) => cli::nodes::scan(&arguments),
         Command::Status(arguments) => cli::nodes::status(&arguments),
-        Command::Param(command) => cli::param::run(&command),
-        Command::Group(command) => cli::group::run(&command),
+        Command::Param(arguments) => cli::param::run(&arguments),
+        Command::Group(arguments) => cli::group::run(&arguments),
+        Command::Lss(command) => cli::lss::run(&command),
+        Command::IdentifyMotors(arguments) => cli::identify::run(&arguments),
+        Command::BusLoad(arguments) => cli::bus_load::run(&arguments),
+        Command::Record(arguments) => cli::record::run(&arguments),
+        Command::Convert(arguments) => cli::convert::run(&arguments),
+        Command::Replay(arguments) => cli::replay::run(&arguments),
+        Command::Plot(arguments) => cli::plot::plot(&arguments),
+        Command::Report(arguments) => cli::plot::report(&arguments),
+        Command::Serve(arguments) => cli::serve::run(&arguments),
+        Command::Completions(arguments) => {
+            cli::completions::run(&arguments, &mut Arguments::command());
+            Ok(())
+        }
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) if cli::reader_gone(&error) => ExitCode::SUCCESS,
+        Err(error) if cli::output::reader_gone(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
+            cli::output::print_error(&error);
+            ExitCode::from(cli::output::exit_code(&error))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_arguments_do_not_contradict_each_other() {
+        Arguments::command().debug_assert();
     }
 }

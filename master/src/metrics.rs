@@ -41,6 +41,83 @@ pub struct PathErrors {
     pub max_mm: f64,
 }
 
+/// What the mean errors do not show. See [`evenness`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evenness {
+    /// Standard deviation of the speed along the motion over the speed asked for, in per cent, where that is within
+    /// [`FAST`] of the fastest.
+    pub ripple_percent: f64,
+    /// Heading at the end less the heading asked for, in degrees.
+    pub heading_error_deg: f64,
+    /// Relative error of the turned angle, in per cent; 0 for a curve that does not turn.
+    pub turn_percent: f64,
+}
+
+/// Share of the fastest speed from which on ripple is looked at: ramps and slow parts stay out.
+const FAST: f64 = 0.95;
+
+/// Judges how evenly and how straight a path was driven, from speeds between neighbouring points.
+///
+/// # Errors
+/// As [`path_errors`].
+pub fn evenness(path: &[PathPoint]) -> Result<Evenness, MetricsError> {
+    path_errors(path)?;
+    let step = |from: Pose, to: Pose| {
+        [
+            f64::from(to.x) - f64::from(from.x),
+            f64::from(to.y) - f64::from(from.y),
+            f64::from(to.heading) - f64::from(from.heading),
+        ]
+    };
+    let size = |[x, y, _]: [f64; 3]| x.hypot(y);
+    let steps: Vec<_> = path
+        .windows(2)
+        .map(|pair| {
+            (
+                step(pair[0].theory, pair[1].theory),
+                step(pair[0].actual, pair[1].actual),
+            )
+        })
+        .collect();
+    let fastest = steps
+        .iter()
+        .map(|(asked, _)| size(*asked))
+        .fold(0.0, f64::max);
+    let fastest_turn = steps
+        .iter()
+        .map(|(asked, _)| asked[2].abs())
+        .fold(0.0, f64::max);
+    // A curve turns, or it goes somewhere; of one that does both the way is looked at.
+    let turns = fastest < 1e-6;
+    let ratios: Vec<f64> = steps
+        .iter()
+        .filter_map(|(asked, done)| {
+            if turns {
+                (asked[2].abs() > FAST * fastest_turn).then(|| done[2] / asked[2])
+            } else {
+                let along = done[0] * asked[0] + done[1] * asked[1];
+                (size(*asked) > FAST * fastest).then(|| along / size(*asked).powi(2))
+            }
+        })
+        .collect();
+    let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
+    let variance = ratios
+        .iter()
+        .map(|ratio| (ratio - mean).powi(2))
+        .sum::<f64>()
+        / ratios.len().max(1) as f64;
+    let heading =
+        |pose: fn(&PathPoint) -> Pose| path.iter().map(move |p| f64::from(pose(p).heading));
+    let last = path.last().map_or(0.0, |p| {
+        f64::from(p.actual.heading) - f64::from(p.theory.heading)
+    });
+    Ok(Evenness {
+        ripple_percent: variance.sqrt() * 100.0,
+        heading_error_deg: last.to_degrees(),
+        turn_percent: red_percent(extent(heading(|p| p.actual)), extent(heading(|p| p.theory))),
+    })
+}
+
 /// Why a path cannot be judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MetricsError {
@@ -176,6 +253,34 @@ mod tests {
         let from_start = path_errors(&[point(-1.0, -1.0), point(1.0, 0.92)]).unwrap();
         assert!((centred.y_percent - -4.0).abs() < 1e-4);
         assert!((from_start.y_percent - centred.y_percent).abs() < 1e-4);
+    }
+
+    /// Five millimetres a step with a sine of 2 % on top: a standard deviation of 2 % over the square root of two.
+    #[test]
+    fn ripple_is_the_deviation_of_the_speed() {
+        let mut y = 0.0_f64;
+        let mut path = Vec::new();
+        for k in 0..=400_u16 {
+            let theory = 0.005 * f64::from(k);
+            let turned = f64::from(k) * 1e-4;
+            path.push(PathPoint {
+                t: f64::from(k),
+                theory: pose(0.0, theory as f32),
+                actual: Pose {
+                    heading: turned as f32,
+                    ..pose(0.0, y as f32)
+                },
+            });
+            y += 0.005 * (1.0 + 0.02 * (f64::from(k) * std::f64::consts::TAU / 40.0).sin());
+        }
+        let found = evenness(&path).unwrap();
+        // f32 at 2 m has steps of 1.2e-7 m, 2.4e-5 of a step.
+        assert!(
+            (found.ripple_percent - 2.0 / 2f64.sqrt()).abs() < 5e-3,
+            "{found:?}"
+        );
+        assert!((found.heading_error_deg - 0.04_f64.to_degrees()).abs() < 1e-4);
+        assert_eq!(found.turn_percent, 0.0);
     }
 
     #[test]

@@ -8,27 +8,11 @@
 use kinematics::{Pose, WheelRates};
 
 use crate::follow::Instant;
-use crate::record::{MemberRow, RobotTruth, Row, TruthRow};
-
-/// The mean of the poses reported in a row; `None` when there are none. Headings are averaged about
-/// the first one's, so that +-pi does no harm.
-fn mean(members: &[MemberRow]) -> Option<Pose> {
-    let poses: Vec<Pose> = members.iter().filter_map(|member| member.pose).collect();
-    let first = poses.first()?;
-    let count = poses.len() as f32;
-    let turn = |heading: f32| {
-        let (sin, cos) = (heading - first.heading).sin_cos();
-        sin.atan2(cos)
-    };
-    Some(Pose {
-        x: poses.iter().map(|pose| pose.x).sum::<f32>() / count,
-        y: poses.iter().map(|pose| pose.y).sum::<f32>() / count,
-        heading: first.heading + poses.iter().map(|p| turn(p.heading)).sum::<f32>() / count,
-    })
-}
+use crate::record::{RobotTruth, Row, TruthRow};
+use crate::session::mean_pose as mean;
 
 /// `pose` in the frame that `frame` is.
-fn seen_from(frame: Pose, pose: Pose) -> Pose {
+pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
     let (sin, cos) = frame.heading.sin_cos();
     let (dx, dy) = (pose.x - frame.x, pose.y - frame.y);
     Pose {
@@ -76,6 +60,7 @@ pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::MemberRow;
     use kinematics::Twist;
 
     fn row(poses: &[(f32, f32)]) -> Row {

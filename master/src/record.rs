@@ -41,11 +41,23 @@ pub struct Row {
 #[derive(Clone, Debug, Default)]
 pub struct Recorder {
     rows: Vec<Row>,
+    limit: Option<usize>,
 }
 
 impl Recorder {
+    /// Keeps at least the last `rows` rows and drops older ones: for sessions without an end. Places of rows
+    /// change when some are dropped.
+    pub fn keep_last(&mut self, rows: usize) {
+        self.limit = Some(rows.max(2));
+    }
+
     /// Opens the row of the SYNC at `t`.
     pub fn open(&mut self, t: f64, sequence: u8, command: Twist, members: usize) {
+        if let Some(limit) = self.limit
+            && self.rows.len() >= 2 * limit
+        {
+            self.rows.drain(..limit);
+        }
         self.rows.push(Row {
             t,
             sequence,

@@ -13,8 +13,15 @@ use crate::error::MasterError;
 use crate::link::Link;
 use crate::wire::Wire;
 
-/// How long a robot may take for one answer, in µs.
+/// How long a robot may take for one answer unless told otherwise, in µs.
 pub const ANSWER_TIMEOUT_US: u64 = 250_000;
+
+/// Store parameters (CiA 301 7.5.2.13): all of them, and the word that says so, "save".
+const STORE: (Address, Value) = (Address::new(0x1010, 1), Value::U32(0x6576_6173));
+/// Restore defaults (CiA 301 7.5.2.14), "load".
+const RESTORE: (Address, Value) = (Address::new(0x1011, 1), Value::U32(0x6461_6F6C));
+/// How long storing may take, in µs: a sector of flash has to be erased first.
+const STORE_TIMEOUT_US: u64 = 3_000_000;
 
 /// An object as people know it: its name and its address.
 #[must_use]
@@ -36,14 +43,16 @@ pub fn show(value: Value) -> String {
         Value::U32(v) => v.to_string(),
         Value::F32(v) => v.to_string(),
         Value::I24(v) => v.to_string(),
+        Value::Domain => "a block of bytes".into(),
     }
 }
 
 /// What is to be done with an object.
 #[derive(Clone, Copy)]
-enum Transfer {
+enum Transfer<'a> {
     Read,
     Write(Value),
+    WriteBlock(&'a [u8]),
 }
 
 impl<L: Link> Wire<L> {
@@ -92,11 +101,64 @@ impl<L: Link> Wire<L> {
         })
     }
 
+    /// Stores the parameters of a robot in its flash.
+    ///
+    /// # Errors
+    /// When the robot refuses (it must not be OPERATIONAL) or does not answer.
+    pub fn save(&mut self, node: u8) -> Result<(), MasterError> {
+        let before = std::mem::replace(&mut self.patience_us, STORE_TIMEOUT_US);
+        let stored = self.write(node, STORE.0, STORE.1);
+        self.patience_us = before;
+        stored
+    }
+
+    /// Lets a robot have its default parameters after the next reset.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn restore(&mut self, node: u8) -> Result<(), MasterError> {
+        let before = std::mem::replace(&mut self.patience_us, STORE_TIMEOUT_US);
+        let restored = self.write(node, RESTORE.0, RESTORE.1);
+        self.patience_us = before;
+        restored
+    }
+
+    /// Reads the bytes of an object, however many.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn read_block(&mut self, node: u8, address: Address) -> Result<Vec<u8>, MasterError> {
+        self.transfer(node, address, Transfer::Read)
+    }
+
+    /// Writes an object of any length and reads it back.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer, and when it reads back something else.
+    pub fn write_block(
+        &mut self,
+        node: u8,
+        address: Address,
+        bytes: &[u8],
+    ) -> Result<(), MasterError> {
+        self.transfer(node, address, Transfer::WriteBlock(bytes))?;
+        let found = self.read_block(node, address)?;
+        if found == bytes {
+            return Ok(());
+        }
+        Err(MasterError::ReadBack {
+            node,
+            object: name(address),
+            written: format!("{} bytes", bytes.len()),
+            found: format!("{} others", found.len()),
+        })
+    }
+
     fn transfer(
         &mut self,
         node: u8,
         address: Address,
-        what: Transfer,
+        what: Transfer<'_>,
     ) -> Result<Vec<u8>, MasterError> {
         let answer = |problem: &str| MasterError::Answer {
             node,
@@ -104,7 +166,7 @@ impl<L: Link> Wire<L> {
             problem: problem.into(),
         };
         let server = NodeId::new(node).ok_or(MasterError::NodeSilent { node })?;
-        let mut client = SdoClient::new(server, Micros(ANSWER_TIMEOUT_US));
+        let mut client = SdoClient::new(server, Micros(self.patience_us));
         let (now, index, sub) = (self.link.now(), address.index, address.sub);
         match what {
             Transfer::Read => client.upload(now, index, sub),
@@ -112,17 +174,15 @@ impl<L: Link> Wire<L> {
                 let length = usize::from(value.kind().bytes());
                 client.download(now, index, sub, &value.to_bytes()[..length])
             }
+            Transfer::WriteBlock(bytes) => client.download(now, index, sub, bytes),
         }
         .map_err(|_| answer("the request cannot be made"))?;
         let outcome = loop {
             self.beat()?;
             while let Some(frame) = client.pop_frame() {
-                self.link.send(&frame)?;
+                self.send(&frame)?;
             }
-            let outcome = match self
-                .link
-                .receive(self.wake(client.next_deadline().unwrap_or(now)))?
-            {
+            let outcome = match self.receive(self.wake(client.next_deadline().unwrap_or(now)))? {
                 Some((at, frame)) => {
                     let outcome = client.on_frame(at, &frame);
                     if outcome.is_none() {
@@ -137,7 +197,7 @@ impl<L: Link> Wire<L> {
             }
         };
         while let Some(frame) = client.pop_frame() {
-            self.link.send(&frame)?;
+            self.send(&frame)?;
         }
         match outcome {
             Outcome::Uploaded | Outcome::Downloaded => Ok(client.data().to_vec()),
@@ -148,6 +208,7 @@ impl<L: Link> Wire<L> {
                 value: match what {
                     Transfer::Read => "read".into(),
                     Transfer::Write(value) => show(value),
+                    Transfer::WriteBlock(bytes) => format!("{} bytes", bytes.len()),
                 },
                 abort: AbortCode::from_code(code).unwrap_or(AbortCode::General),
             }),

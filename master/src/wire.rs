@@ -4,13 +4,19 @@
 //! The backlog is filled by SDO transfers and emptied by [`Wire::next`], which gives out what waited
 //! before it asks the link again, so the order of frames is kept. It holds what arrives during one
 //! transfer: some hundred frames at most on a busy bus.
+//!
+//! Every frame in either direction passes here, so this is also where the bus load is added up and where
+//! subscribers who want frames get them. SYNC that the link sends by itself is reported by the session.
 
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros, NmtState, NodeId, client};
+use sim::bus::bits::{INTERMISSION, frame_bits};
 
 use crate::error::MasterError;
 use crate::link::Link;
+use crate::recording::FrameSink;
+use crate::telemetry::{BusFrame, Hub, Interest, Telemetry};
 
 /// The master's own node id.
 const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
@@ -26,6 +32,47 @@ pub struct Wire<L> {
     /// When the next heartbeat is due; `None` on a bus that is only listened to.
     next_heartbeat: Option<Micros>,
     pub(crate) backlog: VecDeque<(Micros, Frame)>,
+    /// Where subscribers are.
+    pub(crate) hub: HubOwner,
+    /// Who gets every frame and loses none.
+    sinks: Vec<FrameSink>,
+    began: Micros,
+    load: Load,
+    /// How long a robot may take for one SDO answer, in µs.
+    pub(crate) patience_us: u64,
+}
+
+/// The hub of a session, which ends with it.
+#[derive(Default)]
+pub(crate) struct HubOwner(pub Hub);
+
+impl Drop for HubOwner {
+    fn drop(&mut self) {
+        self.0.end();
+    }
+}
+
+/// How long the bus load is averaged, in µs.
+const LOAD_WINDOW_US: u64 = 100_000;
+
+/// Adds up the bits of frames; one bit is 1 µs at 1 Mbit/s.
+#[derive(Default)]
+struct Load {
+    window: u64,
+    bits: u64,
+    last: Option<f32>,
+}
+
+impl Load {
+    fn note(&mut self, at: Micros, frame: &Frame) {
+        let window = at.0 / LOAD_WINDOW_US;
+        if window != self.window {
+            let follows = window == self.window + 1;
+            self.last = follows.then_some(self.bits as f32 / LOAD_WINDOW_US as f32);
+            (self.window, self.bits) = (window, 0);
+        }
+        self.bits += u64::from(frame_bits(frame) + INTERMISSION);
+    }
 }
 
 impl<L: Link> Wire<L> {
@@ -34,19 +81,71 @@ impl<L: Link> Wire<L> {
     pub fn commanding(link: L) -> Self {
         let next_heartbeat = Some(link.now());
         Self {
-            link,
             next_heartbeat,
-            backlog: VecDeque::new(),
+            ..Self::visiting(link)
         }
     }
 
     /// Takes over a link without claiming to be its master: no heartbeat.
     #[must_use]
     pub fn visiting(link: L) -> Self {
+        let began = link.now();
         Self {
             link,
             next_heartbeat: None,
             backlog: VecDeque::new(),
+            hub: HubOwner::default(),
+            sinks: Vec::new(),
+            began,
+            load: Load::default(),
+            patience_us: crate::sdo::ANSWER_TIMEOUT_US,
+        }
+    }
+
+    /// What the adapter says is wrong with the bus, if it can tell.
+    pub fn trouble(&mut self) -> Option<String> {
+        self.link.trouble()
+    }
+
+    /// Claims to be the bus's master from now on (with a heartbeat), or no longer.
+    pub fn claim(&mut self, master: bool) {
+        self.next_heartbeat = master.then(|| self.link.now());
+    }
+
+    /// Hands every frame from now on to `sink` as well.
+    pub fn tap(&mut self, sink: FrameSink) {
+        self.sinks.push(sink);
+    }
+
+    /// Whether this end claims to be the master.
+    #[must_use]
+    pub fn is_master(&self) -> bool {
+        self.next_heartbeat.is_some()
+    }
+
+    /// Share of the bus that frames took in the last full 100 ms, 0..=1, at 1 Mbit/s.
+    #[must_use]
+    pub fn bus_load(&self) -> Option<f32> {
+        self.load.last
+    }
+
+    /// Seconds from the beginning of the session to `at`.
+    pub(crate) fn seconds(&self, at: Micros) -> f64 {
+        (at.0 as f64 - self.began.0 as f64) * 1e-6
+    }
+
+    /// Notes a frame that is on the bus.
+    pub(crate) fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
+        self.load.note(at, frame);
+        for sink in &self.sinks {
+            sink(at, frame, sent);
+        }
+        if self.hub.0.is_wanted(Interest::Frames) {
+            let t = self.seconds(at);
+            let frame = *frame;
+            self.hub
+                .0
+                .publish(&Telemetry::Frame(BusFrame { t, frame, sent }));
         }
     }
 
@@ -61,7 +160,20 @@ impl<L: Link> Wire<L> {
     /// # Errors
     /// When the link fails.
     pub fn send(&mut self, frame: &Frame) -> Result<(), MasterError> {
+        self.note(self.link.now(), frame, true);
         Ok(self.link.send(frame)?)
+    }
+
+    /// The next frame from the link before `until`, past the backlog.
+    pub(crate) fn receive(
+        &mut self,
+        until: Micros,
+    ) -> Result<Option<(Micros, Frame)>, MasterError> {
+        let received = self.link.receive(until)?;
+        if let Some((at, frame)) = &received {
+            self.note(*at, frame, false);
+        }
+        Ok(received)
     }
 
     /// Sends the master's heartbeat when it is due.
@@ -69,7 +181,7 @@ impl<L: Link> Wire<L> {
         let now = self.link.now();
         if self.next_heartbeat.is_some_and(|due| now >= due) {
             let frame = client::heartbeat(MASTER, NmtState::Operational);
-            self.link.send(&frame)?;
+            self.send(&frame)?;
             self.next_heartbeat = Some(now + Micros(HEARTBEAT_PERIOD_US));
         }
         Ok(())
@@ -93,7 +205,7 @@ impl<L: Link> Wire<L> {
         loop {
             self.beat()?;
             let stop = self.wake(until);
-            let received = self.link.receive(stop)?;
+            let received = self.receive(stop)?;
             if received.is_some() || stop >= until {
                 return Ok(received);
             }

@@ -94,7 +94,7 @@ fn a_bus_that_does_not_exist_says_what_to_check() {
     ];
     let output = omnibus(&arguments);
     let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert_eq!(output.status.code(), Some(3), "{message}");
     assert!(message.contains("/dev/no-such-adapter"), "{message}");
     assert!(message.contains("dialout"), "{message}");
 }

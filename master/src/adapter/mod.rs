@@ -5,49 +5,66 @@
 //! nothing of the master's. It blocks in the adapter and ends when the adapter fails or the master
 //! has gone. The channel is unbounded: a bus at 1 Mbit/s brings at most some 9000 frames a second,
 //! and a master that does not look for a minute holds 20 MB. Sending blocks until the system has
-//! taken the frame.
+//! taken the frame. SYNC has a thread of its own, see [`pace`].
 
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use canopen::{Frame, Micros};
 
 use crate::bus::BusAddress;
-use crate::link::{Link, LinkError};
+use crate::link::{Link, LinkError, Schedule};
+use crate::punctuality::Lateness;
+use crate::telemetry::Punctuality;
+use trouble::Trouble;
 
+mod pace;
 pub mod slcan;
 #[cfg(target_os = "linux")]
 mod socket_can;
+pub mod socketcand;
+mod trouble;
 
 /// What a reading thread says: a frame, or why there will be no more.
 type Heard = io::Result<(Micros, Frame)>;
 /// Hands a frame to the adapter.
-type Write = dyn FnMut(&Frame) -> io::Result<()>;
+type Write = dyn FnMut(&Frame) -> io::Result<()> + Send;
 
 /// A link over an adapter.
 pub struct AdapterLink {
     bus: String,
     started: Instant,
     heard: Receiver<Heard>,
-    write: Box<Write>,
+    say: Sender<Heard>,
+    output: pace::SharedWrite,
+    lateness: Arc<Mutex<Lateness>>,
+    pacer: Option<pace::Pacer>,
+    trouble: Trouble,
+    /// Asks the adapter how the bus is; the answer comes through the reading thread.
+    inquiry: Option<Box<dyn FnMut() -> io::Result<()> + Send>>,
 }
+
+/// How long an adapter may take to say how the bus is.
+const INQUIRY: Duration = Duration::from_millis(200);
 
 impl AdapterLink {
     /// Starts the reading thread. `read` blocks until a frame has come; `write` until one is taken.
     fn start(
         bus: &BusAddress,
         mut read: impl FnMut() -> io::Result<Frame> + Send + 'static,
-        write: impl FnMut(&Frame) -> io::Result<()> + 'static,
+        write: impl FnMut(&Frame) -> io::Result<()> + Send + 'static,
     ) -> Self {
         let started = Instant::now();
-        let (say, heard): (Sender<Heard>, _) = channel();
+        let (tell, heard): (Sender<Heard>, _) = channel();
+        let say = tell.clone();
         std::thread::spawn(move || {
             loop {
                 let frame = read();
                 let failed = frame.is_err();
                 let stamped = frame.map(|frame| (time_since(started), frame));
-                if say.send(stamped).is_err() || failed {
+                if tell.send(stamped).is_err() || failed {
                     return;
                 }
             }
@@ -56,7 +73,12 @@ impl AdapterLink {
             bus: bus.to_string(),
             started,
             heard,
-            write: Box::new(write),
+            say,
+            output: Arc::new(Mutex::new(Box::new(write))),
+            lateness: Arc::default(),
+            pacer: None,
+            trouble: Trouble::default(),
+            inquiry: None,
         }
     }
 
@@ -64,10 +86,13 @@ impl AdapterLink {
         LinkError {
             bus: self.bus.clone(),
             problem: problem.to_string(),
-            remedy:
+            remedy: if let Some(trouble) = self.trouble.read() {
+                trouble.into()
+            } else {
                 "check the adapter's plug, the termination, and that another node is on the bus \
                      to acknowledge frames"
-                    .into(),
+                    .into()
+            },
         }
     }
 }
@@ -83,7 +108,7 @@ impl Link for AdapterLink {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
-        (self.write)(frame).map_err(|error| self.error(error))
+        pace::write(&self.output, frame).map_err(|error| self.error(error))
     }
 
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
@@ -95,6 +120,35 @@ impl Link for AdapterLink {
             Err(RecvTimeoutError::Disconnected) => Err(self.error("the adapter has gone")),
         }
     }
+
+    fn trouble(&mut self) -> Option<String> {
+        if let Some(inquire) = &mut self.inquiry
+            && inquire().is_ok()
+        {
+            std::thread::sleep(INQUIRY);
+        }
+        self.trouble.read().map(Into::into)
+    }
+
+    fn pace(&mut self, schedule: Option<Schedule>) -> bool {
+        // The old thread ends before a new one starts: two SYNC counters would be two masters.
+        self.pacer = None;
+        self.pacer = schedule.map(|schedule| {
+            pace::Pacer::start(
+                schedule,
+                self.started,
+                Arc::clone(&self.output),
+                Arc::clone(&self.lateness),
+                self.say.clone(),
+            )
+        });
+        true
+    }
+
+    fn punctuality(&self) -> Option<Punctuality> {
+        let lateness = self.lateness.lock();
+        Some(lateness.unwrap_or_else(PoisonError::into_inner).read())
+    }
 }
 
 /// Opens a real bus.
@@ -102,36 +156,55 @@ impl Link for AdapterLink {
 /// # Errors
 /// When the adapter cannot be opened; the error says what to check.
 pub fn open(bus: &BusAddress) -> Result<AdapterLink, LinkError> {
-    let refused = |error: io::Error, remedy: &str| LinkError {
+    let refused = |error: io::Error| LinkError {
         bus: bus.to_string(),
         problem: error.to_string(),
-        remedy: remedy.into(),
+        remedy: remedy(bus, error.kind()),
     };
     match bus {
-        BusAddress::Sim(_) => Err(refused(
-            io::ErrorKind::Unsupported.into(),
-            "a simulated bus has no adapter",
-        )),
-        BusAddress::Slcan(device) => slcan::open_serial(bus, device).map_err(|error| {
-            refused(
-                error,
-                "check the device's name, that nothing else has it open, and that you may use it \
-                 (group dialout on Linux)",
-            )
-        }),
-        BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address)
-            .map_err(|error| refused(error, "check host, port and that a server listens there")),
+        BusAddress::Sim(_) => Err(refused(io::ErrorKind::Unsupported.into())),
+        BusAddress::Slcan(device) => slcan::open_serial(bus, device).map_err(refused),
+        BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address).map_err(refused),
+        BusAddress::Socketcand(address, interface) => {
+            socketcand::open(bus, address, interface).map_err(refused)
+        }
         #[cfg(target_os = "linux")]
-        BusAddress::SocketCan(interface) => socket_can::open(bus, interface).map_err(|error| {
-            refused(
-                error,
-                &format!("ip link set {interface} up type can bitrate 1000000"),
-            )
-        }),
+        BusAddress::SocketCan(interface) => socket_can::open(bus, interface).map_err(refused),
         #[cfg(not(target_os = "linux"))]
-        BusAddress::SocketCan(_) => Err(refused(
-            io::ErrorKind::Unsupported.into(),
-            "SocketCAN is Linux only; use slcan:DEVICE",
-        )),
+        BusAddress::SocketCan(_) => Err(refused(io::ErrorKind::Unsupported.into())),
+    }
+}
+
+/// What to check when a bus cannot be opened.
+fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
+    let refused = kind == io::ErrorKind::ConnectionRefused;
+    match bus {
+        BusAddress::Sim(_) => "a simulated bus has no adapter".into(),
+        BusAddress::Slcan(device) => match kind {
+            io::ErrorKind::PermissionDenied => format!(
+                "you may not use {}; on Linux add yourself to the group dialout \
+                 (sudo usermod -aG dialout $USER) and log in again",
+                device.display()
+            ),
+            _ => "check the device's name (ls /dev/ttyACM* /dev/ttyUSB*), its plug, that nothing else \
+                  has it open, and that you may use it (group dialout on Linux)"
+                .into(),
+        },
+        BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) if refused => {
+            "nothing listens there; start the server (omnibus-sim serve prints its addresses) or \
+             correct the port"
+                .into()
+        }
+        BusAddress::SlcanTcp(_) => "check host and port, and that the server speaks slcan".into(),
+        BusAddress::Socketcand(_, interface) => format!(
+            "check host and port, and that the socketcand there was started with {interface} (-i)"
+        ),
+        BusAddress::SocketCan(interface) if cfg!(target_os = "linux") => format!(
+            "check the name (ip link show type can); bring it up with: \
+             sudo ip link set {interface} up type can bitrate 1000000"
+        ),
+        BusAddress::SocketCan(_) => {
+            "SocketCAN is Linux only; use slcan:DEVICE or socketcand://HOST:PORT/INTERFACE".into()
+        }
     }
 }

@@ -2,7 +2,9 @@
 //!
 //! `tIIILDD..` is a frame: identifier in three hex digits, length, data; a carriage return ends a
 //! line. Adapters answer commands with a carriage return or, refusing, a bell; `z` acknowledges a
-//! frame. Anything else (extended and remote frames, status lines) is passed over.
+//! frame; `F` asks for status flags. Anything else (extended and remote frames, other status lines) is
+//! passed over. A bell is no error by itself (closing a closed channel rings one), many in a row are: then
+//! the adapter takes no frames.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
@@ -12,6 +14,7 @@ use std::time::Duration;
 use canopen::Frame;
 
 use super::AdapterLink;
+use super::trouble::{self, Trouble};
 use crate::bus::BusAddress;
 
 /// Close, 1 Mbit/s, open.
@@ -54,7 +57,13 @@ pub fn decode(line: &str) -> Option<Frame> {
 #[derive(Default)]
 struct Lines {
     line: String,
+    /// Refusals since the last sign of success.
+    bells: u32,
+    trouble: Trouble,
 }
+
+/// So many refusals in a row mean that the adapter takes no frames.
+const BELLS: u32 = 10;
 
 impl Lines {
     /// Takes one byte; returns the frame that it completes.
@@ -62,12 +71,25 @@ impl Lines {
         match byte {
             b'\r' | b'\n' => {
                 let frame = decode(&self.line);
+                if let Some(flags) = self.line.strip_prefix('F')
+                    && let Ok(flags) = u8::from_str_radix(flags, 16)
+                {
+                    self.trouble.report(trouble::of_slcan_flags(flags));
+                }
+                if frame.is_some() || self.line == "z" {
+                    self.bells = 0;
+                    self.trouble.report(None);
+                }
                 self.line.clear();
                 frame
             }
             // A bell ends whatever was going on.
             0x07 => {
                 self.line.clear();
+                self.bells += 1;
+                if self.bells == BELLS {
+                    self.trouble.report(Some(trouble::REFUSES));
+                }
                 None
             }
             _ => {
@@ -84,10 +106,12 @@ impl Lines {
 fn start(
     bus: &BusAddress,
     mut input: impl Read + Send + 'static,
-    mut output: impl Write + 'static,
+    mut output: impl Write + Send + 'static,
+    mut inquiry: impl Write + Send + 'static,
 ) -> io::Result<AdapterLink> {
     output.write_all(OPEN)?;
     let mut lines = Lines::default();
+    let trouble = lines.trouble.clone();
     let (mut buffer, mut filled, mut taken) = ([0; 256], 0, 0);
     let read = move || {
         loop {
@@ -119,7 +143,10 @@ fn start(
         output.write_all(encode(frame).as_bytes())?;
         output.flush()
     };
-    Ok(AdapterLink::start(bus, read, write))
+    let mut link = AdapterLink::start(bus, read, write);
+    link.trouble = trouble;
+    link.inquiry = Some(Box::new(move || inquiry.write_all(b"F\r")));
+    Ok(link)
 }
 
 /// Opens a serial adapter.
@@ -127,16 +154,16 @@ pub(super) fn open_serial(bus: &BusAddress, device: &Path) -> io::Result<Adapter
     let output = serialport::new(device.to_string_lossy(), BAUD)
         .timeout(READ_TIMEOUT)
         .open()?;
-    let input = output.try_clone()?;
-    start(bus, input, output)
+    let (input, inquiry) = (output.try_clone()?, output.try_clone()?);
+    start(bus, input, output, inquiry)
 }
 
 /// Connects to a server that speaks slcan.
 pub(super) fn open_tcp(bus: &BusAddress, address: &str) -> io::Result<AdapterLink> {
     let output = TcpStream::connect(address)?;
     output.set_nodelay(true)?;
-    let input = output.try_clone()?;
-    start(bus, input, output)
+    let (input, inquiry) = (output.try_clone()?, output.try_clone()?);
+    start(bus, input, output, inquiry)
 }
 
 #[cfg(test)]
@@ -185,6 +212,44 @@ mod tests {
         assert_eq!(lines.push(b'\r'), Some(Frame::of(0x80, [5])));
     }
 
+    /// SYNC comes from the link's own thread while nobody calls the link, counted without gaps, and stops when
+    /// the schedule is taken back.
+    #[test]
+    fn sync_goes_out_while_the_session_does_something_else() {
+        const SYNCS: usize = 20;
+        let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = server.local_addr().unwrap().to_string();
+        let served = std::thread::spawn(move || {
+            let (mut stream, _) = server.accept().unwrap();
+            let mut hello = [0; OPEN.len()];
+            stream.read_exact(&mut hello).unwrap();
+            let (mut lines, mut frames) = (Lines::default(), Vec::new());
+            let mut byte = [0];
+            while frames.len() < SYNCS {
+                stream.read_exact(&mut byte).unwrap();
+                frames.extend(lines.push(byte[0]));
+            }
+            frames
+        });
+        let bus = BusAddress::SlcanTcp(address.clone());
+        let mut link = open_tcp(&bus, &address).unwrap();
+        let schedule = crate::link::Schedule {
+            first: Micros(link.now().0 + 1_000),
+            period_us: 1_000,
+            counter: 236,
+            overflow: 240,
+        };
+        assert!(link.pace(Some(schedule)));
+        let frames = served.join().unwrap();
+        let counters = [236, 237, 238, 239, 240].into_iter().chain(1..);
+        for (frame, counter) in frames.iter().zip(counters) {
+            assert_eq!(*frame, Frame::of(0x80, [counter]));
+        }
+        link.pace(None);
+        let sent = link.punctuality().unwrap();
+        assert!(sent.count >= SYNCS as u64 && sent.worst_us > 0.0, "{sent}");
+    }
+
     /// A server on this machine: it answers each frame with one of the next identifier.
     #[test]
     fn frames_go_out_and_come_in_over_tcp() {
@@ -217,5 +282,63 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("termination"), "{error}");
+    }
+
+    /// An adapter at the other end of a pseudo terminal: it echoes frames with the next identifier, then refuses
+    /// everything and says that it is error passive.
+    #[test]
+    #[cfg(unix)]
+    fn a_serial_adapter_over_a_pseudo_terminal() {
+        use serialport::SerialPort as _;
+        let (mut adapter, slave) = serialport::TTYPort::pair().unwrap();
+        let device = slave.name().unwrap();
+        // It is locked for as long as it is open.
+        drop(slave);
+        let bus = BusAddress::Slcan(device.clone().into());
+        let mut link = open_serial(&bus, Path::new(&device)).unwrap();
+        adapter.set_timeout(Duration::from_secs(10)).unwrap();
+        let served = std::thread::spawn(move || {
+            let mut hello = [0; OPEN.len()];
+            adapter.read_exact(&mut hello).unwrap();
+            assert_eq!(hello, OPEN);
+            adapter.write_all(b"\r\r\r").unwrap();
+            let mut lines = Lines::default();
+            let mut byte = [0];
+            loop {
+                adapter.read_exact(&mut byte).unwrap();
+                if let Some(frame) = lines.push(byte[0]) {
+                    let answer = Frame::new(frame.id() + 1, frame.data()).unwrap();
+                    adapter.write_all(b"z\r").unwrap();
+                    adapter.write_all(encode(&answer).as_bytes()).unwrap();
+                    break;
+                }
+            }
+            let mut inquiry = [0; 2];
+            adapter.read_exact(&mut inquiry).unwrap();
+            assert_eq!(&inquiry, b"F\r");
+            adapter.write_all(b"F20\r").unwrap();
+            adapter
+        });
+        link.send(&Frame::of(0x601, [1, 2, 3])).unwrap();
+        let answer = link.receive(Micros(link.now().0 + 5_000_000)).unwrap();
+        assert_eq!(answer.unwrap().1, Frame::of(0x602, [1, 2, 3]));
+        let trouble = link.trouble().unwrap();
+        assert!(trouble.contains("acknowledges"), "{trouble}");
+        drop(served.join().unwrap());
+    }
+
+    #[test]
+    fn refusals_in_a_row_are_trouble_until_a_frame_goes_through() {
+        let mut lines = Lines::default();
+        for _ in 0..BELLS - 1 {
+            lines.push(7);
+        }
+        assert_eq!(lines.trouble.read(), None);
+        lines.push(7);
+        assert_eq!(lines.trouble.read(), Some(trouble::REFUSES));
+        for byte in b"z\r" {
+            lines.push(*byte);
+        }
+        assert_eq!(lines.trouble.read(), None);
     }
 }

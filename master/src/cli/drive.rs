@@ -1,16 +1,24 @@
 //! `omnibus drive --vx --vy --omega --for`: one velocity of the group for a time, with ramps that the
 //! robots make by their own limits.
 
+use std::path::PathBuf;
+
 use anyhow::bail;
 use kinematics::Twist;
-use omnibus::session::Group;
+use omnibus::Group;
+use omnibus::link::Link;
+use serde_json::json;
 
-use super::{Target, say};
+use super::{Target, json, note, print_json, say};
 
-/// Longest time the group may take to come to rest, in µs.
-const STOP_PATIENCE_US: u64 = 5_000_000;
+const EXAMPLES: &str = "Examples:
+  omnibus drive --vx 0.2 --for 3 --bus sim:groups/tcc-2.toml
+  omnibus drive --omega -0.3 --for 5 --bus socketcan:can0 --group groups/tcc-2.toml
+
+Ctrl-C ramps the group down; pressed again, it takes the robots out of OPERATIONAL at once.";
 
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
@@ -26,49 +34,41 @@ pub struct Arguments {
     /// For how long, s.
     #[arg(long = "for", value_name = "SECONDS")]
     seconds: f64,
+    /// Records everything on the bus meanwhile.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let file = arguments.target.group()?;
-    let twist = Twist {
-        vx: arguments.vx,
-        vy: arguments.vy,
-        omega: arguments.omega,
-    };
-    let limits = &file.limits;
-    let speed = twist.vx.hypot(twist.vy);
-    if speed.is_nan() || speed > limits.linear_speed {
-        bail!(
-            "--vx, --vy: {speed} m/s is not within the group's limits.linear_speed, {} m/s",
-            limits.linear_speed
-        );
-    }
-    if twist.omega.is_nan() || twist.omega.abs() > limits.yaw_rate {
-        bail!(
-            "--omega: {} rad/s is not within the group's limits.yaw_rate, {} rad/s",
-            twist.omega,
-            limits.yaw_rate
-        );
-    }
+    let twist = Twist::new(arguments.vx, arguments.vy, arguments.omega);
+    // Refused before the bus is even opened.
+    omnibus::session::check_twist(twist, &file.limits)?;
     if !(arguments.seconds > 0.0 && arguments.seconds <= 3600.0) {
         bail!("--for: {} s is not between 0 and 3600 s", arguments.seconds);
     }
     let link = arguments.target.link(&file)?;
-    let mut group = Group::connect(link, &file)?;
-    group.set_abort(super::abort_on_ctrl_c()?);
-    group.configure(true)?;
-    group.start()?;
-    let periods = (arguments.seconds * 1e6 / group.period_us() as f64).ceil() as u64;
-    let mut driven = Ok(());
-    for _ in 0..periods {
-        driven = group.cycle(twist);
-        if driven.is_err() {
-            break;
-        }
+    let recorder = arguments
+        .record
+        .as_ref()
+        .map(|path| arguments.target.recorder(path, "drive", link.now()))
+        .transpose()?;
+    let mut group = Group::observe(link, &file);
+    if let Some(recorder) = &recorder {
+        group.wire().tap(recorder.sink());
     }
-    let stopped = group.ramp_down(STOP_PATIENCE_US);
-    driven.and(stopped)?;
+    let driven = drive(arguments, &mut group, twist);
+    // What was heard is kept however it ended.
+    if let Some(recorder) = recorder {
+        recorder.finish()?;
+    }
+    let punctuality = group.punctuality();
+    if let Some(punctuality) = punctuality {
+        note(punctuality);
+    }
+    driven?;
     let rows = group.recorder().rows();
+    let mut robots = Vec::new();
     for (index, robot) in file.robots.iter().enumerate() {
         let last = rows.iter().rev().find_map(|row| row.members[index].pose);
         if let Some(pose) = last {
@@ -76,7 +76,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 "node {}: by its wheels the group came to x {:.3} m, y {:.3} m, heading {:.4} rad",
                 robot.node, pose.x, pose.y, pose.heading
             ))?;
+            robots.push(
+                json!({"node": robot.node, "x": pose.x, "y": pose.y, "heading": pose.heading}),
+            );
         }
     }
+    if json() {
+        print_json(&json!({"robots": robots, "sync": punctuality.map(|p| super::sync_json(&p))}))?;
+    }
     Ok(())
+}
+
+/// From finding the robots to their standing again.
+fn drive<L: Link>(arguments: &Arguments, group: &mut Group<L>, twist: Twist) -> anyhow::Result<()> {
+    group.claim()?;
+    group.set_abort(super::abort_on_ctrl_c()?);
+    group.start()?;
+    group.set_twist(twist)?;
+    let driven = group.run(arguments.seconds);
+    let stopped = group.stop();
+    Ok(driven.and(stopped)?)
 }

@@ -3,16 +3,32 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use canopen::Micros;
+use clap::ValueEnum as _;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use omnibus::bus::BusAddress;
-use omnibus::curve::Curve;
-use omnibus::drive::{self, Drive};
-use omnibus::report::{self, BackendName};
+use omnibus::course::{Course, Frame, Shape};
+use omnibus::curve::{Curve, RAMP};
+use omnibus::drive::{self, Drive, Feedback, Source};
+use omnibus::report::{self, BackendName, Run};
+use omnibus::steering::Law;
+use omnibus::telemetry::Punctuality;
+use serde_json::{Value, json};
 
-use super::{Target, say};
+use super::{Target, json, note, print_json, say, sync_json};
 
 /// Resolution of the progress bar.
 const STEPS: f64 = 1000.0;
+
+const EXAMPLES: &str = "Examples:
+  omnibus follow figure-eight --bus sim:groups/tcc-3.toml
+  omnibus follow circle --repeats 3 --heading 45 --bus sim:groups/tcc-2.toml
+  omnibus follow circle --frame body --speed 0.5 --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus follow my-path.csv --pose tcp://127.0.0.1:7705 --bus slcan:/dev/ttyACM0 --group my-group.toml
+  omnibus follow figure-eight --pose truth --compensation off --bus sim:groups/tcc-3.toml
+
+A CSV file has the columns t,x,y or t,x,y,heading (s, m, m, rad). The curve begins where the group stands.
+Ctrl-C ramps the group down; pressed again, it takes the robots out of OPERATIONAL at once.";
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Switch {
@@ -20,24 +36,67 @@ enum Switch {
     Off,
 }
 
+fn shape(text: &str) -> Result<Shape, String> {
+    if let Ok(curve) = Curve::from_str(text, true) {
+        return Ok(Shape::Named(curve));
+    }
+    if text.to_ascii_lowercase().ends_with(".csv") {
+        return Ok(Shape::File(text.into()));
+    }
+    let names: Vec<_> = Curve::value_variants().iter().map(|c| c.name()).collect();
+    Err(format!("give one of {}, or a .csv file", names.join(", ")))
+}
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// The curve.
-    curve: Curve,
+    /// figure-eight, circle, harmonic, forward, lateral, oblique, turn, centripetal, or FILE.csv.
+    #[arg(value_parser = shape)]
+    curve: Shape,
     #[command(flatten)]
     target: Target,
     /// Whether the robots compensate for wheel slip, with the group file's coefficients.
     #[arg(long, value_enum, default_value_t = Switch::On)]
     compensation: Switch,
+    /// Time over which the curve is entered and left, s.
+    #[arg(long, default_value_t = RAMP, value_name = "SECONDS")]
+    ramp: f64,
+    /// How often a closed curve is driven, without stopping in between.
+    #[arg(long, default_value_t = 1)]
+    repeats: u32,
+    /// Speed, as a multiple of the curve's own.
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    speed: f64,
+    /// Heading offset, degrees counter-clockwise.
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        value_name = "DEGREES",
+        allow_negative_numbers = true
+    )]
+    heading: f64,
+    /// What the heading offset is added to: the curve's own heading, or the direction of travel.
+    #[arg(long, value_enum, default_value_t = Frame::World)]
+    frame: Frame,
+    /// Closes the loop with poses from here: tcp://HOST:PORT (JSON lines), odometry, or truth on a
+    /// simulated bus.
+    #[arg(long, value_name = "SOURCE")]
+    pose: Option<Source>,
+    /// Gain of the feedback, 1/s; for the heading too.
+    #[arg(long, default_value_t = Law::default().gain, value_name = "GAIN", requires = "pose")]
+    gain: f32,
+    /// Drives without feedback first, to compare. (A simulated bus always does.)
+    #[arg(long, requires = "pose")]
+    compare: bool,
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
-    /// Prints the figures as JSON instead of a table.
-    #[arg(long)]
-    json: bool,
     /// Writes an HTML report with charts.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Records everything on the bus, the curve, and what an observer saw.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
     /// Writes every frame as a candump log.
     #[arg(long, value_name = "FILE.log")]
     candump: Option<PathBuf>,
@@ -46,48 +105,168 @@ pub struct Arguments {
     log: Option<PathBuf>,
 }
 
+impl Arguments {
+    fn course(&self) -> Course {
+        Course {
+            shape: self.curve.clone(),
+            ramp: self.ramp,
+            repeats: self.repeats,
+            speed: self.speed,
+            heading: self.heading.to_radians(),
+            frame: self.frame,
+            quick: self.quick,
+        }
+    }
+
+    /// The feedback of each drive: without first, where that is wanted for comparison.
+    fn feedbacks(&self) -> anyhow::Result<Vec<Option<Feedback>>> {
+        let Some(source) = &self.pose else {
+            return Ok(vec![None]);
+        };
+        if !(self.gain > 0.0 && self.gain <= 5.0) {
+            bail!(
+                "--gain: {} 1/s is not between 0 and 5; beyond that the loop rings",
+                self.gain
+            );
+        }
+        let law = Law {
+            gain: self.gain,
+            yaw_gain: self.gain,
+            ..Law::default()
+        };
+        let feedback = |corrects| {
+            Some(Feedback {
+                source: source.clone(),
+                law,
+                corrects,
+            })
+        };
+        if self.compare || matches!(self.target.bus, BusAddress::Sim(_)) {
+            Ok(vec![feedback(false), feedback(true)])
+        } else {
+            Ok(vec![feedback(true)])
+        }
+    }
+}
+
+fn progress_bar(name: &str) -> ProgressBar {
+    let progress = ProgressBar::new(STEPS as u64);
+    if !super::output::talks() {
+        progress.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {elapsed} {msg}");
+    progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    progress.set_prefix(name.to_owned());
+    progress
+}
+
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = target.group()?;
-    let progress = ProgressBar::new(STEPS as u64);
-    let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {elapsed} {msg}");
-    progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    progress.set_prefix(arguments.curve.name());
-    let drive = Drive {
-        group: &group,
-        curve: arguments.curve,
-        quick: arguments.quick,
-        compensation: arguments.compensation == Switch::On,
-        elf: target.elf()?,
-        candump: arguments.candump.clone(),
-        log: arguments.log.clone(),
-        abort: super::abort_on_ctrl_c()?,
-    };
-    let tell = &mut |share: f64, phase| {
-        progress.set_position((share * STEPS) as u64);
-        progress.set_message(phase);
-    };
-    let (backend, run) = match &target.bus {
-        BusAddress::Sim(_) => (target.backend, drive::simulated(&drive, tell)?),
-        _ if drive.candump.is_some() || drive.log.is_some() => {
-            bail!("--candump and --log are for simulated buses; use candump itself")
+    let course = arguments.course();
+    let name = course.name();
+    let feedbacks = arguments.feedbacks()?;
+    let simulated = matches!(target.bus, BusAddress::Sim(_));
+    if simulated && matches!(arguments.pose, Some(Source::Stream(_))) {
+        bail!(
+            "--pose tcp://: a bus in this process has virtual time, which no other program shares; give \
+             --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
+        );
+    }
+    if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {
+        bail!("--candump and --log are for simulated buses; use candump itself");
+    }
+    let abort = super::abort_on_ctrl_c()?;
+    let (mut runs, mut syncs) = (Vec::new(), Vec::new());
+    for (n, feedback) in feedbacks.iter().enumerate() {
+        // Of two drives the second is the one that counts.
+        let path = arguments
+            .record
+            .as_ref()
+            .filter(|_| n + 1 == feedbacks.len());
+        let activity = format!("follow {name}");
+        let recorder = path.map(|path| target.recorder(path, &activity, Micros(0)));
+        let recorder = recorder.transpose()?;
+        let drive = Drive {
+            group: &group,
+            course: course.clone(),
+            feedback: feedback.clone(),
+            compensation: arguments.compensation == Switch::On,
+            elf: target.elf()?,
+            candump: arguments.candump.clone(),
+            log: arguments.log.clone(),
+            abort: abort.clone(),
+            record: recorder.as_ref(),
+        };
+        let driven = drive_once(target, &group, &drive, &name);
+        // What was heard is kept however it ended.
+        if let Some(recorder) = recorder {
+            recorder.finish()?;
         }
-        _ => {
-            let link = target.link(&group)?;
-            (BackendName::Robots, drive::measured(link, &drive, tell)?)
-        }
+        let (run, sync) = driven?;
+        runs.push(run);
+        syncs.push(sync);
+    }
+    let rms: Vec<f64> = runs.iter().map(|run| run.errors.rms_mm).collect();
+    let last = runs.pop().context("nothing was driven")?;
+    let backend = if simulated {
+        target.backend
+    } else {
+        BackendName::Robots
     };
-    progress.finish_and_clear();
-    let report = drive::report(&group, arguments.curve, backend, vec![run]);
+    let report = drive::report(&group, &name, backend, vec![last]);
     if let Some(path) = &arguments.report {
         std::fs::write(path, report::html::to_html(&report)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    if arguments.json {
-        say(report::json::to_json(&report).trim_end())?;
-    } else {
-        say(report::table::to_table(&report))?;
-        say("Axes as in the paper: x lateral, y longitudinal.")?;
+    let law = feedbacks.last().and_then(|f| f.as_ref()).map(|f| f.law);
+    if json() {
+        let mut document: Value = serde_json::from_str(&report::json::to_json(&report))?;
+        if let Some(law) = law {
+            document["feedback"] = json!({"gain": law.gain, "limit": law.limit, "yaw_gain": law.yaw_gain,
+                "yaw_limit": law.yaw_limit, "rms_mm": rounded(rms.last().copied()),
+                "rms_mm_without": rounded((rms.len() > 1).then(|| rms[0]))});
+        }
+        document["sync"] = json!(syncs.last().and_then(|s| s.as_ref()).map(sync_json));
+        return print_json(&document);
+    }
+    say(report::table::to_table(&report))?;
+    say("Axes as in the paper: x lateral, y longitudinal.")?;
+    if let Some(law) = law {
+        say(format_args!("{law}"))?;
+        match rms[..] {
+            [without, with] => say(format_args!(
+                "rms tracking error: {without:.2} mm without feedback, {with:.2} mm with"
+            ))?,
+            _ => say("rms tracking error as above; --compare drives without feedback first")?,
+        }
+    }
+    for sync in syncs.iter().flatten() {
+        note(sync);
     }
     Ok(())
+}
+
+/// Four decimals.
+fn rounded(value: Option<f64>) -> Option<f64> {
+    value.map(|value| (value * 1e4).round() / 1e4)
+}
+
+fn drive_once(
+    target: &Target,
+    group: &group::GroupFile,
+    drive: &Drive<'_>,
+    name: &str,
+) -> anyhow::Result<(Run, Option<Punctuality>)> {
+    let progress = progress_bar(name);
+    let tell = &mut |share: f64, phase| {
+        progress.set_position((share * STEPS) as u64);
+        progress.set_message(phase);
+    };
+    let done = match &target.bus {
+        BusAddress::Sim(_) => (drive::simulated(drive, tell)?, None),
+        _ => drive::measured(target.link(group)?, drive, tell)?,
+    };
+    progress.finish_and_clear();
+    Ok(done)
 }

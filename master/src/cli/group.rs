@@ -1,16 +1,29 @@
-//! `omnibus group check|show`: group files, without a bus.
+//! `omnibus group check|show|apply`: group files, and how they get into the robots.
 
 use std::path::PathBuf;
 
+use anyhow::bail;
 use comfy_table::{Table, presets};
 use group::GroupFile;
-use omnibus::{configure, sdo};
+use omnibus::{Group, configure, sdo};
 use serde_json::json;
 
-use super::say;
+use super::{Target, json, note, print_json, say};
+
+const EXAMPLES: &str = "Examples:
+  omnibus group check groups/*.toml
+  omnibus group show groups/tcc-2.toml --node 3
+  omnibus group apply --group groups/tcc-2.toml --bus socketcan:can0 --save";
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
 
 #[derive(clap::Subcommand)]
-pub enum Command {
+enum Command {
     /// Says whether a group file is good, and what is wrong with it otherwise.
     Check {
         /// The files.
@@ -24,41 +37,54 @@ pub enum Command {
         /// Node of the robot; all robots otherwise.
         #[arg(long)]
         node: Option<u8>,
-        /// Prints JSON.
+    },
+    /// Writes the group file into the robots and reads every value back.
+    Apply {
+        /// Stores it in the robots' flash too.
         #[arg(long)]
-        json: bool,
+        save: bool,
+        #[command(flatten)]
+        target: Target,
     },
 }
 
-pub fn run(command: &Command) -> anyhow::Result<()> {
-    match command {
-        Command::Check { files } => {
-            for file in files {
-                let group = GroupFile::load(file)?;
-                say(format_args!(
-                    "{}: group '{}', {} robots, nodes {:?}: good",
-                    file.display(),
-                    group.name,
-                    group.robots.len(),
-                    group.robots.iter().map(|r| r.node).collect::<Vec<_>>(),
-                ))?;
-            }
-            Ok(())
-        }
-        Command::Show { file, node, json } => show(&GroupFile::load(file)?, *node, *json),
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        Command::Check { files } => check(files),
+        Command::Show { file, node } => show(&GroupFile::load(file)?, *node),
+        Command::Apply { save, target } => apply(target, *save),
     }
 }
 
-fn show(group: &GroupFile, node: Option<u8>, json: bool) -> anyhow::Result<()> {
+fn check(files: &[PathBuf]) -> anyhow::Result<()> {
+    let mut good = Vec::new();
+    for file in files {
+        let group = GroupFile::load(file)?;
+        let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+        say(format_args!(
+            "{}: group '{}', {} robots, nodes {nodes:?}: good",
+            file.display(),
+            group.name,
+            nodes.len(),
+        ))?;
+        good.push(json!({"file": file.display().to_string(), "group": group.name, "nodes": nodes}));
+    }
+    if json() {
+        print_json(&json!({"good": good}))?;
+    }
+    Ok(())
+}
+
+fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
     let robots: Vec<_> = group
         .robots
         .iter()
         .filter(|robot| node.is_none_or(|node| node == robot.node))
         .collect();
     if robots.is_empty() {
-        anyhow::bail!("--node {}: the group has no such robot", node.unwrap_or(0));
+        bail!("--node {}: the group has no such robot", node.unwrap_or(0));
     }
-    if json {
+    if json() {
         let robots = robots.iter().map(|robot| {
             let parameters = configure::parameters(group, robot, true);
             let objects = parameters.iter().map(|(at, value)| {
@@ -67,7 +93,7 @@ fn show(group: &GroupFile, node: Option<u8>, json: bool) -> anyhow::Result<()> {
             json!({"node": robot.node, "parameters": objects.collect::<Vec<_>>()})
         });
         let robots: Vec<_> = robots.collect();
-        return super::print_json(&json!({"group": group.name, "robots": robots}));
+        return print_json(&json!({"group": group.name, "robots": robots}));
     }
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
@@ -84,5 +110,38 @@ fn show(group: &GroupFile, node: Option<u8>, json: bool) -> anyhow::Result<()> {
         table.add_row(cells);
     }
     say(&table)?;
+    Ok(())
+}
+
+fn apply(target: &Target, save: bool) -> anyhow::Result<()> {
+    let file = target.group()?;
+    let mut group = Group::connect(target.link(&file)?, &file)?;
+    group.configure(true)?;
+    let counts: Vec<_> = file
+        .robots
+        .iter()
+        .map(|robot| (robot.node, configure::parameters(&file, robot, true).len()))
+        .collect();
+    if save {
+        for (node, _) in &counts {
+            group.wire().save(*node)?;
+        }
+    }
+    if json() {
+        let robots = counts
+            .iter()
+            .map(|(node, count)| json!({"node": node, "written": count}));
+        let robots: Vec<_> = robots.collect();
+        return print_json(&json!({"group": file.name, "stored": save, "robots": robots}));
+    }
+    for (node, count) in counts {
+        say(format_args!(
+            "node {node}: {count} parameters written and read back{}",
+            if save { ", stored" } else { "" }
+        ))?;
+    }
+    if !save {
+        note("until power-off; --save keeps them in the robots");
+    }
     Ok(())
 }

@@ -1,31 +1,53 @@
 //! What the commands share: which bus, which group, and how both are opened.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use ::group::GroupFile;
 use anyhow::{Context as _, bail};
+use canopen::Micros;
 use kinematics::Pose;
 use omnibus::abort::Abort;
 use omnibus::bus::BusAddress;
 use omnibus::link::Link;
+use omnibus::recording::{Header, Recorder};
 use omnibus::report::BackendName;
 use omnibus::sim_link::SimLink;
+use omnibus::wire::Wire;
 
+pub mod bus_load;
+pub mod calibrate;
+pub mod completions;
+pub mod convert;
 pub mod drive;
 pub mod follow;
 pub mod group;
+pub mod identify;
+pub mod live;
+pub mod lss;
 pub mod nodes;
+pub mod output;
 pub mod param;
+pub mod param_file;
+pub mod plot;
+pub mod record;
+pub mod replay;
+pub mod serve;
+
+pub use output::{json, note, print_json, print_json_line, quiet, say};
 
 /// Where the firmware image is after `cargo xtask size`, from the root of the workspace.
 const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware";
 
+/// When simulated robots have said that they are there.
+const BOOTED: Micros = Micros(100_000);
+
 /// Which bus, and which group on it.
 #[derive(clap::Args)]
 pub struct Target {
-    /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE or slcan-tcp://HOST:PORT.
-    #[arg(long)]
+    /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
+    /// socketcand://HOST:PORT/INTERFACE.
+    #[arg(long, env = "OMNIBUS_BUS", hide_env_values = true)]
     pub bus: BusAddress,
     /// Group file; a simulated bus has its own.
     #[arg(long, value_name = "GROUP.toml")]
@@ -41,18 +63,67 @@ pub struct Target {
 impl Target {
     /// Reads the group file.
     pub fn group(&self) -> anyhow::Result<GroupFile> {
+        match self.group_if_any()? {
+            Some(group) => Ok(group),
+            None => bail!(
+                "--group GROUP.toml is missing: which robots are on {}?",
+                self.bus
+            ),
+        }
+    }
+
+    /// Reads the group file, if one was given: commands that need to know no group go without.
+    pub fn group_if_any(&self) -> anyhow::Result<Option<GroupFile>> {
         let path = match (&self.bus, &self.group) {
             (BusAddress::Sim(path), None) => path,
             (BusAddress::Sim(_), Some(_)) => {
                 bail!("--group is not for a simulated bus, which names its own group file")
             }
             (_, Some(path)) => path,
-            (_, None) => bail!(
-                "--group GROUP.toml is missing: which robots are on {}?",
-                self.bus
-            ),
+            (_, None) => return Ok(None),
         };
-        Ok(GroupFile::load(path)?)
+        Ok(Some(GroupFile::load(path)?))
+    }
+
+    /// Opens the bus for a command that needs to know no group.
+    pub fn link_if_any(&self, group: Option<&GroupFile>) -> anyhow::Result<Box<dyn Link>> {
+        match (&self.bus, group) {
+            (BusAddress::Sim(_), Some(group)) => self.link(group),
+            (BusAddress::Sim(_), None) => self.link(&self.group()?),
+            (real, _) => Ok(Box::new(omnibus::adapter::open(real)?)),
+        }
+    }
+
+    /// Opens the bus without claiming to be its master.
+    pub fn visit(&self) -> anyhow::Result<Wire<Box<dyn Link>>> {
+        let group = self.group_if_any()?;
+        Ok(Wire::visiting(self.link_if_any(group.as_ref())?))
+    }
+
+    /// Begins a recording of this bus, whose link has `now` on its clock.
+    pub fn recorder(&self, file: &Path, activity: &str, now: Micros) -> anyhow::Result<Recorder> {
+        let group = match (&self.bus, &self.group) {
+            (BusAddress::Sim(path), _) | (_, Some(path)) => Some(
+                std::fs::read_to_string(path)
+                    .with_context(|| format!("cannot read {}", path.display()))?,
+            ),
+            _ => None,
+        };
+        // A simulated bus begins at 0 every time, so that the same drive is the same file.
+        let epoch_ns = match &self.bus {
+            BusAddress::Sim(_) => 0,
+            _ => {
+                let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH)?;
+                u64::try_from(since_1970.as_nanos())?.saturating_sub(now.0 * 1_000)
+            }
+        };
+        let header = Header {
+            bus: self.bus.to_string(),
+            activity: activity.into(),
+            group,
+            epoch_ns,
+        };
+        Ok(Recorder::create(file, &header)?)
     }
 
     /// The firmware image, when the robots are emulated ones.
@@ -69,6 +140,14 @@ impl Target {
         Ok(Some(&self.elf))
     }
 
+    /// Opens the bus for somebody who only listens: the group file is optional.
+    pub fn link_alone(&self) -> anyhow::Result<Box<dyn Link>> {
+        match &self.bus {
+            BusAddress::Sim(_) => self.link(&self.group()?),
+            real => Ok(Box::new(omnibus::adapter::open(real)?)),
+        }
+    }
+
     /// Opens the bus. A simulated one is built with freshly booted robots.
     pub fn link(&self, group: &GroupFile) -> anyhow::Result<Box<dyn Link>> {
         match &self.bus {
@@ -78,7 +157,9 @@ impl Target {
                     y: 0.0,
                     heading: 0.0,
                 };
-                let world = omnibus::drive::world(group, self.elf()?, start)?;
+                let mut world = omnibus::drive::world(group, self.elf()?, start)?;
+                // On a real bus the robots have long been there.
+                world.run_until(BOOTED)?;
                 Ok(Box::new(SimLink::new(world, self.bus.to_string())))
             }
             real => Ok(Box::new(omnibus::adapter::open(real)?)),
@@ -94,20 +175,8 @@ pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
     Ok(abort)
 }
 
-/// Prints a line. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).
-pub fn say(line: impl std::fmt::Display) -> anyhow::Result<()> {
-    writeln!(std::io::stdout().lock(), "{line}")?;
-    Ok(())
-}
-
-/// Prints a value as JSON.
-pub fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
-    say(serde_json::to_string_pretty(value).context("cannot write JSON")?)
-}
-
-/// Whether a command only failed because nobody reads its output any more.
-pub fn reader_gone(error: &anyhow::Error) -> bool {
-    error
-        .downcast_ref::<std::io::Error>()
-        .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+/// How punctual SYNC was, as JSON.
+pub fn sync_json(punctuality: &omnibus::telemetry::Punctuality) -> serde_json::Value {
+    serde_json::json!({"count": punctuality.count, "mean_us": punctuality.mean_us,
+        "p99_us": punctuality.p99_us, "worst_us": punctuality.worst_us, "missed": punctuality.missed})
 }

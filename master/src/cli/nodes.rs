@@ -1,178 +1,175 @@
 //! `omnibus scan` and `omnibus status`: who is on the bus, and how they are. Both only read; neither
 //! claims to be the master, so a running group is not disturbed.
 
-use std::collections::BTreeMap;
-
-use canopen::{Micros, NmtState, client};
+use canopen::NmtState;
 use comfy_table::{Table, presets};
-use omnibus::error::MasterError;
-use omnibus::link::Link;
+use omnibus::survey::{Survey, ask};
 use omnibus::wire::Wire;
-use protocol::{Address, Code, Kind, MemberState, Value, address};
+use protocol::{Kind, address};
 use serde_json::json;
 
-use super::{Target, say};
+use super::output::Found;
+use super::{Target, json, print_json, say};
 
-/// How long robots are listened for before they are asked, in µs.
-const LISTEN_US: u64 = 500_000;
+const SCAN_EXAMPLES: &str = "Examples:
+  omnibus scan --bus sim:groups/tcc-3.toml
+  omnibus scan --bus socketcan:can0
+  omnibus scan --bus slcan:/dev/ttyACM0 --group groups/tcc-2.toml
+
+With a group file it also says who is missing and who does not belong; then exit code 6.";
+const STATUS_EXAMPLES: &str = "Example:
+  omnibus status --bus socketcan:can0 --group groups/tcc-2.toml";
 
 #[derive(clap::Args)]
+#[command(after_help = SCAN_EXAMPLES)]
 pub struct Scan {
     #[command(flatten)]
     target: Target,
-    /// Prints JSON.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(clap::Args)]
+#[command(after_help = STATUS_EXAMPLES)]
 pub struct Status {
     #[command(flatten)]
     target: Target,
-    /// Prints JSON.
-    #[arg(long)]
-    json: bool,
 }
 
-/// Listens for heartbeats: the NMT state of every node that sent one.
-fn listen<L: Link>(wire: &mut Wire<L>) -> Result<BTreeMap<u8, NmtState>, MasterError> {
-    let mut heard = BTreeMap::new();
-    let until = wire.now() + Micros(LISTEN_US);
-    while let Some((_, frame)) = wire.next(until)? {
-        if let Some((node, state)) = client::parse_heartbeat(&frame) {
-            heard.insert(node.get(), state);
-        }
-    }
-    Ok(heard)
-}
-
-/// Reads an object; `None` when the node does not answer.
-fn ask<L: Link>(
-    wire: &mut Wire<L>,
-    node: u8,
-    at: Address,
-    kind: Kind,
-) -> Result<Option<Value>, MasterError> {
-    match wire.read(node, at, kind) {
-        Ok(value) => Ok(Some(value)),
-        Err(MasterError::NodeSilent { .. }) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
-fn state_name(state: Option<&NmtState>) -> String {
+fn state_name(state: Option<NmtState>) -> String {
     state.map_or_else(|| "silent".into(), |state| format!("{state:?}"))
+}
+
+/// Says that nobody answers, with what the adapter knows.
+fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::link::Link>>) -> anyhow::Error {
+    let trouble = wire.trouble().unwrap_or_else(|| {
+        "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
+         everywhere"
+            .into()
+    });
+    Found(format!("no robot answers on {}; {trouble}", target.bus)).into()
 }
 
 /// `omnibus scan`.
 pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
-    let group = arguments.target.group()?;
-    let mut wire = Wire::visiting(arguments.target.link(&group)?);
-    let heard = listen(&mut wire)?;
-    let mut found = Vec::new();
-    for node in protocol::FIRST_ROBOT..=protocol::LAST_ROBOT {
-        let Some(version) = ask(&mut wire, node, address::WIRE_VERSION, Kind::U16)? else {
-            continue;
-        };
-        let serial = wire.read(node, address::SERIAL_NUMBER, Kind::U32)?;
-        let firmware = wire.read(node, address::FIRMWARE_VERSION, Kind::U32)?;
-        found.push((
-            node,
-            version.to_bits(),
-            serial.to_bits(),
-            firmware.to_bits(),
-        ));
-    }
-    let in_group = |node: u8| group.robots.iter().any(|robot| robot.node == node);
-    let missing: Vec<u8> = group
-        .robots
-        .iter()
-        .map(|robot| robot.node)
-        .filter(|node| !found.iter().any(|(found, ..)| found == node))
-        .collect();
-    if arguments.json {
-        let nodes = found.iter().map(|(node, version, serial, firmware)| {
-            json!({"node": node, "state": state_name(heard.get(node)), "serial": serial,
-                   "firmware": firmware, "wire_version": version, "in_group": in_group(*node)})
+    let target = &arguments.target;
+    let group = target.group_if_any()?;
+    let mut wire = Wire::visiting(target.link_if_any(group.as_ref())?);
+    let survey = Survey::take(&mut wire, group.as_ref())?;
+    let name = group.as_ref().map(|group| group.name.as_str());
+    let in_group = |node: u8| {
+        let robots = group.as_ref().map(|group| &group.robots);
+        robots.map(|robots| robots.iter().any(|robot| robot.node == node))
+    };
+    if json() {
+        let nodes = survey.found.iter().map(|robot| {
+            json!({"node": robot.node, "nmt": state_name(robot.nmt),
+                   "state": robot.state.map(|state| format!("{state:?}")), "code": robot.code,
+                   "serial": robot.serial, "firmware": robot.firmware_text(),
+                   "wire_version": robot.wire_version, "in_group": in_group(robot.node)})
         });
-        let nodes: Vec<_> = nodes.collect();
-        return super::print_json(&json!({"nodes": nodes, "missing": missing}));
-    }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header([
-        "node",
-        "state",
-        "serial",
-        "firmware",
-        "wire version",
-        "group",
-    ]);
-    for (node, version, serial, firmware) in &found {
-        table.add_row([
-            node.to_string(),
-            state_name(heard.get(node)),
-            format!("{serial:08X}"),
-            format!("{firmware:08X}"),
-            version.to_string(),
-            if in_group(*node) {
-                group.name.clone()
-            } else {
-                "not in the group file".into()
-            },
+        print_json(
+            &json!({"nodes": nodes.collect::<Vec<_>>(), "missing": survey.missing,
+            "master": survey.master, "conflicts": survey.conflicts}),
+        )?;
+    } else if !survey.found.is_empty() {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_FULL_CONDENSED);
+        table.set_header([
+            "node",
+            "NMT",
+            "state",
+            "serial",
+            "firmware",
+            "wire version",
+            "group",
         ]);
+        for robot in &survey.found {
+            table.add_row([
+                robot.node.to_string(),
+                state_name(robot.nmt),
+                robot
+                    .state
+                    .map_or_else(|| "unknown".into(), |state| format!("{state:?}")),
+                format!("{:08X}", robot.serial),
+                robot.firmware_text(),
+                robot.wire_version.to_string(),
+                match in_group(robot.node) {
+                    Some(true) => name.unwrap_or_default().into(),
+                    Some(false) => "not in the file".into(),
+                    None => "-".into(),
+                },
+            ]);
+        }
+        say(&table)?;
     }
-    say(&table)?;
-    for node in missing {
+    if survey.found.is_empty() {
+        return Err(nobody(target, &mut wire));
+    }
+    for conflict in &survey.conflicts {
+        say(conflict)?;
+    }
+    let mut wrong = survey.conflicts.len();
+    for node in &survey.missing {
+        wrong += 1;
         say(format_args!(
-            "node {node} of group '{}' does not answer",
-            group.name
+            "node {node} of group '{}' does not answer; check its power, its node switches and its plug",
+            name.unwrap_or_default()
         ))?;
+    }
+    if survey.master {
+        say("another master's heartbeat is on the bus")?;
+    }
+    if wrong > 0 {
+        return Err(Found(format!(
+            "{wrong} things on this bus are not as they should be"
+        ))
+        .into());
     }
     Ok(())
 }
 
 /// `omnibus status`.
 pub fn status(arguments: &Status) -> anyhow::Result<()> {
-    let group = arguments.target.group()?;
-    let mut wire = Wire::visiting(arguments.target.link(&group)?);
-    let heard = listen(&mut wire)?;
+    let target = &arguments.target;
+    let group = target.group_if_any()?;
+    let mut wire = Wire::visiting(target.link_if_any(group.as_ref())?);
+    let survey = Survey::take(&mut wire, group.as_ref())?;
+    if survey.found.is_empty() {
+        return Err(nobody(target, &mut wire));
+    }
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(["node", "NMT", "state", "limit or fault", "supply", "stops"]);
     let mut rows = Vec::new();
-    for robot in &group.robots {
+    for robot in &survey.found {
         let node = robot.node;
-        let Some(state) = ask(&mut wire, node, address::STATE, Kind::U8)? else {
-            table.add_row([node.to_string(), "silent".into()]);
-            rows.push(json!({"node": node, "answers": false}));
-            continue;
+        let mut read = |at, kind| -> anyhow::Result<String> {
+            Ok(ask(&mut wire, node, at, kind)?.map_or_else(|| "?".into(), omnibus::sdo::show))
         };
-        let raw = u8::try_from(state.to_bits()).unwrap_or(u8::MAX);
-        let state = MemberState::try_from(raw).map_or_else(|e| e.to_string(), |s| format!("{s:?}"));
-        let code = wire.read(node, address::STATUS_CODE, Kind::U16)?;
-        let raw = u16::try_from(code.to_bits()).unwrap_or(u16::MAX);
-        let code = Code::from_code(raw)
-            .map_or_else(|| format!("unknown {raw:#06x}"), omnibus::session::describe);
-        let supply = wire.read(node, address::SUPPLY, Kind::F32)?;
-        let stops = wire.read(node, address::STOPS, Kind::U32)?;
-        let (supply, stops) = (omnibus::sdo::show(supply), omnibus::sdo::show(stops));
-        let nmt = state_name(heard.get(&node));
+        let supply = read(address::SUPPLY, Kind::F32)?;
+        let stops = read(address::STOPS, Kind::U32)?;
+        let state = robot
+            .state
+            .map_or_else(|| "unknown".into(), |state| format!("{state:?}"));
         rows.push(
-            json!({"node": node, "answers": true, "nmt": nmt, "state": state,
-                         "code": raw, "supply_v": supply, "stops": stops}),
+            json!({"node": node, "answers": true, "nmt": state_name(robot.nmt), "state": state,
+                   "code": robot.code, "text": robot.code_text(),
+                   "supply_v": supply.parse::<f32>().ok(), "stops": stops.parse::<u32>().ok()}),
         );
         table.add_row([
             node.to_string(),
-            nmt,
+            state_name(robot.nmt),
             state,
-            code,
+            robot.code_text(),
             format!("{supply} V"),
             stops,
         ]);
     }
-    if arguments.json {
-        return super::print_json(&json!({"group": group.name, "robots": rows}));
+    for node in &survey.missing {
+        table.add_row([node.to_string(), "silent".into()]);
+        rows.push(json!({"node": node, "answers": false}));
+    }
+    if json() {
+        return print_json(&json!({"group": group.map(|group| group.name), "robots": rows}));
     }
     say(&table)?;
     Ok(())

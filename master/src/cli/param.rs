@@ -1,54 +1,134 @@
-//! `omnibus param list|get|set|diff`: the robots' object dictionary, by name or address.
+//! `omnibus param`: the robots' object dictionary, by address or name.
+
+use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use comfy_table::{Table, presets};
+use omnibus::error::MasterError;
+use omnibus::link::Link;
 use omnibus::{configure, sdo, wire::Wire};
 use protocol::object::Access;
-use protocol::{Address, Kind, OBJECTS, Object, Value};
+use protocol::{Address, Kind, OBJECTS, Object, Value, address};
+use serde_json::json;
 
-use super::{Target, say};
+use super::output::Found;
+use super::{Target, json, note, param_file, print_json, say};
+
+const EXAMPLES: &str = "Examples:
+  omnibus param list wheel
+  omnibus param get 2010:3 --node 3 --bus socketcan:can0
+  omnibus param get 'wheel radius' --node 3 --bus socketcan:can0
+  omnibus param set 2031:1 1.5 --node 3 --bus socketcan:can0
+  omnibus param dump --node 3 --output node-3.toml --bus socketcan:can0
+  omnibus param load node-3.toml --node 3 --bus socketcan:can0
+  omnibus param diff --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus param diff node-3.toml --node 3 --bus socketcan:can0
+  omnibus param save --node 3 --bus socketcan:can0
+
+A simulated bus (sim:) begins anew with every command: what is set there is gone afterwards. To try these
+commands on robots that stay, start `omnibus-sim serve` and use its slcan-tcp address.";
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Args)]
+struct At {
+    /// Node of the robot.
+    #[arg(long)]
+    node: u8,
+    #[command(flatten)]
+    target: Target,
+}
 
 #[derive(clap::Subcommand)]
-pub enum Command {
-    /// Lists every object a robot has: address, type, unit, limits, meaning. Needs no bus.
-    List,
+enum Command {
+    /// Lists the objects that a robot has: address, type, unit, limits, meaning. Needs no bus.
+    List {
+        /// Only objects whose name, address or meaning contains this.
+        filter: Option<String>,
+    },
     /// Reads one object of one robot.
     Get {
-        /// Address such as 2010:3.
+        /// Address such as 2010:3, or name such as 'wheel radius'.
         object: String,
-        /// Node of the robot.
-        #[arg(long)]
-        node: u8,
         #[command(flatten)]
-        target: Target,
+        at: At,
     },
     /// Writes one object of one robot and reads it back.
     Set {
-        /// Address such as 2010:3.
+        /// Address such as 2010:3, or name.
         object: String,
         /// The value.
+        #[arg(allow_negative_numbers = true)]
         value: String,
-        /// Node of the robot.
+        #[command(flatten)]
+        at: At,
+    },
+    /// Reads all parameters of one robot into a file.
+    Dump {
+        /// The file; the standard output without it.
+        #[arg(long, short)]
+        output: Option<PathBuf>,
+        #[command(flatten)]
+        at: At,
+    },
+    /// Writes the parameters of a file into a robot and reads them back.
+    Load {
+        /// The file, as `dump` writes it.
+        file: PathBuf,
+        #[command(flatten)]
+        at: At,
+    },
+    /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they differ.
+    Diff {
+        /// A file as `dump` writes it; the group file without it.
+        file: Option<PathBuf>,
+        /// Node of the robot; all of the group file without it.
         #[arg(long)]
-        node: u8,
+        node: Option<u8>,
         #[command(flatten)]
         target: Target,
     },
-    /// Compares the robots with the group file.
-    Diff {
+    /// Stores the parameters in a robot's flash, so that they survive power-off.
+    Save {
         #[command(flatten)]
-        target: Target,
+        at: At,
+    },
+    /// Brings the default parameters back at the robot's next reset.
+    Restore {
+        #[command(flatten)]
+        at: At,
     },
 }
 
-/// The object at an address written as `2010:3`.
-fn find(text: &str) -> anyhow::Result<&'static Object> {
+/// The object at an address written as `2010:3`, or with a name.
+pub fn find(text: &str) -> anyhow::Result<&'static Object> {
+    let named: Vec<_> = OBJECTS
+        .iter()
+        .filter(|object| object.name.eq_ignore_ascii_case(text))
+        .collect();
+    match named[..] {
+        [only] => return Ok(only),
+        [first, ..] => bail!(
+            "there are {} objects called '{text}', the first is {}; give the address",
+            named.len(),
+            first.address
+        ),
+        [] => {}
+    }
     let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
     let parsed = u16::from_str_radix(index.trim_start_matches("0x"), 16)
         .ok()
         .zip(u8::from_str_radix(sub, 16).ok());
     let Some((index, sub)) = parsed else {
-        bail!("'{text}' is no address; write index and sub-index in hex, such as 2010:3");
+        bail!(
+            "'{text}' is no object; write index and sub-index in hex, such as 2010:3, or a name from \
+             `omnibus param list`"
+        );
     };
     let at = Address::new(index, sub);
     OBJECTS
@@ -57,78 +137,146 @@ fn find(text: &str) -> anyhow::Result<&'static Object> {
         .with_context(|| format!("there is no object {at}; `omnibus param list` shows all"))
 }
 
-fn parse(kind: Kind, text: &str) -> anyhow::Result<Value> {
-    let wrong = || format!("'{text}' is no {}", kind.name());
-    Ok(match kind {
+/// A value of an object from its text, within the object's limits.
+pub fn parse(object: &Object, text: &str) -> anyhow::Result<Value> {
+    let name = sdo::name(object.address);
+    let wrong = || format!("{name}: '{text}' is no {}", object.kind.name());
+    let value = match object.kind {
         Kind::I16 => Value::I16(text.parse().with_context(wrong)?),
         Kind::U8 => Value::U8(text.parse().with_context(wrong)?),
         Kind::U16 => Value::U16(text.parse().with_context(wrong)?),
         Kind::U32 => Value::U32(text.parse().with_context(wrong)?),
         Kind::F32 => Value::F32(text.parse().with_context(wrong)?),
         Kind::I24 => Value::I24(text.parse().with_context(wrong)?),
-    })
+        Kind::Domain => bail!("{name} is a block of bytes, which a group file or a dump holds"),
+    };
+    value.check(object.min, object.max).map_err(|error| {
+        anyhow::anyhow!(
+            "{name} = {}: {error}; give {} to {} {}",
+            sdo::show(value),
+            sdo::show(object.min),
+            sdo::show(object.max),
+            object.unit,
+        )
+    })?;
+    Ok(value)
 }
 
-pub fn run(command: &Command) -> anyhow::Result<()> {
-    match command {
-        Command::List => list()?,
-        Command::Get {
-            object,
-            node,
-            target,
-        } => {
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        Command::List { filter } => list(filter.as_deref()),
+        Command::Get { object, at } => {
             let object = find(object)?;
-            let mut wire = Wire::visiting(target.link(&target.group()?)?);
-            let value = wire.read(*node, object.address, object.kind)?;
-            say(format_args!(
-                "{} = {} {}",
-                sdo::name(object.address),
-                sdo::show(value),
-                object.unit
-            ))?;
-        }
-        Command::Set {
-            object,
-            value,
-            node,
-            target,
-        } => {
-            let object = find(object)?;
-            let value = parse(object.kind, value)?;
-            if matches!(object.access, Access::Const | Access::ReadOnly) {
-                bail!("{} can only be read", sdo::name(object.address));
+            let mut wire = at.target.visit()?;
+            if object.kind == Kind::Domain {
+                let bytes = param_file::hex(&wire.read_block(at.node, object.address)?);
+                return tell(at.node, object, &json!(bytes));
             }
-            value.check(object.min, object.max).map_err(|error| {
-                anyhow::anyhow!(
-                    "{} = {}: {error}; give {} to {} {}",
-                    sdo::name(object.address),
-                    sdo::show(value),
-                    sdo::show(object.min),
-                    sdo::show(object.max),
-                    object.unit,
-                )
-            })?;
-            let mut wire = Wire::visiting(target.link(&target.group()?)?);
-            wire.write_checked(*node, object.address, value)?;
-            say(format_args!(
-                "{} = {} {}",
-                sdo::name(object.address),
-                sdo::show(value),
-                object.unit
-            ))?;
+            let value = wire.read(at.node, object.address, object.kind)?;
+            tell(at.node, object, &number(value))
         }
-        Command::Diff { target } => diff(target)?,
+        Command::Set { object, value, at } => set(object, value, at),
+        Command::Dump { output, at } => dump(output.as_ref(), at),
+        Command::Load { file, at } => load(file, at),
+        Command::Diff { file, node, target } => match file {
+            Some(file) => diff_file(file, *node, target),
+            None => diff_group(*node, target),
+        },
+        Command::Save { at } => {
+            at.target.visit()?.save(at.node)?;
+            done(at.node, "has stored its parameters")
+        }
+        Command::Restore { at } => {
+            at.target.visit()?.restore(at.node)?;
+            done(
+                at.node,
+                "will have its default parameters after the next reset",
+            )
+        }
+    }
+}
+
+fn done(node: u8, what: &str) -> anyhow::Result<()> {
+    if json() {
+        return print_json(&json!({"node": node, "done": what}));
+    }
+    say(format_args!("node {node} {what}"))
+}
+
+/// What people read.
+fn text(value: &serde_json::Value) -> String {
+    match value {
+        serde_json::Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// A number where the value is one.
+fn number(value: Value) -> serde_json::Value {
+    serde_json::from_str(&sdo::show(value)).unwrap_or_else(|_| json!(sdo::show(value)))
+}
+
+fn tell(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::Result<()> {
+    if json() {
+        return print_json(&json!({"node": node, "object": object.address.to_string(),
+            "name": object.name, "value": value, "unit": object.unit}));
+    }
+    let line = format!(
+        "{} = {} {}",
+        sdo::name(object.address),
+        text(value),
+        object.unit
+    );
+    say(line.trim_end())
+}
+
+fn set(object: &str, value: &str, at: &At) -> anyhow::Result<()> {
+    let object = find(object)?;
+    if matches!(object.access, Access::Const | Access::ReadOnly) {
+        bail!("{} can only be read", sdo::name(object.address));
+    }
+    let value = parse(object, value)?;
+    let mut wire = at.target.visit()?;
+    wire.write_checked(at.node, object.address, value)?;
+    tell(at.node, object, &number(value))?;
+    if object.persistent {
+        note(format_args!(
+            "until power-off; `omnibus param save --node {}` keeps it",
+            at.node
+        ));
     }
     Ok(())
 }
 
-fn list() -> anyhow::Result<()> {
+fn list(filter: Option<&str>) -> anyhow::Result<()> {
+    let wanted = |object: &&Object| {
+        filter.is_none_or(|filter| {
+            let text = format!("{} {} {}", object.address, object.name, object.text);
+            text.to_lowercase().contains(&filter.to_lowercase())
+        })
+    };
+    let objects: Vec<_> = OBJECTS.iter().filter(wanted).collect();
+    if objects.is_empty() {
+        bail!(
+            "no object has '{}' in its name or meaning",
+            filter.unwrap_or_default()
+        );
+    }
+    if json() {
+        let objects = objects.iter().map(|object| {
+            json!({"object": object.address.to_string(), "name": object.name,
+                   "type": object.kind.name(), "access": object.access.eds(), "unit": object.unit,
+                   "min": number(object.min), "max": number(object.max),
+                   "default": number(object.default), "text": object.text})
+        });
+        return print_json(&json!({"objects": objects.collect::<Vec<_>>()}));
+    }
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header([
         "object", "name", "type", "access", "unit", "from", "to", "default",
     ]);
-    for object in OBJECTS {
+    for object in &objects {
         let writable = matches!(object.access, Access::ReadWrite | Access::Parameter);
         let limit = |value: Value| {
             if writable {
@@ -148,33 +296,190 @@ fn list() -> anyhow::Result<()> {
             limit(object.default),
         ]);
     }
-    say(&table)
+    say(&table)?;
+    if let [only] = objects[..] {
+        say(only.text)?;
+    }
+    Ok(())
 }
 
-fn diff(target: &Target) -> anyhow::Result<()> {
-    let group = target.group()?;
-    let mut wire = Wire::visiting(target.link(&group)?);
-    let mut differences = 0;
-    for robot in &group.robots {
-        for (at, wanted) in configure::parameters(&group, robot, true) {
-            let found = wire.read(robot.node, at, wanted.kind())?;
-            if found.to_bits() != wanted.to_bits() {
-                differences += 1;
-                say(format_args!(
-                    "node {}: {} is {}, the group file has {}",
-                    robot.node,
-                    sdo::name(at),
-                    sdo::show(found),
-                    sdo::show(wanted),
-                ))?;
-            }
+fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
+    let mut wire = at.target.visit()?;
+    let serial = wire
+        .read(at.node, address::SERIAL_NUMBER, Kind::U32)?
+        .to_bits();
+    let (mut values, mut blocks) = (Vec::new(), Vec::new());
+    for object in param_file::objects() {
+        if object.kind == Kind::Domain {
+            blocks.push((object, wire.read_block(at.node, object.address)?));
+        } else {
+            values.push((object, wire.read(at.node, object.address, object.kind)?));
         }
     }
-    if differences > 0 {
-        bail!(
-            "{differences} parameters differ; `omnibus follow` and `omnibus drive` write the file's"
-        );
+    if json() {
+        let line = |object: &Object, value: serde_json::Value| {
+            json!({"object": object.address.to_string(), "name": object.name, "value": value,
+                   "unit": object.unit})
+        };
+        let values = values
+            .iter()
+            .map(|(object, value)| line(object, number(*value)));
+        let blocks = blocks
+            .iter()
+            .map(|(object, bytes)| line(object, json!(param_file::hex(bytes))));
+        let parameters: Vec<_> = values.chain(blocks).collect();
+        return print_json(&json!({"node": at.node, "serial": serial, "parameters": parameters}));
     }
-    say("all robots hold what the group file says")?;
+    let text = param_file::write(at.node, serial, &values, &blocks);
+    match output {
+        Some(path) => {
+            std::fs::write(path, text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+            let count = values.len() + blocks.len();
+            say(format_args!("{count} parameters in {}", path.display()))
+        }
+        None => say(text.trim_end()),
+    }
+}
+
+fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
+    let parameters = param_file::read(file)?;
+    let mut wire = at.target.visit()?;
+    if let Some(node) = parameters.node
+        && node != at.node
+    {
+        note(format_args!(
+            "the file was read from node {node} and goes into node {}, with its mount and group",
+            at.node
+        ));
+    }
+    for (object, value) in &parameters.values {
+        wire.write_checked(at.node, *object, *value)?;
+    }
+    for (object, bytes) in &parameters.blocks {
+        wire.write_block(at.node, *object, bytes)?;
+    }
+    let count = parameters.values.len() + parameters.blocks.len();
+    if json() {
+        return print_json(&json!({"node": at.node, "written": count}));
+    }
+    say(format_args!(
+        "node {}: {count} parameters written and read back",
+        at.node
+    ))?;
+    note(format_args!(
+        "until power-off; `omnibus param save --node {}` keeps them",
+        at.node
+    ));
     Ok(())
+}
+
+/// One value that is not as it should be.
+struct Difference {
+    node: u8,
+    at: Address,
+    found: serde_json::Value,
+    wanted: serde_json::Value,
+}
+
+fn differences<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    wanted: &[(Address, Value)],
+    blocks: &[(Address, Vec<u8>)],
+    out: &mut Vec<Difference>,
+) -> Result<(), MasterError> {
+    for (at, wanted) in wanted {
+        let found = wire.read(node, *at, wanted.kind())?;
+        if found.to_bits() != wanted.to_bits() {
+            out.push(Difference {
+                node,
+                at: *at,
+                found: number(found),
+                wanted: number(*wanted),
+            });
+        }
+    }
+    for (at, wanted) in blocks {
+        let found = wire.read_block(node, *at)?;
+        if found != *wanted {
+            out.push(Difference {
+                node,
+                at: *at,
+                found: json!(param_file::hex(&found)),
+                wanted: json!(param_file::hex(wanted)),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn diff_file(file: &std::path::Path, node: Option<u8>, target: &Target) -> anyhow::Result<()> {
+    let parameters = param_file::read(file)?;
+    let Some(node) = node.or(parameters.node) else {
+        bail!(
+            "--node is missing: which robot is to be compared with {}?",
+            file.display()
+        );
+    };
+    let mut found = Vec::new();
+    differences(
+        &mut target.visit()?,
+        node,
+        &parameters.values,
+        &parameters.blocks,
+        &mut found,
+    )?;
+    judge(&found, "the file")
+}
+
+fn diff_group(node: Option<u8>, target: &Target) -> anyhow::Result<()> {
+    let group = target.group()?;
+    let mut wire = Wire::visiting(target.link(&group)?);
+    let mut found = Vec::new();
+    let robots = group
+        .robots
+        .iter()
+        .filter(|r| node.is_none_or(|node| node == r.node));
+    let mut compared = 0;
+    for robot in robots {
+        let wanted = configure::parameters(&group, robot, true);
+        let set = configure::compensation_set(robot, true)?;
+        let blocks = [(address::COMPENSATION_SET, set)];
+        differences(&mut wire, robot.node, &wanted, &blocks, &mut found)?;
+        compared += 1;
+    }
+    if compared == 0 {
+        bail!("--node {}: the group has no such robot", node.unwrap_or(0));
+    }
+    judge(&found, "the group file")
+}
+
+fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
+    if json() {
+        let differences = found.iter().map(|one| {
+            json!({"node": one.node, "object": one.at.to_string(), "name": sdo::name(one.at),
+                   "robot": one.found, "wanted": one.wanted})
+        });
+        let differences: Vec<_> = differences.collect();
+        print_json(&json!({"differences": differences}))?;
+    }
+    for one in found {
+        say(format_args!(
+            "node {}: {} is {}, {what} has {}",
+            one.node,
+            sdo::name(one.at),
+            text(&one.found),
+            text(&one.wanted),
+        ))?;
+    }
+    if found.is_empty() {
+        return say(format_args!("everything is as {what} says"));
+    }
+    Err(Found(format!(
+        "{} parameters differ; `omnibus group apply` writes the group file into the robots, \
+         `omnibus param load` a file",
+        found.len()
+    ))
+    .into())
 }

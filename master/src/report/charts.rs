@@ -4,10 +4,9 @@
 //! right; y longitudinal, forward), so that they can be laid beside its figures 12 and 18. Wheel
 //! rates keep the sign of this project: positive rolls the base forward.
 
+use chart::{Chart, PALETTE, RGBColor, Series, Stroke};
 use kinematics::Pose;
-use plotters::style::RGBColor;
 
-use super::chart::{Chart, PALETTE, Series, Stroke};
 use super::{Outline, Report, Run};
 use crate::metrics::to_paper;
 use crate::record::TruthRow;
@@ -20,9 +19,15 @@ const WIDE: (u32, u32) = (1040, 300);
 /// Size of one of two charts side by side.
 const HALF: (u32, u32) = (515, 300);
 
-/// The colour of a run: what is uncompensated is orange everywhere, what is compensated blue.
+/// The colour of a run: what is uncompensated is orange everywhere, what is compensated blue; with roller phase
+/// purple and green.
 fn color(run: &Run) -> RGBColor {
-    PALETTE[usize::from(!run.compensation)]
+    PALETTE[match (run.phase, run.compensation) {
+        (false, true) => 0,
+        (false, false) => 1,
+        (true, true) => 2,
+        (true, false) => 3,
+    }]
 }
 
 fn label(run: &Run) -> String {

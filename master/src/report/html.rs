@@ -4,67 +4,10 @@
 
 use std::fmt::Write as _;
 
-use super::chart::{Chart, ChartError};
 use super::{Report, Scalar, charts, paper_table_6, table::load, table::percent};
-
-const STYLE: &str = "
-:root{color-scheme:light}
-body{font:16px/1.55 system-ui,-apple-system,'Segoe UI',Roboto,sans-serif;color:#2d343e;
-background:#f4f6f8;margin:0}
-main{max-width:1100px;margin:0 auto;padding:32px 20px 64px}
-h1{font-size:30px;line-height:1.2;margin:0 0 6px}
-h2{font-size:20px;margin:44px 0 10px}
-p{max-width:72ch}
-.lead{color:#5b6673;margin:0 0 24px}
-.cards{display:flex;flex-wrap:wrap;gap:12px;margin:22px 0}
-.card{background:#fff;border:1px solid #e1e6eb;border-radius:8px;padding:12px 18px;flex:1 1 150px}
-.card b{display:block;font-size:23px;font-variant-numeric:tabular-nums}
-.card span{color:#5b6673;font-size:14px}
-table{border-collapse:collapse;background:#fff;border:1px solid #e1e6eb;
-font-variant-numeric:tabular-nums}
-th,td{padding:8px 16px;text-align:right;border-bottom:1px solid #e9edf1}
-th:first-child,td:first-child{text-align:left}
-thead th{font-weight:600;border-bottom:2px solid #cfd6dd}
-td.paper,th.paper{color:#5b6673}
-figure{background:#fff;border:1px solid #e1e6eb;border-radius:8px;margin:12px 0;padding:6px}
-figure svg{display:block;width:100%;height:auto;max-width:1040px;margin:0 auto}
-figure.map svg{max-width:760px}
-figcaption{display:flex;flex-wrap:wrap;gap:4px 20px;justify-content:center;font-size:14px;
-color:#5b6673;padding:0 0 8px}
-figcaption i{display:inline-block;width:22px;margin-right:7px;vertical-align:middle}
-.pair{display:grid;grid-template-columns:1fr 1fr;gap:12px}
-.pair figure{margin:0 0 12px}
-@media (max-width:760px){.pair{grid-template-columns:1fr}}
-code{background:#e9edf1;border-radius:4px;padding:1px 5px;font-size:90%}
-";
-
-/// Text made safe between tags.
-#[must_use]
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-fn figure(out: &mut String, class: &str, chart: &Chart) -> Result<(), ChartError> {
-    let svg = chart.to_svg()?;
-    let _ = write!(out, "<figure class=\"{class}\">{svg}");
-    if !chart.equal_axes {
-        out.push_str("<figcaption>");
-        for series in &chart.series {
-            let _ = write!(
-                out,
-                "<span><i style=\"border-top:{}\"></i>{}</span>",
-                Chart::css_line(series),
-                escape(&series.label),
-            );
-        }
-        out.push_str("</figcaption>");
-    }
-    out.push_str("</figure>");
-    Ok(())
-}
+use chart::ChartError;
+pub use chart::page::escape;
+use chart::page::{begin, end, figure};
 
 /// The figures beside the paper's.
 fn figures(report: &Report) -> String {
@@ -117,11 +60,9 @@ fn figures(report: &Report) -> String {
 pub fn to_html(report: &Report) -> Result<String, ChartError> {
     let robots = report.robots.len();
     let title = escape(&format!("{}, {} robots", report.trajectory, robots));
-    let mut out = format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Omnibus: {title}</title><style>{STYLE}</style></head><body><main>\
-         <h1>{title} as one body</h1>"
+    let mut out = begin(
+        &format!("Omnibus: {title}"),
+        &format!("{title} as one body"),
     );
     let _ = write!(
         out,
@@ -192,7 +133,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         out.push_str("</div>");
     }
     out.push_str(provenance(report));
-    out.push_str("</main></body></html>\n");
+    end(&mut out);
     Ok(out)
 }
 

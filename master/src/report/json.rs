@@ -11,6 +11,9 @@ struct Run {
     x_percent: f64,
     y_percent: f64,
     rms_mm: f64,
+    ripple_percent: f64,
+    heading_error_deg: f64,
+    turn_percent: f64,
     shape_error_mm: f64,
 }
 
@@ -51,6 +54,9 @@ pub fn to_json(report: &Report) -> String {
                 x_percent: rounded(run.errors.x_percent),
                 y_percent: rounded(run.errors.y_percent),
                 rms_mm: rounded(run.errors.rms_mm),
+                ripple_percent: rounded(run.evenness.ripple_percent),
+                heading_error_deg: rounded(run.evenness.heading_error_deg),
+                turn_percent: rounded(run.evenness.turn_percent),
                 shape_error_mm: rounded(run.shape_error_mm),
             })
             .collect(),

@@ -5,13 +5,15 @@
 //! (for programs). The paper's printed values stand beside the measured ones wherever the paper
 //! ran the same curve; where it printed none, none is shown.
 
-pub mod chart;
 pub mod charts;
 pub mod html;
 pub mod json;
 pub mod table;
 
-use crate::metrics::PathErrors;
+/// How charts look; shared with the simulator.
+pub use ::chart;
+
+use crate::metrics::{Evenness, PathErrors};
 use crate::record::{Row, TruthRow};
 
 /// One drive along the curve.
@@ -19,8 +21,12 @@ use crate::record::{Row, TruthRow};
 pub struct Run {
     /// Whether the members compensated for wheel slip.
     pub compensation: bool,
+    /// Whether the members computed with the angles of their wheels' rollers.
+    pub phase: bool,
     /// Displacement and tracking errors.
     pub errors: PathErrors,
+    /// Ripple and heading.
+    pub evenness: Evenness,
     /// Largest distance of a robot from its place in the group, in mm.
     pub shape_error_mm: f64,
     /// Largest bus load over 100 ms while driving, in per cent; `None` where nobody measured it.
@@ -34,10 +40,15 @@ pub struct Run {
 }
 
 impl Run {
-    /// "on" or "off".
+    /// "off", "on", "phase" or "phase+on".
     #[must_use]
     pub fn compensation_word(&self) -> &'static str {
-        if self.compensation { "on" } else { "off" }
+        match (self.phase, self.compensation) {
+            (false, false) => "off",
+            (false, true) => "on",
+            (true, false) => "phase",
+            (true, true) => "phase+on",
+        }
     }
 }
 

@@ -58,6 +58,23 @@ pub fn to_table(report: &Report) -> String {
         "-".into(),
     );
     row(
+        "ripple of the speed",
+        &|run| format!("{:.2} %", run.evenness.ripple_percent),
+        "-".into(),
+    );
+    row(
+        "heading error at the end",
+        &|run| format!("{:+.3} deg", run.evenness.heading_error_deg),
+        "-".into(),
+    );
+    if report.trajectory == "turn" {
+        row(
+            "turned angle error",
+            &|run| percent(run.evenness.turn_percent),
+            "-".into(),
+        );
+    }
+    row(
         "shape error, largest",
         &|run| mm(run.shape_error_mm),
         "-".into(),

@@ -2,13 +2,15 @@
 
 use canopen::AbortCode;
 use group::GroupFile;
+use kinematics::Twist;
 use protocol::{Address, Fault, GroupTwist, address, cob};
 
-use crate::configure::parameters;
+use crate::configure::{compensation_set, parameters};
 use crate::curve::Curve;
 use crate::error::MasterError;
 use crate::fake::FakeBus;
 use crate::session::Group;
+use crate::telemetry::{Happening, Phase, Subscription, Telemetry};
 
 fn file() -> GroupFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
@@ -44,7 +46,7 @@ fn values_are_of_the_type_the_table_has() {
     for (at, value) in parameters(&file, &file.robots[0], true) {
         let entry = protocol::entry(at).unwrap();
         assert_eq!(entry.kind, value.kind(), "{at}");
-        assert_eq!(value.check(entry.min, entry.max), Ok(()), "{at}");
+        assert_eq!(value.check(entry.min(), entry.max()), Ok(()), "{at}");
     }
 }
 
@@ -239,4 +241,163 @@ fn asked_to_stop_it_ramps_down() {
     });
     assert_eq!(stopped, Err(MasterError::Aborted));
     assert_stopped(&bus);
+}
+
+#[test]
+fn a_compensation_table_is_written_once() {
+    let mut file = file();
+    file.robots[1].compensation_table = group::CompensationTable {
+        version: 20_261_121,
+        lateral: vec![(0.1, 1.141), (0.5, 1.157)],
+        ..Default::default()
+    };
+    let set = compensation_set(&file.robots[1], true).unwrap();
+    let [a, b, c, d, ..] = set[..] else {
+        panic!("a set has a CRC");
+    };
+    // A robot that has this set already is left alone; the others get the empty one they have.
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    bus.robots[1]
+        .store
+        .insert(address::COMPENSATION_CRC, vec![a, b, c, d]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.configure(true).unwrap();
+    let [low, high] = address::COMPENSATION_SET.index.to_le_bytes();
+    let writes = |bus: &FakeBus, node: u8| {
+        let requests = bus.sent_as(cob::sdo_request(node));
+        requests
+            .iter()
+            .filter(|(_, data)| data[0] & 0xE0 == 0x20 && data[1..4] == [low, high, 1])
+            .count()
+    };
+    assert_eq!([2, 3, 4].map(|node| writes(&bus, node)), [0, 0, 0]);
+
+    // One that has another is given this one, in a segmented transfer that cardboard does not answer.
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    assert!(group.configure(true).is_err());
+    assert_eq!([2, 3, 4].map(|node| writes(&bus, node)), [0, 1, 0]);
+    assert_eq!(
+        compensation_set(&file.robots[1], false).unwrap(),
+        protocol::compensation::EMPTY
+    );
+}
+
+/// A bus that sends SYNC by itself.
+fn paced() -> FakeBus {
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    bus.paces = true;
+    bus
+}
+
+#[test]
+fn a_bus_that_paces_gets_setpoints_ahead_of_its_syncs() {
+    let file = file();
+    let mut bus = paced();
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.start().unwrap();
+    group.run(1.0).unwrap();
+    group.stop().unwrap();
+    assert_eq!(group.punctuality().unwrap().missed, 0);
+    let (twists, syncs) = (bus.sent_as(cob::GROUP_TWIST), bus.sent_as(cob::SYNC));
+    assert!(syncs.len() > 100, "{}", syncs.len());
+    for (k, ((twist_at, _), (sync_at, data))) in twists.iter().zip(&syncs).enumerate() {
+        assert_eq!(sync_at - twist_at, 2_000, "SYNC {k}");
+        assert_eq!(usize::from(data[0]), k % 240 + 1, "counter of SYNC {k}");
+    }
+}
+
+#[test]
+fn a_master_that_falls_behind_says_so_and_goes_on() {
+    let file = file();
+    let mut bus = paced();
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.start().unwrap();
+    let telemetry = group.telemetry();
+    // Between two SYNCs the machine hangs for 38 ms: three SYNCs pass without their setpoints.
+    let now = group.next_sync().0;
+    group.link().hang = Some((now + 200_200, now + 238_000));
+    group.run(0.5).unwrap();
+    assert_eq!(group.punctuality().unwrap().missed, 3);
+    let late = telemetry_until(&telemetry, |what| matches!(what, Happening::Late(3)));
+    assert!(late, "the miss was reported");
+    drop(group);
+    let syncs = bus.sent_as(cob::SYNC);
+    for pair in syncs.windows(2) {
+        assert_eq!(pair[1].0 - pair[0].0, 10_000, "SYNC went on meanwhile");
+    }
+    let twists = bus.sent_as(cob::GROUP_TWIST);
+    for pair in twists.windows(2) {
+        let (before, after) = (pair[0].1[6], pair[1].1[6]);
+        assert_eq!(after, before.wrapping_add(1), "sequences have no gap");
+    }
+    let gap = twists.windows(2).map(|p| p[1].0 - p[0].0).max().unwrap();
+    assert_eq!(gap, 40_000);
+}
+
+fn telemetry_until(stream: &Subscription, wanted: impl Fn(&Happening) -> bool) -> bool {
+    std::iter::from_fn(|| stream.try_next())
+        .any(|item| matches!(&item, Telemetry::Event(event) if wanted(&event.what)))
+}
+
+#[test]
+fn subscribers_get_one_snapshot_per_sync_with_what_members_said() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.start().unwrap();
+    let stream = group.telemetry();
+    group.set_twist(Twist::new(0.25, 0.0, 0.0)).unwrap();
+    group.run(0.1).unwrap();
+    let items: Vec<_> = std::iter::from_fn(|| stream.try_next()).collect();
+    assert_eq!(items.len(), 10, "ten SYNCs in 0.1 s");
+    let Some(Telemetry::Snapshot(last)) = items.last() else {
+        panic!("{items:?}");
+    };
+    assert_eq!(last.phase, Phase::Running);
+    assert_eq!(last.command, Twist::new(0.25, 0.0, 0.0));
+    assert_eq!(last.scale, Some(1.0));
+    assert_eq!(last.strain, Some(0.0));
+    assert_eq!(last.sync, None, "time is virtual here");
+    let nodes: Vec<u8> = last.members.iter().map(|member| member.node).collect();
+    assert_eq!(nodes, [2, 3, 4]);
+    assert_eq!(last.members[1].permitted_scale, Some(1.0));
+    assert_eq!(last.members[1].nmt, Some(canopen::NmtState::Operational));
+    drop(group);
+    assert!(stream.is_over());
+}
+
+#[test]
+fn a_twist_beyond_the_limits_is_refused_and_the_old_one_stays() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    for (twist, name) in [
+        (Twist::new(1.5, 1.5, 0.0), "limits.linear_speed"),
+        (Twist::new(0.0, f32::NAN, 0.0), "limits.linear_speed"),
+        (Twist::new(0.0, 0.0, -1.1), "limits.yaw_rate"),
+    ] {
+        let text = group.set_twist(twist).unwrap_err().to_string();
+        assert!(text.contains(name), "{text}");
+    }
+    group.set_twist(Twist::new(1.2, -1.2, 1.0)).unwrap();
+}
+
+#[test]
+fn an_observer_sends_nothing_and_does_not_take_over_from_another_master() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::observe(&mut bus, &file);
+    let stream = group.telemetry();
+    let now = canopen::Micros(0);
+    for counter in 1..=3 {
+        group.hear(now, &canopen::client::sync(Some(counter)));
+    }
+    assert_eq!(group.claim(), Err(MasterError::AnotherMaster));
+    assert!(matches!(stream.try_next(), Some(Telemetry::Snapshot(_))));
+    group.listen(canopen::Micros(1_100_000)).unwrap();
+    drop(group);
+    assert!(bus.sent.is_empty());
+    let mut group = Group::observe(&mut bus, &file);
+    group.claim().unwrap();
 }

@@ -1,0 +1,121 @@
+//! How full the bus will be, calculated from the frames of the protocol.
+//!
+//! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist, pose and
+//! wheel rates; besides, heartbeats. A base frame of n bytes takes 44 + 8n bits and 3 between frames; stuffing adds
+//! from nothing to (34 + 8n - 1) / 4 bits, by its data (ISO 11898-1). Parameters, emergency messages and node
+//! management come on top and are not counted: they are rare while a group moves.
+
+use protocol::{
+    GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale, WheelRateReport,
+};
+
+/// Bits a second on the wire.
+pub const BIT_RATE: f64 = 1e6;
+/// Heartbeats a second of each robot; see `controller`'s identity.
+const HEARTBEATS: f64 = 10.0;
+/// Share of the bus beyond which frames of low priority wait noticeably.
+pub const BUSY: f64 = 0.70;
+
+/// Bits of a frame with `bytes` of data without stuffing, and with as much as can be.
+#[must_use]
+pub fn frame_bits(bytes: usize) -> (u32, u32) {
+    let data = 8 * u32::try_from(bytes).unwrap_or(8);
+    let plain = 44 + data + 3;
+    (plain, plain + (34 + data - 1) / 4)
+}
+
+/// One kind of frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Traffic {
+    /// What it is.
+    pub name: &'static str,
+    /// Bytes of data.
+    pub bytes: usize,
+    /// Frames a second on the whole bus.
+    pub rate_hz: f64,
+}
+
+impl Traffic {
+    /// Share of the bus without stuffing, and with as much as can be.
+    #[must_use]
+    pub fn share(&self) -> (f64, f64) {
+        let (plain, stuffed) = frame_bits(self.bytes);
+        let share = |bits: u32| f64::from(bits) * self.rate_hz / BIT_RATE;
+        (share(plain), share(stuffed))
+    }
+}
+
+/// What is on the bus of `robots` robots with `rate_hz` SYNCs a second.
+#[must_use]
+pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
+    let each = rate_hz * f64::from(robots);
+    let line = |name, bytes, rate_hz| Traffic {
+        name,
+        bytes,
+        rate_hz,
+    };
+    let nothing = kinematics::Twist::default();
+    let setpoint = GroupTwist {
+        twist: nothing,
+        sequence: 0,
+        group: 0,
+    };
+    let status = MemberStatus {
+        state: MemberState::Ready,
+        sequence: 0,
+        scale: Scale::ONE,
+        slip_residual: None,
+        code: protocol::Code::None,
+    };
+    let measured = MeasuredTwist {
+        twist: nothing,
+        sequence: 0,
+        group: 0,
+    };
+    let pose = PoseReport {
+        pose: kinematics::Pose::new(0.0, 0.0, 0.0),
+    };
+    let rates = WheelRateReport {
+        rates: kinematics::WheelRates::ZERO,
+    };
+    vec![
+        line("SYNC", 1, rate_hz),
+        line("group twist", setpoint.encode().len(), rate_hz),
+        line("member status", status.encode().len(), each),
+        line("measured twist", measured.encode().len(), each),
+        line("pose", pose.encode().len(), each),
+        line("wheel rates", rates.encode().len(), each),
+        line("heartbeats", 1, HEARTBEATS * f64::from(robots + 1)),
+    ]
+}
+
+/// Share of the bus of all of it together: without stuffing, and with as much as can be.
+#[must_use]
+pub fn total(traffic: &[Traffic]) -> (f64, f64) {
+    traffic.iter().fold((0.0, 0.0), |(low, high), line| {
+        let (plain, stuffed) = line.share();
+        (low + plain, high + stuffed)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// ISO 11898-1: 8 bytes take 108 bits and 3 between frames, at most 24 stuffed; no data 44, 3 and 8.
+    #[test]
+    fn frame_lengths_of_the_standard() {
+        assert_eq!(frame_bits(8), (111, 135));
+        assert_eq!(frame_bits(0), (47, 55));
+    }
+
+    /// By hand, at 100 Hz with 3 robots: 12 + 1 frames of 8 bytes and one of 1, 40 heartbeats of 1 byte a second.
+    #[test]
+    fn three_robots_at_100_hz() {
+        let (low, high) = total(&traffic(3, 100.0));
+        let plain = (13.0 * 111.0 + 55.0) * 100.0 + 40.0 * 55.0;
+        assert!((low - plain / 1e6).abs() < 1e-9, "{low}");
+        let stuffed = (13.0 * 135.0 + 65.0) * 100.0 + 40.0 * 65.0;
+        assert!((high - stuffed / 1e6).abs() < 1e-9, "{high}");
+    }
+}

@@ -1,0 +1,78 @@
+//! `omnibus bus-load --robots N --rate HZ`: how full the bus will be, calculated.
+
+use anyhow::bail;
+use comfy_table::{Table, presets};
+use omnibus::bus_load::{BUSY, total, traffic};
+use serde_json::json;
+
+use super::{json, print_json, say};
+
+const EXAMPLES: &str = "Examples:
+  omnibus bus-load --robots 8
+  omnibus bus-load --robots 16 --rate 50 --json";
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Robots on the bus.
+    #[arg(long)]
+    robots: u8,
+    /// SYNCs a second.
+    #[arg(long, default_value_t = 100.0, value_name = "HZ")]
+    rate: f64,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let (robots, rate) = (arguments.robots, arguments.rate);
+    if !(1..=16).contains(&robots) {
+        bail!("--robots: {robots} is not between 1 and 16, which is what one bus has node ids for");
+    }
+    if !(10.0..=500.0).contains(&rate) {
+        bail!("--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)");
+    }
+    let traffic = traffic(robots, rate);
+    let (low, high) = total(&traffic);
+    if json() {
+        let lines = traffic.iter().map(|line| {
+            let (least, most) = line.share();
+            json!({"name": line.name, "bytes": line.bytes, "rate_hz": line.rate_hz,
+                   "least_percent": percent(least), "most_percent": percent(most)})
+        });
+        let lines: Vec<_> = lines.collect();
+        return print_json(&json!({"robots": robots, "rate_hz": rate, "frames": lines,
+            "least_percent": percent(low), "most_percent": percent(high)}));
+    }
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(["frame", "bytes", "per second", "share of 1 Mbit/s"]);
+    let range = |(low, high): (f64, f64)| format!("{:.1} to {:.1} %", low * 100.0, high * 100.0);
+    for line in &traffic {
+        table.add_row([
+            line.name.to_owned(),
+            line.bytes.to_string(),
+            format!("{:.0}", line.rate_hz),
+            range(line.share()),
+        ]);
+    }
+    table.add_row([
+        "together".into(),
+        String::new(),
+        String::new(),
+        range((low, high)),
+    ]);
+    say(&table)?;
+    say("The share depends on the data: from no stuffed bits to as many as there can be.")?;
+    if high > 1.0 {
+        say("That does not fit. Lower --rate (sync_period_ms in the group file).")?;
+    } else if high > BUSY {
+        say(
+            "That is too full for comfort: parameters and node management hardly get through. Lower --rate.",
+        )?;
+    }
+    Ok(())
+}
+
+/// Per cent with two decimals.
+fn percent(share: f64) -> f64 {
+    (share * 1e4).round() / 1e2
+}

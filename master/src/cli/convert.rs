@@ -1,0 +1,93 @@
+//! `omnibus convert FILE --to csv|candump|mcap`: recordings in other forms, without a bus.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::PathBuf;
+
+use anyhow::{Context as _, bail};
+use canopen::Micros;
+use omnibus::recording::{self, Recorder, Recording, candump, csv};
+use serde_json::json;
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Form {
+    /// A table: one row per SYNC, one column per value.
+    Csv,
+    /// A candump log of all frames.
+    Candump,
+    /// A recording, from a candump log.
+    Mcap,
+}
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording, or a candump log whose name ends in .log.
+    file: PathBuf,
+    /// What to make of it.
+    #[arg(long, value_enum)]
+    to: Form,
+    /// Where to write it; standard output without this (not for mcap).
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Group file for a log that has none in it: names the robots and where they stand.
+    #[arg(long, value_name = "GROUP.toml")]
+    group: Option<PathBuf>,
+}
+
+/// Reads a recording and says on standard error when it is not whole.
+pub fn load(file: &std::path::Path, quiet: bool) -> anyhow::Result<Recording> {
+    let recording = recording::read(file)?;
+    if let Some(damage) = &recording.damage
+        && !quiet
+    {
+        eprintln!("warning: {}: {damage}", file.display());
+    }
+    Ok(recording)
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let mut recording = load(&arguments.file, super::quiet())?;
+    if let Some(path) = &arguments.group {
+        let text = std::fs::read_to_string(path);
+        recording.header.group =
+            Some(text.with_context(|| format!("cannot read {}", path.display()))?);
+        recording.group()?;
+    }
+    match (arguments.to, &arguments.output) {
+        (Form::Mcap, None) => bail!("--output FILE.mcap is missing: a recording is no text"),
+        (Form::Mcap, Some(path)) => {
+            let recorder = Recorder::create(path, &recording.header)?;
+            let sink = recorder.sink();
+            for recorded in &recording.frames {
+                sink(
+                    Micros(recorded.t_ns / 1_000),
+                    &recorded.frame,
+                    recorded.sent,
+                );
+            }
+            recorder.finish()?;
+        }
+        (form, Some(path)) => {
+            let file = File::create(path);
+            let file = file.with_context(|| format!("cannot write {}", path.display()))?;
+            let written = write(form, &recording, &mut BufWriter::new(file));
+            written.with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        (form, None) => write(form, &recording, &mut BufWriter::new(io::stdout().lock()))?,
+    }
+    // On the standard output is the recording itself, unless it went into a file.
+    if super::json() && arguments.output.is_some() {
+        return super::print_json(&json!({
+            "file": arguments.output.as_ref().map(|p| p.display().to_string()), "frames": recording.frames.len(),
+            "seconds": recording.seconds(), "damage": recording.damage,
+        }));
+    }
+    Ok(())
+}
+
+fn write(form: Form, recording: &Recording, out: &mut impl Write) -> io::Result<()> {
+    match form {
+        Form::Csv => csv::write(recording, out),
+        Form::Candump | Form::Mcap => candump::write(recording, out),
+    }
+}

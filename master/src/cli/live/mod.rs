@@ -1,0 +1,348 @@
+//! `omnibus watch` and `omnibus teleop`: a running group in the terminal, and a hand on it.
+//!
+//! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch` only listens
+//! until it is told to start; on a bus that another master commands it never does more. Driving needs a key (or
+//! the gamepad's button) that is held down: see [`deadman`]. Every 50 ms while it is, the pilot is told the
+//! velocity once more, good for 0.2 s; so when this program hangs or its terminal goes, the group ramps down.
+
+mod deadman;
+mod gamepad;
+mod keys;
+mod view;
+
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use group::GroupFile;
+use kinematics::{Pose, Twist};
+use omnibus::bus::BusAddress;
+use omnibus::drive::DriveError;
+use omnibus::error::MasterError;
+use omnibus::link::Link;
+use omnibus::pilot::{Order, Pilot};
+use omnibus::sim_link::SimLink;
+use omnibus::telemetry::{Happening, Phase, Snapshot, Telemetry};
+use ratatui::crossterm::event::{
+    self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
+    PushKeyboardEnhancementFlags,
+};
+use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::supports_keyboard_enhancement;
+use serde_json::json;
+
+use self::deadman::DeadMan;
+use self::gamepad::Gamepad;
+use self::keys::Action;
+use self::view::View;
+use super::Target;
+
+/// How often the pilot is told and the screen is drawn.
+const TICK: Duration = Duration::from_millis(50);
+/// How long a velocity is good for, in µs.
+const GOOD_US: u64 = 200_000;
+
+const WATCH_EXAMPLES: &str = "Examples:
+  omnibus watch --bus sim:groups/tcc-2.toml
+  omnibus watch --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus watch --json --for 5 --bus slcan:/dev/ttyACM0 --group my-group.toml
+
+It only listens until you press 's'. On a bus that another master commands it shows what that does.";
+const TELEOP_EXAMPLES: &str = "Examples:
+  omnibus teleop --bus sim:groups/tcc-2.toml
+  omnibus teleop --speed 0.3 --turn 0.4 --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus teleop --gamepad /dev/input/js0 --bus socketcan:can0 --group groups/tcc-2.toml
+
+The group moves while a key is held and ramps down when it is let go: at once where the terminal reports
+that (kitty, foot, WezTerm, Ghostty), otherwise when the key has stopped repeating, after 0.25 s.
+With a gamepad, the left shoulder button must be held.";
+
+#[derive(clap::Args)]
+#[command(after_help = WATCH_EXAMPLES)]
+pub struct Watch {
+    #[command(flatten)]
+    live: Live,
+}
+
+#[derive(clap::Args)]
+#[command(after_help = TELEOP_EXAMPLES)]
+pub struct Teleop {
+    #[command(flatten)]
+    live: Live,
+    /// A Linux joystick device, such as /dev/input/js0.
+    #[arg(long, value_name = "DEVICE")]
+    gamepad: Option<PathBuf>,
+}
+
+#[derive(clap::Args)]
+struct Live {
+    #[command(flatten)]
+    target: Target,
+    /// Speed when driving by hand, m/s.
+    #[arg(long, default_value_t = 0.2)]
+    speed: f32,
+    /// Yaw rate when turning by hand, rad/s.
+    #[arg(long, default_value_t = 0.3)]
+    turn: f32,
+    /// Ends after so many seconds.
+    #[arg(long = "for", value_name = "SECONDS")]
+    seconds: Option<f64>,
+}
+
+/// `omnibus watch`.
+pub fn watch(arguments: &Watch) -> anyhow::Result<()> {
+    run(&arguments.live, None, false)
+}
+
+/// `omnibus teleop`.
+pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
+    let gamepad = match &arguments.gamepad {
+        Some(path) => Some(Gamepad::open(path).with_context(|| {
+            format!(
+                "cannot open the gamepad {}; ls /dev/input/js* lists them, and you may need to be in the \
+                 group input",
+                path.display()
+            )
+        })?),
+        None => None,
+    };
+    run(&arguments.live, gamepad, true)
+}
+
+fn pilot(target: &Target, file: &GroupFile) -> anyhow::Result<Pilot> {
+    let (bus, group) = (target.bus.clone(), file.clone());
+    let elf = target.elf()?.map(std::path::Path::to_path_buf);
+    let open = move || -> Result<Box<dyn Link>, DriveError> {
+        Ok(match &bus {
+            BusAddress::Sim(_) => {
+                let world =
+                    omnibus::drive::world(&group, elf.as_deref(), Pose::new(0.0, 0.0, 0.0))?;
+                Box::new(SimLink::new(world, bus.to_string()).in_real_time())
+            }
+            real => Box::new(omnibus::adapter::open(real).map_err(MasterError::from)?),
+        })
+    };
+    Ok(Pilot::launch(open, file.clone()))
+}
+
+fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()> {
+    let file = live.target.group()?;
+    let limits = &file.limits;
+    if !(live.speed > 0.0 && live.speed <= limits.linear_speed) {
+        bail!(
+            "--speed: {} m/s is not between 0 and the group's limits.linear_speed, {} m/s",
+            live.speed,
+            limits.linear_speed
+        );
+    }
+    if !(live.turn > 0.0 && live.turn <= limits.yaw_rate) {
+        bail!(
+            "--turn: {} rad/s is not between 0 and the group's limits.yaw_rate, {} rad/s",
+            live.turn,
+            limits.yaw_rate
+        );
+    }
+    if let Some(seconds) = live.seconds
+        && !(0.0..=1e6).contains(&seconds)
+    {
+        bail!("--for: {seconds} s is not between 0 and 1000000 s");
+    }
+    let until = live
+        .seconds
+        .map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+    if super::json() && !steers {
+        return lines(&pilot(&live.target, &file)?, until);
+    }
+    if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
+        bail!("this needs a terminal; `omnibus watch --json` prints one line per SYNC without one");
+    }
+    let pilot = pilot(&live.target, &file)?;
+    let mut screen = Screen::open()?;
+    let mut hand = Hand {
+        deadman: DeadMan::new(),
+        speed: live.speed,
+        turn: live.turn,
+        twist: Twist::default(),
+        gamepad,
+    };
+    let mut view = View::new(format!("{} on {}", file.name, live.target.bus), steers);
+    let shown = show(&pilot, &mut screen, &mut view, &mut hand, steers, until);
+    drop(screen);
+    let flown = pilot.finish();
+    shown?;
+    Ok(flown?)
+}
+
+/// Prints snapshots as lines of JSON.
+fn lines(pilot: &Pilot, until: Option<Instant>) -> anyhow::Result<()> {
+    let stream = pilot.telemetry();
+    while until.is_none_or(|until| Instant::now() < until) && !pilot.is_over() {
+        if let Some(Telemetry::Snapshot(now)) = stream.next_within(TICK) {
+            let line = serde_json::to_string(&snapshot_json(&now))?;
+            // Not `say`: lines are the result, whatever else is asked for.
+            use std::io::Write as _;
+            writeln!(std::io::stdout().lock(), "{line}")?;
+        }
+    }
+    Ok(())
+}
+
+fn snapshot_json(now: &Snapshot) -> serde_json::Value {
+    let twist = |t: Twist| json!({"vx": t.vx, "vy": t.vy, "omega": t.omega});
+    let members = now.members.iter().map(|m| {
+        json!({"node": m.node, "nmt": m.nmt.map(|nmt| format!("{nmt:?}")),
+               "state": m.state.map(|state| format!("{state:?}")), "code": m.code.code(),
+               "scale": m.permitted_scale, "slip": m.slip_residual,
+               "wheel_rates": m.wheel_rates.map(<[f32; 4]>::from)})
+    });
+    json!({"t": now.t, "phase": now.phase.name(), "command": twist(now.command),
+           "pose": now.pose.map(|p| json!({"x": p.x, "y": p.y, "heading": p.heading})),
+           "measured": now.measured.map(twist), "scale": now.scale, "strain": now.strain,
+           "bus_load": now.bus_load, "sync": now.sync.map(|s| super::sync_json(&s)),
+           "members": members.collect::<Vec<_>>()})
+}
+
+/// What steers.
+struct Hand {
+    deadman: DeadMan,
+    speed: f32,
+    turn: f32,
+    twist: Twist,
+    gamepad: Option<Gamepad>,
+}
+
+impl Hand {
+    /// The velocity asked for at this moment.
+    fn asks(&mut self, now: Instant) -> Option<Twist> {
+        if let Some(stick) = self.gamepad.as_ref().and_then(Gamepad::stick) {
+            let (speed, turn) = (self.speed, self.turn);
+            return Some(Twist::new(
+                stick.forward * speed,
+                stick.left * speed,
+                stick.turn * turn,
+            ));
+        }
+        self.deadman.is_held(now).then_some(self.twist)
+    }
+}
+
+fn show(
+    pilot: &Pilot,
+    screen: &mut Screen,
+    view: &mut View,
+    hand: &mut Hand,
+    starts: bool,
+    until: Option<Instant>,
+) -> anyhow::Result<()> {
+    let stream = pilot.telemetry();
+    if starts {
+        pilot.order(Order::Start);
+    }
+    let mut next = Instant::now();
+    loop {
+        let now = Instant::now();
+        if now >= next {
+            next = now + TICK;
+            while let Some(item) = stream.try_next() {
+                match item {
+                    Telemetry::Snapshot(snapshot) => view.take(snapshot),
+                    Telemetry::Event(event) => {
+                        // Start and stop are shown by the phase.
+                        if !matches!(event.what, Happening::Phase(_)) {
+                            view.tell(&event);
+                        }
+                    }
+                    Telemetry::Frame(_) => {}
+                }
+            }
+            let asked = hand.asks(now);
+            if let Some(twist) = asked
+                && view.phase() == Phase::Running
+            {
+                pilot.order(Order::Twist(twist, GOOD_US));
+            }
+            view.hand(asked, hand.speed, hand.turn);
+            screen.terminal.draw(|frame| view.draw(frame))?;
+        }
+        if pilot.is_over() || until.is_some_and(|until| now >= until) {
+            return Ok(());
+        }
+        if !event::poll(next.saturating_duration_since(Instant::now()))? {
+            continue;
+        }
+        let Event::Key(key) = event::read()? else {
+            continue;
+        };
+        match keys::action(&key) {
+            Some(Action::Quit) => return Ok(()),
+            Some(Action::Start) => {
+                pilot.order(Order::Start);
+            }
+            Some(Action::Stop) => {
+                hand.deadman.release();
+                pilot.order(Order::Stop);
+            }
+            Some(Action::Halt) => {
+                hand.deadman.release();
+                pilot.order(Order::Twist(Twist::default(), 0));
+            }
+            Some(Action::Move(direction)) => {
+                let twist = direction.twist(hand.speed, hand.turn);
+                hand.deadman.press(Instant::now(), twist != hand.twist);
+                hand.twist = twist;
+            }
+            Some(Action::LetGo(direction))
+                if direction.twist(hand.speed, hand.turn) == hand.twist =>
+            {
+                hand.deadman.release();
+                pilot.order(Order::Twist(Twist::default(), 0));
+            }
+            Some(Action::LetGo(_)) => {}
+            Some(Action::Faster) => hand.change(1.1),
+            Some(Action::Slower) => hand.change(1.0 / 1.1),
+            None => {}
+        }
+    }
+}
+
+impl Hand {
+    /// Changes the speeds; the pilot keeps them within the group's limits.
+    fn change(&mut self, factor: f32) {
+        self.speed = (self.speed * factor).clamp(0.01, 5.0);
+        self.turn = (self.turn * factor).clamp(0.01, 5.0);
+        self.deadman.release();
+    }
+}
+
+/// The terminal, put back as it was whatever happens.
+struct Screen {
+    terminal: ratatui::DefaultTerminal,
+    /// The terminal says when a key is let go.
+    tells_release: bool,
+}
+
+impl Screen {
+    fn open() -> anyhow::Result<Self> {
+        let terminal = ratatui::try_init().context("cannot draw on this terminal")?;
+        let tells_release = supports_keyboard_enhancement().unwrap_or(false);
+        if tells_release {
+            let flags = KeyboardEnhancementFlags::REPORT_EVENT_TYPES
+                | KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES;
+            execute!(std::io::stdout(), PushKeyboardEnhancementFlags(flags))?;
+        }
+        Ok(Self {
+            terminal,
+            tells_release,
+        })
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        if self.tells_release {
+            let _ = execute!(std::io::stdout(), PopKeyboardEnhancementFlags);
+        }
+        ratatui::restore();
+    }
+}

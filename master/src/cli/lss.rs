@@ -1,0 +1,173 @@
+//! `omnibus lss scan|set`: node ids over the bus.
+
+use anyhow::{Context as _, bail};
+use canopen::{Identity, NmtCommand, NmtTarget, NodeId, client};
+use comfy_table::{Table, presets};
+use omnibus::lss;
+use omnibus::survey::Survey;
+use serde_json::json;
+
+use super::{Target, json, note, print_json, say};
+
+const SCAN_EXAMPLES: &str = "Example:
+  omnibus lss scan --bus socketcan:can0";
+const SET_EXAMPLES: &str = "Examples:
+  omnibus lss set 5 --bus socketcan:can0                     the only robot without a node id
+  omnibus lss set 5 --serial 1A2B3C4D --bus socketcan:can0   one of several
+  omnibus lss set 5 --now 3 --store --bus socketcan:can0     a robot that has another id
+
+Without --store the id is gone at the next power-off. A robot that has an id takes the new one
+after a communication reset, which --reset gives it.";
+
+#[derive(clap::Subcommand)]
+pub enum Command {
+    /// Lists the robots with and without a node id, by identity.
+    #[command(after_help = SCAN_EXAMPLES)]
+    Scan {
+        #[command(flatten)]
+        target: Target,
+    },
+    /// Gives a robot a node id.
+    #[command(after_help = SET_EXAMPLES)]
+    Set {
+        /// The node id, 2 to 17.
+        node: u8,
+        /// Serial number of the robot, hexadecimal; needed when several have no node id.
+        #[arg(long, conflicts_with = "now")]
+        serial: Option<String>,
+        /// The node id that the robot has now.
+        #[arg(long)]
+        now: Option<u8>,
+        /// Stores the node id in the robot's flash.
+        #[arg(long)]
+        store: bool,
+        /// Resets the robot's communication afterwards, so that the new id counts.
+        #[arg(long)]
+        reset: bool,
+        #[command(flatten)]
+        target: Target,
+    },
+}
+
+pub fn run(command: &Command) -> anyhow::Result<()> {
+    match command {
+        Command::Scan { target } => scan(target),
+        Command::Set {
+            node,
+            serial,
+            now,
+            store,
+            reset,
+            target,
+        } => set(target, *node, serial.as_deref(), *now, *store, *reset),
+    }
+}
+
+fn scan(target: &Target) -> anyhow::Result<()> {
+    let mut wire = target.visit()?;
+    let survey = Survey::take(&mut wire, None)?;
+    let mut rows = Vec::new();
+    for robot in &survey.found {
+        rows.push((Some(robot.node), lss::identity(&mut wire, robot.node)?));
+    }
+    rows.extend(
+        lss::unconfigured(&mut wire)?
+            .into_iter()
+            .map(|identity| (None, identity)),
+    );
+    if json() {
+        let robots = rows.iter().map(|(node, id)| {
+            json!({"node": node, "vendor": id.vendor, "product": id.product,
+                   "revision": id.revision, "serial": id.serial})
+        });
+        return print_json(&json!({"robots": robots.collect::<Vec<_>>()}));
+    }
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(["node", "vendor", "product", "revision", "serial"]);
+    for (node, id) in &rows {
+        let hex = |value: u32| format!("{value:08X}");
+        table.add_row([
+            node.map_or_else(|| "none".into(), |node| node.to_string()),
+            hex(id.vendor),
+            hex(id.product),
+            hex(id.revision),
+            hex(id.serial),
+        ]);
+    }
+    say(&table)?;
+    if rows.is_empty() {
+        say("nobody answers")?;
+    }
+    Ok(())
+}
+
+fn set(
+    target: &Target,
+    node: u8,
+    serial: Option<&str>,
+    now: Option<u8>,
+    store: bool,
+    reset: bool,
+) -> anyhow::Result<()> {
+    let wanted = NodeId::new(node).filter(|_| protocol::is_robot(node));
+    let Some(wanted) = wanted else {
+        bail!("{node} is no robot's node id; robots are 2 to 17");
+    };
+    let mut wire = target.visit()?;
+    let taken = Survey::take(&mut wire, None)?;
+    if now != Some(node) && taken.found.iter().any(|robot| robot.node == node) {
+        bail!("node {node} is another robot's; give that one another id first");
+    }
+    let identity = match now {
+        Some(now) => lss::identity(&mut wire, now)?,
+        None => pick(&lss::unconfigured(&mut wire)?, serial)?,
+    };
+    lss::assign(&mut wire, &identity, wanted, store)?;
+    if reset && let Some(now) = now.and_then(NodeId::new) {
+        wire.send(&client::nmt(
+            NmtCommand::ResetCommunication,
+            NmtTarget::Node(now),
+        ))?;
+        // The frame must be out before the bus is closed.
+        let until = wire.now() + canopen::Micros(100_000);
+        while wire.next(until)?.is_some() {}
+    }
+    if json() {
+        return print_json(&json!({"node": node, "serial": identity.serial, "stored": store}));
+    }
+    say(format_args!(
+        "the robot with serial {:08X} is node {node}{}",
+        identity.serial,
+        if store { ", stored" } else { "" }
+    ))?;
+    if now.is_some() && !reset {
+        note("it takes the new id at its next reset; --reset does that now");
+    }
+    Ok(())
+}
+
+/// The robot that is meant.
+fn pick(found: &[Identity], serial: Option<&str>) -> anyhow::Result<Identity> {
+    if let Some(text) = serial {
+        let number = u32::from_str_radix(text.trim_start_matches("0x"), 16)
+            .with_context(|| format!("--serial: '{text}' is no hexadecimal number"))?;
+        return match found.iter().find(|identity| identity.serial == number) {
+            Some(identity) => Ok(*identity),
+            None => bail!("--serial: no robot without a node id has serial {number:08X}"),
+        };
+    }
+    match found {
+        [only] => Ok(*only),
+        [] => bail!("every robot on the bus has a node id; --now NODE says which one to change"),
+        several => bail!(
+            "{} robots have no node id; --serial says which one is meant: {}",
+            several.len(),
+            several
+                .iter()
+                .map(|id| format!("{:08X}", id.serial))
+                .collect::<Vec<_>>()
+                .join(", ")
+        ),
+    }
+}

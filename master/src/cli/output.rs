@@ -1,0 +1,170 @@
+//! How commands speak: text for people, JSON for scripts, little or nothing on request, and exit codes.
+//!
+//! What a command has to say goes to the standard output, everything about how it gets on to the standard
+//! error. `--json` replaces the text by one JSON document, and errors by one JSON object. `--quiet` leaves out
+//! the text and what is said on the way; an asked-for JSON document and errors are still written. Colours are
+//! only used on a terminal, and never when NO_COLOR is set.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::sync::OnceLock;
+
+use anyhow::Context as _;
+use omnibus::drive::DriveError;
+use omnibus::error::MasterError;
+use omnibus::link::LinkError;
+use serde_json::json;
+
+/// What the help says about exit codes.
+pub const EXIT_CODES: &str = "Exit codes:
+  0    done
+  1    failed for a reason not below: a file, a value, a limit
+  2    wrong usage
+  3    the bus could not be opened, or failed
+  4    a robot did not answer, refused something, or did not get ready
+  5    a robot faulted or was lost while moving; the group was ramped down
+  6    compared or checked, and found different or wrong
+  130  stopped on request (Ctrl-C); the group was ramped down";
+
+/// How to speak.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Output {
+    /// Prints JSON instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Prints no text and no progress, only errors (and JSON if asked for).
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+static OUTPUT: OnceLock<Output> = OnceLock::new();
+
+/// Sets how this process speaks; the first one counts.
+pub fn set(output: Output) {
+    let _ = OUTPUT.set(output);
+}
+
+fn mode() -> Output {
+    OUTPUT.get().copied().unwrap_or_default()
+}
+
+/// Whether JSON is asked for.
+pub fn json() -> bool {
+    mode().json
+}
+
+/// Whether as little as possible is to be said.
+pub fn quiet() -> bool {
+    mode().quiet
+}
+
+/// Whether text is wanted.
+pub fn talks() -> bool {
+    !mode().quiet && !mode().json
+}
+
+/// Prints a line of text. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).
+pub fn say(line: impl std::fmt::Display) -> anyhow::Result<()> {
+    if talks() {
+        writeln!(std::io::stdout().lock(), "{line}")?;
+    }
+    Ok(())
+}
+
+/// Tells people how it goes, on the standard error.
+pub fn note(line: impl std::fmt::Display) {
+    if !mode().quiet {
+        let _ = writeln!(std::io::stderr().lock(), "{line}");
+    }
+}
+
+/// Prints a value as JSON, whatever was asked for.
+pub fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(value).context("cannot write JSON")?;
+    writeln!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
+}
+
+/// Prints a value as one line of JSON, whatever was asked for.
+pub fn print_json_line(value: &serde_json::Value) -> anyhow::Result<()> {
+    writeln!(std::io::stdout().lock(), "{value}")?;
+    Ok(())
+}
+
+/// Something was compared or checked, and found different or wrong; everything about it has been printed.
+#[derive(Debug)]
+pub struct Found(pub String);
+
+impl std::fmt::Display for Found {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Found {}
+
+/// Prints an error.
+pub fn print_error(error: &anyhow::Error) {
+    if json() {
+        let value = json!({"error": format!("{error:#}"), "exit_code": exit_code(error)});
+        eprintln!("{value}");
+        return;
+    }
+    let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let (red, plain) = if coloured {
+        ("\x1b[1;31m", "\x1b[0m")
+    } else {
+        ("", "")
+    };
+    eprintln!("{red}error:{plain} {error:#}");
+}
+
+/// The exit code that an error stands for, see [`EXIT_CODES`].
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    let master = error.chain().find_map(|cause| {
+        let inner = cause.downcast_ref::<DriveError>().and_then(|e| match e {
+            DriveError::Master(error) => Some(error),
+            _ => None,
+        });
+        inner.or_else(|| cause.downcast_ref::<MasterError>())
+    });
+    if error.downcast_ref::<Found>().is_some() {
+        return 6;
+    }
+    if error.chain().any(|cause| cause.is::<LinkError>()) {
+        return 3;
+    }
+    match master {
+        Some(MasterError::Link(_) | MasterError::AnotherMaster) => 3,
+        Some(
+            MasterError::NodeSilent { .. }
+            | MasterError::BusTrouble { .. }
+            | MasterError::WireVersion { .. }
+            | MasterError::Refused { .. }
+            | MasterError::Answer { .. }
+            | MasterError::ReadBack { .. }
+            | MasterError::Configuration { .. }
+            | MasterError::NotReady { .. }
+            | MasterError::Identification { .. }
+            | MasterError::NoIndex { .. }
+            | MasterError::Lss(_),
+        ) => 4,
+        Some(
+            MasterError::MemberFault { .. }
+            | MasterError::MemberMissing { .. }
+            | MasterError::MemberRestarted { .. }
+            | MasterError::MemberLeft { .. },
+        ) => 5,
+        Some(MasterError::Aborted) => 130,
+        Some(
+            MasterError::TooFast { .. } | MasterError::PoseLost | MasterError::PoseSource { .. },
+        )
+        | None => 1,
+    }
+}
+
+/// Whether a command only failed because nobody reads its output any more.
+pub fn reader_gone(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<std::io::Error>()
+        .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,87 @@
+//! `omnibus plot FILE` and `omnibus report FILE`: pictures and a page of a recording.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use omnibus::recording::{charts, page};
+use serde_json::json;
+
+use super::convert::load;
+use super::say;
+
+#[derive(clap::Args)]
+pub struct Plot {
+    /// A recording, or a candump log whose name ends in .log.
+    file: PathBuf,
+    /// The picture: .svg or .png. Without this, both beside the recording.
+    #[arg(long, short, value_name = "FILE")]
+    output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args)]
+pub struct Report {
+    /// A recording, or a candump log whose name ends in .log.
+    file: PathBuf,
+    /// The page; beside the recording without this.
+    #[arg(long, short, value_name = "FILE.html")]
+    output: Option<PathBuf>,
+}
+
+fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
+    std::fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// `omnibus plot`.
+pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
+    let mut outputs = arguments.output.clone();
+    if outputs.is_empty() {
+        outputs = ["svg", "png"]
+            .map(|form| arguments.file.with_extension(form))
+            .into();
+    }
+    let form = |path: &Path| {
+        path.extension()
+            .and_then(|e| e.to_str())
+            .map(str::to_ascii_lowercase)
+    };
+    for path in &outputs {
+        if !matches!(form(path).as_deref(), Some("svg" | "png")) {
+            bail!(
+                "--output {}: the name must end in .svg or .png",
+                path.display()
+            );
+        }
+    }
+    let recording = load(&arguments.file, super::quiet())?;
+    let sheet = charts::sheet(&recording);
+    for path in &outputs {
+        match form(path).as_deref() {
+            Some("png") => write(path, &sheet.to_png()?)?,
+            _ => write(path, sheet.to_svg()?.as_bytes())?,
+        }
+        if !super::quiet() && !super::json() {
+            say(path.display())?;
+        }
+    }
+    if super::json() {
+        let (width, height) = sheet.size();
+        let names: Vec<_> = outputs.iter().map(|p| p.display().to_string()).collect();
+        return super::print_json(&json!({"files": names, "width": width, "height": height}));
+    }
+    Ok(())
+}
+
+/// `omnibus report`.
+pub fn report(arguments: &Report) -> anyhow::Result<()> {
+    let recording = load(&arguments.file, super::quiet())?;
+    let path = arguments.output.clone();
+    let path = path.unwrap_or_else(|| arguments.file.with_extension("html"));
+    write(&path, page::to_html(&recording)?.as_bytes())?;
+    if super::json() {
+        return super::print_json(&serde_json::to_value(page::figures(&recording))?);
+    }
+    if !super::quiet() {
+        say(path.display())?;
+    }
+    Ok(())
+}

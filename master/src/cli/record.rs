@@ -1,0 +1,109 @@
+//! `omnibus record FILE.mcap`: listens to a bus and writes down everything that is said on it.
+//!
+//! It sends nothing and claims nothing, so it can run beside any master.
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use canopen::Micros;
+use indicatif::{ProgressBar, ProgressStyle};
+use omnibus::abort::Abort;
+use omnibus::bus::BusAddress;
+use omnibus::link::Link;
+use omnibus::recording::{Summary, Tap};
+use serde_json::json;
+
+use super::{Target, say};
+
+/// Time between two looks at whether to stop, in µs.
+const SLICE_US: u64 = 100_000;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The file to write; one that exists is replaced.
+    file: PathBuf,
+    #[command(flatten)]
+    target: Target,
+    /// For how long, s; until Ctrl-C without this.
+    #[arg(long = "for", value_name = "SECONDS")]
+    seconds: Option<f64>,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(seconds) = arguments.seconds
+        && !(seconds > 0.0 && seconds <= 1e6)
+    {
+        bail!("--for: {seconds} s is not between 0 and 1000000 s");
+    }
+    if matches!(arguments.target.bus, BusAddress::Sim(_)) && arguments.seconds.is_none() {
+        bail!(
+            "--for SECONDS is missing: {} is a bus of its own on which nobody drives; to record a \
+             simulated drive use `omnibus follow CURVE --record FILE.mcap`",
+            arguments.target.bus
+        );
+    }
+    let link = arguments.target.link_alone()?;
+    let abort = super::abort_on_ctrl_c()?;
+    let recorder = arguments
+        .target
+        .recorder(&arguments.file, "record", link.now())?;
+    let mut link = Tap::new(link, [recorder.sink()]);
+    let heard = listen(&mut link, arguments, &abort);
+    // However it ended, what was heard is kept.
+    let summary = recorder.finish()?;
+    heard?;
+    if summary.frames == 0 {
+        bail!(
+            "{}: nothing was heard; check that the robots are on, the bit rate (1 Mbit/s), and that \
+             another node is on the bus to acknowledge frames",
+            arguments.target.bus
+        );
+    }
+    if super::json() {
+        return super::print_json(&show(arguments, &summary));
+    }
+    if !super::quiet() {
+        say(format_args!(
+            "{}: {} frames in {:.3} s, {} messages",
+            arguments.file.display(),
+            summary.frames,
+            summary.seconds,
+            summary.messages
+        ))?;
+    }
+    Ok(())
+}
+
+fn show(arguments: &Arguments, summary: &Summary) -> serde_json::Value {
+    json!({"file": arguments.file.display().to_string(), "frames": summary.frames,
+           "messages": summary.messages, "seconds": summary.seconds})
+}
+
+fn listen(link: &mut impl Link, arguments: &Arguments, abort: &Abort) -> anyhow::Result<()> {
+    let bar = if super::quiet() || super::json() {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new_spinner()
+    };
+    let style = ProgressStyle::with_template("recording {elapsed}  {pos} frames  (Ctrl-C ends it)");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 0 and 1e12"
+    )]
+    let duration = arguments.seconds.map(|seconds| (seconds * 1e6) as u64);
+    let end = duration.map(|duration| link.now().0 + duration);
+    while !abort.is_asked() {
+        let slice = link.now().0 + SLICE_US;
+        let until = end.map_or(slice, |end| end.min(slice));
+        while link.receive(Micros(until))?.is_some() {
+            bar.inc(1);
+        }
+        if end.is_some_and(|end| link.now().0 >= end) {
+            break;
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}

@@ -1,0 +1,179 @@
+//! `omnibus replay FILE --bus ...`: what the master of a recording sent, sent again with its timing.
+//!
+//! Without `--drive` nothing is sent that could move a robot: the frames are only counted, and the
+//! bus is listened to. With it, the bus must be free of another master and of started robots. The
+//! SDO requests that configured the robots are among the frames, when they were recorded.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::bail;
+use canopen::{Micros, NmtCommand, NmtTarget, client};
+use omnibus::abort::Abort;
+use omnibus::bus::BusAddress;
+use omnibus::link::Link;
+use omnibus::listen::Listener;
+use omnibus::recording::{Recorded, Recording};
+use protocol::cob;
+use serde_json::json;
+
+use super::convert::load;
+use super::{Target, say};
+
+/// How long the bus is listened to before anything is sent, in µs: three heartbeats of a robot and ten of a
+/// master.
+const LISTEN_US: u64 = 1_000_000;
+/// Time after the last frame in which robots come to rest by their own rules, in µs.
+const SETTLE_US: u64 = 500_000;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A recording, or a candump log whose name ends in .log.
+    file: PathBuf,
+    #[command(flatten)]
+    target: Target,
+    /// Really sends the frames of the recorded master: robots on the bus move as they did.
+    #[arg(long)]
+    drive: bool,
+    /// Sends even though another master or started robots are on the bus.
+    #[arg(long, requires = "drive")]
+    force: bool,
+}
+
+/// Whether a frame is one that a master sends.
+fn is_masters(recorded: &Recorded) -> bool {
+    let id = recorded.frame.id();
+    let to_a_robot = |base: u16| (base + 1..=base + 0x7F).contains(&id);
+    matches!(
+        id,
+        cob::NMT | cob::SYNC | cob::GROUP_TWIST | cob::MASTER_HEARTBEAT
+    ) || to_a_robot(0x200)
+        || to_a_robot(0x600)
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let recording = load(&arguments.file, super::quiet())?;
+    let frames: Vec<_> = recording
+        .frames
+        .iter()
+        .filter(|f| is_masters(f))
+        .copied()
+        .collect();
+    if frames.is_empty() {
+        bail!(
+            "{}: no frames of a master are in it, so there is nothing to replay",
+            arguments.file.display()
+        );
+    }
+    let abort = super::abort_on_ctrl_c()?;
+    let mut link: Box<dyn Link> = arguments.target.link_alone()?;
+    let heard = look(&mut link)?;
+    if arguments.drive && !arguments.force {
+        refuse_if_live(&heard, &arguments.target.bus)?;
+    }
+    let sent = if arguments.drive {
+        send(&mut link, &frames, &abort)?
+    } else {
+        0
+    };
+    report(arguments, &recording, frames.len(), sent)
+}
+
+/// What is on the bus: the group after listening for a while, and whether another master talks.
+struct Heard {
+    master: bool,
+    armed: Vec<u8>,
+}
+
+fn look(link: &mut impl Link) -> anyhow::Result<Heard> {
+    let mut listener = Listener::new([]);
+    let mut master = false;
+    let until = Micros(link.now().0 + LISTEN_US);
+    while let Some((at, frame)) = link.receive(until)? {
+        master |= matches!(
+            frame.id(),
+            cob::SYNC | cob::GROUP_TWIST | cob::MASTER_HEARTBEAT
+        );
+        listener.take(at.0 as f64 * 1e-6, &frame);
+    }
+    let members = listener.now(0.0).members;
+    let operational = members
+        .iter()
+        .filter(|m| m.nmt == Some(canopen::NmtState::Operational));
+    Ok(Heard {
+        master,
+        armed: operational.map(|member| member.node).collect(),
+    })
+}
+
+fn refuse_if_live(heard: &Heard, bus: &BusAddress) -> anyhow::Result<()> {
+    if heard.master {
+        bail!("{bus}: another master is on the bus; end it first, or give --force");
+    }
+    if let [first, ..] = heard.armed[..] {
+        bail!(
+            "{bus}: node {first} is started (OPERATIONAL) without a master; stop it with \
+             `omnibus status` and an NMT stop first, or give --force"
+        );
+    }
+    Ok(())
+}
+
+/// Sends the frames with their distance in time. However it ends, the robots are told to leave
+/// OPERATIONAL once they have had time to come to rest.
+fn send(link: &mut impl Link, frames: &[Recorded], abort: &Abort) -> anyhow::Result<usize> {
+    let first = frames.first().map_or(0, |frame| frame.t_ns) / 1_000;
+    let zero = link.now().0 + 10_000;
+    let mut sent = 0;
+    let mut failed = Ok(());
+    for recorded in frames {
+        let due = Micros(zero + recorded.t_ns / 1_000 - first);
+        while link.receive(due)?.is_some() {}
+        if abort.is_asked() {
+            break;
+        }
+        failed = link.send(&recorded.frame);
+        if failed.is_err() {
+            break;
+        }
+        sent += 1;
+    }
+    // Without setpoints and heartbeat robots ramp down by themselves; that is over by then.
+    let settled = Micros(link.now().0 + SETTLE_US);
+    while link.receive(settled)?.is_some() {}
+    link.send(&client::nmt(
+        NmtCommand::EnterPreOperational,
+        NmtTarget::All,
+    ))?;
+    failed?;
+    Ok(sent)
+}
+
+fn report(
+    arguments: &Arguments,
+    recording: &Recording,
+    frames: usize,
+    sent: usize,
+) -> anyhow::Result<()> {
+    let seconds = Duration::from_secs_f64(recording.seconds());
+    if super::json() {
+        return super::print_json(
+            &json!({"file": arguments.file.display().to_string(), "frames": frames, "sent": sent,
+                                         "seconds": recording.seconds()}),
+        );
+    }
+    if super::quiet() {
+        return Ok(());
+    }
+    if arguments.drive {
+        say(format_args!(
+            "sent {sent} of {frames} frames of the master, over {seconds:.3?}"
+        ))
+    } else {
+        say(format_args!(
+            "{frames} frames of the master over {seconds:.3?}; nothing was sent: --drive sends them, \
+             and robots on {} will move as they did",
+            arguments.target.bus
+        ))
+    }
+}

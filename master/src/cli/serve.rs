@@ -1,0 +1,156 @@
+//! `omnibus serve --http ADDR`: a page with the group on it, for every browser that may see it.
+
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context as _, bail};
+use omnibus::bus::BusAddress;
+use omnibus::drive::DriveError;
+use omnibus::link::Link;
+use omnibus::pilot::{Order, Pilot};
+use omnibus::sim_link::SimLink;
+use omnibus::web::board::{Access, Board, operate};
+use omnibus::web::http::Names;
+use omnibus::web::server;
+use serde_json::json;
+
+use super::{Target, say};
+
+/// A token of one's own must be at least this long.
+const SHORTEST_TOKEN: usize = 12;
+/// Bytes of a token made here.
+const TOKEN_BYTES: usize = 16;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Where the page is: address and port; port 0 picks a free one.
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080")]
+    http: String,
+    #[command(flatten)]
+    target: Target,
+    /// File with the token that a page must show before it may drive. Needed to serve on an address that
+    /// other machines reach; on this machine a token is made up and printed.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Name under which browsers reach this server, besides its address; may be given several times.
+    #[arg(long, value_name = "HOST")]
+    name: Vec<String>,
+    /// Only shows: sends nothing to the bus, whoever asks.
+    #[arg(long)]
+    watch: bool,
+}
+
+/// The token of the file, or a new one where only this machine reaches the page.
+fn token(arguments: &Arguments, address: SocketAddr) -> anyhow::Result<String> {
+    if let Some(path) = &arguments.token_file {
+        let text = std::fs::read_to_string(path);
+        let text = text.with_context(|| format!("cannot read {}", path.display()))?;
+        let token = text.trim();
+        if token.len() < SHORTEST_TOKEN {
+            bail!(
+                "--token-file {}: the token has {} characters; it needs at least {SHORTEST_TOKEN}",
+                path.display(),
+                token.len()
+            );
+        }
+        return Ok(token.to_owned());
+    }
+    if !address.ip().is_loopback() {
+        bail!(
+            "--http {address}: other machines reach this address; give --token-file FILE, or serve on \
+             127.0.0.1 and go there through an SSH tunnel"
+        );
+    }
+    let mut bytes = [0; TOKEN_BYTES];
+    if let Err(error) = getrandom::fill(&mut bytes) {
+        bail!("the system gives no random numbers for a token ({error}); give --token-file FILE");
+    }
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let target = &arguments.target;
+    let group = target.group()?;
+    if target.elf()?.is_some() {
+        bail!(
+            "--backend {}: the page drives native robots or real ones",
+            target.backend
+        );
+    }
+    let mut addresses = arguments.http.to_socket_addrs().with_context(|| {
+        format!(
+            "--http {}: give ADDRESS:PORT, for example 127.0.0.1:8080",
+            arguments.http
+        )
+    })?;
+    let Some(address) = addresses.next() else {
+        bail!("--http {}: no such address", arguments.http);
+    };
+    let token = token(arguments, address)?;
+    let listener = TcpListener::bind(address).with_context(|| {
+        format!("--http {address}: cannot listen there; another program may, choose another port")
+    })?;
+    let address = listener.local_addr()?;
+    let abort = super::abort_on_ctrl_c()?;
+    let pilot = Arc::new(launch(target, &group));
+    let access = Access {
+        names: Names::new(address, arguments.name.clone()),
+        token: token.clone(),
+        closed: !address.ip().is_loopback(),
+    };
+    let reach = Arc::downgrade(&pilot);
+    let order: Box<dyn Fn(Order) + Send + Sync> = Box::new(move |order| {
+        // A pilot that has ended ends the server, too.
+        if let Some(pilot) = reach.upgrade() {
+            pilot.order(order);
+        }
+    });
+    let order = (!arguments.watch).then_some(order);
+    let bus = target.bus.to_string();
+    let board = Arc::new(Board::new(&group, &bus, access, order));
+    server::serve(listener, Arc::clone(&board));
+    greet(arguments, address, &token)?;
+    Ok(operate(pilot, &board, &abort)?)
+}
+
+/// Opens the bus in the pilot's thread; a simulated one keeps the time of the clock on the wall.
+fn launch(target: &Target, group: &group::GroupFile) -> Pilot {
+    let bus = target.bus.clone();
+    let file = group.clone();
+    let open = move || -> Result<Box<dyn Link>, DriveError> {
+        if let BusAddress::Sim(_) = &bus {
+            let start = kinematics::Pose::new(0.0, 0.0, 0.0);
+            let world = omnibus::drive::world(&file, None, start)?;
+            return Ok(Box::new(
+                SimLink::new(world, bus.to_string()).in_real_time(),
+            ));
+        }
+        let link = omnibus::adapter::open(&bus).map_err(omnibus::error::MasterError::from)?;
+        Ok(Box::new(link))
+    };
+    Pilot::launch(open, group.clone())
+}
+
+/// Says where the page is. The token stands behind `#`, which browsers do not send anywhere.
+fn greet(arguments: &Arguments, address: SocketAddr, token: &str) -> anyhow::Result<()> {
+    let url = format!("http://{address}/");
+    // A token of one's own is not printed: it may be a secret of more than this.
+    let own = arguments.token_file.is_some();
+    if super::json() {
+        let token = (!own).then_some(token);
+        return super::print_json_line(
+            &json!({"url": url, "token": token, "watch": arguments.watch}),
+        );
+    }
+    if super::quiet() {
+        return Ok(());
+    }
+    if own || arguments.watch {
+        say(format_args!("the page is at {url}"))?;
+    } else {
+        say(format_args!("the page is at {url}#token={token}"))?;
+        say("who opens it with that token may drive; without it the page only shows the group")?;
+    }
+    say("Ctrl-C ramps the group down and ends")
+}

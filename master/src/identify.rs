@@ -1,0 +1,243 @@
+//! Finding out what a robot's motors need: the robot measures, this asks it to and reads what came of it.
+//!
+//! One robot, started alone, with SYNC and heartbeat but no setpoints; the others stay in PRE-OPERATIONAL. The permission
+//! to move (object 0x2050:1) is a declaration by whoever calls: wheels off the floor, or nobody and nothing within the
+//! way they may roll. It is taken back at the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest.
+//! What was found takes effect only by [`accept`], and survives a power cycle only by [`save`].
+
+use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
+use protocol::address::{self as at, identified, motor};
+use protocol::{Address, Kind, Value};
+
+use crate::error::MasterError;
+use crate::link::Link;
+use crate::session::SYNC_OVERFLOW;
+use crate::wire::Wire;
+
+/// SYNC periods before and after the start, for the robot to get in step.
+const SETTLE_SYNCS: u32 = 10;
+/// SYNC periods between two looks at the status.
+const LOOK_SYNCS: u32 = 10;
+/// How long a run may take altogether, µs; the robot's own limit is 20 s.
+const TIME_LIMIT_US: u64 = 25_000_000;
+/// Status of object 0x2051:2.
+const RUNNING: u32 = 1;
+const DONE: u32 = 2;
+/// Saves all parameters (CiA 301 7.5.2.13).
+const SAVE: Address = Address::new(0x1010, 1);
+
+/// How far a run may go, and what is made of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Fastest wheel rate, rad/s.
+    pub rate: f32,
+    /// Farthest a wheel may turn from where it stands, rad.
+    pub travel: f32,
+    /// Bandwidth of the wheel loops, rad/s.
+    pub bandwidth: f32,
+    /// Their damping; 1 is critical.
+    pub damping: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            rate: 5.0,
+            travel: 12.0,
+            bandwidth: 10.0,
+            damping: 1.0,
+        }
+    }
+}
+
+/// The motor of one wheel, and gains for its loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motor {
+    /// V.
+    pub static_friction: f32,
+    /// V s/rad.
+    pub speed: f32,
+    /// V s²/rad.
+    pub acceleration: f32,
+    /// V s/rad.
+    pub proportional: f32,
+    /// V/rad.
+    pub integral: f32,
+    /// Rms of what the fit leaves, V.
+    pub misfit: f32,
+}
+
+/// Names of the wheels, in their order.
+pub const WHEELS: [&str; 4] = ["front left", "front right", "rear left", "rear right"];
+
+/// Identifies the motors of one robot that is configured and in PRE-OPERATIONAL. `period_us` is that of SYNC; `seen` is
+/// called now and then with the seconds since it began.
+///
+/// # Errors
+/// When the robot refuses, gives up (the error says why), or the link fails. The robot is at rest then, too.
+pub fn identify_motors<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    settings: &Settings,
+    seen: &mut dyn FnMut(f64),
+) -> Result<[Motor; 4], MasterError> {
+    let mut run = Run {
+        next_sync: Micros((wire.now().0 / period_us + 1) * period_us),
+        wire,
+        node,
+        period_us,
+        counter: 0,
+    };
+    let done = run.whole(settings, seen);
+    // Whatever happened: no permission, and at rest.
+    let forbidden = run.wire.write(node, at::COMMISSIONING, Value::U8(0));
+    run.command(NmtCommand::EnterPreOperational)?;
+    done?;
+    forbidden?;
+    run.results()
+}
+
+/// Writes what was found into the motors' objects, in PRE-OPERATIONAL, and reads it back.
+///
+/// # Errors
+/// When the robot refuses a value or reads back another.
+pub fn accept<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    motors: &[Motor; 4],
+) -> Result<(), MasterError> {
+    for (wheel, found) in (0..).zip(motors) {
+        for (address, value) in [
+            (motor::static_friction(wheel), found.static_friction),
+            (motor::speed(wheel), found.speed),
+            (motor::acceleration(wheel), found.acceleration),
+            (motor::proportional(wheel), found.proportional),
+            (motor::integral(wheel), found.integral),
+        ] {
+            wire.write_checked(node, address, Value::F32(value))?;
+        }
+    }
+    Ok(())
+}
+
+/// Lets the robot keep all its parameters over a power cycle.
+///
+/// # Errors
+/// When it refuses or cannot.
+pub fn save<L: Link>(wire: &mut Wire<L>, node: u8) -> Result<(), MasterError> {
+    wire.write(node, SAVE, Value::U32(u32::from_le_bytes(*b"save")))
+}
+
+/// What a status says.
+fn reason(status: u32, wheel: u32) -> String {
+    let why = match status {
+        3 => "stopped by the master",
+        4 => "a fault came up; its code is in the member's status and history",
+        5 => "its time limit of 20 s was over",
+        6 => {
+            "a wheel was half as fast again as permitted; lower the rate, look for a slipping gear"
+        }
+        7 => "a wheel went farther than permitted; lower the rate or allow more way",
+        8 => {
+            "a wheel does not turn at a quarter of the nominal supply; look for a blocked wheel, the motor's or the encoder's cable"
+        }
+        9 => {
+            "a wheel turns backwards; swap its motor's wires or its encoder's channels, or set 0x2020:2 or 3"
+        }
+        10 => {
+            "a wheel did not behave like a motor; look for slip, a loose coupling, a sagging supply"
+        }
+        0 => "it never began",
+        _ => "for a reason this master does not know",
+    };
+    let wheel = usize::try_from(wheel).ok().and_then(|n| WHEELS.get(n));
+    match wheel {
+        Some(wheel) => format!("{wheel}: {why}"),
+        None => why.to_owned(),
+    }
+}
+
+struct Run<'a, L> {
+    wire: &'a mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    next_sync: Micros,
+    counter: u8,
+}
+
+impl<L: Link> Run<'_, L> {
+    fn whole(&mut self, settings: &Settings, seen: &mut dyn FnMut(f64)) -> Result<(), MasterError> {
+        for (address, value) in [
+            (at::IDENTIFY_RATE, settings.rate),
+            (at::IDENTIFY_TRAVEL, settings.travel),
+            (at::IDENTIFY_BANDWIDTH, settings.bandwidth),
+            (at::IDENTIFY_DAMPING, settings.damping),
+        ] {
+            self.wire
+                .write_checked(self.node, address, Value::F32(value))?;
+        }
+        self.syncs(SETTLE_SYNCS)?;
+        self.command(NmtCommand::Start)?;
+        self.syncs(SETTLE_SYNCS)?;
+        self.wire
+            .write(self.node, at::COMMISSIONING, Value::U8(1))?;
+        self.wire.write(self.node, at::IDENTIFY, Value::U8(1))?;
+        let began = self.wire.now().0;
+        loop {
+            self.syncs(LOOK_SYNCS)?;
+            let status = self.read(at::IDENTIFY_STATUS)?;
+            let elapsed = self.wire.now().0 - began;
+            seen(elapsed as f64 * 1e-6);
+            match status {
+                DONE => return Ok(()),
+                RUNNING if elapsed < TIME_LIMIT_US => {}
+                status => {
+                    let reason = reason(status, self.read(at::IDENTIFY_WHEEL)?);
+                    let node = self.node;
+                    return Err(MasterError::Identification { node, reason });
+                }
+            }
+        }
+    }
+
+    fn read(&mut self, address: Address) -> Result<u32, MasterError> {
+        Ok(self.wire.read(self.node, address, Kind::U8)?.to_bits())
+    }
+
+    fn results(&mut self) -> Result<[Motor; 4], MasterError> {
+        let mut motors = [Motor::default(); 4];
+        for (wheel, motor) in (0..).zip(&mut motors) {
+            let mut real = |sub| -> Result<f32, MasterError> {
+                let address = identified::value(wheel, sub);
+                let value = self.wire.read(self.node, address, Kind::F32)?;
+                Ok(f32::from_bits(value.to_bits()))
+            };
+            *motor = Motor {
+                static_friction: real(1)?,
+                speed: real(2)?,
+                acceleration: real(3)?,
+                proportional: real(4)?,
+                integral: real(5)?,
+                misfit: real(6)?,
+            };
+        }
+        Ok(motors)
+    }
+
+    fn command(&mut self, command: NmtCommand) -> Result<(), MasterError> {
+        let node = NodeId::new(self.node).map_or(NmtTarget::All, NmtTarget::Node);
+        self.wire.send(&client::nmt(command, node))
+    }
+
+    /// So many periods of SYNC; what robots say meanwhile is not needed.
+    fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
+        for _ in 0..count {
+            while self.wire.next(self.next_sync)?.is_some() {}
+            self.counter = self.counter % SYNC_OVERFLOW + 1;
+            self.wire.send(&client::sync(Some(self.counter)))?;
+            self.next_sync = Micros((self.wire.now().0 / self.period_us + 1) * self.period_us);
+        }
+        Ok(())
+    }
+}

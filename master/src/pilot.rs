@@ -1,0 +1,321 @@
+//! A session in a thread of its own, for programs that have something else to do: live views, teleoperation,
+//! the page.
+//!
+//! A [`Pilot`] opens the bus, observes it, and does what it is told: start, move, stop. It is told a velocity
+//! together with how long that is good for; when nothing newer has come by then it commands standstill, and
+//! the robots ramp by their own limits. That is the dead-man's key: whoever steers must keep saying so.
+//!
+//! An error of the group (a fault, a missing member) ramps the group down, is published as
+//! [`Happening::Failed`](crate::telemetry::Happening::Failed), and leaves the pilot waiting for the next start.
+//! An error of the bus ends it. Orders wait in a queue and are taken once per SYNC period, or every 50 ms while
+//! nothing runs. Give it a bus in real time: see [`SimLink::in_real_time`](crate::sim_link::SimLink::in_real_time).
+
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+
+use group::GroupFile;
+use kinematics::Twist;
+
+use crate::abort::Abort;
+use crate::drive::DriveError;
+use crate::error::MasterError;
+use crate::link::Link;
+use crate::session::{Group, check_twist};
+use crate::telemetry::{DEFAULT_CAPACITY, Hub, Interest, Phase, Subscription};
+
+/// How often the bus is looked at while nothing runs, in µs.
+const IDLE_US: u64 = 50_000;
+/// Rows kept of a session without an end.
+const ROWS: usize = 200;
+
+/// What a pilot can be told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// Become the bus's master, configure the robots and start them.
+    Start,
+    /// Ramp down and leave OPERATIONAL.
+    Stop,
+    /// Move with this velocity (group frame) for at most so many µs; beyond the limits of the group file it
+    /// is scaled down in its direction. Without effect unless started.
+    Twist(Twist, u64),
+}
+
+/// A session in a thread of its own. Dropping it ramps the group down and waits for that.
+pub struct Pilot {
+    orders: Option<Sender<Order>>,
+    hub: Hub,
+    abort: Abort,
+    thread: Option<JoinHandle<Result<(), DriveError>>>,
+}
+
+impl Pilot {
+    /// Starts the thread. `open` opens the bus, in the thread.
+    pub fn launch<L: Link>(
+        open: impl FnOnce() -> Result<L, DriveError> + Send + 'static,
+        file: GroupFile,
+    ) -> Self {
+        let (orders, told) = channel();
+        let (hub, abort) = (Hub::default(), Abort::default());
+        let (its_hub, its_abort) = (hub.clone(), abort.clone());
+        let thread = std::thread::spawn(move || {
+            // The hub ends with the group; without one, here.
+            let link = open().inspect_err(|_| its_hub.end())?;
+            let mut group = Group::observe(link, &file);
+            group.set_hub(its_hub);
+            group.set_abort(its_abort);
+            group.keep_last(ROWS);
+            Ok(fly(&mut group, &told)?)
+        });
+        Self {
+            orders: Some(orders),
+            hub,
+            abort,
+            thread: Some(thread),
+        }
+    }
+
+    /// Tells the pilot something. `false` when it has ended.
+    pub fn order(&self, order: Order) -> bool {
+        let orders = self.orders.as_ref();
+        orders.is_some_and(|orders| orders.send(order).is_ok())
+    }
+
+    /// Snapshots and events from now on.
+    #[must_use]
+    pub fn telemetry(&self) -> Subscription {
+        self.hub.subscribe(Interest::Group, DEFAULT_CAPACITY)
+    }
+
+    /// Where subscriptions come from.
+    #[must_use]
+    pub fn hub(&self) -> Hub {
+        self.hub.clone()
+    }
+
+    /// By which a running group can be stopped from a signal handler.
+    #[must_use]
+    pub fn abort(&self) -> Abort {
+        self.abort.clone()
+    }
+
+    /// Whether the thread has ended, which without being told it does only when the bus fails.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Ramps down, ends, and says how it went.
+    ///
+    /// # Errors
+    /// When the bus could not be opened or failed.
+    pub fn finish(mut self) -> Result<(), DriveError> {
+        self.land()
+    }
+
+    fn land(&mut self) -> Result<(), DriveError> {
+        self.orders = None;
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Pilot {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            let _ = self.land();
+        }
+    }
+}
+
+/// The velocity in force, and until when on the link's clock.
+#[derive(Default)]
+struct Stick {
+    twist: Twist,
+    until_us: u64,
+}
+
+fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), MasterError> {
+    let mut stick = Stick::default();
+    loop {
+        let order = match orders.try_recv() {
+            Ok(order) => Some(order),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                if group.phase() == Phase::Running {
+                    group.stop()?;
+                }
+                return Ok(());
+            }
+        };
+        match (order, group.phase()) {
+            (Some(Order::Start), Phase::Idle) => {
+                stick = Stick::default();
+                if let Err(error) = group.claim().and_then(|()| group.start()) {
+                    survive(group, error)?;
+                }
+            }
+            (Some(Order::Stop), Phase::Running) => group.stop()?,
+            (Some(Order::Twist(twist, valid_us)), Phase::Running) => {
+                stick = Stick {
+                    twist: within(twist, group.config()),
+                    until_us: group.next_sync().0 + valid_us,
+                };
+                continue;
+            }
+            (Some(_), _) => {}
+            (None, Phase::Running) => {
+                let Stick { twist, until_us } = stick;
+                let cycled = group.cycle_with(&mut |sync| {
+                    if sync.0 < until_us {
+                        twist
+                    } else {
+                        Twist::default()
+                    }
+                });
+                if let Err(error) = cycled {
+                    survive(group, error)?;
+                }
+            }
+            (None, _) => {
+                let until = canopen::Micros(group.wire().now().0 + IDLE_US);
+                group.listen(until)?;
+                if !group.foreign_master() {
+                    group.publish_idle();
+                }
+            }
+        }
+    }
+}
+
+/// Tells subscribers what went wrong and stops the group; an error of the bus is passed on.
+fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), MasterError> {
+    group.fail(&error);
+    if matches!(error, MasterError::Link(_)) {
+        return Err(error);
+    }
+    if group.phase() != Phase::Idle {
+        group.stop()?;
+    }
+    group.abort().forget();
+    Ok(())
+}
+
+/// `twist`, slowed down in its direction as far as the group's limits ask; standstill for what is no number.
+fn within(twist: Twist, file: &GroupFile) -> Twist {
+    let limits = &file.limits;
+    let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;
+    let turn = twist.omega.abs() / limits.yaw_rate;
+    let excess = speed.max(turn).max(1.0);
+    // A hair below, so that rounding does not end above.
+    let share = if excess > 1.0 { 0.9999 / excess } else { 1.0 };
+    let slowed = Twist::new(twist.vx * share, twist.vy * share, twist.omega * share);
+    if check_twist(slowed, limits).is_ok() {
+        slowed
+    } else {
+        Twist::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim_link::SimLink;
+    use crate::telemetry::{Happening, Snapshot, Telemetry};
+    use kinematics::Pose;
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    fn file() -> GroupFile {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml");
+        GroupFile::load(path).unwrap()
+    }
+
+    fn pilot() -> Pilot {
+        let group = file();
+        Pilot::launch(
+            move || {
+                let world = crate::drive::world(&group, None, Pose::new(0.0, 0.0, 0.0))?;
+                Ok(SimLink::new(world, "sim"))
+            },
+            file(),
+        )
+    }
+
+    fn snapshot_until(
+        stream: &Subscription,
+        wanted: impl Fn(&Snapshot) -> bool,
+    ) -> Option<Arc<Snapshot>> {
+        for _ in 0..200_000 {
+            match stream.next_within(Duration::from_secs(20))? {
+                Telemetry::Snapshot(now) if wanted(&now) => return Some(now),
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// Time is virtual here and runs as fast as it can, so what counts is what is in the snapshots.
+    #[test]
+    fn a_velocity_is_good_for_as_long_as_was_said_and_no_longer() {
+        let pilot = pilot();
+        let stream = pilot.telemetry();
+        assert!(pilot.order(Order::Start));
+        assert!(pilot.order(Order::Twist(Twist::new(0.2, 0.0, 0.0), 500_000)));
+        let first = snapshot_until(&stream, |s| s.command.vx > 0.0).unwrap();
+        let after = snapshot_until(&stream, |s| s.command.vx == 0.0).unwrap();
+        let lasted = after.t - first.t;
+        assert!(
+            (lasted - 0.5).abs() < 0.011,
+            "{lasted} s; one period more or less"
+        );
+        let still = snapshot_until(&stream, |s| {
+            s.measured.is_some_and(|m| m.vx.hypot(m.vy) < 1e-3)
+        });
+        assert_eq!(still.unwrap().phase, Phase::Running);
+        assert!(pilot.order(Order::Stop));
+        assert!(snapshot_until(&stream, |s| s.phase == Phase::Idle).is_some());
+        pilot.finish().unwrap();
+    }
+
+    #[test]
+    fn an_abort_stops_the_group_and_the_pilot_stays() {
+        let pilot = pilot();
+        let stream = pilot.telemetry();
+        pilot.order(Order::Start);
+        assert!(snapshot_until(&stream, |s| s.phase == Phase::Running).is_some());
+        pilot.abort().ask();
+        let failed = std::iter::from_fn(|| stream.next_within(Duration::from_secs(20)))
+            .take(100_000)
+            .any(|item| {
+                matches!(item, Telemetry::Event(event)
+                    if matches!(&event.what, Happening::Failed(why) if why.contains("on request")))
+            });
+        assert!(failed);
+        assert!(snapshot_until(&stream, |s| s.phase == Phase::Idle).is_some());
+        pilot.order(Order::Start);
+        assert!(snapshot_until(&stream, |s| s.phase == Phase::Running).is_some());
+    }
+
+    #[test]
+    fn a_bus_that_cannot_be_opened_ends_the_stream() {
+        let refused = || -> Result<SimLink, DriveError> { Err(MasterError::Aborted.into()) };
+        let pilot = Pilot::launch(refused, file());
+        let stream = pilot.telemetry();
+        assert!(pilot.finish().is_err());
+        assert_eq!(stream.try_next(), None);
+    }
+
+    #[test]
+    fn too_fast_is_slowed_down_in_its_direction() {
+        let slowed = within(Twist::new(4.0, 3.0, 0.5), &file());
+        let limit = file().limits.linear_speed;
+        assert!((slowed.vx.hypot(slowed.vy) / limit - 1.0).abs() < 2e-4);
+        assert!((slowed.vy / slowed.vx - 0.75).abs() < 1e-5);
+        assert!((slowed.omega / slowed.vx - 0.125).abs() < 1e-5);
+        let nothing = within(Twist::new(f32::NAN, 0.0, 0.0), &file());
+        assert_eq!(nothing, Twist::default());
+    }
+}

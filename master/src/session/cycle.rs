@@ -1,0 +1,196 @@
+//! One SYNC period after the other, and the way to standstill.
+
+use canopen::{Frame, Micros, NmtCommand, NmtState, client};
+use kinematics::Twist;
+use protocol::{Code, GroupTwist, cob};
+
+use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW, is_consequence};
+use crate::error::MasterError;
+use crate::link::{Link, Schedule};
+use crate::telemetry::{Happening, Phase};
+
+/// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the wire.
+const MARGIN_US: u64 = 400;
+
+impl<L: Link> Group<L> {
+    /// Begins to send SYNC at [`Group::next_sync`], from the link's own thread where it has one.
+    pub(super) fn begin_sync(&mut self) {
+        let schedule = Schedule {
+            first: self.next_sync,
+            period_us: self.period_us(),
+            counter: self.counter % SYNC_OVERFLOW + 1,
+            overflow: SYNC_OVERFLOW,
+        };
+        self.paced = self.wire.link.pace(Some(schedule));
+    }
+
+    fn end_sync(&mut self) {
+        if self.paced {
+            self.wire.link.pace(None);
+            self.paced = false;
+        }
+    }
+
+    /// One SYNC period: listens until the next SYNC is due, sends the setpoint ahead of it and the
+    /// SYNC, in time, and judges what the members said about the SYNC before.
+    ///
+    /// # Errors
+    /// When a member faults, leaves or is missing while the group runs, or the link fails.
+    pub fn cycle(&mut self, twist: Twist) -> Result<(), MasterError> {
+        self.cycle_with(&mut |_| twist)
+    }
+
+    /// The same with a setpoint that depends on the time of its SYNC on the link's clock. (Not always the
+    /// one that was next: a session that was too late goes on with a later one.)
+    ///
+    /// # Errors
+    /// As [`Group::cycle`].
+    pub fn cycle_with(
+        &mut self,
+        setpoint: &mut dyn FnMut(Micros) -> Twist,
+    ) -> Result<(), MasterError> {
+        self.await_turn()?;
+        let twist = setpoint(self.next_sync);
+        self.take_turn(twist)
+    }
+
+    /// Listens until the setpoint for the next SYNC has to go out; [`Group::next_sync`] then says which.
+    pub(crate) fn await_turn(&mut self) -> Result<(), MasterError> {
+        let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
+        self.listen(ahead)?;
+        self.catch_up()
+    }
+
+    /// Sends the setpoint and sees the SYNC through.
+    pub(crate) fn take_turn(&mut self, twist: Twist) -> Result<(), MasterError> {
+        let sync_at = self.next_sync;
+        self.sequence = self.sequence.wrapping_add(1);
+        let frame = GroupTwist {
+            twist,
+            sequence: self.sequence,
+            group: self.file.group_id,
+        };
+        self.wire
+            .send(&Frame::of(cob::GROUP_TWIST, frame.encode()))?;
+        self.listen(sync_at)?;
+        let judged = self.judge();
+        self.close_row();
+        self.counter = self.counter % SYNC_OVERFLOW + 1;
+        let sync = client::sync(Some(self.counter));
+        if self.paced {
+            self.wire.note(sync_at, &sync, true);
+        } else {
+            self.wire.send(&sync)?;
+        }
+        let t = (sync_at.0 as f64 - self.began.0 as f64) * 1e-6;
+        let members = self.members.len();
+        self.recorder.open(t, self.sequence, twist, members);
+        for member in &mut self.members {
+            member.silent_syncs += 1;
+        }
+        self.next_sync = Micros(sync_at.0 + self.period_us());
+        judged?;
+        if self.phase == Phase::Running && self.abort.is_asked() {
+            return Err(MasterError::Aborted);
+        }
+        Ok(())
+    }
+
+    /// Moves on to the next SYNC that a setpoint can still reach. SYNCs that went without one are counted;
+    /// members answer them all the same, so nobody is missed for them.
+    fn catch_up(&mut self) -> Result<(), MasterError> {
+        let (period, overflow) = (self.period_us(), u64::from(SYNC_OVERFLOW));
+        let margin = MARGIN_US.min(self.lead_us() / 2);
+        let now = self.wire.now().0;
+        if !self.paced || now + margin <= self.next_sync.0 {
+            return Ok(());
+        }
+        let skipped = (now + margin - self.next_sync.0).div_ceil(period);
+        self.next_sync = Micros(self.next_sync.0 + skipped * period);
+        let turned = (u64::from(self.counter) + overflow - 1 + skipped) % overflow + 1;
+        self.counter = u8::try_from(turned).unwrap_or(1);
+        self.missed += skipped;
+        self.tell(None, Happening::Late(self.missed));
+        let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
+        self.listen(ahead)
+    }
+
+    /// The first thing wrong with a member, causes before consequences.
+    fn judge(&self) -> Result<(), MasterError> {
+        if self.phase != Phase::Running {
+            return Ok(());
+        }
+        let faults = self.members.iter().filter_map(|member| {
+            let Code::Fault(fault) = member.status?.code else {
+                return None;
+            };
+            Some((is_consequence(fault), member.node, fault))
+        });
+        if let Some((_, node, fault)) = faults.min_by_key(|(consequence, ..)| *consequence) {
+            return Err(MasterError::MemberFault { node, fault });
+        }
+        for member in &self.members {
+            if member.silent_syncs >= MISSING_SYNCS {
+                return Err(MasterError::MemberMissing {
+                    node: member.node,
+                    syncs: member.silent_syncs,
+                });
+            }
+            if member.nmt == Some(NmtState::Initialising) {
+                return Err(MasterError::MemberRestarted { node: member.node });
+            }
+            if let Some(state) = member.nmt
+                && state != NmtState::Operational
+            {
+                return Err(MasterError::MemberLeft {
+                    node: member.node,
+                    state,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Commands standstill until the members report it (or `patience_us` is over), then takes them
+    /// out of OPERATIONAL. Members' complaints do not stop it.
+    ///
+    /// # Errors
+    /// Only when the link itself fails.
+    pub fn ramp_down(&mut self, patience_us: u64) -> Result<(), MasterError> {
+        self.set_phase(Phase::Stopping);
+        self.set_target(None);
+        let deadline = self.wire.now().0 + patience_us;
+        if !self.paced {
+            self.next_sync = Micros(self.next_sync.0.max(self.wire.now().0 + self.lead_us()));
+        }
+        // Two SYNCs until the first standing setpoint is in force, one more to be measured.
+        for cycle in 0.. {
+            self.cycle(Twist::default())?;
+            if self.abort.is_urgent()
+                || self.wire.now().0 > deadline
+                || (cycle > 3 && self.stands())
+            {
+                break;
+            }
+        }
+        self.command(NmtCommand::EnterPreOperational)?;
+        let settle = Micros(self.wire.now().0 + self.period_us());
+        self.listen(settle)?;
+        self.end_sync();
+        self.set_phase(Phase::Idle);
+        Ok(())
+    }
+
+    /// Whether every member that still talks measures no motion worth mentioning: 1 mm/s, 1 mrad/s.
+    fn stands(&self) -> bool {
+        let rows = self.recorder.rows();
+        let Some(row) = rows.len().checked_sub(2).and_then(|i| rows.get(i)) else {
+            return false;
+        };
+        row.members.iter().all(|member| {
+            member
+                .measured
+                .is_none_or(|m| m.vx.hypot(m.vy) < 1e-3 && m.omega.abs() < 1e-3)
+        })
+    }
+}

@@ -1,0 +1,108 @@
+//! What robots, and other masters, say.
+//!
+//! Frames that are not the robots' are no concern of the master; frames that do not decode are left out of
+//! the record, and their sender will be missed. On a bus that is only observed, another master's SYNC closes
+//! the row and its group twist is taken for the command.
+
+use canopen::{Frame, Micros, client};
+use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};
+
+use super::Group;
+use crate::link::Link;
+use crate::telemetry::Happening;
+
+impl<L: Link> Group<L> {
+    /// Takes in a frame.
+    pub(crate) fn hear(&mut self, at: Micros, frame: &Frame) {
+        let (id, data) = (frame.id(), frame.data());
+        if let Some((node, state)) = client::parse_heartbeat(frame) {
+            let node = node.get();
+            if node == protocol::MASTER {
+                self.foreign = Some(at);
+                return;
+            }
+            match self.members.iter_mut().find(|m| m.node == node) {
+                Some(member) => {
+                    let changed = member.nmt.replace(state) != Some(state);
+                    if changed {
+                        self.tell(Some(node), Happening::Nmt(state));
+                    }
+                }
+                None => {
+                    self.strangers.insert(node);
+                }
+            }
+        } else if id == cob::SYNC {
+            self.foreign = Some(at);
+            if !self.wire.is_master() {
+                self.hear_sync(at);
+            }
+        } else if id == cob::GROUP_TWIST {
+            if let Ok(setpoint) = GroupTwist::try_from(data)
+                && setpoint.group == self.file.group_id
+            {
+                (self.twist, self.sequence) = (setpoint.twist, setpoint.sequence);
+            }
+        } else {
+            self.hear_member(id, data);
+        }
+    }
+
+    /// Another master's SYNC: the row before it is complete.
+    fn hear_sync(&mut self, at: Micros) {
+        self.close_row();
+        let t = self.wire.seconds(at);
+        let (sequence, twist) = (self.sequence, self.twist);
+        self.recorder.open(t, sequence, twist, self.members.len());
+        for member in &mut self.members {
+            member.silent_syncs = member.silent_syncs.saturating_add(1);
+        }
+    }
+
+    fn hear_member(&mut self, id: u16, data: &[u8]) {
+        let mut events = [None, None];
+        let mut from = None;
+        for (index, member) in self.members.iter_mut().enumerate() {
+            let node = member.node;
+            if id == cob::emergency(node) {
+                if let [low, high, ..] = data {
+                    let code = u16::from_le_bytes([*low, *high]);
+                    events[0] = Some(Happening::Emergency(code));
+                }
+                from = Some(node);
+                break;
+            }
+            let Some(row) = self.recorder.member(index) else {
+                break;
+            };
+            if id == cob::member_status(node) {
+                if let Ok(status) = MemberStatus::try_from(data) {
+                    let before = member.status.replace(status);
+                    if before.map(|b| b.state) != Some(status.state) {
+                        events[0] = Some(Happening::State(status.state));
+                    }
+                    if before.map_or(protocol::Code::None, |b| b.code) != status.code {
+                        events[1] = Some(Happening::Code(status.code));
+                    }
+                    member.silent_syncs = 0;
+                    row.permitted_scale = Some(status.scale.factor());
+                    row.slip_residual = status.slip_residual;
+                    row.code = Some(status.code.code());
+                }
+            } else if id == cob::measured_twist(node) {
+                row.measured = MeasuredTwist::try_from(data).ok().map(|m| m.twist);
+            } else if id == cob::pose(node) {
+                row.pose = PoseReport::try_from(data).ok().map(|p| p.pose);
+            } else if id == cob::wheel_rates(node) {
+                row.wheel_rates = WheelRateReport::try_from(data).ok().map(|w| w.rates);
+            } else {
+                continue;
+            }
+            from = Some(node);
+            break;
+        }
+        for event in events.into_iter().flatten() {
+            self.tell(from, event);
+        }
+    }
+}

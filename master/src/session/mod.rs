@@ -1,0 +1,474 @@
+//! A group on a bus: from finding its robots to the SYNC that moves them.
+//!
+//! [`Group`] owns the link and is driven from one thread: every method sends what is due, listens
+//! until the next thing is due, and returns. Whatever arrives while it waits is taken in by
+//! [`Group::hear`], so no frame is ever lost between two steps; nothing is buffered apart from the
+//! last word of every member, the recorder's rows, and what subscribers of the telemetry have not read.
+//!
+//! ```no_run
+//! # fn main() -> anyhow::Result<()> {
+//! use kinematics::Twist;
+//! let file = group::GroupFile::load("groups/tcc-3.toml")?;
+//! let bus = omnibus::bus::open(&"socketcan:can0".parse()?, &file)?;
+//! let mut group = omnibus::Group::connect(bus, &file)?;
+//! group.start()?;
+//! group.set_twist(Twist::new(0.2, 0.0, 0.0))?;
+//! group.run(3.0)?;
+//! group.stop()?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! One period of SYNC looks like this. The group twist is sent [`Group::lead_us`] before the SYNC, not
+//! together with it, because a controller with several mailboxes sends the lower identifier first
+//! and SYNC's is lower. At SYNC k every member latches that twist and says what scale it can follow;
+//! at SYNC k+1 all apply it. The members' statuses for SYNC k are judged just before SYNC k+1.
+//!
+//! On a real bus SYNC is sent by a thread of the link ([`Link::pace`]); the session only has to have its
+//! setpoint out in time. When it is late, that SYNC goes without one, the miss is counted and reported as
+//! telemetry, and the session goes on with the next SYNC; robots bridge a few and then ramp down by
+//! themselves. On a bus with virtual time the session sends SYNC itself, exactly on time.
+//!
+//! Errors are returned as soon as they are known. The caller then calls [`Group::ramp_down`], which
+//! never fails because of a member: robots that still listen must be told to stop.
+
+mod cycle;
+mod hear;
+mod snapshot;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use snapshot::mean_pose;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use canopen::{Micros, NmtCommand, NmtState, NmtTarget, client};
+use group::GroupFile;
+use kinematics::{Pose, Twist};
+use protocol::{Code, Fault, MemberState, MemberStatus};
+
+use crate::abort::Abort;
+use crate::error::MasterError;
+use crate::link::Link;
+use crate::record::Recorder;
+use crate::telemetry::{
+    DEFAULT_CAPACITY, Event, Happening, Hub, Interest, Phase, Punctuality, Subscription, Telemetry,
+};
+use crate::wire::{HubOwner, Wire};
+
+/// How long robots may take to answer after the master came, in µs: a reset robot boots in far less.
+const CONNECT_TIMEOUT_US: u64 = 3_000_000;
+/// How long members may take from NMT start until all are ready, in µs.
+const START_TIMEOUT_US: u64 = 2_000_000;
+/// How long the group may take to come to rest when it is stopped, in µs.
+pub const STOP_PATIENCE_US: u64 = 5_000_000;
+/// The twist goes out this long before its SYNC at most, in µs.
+const MAX_LEAD_US: u64 = 2_000;
+/// SYNCs without a status after which a member counts as missing.
+const MISSING_SYNCS: u32 = 3;
+/// The SYNC counter runs from 1 to this (object 0x1019).
+pub const SYNC_OVERFLOW: u8 = 240;
+
+/// What the master knows about one member.
+#[derive(Clone, Debug)]
+pub struct Member {
+    /// Node id.
+    pub node: u8,
+    /// NMT state as last heard.
+    pub nmt: Option<NmtState>,
+    /// Status as last heard.
+    pub status: Option<MemberStatus>,
+    /// SYNCs since the last status.
+    pub silent_syncs: u32,
+}
+
+/// A group of robots on a bus.
+pub struct Group<L> {
+    pub(crate) wire: Wire<L>,
+    pub(crate) file: Arc<GroupFile>,
+    members: Vec<Member>,
+    strangers: BTreeSet<u8>,
+    recorder: Recorder,
+    sequence: u8,
+    counter: u8,
+    began: Micros,
+    next_sync: Micros,
+    /// The link sends SYNC by itself.
+    paced: bool,
+    missed: u64,
+    phase: Phase,
+    configured: bool,
+    twist: Twist,
+    /// Where the group should be at the SYNC whose row is being filled.
+    target: Option<Pose>,
+    /// When another master's SYNC or heartbeat was last heard.
+    foreign: Option<Micros>,
+    abort: Abort,
+}
+
+impl<L: Link> Group<L> {
+    /// Takes over the link as master and waits until every robot of the file has answered.
+    ///
+    /// # Errors
+    /// When a robot does not answer in time, speaks another wire version, or the link fails.
+    pub fn connect(bus: L, config: &GroupFile) -> Result<Self, MasterError> {
+        let mut group = Self::observe(bus, config);
+        group.wire.claim(true);
+        group.find_members()?;
+        Ok(group)
+    }
+
+    /// Takes over the link without claiming to be the master: it listens only, until [`Group::claim`].
+    #[must_use]
+    pub fn observe(bus: L, config: &GroupFile) -> Self {
+        let now = bus.now();
+        let members = config.robots.iter().map(|robot| Member {
+            node: robot.node,
+            nmt: None,
+            status: None,
+            silent_syncs: 0,
+        });
+        Self {
+            wire: Wire::visiting(bus),
+            members: members.collect(),
+            file: Arc::new(config.clone()),
+            strangers: BTreeSet::new(),
+            recorder: Recorder::default(),
+            sequence: 0,
+            counter: 0,
+            began: now,
+            next_sync: now,
+            paced: false,
+            missed: 0,
+            phase: Phase::Idle,
+            configured: false,
+            twist: Twist::default(),
+            target: None,
+            foreign: None,
+            abort: Abort::default(),
+        }
+    }
+
+    /// Becomes the master of a bus that was only observed, and finds the members.
+    ///
+    /// # Errors
+    /// When another master has been heard in the last second, or as [`Group::connect`].
+    pub fn claim(&mut self) -> Result<(), MasterError> {
+        if self.wire.is_master() {
+            return Ok(());
+        }
+        if self.foreign_master() {
+            return Err(MasterError::AnotherMaster);
+        }
+        self.wire.claim(true);
+        self.find_members()
+    }
+
+    /// Whether another master's frames have been heard in the last second.
+    #[must_use]
+    pub fn foreign_master(&self) -> bool {
+        let now = self.wire.now().0;
+        self.foreign.is_some_and(|at| now < at.0 + 1_000_000)
+    }
+
+    fn find_members(&mut self) -> Result<(), MasterError> {
+        let deadline = Micros(self.wire.now().0 + CONNECT_TIMEOUT_US);
+        for index in 0..self.members.len() {
+            self.identify(index, deadline)?;
+        }
+        Ok(())
+    }
+
+    /// The members in the order of the group file.
+    #[must_use]
+    pub fn members(&self) -> &[Member] {
+        &self.members
+    }
+
+    /// The group file.
+    #[must_use]
+    pub fn config(&self) -> &GroupFile {
+        &self.file
+    }
+
+    /// Nodes that are on the bus and not in the group file.
+    #[must_use]
+    pub fn strangers(&self) -> &BTreeSet<u8> {
+        &self.strangers
+    }
+
+    /// What came back so far.
+    #[must_use]
+    pub fn recorder(&self) -> &Recorder {
+        &self.recorder
+    }
+
+    /// Keeps only about the last `rows` rows: for sessions without an end.
+    pub fn keep_last(&mut self, rows: usize) {
+        self.recorder.keep_last(rows);
+    }
+
+    /// A stream of snapshots (one per SYNC) and events from now on.
+    #[must_use]
+    pub fn telemetry(&self) -> Subscription {
+        self.wire.hub.0.subscribe(Interest::Group, DEFAULT_CAPACITY)
+    }
+
+    /// Where subscriptions come from: a clone of it works from other threads.
+    #[must_use]
+    pub fn hub(&self) -> Hub {
+        self.wire.hub.0.clone()
+    }
+
+    /// Publishes to a hub that already exists.
+    pub fn set_hub(&mut self, hub: Hub) {
+        self.wire.hub = HubOwner(hub);
+    }
+
+    /// What the session is doing.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// How punctual SYNC was so far; `None` on a bus with virtual time, where it is exact.
+    #[must_use]
+    pub fn punctuality(&self) -> Option<Punctuality> {
+        let mut read = self.wire.link.punctuality()?;
+        read.missed = self.missed;
+        Some(read)
+    }
+
+    /// A handle by which another thread can stop the group: give it to a signal handler.
+    #[must_use]
+    pub fn abort(&self) -> Abort {
+        self.abort.clone()
+    }
+
+    /// Uses an abort that already exists.
+    pub fn set_abort(&mut self, abort: Abort) {
+        self.abort = abort;
+    }
+
+    /// The wire, for reading and writing objects.
+    pub fn wire(&mut self) -> &mut Wire<L> {
+        &mut self.wire
+    }
+
+    /// The link, for an observer of a simulated world.
+    pub fn link(&mut self) -> &mut L {
+        &mut self.wire.link
+    }
+
+    /// Period of SYNC in µs.
+    #[must_use]
+    pub fn period_us(&self) -> u64 {
+        u64::from(self.file.sync_period_us)
+    }
+
+    /// How long before its SYNC a group twist is sent, in µs.
+    #[must_use]
+    pub fn lead_us(&self) -> u64 {
+        MAX_LEAD_US.min(self.period_us() / 4)
+    }
+
+    /// When the next SYNC is due, on the link's clock.
+    #[must_use]
+    pub fn next_sync(&self) -> Micros {
+        self.next_sync
+    }
+
+    /// Sends an NMT command to all robots.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn command(&mut self, command: NmtCommand) -> Result<(), MasterError> {
+        self.wire.send(&client::nmt(command, NmtTarget::All))
+    }
+
+    /// Listens until `until`, sending the master's heartbeat whenever it is due.
+    ///
+    /// # Errors
+    /// When the link fails.
+    pub fn listen(&mut self, until: Micros) -> Result<(), MasterError> {
+        while let Some((at, frame)) = self.wire.next(until)? {
+            self.hear(at, &frame);
+        }
+        Ok(())
+    }
+
+    /// Starts SYNC with a standing setpoint, then the robots, and returns once all are ready to move. Robots
+    /// that have not been configured in this session get the group file first.
+    ///
+    /// # Errors
+    /// When a member refuses its configuration or does not get ready in time, or the link fails; all robots
+    /// are then back in PRE-OPERATIONAL.
+    pub fn start(&mut self) -> Result<(), MasterError> {
+        if !self.configured {
+            self.configure(true)?;
+        }
+        self.set_phase(Phase::Starting);
+        self.twist = Twist::default();
+        let started = self.bring_up();
+        if let Err(error) = &started {
+            self.fail(error);
+            self.ramp_down(self.period_us())?;
+        }
+        started
+    }
+
+    fn bring_up(&mut self) -> Result<(), MasterError> {
+        // On whole periods of the link's clock: an observer who samples at that rate sees every SYNC.
+        let period = self.period_us();
+        self.next_sync = Micros((self.wire.now().0 / period + 2) * period);
+        self.began = self.next_sync;
+        self.begin_sync();
+        for _ in 0..4 {
+            self.cycle(Twist::default())?;
+        }
+        self.command(NmtCommand::Start)?;
+        let deadline = self.wire.now().0 + START_TIMEOUT_US;
+        loop {
+            self.cycle(Twist::default())?;
+            let Some(waiting) = self.members.iter().find(|m| !self.is_ready(m)) else {
+                // A status is only sent in OPERATIONAL; the last heartbeat may be older.
+                for member in &mut self.members {
+                    member.nmt = Some(NmtState::Operational);
+                }
+                self.set_phase(Phase::Running);
+                return Ok(());
+            };
+            if self.wire.now().0 > deadline {
+                return Err(MasterError::NotReady {
+                    node: waiting.node,
+                    nmt: waiting.nmt,
+                    state: waiting.status.map(|s| s.state),
+                    code: waiting
+                        .status
+                        .map_or_else(|| "unknown".into(), |s| describe(s.code)),
+                });
+            }
+        }
+    }
+
+    /// Whether a member followed the setpoint before the last and can follow another. (The answer to
+    /// the SYNC just sent is still on its way.)
+    fn is_ready(&self, member: &Member) -> bool {
+        member.status.is_some_and(|status| {
+            status.state.can_follow() && status.sequence == self.sequence.wrapping_sub(1)
+        })
+    }
+
+    /// Sets the velocity of the group, in the group frame, for [`Group::run`].
+    ///
+    /// # Errors
+    /// When it is beyond the limits of the group file, or not a number; the old one stays.
+    pub fn set_twist(&mut self, twist: Twist) -> Result<(), MasterError> {
+        check_twist(twist, &self.file.limits)?;
+        self.twist = twist;
+        Ok(())
+    }
+
+    /// Moves with the velocity set, for so many seconds of the bus's time.
+    ///
+    /// # Errors
+    /// As [`Group::cycle`]; call [`Group::stop`] then.
+    pub fn run(&mut self, seconds: f64) -> Result<(), MasterError> {
+        let until = self.next_sync.0 as f64 + seconds * 1e6;
+        while (self.next_sync.0 as f64) < until {
+            self.cycle(self.twist)?;
+        }
+        Ok(())
+    }
+
+    /// Brings the group to rest, however it was moving, and takes it out of OPERATIONAL.
+    ///
+    /// # Errors
+    /// Only when the link fails.
+    pub fn stop(&mut self) -> Result<(), MasterError> {
+        self.ramp_down(STOP_PATIENCE_US)
+    }
+
+    fn set_phase(&mut self, phase: Phase) {
+        if self.phase != phase {
+            self.phase = phase;
+            self.tell(None, Happening::Phase(phase));
+        }
+    }
+
+    /// Tells subscribers why the session ends.
+    pub(crate) fn fail(&self, error: &MasterError) {
+        self.tell(None, Happening::Failed(error.to_string()));
+    }
+
+    fn tell(&self, node: Option<u8>, what: Happening) {
+        let t = self.wire.seconds(self.wire.now());
+        let event = Event { t, node, what };
+        self.wire.hub.0.publish(&Telemetry::Event(event));
+    }
+
+    pub(crate) fn set_configured(&mut self) {
+        self.configured = true;
+    }
+
+    /// Zero of the recorder's rows, on the link's clock.
+    pub(crate) fn rows_began(&self) -> Micros {
+        self.began
+    }
+
+    pub(crate) fn set_target(&mut self, target: Option<Pose>) {
+        self.target = target;
+    }
+}
+
+/// Checks a velocity of the group against its limits.
+///
+/// # Errors
+/// Names the limit of the group file.
+pub fn check_twist(twist: Twist, limits: &group::Limits) -> Result<(), MasterError> {
+    let refused = |asked: f32, unit, limit_name, limit| MasterError::TooFast {
+        trajectory: "the velocity".into(),
+        asked,
+        unit,
+        limit_name,
+        limit,
+    };
+    let speed = twist.vx.hypot(twist.vy);
+    if speed.is_nan() || speed > limits.linear_speed {
+        let limit = limits.linear_speed;
+        return Err(refused(speed, "m/s", "limits.linear_speed", limit));
+    }
+    if twist.omega.is_nan() || twist.omega.abs() > limits.yaw_rate {
+        let limit = limits.yaw_rate;
+        return Err(refused(twist.omega, "rad/s", "limits.yaw_rate", limit));
+    }
+    Ok(())
+}
+
+/// Whether a fault usually is another node's doing.
+fn is_consequence(fault: Fault) -> bool {
+    matches!(
+        fault,
+        Fault::MemberStopped | Fault::MemberSilent | Fault::SequenceMismatch
+    )
+}
+
+/// A limit or fault in words.
+#[must_use]
+pub fn describe(code: Code) -> String {
+    match code {
+        Code::None => "none".into(),
+        Code::Limit(limit) => format!("limit {}: {}", limit.name(), limit.text().trim()),
+        Code::Fault(fault) => format!("fault {}: {}", fault.name(), fault.text().trim()),
+    }
+}
+
+/// Whether a member is in a state from which it cannot move until it is started again.
+#[must_use]
+pub fn is_at_rest(state: MemberState) -> bool {
+    !matches!(
+        state,
+        MemberState::Moving | MemberState::Alone | MemberState::Ramping
+    )
+}

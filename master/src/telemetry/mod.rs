@@ -1,0 +1,185 @@
+//! What a running group tells those who watch it: live views, recorders, the page, your own program.
+//!
+//! The session makes one [`Snapshot`] per SYNC period, when everything that belongs to that SYNC has come
+//! in: one period after it happened. Snapshots, single frames and events go to every [`Subscription`] of the
+//! session's [`Hub`]. A reader that is slow loses its oldest items and can see how many; it never holds up
+//! the session. With nobody subscribed nothing is made or copied.
+//!
+//! All values are SI and in the group frame (x forward, y left, counter-clockwise positive). `None` is
+//! "not known": no frame came, or nobody measures it. Times are those of the link's clock since the session
+//! began; on a simulated bus they are virtual.
+
+mod stream;
+
+pub use stream::{DEFAULT_CAPACITY, Hub, Interest, Subscription};
+
+use std::sync::Arc;
+
+use canopen::{Frame, NmtState};
+use kinematics::{Pose, Twist, WheelRates};
+use protocol::{Code, MemberState};
+
+/// One item of the stream.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Telemetry {
+    /// The group at one SYNC.
+    Snapshot(Arc<Snapshot>),
+    /// A frame on the bus; only for those who subscribed to frames.
+    Frame(BusFrame),
+    /// Something that happened once.
+    Event(Event),
+}
+
+/// What the session is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Phase {
+    /// No SYNC is sent; robots are or are being configured.
+    #[default]
+    Idle,
+    /// SYNC runs with a standing setpoint until all members are ready.
+    Starting,
+    /// Setpoints are followed.
+    Running,
+    /// Standstill is commanded.
+    Stopping,
+}
+
+impl Phase {
+    /// One word for people and for JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Starting => "starting",
+            Self::Running => "running",
+            Self::Stopping => "stopping",
+        }
+    }
+}
+
+/// The group at one SYNC.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Snapshot {
+    /// Time of the SYNC since the session began, in s.
+    pub t: f64,
+    /// What the session is doing.
+    pub phase: Phase,
+    /// Sequence number of the group twist sent before the SYNC.
+    pub sequence: u8,
+    /// That group twist, in the group frame.
+    pub command: Twist,
+    /// Where the group should be at this instant, on a curve; frame of `pose`.
+    pub target: Option<Pose>,
+    /// Where the group is: the mean of what the members work out from their wheels, in the frame in which
+    /// they were configured.
+    pub pose: Option<Pose>,
+    /// How fast the group moves: the mean of the members' measured twists.
+    pub measured: Option<Twist>,
+    /// The smallest scale that a member permits, 0..=1: what the group moves at.
+    pub scale: Option<f32>,
+    /// Largest disagreement of two members about the group's motion, at its origin, in m/s.
+    pub strain: Option<f32>,
+    /// Share of the bus that frames took in the last 100 ms, 0..=1.
+    pub bus_load: Option<f32>,
+    /// How punctual SYNC was; `None` on a bus with virtual time, where it is exact.
+    pub sync: Option<Punctuality>,
+    /// One entry per robot, in the order of the group file.
+    pub members: Vec<MemberSample>,
+}
+
+/// One member at one SYNC; fields are `None` where its frame did not come in this period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MemberSample {
+    /// Node id.
+    pub node: u8,
+    /// NMT state as last heard.
+    pub nmt: Option<NmtState>,
+    /// State as last heard.
+    pub state: Option<MemberState>,
+    /// Limit or fault as last heard.
+    pub code: Code,
+    /// SYNCs since its last status.
+    pub silent_syncs: u32,
+    /// Scale at which its own wheels could follow, 0..=1.
+    pub permitted_scale: Option<f32>,
+    /// Wheel rates that no rigid motion explains, in rad/s.
+    pub slip_residual: Option<f32>,
+    /// Measured velocity of the group as this member sees it, in the group frame.
+    pub measured: Option<Twist>,
+    /// Pose of the group as this member works it out.
+    pub pose: Option<Pose>,
+    /// Measured wheel rates in rad/s, positive rolls the base forward.
+    pub wheel_rates: Option<WheelRates>,
+}
+
+/// How late frames of a schedule went out, in µs. What is measured is when the system took the frame, after
+/// the time it was due.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Punctuality {
+    /// How many were sent.
+    pub count: u64,
+    /// Mean lateness.
+    pub mean_us: f64,
+    /// 99 of 100 were not later than this.
+    pub p99_us: f64,
+    /// The latest one.
+    pub worst_us: f64,
+    /// Setpoints that were not ready in time for their SYNC.
+    pub missed: u64,
+}
+
+/// A frame on the bus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BusFrame {
+    /// Time since the session began, in s.
+    pub t: f64,
+    /// The frame.
+    pub frame: Frame,
+    /// Whether the master sent it.
+    pub sent: bool,
+}
+
+/// Something that happened once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Time since the session began, in s.
+    pub t: f64,
+    /// The node concerned; `None` for the master itself or the bus.
+    pub node: Option<u8>,
+    /// What happened.
+    pub what: Happening,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// The session went into another phase.
+    Phase(Phase),
+    /// A robot's NMT state changed, or was heard for the first time.
+    Nmt(NmtState),
+    /// A member's state changed.
+    State(MemberState),
+    /// A member's limit or fault appeared or went.
+    Code(Code),
+    /// A robot sent an emergency message: its error code (0 means over).
+    Emergency(u16),
+    /// The master was too late for one or more SYNCs with its setpoint; how many so far.
+    Late(u64),
+    /// The session ended with an error; its message.
+    Failed(String),
+}
+
+impl std::fmt::Display for Happening {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Phase(phase) => f.write_str(phase.name()),
+            Self::Nmt(state) => write!(f, "NMT {state:?}"),
+            Self::State(state) => write!(f, "{state:?}"),
+            Self::Code(code) => f.write_str(&crate::session::describe(*code)),
+            Self::Emergency(0) => f.write_str("emergency over"),
+            Self::Emergency(code) => write!(f, "emergency {code:#06x}"),
+            Self::Late(count) => write!(f, "the master fell behind: {count} setpoints too late"),
+            Self::Failed(message) => f.write_str(message),
+        }
+    }
+}

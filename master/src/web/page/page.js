@@ -1,0 +1,534 @@
+// The page of `omnibus serve`. It shows what the server says and sends what the hand does; what may move, the
+// server decides. Nothing is loaded from anywhere else.
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+const SEND_MS = 50; // a press is repeated this often; the server takes it for over after 250 ms
+const TRAIL_M = 0.02; // distance of two points of the trail
+const TRAIL_POINTS = 4000;
+const STALE_MS = 1000; // a state older than this is shown as lost
+
+let socket = null;
+let token = "";
+let welcome = null;
+let state = null;
+let stateAt = 0;
+let trusted = false;
+let seat = { yours: false, taken: false };
+let trail = [];
+
+// ---- connection -------------------------------------------------------------------------------------------
+
+function readToken() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (given) {
+    // Out of the address bar: it would be in every screenshot.
+    history.replaceState(null, "", location.pathname);
+    sessionStorage.setItem("token", given);
+  }
+  token = given || sessionStorage.getItem("token") || "";
+}
+
+function send(message) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/ws`);
+  socket.onopen = () => { if (token) send({ type: "hello", token }); };
+  socket.onmessage = (event) => receive(JSON.parse(event.data));
+  socket.onclose = () => {
+    socket = null;
+    release();
+    trusted = false;
+    seat = { yours: false, taken: false };
+    state = null;
+    show();
+    setTimeout(connect, 1000);
+  };
+}
+
+function receive(message) {
+  if (message.type === "welcome") {
+    welcome = message;
+    trail = [];
+    document.title = `${message.group} - Omnibus`;
+    $("group").textContent = message.group;
+    $("bus").textContent = message.bus;
+    build();
+  } else if (message.type === "trusted") {
+    trusted = true;
+    say("");
+  } else if (message.type === "seat") {
+    if (seat.yours && !message.yours) release();
+    seat = message;
+  } else if (message.type === "state") {
+    state = message;
+    stateAt = performance.now();
+    follow();
+  } else if (message.type === "event") {
+    log(message);
+  } else if (message.type === "refused") {
+    if (message.reason === "wrong token") {
+      token = "";
+      sessionStorage.removeItem("token");
+    }
+    say(message.reason);
+  }
+  if (message.type !== "event") show();
+}
+
+function say(text, info) {
+  $("message").textContent = text;
+  $("message").className = info ? "info" : "";
+}
+
+function log(event) {
+  const line = document.createElement("li");
+  line.className = event.level;
+  for (const text of [`${event.t.toFixed(2)} s`, event.who, event.text]) {
+    const cell = document.createElement("span");
+    cell.textContent = text;
+    line.append(cell);
+  }
+  $("log").prepend(line);
+  while ($("log").children.length > 60) $("log").lastChild.remove();
+}
+
+// ---- gauges -----------------------------------------------------------------------------------------------
+
+function element(kind, className, text) {
+  const made = document.createElement(kind);
+  if (className) made.className = className;
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+
+const gauges = {};
+const robots = {};
+
+function bar() {
+  const outer = element("div", "bar");
+  outer.append(element("i"));
+  return outer;
+}
+
+function build() {
+  $("gauges").replaceChildren();
+  for (const [name, label, hasBar] of [["speed", "Speed", true], ["yaw", "Yaw rate", true], ["scale", "Group scale", true],
+    ["strain", "Strain", false], ["slip", "Largest slip", false], ["load", "Bus load", true]]) {
+    const gauge = element("div", "gauge");
+    gauge.append(element("span", "", label), element("b", "", "-"));
+    if (hasBar) gauge.append(bar());
+    gauge.id = `gauge-${name}`;
+    gauges[name] = gauge;
+    $("gauges").append(gauge);
+  }
+  $("robots").replaceChildren();
+  for (const { node } of welcome.robots) {
+    const robot = element("div", "robot");
+    const head = element("h3", "", `Node ${node}`);
+    const badge = element("span", "badge", "-");
+    const code = element("span", "code");
+    head.append(badge, code);
+    const list = element("dl");
+    const rows = {};
+    for (const [key, label] of [["scale", "permits"], ["w0", "front left"], ["w1", "front right"], ["w2", "rear left"], ["w3", "rear right"]]) {
+      const value = element("dd", "", "-");
+      const meter = bar();
+      const cell = element("dd", "wide");
+      cell.append(meter);
+      list.append(element("dt", "", label), cell, value);
+      rows[key] = { value, meter };
+    }
+    const slip = element("dd", "", "-");
+    list.append(element("dt", "", "slip"), element("dd", "wide"), slip);
+    robot.append(head, list);
+    robots[node] = { badge, code, rows, slip };
+    $("robots").append(robot);
+  }
+}
+
+function fill(meter, share, kind) {
+  const inner = meter.firstChild;
+  const size = Math.min(1, Math.abs(share));
+  inner.style.width = `${(size * 100).toFixed(1)}%`;
+  meter.className = `bar ${kind || ""}`;
+}
+
+// A bar that grows from its middle: to the right forward, to the left backward.
+function fillSigned(meter, share) {
+  const size = Math.min(1, Math.abs(share)) * 50;
+  meter.firstChild.style.width = `${size.toFixed(1)}%`;
+  meter.firstChild.style.left = `${share < 0 ? 50 - size : 50}%`;
+}
+
+const known = (value) => value !== null && value !== undefined;
+const format = (value, digits, unit) => (known(value) ? `${value.toFixed(digits)} ${unit}`.trim() : "-");
+
+function gauge(name, text, share, kind) {
+  gauges[name].children[1].textContent = text;
+  if (share !== undefined) fill(gauges[name].children[2], share || 0, kind);
+}
+
+function show() {
+  const fresh = state && performance.now() - stateAt < STALE_MS;
+  const phase = !socket || socket.readyState !== WebSocket.OPEN ? "no connection" : fresh ? state.phase : "no data";
+  $("phase").textContent = phase;
+  $("phase").className = `badge ${fresh && socket ? state.phase : "lost"}`;
+  $("token-form").hidden = trusted || !welcome || !welcome.can_drive;
+  $("controls").hidden = !trusted || !welcome || !welcome.can_drive;
+  const may = fresh && seat.yours;
+  $("take").textContent = seat.yours ? "Give up controls" : seat.taken ? "Another page drives" : "Take the controls";
+  $("take").disabled = seat.taken && !seat.yours;
+  $("start").disabled = !may || phase !== "idle";
+  $("start").textContent = phase === "starting" ? "Starting..." : phase === "running" ? "Started" : "Start robots";
+  for (const pad of [$("move"), $("turn")]) pad.classList.toggle("off", !ready());
+  if (welcome && !welcome.can_drive) say("This page watches; it was started with --watch.", true);
+  if (!welcome) return;
+  const share = $("speed").value / 100;
+  $("speed-text").textContent = `${(welcome.linear_speed * share).toFixed(2)} m/s, ${(welcome.yaw_rate * share).toFixed(2)} rad/s`;
+  if (!state) return;
+  const speed = state.measured ? Math.hypot(state.measured[0], state.measured[1]) : null;
+  gauge("speed", format(speed, 2, "m/s"), speed / welcome.linear_speed);
+  const yaw = state.measured ? state.measured[2] : null;
+  gauge("yaw", format(yaw, 2, "rad/s"), Math.abs(yaw) / welcome.yaw_rate);
+  gauge("scale", known(state.scale) ? `${(state.scale * 100).toFixed(0)} %` : "-", state.scale, state.scale < 0.999 ? "warn" : "");
+  gauge("strain", known(state.strain) ? format(state.strain * 1000, 1, "mm/s") : "-");
+  const slips = state.robots.map((robot) => robot.slip).filter(known).map(Math.abs);
+  gauge("slip", slips.length ? format(Math.max(...slips), 2, "rad/s") : "-");
+  gauge("load", known(state.bus_load) ? format(state.bus_load * 100, 1, "%") : "-", state.bus_load, state.bus_load > 0.7 ? "warn" : "");
+  for (const robot of state.robots) showRobot(robot);
+  const pose = state.pose;
+  $("place").textContent = pose ? `x ${pose[0].toFixed(3)} m  y ${pose[1].toFixed(3)} m  heading ${(pose[2] * 180 / Math.PI).toFixed(1)}\u00b0` : "";
+}
+
+function showRobot(robot) {
+  const cell = robots[robot.node];
+  const data = welcome.robots.find((one) => one.node === robot.node);
+  if (!cell || !data) return;
+  cell.badge.textContent = robot.state || robot.nmt || "silent";
+  const good = robot.state === "Armed" || robot.state === "Moving";
+  cell.badge.className = `badge ${robot.state === "Faulted" ? "lost" : good ? "running" : robot.state === "Ramping" ? "stopping" : ""}`;
+  cell.code.textContent = robot.code;
+  cell.code.className = `code ${robot.kind}`;
+  cell.rows.scale.value.textContent = known(robot.scale) ? `${(robot.scale * 100).toFixed(0)} %` : "-";
+  fill(cell.rows.scale.meter, robot.scale || 0, robot.scale < 0.999 ? "warn" : "");
+  for (let wheel = 0; wheel < 4; wheel += 1) {
+    const rate = robot.wheels ? robot.wheels[wheel] : null;
+    cell.rows[`w${wheel}`].value.textContent = format(rate, 2, "rad/s");
+    fillSigned(cell.rows[`w${wheel}`].meter, (rate || 0) / data.max_wheel_rate);
+  }
+  cell.slip.textContent = format(robot.slip, 2, "rad/s");
+}
+
+// ---- map --------------------------------------------------------------------------------------------------
+
+let centre = null;
+let drawn = false;
+
+function follow() {
+  if (!state.pose) return;
+  const [x, y] = state.pose;
+  const last = trail[trail.length - 1];
+  if (!last || Math.hypot(x - last[0], y - last[1]) > TRAIL_M) trail.push([x, y]);
+  if (trail.length > TRAIL_POINTS) trail.shift();
+  if (!centre) centre = [x, y];
+  if (!drawn) {
+    drawn = true;
+    requestAnimationFrame(draw);
+  }
+}
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function compose(frame, x, y) {
+  const [sin, cos] = [Math.sin(frame[2]), Math.cos(frame[2])];
+  return [frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y];
+}
+
+function draw() {
+  drawn = false;
+  const canvas = $("map");
+  const zoom = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (canvas.width !== Math.round(width * zoom) || canvas.height !== Math.round(height * zoom)) {
+    canvas.width = Math.round(width * zoom);
+    canvas.height = Math.round(height * zoom);
+  }
+  const paint = canvas.getContext("2d");
+  paint.setTransform(zoom, 0, 0, zoom, 0, 0);
+  paint.fillStyle = css("--page");
+  paint.fillRect(0, 0, width, height);
+  const pose = state && state.pose;
+  if (!pose || !welcome) return;
+  const reach = Math.max(1.2, ...welcome.robots.map((r) => Math.hypot(r.mount[0], r.mount[1]) + 0.8));
+  const scale = Math.min(width, height) / (4 * reach);
+  // The map stands still until the group nears its edge.
+  const [room, side] = [height / scale / 2 - reach * 0.9, width / scale / 2 - reach * 0.9];
+  centre[0] = Math.min(pose[0] + room, Math.max(pose[0] - room, centre[0]));
+  centre[1] = Math.min(pose[1] + side, Math.max(pose[1] - side, centre[1]));
+  // Forward is up, left is left.
+  const at = ([x, y]) => [width / 2 - (y - centre[1]) * scale, height / 2 - (x - centre[0]) * scale];
+  grid(paint, width, height, scale);
+  const path = (points, close) => {
+    paint.beginPath();
+    points.forEach((point, n) => { const [a, b] = at(point); if (n) paint.lineTo(a, b); else paint.moveTo(a, b); });
+    if (close) paint.closePath();
+  };
+  paint.lineJoin = "round";
+  paint.strokeStyle = css("--blue");
+  paint.globalAlpha = 0.55;
+  paint.lineWidth = 2;
+  path([...trail, pose]);
+  paint.stroke();
+  paint.globalAlpha = 1;
+  if (state.target) group(paint, path, state.target, true);
+  group(paint, path, pose, false, at);
+  const seconds = 1.5; // an arrow is where the velocity leads in this time
+  const arrow = (twist, colour, wide) => {
+    if (!twist || Math.hypot(twist[0], twist[1]) * seconds * scale < 4) return;
+    const [from, to] = [at(pose), at(compose(pose, twist[0] * seconds, twist[1] * seconds))];
+    const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+    paint.strokeStyle = colour;
+    paint.fillStyle = colour;
+    paint.lineWidth = wide;
+    paint.beginPath();
+    paint.moveTo(...from);
+    paint.lineTo(...to);
+    paint.stroke();
+    paint.beginPath();
+    paint.moveTo(to[0] + Math.cos(angle) * 9, to[1] + Math.sin(angle) * 9);
+    paint.lineTo(to[0] + Math.cos(angle + 2.5) * 8, to[1] + Math.sin(angle + 2.5) * 8);
+    paint.lineTo(to[0] + Math.cos(angle - 2.5) * 8, to[1] + Math.sin(angle - 2.5) * 8);
+    paint.fill();
+  };
+  arrow(state.command, css("--orange"), 6);
+  arrow(state.measured, css("--blue"), 3);
+}
+
+function grid(paint, width, height, scale) {
+  const step = scale > 110 ? 0.5 : scale > 25 ? 1 : 5;
+  paint.strokeStyle = css("--line");
+  paint.fillStyle = css("--quiet");
+  paint.font = "11px system-ui, sans-serif";
+  paint.lineWidth = 1;
+  const x0 = centre[0] - height / scale / 2;
+  const y0 = centre[1] - width / scale / 2;
+  const label = (value) => `${Number(value.toFixed(1))} m`;
+  for (let x = Math.ceil(x0 / step) * step; x < x0 + height / scale; x += step) {
+    const b = Math.round(height / 2 - (x - centre[0]) * scale) + 0.5;
+    paint.beginPath(); paint.moveTo(0, b); paint.lineTo(width, b); paint.stroke();
+    if (b > 14 && b < height - 18) paint.fillText(label(x), 4, b - 3);
+  }
+  for (let y = Math.ceil(y0 / step) * step; y < y0 + width / scale; y += step) {
+    const a = Math.round(width / 2 - (y - centre[1]) * scale) + 0.5;
+    paint.beginPath(); paint.moveTo(a, 0); paint.lineTo(a, height); paint.stroke();
+    if (a > 50 && a < width - 36) paint.fillText(label(y), a + 3, height - 5);
+  }
+}
+
+// The load between the robots, and the robots; only outlines for the target.
+function group(paint, path, pose, ghost, at) {
+  const mounts = welcome.robots.map((robot) => {
+    const [x, y] = compose(pose, robot.mount[0], robot.mount[1]);
+    return [x, y, pose[2] + robot.mount[2]];
+  });
+  if (!ghost) {
+    paint.strokeStyle = css("--quiet");
+    paint.globalAlpha = 0.35;
+    paint.lineWidth = 14;
+    paint.lineCap = "round";
+    path(mounts, mounts.length > 2);
+    paint.stroke();
+    paint.globalAlpha = 1;
+    paint.lineCap = "butt";
+  }
+  welcome.robots.forEach((robot, n) => {
+    const [l, w] = [robot.half_wheelbase, robot.half_track];
+    path([[l, w], [l, -w], [-l, -w], [-l, w]].map(([x, y]) => compose(mounts[n], x, y)), true);
+    const now = state.robots.find((one) => one.node === robot.node) || {};
+    if (ghost) {
+      paint.setLineDash([5, 5]);
+      paint.strokeStyle = css("--green");
+      paint.lineWidth = 2;
+      paint.stroke();
+      paint.setLineDash([]);
+      return;
+    }
+    paint.fillStyle = css("--robot");
+    paint.fill();
+    paint.strokeStyle = css(now.kind === "fault" ? "--red" : now.kind === "limit" ? "--orange" : "--blue");
+    paint.lineWidth = 2;
+    paint.stroke();
+    // Wheels, and a tick at the front.
+    paint.strokeStyle = css("--ink");
+    paint.lineWidth = 4;
+    for (const [x, y] of [[l, w], [l, -w], [-l, w], [-l, -w]]) {
+      path([compose(mounts[n], x - robot.wheel_radius * 0.8, y), compose(mounts[n], x + robot.wheel_radius * 0.8, y)]);
+      paint.stroke();
+    }
+    paint.lineWidth = 2;
+    path([[l, 0.08], [l + 0.12, 0], [l, -0.08]].map(([x, y]) => compose(mounts[n], x, y)));
+    paint.stroke();
+    const [a, b] = at(mounts[n]);
+    paint.fillStyle = css("--ink");
+    paint.font = "600 13px system-ui, sans-serif";
+    paint.textAlign = "center";
+    paint.fillText(String(robot.node), a, b + 5);
+    paint.textAlign = "start";
+  });
+}
+
+// ---- the dead-man's press ----------------------------------------------------------------------------------
+
+const held = { move: null, turn: null, keys: new Set() };
+let press = 0;
+let timer = null;
+
+const ready = () => Boolean(trusted && seat.yours && state && state.phase === "running" && performance.now() - stateAt < STALE_MS);
+
+const KEYS = {
+  ArrowUp: [1, 0, 0], KeyW: [1, 0, 0], ArrowDown: [-1, 0, 0], KeyS: [-1, 0, 0],
+  ArrowLeft: [0, 1, 0], KeyA: [0, 1, 0], ArrowRight: [0, -1, 0], KeyD: [0, -1, 0],
+  KeyQ: [0, 0, 1], KeyE: [0, 0, -1],
+};
+
+function deflection() {
+  let [x, y, turn] = [0, 0, 0];
+  if (held.move) [x, y] = held.move;
+  if (held.turn !== null) turn = held.turn;
+  for (const key of held.keys) {
+    x += KEYS[key][0];
+    y += KEYS[key][1];
+    turn += KEYS[key][2];
+  }
+  const length = Math.max(1, Math.hypot(x, y));
+  return [x / length, y / length, Math.max(-1, Math.min(1, turn))];
+}
+
+const anything = () => held.move !== null || held.turn !== null || held.keys.size > 0;
+
+function pressed() {
+  if (!ready()) {
+    let_go();
+    if (trusted && !seat.yours) say("Take the controls first.", true);
+    else if (trusted) say("Start the robots first.", true);
+    return;
+  }
+  if (timer === null) {
+    press += 1;
+    say("");
+    timer = setInterval(repeat, SEND_MS);
+  }
+  repeat();
+}
+
+function repeat() {
+  if (!ready()) {
+    release();
+    return;
+  }
+  const share = $("speed").value / 100;
+  const [x, y, turn] = deflection();
+  send({ type: "drive", press, vx: x * share * welcome.linear_speed, vy: y * share * welcome.linear_speed,
+    omega: turn * share * welcome.yaw_rate, clock: state.clock });
+}
+
+function let_go() {
+  held.move = null;
+  held.turn = null;
+  held.keys.clear();
+  for (const pad of [$("move"), $("turn")]) {
+    pad.classList.remove("held");
+    pad.lastElementChild.style.transform = "";
+  }
+}
+
+function release() {
+  let_go();
+  if (timer !== null) {
+    clearInterval(timer);
+    timer = null;
+    send({ type: "release" });
+  }
+}
+
+function pad(id, flat) {
+  const area = $(id);
+  const take = (event) => {
+    const box = area.getBoundingClientRect();
+    const reach = box.width / 2 - 28;
+    let x = (event.clientX - box.left - box.width / 2) / reach;
+    let y = flat ? 0 : (event.clientY - box.top - box.height / 2) / reach;
+    const length = Math.max(1, Math.hypot(x, y));
+    [x, y] = [x / length, y / length];
+    area.lastElementChild.style.transform = `translate(${x * reach}px, ${y * reach}px)`;
+    if (flat) held.turn = -x; else held.move = [-y, -x];
+  };
+  area.addEventListener("pointerdown", (event) => {
+    event.preventDefault();
+    area.focus();
+    area.setPointerCapture(event.pointerId);
+    area.classList.add("held");
+    take(event);
+    pressed();
+  });
+  area.addEventListener("pointermove", (event) => { if (area.hasPointerCapture(event.pointerId) && timer !== null) take(event); });
+  const end = () => {
+    if (flat) held.turn = null; else held.move = null;
+    area.classList.remove("held");
+    area.lastElementChild.style.transform = "";
+    if (!anything()) release();
+  };
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) area.addEventListener(name, end);
+  area.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.target instanceof HTMLInputElement || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.code === "Space") {
+    event.preventDefault();
+    stop();
+  } else if (event.code in KEYS && seat.yours) {
+    event.preventDefault();
+    if (event.repeat) return;
+    held.keys.add(event.code);
+    pressed();
+  }
+});
+document.addEventListener("keyup", (event) => {
+  // Space stops also where a button has the focus; Enter is left for the button.
+  if (event.code === "Space" && !(event.target instanceof HTMLInputElement)) event.preventDefault();
+  if (held.keys.delete(event.code) && !anything()) release();
+});
+// Whoever does not look at this page does not drive.
+window.addEventListener("blur", release);
+window.addEventListener("pagehide", release);
+document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });
+
+// ---- buttons ----------------------------------------------------------------------------------------------
+
+function stop() {
+  release();
+  send({ type: "stop" });
+}
+
+$("stop").addEventListener("click", stop);
+$("take").addEventListener("click", () => { release(); say(""); send({ type: seat.yours ? "leave" : "take" }); });
+$("start").addEventListener("click", () => { say(""); send({ type: "start" }); });
+$("speed").addEventListener("input", show);
+$("token-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  token = $("token").value.trim();
+  $("token").value = "";
+  sessionStorage.setItem("token", token);
+  send({ type: "hello", token });
+});
+window.addEventListener("resize", () => { if (state && state.pose) draw(); });
+setInterval(show, 500);
+
+pad("move", false);
+pad("turn", true);
+readToken();
+connect();

@@ -1,0 +1,58 @@
+//! What tests of the command share: running it, and comparing what it prints with a committed text.
+#![allow(dead_code, reason = "every test uses its part")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The root of the repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Runs the command from the root of the repository.
+pub fn omnibus(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args(arguments)
+        .current_dir(root())
+        .env_remove("OMNIBUS_BUS")
+        .output()
+        .unwrap()
+}
+
+/// What a run printed, as one text with its exit code.
+pub fn transcript(arguments: &[&str]) -> String {
+    let output = omnibus(arguments);
+    let mut text = format!("$ omnibus {}\n", arguments.join(" "));
+    text += &String::from_utf8(output.stdout).unwrap();
+    let errors = String::from_utf8(output.stderr).unwrap();
+    for line in errors.lines() {
+        text += &format!("2> {line}\n");
+    }
+    text + &format!("exit code {}\n", output.status.code().unwrap())
+}
+
+/// Compares with `tests/snapshots/NAME.txt`. OMNIBUS_WRITE_SNAPSHOTS=1 writes the files instead: read them
+/// before committing.
+pub fn check(name: &str, found: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/snapshots")
+        .join(format!("{name}.txt"));
+    if std::env::var_os("OMNIBUS_WRITE_SNAPSHOTS").is_some() {
+        std::fs::write(&path, found).unwrap();
+        return;
+    }
+    let wanted = std::fs::read_to_string(&path).unwrap_or_else(|_| {
+        panic!(
+            "{} is missing; OMNIBUS_WRITE_SNAPSHOTS=1 writes it",
+            path.display()
+        )
+    });
+    for (n, (wanted, found)) in wanted.lines().zip(found.lines()).enumerate() {
+        assert_eq!(found, wanted, "{name}, line {}", n + 1);
+    }
+    assert_eq!(
+        found.lines().count(),
+        wanted.lines().count(),
+        "{name}: number of lines\n{found}"
+    );
+}

@@ -1,0 +1,176 @@
+//! What was on the bus is in the recording, whole or cut off; a candump log goes in and out unchanged.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use canopen::{Frame, Micros};
+use group::GroupFile;
+use kinematics::{Pose, Twist};
+use omnibus::link::Link as _;
+use omnibus::recording::{self, FrameSink, Header, Recorder, Tap, candump};
+use omnibus::session::Group;
+use omnibus::sim_link::SimLink;
+
+type Heard = Arc<Mutex<Vec<(Micros, Frame, bool)>>>;
+
+/// A folder of this test's own.
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("recording")
+        .join(name);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn group_text() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../groups/tcc-2.toml");
+    std::fs::read_to_string(path).unwrap()
+}
+
+/// Drives two native robots for half a second in virtual time and records it; returns what was on
+/// the bus by another tap's account.
+fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
+    let text = group_text();
+    let group_file = GroupFile::parse("tcc-2", &text).unwrap();
+    let header = Header {
+        bus: "sim".into(),
+        activity: "drive".into(),
+        group: Some(text),
+        epoch_ns: 0,
+    };
+    let recorder = Recorder::create(file, &header).unwrap();
+    let heard = Heard::default();
+    let witness: FrameSink = {
+        let heard = Arc::clone(&heard);
+        Arc::new(move |at, frame, sent| heard.lock().unwrap().push((at, *frame, sent)))
+    };
+    let world = omnibus::drive::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let mut group = Group::observe(Tap::new(SimLink::new(world, "sim"), [witness]), &group_file);
+    group.wire().tap(recorder.sink());
+    group.claim().unwrap();
+    group.configure(true).unwrap();
+    group.start().unwrap();
+    for _ in 0..50 {
+        group.cycle(Twist::new(0.2, 0.1, 0.1)).unwrap();
+        let at = group.link().now();
+        recorder.pose(recording::TRUTH, at, Pose::new(1.0, 2.0, 3.0));
+    }
+    group.ramp_down(2_000_000).unwrap();
+    let summary = recorder.finish().unwrap();
+    let heard = std::mem::take(&mut *heard.lock().unwrap());
+    assert_eq!(summary.frames, heard.len() as u64);
+    heard
+}
+
+#[test]
+fn every_frame_is_there_with_its_time() {
+    let file = folder("whole").join("drive.mcap");
+    let mut sent = drive(&file);
+    sent.sort_by_key(|(at, ..)| at.0);
+    let recording = recording::read(&file).unwrap();
+    assert_eq!(recording.damage, None);
+    let read: Vec<_> = recording
+        .frames
+        .iter()
+        .map(|recorded| (Micros(recorded.t_ns / 1_000), recorded.frame, recorded.sent))
+        .collect();
+    assert!(read.len() > 1_000, "{} frames", read.len());
+    assert_eq!(read, sent);
+    assert_eq!(recording.truth.len(), 50);
+    assert_eq!(recording.truth[7].1, Pose::new(1.0, 2.0, 3.0));
+    assert_eq!(recording.group().unwrap().unwrap().name, "tcc-2");
+    // The group moved as it was told: half a second at 0.2 m/s, less the way up to speed.
+    let (snapshots, events) = recording.heard();
+    let fastest = snapshots.iter().filter_map(|s| s.measured).map(|m| m.vx);
+    let fastest = fastest.fold(0.0, f32::max);
+    assert!((fastest - 0.2).abs() < 0.01, "{fastest}");
+    assert!(!events.is_empty());
+}
+
+#[test]
+fn the_same_drive_is_the_same_file() {
+    let folder = folder("same");
+    let (a, b) = (folder.join("a.mcap"), folder.join("b.mcap"));
+    drive(&a);
+    drive(&b);
+    assert!(std::fs::read(a).unwrap() == std::fs::read(b).unwrap());
+}
+
+/// Cut anywhere, a recording gives the first of its frames, and says that it was cut.
+#[test]
+fn a_cut_recording_is_read_up_to_the_cut() {
+    let folder = folder("cut");
+    let whole_file = folder.join("whole.mcap");
+    drive(&whole_file);
+    let whole = recording::read(&whole_file).unwrap();
+    let bytes = std::fs::read(&whole_file).unwrap();
+    let cut_file = folder.join("cut.mcap");
+    let mut most = 0;
+    for tenth in 1..10 {
+        std::fs::write(&cut_file, &bytes[..bytes.len() * tenth / 10]).unwrap();
+        let cut = recording::read(&cut_file).unwrap();
+        assert!(cut.damage.is_some(), "{tenth}");
+        let mut kept = cut.frames.clone();
+        kept.truncate(whole.frames.len());
+        // Order in time may differ at the very end only: compare as sets.
+        assert!(kept.iter().all(|frame| whole.frames.contains(frame)));
+        assert!(cut.frames.len() >= most, "{tenth}");
+        most = cut.frames.len();
+    }
+    assert!(
+        most > whole.frames.len() / 2,
+        "{most} of {}",
+        whole.frames.len()
+    );
+}
+
+#[test]
+fn what_is_no_recording_is_refused() {
+    let folder = folder("bad");
+    for (name, content) in [
+        ("text.mcap", &b"hello, this is no recording at all"[..]),
+        ("empty.mcap", b""),
+    ] {
+        let file = folder.join(name);
+        std::fs::write(&file, content).unwrap();
+        let error = recording::read(&file)
+            .map(|r| r.frames.len())
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(name), "{error}");
+    }
+    let error = recording::read(&folder.join("none.mcap"))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("cannot be read"), "{error}");
+    let error = Recorder::create(&folder.join("none/x.mcap"), &Header::default());
+    assert!(
+        error
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("cannot be written")
+    );
+}
+
+#[test]
+fn a_log_becomes_a_recording_and_back() {
+    let folder = folder("log");
+    let log = "(1700000000.000100) can0 080#01\n(1700000000.000350) can0 182#0201FFFF00000000\n\
+               (1700000003.000000) can0 702#05\n";
+    let from_log = candump::read(log.as_bytes()).unwrap();
+    let file = folder.join("log.mcap");
+    let recorder = Recorder::create(&file, &from_log.header).unwrap();
+    let sink = recorder.sink();
+    for recorded in &from_log.frames {
+        sink(
+            Micros(recorded.t_ns / 1_000),
+            &recorded.frame,
+            recorded.sent,
+        );
+    }
+    recorder.finish().unwrap();
+    let mut out = Vec::new();
+    candump::write(&recording::read(&file).unwrap(), &mut out).unwrap();
+    assert_eq!(String::from_utf8(out).unwrap(), log);
+}
