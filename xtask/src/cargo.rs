@@ -96,3 +96,48 @@ pub fn fuzz(frames: u64, seed: u64) -> anyhow::Result<()> {
         .args(["--seed", &seed.to_string()]);
     run(&mut command)
 }
+
+/// What the compiler has to put in for libFuzzer. No sanitizer: those need a nightly compiler, and the crate has no
+/// `unsafe`.
+const COVERAGE: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+     -Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1 --cfg fuzzing";
+
+/// Builds the libFuzzer target in `canopen/fuzz` with the toolchain there is and runs it for so long. What it finds is
+/// written to `target/fuzz/`, and fails.
+pub fn fuzz_guided(seconds: u64) -> anyhow::Result<()> {
+    let folder = target_folder().join("fuzz");
+    let corpus = folder.join("corpus");
+    std::fs::create_dir_all(&corpus).with_context(|| corpus.display().to_string())?;
+    let host = host()?;
+    let mut build = command();
+    build
+        .env("RUSTFLAGS", COVERAGE)
+        .args([
+            "build",
+            "--quiet",
+            "--release",
+            "--locked",
+            "--target",
+            &host,
+        ])
+        .args(["--manifest-path", "canopen/fuzz/Cargo.toml", "--target-dir"])
+        .arg(&folder);
+    run(&mut build).context("libFuzzer is C++: Debian and Ubuntu have it as g++")?;
+    let program = folder.join(host).join("release/frames");
+    let mut fuzz = Command::new(program);
+    fuzz.current_dir(&folder)
+        .args([format!("-max_total_time={seconds}"), "-max_len=4096".into()])
+        .args(["-timeout=10", "-print_final_stats=1"])
+        .arg(&corpus);
+    run(&mut fuzz)
+}
+
+/// The target triple of this machine.
+fn host() -> anyhow::Result<String> {
+    let output = Command::new("rustc").arg("-vV").output()?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    let host = text.lines().find_map(|line| line.strip_prefix("host: "));
+    host.map(ToOwned::to_owned)
+        .context("rustc does not name its host")
+}

@@ -1,5 +1,6 @@
 //! `cargo xtask demo`: builds the firmware, boots the group's robots in the emulator and drives a
-//! curve twice, without and with compensation; then prints the figures and writes the report.
+//! curve twice, without and with compensation; then prints the figures and writes the report. On the contact plant it
+//! is driven twice more with roller-phase kinematics, and the compensation is measured there first, by native robots.
 //!
 //! The two drives are independent worlds, each in its own thread. Each is a complete session of the master: boot, scan,
 //! configuration over SDO, NMT start, the curve, the ramp to standstill. Nothing here computes
@@ -10,10 +11,12 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use omnibus::abort::Abort;
+use omnibus::course::Course;
 use omnibus::curve::Curve;
 use omnibus::drive::{self, Drive, DriveError};
 use omnibus::error::MasterError;
 use omnibus::report::{self, BackendName, Run, Scalar};
+use omnibus::trial;
 
 use crate::{cargo, firmware};
 
@@ -32,6 +35,10 @@ pub struct Arguments {
     /// What the robots compute their kinematics in; fixed point only in the emulator.
     #[arg(long, value_enum, default_value_t = Scalar::F32)]
     scalar: Scalar,
+    /// The floor: what the group file says, or rollers with friction and random phases. On the latter the curve is
+    /// driven twice more, with the robots told of their rollers.
+    #[arg(long, value_enum)]
+    plant: Option<PlantName>,
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
@@ -39,6 +46,16 @@ pub struct Arguments {
     #[arg(long, value_name = "PATH")]
     json: Option<PathBuf>,
 }
+
+/// Floors to choose from.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum PlantName {
+    /// Rollers with friction, eight a wheel.
+    Contact,
+}
+
+/// Rollers of a wheel on the contact plant.
+const ROLLERS: u8 = 8;
 
 /// Path of a group file given by path or by name.
 fn group_file(config: &str) -> PathBuf {
@@ -60,6 +77,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // A group file with a mistake is refused before anything is built or moved.
     let path = group_file(&arguments.config);
     let group = group::GroupFile::load(&path)?;
+    let groups = match arguments.plant {
+        None => {
+            let phase = group.robots.iter().any(|robot| robot.rollers.is_some());
+            vec![(group.clone(), phase)]
+        }
+        Some(PlantName::Contact) => {
+            println!("calibrating native robots on the contact plant");
+            let plain = trial::on_contact(&group, ROLLERS);
+            let phase = trial::with_phases(&plain);
+            let none = Abort::default();
+            vec![
+                (trial::calibrated(&plain, &none)?, false),
+                (trial::calibrated(&phase, &none)?, true),
+            ]
+        }
+    };
     let elf = match arguments.backend {
         BackendName::Emulator => Some(firmware::build(arguments.scalar)?),
         BackendName::Native | BackendName::Robots => None,
@@ -71,14 +104,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // A failed drive stops the other one: there is no report without both.
     let abort = Abort::default();
     let bars = MultiProgress::new();
-    let one = |compensation: bool| {
-        let word = if compensation { "on" } else { "off" };
+    let one = |group: &group::GroupFile, phase: bool, compensation: bool| {
+        let word = match (phase, compensation) {
+            (false, false) => "off",
+            (false, true) => "on",
+            (true, false) => "phase",
+            (true, true) => "phase+on",
+        };
         let name = format!("{}, compensation {word}", arguments.trajectory);
         let progress = bars.add(bar(&name));
         let drive = Drive {
-            group: &group,
-            curve: arguments.trajectory,
-            quick: arguments.quick,
+            group,
+            course: Course {
+                quick: arguments.quick,
+                ..Course::of(arguments.trajectory)
+            },
+            feedback: None,
             compensation,
             elf: elf.as_deref(),
             candump: Some(folder.join(format!("compensation-{word}.candump.log"))),
@@ -86,6 +127,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .is_some()
                 .then(|| folder.join(format!("compensation-{word}.robots.log"))),
             abort: abort.clone(),
+            record: None,
         };
         let run = drive::simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);
@@ -97,14 +139,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         progress.finish_with_message(if run.is_ok() { "done" } else { "failed" });
         run.with_context(|| name)
     };
-    let (off, on) = std::thread::scope(|scope| {
-        let off = scope.spawn(|| one(false));
-        let on = scope.spawn(|| one(true));
-        (off.join(), on.join())
-    });
-    let runs = finished([off, on])?;
+    let mut runs = Vec::new();
+    for (group, phase) in &groups {
+        let (off, on) = std::thread::scope(|scope| {
+            let off = scope.spawn(|| one(group, *phase, false));
+            let on = scope.spawn(|| one(group, *phase, true));
+            (off.join(), on.join())
+        });
+        runs.extend(finished([off, on])?);
+    }
 
-    let mut report = drive::report(&group, arguments.trajectory, arguments.backend, runs);
+    let mut report = drive::report(&group, arguments.trajectory.name(), arguments.backend, runs);
     report.scalar = Some(arguments.scalar);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;

@@ -2,7 +2,7 @@
 //!
 //! The tests are Python and lie in `tests/interop` (robots, native and emulated) and `canopen/interop` (the CANopen
 //! crate alone). They run in a virtual environment under `target/`, made here from the pinned
-//! `tests/interop/requirements.txt` and made anew when that file changes. tshark must come from the system; without
+//! `tests/interop/requirements.txt` and made anew when that file changes. tshark and chromium must come from the system; without
 //! it this task says so and fails, because a test that is left out in silence proves nothing.
 
 use std::ffi::OsString;
@@ -63,10 +63,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .as_deref()
             .is_none_or(|one| one == backend)
         {
-            unittest(&["test_robot", "test_dictionary"], backend)?;
+            unittest(
+                &["test_robot", "test_dictionary", "test_endpoints"],
+                backend,
+            )?;
         }
     }
     unittest(&["test_log"], "logs")?;
+    unittest(&["test_page"], "native")?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);
@@ -93,6 +97,7 @@ fn system_packages() -> anyhow::Result<()> {
     let missing: Vec<&str> = [
         ("python3", &["-c", "import venv, ensurepip"][..]),
         ("tshark", &["--version"][..]),
+        ("chromium", &["--version"][..]),
     ]
     .into_iter()
     .filter(|(program, arguments)| !starts(program, arguments))
@@ -102,7 +107,7 @@ fn system_packages() -> anyhow::Result<()> {
         return Ok(());
     }
     bail!(
-        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark",
+        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark chromium",
         missing.join(", ")
     )
 }

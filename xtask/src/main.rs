@@ -1,14 +1,17 @@
-//! Workspace tasks: `cargo xtask demo | test | faults | interop | fuzz | size | flash | check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask demo | test | faults | interop | socketcan | fuzz | bench | profile | size | flash |
+//! check-elf | check-demo`.
 //!
 //! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
 //! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
-//! downloaded except what `rustup` and `cargo` fetch themselves, and `pip` for `interop`.
+//! downloaded except what `rustup` and `cargo` fetch themselves, and `pip` for `interop`, and
+//! `apt-get` for `socketcan`.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use omnibus::report::Scalar;
 
+mod bench;
 mod cargo;
 mod check;
 mod demo;
@@ -16,6 +19,8 @@ mod faults;
 mod firmware;
 mod flash;
 mod interop;
+mod size_canopen;
+mod socketcan;
 
 /// Workspace tasks of Omnibus.
 #[derive(Parser)]
@@ -39,6 +44,8 @@ enum Task {
     Faults(faults::Arguments),
     /// Lets foreign software talk to the robots: python-canopen, cantools, tshark.
     Interop(interop::Arguments),
+    /// Boots a kernel with SocketCAN under qemu and lets simulator, master and can-utils talk over it.
+    Socketcan,
     /// Throws random frames at the CANopen device; nothing may panic or hang.
     Fuzz {
         /// How many frames.
@@ -47,9 +54,23 @@ enum Task {
         /// Another stream of frames; the same seed gives the same.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// Lets libFuzzer look for new paths instead, for so many seconds; needs a C++ compiler.
+        #[arg(long, value_name = "SECONDS", conflicts_with_all = ["frames", "seed"])]
+        guided: Option<u64>,
     },
-    /// Prints the size of the firmware image by section.
-    Size,
+    /// Shows where the instructions of a driving robot go.
+    Profile(bench::profile::Arguments),
+    /// Prints what takes room in flash and RAM, by section and by crate.
+    Size {
+        /// What the CANopen device takes of it, as the difference to an image without; fails above its budget.
+        #[arg(long)]
+        canopen: bool,
+        /// Where to write the figures as JSON.
+        #[arg(long, value_name = "PATH")]
+        json: Option<std::path::PathBuf>,
+    },
+    /// Measures what the firmware costs: instructions, load, memory, bus, accuracy.
+    Bench(bench::Arguments),
     /// Builds the firmware and writes it to a board with probe-rs.
     Flash(flash::Arguments),
     /// Checks that the firmware image is bootable: its vector table is at 0x08000000.
@@ -67,8 +88,16 @@ fn run(task: Task) -> anyhow::Result<()> {
         Task::Test { rest } => cargo::test(&rest),
         Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),
-        Task::Fuzz { frames, seed } => cargo::fuzz(frames, seed),
-        Task::Size => firmware::print_size(&firmware::build(Scalar::F32)?),
+        Task::Socketcan => socketcan::run(),
+        Task::Fuzz {
+            guided: Some(seconds),
+            ..
+        } => cargo::fuzz_guided(seconds),
+        Task::Fuzz { frames, seed, .. } => cargo::fuzz(frames, seed),
+        Task::Profile(arguments) => bench::profile::run(&arguments),
+        Task::Size { canopen: true, .. } => size_canopen::run(),
+        Task::Size { json, .. } => bench::size(json.as_deref()),
+        Task::Bench(arguments) => bench::run(&arguments),
         Task::Flash(arguments) => flash::run(&arguments),
         Task::CheckElf => firmware::check(&firmware::build(Scalar::F32)?),
         Task::CheckDemo { json } => check::demo(&json),

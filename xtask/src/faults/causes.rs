@@ -4,9 +4,9 @@
 //! place: number 0 is watched; where a cause lies with another member, that is number 2.
 
 use kinematics::Twist;
-use protocol::cob;
+use protocol::{Fault, cob};
 use sim::rig::Rig;
-use sim::{EncoderState, SimError};
+use sim::{Crash, EncoderState, SimError};
 
 /// The robot that is watched.
 pub const WATCHED: usize = 0;
@@ -19,8 +19,10 @@ const WHEEL: usize = 0;
 /// from a dead encoder.
 const DRAG: f64 = 32.0;
 
-/// How the emergency stop is tried without a processor: the timer's break input has to cut alone.
-pub const HALTED_STOP: &str = "processor halted";
+/// Supply at which it is too low, V; the robots have 24 V otherwise, and 18 V as their minimum.
+const LOW_SUPPLY: f64 = 17.0;
+/// After the supply has changed the duty does, for the same voltage at the motors; ms until it has.
+const SUPPLY_SETTLES_MS: u64 = 10;
 
 /// What is done about a cause.
 #[derive(Clone, Copy)]
@@ -29,119 +31,126 @@ pub enum Trial {
     Now(fn(&mut Rig)),
     /// It takes some time to bring about, and appears when this is done.
     After(fn(&mut Rig) -> Result<(), SimError>),
-    /// It is not tried, for this reason.
-    NotCovered(&'static str),
+    /// It concerns what is stored, and is tried with one board: see [`super::power`].
+    Stored(super::power::Trial),
 }
 
-impl Trial {
-    /// Makes the cause appear. It returns at the moment from which time counts.
-    pub fn begin(self, rig: &mut Rig) -> Result<(), SimError> {
-        match self {
-            Self::Now(appear) => appear(rig),
-            Self::After(appear) => appear(rig)?,
-            Self::NotCovered(_) => {}
+/// One trial.
+#[derive(Clone, Copy)]
+pub struct Case {
+    /// Number of the cause in `docs/safety.md`.
+    pub number: u8,
+    /// The way in which it is brought about, where that is not all that could be meant.
+    pub variant: &'static str,
+    /// How.
+    pub trial: Trial,
+    /// What is announced, if not the fault of the page.
+    pub announced: Option<Fault>,
+    /// How long the duty is not looked at, ms: the cause itself changes it.
+    pub settles_ms: u64,
+}
+
+impl Case {
+    const fn new(number: u8, variant: &'static str, trial: Trial) -> Self {
+        Self {
+            number,
+            variant,
+            trial,
+            announced: None,
+            settles_ms: 0,
         }
-        Ok(())
     }
 }
 
-/// The causes by their numbers in `docs/safety.md`, each with the way in which it is brought about where that is not
-/// all that could be meant.
-pub const TRIALS: &[(u8, &str, Trial)] = &[
-    (1, "", Trial::Now(|rig| rig.heartbeat = false)),
-    (2, "", Trial::Now(|rig| rig.sync = false)),
-    (3, "", Trial::Now(|rig| rig.twist = None)),
-    (
-        4,
-        "",
-        Trial::Now(|rig| rig.world.set_connected(OTHER, false)),
-    ),
-    (
-        5,
-        "",
-        Trial::Now(|rig| rig.world.set_emergency_stop(OTHER, true)),
-    ),
-    (
-        6,
-        "",
-        Trial::Now(|rig| rig.world.set_misses(OTHER, Some(cob::GROUP_TWIST))),
-    ),
-    (7, "", Trial::Now(|rig| rig.second = true)),
-    (
-        8,
-        "NaN",
-        Trial::Now(|rig| rig.twist = Some(Twist::new(f32::NAN, 0.0, 0.0))),
-    ),
-    (9, "", Trial::After(bus_off)),
-    (10, "", Trial::Now(|rig| rig.world.overrun(WATCHED))),
-    (
-        11,
-        "",
-        Trial::Now(|rig| rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead)),
-    ),
-    (
-        12,
-        "",
-        Trial::Now(|rig| {
-            rig.world
-                .set_encoder(WATCHED, WHEEL, EncoderState::Reversed)
-        }),
-    ),
-    (
-        13,
-        "turns hardly",
-        Trial::Now(|rig| rig.world.set_wheel_drag(WATCHED, WHEEL, DRAG)),
-    ),
-    (
-        14,
-        "",
-        Trial::Now(|rig| rig.world.set_driver_fault(WATCHED, true)),
-    ),
-    (
-        15,
-        "",
-        Trial::Now(|rig| rig.world.set_emergency_stop(WATCHED, true)),
-    ),
-    (
-        15,
-        HALTED_STOP,
-        Trial::Now(|rig| {
+const fn now(number: u8, variant: &'static str, appear: fn(&mut Rig)) -> Case {
+    Case::new(number, variant, Trial::Now(appear))
+}
+
+const fn after(
+    number: u8,
+    variant: &'static str,
+    appear: fn(&mut Rig) -> Result<(), SimError>,
+) -> Case {
+    Case::new(number, variant, Trial::After(appear))
+}
+
+const fn stored(number: u8, variant: &'static str, trial: super::power::Trial) -> Case {
+    Case::new(number, variant, Trial::Stored(trial))
+}
+
+/// All of them, by number.
+pub const CASES: &[Case] = &[
+    now(1, "", |rig| rig.heartbeat = false),
+    now(2, "", |rig| rig.sync = false),
+    now(3, "", |rig| rig.twist = None),
+    now(4, "", |rig| rig.world.set_connected(OTHER, false)),
+    now(5, "", |rig| rig.world.set_emergency_stop(OTHER, true)),
+    now(6, "", |rig| {
+        rig.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
+    }),
+    now(7, "", |rig| rig.second = true),
+    now(8, "NaN", |rig| {
+        rig.twist = Some(Twist::new(f32::NAN, 0.0, 0.0));
+    }),
+    // All that a field can carry is within its range, but for this one value.
+    now(8, "vy is -32768, out of range", |rig| {
+        rig.twist = Some(Twist::new(0.6, f32::NAN, 0.0));
+    }),
+    now(8, "stale sequence", |rig| rig.counts = false),
+    after(9, "", bus_off),
+    now(10, "", |rig| rig.world.overrun(WATCHED)),
+    now(11, "", |rig| {
+        rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
+    }),
+    now(12, "", |rig| {
+        rig.world
+            .set_encoder(WATCHED, WHEEL, EncoderState::Reversed);
+    }),
+    now(13, "turns hardly", |rig| {
+        rig.world.set_wheel_drag(WATCHED, WHEEL, DRAG);
+    }),
+    now(14, "", |rig| rig.world.set_driver_fault(WATCHED, true)),
+    now(15, "", |rig| rig.world.set_emergency_stop(WATCHED, true)),
+    // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which announces that.
+    Case {
+        announced: Some(Fault::WatchdogReset),
+        ..now(15, "processor halted", |rig| {
             rig.world.halt(WATCHED, true);
             rig.world.set_emergency_stop(WATCHED, true);
-        }),
-    ),
-    (
-        16,
-        "",
-        Trial::NotCovered("the reference board does not measure its supply"),
-    ),
-    (17, "", Trial::After(late)),
-    (
-        18,
-        "",
-        Trial::NotCovered("the watchdog resets the robot after 50 ms, before the 100 ms are over"),
-    ),
-    (
-        19,
-        "HardFault",
-        Trial::Now(|rig| _ = rig.world.crash(WATCHED)),
-    ),
-    (
-        20,
-        "halted",
-        Trial::Now(|rig| _ = rig.world.halt(WATCHED, true)),
-    ),
-    (
-        21,
-        "",
-        Trial::NotCovered("not tried in the emulated group yet"),
-    ),
-    (
-        22,
-        "",
-        Trial::NotCovered("not tried in the emulated group yet"),
-    ),
+        })
+    },
+    Case {
+        settles_ms: SUPPLY_SETTLES_MS,
+        ..now(16, "", |rig| rig.world.set_supply(WATCHED, LOW_SUPPLY))
+    },
+    after(17, "", late),
+    after(18, "loops for ever", |rig| crash(rig, Crash::Loop)),
+    now(19, "HardFault", |rig| {
+        _ = rig.world.crash(WATCHED, Crash::Nowhere);
+    }),
+    after(19, "panic", |rig| crash(rig, Crash::Panic)),
+    after(19, "stack overflow", |rig| crash(rig, Crash::StackOverflow)),
+    now(20, "processor halted", |rig| {
+        _ = rig.world.halt(WATCHED, true);
+    }),
+    stored(21, "in any of its operations", super::power::interrupted),
+    stored(22, "a value out of its limits", super::power::corrupt),
 ];
+
+/// The program goes wrong as soon as it is where it can.
+fn crash(rig: &mut Rig, how: Crash) -> Result<(), SimError> {
+    const PATIENCE_US: u64 = 100_000;
+    let begun = rig.world.now().0;
+    while !rig.world.crash(WATCHED, how) {
+        let now = rig.world.now().0;
+        if now > begun + PATIENCE_US {
+            let problem = format!("the image has no place for {how:?}");
+            return Err(SimError::Plant { problem });
+        }
+        rig.world.run_until(canopen::Micros(now + 10))?;
+    }
+    Ok(())
+}
 
 /// A robot goes off the bus with its next frame.
 fn bus_off(rig: &mut Rig) -> Result<(), SimError> {

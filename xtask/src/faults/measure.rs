@@ -13,14 +13,16 @@ use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
-use protocol::{Fault, MemberState, Reaction};
+use protocol::{Fault, MemberState, Reaction, Value, address as at};
 use sim::rig::{Rig, STEP_US};
 use sim::{Backend, Options, RobotTruth, World};
 
-use super::causes::{Trial, WATCHED};
+use super::causes::{Case, Trial, WATCHED};
 
 /// Speed ahead, m/s.
 const SPEED: f32 = 0.6;
+/// What the robots are told about their supply of 24 V, V.
+const SUPPLY_MINIMUM: f32 = 18.0;
 /// Time to get ready after the start, and to reach the speed and settle, ms.
 const READY_MS: u64 = 60;
 const SETTLE_MS: u64 = 600;
@@ -48,10 +50,13 @@ pub struct Measured {
 pub fn measure(
     group: &GroupFile,
     firmware: &Firmware,
-    trial: Trial,
+    case: &Case,
     announced: Fault,
     reaction: Reaction,
 ) -> anyhow::Result<Measured> {
+    if let Trial::Stored(trial) = case.trial {
+        return trial(firmware);
+    }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
     let mut rig = driving(group, firmware)?;
     rig.run_to_phase(100, 1)?;
@@ -61,8 +66,16 @@ pub fn measure(
         before = before.min(effort(&watched(&rig)?));
     }
     let announced_before = rig.emergencies(node).count();
-    trial.begin(&mut rig)?;
+    match case.trial {
+        Trial::Now(appear) => appear(&mut rig),
+        Trial::After(appear) => appear(&mut rig)?,
+        Trial::Stored(_) => {}
+    }
     let began = rig.world.now().0;
+    if case.settles_ms > 0 {
+        rig.run(case.settles_ms)?;
+        before = effort(&watched(&rig)?);
+    }
     let since = |rig: &Rig| (rig.world.now().0 - began) as f64 / 1e3;
 
     let cuts = reaction == Reaction::Cut;
@@ -106,7 +119,15 @@ fn driving(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Rig> {
     };
     let world = World::new(group, Backend::Emulator(firmware.clone()), options)?;
     let mut link = SimLink::new(world, "faults");
-    Group::connect(&mut link, group)?.configure(true)?;
+    let mut session = Group::connect(&mut link, group)?;
+    session.configure(true)?;
+    for robot in &group.robots {
+        let minimum = Value::F32(SUPPLY_MINIMUM);
+        session
+            .wire()
+            .write(robot.node, at::SUPPLY_MINIMUM, minimum)?;
+    }
+    drop(session);
     let mut rig = Rig::new(link.world, group);
     rig.run(READY_MS)?;
     rig.command(NmtCommand::Start, None);

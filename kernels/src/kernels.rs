@@ -1,0 +1,131 @@
+//! What is counted. None is inlined, so that each has an address to be watched.
+
+use core::hint::black_box;
+
+use fixed::types::I16F16;
+use kinematics::arithmetic::sin_cos;
+use kinematics::{
+    AxisTable, FourWheelGeometry, GridCompensation, MemberKinematics, Mount, Odometry, Pose,
+    SpeedCompensation, Twist, VelocityCompensation, WheelRates, desaturate,
+};
+use motion::wheel::{Gains, WheelLoop, WheelReference};
+
+/// Inputs of every function.
+const INPUTS: u32 = 64;
+
+type Fixed = MemberKinematics<I16F16>;
+
+#[inline(never)]
+fn nothing(_: &MemberKinematics, _: &Twist, _: &mut WheelRates) {}
+
+#[inline(never)]
+fn inverse(k: &MemberKinematics, twist: &Twist, out: &mut WheelRates) {
+    *out = k.inverse(*twist);
+}
+
+#[inline(never)]
+fn inverse_desaturated(k: &MemberKinematics, twist: &Twist, out: &mut WheelRates) {
+    *out = desaturate(k.inverse(*twist), 12.0).0;
+}
+
+#[inline(never)]
+fn forward(k: &MemberKinematics, rates: &WheelRates, out: &mut Twist) {
+    *out = k.forward(rates);
+}
+
+#[inline(never)]
+fn forward_odometry(k: &MemberKinematics, angles: &WheelRates, odometry: &mut Odometry) {
+    odometry.advance_wheels(k, angles);
+}
+
+#[inline(never)]
+fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: f32, out: &mut f32) {
+    *out = wheel.update(*reference, rate, 24.0, 1e-3).0;
+}
+
+#[inline(never)]
+fn compensation(tables: &GridCompensation, twist: &Twist, out: &mut [f32; 3]) {
+    *out = tables.coefficients(*twist);
+}
+
+#[inline(never)]
+fn sine_cosine(angle: &f32, out: &mut (f32, f32)) {
+    *out = sin_cos(*angle);
+}
+
+#[inline(never)]
+fn fixed_inverse(k: &Fixed, twist: &Twist<I16F16>, out: &mut WheelRates<I16F16>) {
+    *out = k.inverse(*twist);
+}
+
+/// Numbers from -1 to 1, the same ones every time (Numerical Recipes' generator).
+struct Spread(u32);
+
+impl Spread {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.0 >> 8) as f32 / 8_388_608.0 - 1.0
+    }
+
+    fn twist(&mut self) -> Twist {
+        Twist::new(2.0 * self.next(), 2.0 * self.next(), self.next())
+    }
+}
+
+/// Calls everything with all inputs; gives up where the constants make no robot.
+pub fn run() {
+    let _ = calls();
+}
+
+fn calls() -> Option<()> {
+    let geometry =
+        FourWheelGeometry::new(0.370, 0.350, 0.1524, core::f32::consts::FRAC_PI_4).ok()?;
+    let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).ok()?;
+    let slip = VelocityCompensation::new(1.002, 1.033, 1.0195).ok()?;
+    let k = black_box(MemberKinematics::new(&geometry, &mount, &slip).ok()?);
+    let fixed = black_box(k.convert::<I16F16>().ok()?);
+    let axis = |rows| AxisTable::<3>::new(rows).ok();
+    let tables = black_box(GridCompensation::from(&SpeedCompensation {
+        longitudinal: axis(&[(0.1, 1.022), (0.3, 1.024), (0.5, 1.027)])?,
+        lateral: axis(&[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)])?,
+        yaw: axis(&[(0.2, 1.018), (0.5, 1.02), (1.0, 1.021)])?,
+    }));
+    let mut odometry = black_box(Odometry::new());
+    let mut wheel = black_box(WheelLoop::new(Gains {
+        static_friction: 0.4,
+        speed: 0.8,
+        acceleration: 0.15,
+        proportional: 1.0,
+        integral: 10.0,
+    }));
+    let mut spread = Spread(1);
+    for _ in 0..INPUTS {
+        let twist = black_box(spread.twist());
+        let (mut rates, mut back, mut voltage) = (WheelRates::ZERO, Twist::ZERO, 0.0);
+        let (mut coefficients, mut circle) = ([0.0; 3], (0.0, 0.0));
+        nothing(&k, &twist, black_box(&mut rates));
+        inverse_desaturated(&k, &twist, black_box(&mut rates));
+        inverse(&k, &twist, black_box(&mut rates));
+        forward(&k, black_box(&rates), black_box(&mut back));
+        let angles: [f32; 4] = rates.into();
+        let angles = black_box(WheelRates::from(angles.map(|rate| rate * 1e-3)));
+        forward_odometry(&k, &angles, black_box(&mut odometry));
+        let reference = black_box(WheelReference {
+            rate: rates.front_left,
+            acceleration: 20.0 * spread.next(),
+        });
+        let rate = black_box(rates.front_left + 0.2 * spread.next());
+        wheel_loop(
+            black_box(&mut wheel),
+            &reference,
+            rate,
+            black_box(&mut voltage),
+        );
+        compensation(&tables, &twist, black_box(&mut coefficients));
+        sine_cosine(black_box(&(3.0 * spread.next())), black_box(&mut circle));
+        let narrow = black_box(twist.convert::<I16F16>());
+        let mut fixed_rates = WheelRates::from([I16F16::ZERO; 4]);
+        fixed_inverse(&fixed, &narrow, black_box(&mut fixed_rates));
+    }
+    Some(())
+}

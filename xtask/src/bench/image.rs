@@ -1,0 +1,106 @@
+//! What the release image takes: flash by crate, variables, stack.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::Context as _;
+use emulator::Firmware;
+use object::{Object as _, ObjectSection as _};
+
+use super::figure::Figure;
+
+const FLASH: std::ops::Range<u64> = 0x0800_0000..0x0808_0000;
+
+/// Bytes of the image in flash and of its variables in RAM.
+pub fn sizes(elf: &Path) -> anyhow::Result<(u64, u64)> {
+    let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let file = object::File::parse(&*bytes).context("not an ELF file")?;
+    let (mut flash, mut ram) = (0, 0);
+    for section in file.sections() {
+        match section.name().unwrap_or_default() {
+            ".vector_table" | ".text" | ".rodata" => flash += section.size(),
+            ".data" => {
+                flash += section.size();
+                ram += section.size();
+            }
+            ".bss" | ".uninit" => ram += section.size(),
+            _ => {}
+        }
+    }
+    Ok((flash, ram))
+}
+
+/// Code by crate, from the names of the functions; constants are not in it.
+pub fn by_crate(firmware: &Firmware) -> Vec<(String, u32)> {
+    let mut crates: BTreeMap<String, u32> = BTreeMap::new();
+    for function in firmware.functions() {
+        if FLASH.contains(&u64::from(function.address)) {
+            *crates.entry(crate_of(&function.name)).or_default() += function.size;
+        }
+    }
+    let mut crates: Vec<_> = crates.into_iter().collect();
+    crates.sort_by_key(|(_, size)| std::cmp::Reverse(*size));
+    crates
+}
+
+/// The crate a function belongs to: of `<a::B as c::D>::e` it is `a`. Names without a path are the compiler's
+/// library and interrupt handlers.
+fn crate_of(name: &str) -> String {
+    let path = name.trim_start_matches(['<', '&', '[', '(']);
+    match path.split_once("::") {
+        Some((first, _)) if first.chars().all(|c| c.is_alphanumeric() || c == '_') => {
+            first.to_owned()
+        }
+        _ => "other".to_owned(),
+    }
+}
+
+/// Figures of the image.
+pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
+    let (flash, ram) = sizes(elf)?;
+    let stack = firmware
+        .variable("_stack_start")
+        .zip(firmware.variable("_stack_end"))
+        .map(|(start, end)| start.address - end.address)
+        .context("the image has no symbols of its stack")?;
+    let mut figures = vec![
+        Figure::new("memory.flash", flash as f64, "bytes")
+            .budget(65_536.0)
+            .ceiling(FLASH_CEILING),
+        Figure::new("memory.variables", ram as f64, "bytes"),
+        Figure::new("memory.stack.reserved", f64::from(stack), "bytes"),
+        Figure::new("memory.ram", ram as f64 + f64::from(stack), "bytes")
+            .budget(16_384.0)
+            .ceiling(RAM_CEILING),
+    ];
+    for (name, size) in by_crate(firmware).into_iter().take(14) {
+        figures.push(Figure::new(
+            format!("memory.flash.{name}"),
+            f64::from(size),
+            "bytes",
+        ));
+    }
+    Ok(figures)
+}
+
+/// The linker's own limits (`memory.x`).
+const FLASH_CEILING: f64 = 128.0 * 1024.0;
+const RAM_CEILING: f64 = 22.0 * 1024.0;
+
+#[cfg(test)]
+mod tests {
+    use super::crate_of;
+
+    #[test]
+    fn a_function_belongs_to_the_crate_its_path_begins_with() {
+        assert_eq!(
+            crate_of("omnibus_motion::control::ControlSide::tick"),
+            "omnibus_motion"
+        );
+        assert_eq!(
+            crate_of("<omnibus_controller::D as canopen::od::O>::read"),
+            "omnibus_controller"
+        );
+        assert_eq!(crate_of("__aeabi_memcpy"), "other");
+    }
+}

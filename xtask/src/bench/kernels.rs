@@ -1,0 +1,145 @@
+//! Instructions of the functions of the control tick, one by one: builds and runs `kernels/`.
+
+use std::path::PathBuf;
+use std::process::Stdio;
+
+use anyhow::{Context as _, bail, ensure};
+use emulator::{Board, BoardConfig, Firmware};
+
+use super::figure::Figure;
+use crate::cargo;
+
+/// A core with a floating-point unit, and one without.
+const TARGETS: [(&str, &str); 2] = [(cargo::TARGET, "m4f"), ("thumbv7m-none-eabi", "m3")];
+
+/// Function, name of the figure, budget and ceiling on the M4F, best peer.
+type Kernel = (
+    &'static str,
+    &'static str,
+    Option<(f64, f64)>,
+    Option<(f64, &'static str)>,
+);
+
+const KERNELS: [Kernel; 8] = [
+    (
+        "inverse",
+        "inverse",
+        Some((36.0, 36.0)),
+        Some((40.0, "ROSbot")),
+    ),
+    (
+        "inverse_desaturated",
+        "inverse_desaturated",
+        Some((85.0, 85.0)),
+        Some((108.0, "ArduRover")),
+    ),
+    (
+        "forward",
+        "forward",
+        Some((40.0, 40.0)),
+        Some((696.0, "linorobot2")),
+    ),
+    (
+        "forward_odometry",
+        "forward_odometry",
+        Some((160.0, 160.0)),
+        Some((851.0, "ROSbot")),
+    ),
+    (
+        "wheel_loop",
+        "wheel_loop",
+        Some((45.0, 45.0)),
+        Some((639.0, "linorobot2")),
+    ),
+    ("compensation", "compensation", None, None),
+    ("sine_cosine", "sincos", None, None),
+    ("fixed_inverse", "inverse.fixed", Some((60.0, 60.0)), None),
+];
+
+/// Time that the image is given, ns: it needs some 20 ms without a floating-point unit.
+const TIME_NS: u64 = 200_000_000;
+
+/// Builds the image for both cores, runs it, counts.
+pub fn figures() -> anyhow::Result<Vec<Figure>> {
+    let mut figures = Vec::new();
+    for (target, core) in TARGETS {
+        let firmware = Firmware::load(build(target)?)?;
+        let mut board = Board::new(&firmware, BoardConfig::default());
+        board.start_profile();
+        let address = |name: &str| {
+            let end = format!("kernels::{name}::");
+            let found = firmware
+                .functions()
+                .iter()
+                .find(|symbol| format!("{}::", symbol.name).contains(&end));
+            found
+                .map(|symbol| symbol.address)
+                .with_context(|| format!("the counting image has no function {name}"))
+        };
+        let nothing = address("nothing")?;
+        let addresses = KERNELS
+            .iter()
+            .map(|(function, ..)| address(function))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        if let Some(profile) = board.profile() {
+            profile.watch(nothing);
+            addresses.iter().for_each(|address| profile.watch(*address));
+        }
+        board.run_until(TIME_NS)?;
+        let profile = board.take_profile().context("nothing was counted")?;
+        let empty = profile
+            .calls(nothing)
+            .first()
+            .map_or(0, |call| call.instructions);
+        for ((function, name, bounds, peer), address) in KERNELS.iter().zip(addresses) {
+            let counts = profile
+                .calls(address)
+                .iter()
+                .map(|call| call.instructions - empty);
+            ensure!(
+                counts.len() == 64,
+                "{function}: {} calls of 64",
+                counts.len()
+            );
+            let mean = counts.clone().sum::<u64>() as f64 / 64.0;
+            let figure = |what: &str, value: f64| {
+                Figure::new(format!("{name}.{core}.{what}"), value, "instructions")
+            };
+            let mut worst = figure("max", counts.clone().max().unwrap_or_default() as f64);
+            let mut middle = figure("mean", mean);
+            if core == "m4f" {
+                if let Some((budget, ceiling)) = bounds {
+                    worst = worst.budget(*budget).ceiling(*ceiling);
+                }
+                if let Some((value, name)) = peer {
+                    middle = middle.peer(*value, name);
+                }
+            }
+            figures.push(figure("min", counts.min().unwrap_or_default() as f64));
+            figures.push(middle);
+            figures.push(worst);
+        }
+    }
+    Ok(figures)
+}
+
+fn build(target: &str) -> anyhow::Result<PathBuf> {
+    let mut command = cargo::command();
+    let status = command
+        .args([
+            "build",
+            "--quiet",
+            "--release",
+            "--package",
+            "omnibus-kernels",
+        ])
+        .args(["--target", target])
+        .stdout(Stdio::null())
+        .status()
+        .context("cannot start cargo")?;
+    if !status.success() {
+        bail!("the counting image does not build for {target}: rustup target add {target}");
+    }
+    let folder = cargo::target_folder().join(target);
+    Ok(folder.join("release/omnibus-kernels"))
+}

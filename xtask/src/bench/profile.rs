@@ -1,0 +1,87 @@
+//! Where the instructions of a driving robot go: `cargo xtask profile`.
+
+use anyhow::Context as _;
+use emulator::Firmware;
+use group::GroupFile;
+use sim::Options;
+
+use super::driving::Driving;
+use crate::cargo;
+
+/// Options of `cargo xtask profile`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The image; built if none is given.
+    #[arg(long, value_name = "ELF")]
+    image: Option<std::path::PathBuf>,
+    /// Milliseconds of driving.
+    #[arg(long, default_value_t = 1_000)]
+    millis: u64,
+    /// Functions to print.
+    #[arg(long, default_value_t = 50)]
+    top: usize,
+}
+
+/// Drives and prints.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let elf = match &arguments.image {
+        Some(path) => path.clone(),
+        None => crate::firmware::build(omnibus::report::Scalar::F32)?,
+    };
+    let firmware = Firmware::load(&elf)?;
+    let group = GroupFile::load(cargo::root().join("groups/tcc-3.toml"))?;
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let mut driving = Driving::new(&group, &firmware, options)?;
+    let robot = driving.first()?.clone();
+    robot.board(emulator::Board::start_profile);
+    let (cycles, slept) = robot.board(|board| board.cycles());
+    driving.drive(arguments.millis)?;
+    let (cycles_after, slept_after) = robot.board(|board| board.cycles());
+    let profile = robot
+        .board(emulator::Board::take_profile)
+        .context("it has not been profiled")?;
+
+    let span = (cycles_after - cycles) as f64;
+    let busy = span - (slept_after - slept) as f64;
+    let per_ms = |count: u64| count as f64 / arguments.millis as f64;
+    println!(
+        "load {:.3} %, {:.0} cycles in a millisecond",
+        100.0 * busy / span,
+        busy / arguments.millis as f64
+    );
+    let entries = profile.exceptions();
+    println!(
+        "exception entries: {:.2} in a millisecond, {:.0} cycles",
+        per_ms(entries.calls),
+        per_ms(entries.cycles)
+    );
+    println!(
+        "\n{:>9} {:>12} {:>9} {:>10}",
+        "exception", "instructions", "cycles", "stack from"
+    );
+    for (exception, usage) in profile.handlers() {
+        let lowest = profile.lowest_stack().get(exception).copied();
+        println!(
+            "{exception:>9} {:>12.1} {:>9.1} {:>#10x}",
+            per_ms(usage.instructions),
+            per_ms(usage.cycles),
+            lowest.unwrap_or_default()
+        );
+    }
+    println!(
+        "\n{:>12} {:>9} {:>8}  function (per millisecond, without what it calls)",
+        "instructions", "cycles", "calls"
+    );
+    for (name, usage) in profile.functions(&firmware).into_iter().take(arguments.top) {
+        println!(
+            "{:>12.1} {:>9.1} {:>8.2}  {name}",
+            per_ms(usage.instructions),
+            per_ms(usage.cycles),
+            per_ms(usage.calls)
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,108 @@
+//! An emulated robot that the world runs and that can still be looked into.
+//!
+//! The world owns its robots; this one is a handle, of which the world gets one and the measurement keeps another.
+//! The robot runs exactly as without it.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use canopen::Frame;
+use emulator::{Board, Firmware};
+use sim::SimError;
+use sim::motor::Drive;
+use sim::robot::emulated::EmulatedRobot;
+use sim::robot::{LogLine, Robot, Wake};
+
+/// See the [module](self).
+#[derive(Clone)]
+pub struct Watched(Arc<Mutex<Inner>>);
+
+struct Inner {
+    robot: EmulatedRobot,
+    received: Vec<u16>,
+}
+
+impl Watched {
+    /// A robot just switched on.
+    pub fn new(firmware: &Firmware, node: u8, crystal_ppm: f64) -> Result<Self, SimError> {
+        let robot = EmulatedRobot::new(firmware, node, crystal_ppm)?;
+        Ok(Self(Arc::new(Mutex::new(Inner {
+            robot,
+            received: Vec::new(),
+        }))))
+    }
+
+    /// Looks at the board or changes something about it.
+    pub fn board<T>(&self, f: impl FnOnce(&mut Board) -> T) -> T {
+        f(self.lock().robot.board_mut())
+    }
+
+    /// Identifiers of the frames it has been given, in order.
+    pub fn received(&self) -> Vec<u16> {
+        self.lock().received.clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        // Nothing is left half-done when a measurement panics.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Robot for Watched {
+    fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
+        self.lock().robot.run_until(time_ns)
+    }
+
+    fn wake(&self) -> Wake {
+        self.lock().robot.wake()
+    }
+
+    fn pending(&self) -> Option<Frame> {
+        self.lock().robot.pending()
+    }
+
+    fn begin(&mut self) {
+        self.lock().robot.begin();
+    }
+
+    fn transmitted(&mut self) {
+        self.lock().robot.transmitted();
+    }
+
+    fn lost_arbitration(&mut self) {
+        self.lock().robot.lost_arbitration();
+    }
+
+    fn receive(&mut self, frame: &Frame) {
+        let mut inner = self.lock();
+        inner.received.push(frame.id());
+        inner.robot.receive(frame);
+    }
+
+    fn drives(&self) -> [Drive; 4] {
+        self.lock().robot.drives()
+    }
+
+    fn turn_encoders(&mut self, counts: [i32; 4]) {
+        self.lock().robot.turn_encoders(counts);
+    }
+
+    fn set_emergency_stop(&mut self, pressed: bool) {
+        self.lock().robot.set_emergency_stop(pressed);
+    }
+
+    fn set_driver_fault(&mut self, fault: bool) {
+        self.lock().robot.set_driver_fault(fault);
+    }
+
+    fn set_power(&mut self, on: bool) {
+        self.lock().robot.set_power(on);
+    }
+
+    fn take_log(&mut self) -> Vec<LogLine> {
+        self.lock().robot.take_log()
+    }
+
+    fn instructions(&self) -> u64 {
+        self.lock().robot.instructions()
+    }
+}
