@@ -1,7 +1,8 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
 //! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one,
-//! for bus-off, and in any case every 2 ms. Each turn it hands over the control side's latest report, then the frames
+//! for bus-off, and in any case every 2 ms. Its one timer runs on while frames come: to set it anew at every frame
+//! costs more than to handle most of them. Each turn it hands over the control side's latest report, then the frames
 //! in the order they were received, each with the time its interrupt noted, and leaves the command that results. A
 //! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
 //! full the bus side counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to
@@ -20,7 +21,7 @@ use protocol::Fault;
 use crate::board::can::{Can, Health};
 use crate::board::flash::{ParameterFlash, patiently};
 use crate::board::now;
-use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, REPORT, SYNC};
+use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
 use crate::store::{self, Store};
 
@@ -35,12 +36,17 @@ const SHORTEST_WAIT: Duration = Duration::from_micros(50);
 pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<ParameterFlash>) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
+    let mut due = deadline(side);
+    let mut timer = Timer::at(due);
     loop {
         let event = can.event(waiting.is_some());
-        let woken = select3(can.receive(), Timer::at(deadline(side)), event).await;
+        let woken = select3(can.receive(), &mut timer, event).await;
 
         if let Some(report) = REPORT.get() {
             side.on_report(&report);
+        }
+        if let Some(outcome) = IDENTIFIED.try_take() {
+            side.on_identification(now(), &outcome);
         }
         let mut received = match woken {
             Either3::First(received) => Some(received),
@@ -81,6 +87,12 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         }
         led::show(pattern(side, health.bus_off));
         BUS_PROGRESS.made();
+
+        let next = deadline(side);
+        if next < due || due <= Instant::now() {
+            due = next;
+            timer = Timer::at(due);
+        }
     }
 }
 
@@ -91,7 +103,9 @@ fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
         return false;
     };
     defmt::info!("storing {=usize} bytes", image.len());
-    if patiently(|| store.save(image)).is_ok() {
+    let saved = patiently(|| store.save(image));
+    side.counters_mut().store = store.wear();
+    if saved.is_ok() {
         side.finish_store(Ok(()));
         return true;
     }

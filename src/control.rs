@@ -2,8 +2,8 @@
 //!
 //! It runs on the control executor, above everything but time and CAN reception, and is the only one that touches
 //! the motor outputs and the brake. Each tick reads the encoders and the stop and fault inputs, takes the bus side's
-//! latest command, lets the controller decide, sets the outputs and leaves a report. Then it sleeps until the tick
-//! that the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. When a
+//! latest command, lets the controller decide, sets the outputs, leaves a report and looks after the watchdog. Then it
+//! sleeps until the tick that the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. When a
 //! tick cannot start in time it starts late, and the lateness is noted; ticks that have passed altogether are not
 //! made up for.
 
@@ -12,12 +12,21 @@ use embassy_stm32::gpio::Input;
 use embassy_time::{Instant, Timer};
 
 use crate::board::drive::Drive;
-use crate::board::{Encoders, now};
-use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, CONTROL_PROGRESS, REPORT, SYNC};
+use crate::board::index::Indexes;
+use crate::board::{Encoders, SupplyMeter, now};
+use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
+use crate::watchdog::Guard;
 
 /// Turns commands and encoder counts into motor outputs.
 #[embassy_executor::task]
-pub async fn control(mut drive: Drive, encoders: Encoders, driver_fault: Input<'static>) {
+pub async fn control(
+    mut drive: Drive,
+    encoders: Encoders,
+    indexes: Indexes,
+    driver_fault: Input<'static>,
+    supply: SupplyMeter,
+    mut guard: Guard,
+) {
     let mut side = ControlSide::new();
     let mut phase = TickPhase::new();
     let mut due = phase.next(now());
@@ -28,11 +37,14 @@ pub async fn control(mut drive: Drive, encoders: Encoders, driver_fault: Input<'
             phase = TickPhase::with_period(configuration.times.sync_period_us);
             side.configure(configuration);
         }
+        // Before the counts, so that no pulse is ahead of them.
+        let index = indexes.pulses();
         let inputs = Inputs {
+            index,
             encoder_counts: encoders.counts(),
             emergency_stop: drive.emergency_stop(),
             driver_fault: driver_fault.is_low(),
-            supply: None,
+            supply: Some(supply.volts()),
         };
         let outputs = side.tick(begin, &COMMAND.get().unwrap_or_default(), &inputs);
         drive.set(
@@ -40,10 +52,14 @@ pub async fn control(mut drive: Drive, encoders: Encoders, driver_fault: Input<'
             outputs.drivers_enabled,
             outputs.brake_released,
         );
-        REPORT.put(side.report());
+        let report = side.report();
+        REPORT.put(report);
+        if let Some(outcome) = side.take_identification() {
+            IDENTIFIED.signal(outcome);
+        }
+        guard.tick(&report);
 
         CONTROL_LATENESS.note(begin.since(due));
-        CONTROL_PROGRESS.made();
         if let Some(sync) = SYNC.get() {
             phase.on_sync(sync);
         }

@@ -6,7 +6,8 @@
 //! | [`CONFIGURATION`] | bus | control | the newer configuration replaces it |
 //! | [`SYNC`] | bus | control | the newer time replaces it |
 //! | [`REPORT`] | control | bus | the newer report replaces it |
-//! | [`BUS_PROGRESS`], [`CONTROL_PROGRESS`] | both | watchdog | counts go on; only a change matters |
+//! | [`IDENTIFIED`] | control | bus | the newer result replaces it |
+//! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
 //! A cell is copied with interrupts masked. That takes well under a microsecond for the sizes at hand, far less than
@@ -16,6 +17,7 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use canopen::Micros;
+use controller::identification::Outcome;
 use controller::{Command, Configuration, Report};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -49,14 +51,14 @@ pub static SYNC: Latest<Micros> = Latest::new();
 /// What the control side measured and decided.
 pub static REPORT: Latest<Report> = Latest::new();
 
+/// What an identification came to, until the bus side has taken it.
+pub static IDENTIFIED: Signal<CriticalSectionRawMutex, Outcome> = Signal::new();
+
 /// A new configuration, until the control side has taken it.
 pub static CONFIGURATION: Signal<CriticalSectionRawMutex, Configuration> = Signal::new();
 
 /// Turns that the bus task has completed.
 pub static BUS_PROGRESS: Progress = Progress::new();
-
-/// Ticks that the control task has completed.
-pub static CONTROL_PROGRESS: Progress = Progress::new();
 
 /// Longest time by which a control tick started late, since it was last asked for.
 pub static CONTROL_LATENESS: Longest = Longest::new();

@@ -7,10 +7,9 @@
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
 //! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 2 ms | CANopen, agreement, state machine, parameter store |
-//! | [`watchdog`] | bus | every 10 ms | feeds the watchdog while bus and control both come round |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
-//! | [`control`] | control | every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake |
+//! | [`control`] | control | every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while bus and control both come round |
 //!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
@@ -18,7 +17,7 @@
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `controller` | those, yes | newest dropped, counted |
 //! | bus | control | [`handover`]: command, configuration, SYNC time | no, the latest wins | |
 //! | control | bus | [`handover`]: report | no, the latest wins | |
-//! | bus, control | watchdog | [`handover`]: counts | no | no progress in both: not fed, reset |
+//! | bus | control | [`handover`]: count of turns | no | no progress: the watchdog is not fed, reset |
 //! | bus | led | pattern | no, the latest wins | |
 //! | control | health | [`handover`]: worst lateness | no | |
 //! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it |

@@ -3,16 +3,18 @@
 use core::mem::MaybeUninit;
 
 use canopen::NodeId;
-use controller::{BusSide, IMAGE_MAX, Identity, Stored};
+use controller::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use defmt::unwrap;
 use embassy_executor::Spawner;
 use protocol::Fault;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::flash::{PARAMETERS, ParameterFlash, patiently};
-use crate::board::{Board, ResetCause, executors, now, post_mortem};
+use crate::board::post_mortem::{self, Failure};
+use crate::board::{Board, ResetCause, executors, now};
 use crate::store::{self, Store};
-use crate::{bus, control, health, led, watchdog};
+use crate::watchdog::Guard;
+use crate::{bus, control, health, led};
 
 /// Node id with all switches open.
 const FIRST_NODE: u8 = 2;
@@ -39,16 +41,30 @@ fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
         Err(_) => Stored::Unreadable,
     };
     side.load(now(), IMAGE.take(), stored);
+    side.counters_mut().store = store.wear();
+}
+
+/// The node-ID stored by LSS, if there is one. Not inlined, for the same reason.
+#[inline(never)]
+fn node_stored(store: &mut Store<ParameterFlash>) -> Option<NodeId> {
+    let mut buffer = [0; store::BUFFER];
+    let image = patiently(|| store.load(&mut buffer)).ok().flatten()?;
+    stored_node(image)
 }
 
 /// Starts everything; never returns.
 pub fn start() -> ! {
     let board = Board::new();
-    let node = FIRST_NODE + board.node_switches;
+    let switches = unwrap!(NodeId::new(FIRST_NODE + board.node_switches));
+    let mut store = Store::new(board.flash, PARAMETERS);
+    // What cannot be read now cannot be read later either, and is reported then.
+    let save_was_cut = patiently(|| store.open()).unwrap_or(false);
+    let node = node_stored(&mut store).unwrap_or(switches);
     defmt::info!(
-        "reset: {}, node {=u8}, serial {=u32:#010x}",
+        "reset: {}, node {=u8} (switches {=u8}), serial {=u32:#010x}",
         board.reset_cause,
-        node,
+        node.get(),
+        switches.get(),
         board.serial
     );
     let crash = post_mortem::take();
@@ -60,13 +76,17 @@ pub fn start() -> ! {
     let identity = Identity {
         reset_cause: board.reset_cause as u8,
         storage: true,
-        ..Identity::new(unwrap!(NodeId::new(node)), board.serial)
+        node_switches: switches.get(),
+        ..Identity::new(node, board.serial)
     };
     let side = place(BUS_SIDE.uninit(), identity);
     side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
-    let mut store = Store::new(board.flash, PARAMETERS);
     load(side, &mut store);
+    if save_was_cut {
+        side.on_fault(now(), Fault::StoreInterrupted);
+    }
     match (crash, by_watchdog) {
+        (Some(Failure::BusStarved), _) => side.on_fault(now(), Fault::BusStarved),
         (Some(_), _) => side.on_fault(now(), Fault::Crash),
         (None, true) => side.on_fault(now(), Fault::WatchdogReset),
         (None, false) => {}
@@ -75,11 +95,13 @@ pub fn start() -> ! {
     executors::start_control().spawn(unwrap!(control::control(
         board.drive,
         board.encoders,
-        board.driver_fault
+        board.indexes,
+        board.driver_fault,
+        board.supply,
+        Guard::new(board.watchdog)
     )));
     executors::bus().run(|spawner: Spawner| {
         spawner.spawn(unwrap!(bus::bus(board.can, side, store)));
-        spawner.spawn(unwrap!(watchdog::watchdog(board.watchdog)));
         spawner.spawn(unwrap!(led::led(board.led)));
         spawner.spawn(unwrap!(health::health()));
     })

@@ -6,7 +6,11 @@
 mod common;
 
 use common::{Drive, quick_drive};
+use kinematics::{MemberKinematics, Mount};
 use omnibus::curve::Curve;
+use omnibus::identify;
+use omnibus::session::Group;
+use omnibus::sim_link::SimLink;
 use sim::{Backend, Options, World};
 
 /// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
@@ -134,4 +138,89 @@ fn emulated_robots_do_not_notice_threads() {
         world.digest()
     };
     assert_eq!(digest(1), digest(2));
+}
+
+/// The paper's figure-eight, its first seconds with the peak of all wheel rates in them, wheel by wheel.
+#[test]
+fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
+    let group = common::group("tcc-3");
+    let plan = Curve::FigureEight.plan(true);
+    let options = Options {
+        truth_period_ns: u64::from(group.sync_period_us) * 1_000,
+        start: plan.start(),
+        ..Options::default()
+    };
+    let world = World::new(&group, Backend::Emulator(image()), options).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let members: Vec<MemberKinematics> = group
+        .robots
+        .iter()
+        .map(|robot| {
+            let mount = Mount::new(robot.mount).unwrap();
+            MemberKinematics::new(&robot.geometry, &mount, &robot.compensation).unwrap()
+        })
+        .collect();
+    let (mut sum, mut count, mut peak) = (0.0_f64, 0.0, 0.0_f64);
+    let mut session = Group::connect(&mut link, &group).unwrap();
+    session.configure(true).unwrap();
+    session.start().unwrap();
+    session
+        .follow(&plan, &mut |link, instant| {
+            let robots = link.world.truth().robots;
+            let body = instant.twist.to_world(-instant.pose.heading);
+            for (robot, member) in robots.iter().zip(&members) {
+                let wanted: [f32; 4] = member.inverse(body).into();
+                let rates: [f64; 4] = robot.wheel_rates.into();
+                for (wanted, rate) in wanted.map(f64::from).into_iter().zip(rates) {
+                    sum += (rate - wanted).powi(2);
+                    count += 1.0;
+                    peak = peak.max(wanted.abs());
+                }
+            }
+        })
+        .unwrap();
+    let rms = (sum / count).sqrt();
+    println!(
+        "wheel tracking in the figure-eight: {rms:.4} rad/s rms, {:.2} % of the peak {peak:.2} rad/s",
+        rms / peak * 100.0
+    );
+    assert!(peak > 5.0, "{peak} rad/s is no figure-eight");
+    assert!(rms < 0.01 * peak, "{rms} of {peak} rad/s");
+}
+
+/// The release image finds the constants of the simulated motors, and gains that drive them.
+#[test]
+fn motors_are_identified_over_the_bus() {
+    let group = common::group("tcc-3");
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let world = World::new(&group, Backend::Emulator(image()), options).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let mut session = Group::connect(&mut link, &group).unwrap();
+    session.configure(true).unwrap();
+    let period_us = session.period_us();
+    let settings = identify::Settings::default();
+    let wire = session.wire();
+    let motors = identify::identify_motors(wire, 3, period_us, &settings, &mut |_| {}).unwrap();
+    let motor = &group.robots[1].motor;
+    let forward = motor.feedforward();
+    for found in &motors {
+        println!("{found:?}");
+        let near = |found: f32, duty: f32, share: f32| {
+            let known = duty * motor.supply;
+            assert!(
+                (found / known - 1.0).abs() < share,
+                "{found} V instead of {known} V"
+            );
+        };
+        near(found.speed, forward.duty_per_rate, 0.01);
+        near(found.acceleration, forward.duty_per_acceleration, 0.02);
+        // 1 % of the ramp's 4.4 V.
+        let friction = found.static_friction - forward.duty_static * motor.supply;
+        assert!(friction.abs() < 0.05, "{friction} V");
+    }
+    identify::accept(wire, 3, &motors).unwrap();
+    session.start().unwrap();
 }

@@ -137,15 +137,23 @@ fn power_on(memory: &Rc<RefCell<Memory>>) -> Store<Fake> {
     Store::new(Fake(Rc::clone(memory)), 0)
 }
 
-fn load(memory: &Rc<RefCell<Memory>>) -> Option<Vec<u8>> {
+/// What is stored, and whether the last save was cut off.
+fn start(memory: &Rc<RefCell<Memory>>) -> (Option<Vec<u8>>, bool) {
+    let mut store = power_on(memory);
+    let cut = store.open().expect("it can be opened");
     let mut buffer = [0; BUFFER];
-    let image = power_on(memory).load(&mut buffer).expect("it can be read");
-    image.map(<[u8]>::to_vec)
+    let image = store.load(&mut buffer).expect("it can be read");
+    (image.map(<[u8]>::to_vec), cut)
+}
+
+fn load(memory: &Rc<RefCell<Memory>>) -> Option<Vec<u8>> {
+    start(memory).0
 }
 
 /// Saves one image after the other until the power fails; returns how many saves were complete.
 fn save_all(memory: &Rc<RefCell<Memory>>) -> u8 {
     let mut store = power_on(memory);
+    store.open().expect("it can be opened");
     let done = (1..=SAVES).take_while(|n| store.save(&image(*n)).is_ok());
     u8::try_from(done.count()).unwrap()
 }
@@ -168,25 +176,50 @@ fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_image() {
     let whole = Memory::new();
     save_all(&whole);
     let operations = whole.borrow().operations;
+    let mut cuts_told = 0;
     for left in [Left::Nothing, Left::Half, Left::All] {
         for cut in 1..=operations {
             let memory = Memory::new();
             memory.borrow_mut().cut = Some((cut, left));
             let complete = save_all(&memory);
             memory.borrow_mut().cut = None;
-            let found = load(&memory);
+            let (found, told) = start(&memory);
             let old = (complete > 0).then(|| image(complete));
             let new = Some(image(complete + 1));
             assert!(
                 found == old || found == new,
                 "{left:?} of operation {cut}, after {complete} saves"
             );
+            // Whoever waits for an answer in vain finds either nothing changed or the robot saying so.
+            assert!(told || found == old, "{left:?} of operation {cut}");
+            cuts_told += u32::from(told);
+            assert!(!start(&memory).1, "it is told once");
             // It goes on working.
             let next = image(SAVES + 1);
             power_on(&memory).save(&next).expect("it can be written");
             assert_eq!(load(&memory), Some(next), "{left:?} of operation {cut}");
         }
     }
+    assert!(cuts_told > 0, "the test cuts into saves");
+}
+
+#[test]
+fn wear_is_counted_and_kept() {
+    let memory = Memory::new();
+    assert_eq!(save_all(&memory), SAVES);
+    let mut store = power_on(&memory);
+    assert!(!store.open().unwrap(), "nothing was cut off");
+    let wear = store.wear();
+    assert_eq!(wear.saves, u32::from(SAVES));
+    assert_eq!(wear.cut, 0);
+    // The erase that the last record itself needed is only in the next one.
+    let erases = memory.borrow().erases as u32;
+    assert!(
+        wear.erases == erases || wear.erases + 1 == erases,
+        "{wear:?}, {erases}"
+    );
+    store.save(&image(1)).unwrap();
+    assert_eq!(store.wear().saves, u32::from(SAVES) + 1);
 }
 
 /// The power fails once more while the store puts right what the first failure left.
@@ -196,7 +229,8 @@ fn a_second_cut_during_the_repair_loses_nothing() {
     save_all(&whole);
     let operations = whole.borrow().operations;
     let mut repairs = 0;
-    for cut in 1..=operations {
+    // Every seventh first failure, each with every second one: all of them take minutes.
+    for cut in (1..=operations).step_by(7) {
         let broken = Memory::new();
         broken.borrow_mut().cut = Some((cut, Left::Half));
         let complete = save_all(&broken);
@@ -206,7 +240,8 @@ fn a_second_cut_during_the_repair_loses_nothing() {
             memory.borrow_mut().bytes.clone_from(&bytes);
             memory.borrow_mut().cut = Some((second, Left::Half));
             let mut buffer = [0; BUFFER];
-            let is_repaired = power_on(&memory).load(&mut buffer).is_ok();
+            let mut store = power_on(&memory);
+            let is_repaired = store.open().is_ok() && store.load(&mut buffer).is_ok();
             if is_repaired {
                 break;
             }

@@ -4,14 +4,20 @@
 //! and the emergency-stop input clears it in hardware (break input), with the core halted or not. With MOE clear
 //! the outputs are driven to their idle level, low, not left floating (`OSSI`).
 //!
+//! Driver enable and brake release are outputs of TIM8, channels 2 and 3, complementary outputs alone, forced to a
+//! level instead of compared (RM0390 17.4.7, OCxM 100 and 101). TIM8 counts nothing; it is there for its own break
+//! input, to which the emergency stop is wired as well: a stop takes drivers and brake back without the processor.
+//!
 //! Compare values are not preloaded: they act at once, so that the moment of a change is the moment of the tick
 //! and not the end of a PWM period up to 50 us later. A value written in the middle of a period can shorten or
 //! lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be missed.
 
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::pac::timer::vals::{Bkp, Ossi, Ossr};
-use embassy_stm32::peripherals::TIM1;
+use embassy_stm32::pac;
+use embassy_stm32::pac::timer::vals::{Bkp, Ocm, Ossi, Ossr};
+use embassy_stm32::peripherals::{TIM1, TIM8};
+use embassy_stm32::rcc;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel;
 use embassy_stm32::timer::low_level::{CountingMode, OutputCompareMode, RoundTo, Timer};
@@ -26,27 +32,39 @@ pub struct Drive {
     /// Timer clocks in one PWM period.
     period: f32,
     _pwm: [Flex<'static>; 4],
-    stop: Flex<'static>,
+    /// Break inputs of TIM1 and TIM8.
+    stop: [Flex<'static>; 2],
     direction: [Output<'static>; 4],
-    driver_enable: Output<'static>,
-    brake_release: Output<'static>,
+    /// Driver enable and brake release.
+    _gate: [Flex<'static>; 2],
     enabled: bool,
+}
+
+/// The pins of [`Drive`].
+pub struct Pins {
+    /// TIM1 channels 1 to 4, alternate function 1.
+    pub pwm: [Flex<'static>; 4],
+    /// Break inputs: TIM1 on alternate function 1, TIM8 on 3.
+    pub stop: [Flex<'static>; 2],
+    /// Directions of the wheels.
+    pub direction: [Output<'static>; 4],
+    /// Driver enable and brake release: TIM8 CH2N and CH3N, alternate function 3; driven low until now.
+    pub gate: [Flex<'static>; 2],
 }
 
 impl Drive {
     /// Takes the outputs; drivers disabled, brake engaged.
-    ///
-    /// `pwm` are the pins of channels 1 to 4 and `stop` the break input, all on alternate function 1 (TIM1).
-    pub fn new(
-        timer: Peri<'static, TIM1>,
-        pwm: [Flex<'static>; 4],
-        stop: Flex<'static>,
-        direction: [Output<'static>; 4],
-        driver_enable: Output<'static>,
-        brake_release: Output<'static>,
-    ) -> Self {
-        // Data sheet DS10693 rev 10, table 11: TIM1 is alternate function 1 on PA8..PA11 and PB12.
+    pub fn new(timer: Peri<'static, TIM1>, _gate_timer: Peri<'static, TIM8>, pins: Pins) -> Self {
+        // Data sheet DS10693 rev 10, table 11: TIM1 is alternate function 1 on PA8..PA11 and PB12, TIM8 is 3 on PA6,
+        // PB0 and PB1.
         const TIM1_AF: u8 = 1;
+        const TIM8_AF: u8 = 3;
+        let Pins {
+            pwm,
+            stop: [mut stop, mut gate_stop],
+            direction,
+            gate,
+        } = pins;
         let timer = Timer::new(timer);
         timer.set_counting_mode(CountingMode::EdgeAlignedUp);
         timer.set_frequency(PWM_FREQUENCY, RoundTo::Slower);
@@ -64,9 +82,26 @@ impl Drive {
         timer.generate_update_event();
         timer.start();
 
-        let mut stop = stop;
         stop.set_as_af_unchecked(TIM1_AF, AfType::input(Pull::Up));
         timer.set_break_enable(true);
+
+        rcc::enable_and_reset::<TIM8>();
+        gate_stop.set_as_af_unchecked(TIM8_AF, AfType::input(Pull::Up));
+        pac::TIM8.bdtr().write(|w| {
+            w.set_ossi(Ossi::IDLE_LEVEL);
+            w.set_ossr(Ossr::IDLE_LEVEL);
+            w.set_bkp(0, Bkp::ACTIVE_HIGH);
+            w.set_bke(0, true);
+        });
+        force(false, false);
+        pac::TIM8.ccer().write(|w| {
+            w.set_ccne(1, true);
+            w.set_ccne(2, true);
+        });
+        let gate = gate.map(|mut pin| {
+            pin.set_as_af_unchecked(TIM8_AF, AfType::output(OutputType::PushPull, Speed::Low));
+            pin
+        });
         let pwm = pwm.map(|mut pin| {
             pin.set_as_af_unchecked(
                 TIM1_AF,
@@ -79,10 +114,9 @@ impl Drive {
             timer,
             period,
             _pwm: pwm,
-            stop,
+            stop: [stop, gate_stop],
             direction,
-            driver_enable,
-            brake_release,
+            _gate: gate,
             enabled: false,
         }
     }
@@ -90,7 +124,8 @@ impl Drive {
     /// Whether the emergency stop is pressed, its wire is broken, or it has cut the outputs since they were
     /// last enabled.
     pub fn emergency_stop(&self) -> bool {
-        self.stop.is_high() || (self.enabled && !self.timer.get_moe())
+        let cut = || !self.timer.get_moe() || !pac::TIM8.bdtr().read().moe();
+        self.stop.iter().any(Flex::is_high) || (self.enabled && cut())
     }
 
     /// Sets the outputs.
@@ -99,8 +134,8 @@ impl Drive {
     /// break input, they come back only when `drivers_enabled` goes from `false` to `true`.
     pub fn set(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
         if !drivers_enabled {
+            pac::TIM8.bdtr().modify(|w| w.set_moe(false));
             self.timer.set_moe(false);
-            self.driver_enable.set_low();
         }
         for ((channel, direction), duty) in CHANNELS.into_iter().zip(&mut self.direction).zip(duty)
         {
@@ -109,13 +144,30 @@ impl Drive {
             self.timer
                 .set_compare_value(channel, compare(duty, self.period));
         }
+        force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
-            self.driver_enable.set_high();
+            pac::TIM8.bdtr().modify(|w| w.set_moe(true));
             self.timer.set_moe(true);
         }
         self.enabled = drivers_enabled;
-        self.brake_release.set_level(Level::from(brake_released));
     }
+}
+
+/// What TIM8 puts on driver enable and brake release while its outputs are on.
+fn force(drivers_enabled: bool, brake_released: bool) {
+    let level = |high| {
+        if high {
+            Ocm::FORCE_ACTIVE
+        } else {
+            Ocm::FORCE_INACTIVE
+        }
+    };
+    pac::TIM8
+        .ccmr_output(0)
+        .write(|w| w.set_ocm(1, level(drivers_enabled)));
+    pac::TIM8
+        .ccmr_output(1)
+        .write(|w| w.set_ocm(0, level(brake_released)));
 }
 
 /// Timer clocks for which the output is high; `period` clocks are always high.
@@ -130,11 +182,11 @@ fn compare(duty: f32, period: f32) -> u16 {
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
 pub fn cut() {
-    use embassy_stm32::pac;
-    // The pins may still be inputs when start-up itself has failed; the outputs then float as they do in reset.
+    // While start-up has not come so far the pins are outputs of the port, or still inputs; those float as in reset.
     pac::GPIOB.bsrr().write(|w| {
         w.set_br(super::nucleo_f446re::DRIVER_ENABLE_PB, true);
         w.set_br(super::nucleo_f446re::BRAKE_RELEASE_PB, true);
     });
+    pac::TIM8.bdtr().modify(|w| w.set_moe(false));
     pac::TIM1.bdtr().modify(|w| w.set_moe(false));
 }

@@ -90,9 +90,12 @@ fn set_watchdog(prescaler: Pr, reload: u16) {
     let watchdog = pac::IWDG;
     // Fed first: the time that has passed must not count against a shorter one.
     watchdog.kr().write(|w| w.set_key(Key::RESET));
-    watchdog.kr().write(|w| w.set_key(Key::ENABLE));
-    watchdog.pr().write(|w| w.set_pr(prescaler));
-    watchdog.rlr().write(|w| w.set_rl(reload));
+    // The control side feeds it too, which ends the permission to write.
+    cortex_m::interrupt::free(|_| {
+        watchdog.kr().write(|w| w.set_key(Key::ENABLE));
+        watchdog.pr().write(|w| w.set_pr(prescaler));
+        watchdog.rlr().write(|w| w.set_rl(reload));
+    });
     while watchdog.sr().read().0 != 0 {}
     watchdog.kr().write(|w| w.set_key(Key::RESET));
 }

@@ -8,9 +8,11 @@ pub mod can;
 pub mod drive;
 pub mod executors;
 pub mod flash;
+pub mod index;
+mod memory;
 mod nucleo_f446re;
 pub mod post_mortem;
 mod safe_state;
 pub mod stack;
 
-pub use nucleo_f446re::{Board, Encoders, ResetCause, now};
+pub use nucleo_f446re::{Board, Encoders, ResetCause, SupplyMeter, now};

@@ -5,10 +5,12 @@
 //! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PA8 PA9 PA10 PA11 |
 //! | direction, same order; high rolls the base forward | GPIO | PC0 PC1 PC2 PC3 |
 //! | encoders, same order; count up when the base rolls forward | TIM2 TIM3 TIM4 TIM5 | PA15/PB3 PC6/PC7 PB6/PB7 PA0/PA1 |
+//! | encoder index, same order; a rising edge once a turn | EXTI lines 10 12 14 15 | PB10 PA12 PB14 PB15 |
 //! | CAN | CAN1 | PB8 receive, PB9 transmit |
-//! | driver enable, high is enabled | GPIO | PB0 |
-//! | holding brake, high is released | GPIO | PB1 |
-//! | emergency stop, normally closed to ground; high stops | TIM1 BKIN | PB12 |
+//! | driver enable, high is enabled | TIM8 CH2N | PB0 |
+//! | holding brake, high is released | TIM8 CH3N | PB1 |
+//! | emergency stop, normally closed to ground; high stops | TIM1 BKIN, TIM8 BKIN | PB12 and PA6, wired together |
+//! | supply voltage, divided by 11 | ADC1 IN4 | PA4 |
 //! | driver fault, low is a fault | GPIO | PB13 |
 //! | node id switches, closed to ground is 1 | GPIO | PC8 (bit 0) PC9 PC10 PC11 |
 //! | LED LD2 | GPIO | PA5 |
@@ -17,21 +19,24 @@
 //! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
 use canopen::Micros;
+use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
-use embassy_stm32::peripherals::{IWDG, TIM2, TIM3, TIM4, TIM5};
+use embassy_stm32::pac::adc::vals::SampleTime;
+use embassy_stm32::peripherals::{ADC1, IWDG, PA4, TIM2, TIM3, TIM4, TIM5};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::{self, Qei};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Config, pac, uid};
+use embassy_stm32::{Config, Peri, pac, uid};
 use embassy_time::Instant;
 
 use super::can::Can;
-use super::drive::Drive;
+use super::drive::{Drive, Pins};
 use super::executors;
 use super::flash::ParameterFlash;
+use super::index::Indexes;
 
 /// Bit of port B that enables the motor drivers.
 pub const DRIVER_ENABLE_PB: usize = 0;
@@ -50,8 +55,12 @@ pub struct Board {
     pub drive: Drive,
     /// Encoder counters.
     pub encoders: Encoders,
+    /// Encoder index inputs.
+    pub indexes: Indexes,
     /// Low when a motor driver reports a fault.
     pub driver_fault: Input<'static>,
+    /// Supply voltage.
+    pub supply: SupplyMeter,
     /// LED LD2.
     pub led: Output<'static>,
     /// Watchdog, running.
@@ -107,13 +116,56 @@ impl Encoders {
     }
 }
 
+/// The supply voltage, at a divider of 100 kOhm and 10 kOhm.
+///
+/// ADC1 converts its one channel over and over, every 21.9 us, and nobody waits for it: reading takes the last result.
+pub struct SupplyMeter {
+    /// Kept: it is switched off when dropped.
+    _adc: Adc<'static, ADC1>,
+}
+
+impl SupplyMeter {
+    /// Supply voltage per voltage at the pin.
+    const DIVIDER: f32 = 11.0;
+    /// The board's analog reference, V, and steps of the converter.
+    const REFERENCE: f32 = 3.3;
+    const STEPS: f32 = 4096.0;
+    /// PA4 is ADC12_IN4 (DS10693 rev 10, table 10).
+    const CHANNEL: u8 = 4;
+
+    fn new(adc: Peri<'static, ADC1>, pin: Peri<'static, PA4>) -> Self {
+        let mut pin = Flex::new(pin);
+        pin.set_as_analog();
+        // Stays analog.
+        core::mem::forget(pin);
+        let adc = Adc::new(adc);
+        // The source has 9.1 kOhm. RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it may have 500 kOhm.
+        pac::ADC1
+            .smpr2()
+            .write(|w| w.set_smp(Self::CHANNEL.into(), SampleTime::CYCLES480));
+        pac::ADC1.sqr3().write(|w| w.set_sq(0, Self::CHANNEL));
+        pac::ADC1.cr2().modify(|w| w.set_cont(true));
+        pac::ADC1.cr2().modify(|w| w.set_swstart(true));
+        Self { _adc: adc }
+    }
+
+    /// Volts at the last conversion.
+    pub fn volts(&self) -> f32 {
+        let steps = f32::from(pac::ADC1.dr().read().data());
+        steps * (Self::REFERENCE / Self::STEPS * Self::DIVIDER)
+    }
+}
+
 impl Board {
     /// Sets up clocks, pins and peripherals. Outputs are safe from the first statements on; the watchdog runs
     /// when this returns. To be called once.
     pub fn new() -> Self {
         let p = embassy_stm32::init(clocks());
-        let driver_enable = Output::new(p.PB0, Level::Low, Speed::Low);
-        let brake_release = Output::new(p.PB1, Level::Low, Speed::Low);
+        let gate = [Flex::new(p.PB0), Flex::new(p.PB1)].map(|mut pin| {
+            pin.set_low();
+            pin.set_as_output(Speed::Low);
+            pin
+        });
         let direction = [
             Output::new(p.PC0, Level::High, Speed::Low),
             Output::new(p.PC1, Level::High, Speed::Low),
@@ -136,14 +188,14 @@ impl Board {
             Flex::new(p.PA10),
             Flex::new(p.PA11),
         ];
-        let drive = Drive::new(
-            p.TIM1,
+        let stop = [Flex::new(p.PB12), Flex::new(p.PA6)];
+        let pins = Pins {
             pwm,
-            Flex::new(p.PB12),
+            stop,
             direction,
-            driver_enable,
-            brake_release,
-        );
+            gate,
+        };
+        let drive = Drive::new(p.TIM1, p.TIM8, pins);
 
         let encoder = qei::Config {
             ch1_pull: Pull::Up,
@@ -156,6 +208,8 @@ impl Board {
             rear_left: Qei::new(p.TIM4, p.PB6, p.PB7, encoder),
             rear_right: Qei::new(p.TIM5, p.PA0, p.PA1, encoder),
         };
+
+        let indexes = Indexes::new(p.PB10, p.PA12, p.PB14, p.PB15);
 
         let switches = [
             Input::new(p.PC8, Pull::Up),
@@ -179,7 +233,9 @@ impl Board {
             can,
             drive,
             encoders,
+            indexes,
             driver_fault,
+            supply: SupplyMeter::new(p.ADC1, p.PA4),
             led,
             watchdog,
             flash: ParameterFlash::new(p.FLASH),

@@ -29,6 +29,8 @@ pub enum Failure {
         /// Address that could not be accessed, if `cfsr` says it is valid.
         bfar: u32,
     },
+    /// The bus side went silent while driving, and the control side brought the robot to rest.
+    BusStarved,
     /// An interrupt without a handler; its number counts from 0, exceptions are negative.
     UnhandledInterrupt(i16),
 }
@@ -77,6 +79,7 @@ pub fn write(failure: Failure) {
             words[1] = 3;
             words[2] = u32::from(number.cast_unsigned());
         }
+        Failure::BusStarved => words[1] = 4,
     }
     words[0] = MAGIC ^ fold(&words);
     // SAFETY: interrupts are masked and there is one core, so nothing else accesses the record.
@@ -110,6 +113,7 @@ pub fn take() -> Option<Failure> {
             bfar: words[5],
         }),
         3 => Some(Failure::UnhandledInterrupt(words[2] as u16 as i16)),
+        4 => Some(Failure::BusStarved),
         _ => None,
     }
 }

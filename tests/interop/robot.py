@@ -15,6 +15,7 @@ import queue
 import signal
 import subprocess
 import unittest
+import zlib
 
 import canopen
 
@@ -61,12 +62,17 @@ class Robot(unittest.TestCase):
         arguments += ["--backend", BACKEND, "--slcan-tcp", "127.0.0.1:0", "--log", log]
         if BACKEND == "emulator":
             arguments += ["--elf", os.environ["OMNIBUS_ELF"]]
-        self.process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+        # What happens to the robot from outside comes as lines on its standard input.
+        arguments += ["--fault", "-"]
+        self.process = subprocess.Popen(
+            arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         self.addCleanup(self.end)
         name, address = self.process.stdout.readline().split()
         self.assertEqual(name, "slcan-tcp")
         self.network = canopen.Network()
-        self.network.connect(interface="slcan", channel=f"socket://{address}", sleep_after_open=0)
+        self.channel = f"socket://{address}"
+        self.network.connect(interface="slcan", channel=self.channel, sleep_after_open=0)
         self.addCleanup(self.network.disconnect)
         self.node = self.network.add_node(NODE, str(EDS))
         self.node.sdo.RESPONSE_TIMEOUT = PATIENCE
@@ -76,6 +82,7 @@ class Robot(unittest.TestCase):
     def end(self):
         self.process.send_signal(signal.SIGINT)
         self.process.stdout.close()
+        self.process.stdin.close()
         self.assertEqual(self.process.wait(PATIENCE), 0)
 
     def frames(self, cob_id):
@@ -96,6 +103,15 @@ class Robot(unittest.TestCase):
         while heartbeats.get(timeout=PATIENCE) != bytes([code]):
             pass
 
+    def power_cycle(self, node=NODE):
+        """Takes the robot its power and gives it back; it boots as this node."""
+        heartbeats = self.frames(0x700 + node)
+        self.process.stdin.write(f"node={NODE}:power-cycle\n")
+        self.process.stdin.flush()
+        while heartbeats.get(timeout=PATIENCE) != b"\0":
+            pass
+        self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")
+
     def refused(self, code, action, *arguments):
         with self.assertRaises(canopen.SdoAbortedError) as raised:
             action(*arguments)
@@ -109,12 +125,25 @@ class Robot(unittest.TestCase):
         """Writes every parameter: the default of the EDS, but for the group."""
         for variable in variables(self.node.object_dictionary):
             if 0x2010 <= variable.index <= 0x2041 and variable.writable:
+                if variable.data_type == canopen.objectdictionary.datatypes.DOMAIN:
+                    continue
                 value = eds_sections[section(variable)]["DefaultValue"]
                 is_real = variable.data_type == canopen.objectdictionary.datatypes.REAL32
                 data = variable.encode_raw(float(value) if is_real else int(value, 0))
                 self.node.sdo.download(variable.index, variable.subindex, data)
         self.node.sdo[0x2040][1].raw = GROUP
         self.assertEqual(f"{self.node.sdo[0x2002][1].raw:08X}", "00000000")
+
+
+def compensation_set(version, longitudinal=(), lateral=(), oblique=(), yaw=()):
+    """The bytes of object 0x2013:1; rows of speed in m/s or rad/s and one coefficient, two where oblique."""
+    tables = (longitudinal, lateral, oblique, yaw)
+    content = version.to_bytes(4, "little") + bytes([1, *map(len, tables)])
+    for speed, *coefficients in (row for table in tables for row in table):
+        content += round(speed * 10_000).to_bytes(2, "little")
+        for coefficient in coefficients:
+            content += round(coefficient * 32_768).to_bytes(2, "little")
+    return zlib.crc32(content).to_bytes(4, "little") + content
 
 
 def twist(sequence, vx=0, vy=0, omega=0):

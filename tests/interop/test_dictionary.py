@@ -6,7 +6,16 @@ import unittest
 
 from canopen.objectdictionary import datatypes as t
 
-from robot import DEVICE_STATE, NODE, READ_ONLY, Robot, eds_sections, section, variables
+from robot import (
+    DEVICE_STATE,
+    NODE,
+    READ_ONLY,
+    Robot,
+    compensation_set,
+    eds_sections,
+    section,
+    variables,
+)
 
 TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
 NOT_STORED = 0x08000020
@@ -70,6 +79,9 @@ class Dictionary(Robot):
                     continue
                 data = self.upload(variable)
                 default = entry["DefaultValue"]
+                if variable.data_type == t.DOMAIN:
+                    self.assertEqual(data, compensation_set(0))
+                    continue
                 if variable.data_type == t.VISIBLE_STRING:
                     self.assertEqual(data.decode(), default)
                     continue

@@ -4,9 +4,9 @@ import unittest
 
 import canopen
 
-from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, twist
+from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, compensation_set, twist
 
-IDENTITY = (0, 0x4F4D4E49, 0x00010000)
+IDENTITY = (0, 0x4F4D4E49, 0x00020000)
 """Vendor, product, revision."""
 
 
@@ -91,6 +91,24 @@ class Store(Robot):
         self.reset()
         self.assertAlmostEqual(self.half_track(), 0.2, delta=1e-7)
 
+    @unittest.skip("does not hold yet")
+    def test_what_is_saved_outlives_a_power_cycle(self):
+        self.configure()
+        self.node.sdo[0x2010][1].raw = 0.25
+        set_ = compensation_set(20261121, lateral=[(0.1, 1.141), (0.5, 1.157)])
+        self.node.sdo.download(0x2013, 1, set_)
+        self.node.store()
+        self.node.sdo[0x2010][1].raw = 0.5
+        self.node.sdo[0x2011][1].raw = 3.0
+        self.power_cycle()
+        self.assertAlmostEqual(self.half_track(), 0.25, delta=1e-7)
+        self.assertEqual(self.node.sdo[0x2011][1].raw, 0.0)
+        self.assertEqual(self.node.sdo.upload(0x2013, 1), set_)
+        self.assertEqual(self.node.sdo[0x2013][2].raw, 20261121)
+        self.assertEqual(self.node.sdo[0x2002][1].raw, 0)
+        self.assertEqual(self.node.sdo[0x2126][1].raw, 1)
+        self.assertEqual(self.node.sdo[0x2126][3].raw, 0)
+
     def test_nothing_is_saved_without_the_signature(self):
         for index, signature in [(0x1010, b"evas"), (0x1011, b"daol")]:
             self.refused(0x08000020, self.node.sdo.download, index, 1, signature)
@@ -101,9 +119,39 @@ class Store(Robot):
         self.refused(DEVICE_STATE, self.node.store)
 
 
+class Compensation(Robot):
+    @unittest.skip("does not hold yet")
+    def test_a_set_is_taken_whole_or_not_at_all(self):
+        sdo = self.node.sdo
+        good = compensation_set(7, lateral=[(0.1, 1.1), (0.5, 1.2)], oblique=[(0.3, 1.05, 1.1)])
+        sdo.download(0x2013, 1, good)
+        zero = compensation_set(8, lateral=[(0.1, 0.0)])
+        falling = compensation_set(8, yaw=[(0.5, 1.0), (0.4, 1.0)])
+        steep = compensation_set(8, lateral=[(0.3, 0.6), (0.31, 1.9)])
+        for code, data in [
+            (0x06090030, good[:-1] + b"\xff"),
+            (0x06090032, zero),
+            (0x06090030, falling),
+            (0x06040043, steep),
+            (0x06070013, b"\0" * 5),
+            (0x06070012, good + b"\0" * 200),
+        ]:
+            self.refused(code, sdo.download, 0x2013, 1, data)
+            self.assertEqual(sdo.upload(0x2013, 1), good)
+        self.assertEqual([sdo[0x2013][sub].raw for sub in (2, 3)], [7, int.from_bytes(good[:4], "little")])
+
+    def test_a_set_by_block_transfer(self):
+        good = compensation_set(9, longitudinal=[(0.1 * n, 1.0 + 0.01 * n) for n in range(1, 9)])
+        with self.node.sdo.open(
+            0x2013, 1, "wb", size=len(good), block_transfer=True, request_crc_support=True
+        ) as f:
+            f.write(good)
+        self.assertEqual(self.node.sdo.upload(0x2013, 1), good)
+
+
 class Sdo(Robot):
     def test_expedited(self):
-        self.assertEqual(self.node.sdo[0x2000].raw, 1)
+        self.assertEqual(self.node.sdo[0x2000].raw, 2)
         self.assertEqual(self.node.sdo[0x1018][2].raw, 0x4F4D4E49)
         self.node.sdo[0x2011][1].raw = -1.5
         self.assertEqual(self.node.sdo[0x2011][1].raw, -1.5)
@@ -140,7 +188,7 @@ class Sdo(Robot):
             self.refused(code, sdo.download, index, sub, data)
         self.refused(0x06020000, sdo.upload, 0x2FFF, 0)
         self.refused(0x06090011, sdo.upload, 0x2010, 9)
-        self.assertEqual(sdo[0x2010][0].raw, 4)
+        self.assertEqual(sdo[0x2010][0].raw, 5)
 
     def test_a_second_client_is_refused_while_the_first_goes_on(self):
         with self.node.sdo[0x1008].open("rb", buffering=0) as f:
@@ -241,13 +289,47 @@ class Lss(Robot):
         lss.send_switch_state_global(lss.WAITING_STATE)
         self.barrier()
 
+    def test_a_node_number_is_stored_and_comes_back_after_a_power_cycle(self):
+        lss = self.network.lss
+        lss.send_switch_state_global(lss.CONFIGURATION_STATE)
+        lss.configure_node_id(9)
+        lss.store_configuration()
+        lss.send_switch_state_global(lss.WAITING_STATE)
+        # Not before a reset.
+        self.barrier()
+        self.power_cycle(node=9)
+        moved = self.network.add_node(9, self.node.object_dictionary)
+        moved.sdo.RESPONSE_TIMEOUT = PATIENCE
+        self.assertEqual([moved.sdo[0x2001][sub].raw for sub in (4, 5)], [NODE, 9])
+        # 255 forgets it: the switches count again.
+        lss.send_switch_state_global(lss.CONFIGURATION_STATE)
+        lss.configure_node_id(255)
+        lss.store_configuration()
+        self.power_cycle()
+        self.assertEqual([self.node.sdo[0x2001][sub].raw for sub in (4, 5)], [NODE, 0])
+
+    @unittest.skip("does not hold yet")
+    def test_fastscan_finds_a_robot_that_has_no_node(self):
+        lss = self.network.lss
+        lss.send_switch_state_global(lss.CONFIGURATION_STATE)
+        lss.configure_node_id(255)
+        lss.send_switch_state_global(lss.WAITING_STATE)
+        self.network.nmt.send_command(0x82)
+        found, identity = lss.fast_scan()
+        self.assertTrue(found)
+        self.assertEqual(tuple(identity[:3]), IDENTITY)
+        lss.configure_node_id(NODE)
+        heartbeats = self.frames(0x700 + NODE)
+        lss.send_switch_state_global(lss.WAITING_STATE)
+        self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\0")
+
     def test_a_node_number_out_of_range_is_refused(self):
         lss = self.network.lss
         lss.send_switch_state_global(lss.CONFIGURATION_STATE)
         with self.assertRaises(canopen.lss.LssError):
             lss.configure_node_id(128)
         lss.send_switch_state_global(lss.WAITING_STATE)
-        self.assertEqual(self.node.sdo[0x2000].raw, 1)
+        self.assertEqual(self.node.sdo[0x2000].raw, 2)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,306 @@
+"""The page of `omnibus serve` in headless Chromium, and its server without a browser.
+
+Times that matter are those of the simulated bus, which stand in the states; nothing depends on how fast this
+machine is."""
+
+import http.client
+import json
+import math
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import unittest
+
+import websockets
+
+from page import PATIENCE, Browser, Client, Tab, wait
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PICTURES = pathlib.Path(os.environ["OMNIBUS_LOGS"]).parent
+STALE = 0.25
+"""s; a press without a message for this long is over (docs/recording.md)."""
+ON_THE_WAY = 0.15
+"""s; two states of 50 ms each to see it, and four SYNC periods on the way."""
+
+speed = "(state && state.measured ? Math.hypot(state.measured[0], state.measured[1]) : 0)"
+asked = "(state ? Math.hypot(state.command[0], state.command[1]) + Math.abs(state.command[2]) : 0)"
+
+
+class Served(unittest.TestCase):
+    OPTIONS = []
+
+    def setUp(self):
+        command = [os.environ["OMNIBUS"], "serve", "--http", "127.0.0.1:0", "--json", "--bus"]
+        command += [f"sim:{ROOT / 'groups' / 'tcc-2.toml'}", *self.OPTIONS]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(self.end)
+        place = json.loads(self.process.stdout.readline())
+        self.url, self.token = place["url"], place["token"]
+        self.address = self.url.split("/")[2]
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        self.process.stdout.close()
+        self.assertEqual(self.process.wait(PATIENCE), 0)
+
+    def client(self, token=None, **options):
+        client = Client(self.address, token, **options)
+        self.addCleanup(client.socket.close)
+        client.until("a state", lambda: client.states)
+        return client
+
+    def moving(self, client):
+        return math.hypot(*client.states[-1]["command"][:2]) > 0
+
+
+class Server(Served):
+    def ask(self, path="/", method="GET", **headers):
+        connection = http.client.HTTPConnection(self.address, timeout=PATIENCE)
+        connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+
+    def test_the_page_is_served_and_nothing_else(self):
+        status, headers, body = self.ask()
+        self.assertEqual(status, 200)
+        self.assertIn("default-src 'none'", headers["Content-Security-Policy"])
+        self.assertNotIn(b"https:", body)
+        for path in ["/page.css", "/page.js"]:
+            self.assertEqual(self.ask(path)[0], 200)
+        self.assertEqual(self.ask("/etc/passwd")[0], 404)
+        self.assertEqual(self.ask(method="POST")[0], 405)
+
+    def test_other_names_and_other_pages_are_turned_away(self):
+        self.assertEqual(self.ask(Host="evil.example")[0], 421)
+        port = self.address.split(":")[1]
+        self.assertEqual(self.ask(Host=f"evil.example:{port}")[0], 421)
+        with self.assertRaises(websockets.exceptions.InvalidStatus) as raised:
+            Client(self.address, origin="http://evil.example")
+        self.assertEqual(raised.exception.response.status_code, 403)
+        Client(self.address, origin=f"http://{self.address}").socket.close()
+
+    def test_without_the_token_nothing_moves(self):
+        for token in [None, "", "wrong", self.token[:-1], self.token + "0"]:
+            client = self.client(token)
+            client.say(type="take")
+            client.say(type="start")
+            client.drive(1, 0.2)
+            client.until("refusals", lambda: len(client.refusals) >= 3)
+            self.assertFalse(self.moving(client))
+            self.assertEqual(client.states[-1]["phase"], "idle")
+            client.socket.close()
+
+    def test_bad_messages_are_refused_and_end_the_press(self):
+        client = self.client(self.token)
+        client.start()
+        limit = 2.0
+        bad = [
+            dict(vx=limit * 1.01),
+            dict(vx=1e39),
+            dict(omega=1.5),
+            dict(clock=0),
+            dict(clock=10**15),
+            dict(vx="0.1"),
+            dict(vx=None),
+            dict(more=1),
+        ]
+        for press, change in enumerate(bad, 1):
+            with self.subTest(change):
+                client.drive(press, 0.2)
+                client.until("motion", lambda: self.moving(client) or client.drive(press, 0.2))
+                count = len(client.refusals)
+                client.drive(press, 0.2, **change) if "vx" not in change else client.drive(press, **change)
+                client.until("a refusal", lambda: len(client.refusals) > count)
+                client.until("standstill asked", lambda: not self.moving(client))
+                # The press stays over.
+                client.drive(press, 0.2)
+                client.hear(0.1)
+                self.assertFalse(self.moving(client))
+        for raw in ["", "{", "[]", "null", '{"type":"drive"}', "x" * 1000]:
+            count = len(client.refusals)
+            client.socket.send(raw)
+            client.until("a refusal", lambda: len(client.refusals) > count)
+
+    def test_a_message_too_long_ends_the_connection_and_the_drive(self):
+        driver, viewer = self.client(self.token), self.client()
+        driver.start()
+        driver.socket.send("x" * 100_000)
+        viewer.until("robots off", lambda: viewer.states[-1]["phase"] == "idle")
+
+    def last_asked(self, viewer, since):
+        """How long after `since`, on the bus's clock, a velocity was still asked for."""
+        return max((s["t"] - since for s in viewer.states if math.hypot(*s["command"]) > 0), default=0.0)
+
+    def test_a_press_that_is_not_repeated_ramps_down(self):
+        driver, viewer = self.client(self.token), self.client()
+        driver.start()
+        for _ in range(10):
+            driver.drive(1, 0.3)
+            driver.hear(0.05)
+        sent = driver.states[-1]["t"]
+        viewer.until("standstill", lambda: viewer.states[-1]["t"] > sent + 1.0)
+        self.assertLessEqual(self.last_asked(viewer, sent), STALE + ON_THE_WAY)
+        self.assertGreater(max(s["measured"][0] for s in viewer.states if s["measured"]), 0.25)
+        self.assertLess(abs(viewer.states[-1]["measured"][0]), 1e-3)
+        # Still started: it was only the press that ended.
+        self.assertEqual(viewer.states[-1]["phase"], "running")
+
+    def test_a_lost_connection_ramps_down_and_switches_off(self):
+        driver, viewer = self.client(self.token), self.client()
+        driver.start()
+        for _ in range(10):
+            driver.drive(1, 0.3)
+            driver.hear(0.05)
+        sent = driver.states[-1]["t"]
+        # Without a goodbye of the WebSocket.
+        driver.socket.socket.shutdown(socket.SHUT_RDWR)
+        viewer.until("robots off", lambda: viewer.states[-1]["phase"] == "idle")
+        self.assertLessEqual(self.last_asked(viewer, sent), STALE + ON_THE_WAY)
+
+    def test_one_drives_at_a_time_and_anybody_stops(self):
+        first, second = self.client(self.token), self.client(self.token)
+        first.start()
+        second.say(type="take")
+        second.until("a refusal", lambda: second.refusals)
+        self.assertEqual(second.refusals, ["another page drives"])
+        second.drive(1, 0.2)
+        second.hear(0.1)
+        self.assertFalse(self.moving(second))
+        second.say(type="stop")
+        second.until("robots off", lambda: second.states[-1]["phase"] == "idle")
+        first.say(type="leave")
+        second.until("a free seat", lambda: not second.seat["taken"])
+        second.start()
+
+
+class Watching(Served):
+    OPTIONS = ["--watch"]
+
+    def test_who_only_watches_sends_nothing(self):
+        client = self.client(self.token)
+        client.say(type="take")
+        client.say(type="start")
+        client.until("refusals", lambda: len(client.refusals) == 2)
+        self.assertEqual(client.states[-1]["phase"], "idle")
+
+
+class Page(Served):
+    @classmethod
+    def setUpClass(cls):
+        cls.browser = Browser()
+        cls.addClassCleanup(cls.browser.close)
+
+    def tab(self, token=None, **options):
+        fragment = f"#token={token}" if token is not None else ""
+        tab = Tab(self.browser, self.url + fragment, **options)
+        self.addCleanup(tab.close)
+        tab.wait("typeof state !== 'undefined' && state && welcome && state.robots.length === 2")
+        return tab
+
+    def started(self, **options):
+        tab = self.tab(self.token, **options)
+        tab.wait("trusted")
+        tab.click("take")
+        tab.wait("seat.yours")
+        tab.click("start")
+        tab.wait("state && state.phase === 'running'")
+        return tab
+
+    def fits(self, tab):
+        """Nothing is wider than the window; no two things that are to be read or touched lie on each other."""
+        self.assertLessEqual(tab.run("document.documentElement.scrollWidth"), tab.run("window.innerWidth"))
+        overlaps = tab.run("""(() => {
+            const shown = [...document.querySelectorAll('button, input, .pad, .gauge, .robot, canvas, h1, h2, .badge, #place, label')]
+                .filter((e) => e.offsetParent && e.getBoundingClientRect().width > 0 && !e.closest('header'));
+            const over = [];
+            for (const a of shown) for (const b of shown) {
+                if (a === b || a.contains(b) || b.contains(a)) continue;
+                const [p, q] = [a.getBoundingClientRect(), b.getBoundingClientRect()];
+                if (p.left < q.right - 1 && q.left < p.right - 1 && p.top < q.bottom - 1 && q.top < p.bottom - 1) over.push(`${a.id || a.className} ${b.id || b.className}`);
+            }
+            return over;
+        })()""")
+        self.assertEqual(overlaps, [])
+
+    def test_a_viewer_sees_the_group_and_a_wrong_token_does_not_drive(self):
+        tab = self.tab("wrong")
+        tab.wait("document.getElementById('message').textContent === 'wrong token'")
+        self.assertIn("tcc-2", tab.run("document.title"))
+        self.assertEqual(tab.run("document.getElementById('phase').textContent"), "idle")
+        self.assertTrue(tab.run("document.getElementById('controls').hidden"))
+        self.assertFalse(tab.run("location.href").endswith("wrong"))
+        # The token may be typed as well.
+        tab.run(f"document.getElementById('token').value = '{self.token}'")
+        tab.run("document.getElementById('token-form').requestSubmit()")
+        tab.wait("trusted && !document.getElementById('controls').hidden")
+
+    def test_the_stick_moves_the_group_and_the_map_while_it_is_held(self):
+        tab = self.started()
+        before = tab.run("document.getElementById('map').toDataURL()")
+        x, y, width = tab.middle("move")
+        tab.mouse("mousePressed", x, y)
+        tab.mouse("mouseMoved", x, y - width)
+        # Up is forward; a quarter of 2 m/s.
+        tab.wait("state.command[0] > 0.45 && Math.abs(state.command[1]) < 0.02")
+        tab.wait("state.pose && state.pose[0] > 0.5 && trail.length > 10")
+        self.assertGreater(tab.run("state.target[0]"), 0.4)
+        self.fits(tab)
+        tab.picture(PICTURES / "page-1280.png")
+        tab.mouse("mouseReleased", x, y - width)
+        tab.wait(f"{asked} === 0 && {speed} < 1e-3")
+        self.assertNotEqual(tab.run("document.getElementById('map').toDataURL()"), before)
+        # The stick of the turn.
+        x, y, width = tab.middle("turn")
+        tab.mouse("mousePressed", x, y)
+        tab.mouse("mouseMoved", x - width, y)
+        tab.wait("state.measured && state.measured[2] > 0.2")
+        tab.mouse("mouseReleased", x - width, y)
+        tab.wait(f"{asked} === 0")
+
+    def test_keys_drive_while_they_are_held(self):
+        tab = self.started()
+        tab.key("keyDown", "ArrowLeft", "ArrowLeft")
+        tab.wait(f"state.command[1] > 0.4 && {speed} > 0.1")
+        tab.key("keyUp", "ArrowLeft", "ArrowLeft")
+        tab.wait(f"{asked} === 0")
+        tab.key("keyDown", "w", "KeyW")
+        tab.wait("state.command[0] > 0.4")
+        tab.key("keyDown", " ", "Space")
+        tab.wait("state.phase === 'idle'")
+
+    def test_who_looks_away_does_not_drive(self):
+        tab = self.started()
+        for loss in ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]:
+            tab.key("keyDown", "w", "KeyW")
+            tab.wait("state.command[0] > 0.4")
+            tab.run(loss)
+            tab.wait(f"{asked} === 0 && {speed} < 1e-3")
+            self.assertEqual(tab.run("state.phase"), "running")
+            tab.key("keyUp", "w", "KeyW")
+
+    def test_a_page_that_dies_ramps_down(self):
+        viewer = self.client()
+        tab = self.started()
+        tab.key("keyDown", "w", "KeyW")
+        viewer.until("motion", lambda: viewer.states[-1]["command"][0] > 0.4)
+        tab.call("Page.navigate", url="about:blank")
+        viewer.until("robots off", lambda: viewer.states[-1]["phase"] == "idle")
+
+    def test_a_phone_drives_by_touch(self):
+        tab = self.started(width=390, height=844, mobile=True, dark=True)
+        self.fits(tab)
+        x, y, width = tab.middle("move")
+        tab.touch("touchStart", (x, y))
+        tab.touch("touchMove", (x + width / 3, y))
+        tab.wait("state.command[1] < -0.3 && state.pose[1] < -0.3")
+        self.fits(tab)
+        tab.run("window.scrollTo(0, 0)")
+        tab.picture(PICTURES / "page-390.png")
+        tab.touch("touchEnd")
+        tab.wait(f"{asked} === 0 && {speed} < 1e-3")
+
+
+if __name__ == "__main__":
+    unittest.main()
