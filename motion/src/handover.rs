@@ -44,7 +44,7 @@ pub struct Command {
     pub at: Micros,
     /// Counts the accepted starts: a new one clears latched faults.
     pub start: u16,
-    /// Which configuration is meant; see [`crate::Configuration::crc`].
+    /// Which configuration is meant: the check sum its owner gave it.
     pub configuration: u32,
     /// When the bus side last did its work.
     pub alive: Micros,
