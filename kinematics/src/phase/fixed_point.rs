@@ -1,4 +1,4 @@
-//! [`PhaseMember`](super::PhaseMember) in 32-bit fixed point, with `f32` in and out.
+//! [`super::PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 //!
 //! Values are `I16F16` as in [`FixedMember`](crate::FixedMember); secants have 26 fractional bits. The one division
 //! of the way back is a 32-bit one for the upper half of the digits and a Newton step for the lower, so no 64-bit
