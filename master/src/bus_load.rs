@@ -3,8 +3,12 @@
 //! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist, pose and
 //! wheel rates; besides, heartbeats. A base frame of n bytes takes 44 + 8n bits and 3 between frames; stuffing adds
 //! from nothing to (34 + 8n - 1) / 4 bits, by its data (ISO 11898-1). Parameters, emergency messages and node
-//! management come on top and are not counted: they are rare while a group moves.
+//! management come on top and are not counted: they are rare while a group moves. How full it *is* a [`Meter`] says,
+//! which is shown every frame.
 
+use std::collections::VecDeque;
+
+use canopen::Frame;
 use protocol::{
     GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale, WheelRateReport,
 };
@@ -96,6 +100,36 @@ pub fn total(traffic: &[Traffic]) -> (f64, f64) {
         let (plain, stuffed) = line.share();
         (low + plain, high + stuffed)
     })
+}
+
+/// Time over which a [`Meter`] averages, in s.
+const WINDOW: f64 = 0.1;
+
+/// Adds up the bits of frames over the last 100 ms.
+#[derive(Clone, Debug, Default)]
+pub struct Meter {
+    /// Time and bits of the frames in the window.
+    recent: VecDeque<(f64, u32)>,
+}
+
+impl Meter {
+    /// Notes a frame that was on the bus at `t`, in s.
+    pub fn note(&mut self, t: f64, frame: &Frame) {
+        let bits = sim::bus::bits::frame_bits(frame) + sim::bus::bits::INTERMISSION;
+        self.recent.push_back((t, bits));
+        while self.recent.front().is_some_and(|(at, _)| t - at > WINDOW) {
+            self.recent.pop_front();
+        }
+    }
+
+    /// Share of the time that the bus was taken in the window before `t`.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "a share of one")]
+    pub fn share(&self, t: f64) -> f32 {
+        let recent = self.recent.iter().filter(|(at, _)| t - at <= WINDOW);
+        let bits: f64 = recent.map(|(_, bits)| f64::from(*bits)).sum();
+        (bits / (BIT_RATE * WINDOW)) as f32
+    }
 }
 
 #[cfg(test)]

@@ -31,6 +31,7 @@ pub mod sim_link;
 pub mod steering;
 pub mod survey;
 pub mod telemetry;
+pub mod together;
 pub mod trial;
 pub mod web;
 pub mod wire;

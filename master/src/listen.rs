@@ -10,21 +10,16 @@
 //! sum of group twist times group scale. The way of a setpoint through the robots takes two SYNC
 //! periods, so while the group moves the target is ahead by that much.
 
-use std::collections::VecDeque;
-
 use canopen::{Frame, NmtState, client};
 use kinematics::{Pose, Twist};
 use protocol::{
     GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob, is_robot,
 };
-use sim::bus::bits::{INTERMISSION, frame_bits};
 
+use crate::bus_load::Meter;
 use crate::telemetry::{Event, Happening, MemberSample, Phase, Snapshot};
+use crate::together::{mean_pose, mean_twist, strain};
 
-/// Bit rate of the bus.
-const BITS_PER_SECOND: f64 = 1e6;
-/// Time over which the bus load is averaged, in s.
-const LOAD_WINDOW: f64 = 0.1;
 /// Without a SYNC for this long, in s, no setpoint is in force.
 const SYNC_PATIENCE: f64 = 0.5;
 /// Slower than this the group stands, in m/s and rad/s: ten steps of the measured twist.
@@ -42,8 +37,7 @@ pub struct Listener {
     pending: Option<GroupTwist>,
     commanded: bool,
     reckoning: Reckoning,
-    /// Time and bits of the frames within [`LOAD_WINDOW`].
-    recent: VecDeque<(f64, u32)>,
+    load: Meter,
     events: Vec<Event>,
 }
 
@@ -70,7 +64,7 @@ impl Listener {
             pending: None,
             commanded: false,
             reckoning: Reckoning::default(),
-            recent: VecDeque::new(),
+            load: Meter::default(),
             events: Vec::new(),
         }
     }
@@ -79,7 +73,7 @@ impl Listener {
     /// it, which is returned.
     pub fn take(&mut self, t: f64, frame: &Frame) -> Option<Snapshot> {
         self.now = t;
-        self.count(t, frame);
+        self.load.note(t, frame);
         let (id, data) = (frame.id(), frame.data());
         if id == cob::SYNC {
             return self.close(t);
@@ -104,7 +98,7 @@ impl Listener {
             snapshot.command = Twist::ZERO;
             snapshot.target = None;
         }
-        snapshot.bus_load = Some(self.load(t));
+        snapshot.bus_load = Some(self.load.share(t));
         snapshot
     }
 
@@ -119,25 +113,6 @@ impl Listener {
             node: Some(node),
             what,
         });
-    }
-
-    fn count(&mut self, t: f64, frame: &Frame) {
-        self.recent.push_back((t, frame_bits(frame) + INTERMISSION));
-        while self
-            .recent
-            .front()
-            .is_some_and(|(at, _)| t - at > LOAD_WINDOW)
-        {
-            self.recent.pop_front();
-        }
-    }
-
-    /// Share of the time that the bus was taken in the window before `t`.
-    #[expect(clippy::cast_possible_truncation, reason = "a share of one")]
-    fn load(&self, t: f64) -> f32 {
-        let recent = self.recent.iter().filter(|(at, _)| t - at <= LOAD_WINDOW);
-        let bits: f64 = recent.map(|(_, bits)| f64::from(*bits)).sum();
-        (bits / (BITS_PER_SECOND * LOAD_WINDOW)) as f32
     }
 
     fn place(&mut self, node: u8) -> Option<usize> {
@@ -236,7 +211,7 @@ impl Listener {
             .iter()
             .filter_map(|member| member.permitted_scale)
             .reduce(f32::min);
-        snapshot.strain = strain(members);
+        snapshot.strain = strain(members.iter().filter_map(|member| member.measured));
         snapshot.target = self.reckoning.target;
         snapshot.phase = match (self.commanded, members.iter().all(can_follow)) {
             (false, _) => Phase::Idle,
@@ -249,7 +224,7 @@ impl Listener {
     /// Ends the period at the SYNC at `t` and opens the next.
     fn close(&mut self, t: f64) -> Option<Snapshot> {
         let mut snapshot = self.finished();
-        snapshot.bus_load = Some(self.load(t));
+        snapshot.bus_load = Some(self.load.share(t));
         snapshot.target = self.reckoning.note(&snapshot);
         self.current.t = t;
         self.commanded = self.pending.is_some();
@@ -311,50 +286,6 @@ impl Reckoning {
 
 fn can_follow(member: &MemberSample) -> bool {
     member.state.is_some_and(protocol::MemberState::can_follow)
-}
-
-/// The mean of poses; `None` of none. Headings are averaged about the first one's, so that +-pi does
-/// no harm.
-#[must_use]
-pub fn mean_pose(poses: impl Iterator<Item = Pose> + Clone) -> Option<Pose> {
-    let first = poses.clone().next()?;
-    let mut sum = (0.0, 0.0, 0.0);
-    let mut count = 0.0;
-    for pose in poses {
-        let (sin, cos) = (pose.heading - first.heading).sin_cos();
-        sum = (sum.0 + pose.x, sum.1 + pose.y, sum.2 + sin.atan2(cos));
-        count += 1.0;
-    }
-    Some(Pose {
-        x: sum.0 / count,
-        y: sum.1 / count,
-        heading: first.heading + sum.2 / count,
-    })
-}
-
-/// The mean of twists; `None` of none.
-fn mean_twist(twists: impl Iterator<Item = Twist>) -> Option<Twist> {
-    let (mut sum, mut count) = (Twist::ZERO, 0.0);
-    for twist in twists {
-        sum = Twist::new(
-            sum.vx + twist.vx,
-            sum.vy + twist.vy,
-            sum.omega + twist.omega,
-        );
-        count += 1.0;
-    }
-    (count > 0.0).then(|| Twist::new(sum.vx / count, sum.vy / count, sum.omega / count))
-}
-
-/// Largest disagreement of two members about the velocity of the group's origin, in m/s.
-fn strain(members: &[MemberSample]) -> Option<f32> {
-    let twists = || members.iter().filter_map(|member| member.measured);
-    let pairs = twists().enumerate().flat_map(|(n, a)| {
-        twists()
-            .skip(n + 1)
-            .map(move |b| (a.vx - b.vx).hypot(a.vy - b.vy))
-    });
-    pairs.reduce(f32::max)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use kinematics::{Pose, WheelRates};
 
 use crate::follow::Instant;
 use crate::record::{RobotTruth, Row, TruthRow};
-use crate::session::mean_pose as mean;
+use crate::together::mean_pose;
 
 /// `pose` in the frame that `frame` is.
 pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
@@ -22,12 +22,17 @@ pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
     }
 }
 
+/// Where the members say the group was.
+fn mean(row: &Row) -> Option<Pose> {
+    mean_pose(row.members.iter().filter_map(|member| member.pose))
+}
+
 /// What was seen at every instant of a drive that began at `start` of the curve.
 #[must_use]
 pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let begun = instants
         .first()
-        .and_then(|instant| mean(&rows.get(instant.row)?.members));
+        .and_then(|instant| mean(rows.get(instant.row)?));
     let Some(begun) = begun else {
         return Vec::new();
     };
@@ -35,7 +40,7 @@ pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let place = |pose: Pose| start.compose(seen_from(begun, pose));
     let one = |instant: &Instant| {
         let members = &rows.get(instant.row)?.members;
-        let group = mean(members)?;
+        let group = mean(rows.get(instant.row)?)?;
         let poses = members.iter().filter_map(|member| member.pose);
         let distance = poses.map(|p| (p.x - group.x).hypot(p.y - group.y));
         Some(TruthRow {

@@ -21,7 +21,7 @@ use kinematics::{Pose, Twist};
 use crate::odometry::seen_from;
 use crate::pose::PoseStream;
 use crate::record::Row;
-use crate::session::mean_pose;
+use crate::together::mean_pose;
 
 /// Older than this a sighting is not used, in µs.
 const STALE_US: u64 = 200_000;
@@ -95,7 +95,7 @@ impl Eyes {
         match self {
             Self::Odometry => rows.iter().rev().take(100).find_map(|row| {
                 let at = Micros((began.0 as f64 + row.t * 1e6).max(0.0).round() as u64);
-                Some((at, mean_pose(&row.members)?))
+                Some((at, mean_pose(row.members.iter().filter_map(|m| m.pose))?))
             }),
             Self::Observer(seen) => seen.get(),
             Self::Stream(stream) => stream.latest(now),

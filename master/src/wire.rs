@@ -11,8 +11,8 @@
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros, NmtState, NodeId, client};
-use sim::bus::bits::{INTERMISSION, frame_bits};
 
+use crate::bus_load::Meter;
 use crate::error::MasterError;
 use crate::link::Link;
 use crate::recording::FrameSink;
@@ -37,7 +37,7 @@ pub struct Wire<L> {
     /// Who gets every frame and loses none.
     sinks: Vec<FrameSink>,
     began: Micros,
-    load: Load,
+    load: Meter,
     /// How long a robot may take for one SDO answer, in µs.
     pub(crate) patience_us: u64,
 }
@@ -49,29 +49,6 @@ pub(crate) struct HubOwner(pub Hub);
 impl Drop for HubOwner {
     fn drop(&mut self) {
         self.0.end();
-    }
-}
-
-/// How long the bus load is averaged, in µs.
-const LOAD_WINDOW_US: u64 = 100_000;
-
-/// Adds up the bits of frames; one bit is 1 µs at 1 Mbit/s.
-#[derive(Default)]
-struct Load {
-    window: u64,
-    bits: u64,
-    last: Option<f32>,
-}
-
-impl Load {
-    fn note(&mut self, at: Micros, frame: &Frame) {
-        let window = at.0 / LOAD_WINDOW_US;
-        if window != self.window {
-            let follows = window == self.window + 1;
-            self.last = follows.then_some(self.bits as f32 / LOAD_WINDOW_US as f32);
-            (self.window, self.bits) = (window, 0);
-        }
-        self.bits += u64::from(frame_bits(frame) + INTERMISSION);
     }
 }
 
@@ -97,7 +74,7 @@ impl<L: Link> Wire<L> {
             hub: HubOwner::default(),
             sinks: Vec::new(),
             began,
-            load: Load::default(),
+            load: Meter::default(),
             patience_us: crate::sdo::ANSWER_TIMEOUT_US,
         }
     }
@@ -123,10 +100,11 @@ impl<L: Link> Wire<L> {
         self.next_heartbeat.is_some()
     }
 
-    /// Share of the bus that frames took in the last full 100 ms, 0..=1, at 1 Mbit/s.
+    /// Share of the bus that frames took in the last 100 ms, 0..=1, at 1 Mbit/s; `None` before as much has passed.
     #[must_use]
     pub fn bus_load(&self) -> Option<f32> {
-        self.load.last
+        let now = self.seconds(self.now());
+        (now >= 0.1).then(|| self.load.share(now))
     }
 
     /// Seconds from the beginning of the session to `at`.
@@ -136,7 +114,7 @@ impl<L: Link> Wire<L> {
 
     /// Notes a frame that is on the bus.
     pub(crate) fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
-        self.load.note(at, frame);
+        self.load.note(self.seconds(at), frame);
         for sink in &self.sinks {
             sink(at, frame, sent);
         }

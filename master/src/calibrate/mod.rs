@@ -2,4 +2,3 @@
 
 pub mod drive;
 pub mod phase;
-pub mod poses;

@@ -3,10 +3,12 @@
 use anyhow::{Context as _, bail};
 use kinematics::{FourWheelGeometry, Rollers, Twist, VelocityCompensation};
 use omnibus::bus::BusAddress;
+use omnibus::calibrate::drive;
 use omnibus::calibrate::phase::{self, Phases};
-use omnibus::calibrate::{drive, poses};
+use omnibus::drive::DriveError;
 use omnibus::error::MasterError;
 use omnibus::link::Link;
+use omnibus::pose::PoseStream;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
 use protocol::{Value, address};
@@ -76,12 +78,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             bail!("--pose tcp://HOST:PORT is missing: where do the robots' poses come from?")
         }
         (_, Some(source)) => {
-            let source = poses::Source::connect(source)?;
+            let source = pose_stream(source)?;
             let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
             let link = target.link(&group)?;
-            calibrate(arguments, &group, link, &mut |_| source.latest(&nodes))
+            calibrate(arguments, &group, link, &mut |_| source.robots(&nodes))
         }
     }
+}
+
+/// Connects to `tcp://HOST:PORT`.
+fn pose_stream(source: &str) -> anyhow::Result<PoseStream> {
+    let address = source
+        .strip_prefix("tcp://")
+        .with_context(|| format!("--pose {source} is not tcp://HOST:PORT"))?;
+    PoseStream::connect(address).map_err(|error| {
+        let address = address.to_owned();
+        let problem = error.to_string();
+        DriveError::Pose { address, problem }.into()
+    })
 }
 
 fn calibrate<L: Link>(

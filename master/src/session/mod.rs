@@ -38,8 +38,6 @@ mod snapshot;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use snapshot::mean_pose;
-
 use std::collections::BTreeSet;
 use std::sync::Arc;
 

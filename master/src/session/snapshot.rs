@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use kinematics::{Pose, Twist};
 use protocol::Code;
 
 use super::Group;
 use crate::link::Link;
 use crate::record::MemberRow;
 use crate::telemetry::{Interest, MemberSample, Snapshot, Telemetry};
+use crate::together::{mean_pose, mean_twist, strain};
 
 impl<L: Link> Group<L> {
     /// Publishes the row that has just been completed, if anybody wants it.
@@ -45,21 +45,21 @@ impl<L: Link> Group<L> {
 
     fn snapshot(&self) -> Option<Snapshot> {
         let row = self.recorder.rows().last()?;
-        let measured: Vec<Twist> = row.members.iter().filter_map(|m| m.measured).collect();
+        let measured = row.members.iter().filter_map(|m| m.measured);
         Some(Snapshot {
             t: row.t,
             phase: self.phase,
             sequence: row.sequence,
             command: row.command,
             target: self.target,
-            pose: mean_pose(&row.members),
-            measured: mean_twist(&measured),
+            pose: mean_pose(row.members.iter().filter_map(|m| m.pose)),
+            measured: mean_twist(measured.clone()),
             scale: row
                 .members
                 .iter()
                 .filter_map(|m| m.permitted_scale)
                 .reduce(f32::min),
-            strain: largest_difference(&measured),
+            strain: strain(measured),
             bus_load: self.wire.bus_load(),
             sync: self.punctuality(),
             members: row
@@ -86,45 +86,4 @@ impl<L: Link> Group<L> {
             wheel_rates: row.wheel_rates,
         }
     }
-}
-
-/// The mean of the poses reported; `None` when there are none. Headings are averaged about the first one's,
-/// so that +-pi does no harm.
-pub(crate) fn mean_pose(members: &[MemberRow]) -> Option<Pose> {
-    let poses: Vec<Pose> = members.iter().filter_map(|member| member.pose).collect();
-    let first = poses.first()?;
-    let count = poses.len() as f32;
-    let turn = |heading: f32| {
-        let (sin, cos) = (heading - first.heading).sin_cos();
-        sin.atan2(cos)
-    };
-    Some(Pose {
-        x: poses.iter().map(|pose| pose.x).sum::<f32>() / count,
-        y: poses.iter().map(|pose| pose.y).sum::<f32>() / count,
-        heading: first.heading + poses.iter().map(|p| turn(p.heading)).sum::<f32>() / count,
-    })
-}
-
-fn mean_twist(twists: &[Twist]) -> Option<Twist> {
-    let count = twists.len() as f32;
-    let sum = twists
-        .iter()
-        .copied()
-        .reduce(|a, b| Twist::new(a.vx + b.vx, a.vy + b.vy, a.omega + b.omega))?;
-    Some(Twist::new(
-        sum.vx / count,
-        sum.vy / count,
-        sum.omega / count,
-    ))
-}
-
-/// Largest difference of two measured velocities at the group's origin, in m/s; `None` for fewer than two.
-fn largest_difference(twists: &[Twist]) -> Option<f32> {
-    let pairs = twists
-        .iter()
-        .enumerate()
-        .flat_map(|(n, a)| twists[n + 1..].iter().map(move |b| (a, b)));
-    pairs
-        .map(|(a, b)| (a.vx - b.vx).hypot(a.vy - b.vy))
-        .reduce(f32::max)
 }
