@@ -282,6 +282,22 @@ proptest! {
         prop_assert!((error - error.round()).abs() < 1e-8);
     }
 
+    /// A count is rollers over counts, in steps of 2^-64 to the nearest: against whole numbers of 128 bits. The angle shows
+    /// the upper 32 bits, so 2^32 counts of it show the rest.
+    #[test]
+    fn a_count_is_a_fraction_of_a_pitch(rollers in 3..200_u16, counts in 800..4_000_000_u32, down in any::<bool>()) {
+        let sign = if down { -1 } else { 1 };
+        let mut track = RollerTrack::new(rollers, f64::from(counts) * f64::from(sign)).unwrap();
+        let exact = ((u128::from(rollers) << 65) / u128::from(counts)).div_ceil(2);
+        let mut shown = 0_u128;
+        for _ in 0..4 {
+            (0..4).for_each(|_| track.advance(1 << 30));
+            shown += 1;
+            let expected = (exact * shown) as u32 as i32;
+            prop_assert_eq!(track.angle().to_bits(), if down { expected.wrapping_neg() } else { expected });
+        }
+    }
+
     /// Closed form over any stretch: the integral of the cosine of the sweep, against a fine sum.
     #[test]
     fn lateral_travel_is_the_integral(from in -3.0..3.0, turned in -4.0..4.0, rollers in 3..16_u16) {
@@ -440,6 +456,8 @@ fn refuses_what_no_wheel_is() {
     );
     assert!(RollerTrack::new(2, 4096.0).is_err());
     assert!(RollerTrack::new(8, 31.0).is_err());
+    assert!(RollerTrack::new(8, -31.0).is_err());
+    assert!(RollerTrack::new(8, 32.0).is_ok());
     assert!(RollerTrack::new(8, f64::NAN).is_err());
     assert!(RollerTrack::new(8, 0.0).is_err());
     let wide = FourWheelGeometry::new(10.0_f64, 0.1, 0.1, 0.7).unwrap();

@@ -205,6 +205,14 @@ impl Real for f32 {
         const STEP: f32 = 1.0 / 4_294_967_296.0; // 2^-32
         steps as Self * STEP
     }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "within half a step of ± 2^31; the upper end wraps, as it should"
+    )]
+    fn to_fraction(self) -> i32 {
+        ((self - libm::roundf(self)) * 4_294_967_296.0) as i64 as i32
+    }
 }
 
 impl Real for f64 {
@@ -254,6 +262,14 @@ impl Real for f64 {
 
     fn from_fraction(steps: i32) -> Self {
         Self::from(steps) / 4_294_967_296.0
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "within half a step of ± 2^31; the upper end wraps, as it should"
+    )]
+    fn to_fraction(self) -> i32 {
+        ((self - libm::round(self)) * 4_294_967_296.0) as i64 as i32
     }
 }
 

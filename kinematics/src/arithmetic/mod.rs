@@ -136,4 +136,9 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     /// A number of steps of 2^-32, so within ± a half.
     #[must_use]
     fn from_fraction(steps: i32) -> Self;
+
+    /// What a number is beyond the nearest whole one, in steps of 2^-32; a half may come out as either end. 0 for what
+    /// is no number.
+    #[must_use]
+    fn to_fraction(self) -> i32;
 }

@@ -7,11 +7,9 @@
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
 
-/// 2^32, steps of a pitch.
-const STEPS: f64 = 4_294_967_296.0;
-
-/// 2^64.
-const FINE_STEPS: f64 = STEPS * STEPS;
+/// Bits behind the point of a `f64`'s mantissa, and what its exponent is too large by.
+const MANTISSA: u32 = 52;
+const BIAS: i32 = 1023;
 
 /// How far a wheel has rolled on past the middle of its ground roller: 2^-32 of a pitch, within ± half a pitch.
 ///
@@ -32,18 +30,7 @@ impl RollerAngle {
     /// From a wheel angle since a roller's middle, rad; whole pitches are taken out. Not finite counts as zero.
     #[must_use]
     pub fn new<S: Real>(angle: S, rollers: &crate::Rollers<S>) -> Self {
-        let pitches = angle.widen() / rollers.pitch().widen();
-        Self::from_pitches(pitches)
-    }
-
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "folded into ± half a pitch before; the upper end wraps, as it should"
-    )]
-    fn from_pitches(pitches: f64) -> Self {
-        let folded = pitches - libm::floor(pitches + 0.5);
-        // Through 64 bits, because half a pitch is one step more than 32 bits hold.
-        Self((folded * STEPS) as i64 as i32)
+        Self((angle / rollers.pitch()).to_fraction())
     }
 
     /// From the integer.
@@ -108,15 +95,11 @@ impl RollerTrack {
         if rollers < 3 {
             return Err(GeometryError::NotPositive("rollers - 2"));
         }
-        let pitches = f64::from(rollers) / counts_per_turn;
-        if pitches.abs() > 0.25 || pitches.is_nan() {
+        if counts_per_turn.is_nan() || counts_per_turn.abs() < f64::from(4 * u32::from(rollers)) {
             return Err(GeometryError::NotPositive("counts a roller - 3"));
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "at most a quarter of 2^64 in magnitude"
-        )]
-        let per_count = libm::round(pitches * FINE_STEPS) as i64;
+        let steps = steps_per_count(rollers, counts_per_turn);
+        let per_count = if counts_per_turn < 0.0 { -steps } else { steps };
         Ok(Self {
             angle: 0,
             per_count,
@@ -142,4 +125,25 @@ impl RollerTrack {
     pub const fn angle(&self) -> RollerAngle {
         RollerAngle((self.angle >> 32) as u32 as i32)
     }
+}
+
+/// `rollers / counts` in steps of 2^-64, to the nearest; at most a quarter. By long division, because that is exact
+/// and a Cortex-M4F has double precision in software only.
+const fn steps_per_count(rollers: u16, counts: f64) -> i64 {
+    let bits = counts.to_bits();
+    let exponent = (bits >> MANTISSA & 0x7FF) as i32 - BIAS - MANTISSA as i32;
+    let divisor = bits & ((1 << MANTISSA) - 1) | 1 << MANTISSA;
+    let (mut steps, mut rest) = (0_u64, rollers as u64);
+    // One bit more than wanted, to round by.
+    let mut place = 65 - exponent;
+    while place > 0 {
+        rest <<= 1;
+        steps <<= 1;
+        if rest >= divisor {
+            rest -= divisor;
+            steps |= 1;
+        }
+        place -= 1;
+    }
+    ((steps + 1) >> 1) as i64
 }

@@ -45,9 +45,8 @@ impl<S: Real> Secant<S> {
                 per_radian: S::ZERO,
             };
         };
-        let pitch = rollers.pitch().widen();
         Self {
-            powers: coefficients(pitch).map(<S as crate::Scalar>::constant),
+            powers: coefficients(rollers.pitch()),
             unknown: S::ONE / rollers.mean_lateral_ratio(),
             per_radian: S::ONE / rollers.pitch(),
         }
@@ -109,12 +108,16 @@ impl<S: Real> Secant<S> {
 }
 
 /// Coefficients of a cubic in `x^2` that is `sec(pitch x)` for `x` within ± 1/2.
-fn coefficients(pitch: f64) -> [f64; 4] {
-    const END: f64 = 0.25;
-    // cos((2k + 1) pi / 8), the zeros of the fourth Chebyshev polynomial, brought to 0..END.
-    let nodes = [1.0, 3.0, 5.0, 7.0]
-        .map(|k| END * 0.5 * (1.0 + libm::cos(k * core::f64::consts::FRAC_PI_8)));
-    let values = nodes.map(|z| 1.0 / libm::cos(pitch * libm::sqrt(z)));
+fn coefficients<S: Real>(pitch: S) -> [S; 4] {
+    /// `cos((2k + 1) pi / 8)`, the zeros of the fourth Chebyshev polynomial, brought to 0..1/4: the values of `x^2`.
+    const NODES: [f64; 4] = [
+        0.240_484_941_563_910_84,
+        0.172_835_429_045_636_23,
+        0.077_164_570_954_363_78,
+        0.009_515_058_436_089_158,
+    ];
+    let nodes = NODES.map(<S as crate::Scalar>::constant);
+    let values = nodes.map(|z| S::ONE / (pitch * z.root()).sine_cosine().1);
     // Newton's divided differences, then multiplied out.
     let [z0, z1, z2, z3] = nodes;
     let [f0, f1, f2, f3] = values;
