@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use crate::error::{GroupError, Source};
-use crate::model::{FIRST_NODE, GroupFile, LAST_NODE, Limits, Robot};
+use crate::model::{ContactLag, FIRST_NODE, GroupFile, LAST_NODE, Limits, Robot};
 use crate::schema::{self, At};
 
 /// What a file may leave out.
@@ -117,6 +117,7 @@ impl Checker<'_> {
                 default::SYNC_PERIOD_MS,
             )?,
             limits: self.limits(&raw.limits)?,
+            contact_lag: self.contact_lag(&raw.contact_lag)?,
             robots,
             simulation,
         })
@@ -190,6 +191,25 @@ impl Checker<'_> {
         })
     }
 
+    fn contact_lag(&self, raw: &schema::ContactLag) -> Checked<ContactLag> {
+        let seconds = |key: &str, value: &Value| -> Checked<f32> {
+            let field = format!("contact_lag.{key}");
+            let ms = self.number(&field, value.as_ref(), 0.0, Range::NotNegative)?;
+            match value {
+                Some(raw) if ms > LONGEST_LAG_MS => {
+                    let remedy = "give at most 100; more is no creep of a contact";
+                    Err(self.refuse(raw, &field, &format!("is {ms}"), remedy))
+                }
+                _ => Ok(ms * 1e-3),
+            }
+        };
+        Ok(ContactLag {
+            longitudinal: seconds("longitudinal_ms", &raw.longitudinal_ms)?,
+            lateral: seconds("lateral_ms", &raw.lateral_ms)?,
+            yaw: seconds("yaw_ms", &raw.yaw_ms)?,
+        })
+    }
+
     /// A period: a whole number of milliseconds, because robots count them in ticks of one.
     fn milliseconds(&self, raw: Option<&At<f64>>, field: &str, fallback: f64) -> Checked<u32> {
         let ms = self.number(field, raw, fallback, Range::Positive)?;
@@ -235,6 +255,9 @@ impl Checker<'_> {
             .error(place.span().start, field, problem, remedy)
     }
 }
+
+/// Longest lag of a contact, ms.
+const LONGEST_LAG_MS: f32 = 100.0;
 
 const ADD_ROBOT: &str = "add a `[[robots]]` entry for every robot";
 

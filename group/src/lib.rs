@@ -31,8 +31,8 @@ mod simulation;
 
 pub use error::GroupError;
 pub use model::{
-    CompensationTable, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE, Limits,
-    Motor, Robot, Rollers, Wheel,
+    CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE,
+    Limits, Motor, Robot, Rollers, Wheel,
 };
 pub use parameters::{Parameter, compensation_set, member_mask, parameters};
 pub use simulation::{

@@ -24,6 +24,8 @@ pub struct GroupFile {
     pub sync_period_us: u32,
     /// Limits of the group's motion, the same in every member.
     pub limits: Limits,
+    /// How the group trails its wheels.
+    pub contact_lag: ContactLag,
     /// The members, in the order of the file.
     pub robots: Vec<Robot>,
     /// What a simulated world needs to be told.
@@ -47,6 +49,21 @@ pub struct Limits {
     pub yaw_jerk: f32,
     /// A setpoint older than this stops the group, microseconds.
     pub command_timeout_us: u32,
+}
+
+/// By how much the group's motion trails what its wheels turn, s, in the group frame.
+///
+/// Rubber creeps: what pushes a roller along its axle is in proportion to its slip, so a group that accelerates slips in
+/// proportion to the acceleration. For wheels that carry mass `m` with friction `mu` and creep to the full at `c` m/s,
+/// and rollers at 45 degrees, that is `2 c / (mu g)` for either translation, whatever `m` is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ContactLag {
+    /// Ahead.
+    pub longitudinal: f32,
+    /// Sideways.
+    pub lateral: f32,
+    /// Turning.
+    pub yaw: f32,
 }
 
 /// One member.

@@ -20,6 +20,8 @@ pub struct File {
     pub sync_period_ms: Option<At<f64>>,
     #[serde(default)]
     pub limits: Limits,
+    #[serde(default)]
+    pub contact_lag: ContactLag,
     pub robot: Option<Defaults>,
     pub robots: Option<At<Vec<At<Entry>>>>,
     pub simulation: Option<Simulation>,
@@ -35,6 +37,14 @@ pub struct Limits {
     pub linear_jerk: Option<At<f64>>,
     pub yaw_jerk: Option<At<f64>>,
     pub command_timeout_ms: Option<At<f64>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactLag {
+    pub longitudinal_ms: Option<At<f64>>,
+    pub lateral_ms: Option<At<f64>>,
+    pub yaw_ms: Option<At<f64>>,
 }
 
 /// The `[robot]` table: what every robot is unless its own entry says otherwise.

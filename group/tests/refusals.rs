@@ -57,6 +57,14 @@ fn unknown_key_names_the_key_that_was_meant() {
 }
 
 #[test]
+fn a_lag_that_is_no_contacts_is_refused() {
+    assert_eq!(
+        refusal("[robot]", "[contact_lag]\nyaw_ms = 101\n\n[robot]"),
+        "pair.toml:9: contact_lag.yaw_ms: is 101; give at most 100; more is no creep of a contact"
+    );
+}
+
+#[test]
 fn unknown_key_lists_the_keys_there_are() {
     assert_eq!(
         refusal(

@@ -23,7 +23,6 @@ use crate::abort::Abort;
 use crate::course::{Course, CourseError};
 use crate::curve::Plan;
 use crate::error::MasterError;
-use crate::follow::Instant;
 use crate::link::Link;
 use crate::metrics::{MetricsError, PathPoint, evenness, path_errors};
 use crate::odometry;
@@ -184,15 +183,17 @@ fn rates(rates: WheelRates<f64>) -> WheelRates {
     rates.map(|rate| rate as f32).into()
 }
 
-fn row(instant: &Instant, sample: &TruthSample) -> TruthRow {
+/// What the world was at a sample, beside what the curve asks for at `t`, the time of the sample.
+fn row(plan: &Plan, t: f64, sample: &TruthSample) -> TruthRow {
+    let (theory, theory_twist) = plan.at(t);
     let robots = sample.robots.iter().map(|robot| RobotTruth {
         pose: pose(&robot.pose),
         wheel_rates: rates(robot.wheel_rates),
     });
     TruthRow {
-        t: instant.t,
-        theory: instant.pose,
-        theory_twist: instant.twist,
+        t,
+        theory,
+        theory_twist,
         group: pose(&sample.group),
         shape_error_mm: sample.shape_error_mm,
         bus_load: sample.bus_load,
@@ -317,12 +318,14 @@ fn drive_world(
     let mut truth = Vec::new();
     group.follow_with(plan, steering.as_mut(), &mut |link, instant| {
         if let Some(sample) = link.world.take_truth().last() {
-            let now = link.world.now();
-            seen.set(Some((now, pose(&sample.group))));
-            let sampled = row(instant, sample);
+            // The world is sampled at times of its own, up to a period before this SYNC.
+            let at = Micros(sample.time_ns / 1_000);
+            let age = link.world.now_ns() - sample.time_ns;
+            seen.set(Some((at, pose(&sample.group))));
+            let sampled = row(plan, instant.t - age as f64 * 1e-9, sample);
             if let Some(recorder) = drive.record {
-                recorder.pose(PLAN, now, instant.pose);
-                recorder.pose(TRUTH, now, sampled.group);
+                recorder.pose(PLAN, at, sampled.theory);
+                recorder.pose(TRUTH, at, sampled.group);
             }
             truth.push(sampled);
         }

@@ -3,9 +3,14 @@
 //! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed time
 //! after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that time
 //! after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's at
-//! that later time, and the group is where the curve says without any lag that could have been foreseen. What
-//! is left (motors, wheel loops, rounding to 0.1 mm/s) shows in the tracking error.
+//! that later time.
+//!
+//! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
+//! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
+//! curve's acceleration ([`led`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
+//! the tracking error.
 
+use group::ContactLag;
 use kinematics::{Pose, Twist};
 
 use crate::curve::Plan;
@@ -23,6 +28,22 @@ const TAIL: f64 = 0.1;
 #[must_use]
 pub const fn preview_us(period_us: u64) -> u64 {
     PREVIEW_SYNCS * period_us + protocol::APPLY_DELAY_US
+}
+
+/// Half the stretch of time over which a curve's acceleration is taken, s.
+const SHORTLY: f64 = 5e-3;
+
+/// The twist that a group with this heading has to ask of its wheels at `t` for moving as the curve does then: the
+/// curve's, and the slip its acceleration costs.
+fn led(plan: &Plan, t: f64, heading: f32, lag: &ContactLag) -> Twist {
+    let (before, after) = (plan.at(t - SHORTLY).1, plan.at(t + SHORTLY).1);
+    let acceleration = ((after - before) * (0.5 / SHORTLY as f32)).to_body(heading);
+    plan.at(t).1.to_body(heading)
+        + Twist::new(
+            lag.longitudinal * acceleration.vx,
+            lag.lateral * acceleration.vy,
+            lag.yaw * acceleration.omega,
+        )
 }
 
 /// What the curve asks for at one instant.
@@ -96,7 +117,7 @@ impl<L: Link> Group<L> {
             let (pose, twist) = plan.at(t);
             let setpoint = match &mut steering {
                 Some(steering) => self.steer(plan, t + preview, steering)?,
-                None => plan.setpoint(t + preview),
+                None => self.forward(plan, t + preview),
             };
             self.set_target(Some(pose));
             self.take_turn(setpoint)?;
@@ -111,6 +132,11 @@ impl<L: Link> Group<L> {
         }
     }
 
+    /// The setpoint for the time `t` of the curve.
+    fn forward(&self, plan: &Plan, t: f64) -> Twist {
+        led(plan, t, plan.at(t).0.heading, &self.file.contact_lag)
+    }
+
     /// The setpoint for the time `t` of the curve, corrected by what was seen.
     fn steer(&self, plan: &Plan, t: f64, steering: &mut Steering) -> Result<Twist, MasterError> {
         let now = self.wire.now();
@@ -118,18 +144,16 @@ impl<L: Link> Group<L> {
             .look(now, self.rows_began(), self.recorder().rows())
             .map_err(|Lost| MasterError::PoseLost)?;
         let Some(seen) = seen.filter(|_| steering.corrects) else {
-            return Ok(plan.setpoint(t));
+            return Ok(self.forward(plan, t));
         };
         let (wanted, _) = plan.at(seen.t);
         let correction = steering.law.correction(wanted, seen.pose);
-        let (pose, forward) = plan.at(t);
         // The heading error stays as it was seen until something is done about it.
-        let heading = pose.heading + seen.pose.heading - wanted.heading;
-        let sum = Twist::new(
-            forward.vx + correction.vx,
-            forward.vy + correction.vy,
-            forward.omega + correction.omega,
-        );
-        Ok(limited(sum.to_body(heading), &self.file.limits))
+        let heading = plan.at(t).0.heading + seen.pose.heading - wanted.heading;
+        let forward = led(plan, t, heading, &self.file.contact_lag);
+        Ok(limited(
+            forward + correction.to_body(heading),
+            &self.file.limits,
+        ))
     }
 }

@@ -3,8 +3,9 @@
 //!
 //! What a robot is told of its rollers is what a calibration would have found, taken from the plant. Compensation
 //! coefficients are measured: one longitudinal, one lateral and one turning run on native robots, asked over achieved.
+//! The same runs show by how much the group trails its wheels.
 
-use group::{GroupFile, Plant, Rollers};
+use group::{ContactLag, GroupFile, Plant, Rollers};
 use kinematics::VelocityCompensation;
 
 use crate::abort::Abort;
@@ -68,18 +69,33 @@ pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveEr
         };
         simulated(&drive, &mut |_, _| {})
     };
-    let ahead = run(Curve::Forward)?.errors.y_percent;
-    let aside = run(Curve::Lateral)?.errors.x_percent;
-    let about = run(Curve::Turn)?.evenness.turn_percent;
+    let (ahead, aside, about) = (
+        run(Curve::Forward)?,
+        run(Curve::Lateral)?,
+        run(Curve::Turn)?,
+    );
     #[expect(
         clippy::cast_possible_truncation,
         reason = "a robot holds a coefficient as f32"
     )]
     let coefficient = |percent: f64| (1.0 / (1.0 + percent / 100.0)) as f32;
-    let compensation =
-        VelocityCompensation::new(coefficient(ahead), coefficient(aside), coefficient(about))
-            .unwrap_or(VelocityCompensation::NONE);
+    let compensation = VelocityCompensation::new(
+        coefficient(ahead.errors.y_percent),
+        coefficient(aside.errors.x_percent),
+        coefficient(about.evenness.turn_percent),
+    )
+    .unwrap_or(VelocityCompensation::NONE);
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a group file holds a time as f32"
+    )]
+    let seconds = |run: &Run| (run.evenness.lag_ms.max(0.0) * 1e-3) as f32;
     let mut out = group.clone();
+    out.contact_lag = ContactLag {
+        longitudinal: seconds(&ahead),
+        lateral: seconds(&aside),
+        yaw: seconds(&about),
+    };
     for robot in &mut out.robots {
         match &mut robot.rollers {
             Some(rollers) => rollers.compensation = compensation,

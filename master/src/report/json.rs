@@ -14,6 +14,7 @@ struct Run {
     ripple_percent: f64,
     heading_error_deg: f64,
     turn_percent: f64,
+    lag_ms: f64,
     shape_error_mm: f64,
 }
 
@@ -57,6 +58,7 @@ pub fn to_json(report: &Report) -> String {
                 ripple_percent: rounded(run.evenness.ripple_percent),
                 heading_error_deg: rounded(run.evenness.heading_error_deg),
                 turn_percent: rounded(run.evenness.turn_percent),
+                lag_ms: rounded(run.evenness.lag_ms),
                 shape_error_mm: rounded(run.shape_error_mm),
             })
             .collect(),

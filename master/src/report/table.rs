@@ -58,6 +58,11 @@ pub fn to_table(report: &Report) -> String {
         "-".into(),
     );
     row(
+        "lag behind the curve",
+        &|run| format!("{:.2} ms", run.evenness.lag_ms),
+        "-".into(),
+    );
+    row(
         "ripple of the speed",
         &|run| format!("{:.2} %", run.evenness.ripple_percent),
         "-".into(),
