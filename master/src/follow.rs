@@ -96,7 +96,8 @@ impl<L: Link> Group<L> {
         driven.and(stopped)
     }
 
-    fn drive(
+    /// Drives a checked plan; the group stands afterwards and stays started.
+    pub(crate) fn drive(
         &mut self,
         plan: &Plan,
         mut steering: Option<&mut Steering>,

@@ -180,3 +180,106 @@ fn quiet_says_nothing_and_json_errors_are_json() {
     assert!(error["error"].as_str().unwrap().contains("node 9"));
     assert_eq!(output.status.code(), Some(4));
 }
+
+/// A copy of a group file that a test may write to.
+fn own_group(name: &str) -> (std::path::PathBuf, String) {
+    let file = format!("omnibus-{name}-{}.toml", std::process::id());
+    let path = std::env::temp_dir().join(file);
+    std::fs::copy(common::root().join("groups/tcc-2.toml"), &path).unwrap();
+    let bus = format!("sim:{}", path.display());
+    (path, bus)
+}
+
+#[test]
+fn calibrate_and_undo() {
+    let (path, bus) = own_group("calibrate");
+    let before = std::fs::read_to_string(&path).unwrap();
+    let few = ["--speeds", "0.5", "--rates", "0.5", "--repeats", "1"];
+    let shown = [&["calibrate", "--bus", BUS, "--quiet"], &few[..]].concat();
+    assert!(transcript(&shown).ends_with("exit code 0\n"), "quiet");
+    let shown = [&["calibrate", "--bus", BUS], &few[..]].concat();
+    check("calibrate", &transcript(&shown));
+    let written = [&["calibrate", "--bus", &bus, "--write", "--json"], &few[..]].concat();
+    let found = json(&written);
+    assert_eq!(found["group_file"], true);
+    assert_ne!(std::fs::read_to_string(&path).unwrap(), before);
+    // Table 3: 483.2 mm/s of 500.
+    let rows = found["outcomes"][0]["coefficients"].as_array().unwrap();
+    let lateral = rows.iter().find(|r| r["motion"] == "sideways").unwrap();
+    let coefficient = lateral["coefficient"].as_f64().unwrap();
+    assert!((coefficient - 500.0 / 483.2).abs() < 1e-3, "{coefficient}");
+    json(&["calibrate", "--undo", "--bus", &bus, "--json"]);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), before);
+    let mut text = transcript(&["calibrate", "--undo", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--save", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--speeds", "0", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--speeds", "3", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--bus", "slcan-tcp://127.0.0.1:1"]);
+    check("calibrate-refused", &text);
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A person with a tape measure.
+fn by_tape(mut answer: impl FnMut(usize, &str) -> String) -> std::process::Output {
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::process::Stdio;
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args(["calibrate", "--tape", "--bus", BUS, "--json"])
+        .current_dir(common::root())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let errors = BufReader::new(child.stderr.take().unwrap());
+    let mut asked = 0;
+    for line in errors.lines() {
+        let line = line.unwrap();
+        if line.starts_with("asked for") {
+            writeln!(stdin, "{}", answer(asked, &line)).unwrap();
+            asked += 1;
+        }
+    }
+    child.wait_with_output().unwrap()
+}
+
+/// What a question says was asked for.
+fn asked_for(line: &str) -> Vec<f64> {
+    let (asked, _) = line.split_once(';').unwrap();
+    let numbers = asked.split(' ').filter(|word| word.starts_with(['+', '-']));
+    numbers.map(|word| word.parse().unwrap()).collect()
+}
+
+#[test]
+fn calibrate_by_tape() {
+    // 3 % are lost sideways in the twelve straight motions; with the compensation in force, nothing.
+    let output = by_tape(|n, line| {
+        let mut numbers = asked_for(line);
+        let lateral = line.contains("to the left") && !line.contains("degrees");
+        if n < 12 && lateral {
+            *numbers.last_mut().unwrap() *= 0.97;
+        }
+        let words: Vec<_> = numbers.iter().map(f64::to_string).collect();
+        words.join(" ")
+    });
+    assert_eq!(output.status.code(), Some(0));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for row in found["outcomes"][0]["coefficients"].as_array().unwrap() {
+        let want = if row["axis"] == "lateral" {
+            1.0 / 0.97
+        } else {
+            1.0
+        };
+        let coefficient = row["coefficient"].as_f64().unwrap();
+        // A question has the way to a millimetre and a tenth of a degree.
+        assert!((coefficient - want).abs() < 3e-3, "{row}");
+    }
+}
+
+#[test]
+fn calibrate_without_an_answer_gives_nothing() {
+    let output = by_tape(|_, _| String::new());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(output.stdout.is_empty());
+}

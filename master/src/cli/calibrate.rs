@@ -15,6 +15,17 @@ use protocol::{Value, address};
 
 use super::{Target, abort_on_ctrl_c, say};
 
+mod slip;
+
+const EXAMPLES: &str = "Examples:
+  omnibus calibrate --bus sim:groups/tcc-2.toml
+  omnibus calibrate --pose tcp://127.0.0.1:7702 --plot floor.svg --write --save --bus socketcan:can0 --group my-group.toml
+  omnibus calibrate --tape --speeds 0.3 --bus socketcan:can0 --group my-group.toml
+  omnibus calibrate --undo --bus socketcan:can0 --group my-group.toml
+  omnibus calibrate --phase --bus sim:groups/single.toml
+
+The group needs a clear floor of --distance (1 m) and the ramps to every side. Every motion is driven there and back.";
+
 /// Slow enough that slip and loop lag are small, fast enough not to take all day: m/s and rad/s.
 const SIDEWAYS: f32 = 0.15;
 const TURNING: f32 = 0.3;
@@ -22,10 +33,11 @@ const TURNING: f32 = 0.3;
 const SECONDS: f64 = 6.0;
 
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Finds how the rollers of each wheel stand when its encoder's index comes.
+    /// Finds how the rollers of each wheel stand when its encoder's index comes, instead of what the floor takes away.
     #[arg(long)]
     phase: bool,
     /// Rollers of a wheel, where the group file does not say.
@@ -34,14 +46,16 @@ pub struct Arguments {
     /// Where poses come from: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
-    /// Writes the phases into the robots and has them stored.
+    /// Writes what was found into the robots; coefficients into the group file, too.
     #[arg(long)]
     write: bool,
+    #[command(flatten)]
+    slip: slip::Slip,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if !arguments.phase {
-        bail!("say what to calibrate: --phase");
+        return slip::run(arguments);
     }
     let target = &arguments.target;
     let mut group = target.group()?;
@@ -190,6 +204,6 @@ fn write<L: Link>(group: &mut Group<L>, node: u8, found: &Phases) -> anyhow::Res
             .write(node, address::rollers::phase(wheel), value)?;
     }
     say(format!(
-        "# node {node}: written; `omnibus param store` keeps it through a power cycle"
+        "# node {node}: written; `omnibus param save` keeps it through a power cycle"
     ))
 }

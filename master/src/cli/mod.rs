@@ -85,6 +85,14 @@ impl Target {
         Ok(Some(GroupFile::load(path)?))
     }
 
+    /// Where the group file is.
+    pub fn group_path(&self) -> anyhow::Result<&Path> {
+        match (&self.bus, &self.group) {
+            (BusAddress::Sim(path), _) | (_, Some(path)) => Ok(path),
+            _ => bail!("--group GROUP.toml is missing"),
+        }
+    }
+
     /// Opens the bus for a command that needs to know no group.
     pub fn link_if_any(&self, group: Option<&GroupFile>) -> anyhow::Result<Box<dyn Link>> {
         match (&self.bus, group) {
@@ -102,12 +110,12 @@ impl Target {
 
     /// Begins a recording of this bus, whose link has `now` on its clock.
     pub fn recorder(&self, file: &Path, activity: &str, now: Micros) -> anyhow::Result<Recorder> {
-        let group = match (&self.bus, &self.group) {
-            (BusAddress::Sim(path), _) | (_, Some(path)) => Some(
+        let group = match self.group_path() {
+            Ok(path) => Some(
                 std::fs::read_to_string(path)
                     .with_context(|| format!("cannot read {}", path.display()))?,
             ),
-            _ => None,
+            Err(_) => None,
         };
         // A simulated bus begins at 0 every time, so that the same drive is the same file.
         let epoch_ns = match &self.bus {

@@ -9,6 +9,7 @@ use std::io::{IsTerminal as _, Write as _};
 use std::sync::OnceLock;
 
 use anyhow::Context as _;
+use omnibus::calibrate::CalibrateError;
 use omnibus::drive::DriveError;
 use omnibus::error::MasterError;
 use omnibus::link::LinkError;
@@ -123,6 +124,10 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     let master = error.chain().find_map(|cause| {
         let inner = cause.downcast_ref::<DriveError>().and_then(|e| match e {
             DriveError::Master(error) => Some(error),
+            _ => None,
+        });
+        let inner = inner.or_else(|| match cause.downcast_ref::<CalibrateError>() {
+            Some(CalibrateError::Master(error)) => Some(error),
             _ => None,
         });
         inner.or_else(|| cause.downcast_ref::<MasterError>())

@@ -31,6 +31,34 @@ fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
     std::fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// What a picture's name asks for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    Svg,
+    Png,
+}
+
+/// The form of a picture by its name; `option` is what gave it.
+pub fn form(path: &Path, option: &str) -> anyhow::Result<Form> {
+    let extension = path.extension().and_then(|e| e.to_str());
+    match extension.map(str::to_ascii_lowercase).as_deref() {
+        Some("svg") => Ok(Form::Svg),
+        Some("png") => Ok(Form::Png),
+        _ => bail!(
+            "{option} {}: the name must end in .svg or .png",
+            path.display()
+        ),
+    }
+}
+
+/// Writes charts in the form that the name asks for.
+pub fn write_sheet(path: &Path, sheet: &chart::Sheet) -> anyhow::Result<()> {
+    match form(path, "picture")? {
+        Form::Png => write(path, &sheet.to_png()?),
+        Form::Svg => write(path, sheet.to_svg()?.as_bytes()),
+    }
+}
+
 /// `omnibus plot`.
 pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
     let mut outputs = arguments.output.clone();
@@ -39,26 +67,13 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
             .map(|form| arguments.file.with_extension(form))
             .into();
     }
-    let form = |path: &Path| {
-        path.extension()
-            .and_then(|e| e.to_str())
-            .map(str::to_ascii_lowercase)
-    };
     for path in &outputs {
-        if !matches!(form(path).as_deref(), Some("svg" | "png")) {
-            bail!(
-                "--output {}: the name must end in .svg or .png",
-                path.display()
-            );
-        }
+        form(path, "--output")?;
     }
     let recording = load(&arguments.file, super::quiet())?;
     let sheet = charts::sheet(&recording);
     for path in &outputs {
-        match form(path).as_deref() {
-            Some("png") => write(path, &sheet.to_png()?)?,
-            _ => write(path, sheet.to_svg()?.as_bytes())?,
-        }
+        write_sheet(path, &sheet)?;
         if !super::quiet() && !super::json() {
             say(path.display())?;
         }

@@ -406,6 +406,12 @@ impl<L: Link> Group<L> {
         self.wire.hub.0.publish(&Telemetry::Event(event));
     }
 
+    /// Goes by another file from now on, with the same robots; they get it when they are configured or started next.
+    pub(crate) fn set_config(&mut self, file: GroupFile) {
+        self.file = Arc::new(file);
+        self.configured = false;
+    }
+
     pub(crate) fn set_configured(&mut self) {
         self.configured = true;
     }

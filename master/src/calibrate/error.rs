@@ -1,0 +1,110 @@
+//! Why a calibration gives nothing.
+
+use crate::error::MasterError;
+
+/// Why no coefficients can be given.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrateError {
+    /// Driving, or the source of poses.
+    #[error(transparent)]
+    Master(#[from] MasterError),
+    /// No speed is left within the limits.
+    #[error(
+        "no speed to calibrate at is within the group's limits; give --speeds and --rates below limits.linear_speed and \
+         limits.yaw_rate"
+    )]
+    NoSpeeds,
+    /// Bolted robots that do not face one way.
+    #[error(
+        "node {node} faces {degrees:.1} degrees away from the first robot; bolted together they cannot be told apart: \
+         calibrate the robots one by one, then bolt them"
+    )]
+    FacesElsewhere {
+        /// The node.
+        node: u8,
+        /// By how much.
+        degrees: f64,
+    },
+    /// A motion that was left out.
+    #[error(
+        "nothing was measured of {motion} motion; nothing is written. Measure at least one speed, both ways"
+    )]
+    NotMeasured {
+        /// Which motion.
+        motion: &'static str,
+    },
+    /// Bad or too few data.
+    #[error(
+        "{motion} at {speed} {unit}: {reason}; nothing is written. Look for slip, play and a source of poses that \
+             jumps, then measure again"
+    )]
+    NotDetermined {
+        /// Which motion.
+        motion: &'static str,
+        /// How fast.
+        speed: f64,
+        /// Unit of it.
+        unit: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The source of poses looks askew.
+    #[error(
+        "every motion leads {degrees:.1} degrees to the left of where it should (negative: right): the source of poses \
+         and the robots do not agree about what is ahead; turn the tracked body's axes by that and measure again"
+    )]
+    Askew {
+        /// By how much, counter-clockwise.
+        degrees: f64,
+    },
+    /// One motion leads elsewhere.
+    #[error(
+        "{motion} at {speed} m/s led {degrees:.1} degrees aside; look for a wheel that stands, slips, or is mounted in \
+         another's place (`omnibus wheel-test`)"
+    )]
+    Sidelong {
+        /// Which motion.
+        motion: &'static str,
+        /// How fast.
+        speed: f64,
+        /// By how much, counter-clockwise.
+        degrees: f64,
+    },
+    /// A straight motion turned the group.
+    #[error(
+        "{motion} at {speed} m/s turned by {degrees:.1} degrees; look for a wheel of another size, one that slips, or a \
+         load far off the middle"
+    )]
+    Turned {
+        /// Which motion.
+        motion: &'static str,
+        /// How fast.
+        speed: f64,
+        /// By how much, counter-clockwise.
+        degrees: f64,
+    },
+    /// Coefficients that no robot takes.
+    #[error(
+        "the coefficients cannot be used: {0}; nothing is written. Look for a wheel that slips or stands"
+    )]
+    Unusable(String),
+    /// Driven again, the group is not where it should be.
+    #[error(
+        "with the new coefficients {motion} motion is still off by {percent:.2} %, more than 1 %; nothing is written. Measure \
+         again with more --repeats, and over a longer --distance"
+    )]
+    DoesNotHold {
+        /// Which motion.
+        motion: &'static str,
+        /// By how much.
+        percent: f64,
+    },
+    /// A file to be read or written.
+    #[error("{path}: {problem}")]
+    File {
+        /// The file.
+        path: String,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+}

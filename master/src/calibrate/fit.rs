@@ -1,0 +1,348 @@
+//! From motions to coefficients: tables over speed, ahead, sideways and oblique, each with how sure it is.
+//!
+//! One axis at one speed is [`kinematics::estimate::fit`]: outliers out, least squares, a 95 % interval, refusal of what
+//! does not determine it. Oblique motions at any angle are first brought to 45 degrees by the rule that
+//! [`kinematics::DirectionalCompensation`] interpolates with. Before anything is fitted the motions have to make sense:
+//! a group that moves askew has a pose source that looks askew, or a wheel in the wrong place, and no coefficient mends
+//! either.
+
+use group::CompensationTable;
+use kinematics::estimate::{Fit, Limits, Sample, fit};
+use kinematics::{AxisTable, DirectionalCompensation, VelocityCompensation};
+
+use super::CalibrateError;
+use super::manoeuvre::Way;
+use super::measure::Observation;
+
+/// A motion along an axis may lead this far to the side, rad.
+const ASKEW: f64 = 0.035;
+/// A straight motion may turn the group this much, rad per m.
+const TURNS: f64 = 0.09;
+/// Rows of a table.
+const ROWS: usize = protocol::compensation::ROWS;
+
+/// One coefficient.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Speed by the wheels, m/s or rad/s.
+    pub speed: f64,
+    /// The coefficient and how sure it is.
+    pub fit: Fit,
+}
+
+impl Row {
+    /// The row of a table: achieved speed, coefficient.
+    #[expect(clippy::cast_possible_truncation, reason = "a robot holds 16 bits")]
+    fn pair(&self) -> (f32, f32) {
+        let coefficient = self.fit.coefficient;
+        ((self.speed / coefficient) as f32, coefficient as f32)
+    }
+}
+
+/// All that was found of one subject.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Found {
+    /// Longitudinal.
+    pub ahead: Vec<Row>,
+    /// Lateral.
+    pub aside: Vec<Row>,
+    /// Longitudinal and lateral at 45 degrees.
+    pub oblique: Vec<[Row; 2]>,
+    /// About z.
+    pub yaw: Vec<Row>,
+}
+
+/// What a fit accepts: two motions are the least, one each way.
+const LIMITS: Limits = Limits {
+    least_speed: 0.01,
+    resolution: 1e-4,
+    outlier_deviations: 4.0,
+    least_samples: 2,
+    widest_interval: 0.02,
+};
+
+fn refused(
+    way: Way,
+    speed: f64,
+) -> impl Fn(kinematics::estimate::EstimationError) -> CalibrateError {
+    move |reason| CalibrateError::NotDetermined {
+        motion: way.name(),
+        speed,
+        unit: way.unit(),
+        reason: reason.to_string(),
+    }
+}
+
+/// One coefficient from ratios of measured to believed.
+pub(super) fn row(
+    way: Way,
+    speed: f64,
+    ratios: impl Iterator<Item = f64> + Clone,
+) -> Result<Row, CalibrateError> {
+    let samples = ratios.map(|ratio| Sample {
+        commanded: speed,
+        measured: speed * ratio,
+    });
+    let fit = fit(samples, &LIMITS).map_err(refused(way, speed))?;
+    Ok(Row { speed, fit })
+}
+
+impl Found {
+    /// From the straight motions, all driven without compensation.
+    ///
+    /// # Errors
+    /// When they do not make sense, or do not determine a coefficient.
+    pub fn straight(seen: &[Observation]) -> Result<Self, CalibrateError> {
+        sensible(seen)?;
+        let of = |way| seen.iter().filter(move |o| o.way == way);
+        let axis = |way, n: usize| -> Result<Vec<Row>, CalibrateError> {
+            if of(way).next().is_none() {
+                return Err(CalibrateError::NotMeasured { motion: way.name() });
+            }
+            speeds(of(way))
+                .into_iter()
+                .map(|speed| {
+                    let here = of(way).filter(move |o| o.speed.total_cmp(&speed).is_eq());
+                    row(way, speed, here.map(move |o| o.measured[n] / o.believed[n]))
+                })
+                .collect()
+        };
+        let mut found = Self {
+            ahead: axis(Way::Ahead, 0)?,
+            aside: axis(Way::Aside, 1)?,
+            ..Self::default()
+        };
+        for speed in speeds(of(Way::Oblique)) {
+            let axial = [&found.ahead, &found.aside].map(|rows| {
+                let near = rows
+                    .iter()
+                    .min_by(|a, b| (a.speed - speed).abs().total_cmp(&(b.speed - speed).abs()));
+                near.map_or(1.0, |row| row.fit.coefficient)
+            });
+            let ratios = |n: usize| {
+                let here = of(Way::Oblique).filter(move |o| o.speed.total_cmp(&speed).is_eq());
+                here.map(move |o| {
+                    // coefficient = axial + 2 share (oblique - axial), the share being the other axis's.
+                    let square = o.measured.map(|v| v * v);
+                    let share = square[1 - n] / (square[0] + square[1]);
+                    let coefficient = o.believed[n] / o.measured[n];
+                    1.0 / (axial[n] + (coefficient - axial[n]) / (2.0 * share))
+                })
+            };
+            let row = |n| row(Way::Oblique, speed, ratios(n));
+            found.oblique.push([row(0)?, row(1)?]);
+        }
+        Ok(found)
+    }
+
+    /// The tables as a robot takes them.
+    #[must_use]
+    pub fn table(&self, version: u32) -> CompensationTable {
+        let pairs = |rows: &[Row]| rows.iter().map(Row::pair).collect();
+        let oblique = self.oblique.iter().map(|[x, y]| {
+            let (speed, along) = x.pair();
+            (speed, along, y.pair().1)
+        });
+        CompensationTable {
+            version,
+            longitudinal: pairs(&self.ahead),
+            lateral: pairs(&self.aside),
+            oblique: oblique.collect(),
+            yaw: pairs(&self.yaw),
+        }
+    }
+
+    /// One coefficient an axis: the mean of its rows.
+    ///
+    /// # Errors
+    /// When they are none.
+    #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
+    pub fn constant(&self) -> Result<VelocityCompensation, CalibrateError> {
+        let mean = |rows: &[Row]| {
+            let sum: f64 = rows.iter().map(|row| row.fit.coefficient).sum();
+            if rows.is_empty() {
+                1.0
+            } else {
+                (sum / rows.len() as f64) as f32
+            }
+        };
+        let [x, y, turn] = [&self.ahead, &self.aside, &self.yaw].map(|rows| mean(rows));
+        VelocityCompensation::new(x, y, turn).map_err(unusable)
+    }
+
+    /// Checks that a robot could take the tables.
+    ///
+    /// # Errors
+    /// When they have no inverse, or coefficients no floor explains.
+    pub fn check(&self) -> Result<(), CalibrateError> {
+        let table = self.table(0);
+        let axis = |rows: &[(f32, f32)]| {
+            AxisTable::<ROWS>::filled(rows.iter().copied(), 1.0).map_err(unusable)
+        };
+        let (ahead, aside) = (axis(&table.longitudinal)?, axis(&table.lateral)?);
+        let yaw = axis(&table.yaw)?;
+        if !table.oblique.is_empty() {
+            let column = |n: usize| -> Vec<(f32, f32)> {
+                let rows = table.oblique.iter();
+                rows.map(|(speed, x, y)| (*speed, [*x, *y][n])).collect()
+            };
+            let (x, y) = (axis(&column(0))?, axis(&column(1))?);
+            DirectionalCompensation::new(ahead, aside, x, y, yaw).map_err(unusable)?;
+        }
+        let mut bytes = [0; protocol::compensation::LENGTH_MAX];
+        let tables = protocol::compensation::Tables {
+            version: 0,
+            longitudinal: &table.longitudinal,
+            lateral: &table.lateral,
+            oblique: &table.oblique,
+            yaw: &table.yaw,
+        };
+        tables.encode(&mut bytes).map_err(unusable)?;
+        Ok(())
+    }
+}
+
+fn unusable(error: impl std::fmt::Display) -> CalibrateError {
+    CalibrateError::Unusable(error.to_string())
+}
+
+/// The speeds there are, rising.
+fn speeds<'a>(seen: impl Iterator<Item = &'a Observation>) -> Vec<f64> {
+    let mut out: Vec<f64> = seen.map(|o| o.speed).collect();
+    out.sort_by(f64::total_cmp);
+    out.dedup_by(|a, b| a.total_cmp(b).is_eq());
+    out
+}
+
+/// Refuses motions that lead askew or turn on the way.
+fn sensible(seen: &[Observation]) -> Result<(), CalibrateError> {
+    let along = |o: &Observation| {
+        let ([bx, by, _], [mx, my, _]) = (o.believed, o.measured);
+        (bx * my - by * mx).atan2(bx * mx + by * my)
+    };
+    let axial = || {
+        seen.iter()
+            .filter(|o| matches!(o.way, Way::Ahead | Way::Aside))
+    };
+    let mut angles: Vec<f64> = axial().map(along).collect();
+    angles.sort_by(f64::total_cmp);
+    let middle = angles.get(angles.len() / 2).copied().unwrap_or(0.0);
+    if middle.abs() > ASKEW {
+        return Err(CalibrateError::Askew {
+            degrees: middle.to_degrees(),
+        });
+    }
+    for o in axial() {
+        if along(o).abs() > 2.0 * ASKEW {
+            return Err(CalibrateError::Sidelong {
+                motion: o.way.name(),
+                speed: o.speed,
+                degrees: along(o).to_degrees(),
+            });
+        }
+        let metres = o.believed[0].hypot(o.believed[1]);
+        if o.measured[2].abs() > TURNS * metres.max(1.0) {
+            return Err(CalibrateError::Turned {
+                motion: o.way.name(),
+                speed: o.speed,
+                degrees: o.measured[2].to_degrees(),
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a robot with these coefficients does, asked for a way of its wheels.
+    fn seen(way: Way, speed: f64, believed: [f64; 3], [x, y]: [f64; 2]) -> Observation {
+        let measured = [believed[0] / x, believed[1] / y, 0.0];
+        Observation {
+            way,
+            speed,
+            believed,
+            measured,
+        }
+    }
+
+    /// The coefficients of the paper's Tables 3 and 4 at 0.3 m/s.
+    const AHEAD: f64 = 1.0022;
+    const ASIDE: f64 = 1.0326;
+    const OBLIQUE: [f64; 2] = [1.0170, 1.0175];
+
+    fn motions() -> Vec<Observation> {
+        let mut out = Vec::new();
+        for sign in [1.0, -1.0] {
+            out.push(seen(Way::Ahead, 0.3, [sign, 0.0, 0.0], [AHEAD, 1.0]));
+            out.push(seen(Way::Aside, 0.3, [0.0, sign, 0.0], [1.0, ASIDE]));
+            for angle in [0.54_f64, -1.03] {
+                // The share is that of the achieved motion: found by going there.
+                let (dy, dx) = angle.sin_cos();
+                let (mx, my) = (sign * dx, sign * dy);
+                let s = dy * dy;
+                let x = AHEAD + 2.0 * s * (OBLIQUE[0] - AHEAD);
+                let y = ASIDE + 2.0 * (1.0 - s) * (OBLIQUE[1] - ASIDE);
+                out.push(seen(Way::Oblique, 0.3, [x * mx, y * my, 0.0], [x, y]));
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn finds_the_coefficients_it_was_made_with() {
+        let found = Found::straight(&motions()).unwrap();
+        let near = |row: &Row, want: f64| (row.fit.coefficient - want).abs() < 1e-9;
+        assert!(near(&found.ahead[0], AHEAD) && near(&found.aside[0], ASIDE));
+        assert!(near(&found.oblique[0][0], OBLIQUE[0]), "{found:?}");
+        assert!(near(&found.oblique[0][1], OBLIQUE[1]), "{found:?}");
+        found.check().unwrap();
+        let (speed, coefficient) = found.table(7).lateral[0];
+        assert!((f64::from(speed) - 0.3 / ASIDE).abs() < 1e-6);
+        assert!((f64::from(coefficient) - ASIDE).abs() < 1e-6);
+    }
+
+    fn refusal(change: impl Fn(&mut Observation)) -> String {
+        let mut seen = motions();
+        seen.iter_mut().for_each(change);
+        let found = Found::straight(&seen).and_then(|found| found.check().map(|()| found));
+        found.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn bad_data_are_refused_with_the_reason() {
+        let contradicting = refusal(|o| {
+            if o.way == Way::Aside && o.believed[1] > 0.0 {
+                o.measured[1] *= 0.9;
+            }
+        });
+        assert!(
+            contradicting.contains("sideways at 0.3 m/s"),
+            "{contradicting}"
+        );
+        assert!(contradicting.contains("uncertain"), "{contradicting}");
+        let askew = refusal(|o| {
+            let [x, y, _] = o.measured;
+            o.measured = [x - 0.05 * y, y + 0.05 * x, 0.0];
+        });
+        assert!(askew.contains("2.9 degrees"), "{askew}");
+        let backwards = refusal(|o| {
+            if o.way == Way::Ahead {
+                o.measured[0] = -o.measured[0];
+            }
+        });
+        assert!(backwards.contains("ahead"), "{backwards}");
+        let turning = refusal(|o| {
+            if o.way == Way::Aside {
+                o.measured[2] = 0.2;
+            }
+        });
+        assert!(turning.contains("turned by 11.5 degrees"), "{turning}");
+        let nonsense = refusal(|o| o.measured[0] = f64::NAN);
+        assert!(nonsense.contains("not a finite number"), "{nonsense}");
+        // Half of the way sideways lost: no table takes that.
+        let lost = refusal(|o| o.measured[1] *= 0.49);
+        assert!(lost.contains("2 or more"), "{lost}");
+    }
+}

@@ -1,0 +1,516 @@
+//! `omnibus calibrate`: the compensation for wheel slip, from a source of poses or a tape measure.
+
+use std::io::BufRead as _;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use canopen::{Micros, NmtCommand};
+use comfy_table::{Table, presets};
+use group::GroupFile;
+use omnibus::bus::BusAddress;
+use omnibus::calibrate::fit::Row;
+use omnibus::calibrate::kept::{Held, Kept, rewrite, section};
+use omnibus::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
+use omnibus::calibrate::measure::{Subject, Witness};
+use omnibus::calibrate::{Calibration, calibrate, chart};
+use omnibus::error::MasterError;
+use omnibus::link::Link;
+use omnibus::session::Group;
+use omnibus::sim_link::SimLink;
+use serde_json::{Value, json};
+
+use super::Arguments;
+use crate::cli::{abort_on_ctrl_c, json, note, plot, print_json, say};
+
+/// How the motions are measured and driven, where it is not the usual.
+#[derive(clap::Args)]
+pub struct Slip {
+    /// Asks for every motion how far the group has come, instead of a source of poses.
+    #[arg(long, conflicts_with_all = ["pose", "phase"])]
+    tape: bool,
+    /// Speeds of the straight motions, m/s.
+    #[arg(long, value_delimiter = ',', value_name = "M/S,...")]
+    speeds: Vec<f64>,
+    /// Rates of the turns, rad/s.
+    #[arg(long, value_delimiter = ',', value_name = "RAD/S,...")]
+    rates: Vec<f64>,
+    /// How far each motion leads at least, m; a wheel's way in turns.
+    #[arg(long, default_value_t = Settings::default().distance, value_name = "METRES")]
+    distance: f64,
+    /// How often each motion is driven each way: 2, or 1 with --tape.
+    #[arg(long)]
+    repeats: Option<u32>,
+    /// Stores what is written in the robots' flash, too.
+    #[arg(long)]
+    save: bool,
+    /// Takes the last --write back: the robots' sets and the group file.
+    #[arg(long, conflicts_with_all = ["write", "phase", "tape", "pose"])]
+    undo: bool,
+    /// Where what --write replaces is kept for --undo; beside the group file without this.
+    #[arg(long, value_name = "FILE.json")]
+    kept: Option<PathBuf>,
+    /// Draws the coefficients over speed.
+    #[arg(long, value_name = "FILE.svg|FILE.png")]
+    plot: Option<PathBuf>,
+}
+
+impl Slip {
+    fn settings(&self, group: &GroupFile, rollers: u8) -> anyhow::Result<Settings> {
+        let usual = Settings::default();
+        let sorted = |asked: &[f64], name: &str, usual: Vec<f64>| {
+            if asked.is_empty() {
+                return Ok(usual);
+            }
+            if let Some(bad) = asked.iter().find(|v| !(0.02..=6.0).contains(*v)) {
+                bail!("{name}: {bad} is not between 0.02 and 6");
+            }
+            let mut all = asked.to_vec();
+            all.sort_by(f64::total_cmp);
+            all.dedup();
+            if all.len() > protocol::compensation::ROWS {
+                bail!("{name}: give at most {}", protocol::compensation::ROWS);
+            }
+            Ok(all)
+        };
+        if !(0.1..=20.0).contains(&self.distance) {
+            bail!("--distance: {} is not between 0.1 and 20 m", self.distance);
+        }
+        let repeats = self
+            .repeats
+            .unwrap_or(if self.tape { 1 } else { usual.repeats });
+        if !(1..=20).contains(&repeats) {
+            bail!("--repeats: {repeats} is not between 1 and 20");
+        }
+        let few = |all: Vec<f64>, one: f64| if self.tape { vec![one] } else { all };
+        let settings = Settings {
+            speeds: sorted(&self.speeds, "--speeds", few(usual.speeds, 0.25))?,
+            rates: sorted(&self.rates, "--rates", few(usual.rates, 0.5))?,
+            distance: self.distance,
+            repeats,
+            rollers,
+        };
+        Ok(settings.within(&group.limits))
+    }
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let target = &arguments.target;
+    let group = target.group()?;
+    let slip = &arguments.slip;
+    if slip.undo {
+        return undo(arguments, &group);
+    }
+    if slip.save && !arguments.write {
+        bail!("--save stores what --write writes; give both");
+    }
+    if let Some(path) = &slip.plot {
+        plot::form(path, "--plot")?;
+    }
+    let settings = slip.settings(&group, arguments.rollers)?;
+    let subjects = Subject::all(&group)?;
+    if slip.tape && subjects.len() > 1 {
+        bail!(
+            "--tape measures one body, and the {} robots of {} are apart; calibrate them one by one",
+            subjects.len(),
+            group.name
+        );
+    }
+    let rigid = group.simulation.rigid;
+    match (&target.bus, &arguments.pose) {
+        (BusAddress::Sim(_), Some(_)) => bail!("--pose is for real buses; a simulated one knows"),
+        (BusAddress::Sim(_), None) => {
+            let start = kinematics::Pose::new(0.0, 0.0, 0.0);
+            let world = omnibus::drive::world(&group, target.elf()?, start)?;
+            let link = SimLink::new(world, target.bus.to_string());
+            let mut poses = |link: &mut SimLink| {
+                let truth = link.world.truth();
+                let place = |p: &kinematics::Pose<f64>| [p.x, p.y, p.heading];
+                Ok(if rigid {
+                    vec![place(&truth.group)]
+                } else {
+                    truth
+                        .robots
+                        .iter()
+                        .map(|robot| place(&robot.pose))
+                        .collect()
+                })
+            };
+            if slip.tape {
+                by_tape(arguments, &group, &settings, link)
+            } else {
+                work(
+                    arguments,
+                    &group,
+                    &settings,
+                    link,
+                    &mut Witness::Poses(&mut poses),
+                )
+            }
+        }
+        (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.link(&group)?),
+        (_, None) => bail!(
+            "who measures? give --pose tcp://HOST:PORT (JSON lines), or --tape to be asked after every motion"
+        ),
+        (_, Some(source)) => {
+            let stream = super::pose_stream(source)?;
+            let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+            let link = target.link(&group)?;
+            let mut poses = |_: &mut Box<dyn Link>| {
+                if rigid {
+                    Ok(vec![stream.group()?])
+                } else {
+                    stream.robots(&nodes)
+                }
+            };
+            work(
+                arguments,
+                &group,
+                &settings,
+                link,
+                &mut Witness::Poses(&mut poses),
+            )
+        }
+    }
+}
+
+fn by_tape<L: Link>(
+    arguments: &Arguments,
+    file: &GroupFile,
+    settings: &Settings,
+    link: L,
+) -> anyhow::Result<()> {
+    let (send, answers) = mpsc::channel();
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines() {
+            let Ok(line) = line else { return };
+            if send.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    let mut ask = |group: &mut Group<L>, motion: &Manoeuvre| {
+        // Nobody goes near robots that could move.
+        group.stop()?;
+        let told = question(group, motion, &answers)?;
+        group.start()?;
+        Ok(told)
+    };
+    work(
+        arguments,
+        file,
+        settings,
+        link,
+        &mut Witness::Tape(&mut ask),
+    )
+}
+
+/// Asks until the answer makes sense.
+fn question<L: Link>(
+    group: &mut Group<L>,
+    motion: &Manoeuvre,
+    answers: &mpsc::Receiver<String>,
+) -> Result<Option<[f64; 3]>, MasterError> {
+    let [x, y, turn] = motion.displacement();
+    let (asked, wanted) = match motion.way {
+        Way::Ahead => (format!("{x:+.3} m ahead"), "m ahead"),
+        Way::Aside => (format!("{y:+.3} m to the left"), "m to the left"),
+        Way::Oblique => (
+            format!("{x:+.3} m ahead and {y:+.3} m to the left"),
+            "m ahead, m to the left",
+        ),
+        Way::Turn => (
+            format!("{:+.1} degrees to the left", turn.to_degrees()),
+            "degrees to the left",
+        ),
+    };
+    loop {
+        note(format!(
+            "asked for {asked}; measured ({wanted}; Enter leaves this motion out): "
+        ));
+        let line = loop {
+            match answers.recv_timeout(Duration::from_millis(20)) {
+                Ok(line) => break line,
+                Err(mpsc::RecvTimeoutError::Timeout) => {
+                    let until = Micros(group.wire().now().0 + 50_000);
+                    group.listen(until)?;
+                }
+                Err(mpsc::RecvTimeoutError::Disconnected) => return Err(MasterError::Aborted),
+            }
+            if group.abort().is_asked() {
+                return Err(MasterError::Aborted);
+            }
+        };
+        if line.trim().is_empty() {
+            return Ok(None);
+        }
+        let numbers = line.split([' ', ',', '\t']).filter(|part| !part.is_empty());
+        let numbers: Result<Vec<f64>, _> = numbers.map(str::parse).collect();
+        match (motion.way, numbers.as_deref()) {
+            (Way::Ahead, Ok([x])) => return Ok(Some([*x, 0.0, 0.0])),
+            (Way::Aside, Ok([y])) => return Ok(Some([0.0, *y, 0.0])),
+            (Way::Oblique, Ok([x, y])) => return Ok(Some([*x, *y, 0.0])),
+            (Way::Turn, Ok([degrees])) => return Ok(Some([0.0, 0.0, degrees.to_radians()])),
+            _ => note(format!("'{}' is not {wanted}", line.trim())),
+        }
+    }
+}
+
+fn work<L: Link>(
+    arguments: &Arguments,
+    file: &GroupFile,
+    settings: &Settings,
+    link: L,
+    witness: &mut Witness<'_, L>,
+) -> anyhow::Result<()> {
+    let mut group = Group::connect(link, file)?;
+    group.set_abort(abort_on_ctrl_c()?);
+    group.command(NmtCommand::EnterPreOperational)?;
+    let before = held(&mut group, file)?;
+    let newest = file.robots.iter().map(|r| r.compensation_table.version);
+    let newest = newest.chain(before.iter().map(Held::version)).max();
+    let version = newest.unwrap_or(0).saturating_add(1);
+    let done = calibrate(&mut group, settings, version, witness, &mut |motion, n| {
+        let (way, unit) = (motion.way.name(), motion.way.unit());
+        note(format!(
+            "motion {}: {way} at {} {unit}",
+            n + 1,
+            motion.speed
+        ));
+    });
+    let written = done.as_ref().is_ok_and(|_| arguments.write);
+    if !written {
+        // The robots end as they were, whatever happened.
+        for held in &before {
+            held.write(group.wire())?;
+        }
+    }
+    let calibration = done?;
+    if let Some(path) = &arguments.slip.plot {
+        plot::write_sheet(path, &chart::sheet(&calibration))?;
+    }
+    if !json() {
+        show(&calibration)?;
+    }
+    let rewritten = if written {
+        write(arguments, file, &calibration, before, &mut group)?
+    } else {
+        false
+    };
+    if json() {
+        let outcomes: Vec<Value> = calibration.outcomes.iter().map(outcome_json).collect();
+        return print_json(
+            &json!({"version": version, "outcomes": outcomes, "written": written,
+            "saved": arguments.slip.save, "group_file": rewritten}),
+        );
+    }
+    say(match (written, rewritten) {
+        (false, _) => {
+            "The robots hold what they held before; --write writes this into them and the group file."
+        }
+        (true, true) => "Written into the robots and the group file; --undo takes it back.",
+        (true, false) => {
+            "Written into the robots. Put the lines above into the group file by hand, or it is written over."
+        }
+    })
+}
+
+fn held<L: Link>(group: &mut Group<L>, file: &GroupFile) -> Result<Vec<Held>, MasterError> {
+    let nodes = file.robots.iter().map(|robot| robot.node);
+    nodes.map(|node| Held::read(group.wire(), node)).collect()
+}
+
+/// Writes a calibration where it has to go, keeps what was there, and says whether the group file has it.
+fn write<L: Link>(
+    arguments: &Arguments,
+    file: &GroupFile,
+    calibration: &Calibration,
+    before: Vec<Held>,
+    group: &mut Group<L>,
+) -> anyhow::Result<bool> {
+    let path = arguments.target.group_path()?;
+    let new = match (
+        calibration.outcomes.as_slice(),
+        calibration.file.robots.first(),
+    ) {
+        ([_], Some(robot)) if robot.rollers.is_none() => {
+            let lines = section(&robot.compensation, &robot.compensation_table);
+            match rewrite(path, &lines, &calibration.file) {
+                Ok(text) => Some(text),
+                Err(error) => {
+                    note(error);
+                    None
+                }
+            }
+        }
+        _ => None,
+    };
+    let old = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let kept = Kept {
+        robots: before,
+        group_file: new.is_some().then_some(old),
+    };
+    // First what would be lost.
+    kept.save(&kept_path(arguments, path))?;
+    if let Some(text) = &new {
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if arguments.slip.save {
+        save(group, file)?;
+    }
+    Ok(new.is_some())
+}
+
+fn save<L: Link>(group: &mut Group<L>, file: &GroupFile) -> anyhow::Result<()> {
+    for robot in &file.robots {
+        group.wire().save(robot.node)?;
+    }
+    Ok(())
+}
+
+fn kept_path(arguments: &Arguments, group: &Path) -> PathBuf {
+    let kept = arguments.slip.kept.clone();
+    kept.unwrap_or_else(|| group.with_extension("calibration.json"))
+}
+
+fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
+    let path = arguments.target.group_path()?;
+    let from = kept_path(arguments, path);
+    let kept = Kept::load(&from)?;
+    let mut group = Group::connect(arguments.target.link(file)?, file)?;
+    group.command(NmtCommand::EnterPreOperational)?;
+    for held in &kept.robots {
+        held.write(group.wire())?;
+    }
+    if arguments.slip.save {
+        save(&mut group, file)?;
+    }
+    if let Some(text) = &kept.group_file {
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    std::fs::remove_file(&from).with_context(|| format!("cannot remove {}", from.display()))?;
+    if json() {
+        let robots: Vec<Value> = kept
+            .robots
+            .iter()
+            .map(|held| json!({"node": held.node, "version": held.version()}))
+            .collect();
+        return print_json(&json!({"robots": robots, "group_file": kept.group_file.is_some()}));
+    }
+    for held in &kept.robots {
+        say(format!(
+            "node {}: back to version {}",
+            held.node,
+            held.version()
+        ))?;
+    }
+    if kept.group_file.is_some() {
+        say(format!("{}: as it was", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The coefficients with their names.
+fn coefficients(outcome: &omnibus::calibrate::Outcome) -> Vec<(&'static str, Way, Row)> {
+    let found = &outcome.found;
+    let mut out = Vec::new();
+    out.extend(
+        found
+            .ahead
+            .iter()
+            .map(|row| ("longitudinal", Way::Ahead, *row)),
+    );
+    out.extend(found.aside.iter().map(|row| ("lateral", Way::Aside, *row)));
+    for [x, y] in &found.oblique {
+        out.push(("longitudinal", Way::Oblique, *x));
+        out.push(("lateral", Way::Oblique, *y));
+    }
+    out.extend(found.yaw.iter().map(|row| ("yaw", Way::Turn, *row)));
+    out
+}
+
+fn show(calibration: &Calibration) -> anyhow::Result<()> {
+    for outcome in &calibration.outcomes {
+        let nodes: Vec<_> = outcome.nodes.iter().map(u8::to_string).collect();
+        say(format!(
+            "Nodes {}, version {}",
+            nodes.join(", "),
+            calibration.version
+        ))?;
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_FULL_CONDENSED);
+        table.set_header([
+            "motion",
+            "speed",
+            "axis",
+            "coefficient",
+            "95 %",
+            "residual",
+            "used",
+            "out",
+        ]);
+        for (axis, way, row) in coefficients(outcome) {
+            let half = (row.fit.interval.1 - row.fit.interval.0) / 2.0;
+            let milli = if way == Way::Turn { "mrad/s" } else { "mm/s" };
+            table.add_row([
+                way.name().to_owned(),
+                format!("{} {}", row.speed, way.unit()),
+                axis.to_owned(),
+                format!("{:.4}", row.fit.coefficient),
+                format!("± {half:.4}"),
+                format!("{:.2} {milli}", row.fit.residual * 1e3),
+                row.fit.used.to_string(),
+                row.fit.rejected.to_string(),
+            ]);
+        }
+        say(&table)?;
+        let left = outcome.left.iter();
+        let left: Vec<_> = left
+            .map(|left| format!("{} {:+.2} %", left.way.name(), left.error * 100.0))
+            .collect();
+        say(format!(
+            "Driven again with these, at worst: {}.",
+            left.join(", ")
+        ))?;
+        if outcome.missed > 0 {
+            say(format!("{} motions were left out.", outcome.missed))?;
+        }
+        let robot = outcome.nodes.first().and_then(|node| {
+            let mut robots = calibration.file.robots.iter();
+            robots.find(|robot| robot.node == *node)
+        });
+        if let Some(robot) = robot {
+            match &robot.rollers {
+                Some(rollers) => say(format!(
+                    "\nBeside the phases in `rollers`: longitudinal = {:.5}, lateral = {:.5}, yaw = {:.5}\n",
+                    rollers.compensation.longitudinal(),
+                    rollers.compensation.lateral(),
+                    rollers.compensation.yaw()
+                ))?,
+                None => say(format!(
+                    "\n{}",
+                    section(&robot.compensation, &robot.compensation_table)
+                ))?,
+            }
+        }
+    }
+    Ok(())
+}
+
+fn outcome_json(outcome: &omnibus::calibrate::Outcome) -> Value {
+    let rows: Vec<Value> = coefficients(outcome)
+        .into_iter()
+        .map(|(axis, way, row)| {
+            json!({"motion": way.name(), "speed": row.speed, "unit": way.unit(), "axis": axis,
+                "coefficient": row.fit.coefficient, "low": row.fit.interval.0, "high": row.fit.interval.1,
+                "residual": row.fit.residual, "used": row.fit.used, "rejected": row.fit.rejected})
+        })
+        .collect();
+    let left: Vec<Value> = outcome
+        .left
+        .iter()
+        .map(|left| json!({"motion": left.way.name(), "speed": left.speed, "percent": left.error * 100.0}))
+        .collect();
+    json!({"nodes": outcome.nodes, "coefficients": rows, "left": left, "missed": outcome.missed})
+}
