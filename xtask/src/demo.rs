@@ -153,10 +153,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     report.scalar = Some(arguments.scalar);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;
-    write(
-        &folder.join("trajectory.svg"),
-        &report::charts::map(&report).to_svg()?,
-    )?;
+    for (name, chart) in [
+        ("trajectory.svg", report::charts::map(&report)),
+        ("tracking.svg", report::charts::tracking(&report)),
+        ("heading.svg", report::charts::heading(&report)),
+    ] {
+        write(&folder.join(name), &chart.to_svg()?)?;
+    }
     let json = arguments
         .json
         .clone()

@@ -136,12 +136,7 @@ pub fn map(report: &Report) -> Chart {
             .collect()
     });
     Chart {
-        title: format!(
-            "{} driven by {} robots as one body ({})",
-            report.trajectory,
-            report.robots.len(),
-            report.config
-        ),
+        title: format!("{} ({})", report.title(), report.config),
         x_label: "x lateral / m".into(),
         y_label: "y longitudinal / m".into(),
         size: (760, 820),
@@ -249,6 +244,17 @@ pub fn tracking(report: &Report) -> Chart {
         WIDE,
         lines.collect(),
     )
+}
+
+/// Heading of the group less the curve's.
+#[must_use]
+pub fn heading(report: &Report) -> Chart {
+    let off = |row: &TruthRow| {
+        (f64::from(row.group.heading) - f64::from(row.theory.heading)).to_degrees()
+    };
+    let lines = report.runs.iter();
+    let lines = lines.map(|run| line(run, label(run), Some(color(run)), off));
+    chart("heading error", "angle / deg", WIDE, lines.collect())
 }
 
 /// Largest distance of a robot from its place in the group.

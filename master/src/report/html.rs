@@ -4,51 +4,35 @@
 
 use std::fmt::Write as _;
 
-use super::{Report, Scalar, charts, paper_table_6, table::load, table::percent};
+use super::figures::{load, percent};
+use super::{Report, Scalar, charts, figures};
 use chart::ChartError;
 pub use chart::page::escape;
 use chart::page::{begin, end, figure};
 
 /// The figures beside the paper's.
-fn figures(report: &Report) -> String {
+fn table(report: &Report) -> String {
+    let rows = figures::rows(report);
+    let has_paper = figures::has_paper(&rows);
     let mut out = String::from("<table><thead><tr><th></th>");
     for run in &report.runs {
         let _ = write!(out, "<th>compensation {}</th>", run.compensation_word());
     }
-    out.push_str("<th class=\"paper\">paper, off (Table 6)</th></tr></thead><tbody>");
-    let paper = paper_table_6(&report.trajectory);
-    let mut row = |name: &str, value: &dyn Fn(&super::Run) -> String, paper: Option<f64>| {
-        let _ = write!(out, "<tr><td>{name}</td>");
-        for run in &report.runs {
-            let _ = write!(out, "<td>{}</td>", value(run));
+    if has_paper {
+        out.push_str("<th class=\"paper\">paper, off (Table 6)</th>");
+    }
+    out.push_str("</tr></thead><tbody>");
+    for row in rows {
+        let _ = write!(out, "<tr><td>{}</td>", row.name);
+        for value in row.values {
+            let _ = write!(out, "<td>{value}</td>");
         }
-        let paper = paper.map_or_else(|| "&ndash;".to_owned(), percent);
-        let _ = write!(out, "<td class=\"paper\">{paper}</td></tr>");
-    };
-    row(
-        "x, lateral displacement error",
-        &|run| percent(run.errors.x_percent),
-        paper.map(|p| p.0),
-    );
-    row(
-        "y, longitudinal displacement error",
-        &|run| percent(run.errors.y_percent),
-        paper.map(|p| p.1),
-    );
-    let mm = |value: f64| format!("{value:.2} mm");
-    row("rms tracking error", &|run| mm(run.errors.rms_mm), None);
-    row("largest tracking error", &|run| mm(run.errors.max_mm), None);
-    row("largest shape error", &|run| mm(run.shape_error_mm), None);
-    row(
-        "largest bus load over 100 ms",
-        &|run| load(run.bus_load_percent),
-        None,
-    );
-    row(
-        "emulated time / real time",
-        &|run| format!("{:.2}", run.realtime_factor),
-        None,
-    );
+        if has_paper {
+            let paper = row.paper.unwrap_or_else(|| "&ndash;".to_owned());
+            let _ = write!(out, "<td class=\"paper\">{paper}</td>");
+        }
+        out.push_str("</tr>");
+    }
     out.push_str("</tbody></table>");
     out
 }
@@ -59,11 +43,8 @@ fn figures(report: &Report) -> String {
 /// When a chart cannot be drawn.
 pub fn to_html(report: &Report) -> Result<String, ChartError> {
     let robots = report.robots.len();
-    let title = escape(&format!("{}, {} robots", report.trajectory, robots));
-    let mut out = begin(
-        &format!("Omnibus: {title}"),
-        &format!("{title} as one body"),
-    );
+    let title = escape(&report.title());
+    let mut out = begin(&format!("Omnibus: {title}"), &title);
     let _ = write!(
         out,
         "<p class=\"lead\">Group <code>{}</code> on the <code>{}</code> backend{}.</p>",
@@ -82,8 +63,13 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         );
     };
     for run in &report.runs {
-        let text = format!("lateral error, compensation {}", run.compensation_word());
-        card(percent(run.errors.x_percent), &text);
+        let (error, name) = if report.turns() {
+            (run.evenness.turn_percent, "turned angle")
+        } else {
+            (run.errors.x_percent, "lateral error")
+        };
+        let text = format!("{name}, compensation {}", run.compensation_word());
+        card(percent(error), &text);
     }
     let shape = report.runs.iter().map(|run| run.shape_error_mm);
     card(
@@ -93,19 +79,21 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     card(load(report.bus_load_percent()), "largest bus load");
     card(
         format!("{:.2}", report.realtime_factor()),
-        "emulated time / real time",
+        "robots' time / real time",
     );
     out.push_str("</div>");
 
     figure(&mut out, "map", &charts::map(report))?;
     out.push_str("<h2>Figures</h2>");
-    out.push_str(&figures(report));
+    out.push_str(&table(report));
     out.push_str(
         "<p>Axes here are the paper's: x lateral (right positive), y longitudinal (forward \
          positive). Displacement error is the relative error of Table 6: half of the path's \
          extent over half of the curve's, minus one. The tracking error is the distance to where \
          the curve is at the same instant, the known delay of the setpoint pipeline included in \
-         the setpoints. The shape error is the largest distance of a robot from its place in the \
+         the setpoints. The lag is what of that error goes with the velocity, freed of gain and \
+         start. The ripple is the standard deviation of the speed where the curve is fastest, over \
+         the speed asked for. The shape error is the largest distance of a robot from its place in the \
          group. The paper's robot was one virtual prototype; it printed no numbers for its \
          compensated curves.</p>",
     );
@@ -119,6 +107,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     }
     out.push_str("</div><h2>Tracking and shape</h2>");
     figure(&mut out, "", &charts::tracking(report))?;
+    figure(&mut out, "", &charts::heading(report))?;
     figure(&mut out, "", &charts::shape(report))?;
     out.push_str(
         "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. Wheels on \
@@ -144,8 +133,8 @@ fn provenance(report: &Report) -> &'static str {
             "<h2>Where this comes from</h2><p>Every robot is an emulated STM32F446 that runs the \
              release image of the firmware unmodified. The master sends group twists and SYNC as \
              CAN frames over a virtual bus; the emulated timers' PWM registers drive motor models; \
-             the wheels' motion comes back through the encoder counters and, through the plant of \
-             the paper's Tables 3 and 5, becomes the path drawn here. Nothing of this has run on \
+             the wheels' motion comes back through the encoder counters and, through the simulated \
+             floor (tables of the paper, or rollers with friction), becomes the path drawn here. Nothing of this has run on \
              hardware.</p>"
         }
         super::BackendName::Robots => {
@@ -158,8 +147,8 @@ fn provenance(report: &Report) -> &'static str {
             "<h2>Where this comes from</h2><p>Every robot is the firmware's control code compiled \
              for this machine. The master sends group twists and SYNC as CAN frames over a virtual \
              bus; the duty cycles drive motor models; the wheels' motion comes back as encoder \
-             counts and, through the plant of the paper's Tables 3 and 5, becomes the path drawn \
-             here. Nothing of this has run on hardware.</p>"
+             counts and, through the simulated floor (tables of the paper, or rollers with \
+             friction), becomes the path drawn here. Nothing of this has run on hardware.</p>"
         }
     }
 }

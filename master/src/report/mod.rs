@@ -6,6 +6,7 @@
 //! ran the same curve; where it printed none, none is shown.
 
 pub mod charts;
+pub mod figures;
 pub mod html;
 pub mod json;
 pub mod table;
@@ -136,6 +137,23 @@ pub struct Report {
     pub robots: Vec<Outline>,
     /// The drives, in the order they were made.
     pub runs: Vec<Run>,
+}
+
+impl Report {
+    /// What drove what.
+    #[must_use]
+    pub fn title(&self) -> String {
+        match self.robots.len() {
+            1 => format!("{}, one robot", self.trajectory),
+            robots => format!("{}, {robots} robots as one body", self.trajectory),
+        }
+    }
+
+    /// Whether the curve turns on the spot.
+    #[must_use]
+    pub fn turns(&self) -> bool {
+        self.trajectory == "turn"
+    }
 }
 
 impl Report {

@@ -1,0 +1,97 @@
+//! The figures of a report, row by row, for whoever presents them. Axes as in the paper.
+
+use super::{Report, Run, paper_table_6};
+
+/// One figure of every run.
+pub struct Row {
+    /// What it is.
+    pub name: &'static str,
+    /// One value a run, with its unit.
+    pub values: Vec<String>,
+    /// What the paper prints for its uncompensated robot.
+    pub paper: Option<String>,
+}
+
+/// A signed percentage with two decimals, as the paper prints them.
+#[must_use]
+pub fn percent(value: f64) -> String {
+    format!("{value:+.2} %")
+}
+
+/// A bus load with one decimal.
+#[must_use]
+pub fn load(value: Option<f64>) -> String {
+    value.map_or_else(|| "not measured".into(), |value| format!("{value:.1} %"))
+}
+
+/// All of them.
+#[must_use]
+pub fn rows(report: &Report) -> Vec<Row> {
+    let paper = paper_table_6(&report.trajectory);
+    let row = |name, value: &dyn Fn(&Run) -> String, paper: Option<f64>| Row {
+        name,
+        values: report.runs.iter().map(value).collect(),
+        paper: paper.map(percent),
+    };
+    let mm = |value: f64| format!("{value:.2} mm");
+    let mut rows = vec![
+        row(
+            "x error (lateral)",
+            &|run| percent(run.errors.x_percent),
+            paper.map(|p| p.0),
+        ),
+        row(
+            "y error (longitudinal)",
+            &|run| percent(run.errors.y_percent),
+            paper.map(|p| p.1),
+        ),
+    ];
+    if report.turns() {
+        rows.push(row(
+            "turned angle error",
+            &|run| percent(run.evenness.turn_percent),
+            None,
+        ));
+    }
+    rows.extend([
+        row("tracking error, rms", &|run| mm(run.errors.rms_mm), None),
+        row(
+            "tracking error, largest",
+            &|run| mm(run.errors.max_mm),
+            None,
+        ),
+        row(
+            "lag behind the curve",
+            &|run| format!("{:+.2} ms", run.evenness.lag_ms),
+            None,
+        ),
+        row(
+            "ripple of the speed",
+            &|run| format!("{:.2} %", run.evenness.ripple_percent),
+            None,
+        ),
+        row(
+            "heading error at the end",
+            &|run| format!("{:+.3} deg", run.evenness.heading_error_deg),
+            None,
+        ),
+        row("shape error, largest", &|run| mm(run.shape_error_mm), None),
+        row(
+            "bus load, largest in 100 ms",
+            &|run| load(run.bus_load_percent),
+            None,
+        ),
+        row(
+            "robots' time / real time",
+            &|run| format!("{:.2}", run.realtime_factor),
+            None,
+        ),
+    ]);
+    rows
+}
+
+/// Whether the paper has anything to say about the curve.
+#[must_use]
+pub fn has_paper(rows: &[Row]) -> bool {
+    rows.iter().any(|row| row.paper.is_some())
+}
