@@ -1,8 +1,8 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
 //! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one,
-//! for bus-off, and in any case every 2 ms. Its one timer runs on while frames come: to set it anew at every frame
-//! costs more than to handle most of them. Each turn it hands over the control side's latest report, then the frames
+//! for bus-off, and in any case every 2 ms. For deadlines the control task wakes it, so they are met at its next tick. Frames
+//! that nobody here reads do not get this far. Each turn it hands over the control side's latest report, then the frames
 //! in the order they were received, each with the time its interrupt noted, and leaves the command that results. A
 //! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
 //! full the bus side counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to
@@ -12,35 +12,29 @@
 //! Until that is done no other task runs here: 2 ms as a rule, up to a second when a sector has to be erased. Frames lost
 //! meanwhile are counted, but no fault.
 
-use canopen::{Frame, NmtState};
+use canopen::{Frame, Micros, NmtState};
 use controller::{BusSide, Event, State, Stored};
 use embassy_futures::select::{Either3, select3};
-use embassy_time::{Duration, Instant, Timer};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
 use crate::board::flash::{ParameterFlash, patiently};
 use crate::board::now;
-use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
+use crate::handover::{BUS_DUE, BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
 use crate::store::{self, Store};
 
 /// Longest time between two turns.
-const LONGEST_WAIT: Duration = Duration::from_millis(2);
-
-/// Shortest wait for a deadline: a deadline that stays in the past must not keep the other tasks from running.
-const SHORTEST_WAIT: Duration = Duration::from_micros(50);
+const LONGEST_WAIT: Micros = Micros(2_000);
 
 /// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
 pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<ParameterFlash>) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
-    let mut due = deadline(side);
-    let mut timer = Timer::at(due);
     loop {
         let event = can.event(waiting.is_some());
-        let woken = select3(can.receive(), &mut timer, event).await;
+        let woken = select3(can.receive(), BUS_DUE.wait(), event).await;
 
         if let Some(report) = REPORT.get() {
             side.on_report(&report);
@@ -66,6 +60,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
             CONFIGURATION.signal(configuration);
         }
         COMMAND.put(side.command());
+        can.listen(side.function_codes());
         if save(side, &mut store) {
             health = Health {
                 bus_off: health.bus_off,
@@ -88,11 +83,8 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         led::show(pattern(side, health.bus_off));
         BUS_PROGRESS.made();
 
-        let next = deadline(side);
-        if next < due || due <= Instant::now() {
-            due = next;
-            timer = Timer::at(due);
-        }
+        let latest = now() + LONGEST_WAIT;
+        BUS_DUE.set(side.next_deadline().map_or(latest, |at| at.min(latest)));
     }
 }
 
@@ -117,15 +109,6 @@ fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
         Err(_) => Stored::Unreadable,
     }));
     true
-}
-
-/// When the bus task has to come round again.
-fn deadline(side: &BusSide) -> Instant {
-    let now = Instant::now();
-    let asked = side
-        .next_deadline()
-        .map_or(Instant::MAX, |at| Instant::from_micros(at.0));
-    asked.clamp(now + SHORTEST_WAIT, now + LONGEST_WAIT)
 }
 
 /// Passes on what the CAN controller complains about; `true` when it has just gone off the bus.

@@ -2,7 +2,8 @@
 //!
 //! It runs on the control executor, above everything but time and CAN reception, and is the only one that touches
 //! the motor outputs and the brake. Each tick reads the encoders and the stop and fault inputs, takes the bus side's
-//! latest command, lets the controller decide, sets the outputs, leaves a report and looks after the watchdog. Then it
+//! latest command, lets the controller decide, sets the outputs, leaves a report, looks after the watchdog and wakes the bus task when it
+//! is due or has a fault to announce. Then it
 //! sleeps until the tick that the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. When a
 //! tick cannot start in time it starts late, and the lateness is noted; ticks that have passed altogether are not
 //! made up for.
@@ -14,7 +15,9 @@ use embassy_time::{Instant, Timer};
 use crate::board::drive::Drive;
 use crate::board::index::Indexes;
 use crate::board::{Encoders, SupplyMeter, now};
-use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
+use crate::handover::{
+    BUS_DUE, COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC,
+};
 use crate::watchdog::Guard;
 
 /// Turns commands and encoder counts into motor outputs.
@@ -30,6 +33,7 @@ pub async fn control(
     let mut side = ControlSide::new();
     let mut phase = TickPhase::new();
     let mut due = phase.next(now());
+    let mut fault = None;
     loop {
         Timer::at(Instant::from_micros(due.0)).await;
         let begin = now();
@@ -58,6 +62,12 @@ pub async fn control(
             IDENTIFIED.signal(outcome);
         }
         guard.tick(&report);
+        if report.fault != fault {
+            fault = report.fault;
+            BUS_DUE.ring();
+        } else {
+            BUS_DUE.ring_if_due(now());
+        }
 
         CONTROL_LATENESS.note(begin.since(due));
         if let Some(sync) = SYNC.get() {

@@ -8,6 +8,7 @@
 //! | [`REPORT`] | control | bus | the newer report replaces it |
 //! | [`IDENTIFIED`] | control | bus | the newer result replaces it |
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
+//! | [`BUS_DUE`] | bus and back | control wakes the bus task at its tick | it is woken at the next tick |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
 //! A cell is copied with interrupts masked. That takes well under a microsecond for the sizes at hand, far less than
@@ -57,11 +58,64 @@ pub static IDENTIFIED: Signal<CriticalSectionRawMutex, Outcome> = Signal::new();
 /// A new configuration, until the control side has taken it.
 pub static CONFIGURATION: Signal<CriticalSectionRawMutex, Configuration> = Signal::new();
 
+/// When the bus task wants to come round without a frame.
+pub static BUS_DUE: Alarm = Alarm::new();
+
 /// Turns that the bus task has completed.
 pub static BUS_PROGRESS: Progress = Progress::new();
 
 /// Longest time by which a control tick started late, since it was last asked for.
 pub static CONTROL_LATENESS: Longest = Longest::new();
+
+/// A time that one side waits for and the other watches.
+///
+/// The control task wakes every millisecond anyway. To let it look after the bus task's deadline as well costs a
+/// comparison; a timer of the bus task's own costs the executor's timer queue two thousand cycles a millisecond.
+pub struct Alarm {
+    /// The lower half of the time in microseconds: deadlines lie far less than half of its range away.
+    at: AtomicU32,
+    rung: Signal<CriticalSectionRawMutex, ()>,
+}
+
+impl Alarm {
+    const fn new() -> Self {
+        Self {
+            at: AtomicU32::new(0),
+            rung: Signal::new(),
+        }
+    }
+
+    /// Sets the time; before the first, it is due at once.
+    pub fn set(&self, at: Micros) {
+        self.at.store(low(at), Ordering::Relaxed);
+    }
+
+    /// Wakes whoever waits, if it is time.
+    pub fn ring_if_due(&self, now: Micros) {
+        const HALF: u32 = 1 << 31;
+        if low(now).wrapping_sub(self.at.load(Ordering::Relaxed)) < HALF {
+            self.ring();
+        }
+    }
+
+    /// Wakes whoever waits.
+    pub fn ring(&self) {
+        self.rung.signal(());
+    }
+
+    /// Waits until it has been rung since the last time.
+    pub async fn wait(&self) {
+        self.rung.wait().await;
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "compared by wrapping differences"
+)]
+const fn low(time: Micros) -> u32 {
+    time.0 as u32
+}
 
 /// A count that shows that a task still runs.
 pub struct Progress(AtomicU32);

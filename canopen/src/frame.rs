@@ -13,6 +13,12 @@ pub struct Frame {
     bytes: [u8; 8],
 }
 
+/// The bit of an identifier's function code, its upper four bits: bit n for identifiers from 128 n on.
+#[must_use]
+pub const fn function_code_bit(id: u16) -> u16 {
+    1 << (id >> 7 & 0xF)
+}
+
 impl Frame {
     /// The largest identifier, 0x7FF.
     pub const MAX_ID: u16 = 0x7FF;

@@ -59,7 +59,7 @@ pub use config::{CobId, Config, Identity, Mapping, PdoConfig};
 pub use device::{Device, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_SDO, MAX_TPDO};
 pub use emergency::{Emergency, ErrorClass};
 pub use event::{Counters, Event, RpdoSet};
-pub use frame::Frame;
+pub use frame::{Frame, function_code_bit};
 pub use nmt::{NmtCommand, NmtState, NmtTarget};
 pub use node::NodeId;
 pub use od::{ObjectDictionary, PdoDirection, ResetScope};

@@ -52,6 +52,12 @@ impl Device {
         self.config.node
     }
 
+    /// All of them.
+    #[must_use]
+    pub const fn function_codes(&self) -> u16 {
+        u16::MAX
+    }
+
     /// Passes each kind of frame to the method it is for.
     pub fn on_frame<O: ObjectDictionary>(&mut self, at: Micros, frame: &Frame, od: &mut O) {
         self.take(at, frame, od);

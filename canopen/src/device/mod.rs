@@ -131,6 +131,17 @@ impl Device {
         self.core.out.pop_event()
     }
 
+    /// Function codes of the frames it listens to, one bit for each (bit n: identifiers from 128 n on), for an acceptance
+    /// filter. Whatever changes them changes them before the answer to it is sent.
+    #[must_use]
+    pub fn function_codes(&self) -> u16 {
+        let fixed = [0, self.core.sync.id(), SDO_REQUEST, HEARTBEAT, lss::REQUEST];
+        fixed
+            .into_iter()
+            .chain(self.core.rpdos.listening())
+            .fold(0, |codes, id| codes | crate::function_code_bit(id))
+    }
+
     /// When [`poll`](Self::poll) has something to do, at the earliest; it may turn out to be
     /// nothing. `None` if only a frame can make it so.
     #[must_use]

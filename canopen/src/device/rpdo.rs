@@ -127,6 +127,12 @@ impl Rpdos {
         }
     }
 
+    /// The identifiers of those that are on.
+    pub fn listening(&self) -> impl Iterator<Item = u16> {
+        let on = |id: &u16| *id != NOT_LISTENING;
+        self.listening.into_iter().filter(on)
+    }
+
     /// The first PDO from `from` on that listens to this identifier.
     fn find(&self, from: usize, id: u16) -> Option<usize> {
         let listening = self.listening.get(from..)?;

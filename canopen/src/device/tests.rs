@@ -319,4 +319,36 @@ proptest! {
             }
         }
     }
+
+    /// What a device says it does not listen to makes no difference to it, whatever has been written to it before.
+    #[test]
+    fn frames_of_other_function_codes_change_nothing(
+        frames in prop::collection::vec((any_frame(), 0..20_000u64), 1..100),
+        cob_id in 0x181..0x580u32,
+    ) {
+        let mut benches = [Bench::booted(CONFIG), Bench::booted(CONFIG)];
+        for bench in &mut benches {
+            bench.write(0x1400, 1, &0x8000_0181_u32.to_le_bytes()).unwrap();
+            bench.write(0x1400, 1, &cob_id.to_le_bytes()).unwrap();
+            bench.receive(0, [1, 0]);
+        }
+        let codes = benches[0].device.function_codes();
+        prop_assert!(codes & function_code_bit(u16::try_from(cob_id).unwrap()) != 0);
+        prop_assert!(codes & function_code_bit(0x5FF) == 0);
+        for (frame, pause) in frames {
+            let [all, some] = &mut benches;
+            all.device.on_frame(all.now, &frame, &mut all.od);
+            if some.device.function_codes() & function_code_bit(frame.id()) != 0 {
+                some.device.on_frame(some.now, &frame, &mut some.od);
+            }
+            for bench in &mut benches {
+                bench.now = bench.now + Micros(pause);
+                bench.poll();
+            }
+            let [all, some] = &mut benches;
+            prop_assert_eq!(all.frames(), some.frames());
+            prop_assert_eq!(all.events(), some.events());
+            prop_assert_eq!(all.device.counters(), some.device.counters());
+        }
+    }
 }

@@ -164,6 +164,19 @@ impl BusSide {
         self.drain(now);
     }
 
+    /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128 n on); the others may be
+    /// kept from it. What a master changes is in it before the answer to that is sent.
+    #[must_use]
+    pub fn function_codes(&self) -> u16 {
+        let members = [cob::member_status(0), cob::measured_twist(0)];
+        members
+            .into_iter()
+            .chain([cob::GROUP_TWIST, cob::MASTER_HEARTBEAT])
+            .fold(self.device.function_codes(), |codes, id| {
+                codes | canopen::function_code_bit(id)
+            })
+    }
+
     /// Takes in what the control side did and saw.
     pub fn on_report(&mut self, report: &Report) {
         self.report = *report;

@@ -332,6 +332,11 @@ impl Robot for NativeRobot {
             return;
         }
         self.live.errors.received();
+        // As the firmware's interrupt does.
+        let codes = self.live.bus.function_codes();
+        if codes & canopen::function_code_bit(frame.id()) == 0 {
+            return;
+        }
         let now = self.live.clock.local(self.now_ns);
         self.live.bus.on_frame(now, frame);
         self.pump(now);
