@@ -4,10 +4,9 @@
 set -eu
 sim=$1 omnibus=$2 root=$3
 cd /mnt
-# A processor that is emulated on a busy machine misses a beat now and then: SYNC is slower than in life.
-sed 's/^sync_period_ms = 10$/sync_period_ms = 100/; s/^command_timeout_ms = 100$/command_timeout_ms = 1000/' \
-    "$root/groups/tcc-2.toml" >group.toml
-group=group.toml
+group=$root/groups/tcc-2.toml
+# Reading a file from the host takes real time, which the guest's clock counts: what is needed is read beforehand.
+cat "$sim" "$omnibus" >/dev/null
 
 # What was said last, when something fails.
 at_exit() {
@@ -35,8 +34,8 @@ wait_for() {
     return 1
 }
 
-say "omnibus-sim serve --socketcan vcan0"
-"$sim" serve "$group" --socketcan vcan0 --log sim.log >sim.out 2>&1 &
+say "omnibus-sim serve --socketcan vcan0 --pty /dev/omnibus-can"
+"$sim" serve "$group" --socketcan vcan0 --pty /dev/omnibus-can --log sim.log >sim.out 2>&1 &
 simulator=$!
 wait_for '^serving' sim.out
 grep '^socketcan vcan0$' sim.out
@@ -62,16 +61,36 @@ cat scan.out
 grep -q ' 2 .* PreOperational ' scan.out
 grep -q ' 3 .* PreOperational ' scan.out
 
-# A group stops when frames are late, as it has to, and an emulated processor may be kept waiting. So there is a second
-# and a third attempt, each with robots that have been reset.
-drive() {
-    say "omnibus drive"
-    "$omnibus" drive --bus socketcan:vcan0 --group "$group" --vx 0.2 --for 1 && return
-    cansend vcan0 000#8100
-    sleep 1
-    return 1
-}
-drive || drive || drive
+say "omnibus drive"
+"$omnibus" drive --bus socketcan:vcan0 --group "$group" --vx 0.2 --for 1
+
+# The kernel's own slcan on the simulator's terminal: a second interface on the same bus.
+say "slcand on the pseudo terminal"
+slcand -F -o -c -s8 /dev/omnibus-can slcan0 &
+adapter=$!
+for _ in $(seq 100); do
+    if [ -e /sys/class/net/slcan0 ]; then break; fi
+    sleep 0.1
+done
+busybox ip link set slcan0 up
+candump -n 1 -T 20000 slcan0,703:7FF
+candump -n 1 -T 20000 slcan0,583:7FF >adapted &
+asker=$!
+sleep 0.3
+cansend slcan0 603#4000100000000000
+wait $asker
+cat adapted
+grep -q '583   \[8\]  43 00 10 00 00 00 00 00' adapted
+# What one interface sends, the other hears.
+wait_for ' 603#4000100000000000$' can.log
+kill $adapter
+wait $adapter || true
+
+# The same terminal, opened by the master itself.
+say "omnibus scan on the pseudo terminal"
+"$omnibus" scan --bus slcan:/dev/omnibus-can --group "$group" >scan.out
+grep ' 2 .* PreOperational ' scan.out
+grep ' 3 .* PreOperational ' scan.out
 
 say "the same frames on both sides"
 # What is on its way to the logger arrives.
@@ -82,6 +101,6 @@ kill $logger
 for id in 080 181 182 183 282; do
     there=$(grep -c " $id#" can.log) here=$(grep -c " $id#" sim.log)
     echo "$id: $here on the simulated bus, $there on vcan0"
-    # Ten SYNCs in the second of the drive.
-    test "$there" -eq "$here" && test "$there" -ge 10
+    # A hundred SYNCs in the second of the drive.
+    test "$there" -eq "$here" && test "$there" -ge 100
 done

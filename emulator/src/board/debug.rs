@@ -4,8 +4,10 @@
 //! controller and its watchdog do too, as on the chip with DBGMCU at its reset value. Who wants everything to stand
 //! still stops the world.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::Ordering::Relaxed;
 
+use rsemu::core::space::RamStore;
 use rsemu::cpu::arm::v7m::Regs;
 
 use super::Board;
@@ -21,12 +23,16 @@ pub(super) struct Debugger {
     single: bool,
     /// The core goes on from here: no breakpoint for the first instruction.
     leaving: Option<u32>,
+    /// Ranges of RAM, each with what it last held.
+    watched: BTreeMap<(u32, usize), Vec<u8>>,
+    /// What stopped the core was a change of this address.
+    changed: Option<u32>,
 }
 
 impl Debugger {
     /// Whether every instruction has to be looked at.
     pub(super) fn is_watching(&self) -> bool {
-        self.single || !self.breakpoints.is_empty()
+        self.single || !self.breakpoints.is_empty() || !self.watched.is_empty()
     }
 
     /// Looks at the instruction that comes next; whether the core stops before it.
@@ -37,8 +43,16 @@ impl Debugger {
     }
 
     /// An instruction, or the entry into a handler, is done.
-    pub(super) fn done(&mut self) -> bool {
+    pub(super) fn done(&mut self, ram: &RamStore) -> bool {
         self.stopped |= std::mem::take(&mut self.single);
+        for ((address, _), last) in &mut self.watched {
+            let mut now = vec![0; last.len()];
+            if ram.read_at(u64::from(address - RAM_BASE), &mut now).is_ok() && now != *last {
+                *last = now;
+                self.changed = Some(*address);
+                self.stopped = true;
+            }
+        }
         self.stopped
     }
 }
@@ -64,8 +78,31 @@ impl Board {
         self.debugger.breakpoints.remove(&(address & !1))
     }
 
-    /// Stops the core where it is.
+    /// Stops the core after an instruction that changes any of these bytes of RAM; `None` where there is no RAM.
+    pub fn add_watchpoint(&mut self, address: u32, length: usize) -> Option<()> {
+        let mut now = vec![0; length];
+        let at = u64::from(address.checked_sub(RAM_BASE)?);
+        self.ram.read_at(at, &mut now).ok()?;
+        self.debugger.watched.insert((address, length), now);
+        Some(())
+    }
+
+    /// Whether there was one.
+    pub fn remove_watchpoint(&mut self, address: u32, length: usize) -> bool {
+        self.debugger.watched.remove(&(address, length)).is_some()
+    }
+
+    /// The watched address whose change stopped the core, if that did; asked for once.
+    pub fn take_watched_change(&mut self) -> Option<u32> {
+        self.debugger.changed.take()
+    }
+
+    /// Stops the core where it is. One that has not begun yet first fetches its stack pointer and its first address.
     pub fn debug_stop(&mut self) {
+        if self.cpu.reset_pending() {
+            self.now += self.cpu.step();
+            self.shared.now.store(self.now, Relaxed);
+        }
         self.debugger.stopped = true;
     }
 
@@ -73,6 +110,7 @@ impl Board {
     pub fn debug_resume(&mut self, single: bool) {
         self.debugger.stopped = false;
         self.debugger.single = single;
+        self.debugger.changed = None;
         self.debugger.leaving = Some(self.cpu.pc());
     }
 

@@ -230,7 +230,7 @@ impl Board {
             if let Some(profile) = &mut self.profile {
                 profile.count(&self.firmware, at, cycles, entered);
             }
-            if self.debugger.done() || self.shared.attention.load(Relaxed) {
+            if self.debugger.done(&self.ram) || self.shared.attention.load(Relaxed) {
                 break;
             }
         }

@@ -22,7 +22,8 @@ use gdbstub::target::ext::base::singlethread::{
     SingleThreadSingleStepOps,
 };
 use gdbstub::target::ext::breakpoints::{
-    Breakpoints, BreakpointsOps, HwBreakpoint, HwBreakpointOps, SwBreakpoint, SwBreakpointOps,
+    Breakpoints, BreakpointsOps, HwBreakpoint, HwBreakpointOps, HwWatchpoint, HwWatchpointOps,
+    SwBreakpoint, SwBreakpointOps, WatchKind,
 };
 use gdbstub::target::ext::monitor_cmd::{ConsoleOutput, MonitorCmd, MonitorCmdOps, outputln};
 use gdbstub::target::{Target, TargetError, TargetResult};
@@ -251,6 +252,10 @@ impl Breakpoints for Session<'_> {
     fn support_hw_breakpoint(&mut self) -> Option<HwBreakpointOps<'_, Self>> {
         Some(self)
     }
+
+    fn support_hw_watchpoint(&mut self) -> Option<HwWatchpointOps<'_, Self>> {
+        Some(self)
+    }
 }
 
 impl SwBreakpoint for Session<'_> {
@@ -281,6 +286,29 @@ impl HwBreakpoint for Session<'_> {
     }
 }
 
+/// Changes of RAM are watched; reads, and registers of peripherals, are not.
+impl HwWatchpoint for Session<'_> {
+    fn add_hw_watchpoint(
+        &mut self,
+        address: u32,
+        length: u32,
+        kind: WatchKind,
+    ) -> TargetResult<bool, Self> {
+        let board = self.bench.board().map_err(TargetError::Fatal)?;
+        Ok(kind == WatchKind::Write && board.add_watchpoint(address, length as usize).is_some())
+    }
+
+    fn remove_hw_watchpoint(
+        &mut self,
+        address: u32,
+        length: u32,
+        _: WatchKind,
+    ) -> TargetResult<bool, Self> {
+        let board = self.bench.board().map_err(TargetError::Fatal)?;
+        Ok(board.remove_watchpoint(address, length as usize))
+    }
+}
+
 impl MonitorCmd for Session<'_> {
     fn handle_monitor_cmd(
         &mut self,
@@ -289,7 +317,9 @@ impl MonitorCmd for Session<'_> {
     ) -> Result<(), anyhow::Error> {
         match command.trim_ascii() {
             b"reset" => {
-                self.bench.board()?.press_reset();
+                let board = self.bench.board()?;
+                board.press_reset();
+                board.debug_stop();
                 outputln!(out, "reset");
             }
             b"time" => outputln!(out, "{:.6} s", self.bench.world.now_ns() as f64 * 1e-9),
@@ -342,10 +372,16 @@ impl<'a> BlockingEventLoop for Loop<'a> {
                 .board()
                 .map_err(WaitForStopReasonError::Target)?;
             if board.is_debug_stopped() {
-                return Ok(Event::TargetStopped(if target.single {
-                    SingleThreadStopReason::DoneStep
-                } else {
-                    SingleThreadStopReason::SwBreak(())
+                let changed = board.take_watched_change();
+                let kind = WatchKind::Write;
+                return Ok(Event::TargetStopped(match changed {
+                    Some(addr) => SingleThreadStopReason::Watch {
+                        tid: (),
+                        kind,
+                        addr,
+                    },
+                    None if target.single => SingleThreadStopReason::DoneStep,
+                    None => SingleThreadStopReason::SwBreak(()),
                 }));
             }
         }
