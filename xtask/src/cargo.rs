@@ -13,7 +13,7 @@ use omnibus::report::Scalar;
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Switches on the tests that run the release image.
-const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf";
+const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf";
 
 /// Root folder of the workspace.
 pub fn root() -> PathBuf {

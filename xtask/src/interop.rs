@@ -69,6 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             )?;
         }
     }
+    unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
     unittest(&["test_page"], "native")?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
@@ -98,6 +99,7 @@ fn system_packages() -> anyhow::Result<()> {
         ("python3", &["-c", "import venv, ensurepip"][..]),
         ("tshark", &["--version"][..]),
         ("chromium", &["--version"][..]),
+        ("gdb-multiarch", &["--version"][..]),
     ]
     .into_iter()
     .filter(|(program, arguments)| !starts(program, arguments))
@@ -107,7 +109,7 @@ fn system_packages() -> anyhow::Result<()> {
         return Ok(());
     }
     bail!(
-        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark chromium",
+        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark chromium gdb-multiarch",
         missing.join(", ")
     )
 }

@@ -106,13 +106,9 @@ fn task_name(location: &str) -> Option<&str> {
         .rev()
         .find(|frame| !frame.contains("embassy_executor"))?;
     let path = frame.split(" (").next()?;
-    let path = path.split("::{").next()?;
-    Some(path.rsplit_once("::").map_or(path, |(module, function)| {
-        // "omnibus_firmware::bus::run" is the task of bus.rs.
-        module
-            .rsplit_once("::")
-            .map_or(function, |(_, module)| module)
-    }))
+    // Embassy's macro makes __name_task of a task's name, and puts functions of its own into it.
+    path.split("::")
+        .find_map(|part| part.strip_prefix("__")?.strip_suffix("_task"))
 }
 
 #[cfg(test)]
@@ -121,7 +117,7 @@ mod tests {
 
     #[test]
     fn a_task_is_named_by_what_is_inlined_into_its_poll_function() {
-        let location = "core::ptr::read (ptr.rs:1) < omnibus_firmware::led::__run_task::{async_fn#0} (led.rs:3) \
+        let location = "core::ptr::read (ptr.rs:1) < omnibus_firmware::start::__led_task::inner::{async_fn#0} (led.rs:3) \
                         < embassy_executor::raw::TaskStorage<F>::poll (raw/mod.rs:9)";
         assert_eq!(task_name(location), Some("led"));
         assert_eq!(task_name("memcpy (x.rs:1)"), None);

@@ -110,7 +110,19 @@ impl Soc {
         }
         for port in Port::ALL {
             for pin in 0..16 {
-                trace.pin(self.now, port, pin, self.gpio[port as usize].driven(pin));
+                // A complementary output on its own is a gate, high or low; what a timer's channel does is its PWM.
+                let gate = match self.gpio[port as usize].mode(pin) {
+                    Mode::Alternate(af) => {
+                        pins::complementary_at(Route { port, pin, af }).is_some()
+                    }
+                    _ => false,
+                };
+                let level = if gate {
+                    self.output(port, pin)
+                } else {
+                    self.gpio[port as usize].driven(pin)
+                };
+                trace.pin(self.now, port, pin, level);
             }
         }
         trace.request(self.can.requests(), self.can.latest_request());
