@@ -168,6 +168,9 @@ fn pattern(side: &BusSide, bus_off: bool) -> Pattern {
     if bus_off {
         return Pattern::Flickering;
     }
+    if side.blinks() {
+        return Pattern::Here;
+    }
     match (side.state().fault(), side.nmt_state()) {
         (Some(Fault::EmergencyStop), _) => Pattern::DoubleFlash,
         (Some(_), _) => Pattern::TripleFlash,

@@ -11,6 +11,7 @@
 //! | double flash | two of 0.2 s, 1 s off | emergency stop |
 //! | triple flash | three of 0.2 s, 1 s off | another fault, latched: NMT start clears it when the cause is gone |
 //! | flickering | 50 ms on, 50 ms off | off the bus |
+//! | five short flashes | five of 50 ms, 0.6 s off | somebody asks which robot this is (object 0x2059) |
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
@@ -33,16 +34,19 @@ pub enum Pattern {
     TripleFlash,
     /// Bus-off.
     Flickering,
+    /// Asked for by object 0x2059.
+    Here,
 }
 
 impl Pattern {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::Blinking,
         Self::SingleFlash,
         Self::On,
         Self::DoubleFlash,
         Self::TripleFlash,
         Self::Flickering,
+        Self::Here,
     ];
 
     /// How often it flashes, for how long each time, and the pause at the end, in milliseconds.
@@ -54,6 +58,7 @@ impl Pattern {
             Self::DoubleFlash => (2, 200, 1000),
             Self::TripleFlash => (3, 200, 1000),
             Self::Flickering => (1, 50, 50),
+            Self::Here => (5, 50, 600),
         }
     }
 }

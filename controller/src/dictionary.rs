@@ -83,6 +83,9 @@ pub(crate) struct Dictionary {
     pub limits: History,
     pub store: Store,
     pub identification: Record,
+    /// Seconds for which the LED shall blink, until it is looked at, and those that are left.
+    pub blink_asked: Option<u8>,
+    pub blinks: u8,
 }
 
 impl Dictionary {
@@ -105,6 +108,8 @@ impl Dictionary {
             limits: History::new(),
             store: Store::new(),
             identification: Record::new(),
+            blink_asked: None,
+            blinks: 0,
         }
     }
 
@@ -153,6 +158,8 @@ impl Dictionary {
             at::IDENTIFY_TRAVEL => Value::F32(self.identification.bounds.travel),
             at::IDENTIFY_BANDWIDTH => Value::F32(self.identification.bandwidth),
             at::IDENTIFY_DAMPING => Value::F32(self.identification.damping),
+            at::IDENTIFY_WHEELS => Value::U8(self.identification.bounds.wheels),
+            at::BLINK => Value::U8(self.blinks),
             at::SUPPLY => Value::F32(self.supply.unwrap_or(0.0)),
             at::LATE_TICKS => Value::U32(counters.late_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
@@ -233,6 +240,7 @@ impl Dictionary {
                 self.commissioning = value.to_bits() == 1;
             }
             0x2051 => self.write_identification(address, value, state)?,
+            0x2059 => self.blink_asked = u8::try_from(value.to_bits()).ok(),
             0x2100 => write_field(&mut self.setpoint, entry, data),
             0x2101 => write_field(&mut self.alone, entry, data),
             _ => return Err(AbortCode::ReadOnly),
@@ -283,6 +291,7 @@ impl Dictionary {
             (at::IDENTIFY_TRAVEL, Value::F32(value)) => record.bounds.travel = value,
             (at::IDENTIFY_BANDWIDTH, Value::F32(value)) => record.bandwidth = value,
             (at::IDENTIFY_DAMPING, Value::F32(value)) => record.damping = value,
+            (at::IDENTIFY_WHEELS, Value::U8(value)) => record.bounds.wheels = value,
             _ => return Err(AbortCode::InvalidValue),
         }
         Ok(())

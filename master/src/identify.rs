@@ -7,7 +7,7 @@
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
-use protocol::{Address, Kind, Value};
+use protocol::{Address, Kind, Value, WheelRateReport, cob};
 
 use crate::error::MasterError;
 use crate::link::Link;
@@ -18,6 +18,8 @@ use crate::wire::Wire;
 const SETTLE_SYNCS: u32 = 10;
 /// SYNC periods between two looks at the status.
 const LOOK_SYNCS: u32 = 10;
+/// SYNC periods in which a wheel without voltage comes to rest.
+const COAST_SYNCS: u32 = 100;
 /// How long a run may take altogether, µs; the robot's own limit is 20 s.
 const TIME_LIMIT_US: u64 = 25_000_000;
 /// Status of object 0x2051:2.
@@ -37,6 +39,8 @@ pub struct Settings {
     pub bandwidth: f32,
     /// Their damping; 1 is critical.
     pub damping: f32,
+    /// Wheels that take part, bit 0 front left and so on; 0 is all of them.
+    pub wheels: u8,
 }
 
 impl Default for Settings {
@@ -46,6 +50,7 @@ impl Default for Settings {
             travel: 12.0,
             bandwidth: 10.0,
             damping: 1.0,
+            wheels: 0,
         }
     }
 }
@@ -82,20 +87,65 @@ pub fn identify_motors<L: Link>(
     settings: &Settings,
     seen: &mut dyn FnMut(f64),
 ) -> Result<[Motor; 4], MasterError> {
-    let mut run = Run {
-        next_sync: Micros((wire.now().0 / period_us + 1) * period_us),
-        wire,
-        node,
-        period_us,
-        counter: 0,
+    let mut run = Run::new(wire, node, period_us);
+    match run.whole(settings, seen)? {
+        DONE => run.results(),
+        status => {
+            let reason = reason(status, run.read(at::IDENTIFY_WHEEL)?);
+            Err(MasterError::Identification { node, reason })
+        }
+    }
+}
+
+/// What the encoders said while one wheel was to turn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Turned {
+    /// How far each wheel's encoder went to either side, rad: the farthest from where it stood, with its sign.
+    pub ways: [f32; 4],
+    /// Volts a rate of the wheel that was to turn, V s/rad, where the run came to its end.
+    pub speed: Option<f32>,
+}
+
+/// Gives one wheel of a robot some voltage, forward and then backward, and watches all encoders. As
+/// [`identify_motors`] otherwise; what stops the robot (a wheel that stands or turns backwards) is no error here.
+///
+/// # Errors
+/// When the robot refuses, a fault came up, or the link fails.
+pub fn turn_wheel<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    wheel: u8,
+) -> Result<Turned, MasterError> {
+    let settings = Settings {
+        rate: 3.0,
+        travel: 6.0,
+        wheels: 1 << wheel,
+        ..Settings::default()
     };
-    let done = run.whole(settings, seen);
-    // Whatever happened: no permission, and at rest.
-    let forbidden = run.wire.write(node, at::COMMISSIONING, Value::U8(0));
-    run.command(NmtCommand::EnterPreOperational)?;
-    done?;
-    forbidden?;
-    run.results()
+    let mut run = Run::new(wire, node, period_us);
+    let status = run.whole(&settings, &mut |_| {});
+    run.syncs(COAST_SYNCS)?;
+    // The next one who asks means all wheels.
+    let all = run.wire.write(
+        node,
+        at::IDENTIFY_WHEELS,
+        Value::U8(Settings::default().wheels),
+    );
+    let status = status?;
+    all?;
+    if status != DONE && !(5..=10).contains(&status) {
+        let reason = reason(status, u32::from(wheel));
+        return Err(MasterError::Identification { node, reason });
+    }
+    let speed = if status == DONE {
+        let results = run.results()?;
+        results.get(usize::from(wheel)).map(|motor| motor.speed)
+    } else {
+        None
+    };
+    let ways = run.farthest;
+    Ok(Turned { ways, speed })
 }
 
 /// Writes what was found into the motors' objects, in PRE-OPERATIONAL, and reads it back.
@@ -164,10 +214,46 @@ struct Run<'a, L> {
     period_us: u64,
     next_sync: Micros,
     counter: u8,
+    /// Where the wheels are by the rates they report, and the farthest they have been, rad.
+    ways: [f32; 4],
+    farthest: [f32; 4],
 }
 
-impl<L: Link> Run<'_, L> {
-    fn whole(&mut self, settings: &Settings, seen: &mut dyn FnMut(f64)) -> Result<(), MasterError> {
+impl<'a, L: Link> Run<'a, L> {
+    fn new(wire: &'a mut Wire<L>, node: u8, period_us: u64) -> Self {
+        Self {
+            next_sync: Micros((wire.now().0 / period_us + 1) * period_us),
+            wire,
+            node,
+            period_us,
+            counter: 0,
+            ways: [0.0; 4],
+            farthest: [0.0; 4],
+        }
+    }
+
+    /// A run from beginning to end, and how it ended (object 0x2051:2).
+    fn whole(
+        &mut self,
+        settings: &Settings,
+        seen: &mut dyn FnMut(f64),
+    ) -> Result<u32, MasterError> {
+        let done = self.until_over(settings, seen);
+        // Whatever happened: no permission, and at rest.
+        let forbidden = self.wire.write(self.node, at::COMMISSIONING, Value::U8(0));
+        self.command(NmtCommand::EnterPreOperational)?;
+        let status = done?;
+        forbidden?;
+        Ok(status)
+    }
+
+    fn until_over(
+        &mut self,
+        settings: &Settings,
+        seen: &mut dyn FnMut(f64),
+    ) -> Result<u32, MasterError> {
+        self.wire
+            .write_checked(self.node, at::IDENTIFY_WHEELS, Value::U8(settings.wheels))?;
         for (address, value) in [
             (at::IDENTIFY_RATE, settings.rate),
             (at::IDENTIFY_TRAVEL, settings.travel),
@@ -189,14 +275,8 @@ impl<L: Link> Run<'_, L> {
             let status = self.read(at::IDENTIFY_STATUS)?;
             let elapsed = self.wire.now().0 - began;
             seen(elapsed as f64 * 1e-6);
-            match status {
-                DONE => return Ok(()),
-                RUNNING if elapsed < TIME_LIMIT_US => {}
-                status => {
-                    let reason = reason(status, self.read(at::IDENTIFY_WHEEL)?);
-                    let node = self.node;
-                    return Err(MasterError::Identification { node, reason });
-                }
+            if status != RUNNING || elapsed >= TIME_LIMIT_US {
+                return Ok(status);
             }
         }
     }
@@ -230,10 +310,28 @@ impl<L: Link> Run<'_, L> {
         self.wire.send(&client::nmt(command, node))
     }
 
-    /// So many periods of SYNC; what robots say meanwhile is not needed.
+    /// Follows the wheels by their rates.
+    fn follow(&mut self, rates: [f32; 4]) {
+        let period = self.period_us as f32 * 1e-6;
+        let wheels = self.ways.iter_mut().zip(&mut self.farthest).zip(rates);
+        for ((way, farthest), rate) in wheels {
+            *way += rate * period;
+            if way.abs() > farthest.abs() {
+                *farthest = *way;
+            }
+        }
+    }
+
+    /// So many periods of SYNC.
     fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
         for _ in 0..count {
-            while self.wire.next(self.next_sync)?.is_some() {}
+            while let Some((_, frame)) = self.wire.next(self.next_sync)? {
+                if frame.id() == cob::wheel_rates(self.node)
+                    && let Ok(report) = WheelRateReport::try_from(frame.data())
+                {
+                    self.follow(report.rates.into());
+                }
+            }
             self.counter = self.counter % SYNC_OVERFLOW + 1;
             self.wire.send(&client::sync(Some(self.counter)))?;
             self.next_sync = Micros((self.wire.now().0 / self.period_us + 1) * self.period_us);

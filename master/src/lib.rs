@@ -34,6 +34,7 @@ pub mod telemetry;
 pub mod together;
 pub mod trial;
 pub mod web;
+pub mod wheel_test;
 pub mod wire;
 
 pub use session::Group;

@@ -49,8 +49,12 @@ enum Command {
     /// Checks and shows group files, and writes them into the robots.
     Group(cli::group::Arguments),
     /// Gives robots their node ids over the bus.
-    #[command(subcommand)]
+    #[command(subcommand, after_help = cli::lss::EXAMPLES)]
     Lss(cli::lss::Command),
+    /// Lets one robot's LED flash, to see which it is.
+    Identify(cli::wheel_test::Blink),
+    /// Turns one wheel after the other and says what is wired wrong.
+    WheelTest(cli::wheel_test::Arguments),
     /// Lets one robot find out what its motors need.
     IdentifyMotors(cli::identify::Arguments),
     /// Calculates how full the bus will be.
@@ -85,6 +89,8 @@ fn main() -> ExitCode {
         Command::Param(arguments) => cli::param::run(&arguments),
         Command::Group(arguments) => cli::group::run(&arguments),
         Command::Lss(command) => cli::lss::run(&command),
+        Command::Identify(arguments) => cli::wheel_test::blink(&arguments),
+        Command::WheelTest(arguments) => cli::wheel_test::run(&arguments),
         Command::IdentifyMotors(arguments) => cli::identify::run(&arguments),
         Command::BusLoad(arguments) => cli::bus_load::run(&arguments),
         Command::Record(arguments) => cli::record::run(&arguments),

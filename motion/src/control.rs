@@ -234,7 +234,9 @@ impl ControlSide {
                 })
                 .or_else(|| {
                     let bound = motion.configuration.thresholds.slip_fault;
-                    let slips = bound > 0.0 && self.report.slip_residual.abs() > bound;
+                    // Wheels that turn one by one do not roll on a floor.
+                    let rolls = command.mode != Mode::Identify;
+                    let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
                     self.slip_fault
                         .update(slips, now, LASTING_US)
                         .then_some(Fault::SlipExcess)
@@ -389,7 +391,11 @@ impl ControlSide {
         Outputs {
             duty: [0, 1, 2, 3].map(|wheel: usize| {
                 let sign = motion.wheels.get(wheel).map_or(0.0, |w| w.motor_sign);
-                duty * sign
+                if command.bounds.drives(wheel) {
+                    duty * sign
+                } else {
+                    0.0
+                }
             }),
             drivers_enabled: true,
             brake_released: true,

@@ -1,7 +1,7 @@
 //! Finds out what the motors need: static friction, volts per rate and volts per acceleration of every wheel.
 //!
 //! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back; one on blocks turns
-//! them freely. First the voltage rises slowly, by a tenth of the nominal supply a second, until a wheel reaches the
+//! them freely. On blocks, [`Bounds::wheels`] may name some of them: the others get no voltage and need not turn. First the voltage rises slowly, by a tenth of the nominal supply a second, until a wheel reaches the
 //! rate or the way it may (*ramp*); then, from standstill, the same voltage is put on backwards at once (*step*). The
 //! ramp tells `kS` and `kV`, the step `kA` of
 //!
@@ -58,6 +58,16 @@ pub struct Bounds {
     pub rate: f32,
     /// rad from where they stood at the beginning.
     pub travel: f32,
+    /// Wheels that get the voltage, bit 0 front left and so on; 0 is all of them.
+    pub wheels: u8,
+}
+
+impl Bounds {
+    /// Whether a wheel gets the voltage.
+    #[must_use]
+    pub const fn drives(&self, wheel: usize) -> bool {
+        self.wheels == 0 || self.wheels >> wheel & 1 == 1
+    }
 }
 
 /// One wheel's motor.
@@ -215,8 +225,10 @@ impl Identification {
                 self.voltage += RAMP_SHARE * self.nominal * dt;
                 let high = self.voltage >= VOLTAGE_SHARE * self.nominal;
                 if high || fastest >= self.bounds.rate || way >= WAY_SHARE * self.bounds.travel {
-                    let few = |wheel: &Wheel| wheel.ramp.rows < RAMP_ROWS;
-                    if let Some(wheel) = self.wheels.iter().position(few) {
+                    let few = |(number, wheel): (usize, &Wheel)| {
+                        self.bounds.drives(number) && wheel.ramp.rows < RAMP_ROWS
+                    };
+                    if let Some(wheel) = self.wheels.iter().enumerate().position(few) {
                         return failed(Stopped::DoesNotMove, wheel);
                     }
                     self.step_voltage = self.voltage;
@@ -322,14 +334,15 @@ impl Identification {
             return Some((Stopped::TimedOut, None));
         }
         let must_turn = self.phase == Phase::Ramp && self.voltage > BREAKAWAY_SHARE * self.nominal;
-        for ((number, wheel), rate) in (0..).zip(&self.wheels).zip(rates) {
-            let why = if self.phase == Phase::Ramp && wheel.travel < -TURNED {
+        for ((number, wheel), rate) in (0_u8..).zip(&self.wheels).zip(rates) {
+            let drives = self.bounds.drives(usize::from(number));
+            let why = if drives && self.phase == Phase::Ramp && wheel.travel < -TURNED {
                 Stopped::TurnsBackwards
             } else if rate.abs() > OVERSPEED * self.bounds.rate {
                 Stopped::TooFast
             } else if wheel.travel.abs() > self.bounds.travel {
                 Stopped::TooFar
-            } else if must_turn && wheel.travel < TURNED {
+            } else if drives && must_turn && wheel.travel < TURNED {
                 Stopped::DoesNotMove
             } else {
                 continue;
@@ -341,7 +354,10 @@ impl Identification {
 
     fn solve(&self) -> Outcome {
         let mut models = [WheelModel::default(); 4];
-        for ((number, wheel), model) in (0..).zip(&self.wheels).zip(&mut models) {
+        for ((number, wheel), model) in (0_u8..).zip(&self.wheels).zip(&mut models) {
+            if !self.bounds.drives(usize::from(number)) {
+                continue;
+            }
             *model = wheel.solve().ok_or((Stopped::BadFit, Some(number)))?;
             if model.residual > MISFIT * self.step_voltage {
                 return Err((Stopped::BadFit, Some(number)));

@@ -170,6 +170,10 @@ addresses! {
     IDENTIFY_BANDWIDTH = 0x2051:6;
     /// Damping of the gains.
     IDENTIFY_DAMPING = 0x2051:7;
+    /// Wheels that take part.
+    IDENTIFY_WHEELS = 0x2051:8;
+    /// Seconds for which the LED blinks.
+    BLINK = 0x2059:0;
 
     /// Group twist received: vx.
     SETPOINT_VX = 0x2100:1;

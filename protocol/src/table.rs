@@ -628,7 +628,22 @@ const IDENTIFICATION: &[Object] = &[
         real(0.5, 2.0, 1.0),
         "Of the same; 1 is critical.",
     ),
+    Object::setting(
+        at::IDENTIFY_WHEELS,
+        "Identification wheels",
+        "",
+        byte(0, 15, 0),
+        "Wheels that get the voltage: bit 0 front left, 1 front right, 2 rear left, 3 rear right; 0 is all. The others need not turn: for wheels off the floor.",
+    ),
 ];
+
+const BLINK: &[Object] = &[Object::command(
+    at::BLINK,
+    "Blink",
+    "s",
+    Kind::U8,
+    "For so many seconds the LED shows which robot this is: five short flashes and a pause. 0 ends it. Reads as the seconds left.",
+)];
 
 const fn identified_record(wheel: u16) -> [Object; 6] {
     const fn result(wheel: u16, sub: u8, name: &'static str, unit: &'static str) -> Object {
@@ -937,6 +952,7 @@ const PARTS: &[&[Object]] = &[
     &identified_record(1),
     &identified_record(2),
     &identified_record(3),
+    BLINK,
     &SETPOINT,
     &ALONE,
     STATUS,
@@ -986,6 +1002,7 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2053, "Identified front right"),
     (0x2054, "Identified rear left"),
     (0x2055, "Identified rear right"),
+    (0x2059, "Blink"),
     (0x2100, "Group twist"),
     (0x2101, "Commissioning twist"),
     (0x2110, "Status"),

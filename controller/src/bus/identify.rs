@@ -44,6 +44,7 @@ impl Record {
             bounds: Bounds {
                 rate: 5.0,
                 travel: 12.0,
+                wheels: 0,
             },
             bandwidth: 10.0,
             damping: 1.0,
@@ -87,6 +88,15 @@ impl BusSide {
             Err((why, wheel)) => (why.code(), wheel.unwrap_or(NO_WHEEL)),
         };
         self.end_identification(now);
+    }
+
+    /// Blinks, and no longer.
+    pub(super) fn look_at_blinking(&mut self, now: Micros) {
+        if let Some(seconds) = self.dictionary.blink_asked.take() {
+            self.blinks_until = now + Micros(u64::from(seconds) * 1_000_000);
+        }
+        let left = self.blinks_until.since(now).0.div_ceil(1_000_000);
+        self.dictionary.blinks = u8::try_from(left).unwrap_or(u8::MAX);
     }
 
     pub(super) fn may_identify(&self) -> bool {

@@ -91,6 +91,8 @@ pub struct BusSide {
     command: Command,
     /// The commissioning motion is an identification.
     identifying: bool,
+    /// When its LED has shown long enough which robot it is.
+    blinks_until: Micros,
     /// Code of the limit that was active at the last SYNC; 0 for none.
     limit: u16,
     /// Faults announced and not yet declared over, one bit each.
@@ -122,6 +124,7 @@ impl BusSide {
             report: Report::default(),
             command: Command::default(),
             identifying: false,
+            blinks_until: Micros::ZERO,
             limit: 0,
             announced: 0,
             events: Deque::new(),
@@ -280,6 +283,12 @@ impl BusSide {
         self.scale.factor()
     }
 
+    /// Whether somebody has asked which robot this is: the LED shall answer.
+    #[must_use]
+    pub const fn blinks(&self) -> bool {
+        self.dictionary.blinks > 0
+    }
+
     /// The parameters as they have been written.
     #[must_use]
     pub const fn parameters(&self) -> &Parameters {
@@ -293,6 +302,7 @@ impl BusSide {
 
     fn drain(&mut self, now: Micros) {
         self.look_at_identification(now);
+        self.look_at_blinking(now);
         while let Some(event) = self.device.pop_event() {
             match event {
                 canopen::Event::NmtCommand(NmtCommand::Start) => self.on_start(now),

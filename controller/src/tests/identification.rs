@@ -195,3 +195,20 @@ fn measured_supply_is_corrected_for() {
     let speed = result(&mut world, 0, 2);
     assert!((speed / SPEED - 1.0).abs() < 0.01, "{speed}");
 }
+
+/// Who is asked which robot it is blinks for so long, in any state, and says how much is left.
+#[test]
+fn blinks_when_asked() {
+    let mut world = World::new(&[2, 3]);
+    let blinks = |world: &World| [0, 1].map(|n: usize| world.robots[n].bus.blinks());
+    world.write(2, at::BLINK, Value::U8(3)).unwrap();
+    world.run(1_500);
+    assert_eq!(blinks(&world), [true, false]);
+    assert_eq!(world.read(2, at::BLINK).unwrap() & 0xFF, 2);
+    world.run(1_600);
+    assert_eq!(blinks(&world), [false, false]);
+    world.write(2, at::BLINK, Value::U8(200)).unwrap();
+    world.write(2, at::BLINK, Value::U8(0)).unwrap();
+    world.run(20);
+    assert_eq!(blinks(&world), [false, false]);
+}

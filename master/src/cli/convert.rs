@@ -19,7 +19,13 @@ enum Form {
     Mcap,
 }
 
+const EXAMPLES: &str = "Examples:
+  omnibus convert drive.mcap --to csv --output drive.csv
+  omnibus convert drive.mcap --to candump --output drive.log
+  omnibus convert drive.log --to mcap --group groups/tcc-2.toml --output again.mcap";
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,

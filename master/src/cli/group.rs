@@ -25,12 +25,14 @@ pub struct Arguments {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Says whether a group file is good, and what is wrong with it otherwise.
+    #[command(after_help = EXAMPLES)]
     Check {
         /// The files.
         #[arg(required = true)]
         files: Vec<PathBuf>,
     },
     /// Shows every parameter that a group file would write into a robot.
+    #[command(after_help = EXAMPLES)]
     Show {
         /// The file.
         file: PathBuf,
@@ -39,6 +41,7 @@ enum Command {
         node: Option<u8>,
     },
     /// Writes the group file into the robots and reads every value back.
+    #[command(after_help = EXAMPLES)]
     Apply {
         /// Stores it in the robots' flash too.
         #[arg(long)]

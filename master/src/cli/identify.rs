@@ -8,7 +8,12 @@ use serde_json::json;
 
 use super::{Target, say};
 
+const EXAMPLES: &str = "Examples:
+  omnibus identify-motors --node 2 --wheels-free --bus sim:groups/tcc-2.toml
+  omnibus identify-motors --node 2 --wheels-free --accept --save --bus socketcan:can0 --group my-group.toml";
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Node of the robot.
     #[arg(long)]
@@ -57,6 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         travel: arguments.travel,
         bandwidth: arguments.bandwidth,
         damping: arguments.damping,
+        ..Settings::default()
     };
     let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
     session.configure(true)?;

@@ -9,6 +9,10 @@ use serde_json::json;
 
 use super::{Target, json, note, print_json, say};
 
+/// For the help of both.
+pub const EXAMPLES: &str = "Examples:
+  omnibus lss scan --bus socketcan:can0
+  omnibus lss set 5 --bus socketcan:can0";
 const SCAN_EXAMPLES: &str = "Example:
   omnibus lss scan --bus socketcan:can0";
 const SET_EXAMPLES: &str = "Examples:

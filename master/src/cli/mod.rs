@@ -33,6 +33,7 @@ pub mod plot;
 pub mod record;
 pub mod replay;
 pub mod serve;
+pub mod wheel_test;
 
 pub use output::{json, note, print_json, print_json_line, quiet, say};
 

@@ -47,11 +47,13 @@ struct At {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Lists the objects that a robot has: address, type, unit, limits, meaning. Needs no bus.
+    #[command(after_help = EXAMPLES)]
     List {
         /// Only objects whose name, address or meaning contains this.
         filter: Option<String>,
     },
     /// Reads one object of one robot.
+    #[command(after_help = EXAMPLES)]
     Get {
         /// Address such as 2010:3, or name such as 'wheel radius'.
         object: String,
@@ -59,6 +61,7 @@ enum Command {
         at: At,
     },
     /// Writes one object of one robot and reads it back.
+    #[command(after_help = EXAMPLES)]
     Set {
         /// Address such as 2010:3, or name.
         object: String,
@@ -69,6 +72,7 @@ enum Command {
         at: At,
     },
     /// Reads all parameters of one robot into a file.
+    #[command(after_help = EXAMPLES)]
     Dump {
         /// The file; the standard output without it.
         #[arg(long, short)]
@@ -77,6 +81,7 @@ enum Command {
         at: At,
     },
     /// Writes the parameters of a file into a robot and reads them back.
+    #[command(after_help = EXAMPLES)]
     Load {
         /// The file, as `dump` writes it.
         file: PathBuf,
@@ -84,6 +89,7 @@ enum Command {
         at: At,
     },
     /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they differ.
+    #[command(after_help = EXAMPLES)]
     Diff {
         /// A file as `dump` writes it; the group file without it.
         file: Option<PathBuf>,
@@ -94,11 +100,13 @@ enum Command {
         target: Target,
     },
     /// Stores the parameters in a robot's flash, so that they survive power-off.
+    #[command(after_help = EXAMPLES)]
     Save {
         #[command(flatten)]
         at: At,
     },
     /// Brings the default parameters back at the robot's next reset.
+    #[command(after_help = EXAMPLES)]
     Restore {
         #[command(flatten)]
         at: At,

@@ -9,7 +9,12 @@ use serde_json::json;
 use super::convert::load;
 use super::say;
 
+const PLOT_EXAMPLES: &str = "Examples:
+  omnibus plot drive.mcap
+  omnibus plot drive.mcap --output drive.png";
+
 #[derive(clap::Args)]
+#[command(after_help = PLOT_EXAMPLES)]
 pub struct Plot {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,
@@ -18,7 +23,11 @@ pub struct Plot {
     output: Vec<PathBuf>,
 }
 
+const REPORT_EXAMPLES: &str = "Example:
+  omnibus report drive.mcap --output drive.html";
+
 #[derive(clap::Args)]
+#[command(after_help = REPORT_EXAMPLES)]
 pub struct Report {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,

@@ -18,7 +18,14 @@ use super::{Target, say};
 /// Time between two looks at whether to stop, in µs.
 const SLICE_US: u64 = 100_000;
 
+const EXAMPLES: &str = "Examples:
+  omnibus record drive.mcap --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus record minute.mcap --for 60 --bus slcan:/dev/ttyACM0
+
+It only listens. `follow` and `drive` record what they do themselves with --record FILE.mcap.";
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// The file to write; one that exists is replaced.
     file: PathBuf,

@@ -26,7 +26,14 @@ const LISTEN_US: u64 = 1_000_000;
 /// Time after the last frame in which robots come to rest by their own rules, in µs.
 const SETTLE_US: u64 = 500_000;
 
+const EXAMPLES: &str = "Examples:
+  omnibus replay drive.mcap --bus socketcan:can0
+  omnibus replay drive.mcap --drive --bus sim:groups/tcc-2.toml
+
+The first only counts what it would send.";
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,

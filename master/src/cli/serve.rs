@@ -22,7 +22,13 @@ const SHORTEST_TOKEN: usize = 12;
 /// Bytes of a token made here.
 const TOKEN_BYTES: usize = 16;
 
+const EXAMPLES: &str = "Examples:
+  omnibus serve --bus sim:groups/tcc-2.toml
+  omnibus serve --http 0.0.0.0:8080 --token-file token.txt --name robots.local --bus socketcan:can0 --group my-group.toml
+  omnibus serve --watch --bus socketcan:can0 --group my-group.toml";
+
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// Where the page is: address and port; port 0 picks a free one.
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080")]

@@ -7,6 +7,7 @@ const NOMINAL: f32 = 24.0;
 const BOUNDS: Bounds = Bounds {
     rate: 5.0,
     travel: 12.0,
+    wheels: 0,
 };
 
 /// u = kS sgn(w) + kV w + kA w', solved in closed form over a tick of constant voltage.
@@ -67,8 +68,11 @@ fn run(mut motors: [Motor; 4], bounds: Bounds, counts: f64, noise: f64) -> (Outc
     let mut voltage = 0.0;
     for _ in 0..25_000 {
         let mut turned = [0.0; 4];
-        for ((motor, seen), turned) in motors.iter_mut().zip(&mut seen).zip(&mut turned) {
-            motor.step(f64::from(voltage));
+        let wheels = motors.iter_mut().zip(&mut seen).zip(&mut turned);
+        for (number, ((motor, seen), turned)) in wheels.enumerate() {
+            if bounds.drives(number) {
+                motor.step(f64::from(voltage));
+            }
             random = random
                 .wrapping_mul(6_364_136_223_846_793_005)
                 .wrapping_add(1);
@@ -152,10 +156,12 @@ fn speed_and_travel_stay_within_their_bounds() {
         Bounds {
             rate: 5.0,
             travel: 4.0,
+            wheels: 0,
         },
         Bounds {
             rate: 2.5,
             travel: 12.0,
+            wheels: 0,
         },
     ] {
         let (outcome, [fastest, farthest]) = run([PAPER(); 4], bounds, 40_000.0, 0.0);
@@ -209,6 +215,7 @@ fn it_times_out() {
         Bounds {
             rate: 1e6,
             travel: 1e6,
+            wheels: 0,
         },
         NOMINAL,
     );
@@ -238,4 +245,19 @@ fn gains_place_the_poles_where_they_are_asked_for() {
     assert!((gains.integral / gains.acceleration - 400.0).abs() < 1e-3);
     // Slower than the motor is by itself: 2 * 1 * 2 * 0.15 < 0.8.
     assert!((model.gains(2.0, 1.0).proportional - 0.08).abs() < 1e-6);
+}
+
+#[test]
+fn one_wheel_alone_is_driven_and_found() {
+    let only = |wheels| Bounds { wheels, ..BOUNDS };
+    let (outcome, _) = run([PAPER(); 4], only(0b0100), 40_000.0, 0.0);
+    let models = outcome.unwrap();
+    close(models[2].speed, 0.8075, 0.005);
+    assert_eq!([0, 1, 3].map(|n| models[n]), [WheelModel::default(); 3]);
+    // One that is not driven may stand; the one that is must turn.
+    let mut blocked = [PAPER(); 4];
+    blocked[1].breakaway = 1e3;
+    assert!(run(blocked, only(0b1101), 40_000.0, 0.0).0.is_ok());
+    let (outcome, _) = run(blocked, only(0b0010), 40_000.0, 0.0);
+    assert_eq!(outcome, Err((Stopped::DoesNotMove, Some(1))));
 }

@@ -1,0 +1,166 @@
+//! `omnibus wheel-test` and `omnibus identify`: is every wire where it belongs, and which robot is this.
+
+use std::io::BufRead as _;
+
+use anyhow::bail;
+use comfy_table::{Table, presets};
+use omnibus::error::MasterError;
+use omnibus::identify::WHEELS;
+use omnibus::session::Group;
+use omnibus::wheel_test::{Finding, Seen, test_wheels};
+use protocol::{Value, address};
+use serde_json::json;
+
+use super::output::Found;
+use super::{Target, note, say};
+
+const EXAMPLES: &str = "Examples:
+  omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
+  omnibus wheel-test --node 2 --wheels-free --ask --bus socketcan:can0 --group my-group.toml
+
+Each wheel in turn rolls slowly forward, stops, jerks backward and stops; never more than 6 rad or half of the supply.
+Exit code 6 when something is wrong.";
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Node of the robot.
+    #[arg(long)]
+    node: u8,
+    /// Declares that the robot's wheels are off the floor.
+    #[arg(long)]
+    wheels_free: bool,
+    /// Asks after every wheel what was seen to turn: tells motors from encoders.
+    #[arg(long)]
+    ask: bool,
+    #[command(flatten)]
+    target: Target,
+}
+
+const BLINK_EXAMPLES: &str = "Examples:
+  omnibus identify --node 3 --bus socketcan:can0
+  omnibus identify --node 3 --for 0 --bus socketcan:can0";
+
+#[derive(clap::Args)]
+#[command(after_help = BLINK_EXAMPLES)]
+pub struct Blink {
+    /// Node of the robot.
+    #[arg(long)]
+    node: u8,
+    /// For how long, s, up to 255; 0 ends it.
+    #[arg(long = "for", default_value_t = 10, value_name = "SECONDS")]
+    seconds: u8,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// `omnibus identify`.
+pub fn blink(arguments: &Blink) -> anyhow::Result<()> {
+    let (node, seconds) = (arguments.node, arguments.seconds);
+    let mut wire = arguments.target.visit()?;
+    wire.write(node, address::BLINK, Value::U8(seconds))?;
+    if super::json() {
+        return super::print_json(&json!({"node": node, "seconds": seconds}));
+    }
+    say(match seconds {
+        0 => format!("node {node}: its LED shows its state again"),
+        _ => format!("node {node}: its LED flashes five times and pauses, for {seconds} s"),
+    })
+}
+
+/// `omnibus wheel-test`.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let group = arguments.target.group()?;
+    let node = arguments.node;
+    if !group.robots.iter().any(|robot| robot.node == node) {
+        bail!("--node {node}: group '{}' has no such robot", group.name);
+    }
+    if !arguments.wheels_free {
+        bail!(
+            "the wheels of node {node} will turn one by one; lift them off the floor, then say --wheels-free"
+        );
+    }
+    let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
+    session.configure(true)?;
+    let period_us = session.period_us();
+    let findings = test_wheels(session.wire(), node, period_us, &mut |_, wheel| {
+        Ok(if arguments.ask { ask(wheel)? } else { None })
+    })?;
+    let wrong = findings.iter().filter(|f| f.problem.is_some()).count();
+    if super::json() {
+        let wheels: Vec<_> = findings.iter().map(finding_json).collect();
+        super::print_json(&json!({"node": node, "wheels": wheels}))?;
+    } else {
+        show(&findings)?;
+    }
+    if wrong > 0 {
+        return Err(Found(format!(
+            "node {node}: {wrong} of 4 wheels are not as they should be"
+        ))
+        .into());
+    }
+    say("All four turn the right way, and their own encoders say so.")?;
+    if !arguments.ask {
+        say("Nobody looked: a motor and its encoder both reversed look like this, too (--ask).")?;
+    }
+    Ok(())
+}
+
+fn show(findings: &[Finding]) -> anyhow::Result<()> {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    let mut header = vec!["driven".to_owned()];
+    header.extend(WHEELS.map(|wheel| format!("{wheel}, rad")));
+    table.set_header(header);
+    for finding in findings {
+        let mut row = vec![WHEELS.get(finding.wheel).copied().unwrap_or("").to_owned()];
+        row.extend(finding.turned.ways.map(|way| format!("{way:+.2}")));
+        table.add_row(row);
+    }
+    say(&table)?;
+    for finding in findings {
+        if let Some(problem) = &finding.problem {
+            let wheel = WHEELS.get(finding.wheel).copied().unwrap_or("");
+            say(format!("{wheel}: {problem}"))?;
+        }
+    }
+    Ok(())
+}
+
+fn finding_json(finding: &Finding) -> serde_json::Value {
+    json!({"wheel": WHEELS.get(finding.wheel), "ways_rad": finding.turned.ways,
+        "speed_v_s_per_rad": finding.turned.speed, "problem": finding.problem})
+}
+
+/// Asks which wheel was seen to turn, until the answer is one.
+fn ask(wheel: usize) -> Result<Option<Seen>, MasterError> {
+    let name = WHEELS.get(wheel).copied().unwrap_or("");
+    loop {
+        note(format!(
+            "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or another wheel: fl, fr, rl, \
+             rr with f or b (`rl f`); Enter: did not look"
+        ));
+        let mut line = String::new();
+        match std::io::stdin().lock().read_line(&mut line) {
+            Ok(0) | Err(_) => return Err(MasterError::Aborted),
+            Ok(_) => {}
+        }
+        let words: Vec<_> = line.split_whitespace().collect();
+        let (which, way) = match words.as_slice() {
+            [] => return Ok(None),
+            ["n"] => return Ok(Some(Seen::Nothing)),
+            [way] => (wheel, *way),
+            [other, way] => match ["fl", "fr", "rl", "rr"].iter().position(|n| n == other) {
+                Some(which) => (which, *way),
+                None => continue,
+            },
+            _ => continue,
+        };
+        if let "f" | "b" = way {
+            return Ok(Some(Seen::Wheel {
+                wheel: which,
+                forward: way == "f",
+            }));
+        }
+    }
+}
