@@ -42,6 +42,9 @@ pub struct Finding {
     pub problem: Option<String>,
 }
 
+/// Asks what was seen to turn.
+pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
+
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor. `look` is asked after
 /// each wheel what was seen; `None` when nobody looks.
 ///
@@ -51,7 +54,7 @@ pub fn test_wheels<L: Link>(
     wire: &mut Wire<L>,
     node: u8,
     period_us: u64,
-    look: &mut dyn FnMut(&mut Wire<L>, usize) -> Result<Option<Seen>, MasterError>,
+    look: Look<'_>,
 ) -> Result<Vec<Finding>, MasterError> {
     let mut turned = [Turned::default(); 4];
     let mut seen = [None; 4];
@@ -59,7 +62,7 @@ pub fn test_wheels<L: Link>(
         *turned = turn_wheel(wire, node, period_us, wheel)?;
         let wheel = usize::from(wheel);
         if let Some(seen) = seen.get_mut(wheel) {
-            *seen = look(wire, wheel)?;
+            *seen = look(wheel)?;
         }
     }
     let mut bits = |at| Ok::<_, MasterError>(wire.read(node, at, protocol::Kind::U8)?.to_bits());

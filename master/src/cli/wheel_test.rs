@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
     session.configure(true)?;
     let period_us = session.period_us();
-    let findings = test_wheels(session.wire(), node, period_us, &mut |_, wheel| {
+    let findings = test_wheels(session.wire(), node, period_us, &mut |wheel| {
         Ok(if arguments.ask { ask(wheel)? } else { None })
     })?;
     let wrong = findings.iter().filter(|f| f.problem.is_some()).count();

@@ -47,7 +47,7 @@ impl<L: Link> Group<L> {
         let row = self.recorder.rows().last()?;
         let measured = row.members.iter().filter_map(|m| m.measured);
         Some(Snapshot {
-            t: row.t,
+            t: self.wire.seconds(self.began) + row.t,
             phase: self.phase,
             sequence: row.sequence,
             command: row.command,

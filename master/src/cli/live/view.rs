@@ -8,11 +8,13 @@ use kinematics::{Pose, Twist};
 use omnibus::telemetry::{Event, MemberSample, Phase, Snapshot};
 use protocol::Code;
 use ratatui::Frame;
-use ratatui::layout::{Constraint, Layout};
+use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
+/// Where the text of a happening begins.
+const INDENT: usize = 13;
 /// Happenings kept.
 const HISTORY: usize = 50;
 
@@ -103,7 +105,7 @@ impl View {
         let [head, table, history, foot] = parts.areas(frame.area());
         frame.render_widget(Paragraph::new(self.head()), head);
         frame.render_widget(Paragraph::new(self.table()), table);
-        frame.render_widget(Paragraph::new(self.history(history.height)), history);
+        frame.render_widget(Paragraph::new(self.history(history)), history);
         frame.render_widget(Paragraph::new(self.foot()), foot);
     }
 
@@ -177,13 +179,20 @@ impl View {
         lines
     }
 
-    fn history(&self, height: u16) -> Vec<Line<'_>> {
-        let skip = self.history.len().saturating_sub(usize::from(height));
-        let lines = self.history.iter().skip(skip).map(|(t, text, bad)| {
+    /// The newest of what happened, as much as there is room for; what is longer than a line goes on in the next.
+    fn history(&self, area: Rect) -> Vec<Line<'_>> {
+        let width = usize::from(area.width).saturating_sub(INDENT).max(20);
+        let mut lines = Vec::new();
+        for (t, text, bad) in &self.history {
             let style = if *bad { red() } else { Style::new() };
-            Line::from(Span::styled(format!("{t:9.2} s  {text}"), style))
-        });
-        lines.collect()
+            let mut start = format!("{t:9.2} s  ");
+            for part in wrapped(text, width) {
+                lines.push(Line::from(Span::styled(start + &part, style)));
+                start = " ".repeat(INDENT);
+            }
+        }
+        let skip = lines.len().saturating_sub(usize::from(area.height));
+        lines.split_off(skip)
     }
 
     fn foot(&self) -> Vec<Line<'_>> {
@@ -263,6 +272,22 @@ fn row(member: &MemberSample) -> Line<'_> {
         )),
         Span::styled(code, style),
     ])
+}
+
+/// A text in lines of at most so many characters, broken between words.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.is_empty() => line.push_str(word),
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -384,5 +409,32 @@ mod tests {
             "{text}"
         );
         assert!(!text.contains("+0.000 m  y"), "{text}");
+    }
+
+    /// A limit's text is longer than a line: it goes on below, and the newest line is the last.
+    #[test]
+    fn long_happenings_go_on_in_the_next_line() {
+        let mut view = view(vec![member(2, Code::None)]);
+        for what in [
+            Happening::Code(Code::Limit(Limit::Acceleration)),
+            Happening::Code(Code::None),
+        ] {
+            view.tell(&Event {
+                t: 1.0,
+                node: Some(2),
+                what,
+            });
+        }
+        let shown = screen(&view);
+        assert!(shown.contains("\n     1.00 s  node 2: limit Acceleration: The group twist"));
+        let words = omnibus::session::describe(Code::Limit(Limit::Acceleration));
+        for word in words.split(' ') {
+            assert!(shown.contains(word), "{word} is cut off: {shown}");
+        }
+        assert!(
+            shown.contains("node 2: no limit or fault any more"),
+            "{shown}"
+        );
+        assert_eq!(wrapped("a bb ccc", 4), ["a bb", "ccc"]);
     }
 }
