@@ -323,13 +323,11 @@ impl Object {
         kind: Kind,
         text: &'static str,
     ) -> Self {
-        let zero = Value::from_bits(kind, 0);
-        let (min, max) = full_range(kind);
         Self::new(
             address,
             name,
             unit,
-            [min, max, zero],
+            full_range(kind),
             Access::ReadOnly,
             text,
         )
@@ -344,13 +342,11 @@ impl Object {
         kind: Kind,
         text: &'static str,
     ) -> Self {
-        let zero = Value::from_bits(kind, 0);
-        let (min, max) = full_range(kind);
         Self::new(
             address,
             name,
             unit,
-            [min, max, zero],
+            full_range(kind),
             Access::ReadWrite,
             text,
         )
@@ -385,8 +381,9 @@ impl Object {
     }
 }
 
-const fn full_range(kind: Kind) -> (Value, Value) {
-    match kind {
+/// Every value of its kind, and zero for a default.
+const fn full_range(kind: Kind) -> [Value; 3] {
+    let (min, max) = match kind {
         Kind::I16 => (Value::I16(i16::MIN), Value::I16(i16::MAX)),
         Kind::U8 => (Value::U8(0), Value::U8(u8::MAX)),
         Kind::U16 => (Value::U16(0), Value::U16(u16::MAX)),
@@ -394,7 +391,8 @@ const fn full_range(kind: Kind) -> (Value, Value) {
         Kind::F32 => (Value::F32(f32::MIN), Value::F32(f32::MAX)),
         Kind::I24 => (Value::I24(-0x80_0000), Value::I24(0x7F_FFFF)),
         Kind::Domain => (Value::Domain, Value::Domain),
-    }
+    };
+    [min, max, Value::from_bits(kind, 0)]
 }
 
 /// What a robot needs of an [`Object`] at run time.
