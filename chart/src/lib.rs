@@ -99,6 +99,9 @@ pub struct ChartError {
     pub reason: String,
 }
 
+/// What varies by less than this is shown as a straight line: the labels of its axis would all be the same.
+const FLAT: f64 = 1e-4;
+
 /// Smallest interval holding all finite `values`, widened by 6 % and never empty.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
@@ -108,6 +111,11 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
         });
     if low > high {
         return (0.0, 1.0);
+    }
+    if high - low < FLAT {
+        let middle = f64::midpoint(low, high);
+        let half = 0.05 * middle.abs().max(1.0);
+        return (middle - half, middle + half);
     }
     let margin = ((high - low) * 0.06).max(high.abs().max(low.abs()).max(1e-3) * 1e-3);
     (low - margin, high + margin)

@@ -72,6 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
     unittest(&["test_page"], "native")?;
+    unittest(&["test_live"], "native")?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);

@@ -3,7 +3,8 @@
 //! It sleeps until shortly before a SYNC is due and spins for the rest, because a sleeping thread wakes some
 //! 50 to 100 µs late on Linux. Every SYNC is due a whole number of periods after the first: lateness does not
 //! add up. How late each went out is measured where the system has taken the frame. When the machine was so
-//! busy that whole periods have passed, those SYNCs are left out, not sent in a burst.
+//! busy that the next one is less than half a period away, that one is left out: robots need the time between two
+//! SYNCs to hear from each other, and bridge a missing one, but not a burst.
 //!
 //! The thread shares the adapter's writing end with the session, one frame at a time. It ends when the link
 //! is dropped or the schedule is taken back. It sends no setpoints and no heartbeat: when the session hangs,
@@ -71,10 +72,7 @@ impl Pacer {
                     .unwrap_or_else(PoisonError::into_inner)
                     .note(nanos);
                 counter = counter % schedule.overflow + 1;
-                due += period;
-                while due.elapsed() > period {
-                    due += period;
-                }
+                due = after(due, Instant::now(), period);
             }
         });
         Self {
@@ -82,6 +80,15 @@ impl Pacer {
             thread: Some(thread),
         }
     }
+}
+
+/// When the next SYNC is due after one that was due at `due` and has been sent `now`.
+fn after(mut due: Instant, now: Instant, period: Duration) -> Instant {
+    due += period;
+    while due < now + period / 2 {
+        due += period;
+    }
+    due
 }
 
 /// Returns at `due`, or when told to stop.
@@ -105,5 +112,23 @@ impl Drop for Pacer {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_late_sync_is_followed_on_schedule_but_never_closely() {
+        let period = Duration::from_millis(10);
+        let due = Instant::now();
+        let next = |late_ms| after(due, due + Duration::from_millis(late_ms), period) - due;
+        assert_eq!(next(0), period);
+        assert_eq!(next(5), period);
+        // 4 ms before the next: that one is left out.
+        assert_eq!(next(6), 2 * period);
+        assert_eq!(next(12), 2 * period);
+        assert_eq!(next(47), 6 * period);
     }
 }

@@ -160,7 +160,12 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             state_name(robot.nmt),
             state,
             robot.code_text(),
-            format!("{supply} V"),
+            // 0 is what a robot without the divider says.
+            if supply == "0" {
+                "-".into()
+            } else {
+                format!("{supply} V")
+            },
             stops,
         ]);
     }

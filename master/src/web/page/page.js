@@ -226,14 +226,18 @@ function showRobot(robot) {
 
 let centre = null;
 let drawn = false;
+// Where the group was last seen: robots that are not started do not say.
+let here = [0, 0, 0];
 
 function follow() {
-  if (!state.pose) return;
-  const [x, y] = state.pose;
-  const last = trail[trail.length - 1];
-  if (!last || Math.hypot(x - last[0], y - last[1]) > TRAIL_M) trail.push([x, y]);
-  if (trail.length > TRAIL_POINTS) trail.shift();
-  if (!centre) centre = [x, y];
+  if (state.pose) {
+    here = state.pose;
+    const [x, y] = here;
+    const last = trail[trail.length - 1];
+    if (!last || Math.hypot(x - last[0], y - last[1]) > TRAIL_M) trail.push([x, y]);
+    if (trail.length > TRAIL_POINTS) trail.shift();
+  }
+  if (!centre) centre = [here[0], here[1]];
   if (!drawn) {
     drawn = true;
     requestAnimationFrame(draw);
@@ -260,8 +264,8 @@ function draw() {
   paint.setTransform(zoom, 0, 0, zoom, 0, 0);
   paint.fillStyle = css("--page");
   paint.fillRect(0, 0, width, height);
-  const pose = state && state.pose;
-  if (!pose || !welcome) return;
+  const pose = here;
+  if (!state || !welcome || !centre) return;
   const reach = Math.max(1.2, ...welcome.robots.map((r) => Math.hypot(r.mount[0], r.mount[1]) + 0.8));
   const scale = Math.min(width, height) / (4 * reach);
   // The map stands still until the group nears its edge.
@@ -525,7 +529,7 @@ $("token-form").addEventListener("submit", (event) => {
   sessionStorage.setItem("token", token);
   send({ type: "hello", token });
 });
-window.addEventListener("resize", () => { if (state && state.pose) draw(); });
+window.addEventListener("resize", () => { if (state) draw(); });
 setInterval(show, 500);
 
 pad("move", false);
