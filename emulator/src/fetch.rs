@@ -26,52 +26,74 @@ const DCEN: u32 = 1 << 10;
 struct Cache<const N: usize> {
     enabled: bool,
     /// For each line of the flash its slot plus one, 0 for none.
-    slot_of: Box<[u8]>,
+    slot_of: Box<[u8; LINES]>,
     line_of: [Option<u32>; N],
-    used: [u64; N],
-    uses: u64,
+    /// The slots as a ring in the order of their last use: who comes before, and who after. Slot `N` is the ring's
+    /// end: before it comes the latest, after it the oldest.
+    before: [u8; SLOTS],
+    after: [u8; SLOTS],
 }
+
+/// Slots of the larger cache and the ring's end, up to a power of two.
+const SLOTS: usize = 128;
 
 impl<const N: usize> Cache<N> {
     fn new() -> Self {
-        Self {
+        let mut cache = Self {
             enabled: false,
-            slot_of: vec![0; LINES].into_boxed_slice(),
+            slot_of: Box::new([0; LINES]),
             line_of: [None; N],
-            used: [0; N],
-            uses: 0,
-        }
+            before: [0; SLOTS],
+            after: [0; SLOTS],
+        };
+        cache.clear();
+        cache
     }
 
     /// Whether a line is there; it then counts as used.
+    #[inline]
     fn hit(&mut self, line: u32) -> bool {
         let slot = self.slot_of.get(line as usize).copied().unwrap_or(0);
         if slot == 0 || !self.enabled {
             return false;
         }
-        self.uses += 1;
-        self.used[usize::from(slot) - 1] = self.uses;
+        self.touch(slot - 1);
         true
+    }
+
+    /// Makes a slot the latest.
+    #[inline]
+    fn touch(&mut self, slot: u8) {
+        const MASK: usize = SLOTS - 1;
+        let at = usize::from(slot) & MASK;
+        let (before, after) = (self.before[at], self.after[at]);
+        self.after[usize::from(before) & MASK] = after;
+        self.before[usize::from(after) & MASK] = before;
+        let latest = std::mem::replace(&mut self.before[N & MASK], slot);
+        self.after[usize::from(latest) & MASK] = slot;
+        (self.before[at], self.after[at]) = (latest, N as u8);
     }
 
     fn insert(&mut self, line: u32) {
         if !self.enabled || line as usize >= LINES {
             return;
         }
-        let oldest = (0..N).min_by_key(|slot| self.used[*slot]).unwrap_or(0);
-        if let Some(old) = self.line_of[oldest].replace(line) {
+        let oldest = self.after[N];
+        if let Some(old) = self.line_of[usize::from(oldest)].replace(line) {
             self.slot_of[old as usize] = 0;
         }
-        self.slot_of[line as usize] = oldest as u8 + 1;
-        self.uses += 1;
-        self.used[oldest] = self.uses;
+        self.slot_of[line as usize] = oldest + 1;
+        self.touch(oldest);
     }
 
     fn clear(&mut self) {
         for line in self.line_of.iter_mut().filter_map(Option::take) {
             self.slot_of[line as usize] = 0;
         }
-        self.used = [0; N];
+        for slot in 0..=N {
+            self.before[slot] = ((slot + N) % (N + 1)) as u8;
+            self.after[slot] = ((slot + 1) % (N + 1)) as u8;
+        }
     }
 }
 
@@ -123,7 +145,16 @@ impl Fetch {
     #[inline]
     pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
         let (first, last) = (offset >> LINE, (offset + length - 1) >> LINE);
-        if self.wait_states == 0 || (first == self.line && last == self.line) {
+        if first == self.line && last == self.line {
+            return 0;
+        }
+        self.lines(first, last, now)
+    }
+
+    /// The same from lines that are not all in use.
+    #[inline(never)]
+    fn lines(&mut self, first: u32, last: u32, now: u64) -> u64 {
+        if self.wait_states == 0 {
             return 0;
         }
         let mut waited = 0;

@@ -119,7 +119,7 @@ impl Board {
         let left = self.cpu.xpsr() & xpsr::IT_MASK;
         let fpscr = self.cpu.fpscr();
         let pc = self.cpu.pc();
-        self.fast.end_exclusive();
+        self.fast.step_elsewhere();
         let mut cycles = self.cpu.step();
         let entered = cycles >= 12 && self.entered_exception();
         if entered {

@@ -17,18 +17,23 @@ pub(super) struct Entry {
 
 /// Bytes of code per page.
 const PAGE: u32 = 4096;
+/// Pages of the flash.
+const PAGES: usize = (flash::SIZE as u32 / PAGE) as usize;
+
+/// One entry per halfword.
+type Page = [Option<Entry>; PAGE as usize / 2];
 
 /// Pages of one entry per halfword, made when code in them is first executed.
 #[derive(Debug)]
 pub(super) struct Code {
-    pages: Vec<Option<Box<[Option<Entry>]>>>,
+    pages: Box<[Option<Box<Page>>; PAGES]>,
     version: u64,
 }
 
 impl Code {
     pub(super) fn new() -> Self {
         Self {
-            pages: vec![None; (flash::SIZE as u32 / PAGE) as usize],
+            pages: Box::new([const { None }; PAGES]),
             version: 0,
         }
     }
@@ -37,7 +42,7 @@ impl Code {
     pub(super) fn check(&mut self, version: u64) {
         if version != self.version {
             self.version = version;
-            self.pages.fill(None);
+            self.pages.fill_with(|| None);
         }
     }
 
@@ -46,13 +51,17 @@ impl Code {
     pub(super) fn at(&mut self, pc: u32, flash: &RamStore) -> Result<&Entry, Leave> {
         let offset = pc.wrapping_sub(FLASH_BASE);
         let page = self.pages.get_mut((offset / PAGE) as usize).ok_or(Leave)?;
-        let page = page.get_or_insert_with(|| vec![None; PAGE as usize / 2].into_boxed_slice());
-        let slot = &mut page[(offset % PAGE / 2) as usize];
-        if slot.is_none() {
-            *slot = Some(load(offset, flash)?);
+        let slot = &mut page.get_or_insert_with(blank)[(offset % PAGE / 2) as usize];
+        match slot {
+            Some(entry) => Ok(entry),
+            None => Ok(slot.insert(load(offset, flash)?)),
         }
-        slot.as_ref().ok_or(Leave)
     }
+}
+
+#[cold]
+fn blank() -> Box<Page> {
+    Box::new([const { None }; PAGE as usize / 2])
 }
 
 #[cold]

@@ -23,13 +23,28 @@ fn ordinary(bits: u32) -> bool {
 }
 
 impl Core {
-    /// Copies the floating-point registers at their first use in a session.
+    /// Copies the floating-point registers at their first use since the reference core's last step.
     pub(super) fn load_float(&mut self, cpu: &ArmV7m) {
-        for index in 0..32 {
-            self.fpu.set_s(index, cpu.s(index));
+        for (index, value) in (0..).zip(&mut self.fpu.s) {
+            *value = cpu.s(index);
         }
         self.fpu.fpscr = cpu.fpscr();
+        self.fp_given.clone_from(&self.fpu);
         self.fp_loaded = true;
+    }
+
+    /// Gives back those that have changed.
+    pub(super) fn store_float(&mut self, cpu: &ArmV7m) {
+        for (index, (value, given)) in (0..).zip(self.fpu.s.iter().zip(&mut self.fp_given.s)) {
+            if value != given {
+                *given = *value;
+                cpu.set_s(index, *value);
+            }
+        }
+        if self.fpu.fpscr != self.fp_given.fpscr {
+            self.fp_given.fpscr = self.fpu.fpscr;
+            cpu.set_fpscr(self.fpu.fpscr);
+        }
     }
 
     /// The host's result of an operation, if it is certain to be the unit's.

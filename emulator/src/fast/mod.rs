@@ -75,7 +75,9 @@ struct Core {
     fetch: Fetch,
     fpu: Fpu,
     fp_usable: bool,
+    /// Whether `fpu` is what the reference core has, but for what has been done in this session; and what it has.
     fp_loaded: bool,
+    fp_given: Fpu,
     exclusive: Option<u32>,
     /// An exception waits for its turn, and PRIMASK was cleared.
     waiting: bool,
@@ -96,10 +98,11 @@ impl Fast {
         }
     }
 
-    /// The reference core has made a step: what was reserved for an exclusive store no longer is. Between two sessions
-    /// without such a step nothing else can have come.
-    pub(crate) fn end_exclusive(&mut self) {
+    /// The reference core makes a step: what was reserved for an exclusive store no longer is, and floating-point
+    /// registers may change. Between two sessions without such a step nothing else can have come.
+    pub(crate) fn step_elsewhere(&mut self) {
         self.core.exclusive = None;
+        self.core.fp_loaded = false;
     }
 
     /// What the reference core waited for the instruction that it has executed.
@@ -171,6 +174,7 @@ impl Core {
             fpu: Fpu::new(),
             fp_usable: false,
             fp_loaded: false,
+            fp_given: Fpu::new(),
             exclusive: None,
             waiting: false,
             unmasked: false,
@@ -228,7 +232,6 @@ impl Core {
         self.psr = regs.xpsr & !xpsr::IT_MASK;
         self.it = ((regs.xpsr >> 10 & 0x3F) << 2 | regs.xpsr >> 25 & 3) as u8;
         self.primask = regs.primask;
-        self.fp_loaded = false;
         self.unmasked = false;
         self.io = false;
         true
@@ -252,10 +255,7 @@ impl Core {
         }
         cpu.set_regs(regs);
         if self.fp_loaded {
-            for index in 0..32 {
-                cpu.set_s(index, self.fpu.s(index));
-            }
-            cpu.set_fpscr(self.fpu.fpscr);
+            self.store_float(cpu);
         }
         cpu.with_sys(|sys| sys.tick_cyccnt(cycles));
     }
