@@ -14,6 +14,7 @@ use defmt_decoder::{Locations, Table};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
+use crate::fast::Programmed;
 use crate::system::flash;
 
 /// First address of flash.
@@ -62,7 +63,7 @@ pub struct Symbol {
 
 struct Image {
     elf: Vec<u8>,
-    flash: Vec<u8>,
+    code: Arc<Programmed>,
     functions: Vec<Symbol>,
     variables: HashMap<String, Symbol>,
     table: Option<Table>,
@@ -162,7 +163,7 @@ impl Firmware {
         Ok(Self {
             image: Arc::new(Image {
                 elf,
-                flash,
+                code: Arc::new(Programmed::new(flash)),
                 functions,
                 variables,
                 table,
@@ -191,7 +192,7 @@ impl Firmware {
         Ok(Self {
             image: Arc::new(Image {
                 elf: Vec::new(),
-                flash,
+                code: Arc::new(Programmed::new(flash)),
                 functions: Vec::new(),
                 variables: HashMap::new(),
                 table: None,
@@ -202,7 +203,11 @@ impl Firmware {
 
     /// Content of the flash after programming.
     pub(crate) fn flash(&self) -> &[u8] {
-        &self.image.flash
+        self.image.code.content()
+    }
+
+    pub(crate) fn code(&self) -> &Arc<Programmed> {
+        &self.image.code
     }
 
     pub(crate) fn defmt_table(&self) -> Option<&Table> {

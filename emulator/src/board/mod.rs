@@ -152,7 +152,7 @@ impl Board {
             ram,
             flash,
             log,
-            fast: Fast::new(),
+            fast: Fast::new(Arc::clone(firmware.code())),
             now: 0,
             asleep: false,
             halted: false,

@@ -1,7 +1,11 @@
-//! The decoded code: each instruction of the flash as it was when it was first executed.
+//! The decoded code: each instruction of the flash as it was when code near it was first executed.
+//!
+//! Pages whose content is the image's are decoded once for all boards that run it: several boards then share what the
+//! host's caches hold.
+
+use std::sync::{Arc, OnceLock};
 
 use rsemu::core::space::RamStore;
-use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::isa::{Insn, decode, is_32bit};
 
 use super::Leave;
@@ -16,23 +20,50 @@ pub(super) struct Entry {
 }
 
 /// Bytes of code per page.
-const PAGE: u32 = 4096;
+const PAGE: usize = 4096;
 /// Pages of the flash.
-const PAGES: usize = (flash::SIZE as u32 / PAGE) as usize;
+const PAGES: usize = flash::SIZE as usize / PAGE;
 
-/// One entry per halfword.
-type Page = [Option<Entry>; PAGE as usize / 2];
+/// One entry per halfword; none where the flash ends in the middle of an instruction.
+type Page = [Option<Entry>; PAGE / 2];
 
-/// Pages of one entry per halfword, made when code in them is first executed.
-#[derive(Debug)]
+/// An image with what has been decoded of it.
+pub(crate) struct Programmed {
+    content: Vec<u8>,
+    pages: [OnceLock<Arc<Page>>; PAGES],
+}
+
+impl Programmed {
+    /// The content of the whole flash.
+    pub(crate) fn new(content: Vec<u8>) -> Self {
+        Self {
+            content,
+            pages: [const { OnceLock::new() }; PAGES],
+        }
+    }
+
+    pub(crate) fn content(&self) -> &[u8] {
+        &self.content
+    }
+}
+
+/// The code of one board.
 pub(super) struct Code {
-    pages: Box<[Option<Box<Page>>; PAGES]>,
+    image: Arc<Programmed>,
+    pages: Box<[Option<Arc<Page>>; PAGES]>,
     version: u64,
 }
 
+impl std::fmt::Debug for Code {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Code(version {})", self.version)
+    }
+}
+
 impl Code {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(image: Arc<Programmed>) -> Self {
         Self {
+            image,
             pages: Box::new([const { None }; PAGES]),
             version: 0,
         }
@@ -42,40 +73,47 @@ impl Code {
     pub(super) fn check(&mut self, version: u64) {
         if version != self.version {
             self.version = version;
-            self.pages.fill_with(|| None);
+            self.pages.fill(None);
         }
     }
 
     /// The instruction at an address.
     #[inline]
     pub(super) fn at(&mut self, pc: u32, flash: &RamStore) -> Result<&Entry, Leave> {
-        let offset = pc.wrapping_sub(FLASH_BASE);
-        let page = self.pages.get_mut((offset / PAGE) as usize).ok_or(Leave)?;
-        let slot = &mut page.get_or_insert_with(blank)[(offset % PAGE / 2) as usize];
-        match slot {
-            Some(entry) => Ok(entry),
-            None => Ok(slot.insert(load(offset, flash)?)),
-        }
+        let offset = pc.wrapping_sub(FLASH_BASE) as usize;
+        let page = self.pages.get_mut(offset / PAGE).ok_or(Leave)?;
+        let page = match page {
+            Some(page) => page,
+            None => page.insert(decoded(&self.image, offset / PAGE, flash)?),
+        };
+        page[offset % PAGE / 2].as_ref().ok_or(Leave)
     }
 }
 
+/// A page of the flash, and the image's own if it is that.
 #[cold]
-fn blank() -> Box<Page> {
-    Box::new([const { None }; PAGE as usize / 2])
+fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Page>, Leave> {
+    // An instruction may reach into the next page.
+    let begin = number * PAGE;
+    let mut bytes = vec![0; (PAGE + 2).min(flash::SIZE as usize - begin)];
+    flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
+    if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {
+        let page = image.pages[number].get_or_init(|| Arc::new(decode_page(&bytes)));
+        return Ok(Arc::clone(page));
+    }
+    Ok(Arc::new(decode_page(&bytes)))
 }
 
-#[cold]
-fn load(offset: u32, flash: &RamStore) -> Result<Entry, Leave> {
-    let half = |offset: u32| {
-        let half = flash.read_value(u64::from(offset), Width::U16, Endian::Little);
-        half.map(|half| half as u16).map_err(|_| Leave)
-    };
-    let first = half(offset)?;
-    let (second, length) = if is_32bit(first) {
-        (half(offset + 2)?, 4)
-    } else {
-        (0, 2)
-    };
-    let insn = decode(first, second);
-    Ok(Entry { insn, length })
+fn decode_page(bytes: &[u8]) -> Page {
+    let half = |at: usize| Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
+    std::array::from_fn(|index| {
+        let first = half(2 * index)?;
+        let (second, length) = if is_32bit(first) {
+            (half(2 * index + 2)?, 4)
+        } else {
+            (0, 2)
+        };
+        let insn = decode(first, second);
+        Some(Entry { insn, length })
+    })
 }

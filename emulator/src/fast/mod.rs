@@ -18,6 +18,7 @@ mod float;
 mod tests;
 mod transfer;
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use rsemu::core::space::RamStore;
@@ -32,6 +33,7 @@ use crate::fetch::Fetch;
 use crate::firmware::FLASH_BASE;
 use crate::rtt::RAM_BASE;
 use crate::system::flash;
+pub(crate) use code::Programmed;
 use code::{Code, Entry};
 
 /// Not for the fast path; nothing has been changed.
@@ -91,9 +93,9 @@ struct Core {
 }
 
 impl Fast {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(image: Arc<Programmed>) -> Self {
         Self {
-            code: Code::new(),
+            code: Code::new(image),
             core: Core::new(),
         }
     }
