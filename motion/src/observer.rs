@@ -27,9 +27,10 @@ const BANDWIDTH_MIN: f32 = 20.0;
 /// Tracks one wheel.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Observer {
-    /// Angle of one count, rad, positive.
-    step: f32,
-    per_step: f32,
+    /// Half the angle of one count, rad, positive.
+    half_step: f32,
+    /// [`PER_EDGE`] times the counts of a radian.
+    edges_per_radian: f32,
     bandwidth_max: f32,
     /// Model minus middle of the counter's interval, rad.
     lead: f32,
@@ -42,8 +43,8 @@ impl Observer {
     #[must_use]
     pub fn new(step: f32, bandwidth: f32) -> Self {
         Self {
-            step,
-            per_step: 1.0 / step,
+            half_step: 0.5 * step,
+            edges_per_radian: PER_EDGE / step,
             bandwidth_max: bandwidth,
             lead: 0.0,
             rate: 0.0,
@@ -54,9 +55,9 @@ impl Observer {
     /// in which it was meant to accelerate with `acceleration` rad/s^2. Returns the rate, rad/s.
     #[inline]
     pub fn update(&mut self, turned: f32, acceleration: f32, dt: f32) -> f32 {
-        let half = 0.5 * self.step;
+        let half = self.half_step;
         let rate = self.rate + acceleration * dt;
-        let lead = self.lead + 0.5 * (self.rate + rate) * dt - turned;
+        let lead = self.lead + (self.rate + rate) * (0.5 * dt) - turned;
         let beyond = if lead > half {
             lead - half
         } else if lead < -half {
@@ -64,8 +65,8 @@ impl Observer {
         } else {
             0.0
         };
-        let error = -(WITHIN * lead + (1.0 - WITHIN) * beyond);
-        let edges = rate.abs() * self.per_step * PER_EDGE;
+        let ahead = WITHIN * lead + (1.0 - WITHIN) * beyond;
+        let edges = rate.abs() * self.edges_per_radian;
         let bandwidth = if edges > self.bandwidth_max {
             self.bandwidth_max
         } else if edges > BANDWIDTH_MIN {
@@ -74,9 +75,9 @@ impl Observer {
             BANDWIDTH_MIN
         };
         // Critically damped: 2 w and w^2.
-        let pull = error * bandwidth * dt;
-        self.lead = lead + 2.0 * pull;
-        self.rate = rate + pull * bandwidth;
+        let pull = ahead * bandwidth * dt;
+        self.lead = lead - 2.0 * pull;
+        self.rate = rate - pull * bandwidth;
         self.rate
     }
 

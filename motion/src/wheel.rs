@@ -89,6 +89,16 @@ impl WheelLoop {
             + gains.acceleration * reference.acceleration
             + gains.proportional * error
             + self.integral;
+        if wanted.abs() <= available {
+            self.integral += gains.integral * error * dt;
+            return (wanted, false);
+        }
+        self.short(wanted, error, available, dt)
+    }
+
+    /// The supply is not enough for what is wanted.
+    #[cold]
+    fn short(&mut self, wanted: f32, error: f32, available: f32, dt: f32) -> (f32, bool) {
         let given = if wanted > available {
             available
         } else if wanted < -available {
@@ -98,7 +108,7 @@ impl WheelLoop {
         };
         let excess = wanted - given;
         if excess * error <= 0.0 {
-            self.integral += gains.integral * error * dt;
+            self.integral += self.gains.integral * error * dt;
         } else if excess * self.integral > 0.0 {
             self.integral -= self.unwind * excess * dt;
         }
