@@ -74,7 +74,7 @@ impl std::fmt::Display for Punctuality {
         if self.missed > 0 {
             write!(
                 f,
-                "; the master fell behind {} times: its machine was too busy",
+                "; {} went without a setpoint: the machine was too busy",
                 self.missed
             )?;
         }

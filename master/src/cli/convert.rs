@@ -88,7 +88,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "seconds": recording.seconds(), "damage": recording.damage,
         }));
     }
-    Ok(())
+    match &arguments.output {
+        Some(path) => super::say(path.display()),
+        None => Ok(()),
+    }
 }
 
 fn write(form: Form, recording: &Recording, out: &mut impl Write) -> io::Result<()> {

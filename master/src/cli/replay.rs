@@ -174,12 +174,14 @@ fn report(
     }
     if arguments.drive {
         say(format_args!(
-            "sent {sent} of {frames} frames of the master, over {seconds:.3?}"
+            "sent {sent} of {frames} frames of the master, over {:.3} s",
+            seconds.as_secs_f64()
         ))
     } else {
         say(format_args!(
-            "{frames} frames of the master over {seconds:.3?}; nothing was sent: --drive sends them, \
+            "{frames} frames of the master over {:.3} s; nothing was sent: --drive sends them, \
              and robots on {} will move as they did",
+            seconds.as_secs_f64(),
             arguments.target.bus
         ))
     }
