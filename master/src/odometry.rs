@@ -9,7 +9,7 @@ use kinematics::{Pose, WheelRates};
 
 use crate::follow::Instant;
 use crate::record::{RobotTruth, Row, TruthRow};
-use crate::together::mean_pose;
+use crate::together::{counted_on, mean_pose};
 
 /// `pose` in the frame that `frame` is.
 pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
@@ -59,7 +59,14 @@ pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
                 .collect(),
         })
     };
-    instants.iter().filter_map(one).collect()
+    // Robots report headings within half a turn.
+    let mut heading = start.heading;
+    let mut rows: Vec<TruthRow> = instants.iter().filter_map(one).collect();
+    for row in &mut rows {
+        row.group = counted_on(heading, row.group);
+        heading = row.group.heading;
+    }
+    rows
 }
 
 #[cfg(test)]
@@ -112,5 +119,21 @@ mod tests {
         assert_eq!(seen[0].group, start);
         assert!((seen[1].group.x - 3.5).abs() < 1e-6);
         assert!((seen[1].shape_error_mm - 2.0).abs() < 1e-3);
+    }
+
+    /// A whole turn to the right in quarters, as robots report it.
+    #[test]
+    fn a_turn_is_counted_on() {
+        let quarter = std::f32::consts::FRAC_PI_2;
+        let turns = [0.0, -quarter, 2.0 * quarter, quarter, 0.0];
+        let recorded = turns.map(|heading| {
+            let mut one = row(&[(0.0, 0.0)]);
+            one.members[0].pose = Some(Pose::new(0.0, 0.0, heading));
+            one
+        });
+        let instants = [0, 1, 2, 3, 4].map(instant);
+        let seen = rows(Pose::new(0.0, 0.0, 0.0), &instants, &recorded);
+        let end = seen.last().unwrap().group.heading;
+        assert!((end + 4.0 * quarter).abs() < 1e-5, "{end}");
     }
 }

@@ -110,6 +110,11 @@ mod tests {
         lateness.miss(2);
         assert_eq!(lateness.read().p99_us, 10_000.0);
         assert_eq!(lateness.read().worst_us, 60e6);
-        assert!(lateness.read().to_string().contains("fell behind 2"));
+        assert!(
+            lateness
+                .read()
+                .to_string()
+                .contains("2 went without a setpoint")
+        );
     }
 }

@@ -21,7 +21,7 @@ use kinematics::{Pose, Twist};
 use crate::odometry::seen_from;
 use crate::pose::PoseStream;
 use crate::record::Row;
-use crate::together::mean_pose;
+use crate::together::{counted_on, mean_pose};
 
 /// Older than this a sighting is not used, in µs.
 const STALE_US: u64 = 200_000;
@@ -166,9 +166,11 @@ impl Steering {
         let seen = self.eyes.look(now, rows_began, rows);
         if let Some((at, pose)) = seen {
             let first = *self.first.get_or_insert(pose);
+            let before = self.sightings.last().map_or(self.start, |last| last.pose);
+            let here = self.start.compose(seen_from(first, pose));
             let sighting = Sighting {
                 t: at.0 as f64 * 1e-6 - self.began.0 as f64 * 1e-6,
-                pose: self.start.compose(seen_from(first, pose)),
+                pose: counted_on(before.heading, here),
             };
             if self.last.is_none_or(|last| at > last) {
                 self.last = Some(at);

@@ -45,3 +45,32 @@ pub fn strain(twists: impl Iterator<Item = Twist> + Clone) -> Option<f32> {
     });
     pairs.reduce(f32::max)
 }
+
+/// `pose` with its heading, which may have been taken off a turn, counted on from `before`: less than half a turn away.
+#[must_use]
+pub fn counted_on(before: f32, pose: Pose) -> Pose {
+    let (sin, cos) = (pose.heading - before).sin_cos();
+    Pose {
+        heading: before + sin.atan2(cos),
+        ..pose
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    #[test]
+    fn headings_are_counted_on_over_half_a_turn() {
+        let seen = [0.0, -1.5, -3.0, PI - 0.1, 0.3, -1.0];
+        let mut before = 0.0;
+        for (heading, want) in
+            seen.into_iter()
+                .zip([0.0, -1.5, -3.0, -PI - 0.1, 0.3 - 2.0 * PI, -1.0 - 2.0 * PI])
+        {
+            before = counted_on(before, Pose::new(0.0, 0.0, heading)).heading;
+            assert!((before - want).abs() < 1e-5, "{before} {want}");
+        }
+    }
+}
