@@ -97,7 +97,7 @@ struct Live {
 }
 
 impl Live {
-    fn boot(id: NodeId, clock: Clock, flash: Option<&[u8]>) -> Self {
+    fn boot(id: NodeId, clock: Clock, flash: Option<&[u8]>, wear: StoreWear) -> Self {
         // The serial number is that of the board, whatever node LSS has stored.
         let node = flash.and_then(stored_node).unwrap_or(id);
         let mut bus = BusSide::new(Identity {
@@ -110,6 +110,7 @@ impl Live {
         let memory = Box::leak(Box::new([0; IMAGE_MAX]));
         let stored = flash.map_or(Stored::Nothing, Stored::Image);
         bus.load(Micros::ZERO, memory, stored);
+        bus.counters_mut().store = wear;
         Self {
             clock,
             bus,
@@ -144,7 +145,7 @@ impl NativeRobot {
             powered: true,
             now_ns: 0,
             inputs: Inputs::default(),
-            live: Live::boot(id, Clock::new(crystal_ppm, 0), None),
+            live: Live::boot(id, Clock::new(crystal_ppm, 0), None, StoreWear::default()),
             log: Vec::new(),
         })
     }
@@ -380,7 +381,7 @@ impl Robot for NativeRobot {
     fn set_power(&mut self, on: bool) {
         self.powered = on;
         let clock = Clock::new(self.crystal_ppm, self.now_ns);
-        self.live = Live::boot(self.id, clock, self.flash.as_deref());
+        self.live = Live::boot(self.id, clock, self.flash.as_deref(), self.wear);
         // The counters are the microcontroller's; emergency stop and driver fault are wires from outside.
         self.inputs.encoder_counts = Default::default();
     }
