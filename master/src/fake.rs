@@ -94,6 +94,8 @@ pub struct FakeBus {
     pub paces: bool,
     /// At the first time, µs, the master's machine hangs until the second.
     pub hang: Option<(u64, u64)>,
+    /// SYNC that it sent by itself and has not been asked for.
+    paced: VecDeque<(Micros, Frame)>,
     schedule: Option<Schedule>,
 }
 
@@ -106,6 +108,7 @@ impl FakeBus {
             sent: Vec::new(),
             paces: false,
             hang: None,
+            paced: VecDeque::new(),
             schedule: None,
         }
     }
@@ -118,7 +121,9 @@ impl FakeBus {
             let (at, counter) = (schedule.first.0, schedule.counter);
             schedule.first.0 += schedule.period_us;
             schedule.counter = counter % schedule.overflow + 1;
-            self.deliver(at, &client::sync(Some(counter)));
+            let sync = client::sync(Some(counter));
+            self.paced.push_back((Micros(at), sync));
+            self.deliver(at, &sync);
         }
     }
 
@@ -144,6 +149,10 @@ impl Link for FakeBus {
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {
         self.schedule = schedule;
         self.paces
+    }
+
+    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
+        self.paced.pop_front()
     }
 
     fn punctuality(&self) -> Option<Punctuality> {

@@ -65,6 +65,12 @@ pub trait Link {
         false
     }
 
+    /// The next of those SYNCs that has gone out, and when; all that went out before a frame that
+    /// [`Link::receive`] has given are there when it returns.
+    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
+        None
+    }
+
     /// How punctual those SYNCs were; `None` where the link sends none.
     fn punctuality(&self) -> Option<Punctuality> {
         None
@@ -92,6 +98,10 @@ impl<L: Link + ?Sized> Link for &mut L {
         (**self).pace(schedule)
     }
 
+    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
+        (**self).take_sent()
+    }
+
     fn punctuality(&self) -> Option<Punctuality> {
         (**self).punctuality()
     }
@@ -116,6 +126,10 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {
         (**self).pace(schedule)
+    }
+
+    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
+        (**self).take_sent()
     }
 
     fn punctuality(&self) -> Option<Punctuality> {

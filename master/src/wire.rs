@@ -6,7 +6,7 @@
 //! transfer: some hundred frames at most on a busy bus.
 //!
 //! Every frame in either direction passes here, so this is also where the bus load is added up and where
-//! subscribers who want frames get them. SYNC that the link sends by itself is reported by the session.
+//! subscribers who want frames get them. SYNC that the link sends by itself is taken from it whenever it is listened to.
 
 use std::collections::VecDeque;
 
@@ -113,7 +113,7 @@ impl<L: Link> Wire<L> {
     }
 
     /// Notes a frame that is on the bus.
-    pub(crate) fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
+    fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
         self.load.note(self.seconds(at), frame);
         for sink in &self.sinks {
             sink(at, frame, sent);
@@ -148,6 +148,9 @@ impl<L: Link> Wire<L> {
         until: Micros,
     ) -> Result<Option<(Micros, Frame)>, MasterError> {
         let received = self.link.receive(until)?;
+        while let Some((at, sync)) = self.link.take_sent() {
+            self.note(at, &sync, true);
+        }
         if let Some((at, frame)) = &received {
             self.note(*at, frame, false);
         }

@@ -29,6 +29,19 @@ def run(*arguments):
     return done.stdout
 
 
+def start(test, *command):
+    """A program that ends with the test, however that ends."""
+    process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
+
+    def end():
+        process.kill()
+        process.wait(PATIENCE)
+        process.stdout.close()
+
+    (test.addClassCleanup if isinstance(test, type) else test.addCleanup)(end)
+    return process
+
+
 def frames_of_log(path):
     frames = []
     for line in path.read_text().splitlines():
@@ -58,18 +71,15 @@ class Recording(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
         cls.log = cls.folder / "bus.log"
-        command = [os.environ["OMNIBUS_SIM"], "serve", GROUP, "--slcan-tcp", "127.0.0.1:0", "--log", cls.log]
-        world = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        world = start(cls, os.environ["OMNIBUS_SIM"], "serve", GROUP, "--slcan-tcp", "127.0.0.1:0", "--log", cls.log)
         bus = ["--bus", f"slcan-tcp://{world.stdout.readline().split()[1]}", "--group", GROUP]
-        listeners = []
-        for name in ["heard", "killed"]:
-            command = [OMNIBUS, "record", cls.folder / f"{name}.mcap", *bus, "--json"]
-            listeners.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        listeners = [
+            start(cls, OMNIBUS, "record", cls.folder / f"{name}.mcap", *bus, "--json") for name in ["heard", "killed"]
+        ]
         time.sleep(0.5)
         run("drive", "--vx", 0.2, "--omega", 0.1, "--for", 2, *bus, "--record", cls.folder / "driven.mcap")
         listeners[1].kill()
         listeners[1].wait(PATIENCE)
-        listeners[1].stdout.close()
         listeners[0].send_signal(signal.SIGINT)
         cls.summary = json.loads(listeners[0].communicate(timeout=PATIENCE)[0])
         world.send_signal(signal.SIGINT)
@@ -187,8 +197,7 @@ class Recording(unittest.TestCase):
     def test_a_replay_only_moves_robots_when_it_is_told_to(self):
         driven = self.folder / "driven.mcap"
         log = self.folder / "replay.log"
-        command = [os.environ["OMNIBUS_SIM"], "serve", GROUP, "--slcan-tcp", "127.0.0.1:0", "--log", log]
-        world = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        world = start(self, os.environ["OMNIBUS_SIM"], "serve", GROUP, "--slcan-tcp", "127.0.0.1:0", "--log", log)
         bus = ["--bus", f"slcan-tcp://{world.stdout.readline().split()[1]}"]
         shown = json.loads(run("replay", driven, *bus, "--json"))
         self.assertEqual(shown["sent"], 0)

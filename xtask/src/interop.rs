@@ -64,15 +64,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .is_none_or(|one| one == backend)
         {
             unittest(
-                &["test_robot", "test_dictionary", "test_endpoints"],
+                &[
+                    "test_robot",
+                    "test_dictionary",
+                    "test_endpoints",
+                    "test_master",
+                ],
                 backend,
             )?;
         }
     }
     unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
-    unittest(&["test_page"], "native")?;
-    unittest(&["test_live"], "native")?;
+    unittest(&["test_page", "test_live", "test_recording"], "native")?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);

@@ -7,6 +7,7 @@
 //! and a master that does not look for a minute holds 20 MB. Sending blocks until the system has
 //! taken the frame. SYNC has a thread of its own, see [`pace`].
 
+use std::collections::VecDeque;
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,8 +28,16 @@ mod socket_can;
 pub mod socketcand;
 mod trouble;
 
-/// What a reading thread says: a frame, or why there will be no more.
-type Heard = io::Result<(Micros, Frame)>;
+/// What a thread says: a frame on the bus, or why there will be no more.
+type Heard = io::Result<OnBus>;
+
+/// A frame on the bus.
+enum OnBus {
+    Received(Micros, Frame),
+    /// By the SYNC thread.
+    Sent(Micros, Frame),
+}
+
 /// Hands a frame to the adapter.
 type Write = dyn FnMut(&Frame) -> io::Result<()> + Send;
 
@@ -41,6 +50,8 @@ pub struct AdapterLink {
     output: pace::SharedWrite,
     lateness: Arc<Mutex<Lateness>>,
     pacer: Option<pace::Pacer>,
+    /// What the SYNC thread has sent.
+    sent: VecDeque<(Micros, Frame)>,
     trouble: Trouble,
     /// Asks the adapter how the bus is; the answer comes through the reading thread.
     inquiry: Option<Box<dyn FnMut() -> io::Result<()> + Send>>,
@@ -63,7 +74,7 @@ impl AdapterLink {
             loop {
                 let frame = read();
                 let failed = frame.is_err();
-                let stamped = frame.map(|frame| (time_since(started), frame));
+                let stamped = frame.map(|frame| OnBus::Received(time_since(started), frame));
                 if tell.send(stamped).is_err() || failed {
                     return;
                 }
@@ -77,6 +88,7 @@ impl AdapterLink {
             output: Arc::new(Mutex::new(Box::new(write))),
             lateness: Arc::default(),
             pacer: None,
+            sent: VecDeque::new(),
             trouble: Trouble::default(),
             inquiry: None,
         }
@@ -112,13 +124,23 @@ impl Link for AdapterLink {
     }
 
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
-        let left = until.since(self.now());
-        match self.heard.recv_timeout(Duration::from_micros(left.0)) {
-            Ok(Ok(stamped)) => Ok(Some(stamped)),
-            Ok(Err(error)) => Err(self.error(error)),
-            Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(RecvTimeoutError::Disconnected) => Err(self.error("the adapter has gone")),
+        loop {
+            let left = until.since(self.now());
+            return match self.heard.recv_timeout(Duration::from_micros(left.0)) {
+                Ok(Ok(OnBus::Received(at, frame))) => Ok(Some((at, frame))),
+                Ok(Ok(OnBus::Sent(at, sync))) => {
+                    self.sent.push_back((at, sync));
+                    continue;
+                }
+                Ok(Err(error)) => Err(self.error(error)),
+                Err(RecvTimeoutError::Timeout) => Ok(None),
+                Err(RecvTimeoutError::Disconnected) => Err(self.error("the adapter has gone")),
+            };
         }
+    }
+
+    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
+        self.sent.pop_front()
     }
 
     fn trouble(&mut self) -> Option<String> {

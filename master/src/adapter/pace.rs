@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use canopen::client;
 
-use super::{Heard, Write};
+use super::{Heard, OnBus, Write, time_since};
 use crate::link::Schedule;
 use crate::punctuality::Lateness;
 
@@ -42,7 +42,7 @@ pub(super) struct Pacer {
 }
 
 impl Pacer {
-    /// Starts to send SYNC. `started` is the zero of the link's clock; failures go to `say`.
+    /// Starts to send SYNC. `started` is the zero of the link's clock; what was sent goes to `say`, and failures.
     pub fn start(
         schedule: Schedule,
         started: Instant,
@@ -61,7 +61,10 @@ impl Pacer {
                 if told.load(Ordering::Relaxed) {
                     return;
                 }
-                if let Err(error) = write(&output, &client::sync(Some(counter))) {
+                let sync = client::sync(Some(counter));
+                // Said first, so that no robot's answer comes before it.
+                let _ = say.send(Ok(OnBus::Sent(time_since(started), sync)));
+                if let Err(error) = write(&output, &sync) {
                     let _ = say.send(Err(error));
                     return;
                 }

@@ -24,11 +24,14 @@ impl<L: Link> Group<L> {
         self.paced = self.wire.link.pace(Some(schedule));
     }
 
-    fn end_sync(&mut self) {
+    fn end_sync(&mut self) -> Result<(), MasterError> {
         if self.paced {
             self.wire.link.pace(None);
             self.paced = false;
+            // The last SYNC may have gone out meanwhile: it is noted, too.
+            self.listen(self.wire.now())?;
         }
+        Ok(())
     }
 
     /// One SYNC period: listens until the next SYNC is due, sends the setpoint ahead of it and the
@@ -76,11 +79,8 @@ impl<L: Link> Group<L> {
         let judged = self.judge();
         self.close_row();
         self.counter = self.counter % SYNC_OVERFLOW + 1;
-        let sync = client::sync(Some(self.counter));
-        if self.paced {
-            self.wire.note(sync_at, &sync, true);
-        } else {
-            self.wire.send(&sync)?;
+        if !self.paced {
+            self.wire.send(&client::sync(Some(self.counter)))?;
         }
         let t = (sync_at.0 as f64 - self.began.0 as f64) * 1e-6;
         let members = self.members.len();
@@ -176,7 +176,7 @@ impl<L: Link> Group<L> {
         self.command(NmtCommand::EnterPreOperational)?;
         let settle = Micros(self.wire.now().0 + self.period_us());
         self.listen(settle)?;
-        self.end_sync();
+        self.end_sync()?;
         self.set_phase(Phase::Idle);
         Ok(())
     }

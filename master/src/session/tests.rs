@@ -1,5 +1,7 @@
 //! The session against cardboard robots: what it sends and when, and what it makes of trouble.
 
+use std::sync::{Arc, Mutex};
+
 use canopen::AbortCode;
 use group::GroupFile;
 use kinematics::Twist;
@@ -312,12 +314,20 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     let file = file();
     let mut bus = paced();
     let mut group = Group::connect(&mut bus, &file).unwrap();
+    let noted = Arc::new(Mutex::new(Vec::new()));
+    let note = Arc::clone(&noted);
+    group.wire().tap(Arc::new(move |at, frame, _| {
+        if frame.id() == cob::SYNC {
+            note.lock().unwrap().push((at.0, frame.data().to_vec()));
+        }
+    }));
     group.start().unwrap();
     let telemetry = group.telemetry();
     // Between two SYNCs the machine hangs for 38 ms: three SYNCs pass without their setpoints.
     let now = group.next_sync().0;
     group.link().hang = Some((now + 200_200, now + 238_000));
     group.run(0.5).unwrap();
+    group.stop().unwrap();
     assert_eq!(group.punctuality().unwrap().missed, 3);
     let late = telemetry_until(&telemetry, |what| matches!(what, Happening::Late(3)));
     assert!(late, "the miss was reported");
@@ -326,6 +336,7 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     for pair in syncs.windows(2) {
         assert_eq!(pair[1].0 - pair[0].0, 10_000, "SYNC went on meanwhile");
     }
+    assert_eq!(*noted.lock().unwrap(), syncs, "none is missing from a recording");
     let twists = bus.sent_as(cob::GROUP_TWIST);
     for pair in twists.windows(2) {
         let (before, after) = (pair[0].1[6], pair[1].1[6]);
