@@ -40,13 +40,19 @@ impl Frame {
     #[must_use]
     pub fn of<const N: usize>(id: u16, data: [u8; N]) -> Self {
         const { assert!(N <= 8, "a CAN frame carries at most eight bytes") };
+        Self::cut(id, &data)
+    }
+
+    /// As [`Frame::of`], once for all lengths.
+    #[inline(never)]
+    fn cut(id: u16, data: &[u8]) -> Self {
         let mut bytes = [0; 8];
         for (to, from) in bytes.iter_mut().zip(data) {
-            *to = from;
+            *to = *from;
         }
         Self {
             id: id & Self::MAX_ID,
-            len: u8::try_from(N).unwrap_or(8),
+            len: u8::try_from(data.len()).unwrap_or(8),
             bytes,
         }
     }

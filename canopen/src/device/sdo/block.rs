@@ -68,7 +68,7 @@ impl Server {
         crc: [u8; 2],
         access: &mut Access<'_>,
     ) -> Answer {
-        if self.state != State::BlockDownloadEnd {
+        if !matches!(self.state, State::BlockDownloadEnd) {
             return Err(AbortCode::CommandSpecifier);
         }
         let unused = usize::from(command >> 2 & 0b111);
@@ -95,7 +95,7 @@ impl Server {
     }
 
     pub(super) fn on_block_start(&mut self) -> Answer {
-        if self.state != State::BlockUploadStart {
+        if !matches!(self.state, State::BlockUploadStart) {
             return Err(AbortCode::CommandSpecifier);
         }
         self.state = State::BlockUpload { seq: 0 };
@@ -118,8 +118,9 @@ impl Server {
             true => LAST,
             false => 0,
         };
-        let ([a, b, c, d, e, f, g], _) = self.segment(at);
-        Some([number | last, a, b, c, d, e, f, g])
+        let (mut segment, _) = self.segment(at);
+        segment[0] = number | last;
+        Some(segment)
     }
 
     pub(super) fn on_block_acknowledge(&mut self, good: u8, block_size: u8) -> Answer {
@@ -147,7 +148,7 @@ impl Server {
     }
 
     pub(super) fn end_block_upload(&mut self) -> Answer {
-        if self.state != State::BlockUploadEnd {
+        if !matches!(self.state, State::BlockUploadEnd) {
             return Err(AbortCode::CommandSpecifier);
         }
         self.reset();

@@ -39,7 +39,7 @@ const SIZE_INDICATED: u8 = 0b01;
 /// An answer, or none, or the reason to abort.
 type Answer = Result<Option<[u8; 8]>, AbortCode>;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum State {
     Idle,
     /// Expects the next segment with this toggle bit.
@@ -137,9 +137,9 @@ impl Server {
         od: &mut dyn ObjectDictionary,
     ) {
         let speaks = matches!(core.state, NmtState::PreOperational | NmtState::Operational);
-        let (Some(node), true, 8) = (core.node, speaks, frame.len()) else {
+        if !speaks || frame.len() != 8 {
             return;
-        };
+        }
         let request = *frame.padded();
         let was_storing = core.storing;
         let mut access = Access { now, core, od };
@@ -154,7 +154,7 @@ impl Server {
             Err(code) => {
                 let [_, low, high, sub, ..] = request;
                 // A refused start leaves the running transfer alone.
-                let running = self.state != State::Idle && code != AbortCode::NoResource;
+                let running = !self.is_idle() && code != AbortCode::NoResource;
                 let (index, sub) = match running {
                     true => (self.index, self.sub),
                     false => (u16::from_le_bytes([low, high]), sub),
@@ -170,7 +170,7 @@ impl Server {
             core.out.wake(self.timer);
         }
         if let Some(answer) = answer {
-            core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
+            send(core, answer);
         }
     }
 
@@ -179,9 +179,7 @@ impl Server {
         if self.timer.due(now) {
             self.reset();
             let answer = abort(core, self.index, self.sub, AbortCode::Timeout);
-            if let Some(node) = core.node {
-                core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
-            }
+            send(core, answer);
         }
         core.out.wake(self.timer);
     }
@@ -197,9 +195,7 @@ impl Server {
             Ok(()) => answer,
             Err(code) => abort(core, self.index, self.sub, code),
         };
-        if let Some(node) = core.node {
-            core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
-        }
+        send(core, answer);
     }
 
     /// The next segment of a block upload.
@@ -252,9 +248,13 @@ impl Server {
         }
     }
 
+    const fn is_idle(&self) -> bool {
+        matches!(self.state, State::Idle)
+    }
+
     /// A transfer of this object is to begin.
     fn start(&mut self, index: u16, sub: u8) -> Result<(), AbortCode> {
-        if self.state != State::Idle {
+        if !self.is_idle() {
             return Err(AbortCode::NoResource);
         }
         (self.index, self.sub) = (index, sub);
@@ -306,15 +306,15 @@ impl Server {
         Ok(())
     }
 
-    /// Up to seven bytes of the value from `at` on, and how many are unused.
-    fn segment(&self, at: usize) -> ([u8; 7], u8) {
-        let mut bytes = [0; 7];
+    /// A frame with up to seven bytes of the value from `at` on behind its first one, and how many are unused.
+    fn segment(&self, at: usize) -> ([u8; 8], u8) {
+        let mut bytes = [0; 8];
         let mut unused = 7u8;
         let rest = self
             .buffer
             .get(..self.len)
             .and_then(|value| value.get(at..));
-        for (to, from) in bytes.iter_mut().zip(rest.unwrap_or(&[])) {
+        for (to, from) in bytes.iter_mut().skip(1).zip(rest.unwrap_or(&[])) {
             *to = *from;
             unused = unused.saturating_sub(1);
         }
@@ -330,6 +330,12 @@ impl Server {
 
     fn len_bytes(&self) -> [u8; 4] {
         u32::try_from(self.len).unwrap_or(0).to_le_bytes()
+    }
+}
+
+fn send(core: &mut Core, answer: [u8; 8]) {
+    if let Some(node) = core.node {
+        core.out.send(Frame::of(node.cob_id(SDO_RESPONSE), answer));
     }
 }
 

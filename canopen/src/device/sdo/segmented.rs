@@ -21,7 +21,7 @@ impl Server {
                 return Ok(Some(self.reply(0x40 | SIZE_INDICATED, self.len_bytes())));
             }
         };
-        let [a, b, c, d, ..] = self.segment(0).0;
+        let [_, a, b, c, d, ..] = self.segment(0).0;
         let command = 0x40 | unused << 2 | EXPEDITED | SIZE_INDICATED;
         Ok(Some(self.reply(command, [a, b, c, d])))
     }
@@ -33,16 +33,17 @@ impl Server {
         if (command & TOGGLE != 0) != toggle {
             return Err(AbortCode::ToggleBit);
         }
-        let ([a, b, c, d, e, f, g], unused) = self.segment(self.at);
+        let (mut segment, unused) = self.segment(self.at);
         self.at = self.at.saturating_add(7);
-        let mut answer = unused << 1 | if toggle { TOGGLE } else { 0 };
+        let mut command = unused << 1 | if toggle { TOGGLE } else { 0 };
         if self.at < self.len {
             self.state = State::Upload { toggle: !toggle };
         } else {
-            answer |= LAST;
+            command |= LAST;
             self.reset();
         }
-        Ok(Some([answer, a, b, c, d, e, f, g]))
+        segment[0] = command;
+        Ok(Some(segment))
     }
 
     pub(super) fn download(
