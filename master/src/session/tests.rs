@@ -336,7 +336,11 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     for pair in syncs.windows(2) {
         assert_eq!(pair[1].0 - pair[0].0, 10_000, "SYNC went on meanwhile");
     }
-    assert_eq!(*noted.lock().unwrap(), syncs, "none is missing from a recording");
+    assert_eq!(
+        *noted.lock().unwrap(),
+        syncs,
+        "none is missing from a recording"
+    );
     let twists = bus.sent_as(cob::GROUP_TWIST);
     for pair in twists.windows(2) {
         let (before, after) = (pair[0].1[6], pair[1].1[6]);
