@@ -2,7 +2,8 @@
 //!
 //! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that run the release
 //! image and counts; [`image`] looks into the image; [`bus`]
-//! measures the virtual bus; [`accuracy`] compares scalars. All of it is emulated or exact arithmetic, so two runs give
+//! measures the virtual bus; [`latency`] the way from a call to the wheel; [`accuracy`] compares scalars; [`tracking`] drives
+//! curves. All of it is emulated or exact arithmetic, so two runs give
 //! the same figures, and `--check` can hold them to their ceilings. Nothing here depends on the speed of this machine.
 
 mod accuracy;
@@ -11,8 +12,10 @@ mod driving;
 mod figure;
 mod image;
 mod kernels;
+mod latency;
 pub mod profile;
 mod running;
+mod tracking;
 mod watched;
 
 use std::path::{Path, PathBuf};
@@ -45,6 +48,8 @@ pub struct Arguments {
 
 /// The group whose robots are measured.
 const GROUP: &str = "groups/tcc-3.toml";
+/// One robot, for how well curves are followed.
+const ALONE: &str = "groups/single.toml";
 /// The generated page and the part of it that is written by hand.
 const PAGE: &str = "docs/performance.md";
 const BY_HAND: &str = "docs/performance.in.md";
@@ -61,9 +66,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut figures = kernels::figures()?;
     figures.extend(running::figures(&group, &image)?);
     figures.push(running::ready(&group, &image)?);
+    figures.extend(latency::figures(&group, &image)?);
     figures.extend(image::figures(&elf, &image)?);
     figures.extend(bus::figures(&group)?);
     figures.extend(accuracy::figures()?);
+    figures.extend(tracking::figures(&GroupFile::load(
+        cargo::root().join(ALONE),
+    )?)?);
     print(&figures);
     write_json(arguments.json.as_deref(), &figures)?;
     if arguments.write_docs {

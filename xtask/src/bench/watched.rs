@@ -98,6 +98,14 @@ impl Robot for Watched {
         self.lock().robot.set_power(on);
     }
 
+    fn start_trace(&mut self) {
+        self.lock().robot.start_trace();
+    }
+
+    fn take_duty_changes(&mut self) -> Vec<u64> {
+        self.lock().robot.take_duty_changes()
+    }
+
     fn take_log(&mut self) -> Vec<LogLine> {
         self.lock().robot.take_log()
     }
