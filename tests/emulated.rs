@@ -119,23 +119,27 @@ fn fixed_point_and_f32_agree() {
     assert!(apart < SCALAR_SHARE * far, "{apart} m of {far} m");
 }
 
-/// The same bytes at the same times, and the same bridges, on one thread and on two.
+/// The same bytes at the same times, and the same bridges, on one thread and on two, of robots that drive.
 #[test]
 fn emulated_robots_do_not_notice_threads() {
     let image = image();
+    let group = common::group("tcc-2");
+    let plan = Curve::Circle.plan(true);
     let digest = |threads| {
         let options = Options {
             threads,
+            start: plan.start(),
             ..Options::default()
         };
         let backend = Backend::Emulator(image.clone());
-        let mut world = World::new(&common::group("tcc-3"), backend, options).unwrap();
-        world.run_until(canopen::Micros(100_000)).unwrap();
-        // All start: refused without a configuration, but answered by everybody.
-        world.send(canopen::Frame::new(0, &[1, 0]).unwrap());
-        world.run_until(canopen::Micros(300_000)).unwrap();
-        assert!(world.frames() > 3, "{}", world.frames());
-        world.digest()
+        let world = World::new(&group, backend, options).unwrap();
+        let mut link = SimLink::new(world, "test");
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        session.start().unwrap();
+        session.follow(&plan, &mut |_, _| {}).unwrap();
+        assert!(link.world.frames() > 5_000, "{}", link.world.frames());
+        link.world.digest()
     };
     assert_eq!(digest(1), digest(2));
 }

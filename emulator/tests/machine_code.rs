@@ -55,6 +55,15 @@ impl Code {
         self.0.push(0x6001); // STR r1, [r0]
     }
 
+    /// So many rounds of a loop; uses r2.
+    fn wait(&mut self, rounds: u32) {
+        self.load(2, rounds);
+        let again = self.here();
+        self.0.push(0x3A01); // SUBS r2, #1
+        let back = (again as i32 - self.here() as i32 - 4) / 2;
+        self.0.push(0xD100 | back as u16 & 0xFF); // BNE
+    }
+
     fn wait_for_event(&mut self) {
         self.0.push(0xBF20); // WFE
     }
@@ -246,16 +255,42 @@ fn an_unclocked_peripheral_stops() {
     );
 }
 
+/// With the PLL at 160 MHz instead of 180, bit timings for PCLK1 = 45 MHz give 40 / 45 of 1 Mbit/s.
+#[test]
+fn a_wrong_pll_setting_shows_as_a_wrong_can_bit_rate() {
+    let rate = |plln: u32| {
+        let mut code = Code::default();
+        code.store(0x4002_3C00, 5 | 7 << 8); // FLASH_ACR: five wait states
+        code.store(0x4002_3804, 1 << 22 | plln << 6 | 4); // RCC_PLLCFGR: 8 MHz / 4 x N / 2
+        code.store(0x4002_3840, 1 << 28 | 1 << 25); // RCC_APB1ENR: PWR, CAN1
+        code.store(0x4002_3830, 1 << 1); // RCC_AHB1ENR: GPIOB
+        code.store(0x4000_7000, 3 << 14 | 1 << 16); // PWR_CR: scale 1, over-drive
+        code.store(0x4002_3800, 0x83 | 5 << 16 | 1 << 24); // RCC_CR: HSE, PLL
+        code.wait(4000);
+        code.store(0x4000_7000, 3 << 14 | 3 << 16); // PWR_CR: over-drive switched
+        code.wait(4000);
+        code.store(0x4002_3808, 2 | 5 << 10 | 4 << 13); // RCC_CFGR: PLL, APB1 / 4, APB2 / 2
+        code.store(0x4002_0424, 9 << 4 | 9); // GPIOB_AFRH: CAN1 on PB8, PB9
+        code.store(0x4002_0400, 0x280 | 2 << 18 | 2 << 16); // GPIOB_MODER
+        code.store(0x4000_6400, 1); // CAN_MCR: initialisation
+        code.store(0x4000_641C, 4 | 6 << 16); // CAN_BTR: PCLK1 / 5, 1 + 7 + 1 = 9 quanta
+        code.store(0x4000_6400, 0);
+        code.branch_to_itself();
+        let mut board = code.board(0, BoardConfig::default());
+        board.run_until(10_000_000).unwrap();
+        let rate = board.can().bit_rate();
+        rate
+    };
+    assert_eq!(rate(180), Some(1_000_000));
+    assert_eq!(rate(160), Some(888_889));
+}
+
 #[test]
 fn too_fast_for_the_wait_states_stops() {
     let mut code = Code::default();
     code.store(0x4002_3804, 1 << 22 | 168 << 6 | 4); // 8 / 4 x 168 / 2 = 168 MHz
     code.store(0x4002_3800, 0x83 | 5 << 16 | 1 << 24);
-    code.load(2, 4000);
-    let wait = code.here();
-    code.0.push(0x3A01); // SUBS r2, #1
-    code.0
-        .push(0xD100 | ((wait as i32 - code.here() as i32 - 4) / 2) as u16 & 0xFF); // BNE
+    code.wait(4000);
     code.store(0x4002_3808, 2 | 5 << 10 | 4 << 13);
     code.branch_to_itself();
     let stop = code

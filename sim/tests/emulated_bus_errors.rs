@@ -1,0 +1,163 @@
+//! Errors on the bus and what the emulated bxCAN makes of them under the release image: ISO 11898-1's counters, and that
+//! the firmware comes back. Needs the image: `cargo xtask test` builds it, switches these tests on and names it in
+//! `OMNIBUS_ELF`. Native robots have the same in `bus_errors.rs`.
+
+use canopen::{Frame, Micros};
+use emulator::Firmware;
+use group::GroupFile;
+use omnibus_sim::bus::disturb::Share;
+use omnibus_sim::bus::errors::{ErrorCounters, ErrorState};
+use omnibus_sim::{Backend, MASTER, Options, World};
+use protocol::Fault;
+
+fn world(name: &str) -> World {
+    let path = std::env::var("OMNIBUS_ELF")
+        .expect("OMNIBUS_ELF names a release image; cargo xtask test sets it");
+    let folder = env!("CARGO_MANIFEST_DIR");
+    let group = GroupFile::load(format!("{folder}/../groups/{name}.toml")).unwrap();
+    let image = Firmware::load(path).unwrap();
+    World::new(&group, Backend::Emulator(image), Options::default()).unwrap()
+}
+
+fn run(world: &mut World, until_us: u64) {
+    world.run_until(Micros(until_us)).unwrap();
+}
+
+fn heard(world: &mut World) -> Vec<(u64, u16)> {
+    let frames = std::iter::from_fn(|| world.take_received(MASTER));
+    frames.map(|(at, frame)| (at.0, frame.id())).collect()
+}
+
+fn all(id: u16) -> Share {
+    Share {
+        of: 1.0,
+        id: Some(id),
+    }
+}
+
+fn counters(transmit: u32, receive: u32) -> ErrorCounters {
+    ErrorCounters { transmit, receive }
+}
+
+/// 16 failures to error passive, 32 to bus-off; then silence, recovery, and an announcement by the firmware.
+#[test]
+fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
+    let mut world = world("single");
+    world.set_corruption(all(0x702));
+    let mut states = Vec::new();
+    for tenth_ms in 1..150 {
+        run(&mut world, tenth_ms * 100);
+        let (state, counters) = world.robot_errors(0);
+        if states.last().is_none_or(|(last, _)| *last != state) {
+            states.push((state, counters.transmit));
+        }
+    }
+    let [
+        (ErrorState::Active, 0),
+        (ErrorState::Passive, passive),
+        (ErrorState::BusOff, off),
+        ..,
+    ] = &*states
+    else {
+        panic!("{states:?}");
+    };
+    assert!((128..256).contains(passive) && *off >= 248, "{states:?}");
+    world.set_corruption(Share::NONE);
+    run(&mut world, 1_500_000);
+    assert_eq!(world.robot_errors(0), Default::default());
+    let (mut emergencies, mut heartbeats) = (Vec::new(), 0);
+    while let Some((_, frame)) = world.take_received(MASTER) {
+        match frame.id() {
+            0x082 => emergencies.push(u16::from_le_bytes([frame.data()[0], frame.data()[1]])),
+            0x702 => heartbeats += 1,
+            other => panic!("0x{other:03X}"),
+        }
+    }
+    let code = Fault::BusOff.code();
+    assert!(emergencies.contains(&code), "{emergencies:X?}");
+    assert!(heartbeats > 5, "{heartbeats}");
+}
+
+/// An error-active transmitter that nobody acknowledges counts 8 each time until it is error passive, then no more.
+#[test]
+fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
+    let mut world = world("single");
+    world.set_lost_acknowledge(all(0x702));
+    run(&mut world, 10_000);
+    assert_eq!(world.error_frames(), 16);
+    let passive = (ErrorState::Passive, counters(128, 0));
+    assert_eq!(world.robot_errors(0), passive);
+    let again = heard(&mut world);
+    assert!(again.len() > 50 && again.iter().all(|(_, id)| *id == 0x702));
+    world.set_lost_acknowledge(Share::NONE);
+    run(&mut world, 20_000);
+    // The repetition that was due, and the heartbeat that waited for it; each success takes one off.
+    let left = heard(&mut world).len() as u32;
+    assert!((1..=2).contains(&left), "{left}");
+    let active = (ErrorState::Active, counters(128 - left, 0));
+    assert_eq!(world.robot_errors(0), active);
+}
+
+/// Fifteen times 9 for what it is the first to see; error passive it destroys nothing more and counts 1.
+#[test]
+fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
+    let mut world = world("tcc-2");
+    run(&mut world, 50_000);
+    world.set_bad_receiver(1, all(0x7F0));
+    world.send(Frame::new(0x7F0, &[]).unwrap());
+    run(&mut world, 60_000);
+    assert_eq!(world.error_frames(), 15);
+    let (state, errors) = world.robot_errors(1);
+    assert_eq!((state, errors), (ErrorState::Passive, counters(0, 136)));
+    let active = (ErrorState::Active, counters(0, 14));
+    assert_eq!(world.robot_errors(0), active);
+}
+
+/// Lost arbitration is no error: frames wait for a babbler of high priority and come afterwards, the lower first.
+#[test]
+fn frames_that_lose_arbitration_wait_and_count_nothing() {
+    let mut world = world("tcc-2");
+    world.set_babbler(Some(0x001));
+    run(&mut world, 150_000);
+    assert!((world.bus_load().largest - 1.0).abs() < 1e-9);
+    assert!(heard(&mut world).iter().all(|(_, id)| *id == 0x001));
+    for robot in 0..2 {
+        let none = (ErrorState::Active, counters(0, 0));
+        assert_eq!(world.robot_errors(robot), none);
+    }
+    world.set_babbler(None);
+    run(&mut world, 200_000);
+    let ids = heard(&mut world).into_iter().map(|(_, id)| id);
+    let robots: Vec<_> = ids.filter(|id| *id > 1).collect();
+    assert!(
+        robots.is_sorted() && robots.contains(&0x702) && robots.contains(&0x703),
+        "{robots:X?}"
+    );
+}
+
+/// Cut off, it sends to nobody until it is error passive; connected again, the frame goes out.
+#[test]
+fn a_node_that_is_cut_off_sends_when_it_is_back() {
+    let mut world = world("single");
+    world.set_connected(0, false);
+    run(&mut world, 20_000);
+    assert_eq!(world.frames(), 0);
+    let passive = (ErrorState::Passive, counters(128, 0));
+    assert_eq!(world.robot_errors(0), passive);
+    world.set_connected(0, true);
+    run(&mut world, 21_000);
+    assert_eq!(heard(&mut world).len(), 1);
+    let active = (ErrorState::Active, counters(127, 0));
+    assert_eq!(world.robot_errors(0), active);
+}
+
+#[test]
+fn what_is_delayed_comes_later_by_just_that() {
+    let boot_up = |delay_ns| {
+        let mut world = world("single");
+        world.set_delay(0, delay_ns);
+        run(&mut world, 50_000);
+        heard(&mut world)[0].0
+    };
+    assert_eq!(boot_up(20_000_000), boot_up(0) + 20_000);
+}
