@@ -278,8 +278,7 @@ fn a_wrong_pll_setting_shows_as_a_wrong_can_bit_rate() {
         code.branch_to_itself();
         let mut board = code.board(0, BoardConfig::default());
         board.run_until(10_000_000).unwrap();
-        let rate = board.can().bit_rate();
-        rate
+        board.can().bit_rate()
     };
     assert_eq!(rate(180), Some(1_000_000));
     assert_eq!(rate(160), Some(888_889));
