@@ -7,7 +7,10 @@ mod harness;
 
 use std::time::Instant;
 
-use harness::{Source, Totals, life};
+use harness::{EVENTS, Source, Totals, life};
+
+/// Codes of SDO aborts that a million frames bring about.
+const ABORTS: usize = 20;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
@@ -31,5 +34,16 @@ fn main() {
         totals.answers,
         totals.digest,
         start.elapsed().as_secs_f64()
+    );
+    println!(
+        "{} of {EVENTS} kinds of events, {} SDO abort codes, {} whole transfers",
+        totals.events.len(),
+        totals.aborts.len(),
+        totals.transfers
+    );
+    // What a stream never reaches, it does not test.
+    assert!(
+        frames < 1_000_000 || totals.events.len() == EVENTS && totals.aborts.len() >= ABORTS,
+        "the frames do not get everywhere"
     );
 }
