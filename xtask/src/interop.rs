@@ -76,7 +76,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
-    unittest(&["test_page", "test_live", "test_recording"], "native")?;
+    unittest(
+        &["test_page", "test_live", "test_recording", "test_foreign"],
+        "native",
+    )?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);
