@@ -169,6 +169,13 @@ impl Core {
         self.poll_emergencies(now);
     }
 
+    /// The same for an error of communication that is known by its code and one byte.
+    #[inline(never)]
+    pub(super) fn raise_communication(&mut self, now: Micros, code: u16, detail: u8) {
+        let info = [detail, 0, 0, 0, 0];
+        self.raise(now, code, ErrorClass::Communication, info);
+    }
+
     /// An error has gone. If it was not present, nothing happens.
     pub(super) fn clear(&mut self, now: Micros, code: u16, detail: u8) {
         let errors = &mut self.emergencies;
@@ -234,12 +241,7 @@ impl Core {
     pub(super) fn poll_overflow(&mut self, now: Micros) {
         if self.out.take_overflowed() {
             self.emergencies.overrun = Timer::at(now + Micros::from_millis(1_000));
-            self.raise(
-                now,
-                Emergency::CAN_OVERRUN,
-                ErrorClass::Communication,
-                [0; 5],
-            );
+            self.raise_communication(now, Emergency::CAN_OVERRUN, 0);
         } else if self.emergencies.overrun.due(now) {
             self.emergencies.overrun = Timer::OFF;
             self.clear(now, Emergency::CAN_OVERRUN, 0);

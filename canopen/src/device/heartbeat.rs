@@ -5,7 +5,7 @@
 
 use super::{Core, HEARTBEAT};
 use crate::time::Timer;
-use crate::{Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, NodeId};
+use crate::{Config, Emergency, Event, Frame, Micros, NmtState, NodeId};
 
 /// How many heartbeats a device can monitor: the master and sixteen peers.
 pub const MAX_CONSUMERS: usize = 17;
@@ -126,13 +126,7 @@ impl Core {
             self.out.count(|counters| &mut counters.heartbeats_lost);
             if let Some(node) = consumer.node() {
                 self.out.emit(Event::HeartbeatLost { node });
-                let info = [node.get(), 0, 0, 0, 0];
-                self.raise(
-                    now,
-                    Emergency::HEARTBEAT_LOST,
-                    ErrorClass::Communication,
-                    info,
-                );
+                self.raise_communication(now, Emergency::HEARTBEAT_LOST, node.get());
             }
         }
         if lost {

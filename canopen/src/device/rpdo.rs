@@ -207,9 +207,7 @@ impl Core {
             rpdo.deadline = Timer::OFF;
             self.out.count(|counters| &mut counters.pdos_late);
             self.out.emit(Event::RpdoLate { number });
-            let info = [number, 0, 0, 0, 0];
-            let class = ErrorClass::Communication;
-            self.raise(now, Emergency::RPDO_TIMEOUT, class, info);
+            self.raise_communication(now, Emergency::RPDO_TIMEOUT, number);
         }
     }
 

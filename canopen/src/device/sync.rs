@@ -10,9 +10,7 @@ use super::Core;
 use super::pdo::is_restricted;
 use crate::bytes::{low_u8, low_u16};
 use crate::time::Timer;
-use crate::{
-    AbortCode, Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, ObjectDictionary,
-};
+use crate::{AbortCode, Config, Emergency, Event, Frame, Micros, NmtState, ObjectDictionary};
 
 /// The pre-defined identifier.
 pub(super) const SYNC: u32 = 0x80;
@@ -145,9 +143,7 @@ impl Core {
         });
         if wrong_length {
             // Taken all the same: to miss it would be worse for what depends on it.
-            let info = [frame.len(), 0, 0, 0, 0];
-            let class = ErrorClass::Communication;
-            self.raise(now, Emergency::SYNC_LENGTH, class, info);
+            self.raise_communication(now, Emergency::SYNC_LENGTH, frame.len());
         } else if self.has_errors() {
             self.clear(now, Emergency::SYNC_LENGTH, 1 - frame.len().min(1));
             self.clear(now, Emergency::SYNC_LOST, 0);
@@ -205,7 +201,7 @@ impl Core {
                 self.sync.timer = Timer::OFF;
                 self.out.count(|counters| &mut counters.syncs_lost);
                 self.out.emit(Event::SyncLost);
-                self.raise(now, Emergency::SYNC_LOST, ErrorClass::Communication, [0; 5]);
+                self.raise_communication(now, Emergency::SYNC_LOST, 0);
             }
         }
         self.out.wake(self.sync.timer);
