@@ -34,6 +34,8 @@ class Client(unittest.TestCase):
         self.network.connect(interface="slcan", channel=channel, sleep_after_open=0)
         self.node = self.network.create_node(NODE, dictionary())
         self.node.sdo[0x1018][1].raw = 0x11
+        # No heartbeat until the master asks for one; python-canopen wants to read it when it boots.
+        self.node.sdo[0x1017].raw = 0
 
     def tearDown(self):
         self.network.disconnect()
