@@ -96,7 +96,7 @@ pub struct FakeBus {
     pub hang: Option<(u64, u64)>,
     /// SYNC that it sent by itself and has not been asked for.
     paced: VecDeque<(Micros, Frame)>,
-    schedule: Option<Schedule>,
+    pub schedule: Option<Schedule>,
 }
 
 impl FakeBus {

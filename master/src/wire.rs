@@ -11,6 +11,7 @@
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros, NmtState, NodeId, client};
+use protocol::cob;
 
 use crate::bus_load::Meter;
 use crate::error::MasterError;
@@ -38,6 +39,8 @@ pub struct Wire<L> {
     sinks: Vec<FrameSink>,
     began: Micros,
     load: Meter,
+    /// Counter of the last SYNC sent.
+    sync_counter: u8,
     /// How long a robot may take for one SDO answer, in µs.
     pub(crate) patience_us: u64,
 }
@@ -75,6 +78,7 @@ impl<L: Link> Wire<L> {
             sinks: Vec::new(),
             began,
             load: Meter::default(),
+            sync_counter: 0,
             patience_us: crate::sdo::ANSWER_TIMEOUT_US,
         }
     }
@@ -112,8 +116,19 @@ impl<L: Link> Wire<L> {
         (at.0 as f64 - self.began.0 as f64) * 1e-6
     }
 
+    /// Counter of the last SYNC that this end has sent; 0 before the first.
+    pub(crate) fn sync_counter(&self) -> u8 {
+        self.sync_counter
+    }
+
     /// Notes a frame that is on the bus.
     fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
+        if sent
+            && frame.id() == cob::SYNC
+            && let Some(counter) = frame.data().first()
+        {
+            self.sync_counter = *counter;
+        }
         self.load.note(self.seconds(at), frame);
         for sink in &self.sinks {
             sink(at, frame, sent);

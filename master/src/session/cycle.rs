@@ -18,10 +18,15 @@ impl<L: Link> Group<L> {
         let schedule = Schedule {
             first: self.next_sync,
             period_us: self.period_us(),
-            counter: self.counter % SYNC_OVERFLOW + 1,
+            counter: self.next_counter(),
             overflow: SYNC_OVERFLOW,
         };
         self.paced = self.wire.link.pace(Some(schedule));
+    }
+
+    /// The counter of the next SYNC: that of the last one that went out, by whomever, and one more.
+    fn next_counter(&self) -> u8 {
+        self.wire.sync_counter() % SYNC_OVERFLOW + 1
     }
 
     fn end_sync(&mut self) -> Result<(), MasterError> {
@@ -78,9 +83,9 @@ impl<L: Link> Group<L> {
         self.listen(sync_at)?;
         let judged = self.judge();
         self.close_row();
-        self.counter = self.counter % SYNC_OVERFLOW + 1;
         if !self.paced {
-            self.wire.send(&client::sync(Some(self.counter)))?;
+            let sync = client::sync(Some(self.next_counter()));
+            self.wire.send(&sync)?;
         }
         let t = (sync_at.0 as f64 - self.began.0 as f64) * 1e-6;
         let members = self.members.len();
@@ -99,7 +104,7 @@ impl<L: Link> Group<L> {
     /// Moves on to the next SYNC that a setpoint can still reach. SYNCs that went without one are counted;
     /// members answer them all the same, so nobody is missed for them.
     fn catch_up(&mut self) -> Result<(), MasterError> {
-        let (period, overflow) = (self.period_us(), u64::from(SYNC_OVERFLOW));
+        let period = self.period_us();
         let margin = MARGIN_US.min(self.lead_us() / 2);
         let now = self.wire.now().0;
         if !self.paced || now + margin <= self.next_sync.0 {
@@ -107,8 +112,6 @@ impl<L: Link> Group<L> {
         }
         let skipped = (now + margin - self.next_sync.0).div_ceil(period);
         self.next_sync = Micros(self.next_sync.0 + skipped * period);
-        let turned = (u64::from(self.counter) + overflow - 1 + skipped) % overflow + 1;
-        self.counter = u8::try_from(turned).unwrap_or(1);
         self.missed += skipped;
         self.tell(None, Happening::Late(self.missed));
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));

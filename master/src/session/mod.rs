@@ -89,7 +89,6 @@ pub struct Group<L> {
     strangers: BTreeSet<u8>,
     recorder: Recorder,
     sequence: u8,
-    counter: u8,
     began: Micros,
     next_sync: Micros,
     /// The link sends SYNC by itself.
@@ -134,7 +133,6 @@ impl<L: Link> Group<L> {
             strangers: BTreeSet::new(),
             recorder: Recorder::default(),
             sequence: 0,
-            counter: 0,
             began: now,
             next_sync: now,
             paced: false,

@@ -309,6 +309,28 @@ fn a_bus_that_paces_gets_setpoints_ahead_of_its_syncs() {
     }
 }
 
+/// Robots take a jump of the counter for a second master.
+#[test]
+fn the_sync_counter_goes_on_where_it_was_though_syncs_were_left_out() {
+    let file = file();
+    let mut bus = paced();
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    for _ in 0..2 {
+        group.start().unwrap();
+        // The link's thread was late, and leaves two out.
+        let period_us = group.period_us();
+        let schedule = group.link().schedule.as_mut().unwrap();
+        schedule.first.0 += 2 * period_us;
+        group.run(0.5).unwrap();
+        group.stop().unwrap();
+    }
+    let syncs = bus.sent_as(cob::SYNC);
+    assert!(syncs.len() > 100, "{}", syncs.len());
+    for (k, (_, data)) in syncs.iter().enumerate() {
+        assert_eq!(usize::from(data[0]), k % 240 + 1, "counter of SYNC {k}");
+    }
+}
+
 #[test]
 fn a_master_that_falls_behind_says_so_and_goes_on() {
     let file = file();
