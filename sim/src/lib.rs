@@ -17,6 +17,7 @@
 //! - [`configure`]: the group file written into the robots.
 //! - [`rig`]: a master that can be told to do wrong, for trying what robots do about it.
 //! - [`study`]: many groups without a bus.
+//! - [`scale`]: how fast all this is on the machine at hand.
 //! - [`paper`]: the source paper's experiments, beside its own numbers.
 //! - [`fault`]: what goes wrong at a time, as text and as a schedule.
 //! - [`endpoint`]: the bus for programs outside.
@@ -37,6 +38,7 @@ pub mod plant;
 mod random;
 pub mod rig;
 pub mod robot;
+pub mod scale;
 pub mod study;
 mod truth;
 mod world;

@@ -4,12 +4,14 @@
 //! image and counts; [`image`] looks into the image; [`bus`]
 //! measures the virtual bus; [`latency`] the way from a call to the wheel; [`accuracy`] compares scalars; [`tracking`] drives
 //! curves. All of it is emulated or exact arithmetic, so two runs give
-//! the same figures, and `--check` can hold them to their ceilings. Nothing here depends on the speed of this machine.
+//! the same figures, and `--check` can hold them to their ceilings. What depends on the speed of this machine is
+//! [`host`]'s alone, measured when asked for and kept apart.
 
 mod accuracy;
 mod bus;
 mod driving;
 mod figure;
+mod host;
 mod image;
 mod kernels;
 mod latency;
@@ -24,7 +26,7 @@ use anyhow::{Context as _, bail};
 use emulator::Firmware;
 use group::GroupFile;
 use omnibus::report::Scalar;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{cargo, firmware};
 use figure::Figure;
@@ -41,6 +43,10 @@ pub struct Arguments {
     /// Writes docs/performance.md anew.
     #[arg(long)]
     write_docs: bool,
+    /// Measures also how fast this machine is with kinematics, the emulator and native robots. Never checked, and
+    /// apart from the figures in the JSON.
+    #[arg(long)]
+    host: bool,
     /// The image; built if none is given.
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
@@ -48,7 +54,7 @@ pub struct Arguments {
 
 /// The group whose robots are measured.
 const GROUP: &str = "groups/tcc-3.toml";
-/// One robot, for how well curves are followed.
+/// One robot, for how well curves are followed and for the emulator's speed.
 const ALONE: &str = "groups/single.toml";
 /// The generated page and the part of it that is written by hand.
 const PAGE: &str = "docs/performance.md";
@@ -63,6 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let image = Firmware::load(&elf)?;
     let group = GroupFile::load(cargo::root().join(GROUP))?;
 
+    let alone = GroupFile::load(cargo::root().join(ALONE))?;
     let mut figures = kernels::figures()?;
     figures.extend(running::figures(&group, &image)?);
     figures.push(running::ready(&group, &image)?);
@@ -70,11 +77,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     figures.extend(image::figures(&elf, &image)?);
     figures.extend(bus::figures(&group)?);
     figures.extend(accuracy::figures()?);
-    figures.extend(tracking::figures(&GroupFile::load(
-        cargo::root().join(ALONE),
-    )?)?);
+    figures.extend(tracking::figures(&alone)?);
     print(&figures);
-    write_json(arguments.json.as_deref(), &figures)?;
+    let host = match arguments.host {
+        true => host::figures(&alone, &group, &image)?,
+        false => Vec::new(),
+    };
+    print(&host);
+    write_json(arguments.json.as_deref(), &figures, &host)?;
     if arguments.write_docs {
         write_page(&figures)?;
     }
@@ -91,7 +101,7 @@ pub fn size(json: Option<&Path>) -> anyhow::Result<()> {
     firmware::print_size(&elf)?;
     let figures = image::figures(&elf, &Firmware::load(&elf)?)?;
     print(&figures);
-    write_json(json, &figures)
+    write_json(json, &figures, &[])
 }
 
 fn print(figures: &[Figure]) {
@@ -112,12 +122,21 @@ fn print(figures: &[Figure]) {
     }
 }
 
-fn write_json(path: Option<&Path>, figures: &[Figure]) -> anyhow::Result<()> {
+/// What every run repeats, and apart from it what this machine did.
+fn content(figures: &[Figure], host: &[Figure]) -> Value {
+    let list = |figures: &[Figure]| figures.iter().map(Figure::json).collect::<Vec<_>>();
+    if host.is_empty() {
+        json!({ "figures": list(figures) })
+    } else {
+        json!({ "figures": list(figures), "host": list(host) })
+    }
+}
+
+fn write_json(path: Option<&Path>, figures: &[Figure], host: &[Figure]) -> anyhow::Result<()> {
     let Some(path) = path else {
         return Ok(());
     };
-    let figures: Vec<_> = figures.iter().map(Figure::json).collect();
-    let text = serde_json::to_string_pretty(&json!({ "figures": figures }))?;
+    let text = serde_json::to_string_pretty(&content(figures, host))?;
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
@@ -137,4 +156,23 @@ fn write_page(figures: &[Figure]) -> anyhow::Result<()> {
         by_hand.replace(MARK, &table)
     );
     std::fs::write(root.join(PAGE), page).with_context(|| format!("cannot write {PAGE}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_this_machine_are_apart_from_what_every_run_repeats() {
+        let figures = [Figure::new("load", 6.5, "%")];
+        let host = [Figure::new("host.inverse.f64_cost", 1.5, "times f32")];
+        let names = |content: &Value, kind: &str| -> Vec<String> {
+            let list = content[kind].as_array().into_iter().flatten();
+            list.map(|figure| figure["name"].to_string()).collect()
+        };
+        let both = content(&figures, &host);
+        assert_eq!(names(&both, "figures"), [r#""load""#]);
+        assert_eq!(names(&both, "host"), [r#""host.inverse.f64_cost""#]);
+        assert_eq!(content(&figures, &[]).get("host"), None);
+    }
 }
