@@ -37,10 +37,7 @@ pub async fn control(
     loop {
         Timer::at(Instant::from_micros(due.0)).await;
         let begin = now();
-        if let Some(configuration) = CONFIGURATION.try_take() {
-            phase = TickPhase::with_period(configuration.times.sync_period_us);
-            side.configure(configuration);
-        }
+        take_over(&mut side, &mut phase);
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
         let inputs = Inputs {
@@ -77,5 +74,14 @@ pub async fn control(
         if due <= now() {
             due = phase.next(now());
         }
+    }
+}
+
+/// Takes over a configuration if there is a new one. Not inlined, so that the stack it takes is given back.
+#[inline(never)]
+fn take_over(side: &mut ControlSide, phase: &mut TickPhase) {
+    if let Some(configuration) = CONFIGURATION.try_take() {
+        *phase = TickPhase::with_period(configuration.times.sync_period_us);
+        side.configure(configuration);
     }
 }

@@ -6,9 +6,11 @@ use canopen::NodeId;
 use controller::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use defmt::unwrap;
 use embassy_executor::Spawner;
+use embassy_stm32::gpio::Output;
 use protocol::Fault;
 use static_cell::{ConstStaticCell, StaticCell};
 
+use crate::board::can::Can;
 use crate::board::flash::{PARAMETERS, ParameterFlash, patiently};
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, ResetCause, executors, now};
@@ -54,6 +56,25 @@ fn node_stored(store: &mut Store<ParameterFlash>) -> Option<NodeId> {
 
 /// Starts everything; never returns.
 pub fn start() -> ! {
+    let parts = prepare();
+    executors::bus().run(|spawner: Spawner| {
+        spawner.spawn(unwrap!(bus::bus(parts.can, parts.side, parts.store)));
+        spawner.spawn(unwrap!(led::led(parts.led)));
+        spawner.spawn(unwrap!(health::health()));
+    })
+}
+
+/// What the tasks of the bus executor need.
+struct Parts {
+    can: Can,
+    side: &'static mut BusSide,
+    store: Store<ParameterFlash>,
+    led: Output<'static>,
+}
+
+/// Everything before the tasks, and the control task. Not inlined, for the same reason.
+#[inline(never)]
+fn prepare() -> Parts {
     let board = Board::new();
     let switches = unwrap!(NodeId::new(FIRST_NODE + board.node_switches));
     let mut store = Store::new(board.flash, PARAMETERS);
@@ -100,9 +121,10 @@ pub fn start() -> ! {
         board.supply,
         Guard::new(board.watchdog)
     )));
-    executors::bus().run(|spawner: Spawner| {
-        spawner.spawn(unwrap!(bus::bus(board.can, side, store)));
-        spawner.spawn(unwrap!(led::led(board.led)));
-        spawner.spawn(unwrap!(health::health()));
-    })
+    Parts {
+        can: board.can,
+        side,
+        store,
+        led: board.led,
+    }
 }

@@ -89,6 +89,7 @@ pub(crate) struct Dictionary {
 }
 
 impl Dictionary {
+    #[inline(always)]
     pub fn new(device: Device) -> Self {
         Self {
             device,

@@ -80,6 +80,7 @@ impl Device {
     /// Makes a device that is not on the bus yet: the first [`poll`](Self::poll) sends the boot-up
     /// frame and enters PRE-OPERATIONAL.
     #[must_use]
+    #[inline(always)]
     pub fn new(config: Config) -> Self {
         Self {
             core: Core {

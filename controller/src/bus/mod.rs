@@ -103,6 +103,7 @@ pub struct BusSide {
 impl BusSide {
     /// A robot that has not been on the bus yet.
     #[must_use]
+    #[inline(always)]
     pub fn new(identity: Identity) -> Self {
         Self {
             identity,
@@ -338,7 +339,9 @@ impl BusSide {
         }
     }
 
-    /// NMT start: the only way into motion. Everything that speaks against it is looked at here.
+    /// NMT start: the only way into motion. Everything that speaks against it is looked at here. Not inlined, nor is
+    /// [`Self::on_sync`]: each has a configuration on its stack, a kilobyte.
+    #[inline(never)]
     fn on_start(&mut self, now: Micros) {
         if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {
             return;
@@ -350,13 +353,14 @@ impl BusSide {
         if self.dictionary.store.corrupt.is_some() {
             return self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
         }
-        let made = configuration::build(&self.dictionary.parameters, self.identity.node.get());
-        let configuration = match (made, self.report.obstacle) {
-            (Err(_), _) => return self.happen(Happening::StartRefused(Fault::Unconfigured), now),
-            (Ok(_), Some(fault)) => return self.happen(Happening::StartRefused(fault), now),
-            (Ok(configuration), None) => configuration,
+        let node = self.identity.node.get();
+        let Ok(configuration) = configuration::build(&self.dictionary.parameters, node) else {
+            return self.happen(Happening::StartRefused(Fault::Unconfigured), now);
         };
-        if self.configuration != Some(configuration) {
+        if let Some(fault) = self.report.obstacle {
+            return self.happen(Happening::StartRefused(fault), now);
+        }
+        if self.configuration.as_ref() != Some(&configuration) {
             self.configuration = Some(configuration);
             self.to_hand = true;
         }
@@ -372,6 +376,7 @@ impl BusSide {
     }
 
     /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
+    #[inline(never)]
     fn on_sync(&mut self, at: Micros) {
         self.last_sync = at;
         let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
