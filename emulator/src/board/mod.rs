@@ -281,7 +281,9 @@ impl Board {
     }
 
     /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature edges, positive
-    /// when channel 1 leads. Counted only in encoder mode and with the pins switched to the timer.
+    /// when channel 1 leads. Counted only in encoder mode and with the pins switched to the timer; later by what
+    /// the inputs' filters take, whose time every edge is taken to last. Edges one by one, with their bounce, come
+    /// through [`Board::set_input`] of the two pins.
     pub fn encoder_add(&mut self, timer: usize, edges: i32) {
         self.shared.with(|soc| soc.encoder_add(timer, edges));
     }

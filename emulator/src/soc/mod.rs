@@ -259,6 +259,9 @@ impl Soc {
                 let before = self.gpio[port as usize].idr();
                 self.gpio[port as usize].write(offset, value).ok_or("")?;
                 self.pins_changed(port, before);
+                if Gpio::connects(offset) {
+                    (0..16).for_each(|pin| self.timer_input(port, pin));
+                }
                 Ok(())
             }
             Unit::Can1 => self.can.write(now, offset, value).ok_or(""),
@@ -372,12 +375,13 @@ impl Soc {
         }
     }
 
-    /// Everything that follows from a pin having changed: edges for EXTI, the break inputs.
+    /// Everything that follows from a pin having changed: edges for EXTI, the encoder and the break inputs.
     fn pins_changed(&mut self, port: Port, before: u32) {
         let after = self.gpio[port as usize].idr();
         for pin in 0..16 {
             if (before ^ after) >> pin & 1 != 0 {
                 self.exti.edge(port, pin, after >> pin & 1 != 0);
+                self.timer_input(port, pin);
             }
         }
         for timer in [1, 8] {
@@ -408,8 +412,12 @@ impl Soc {
     /// Lets everything that is due by `now` happen.
     pub(crate) fn dispatch(&mut self) {
         let (now, now_ps) = (self.now, self.now_ps());
-        for timer in &mut self.timers {
-            timer.sync(now);
+        for number in 0..self.timers.len() {
+            let delayed = self.timers[number].edge_due(now);
+            self.timers[number].sync(now);
+            if delayed {
+                self.note_encoder(number);
+            }
         }
         self.can.sync(now);
         self.flash.sync(now_ps);

@@ -76,12 +76,30 @@ impl Soc {
             |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
-            let count = self.timers[timer].read(self.now, CNT).unwrap_or(0);
-            if let Some(trace) = &mut self.trace {
-                let change = Change::Encoder { timer, count };
-                trace.changes.push((self.now, change));
-            }
+            self.note_encoder(timer);
             self.settle();
+        }
+    }
+
+    /// Passes the level of a pin on to the timer that it is an input of.
+    pub(super) fn timer_input(&mut self, port: Port, pin: u8) {
+        let gpio = &self.gpio[port as usize];
+        let Mode::Alternate(af) = gpio.mode(pin) else {
+            return;
+        };
+        if let Some((timer, channel @ (1 | 2))) = pins::timer_at(port, pin, af)
+            && self.timers[timer].set_input(self.now, channel - 1, gpio.level(pin))
+        {
+            self.note_encoder(timer);
+        }
+    }
+
+    /// Records where an encoder's counter stands.
+    pub(super) fn note_encoder(&mut self, timer: usize) {
+        if let Some(trace) = &mut self.trace {
+            let count = self.timers[timer].read(self.now, CNT).unwrap_or(0);
+            let change = Change::Encoder { timer, count };
+            trace.changes.push((self.now, change));
         }
     }
 
@@ -126,5 +144,51 @@ impl Soc {
             }
         }
         trace.request(self.can.requests(), self.can.latest_request());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use rsemu::core::space::RamStore;
+
+    use super::*;
+    use crate::system::flash;
+
+    #[test]
+    fn encoder_pins_reach_the_counter_through_the_filter() {
+        let store = Arc::new(RamStore::new(flash::SIZE));
+        let mut soc = Soc::new(store, 0.0, 8_000_000, 32_000);
+        soc.system_reset(0);
+        soc.trace = Some(Box::default());
+        // TI1 is high before the pins are the timer's: no edge.
+        soc.set_input(Port::C, 6, true);
+        for (address, value) in [
+            (0x4002_3830, 4),          // GPIOC
+            (0x4002_3840, 2),          // TIM3
+            (0x4002_0800, 0xA << 12),  // PC6 and PC7
+            (0x4002_0820, 0x22 << 24), // are TIM3's
+            (0x4000_0418, 0x3131),     // fCK_INT, N = 8
+            (0x4000_0408, 3),
+            (0x4000_0400, 1),
+        ] {
+            soc.write(address, 4, value);
+        }
+        let mut at = |now, level| {
+            soc.now = now;
+            soc.set_input(Port::C, 7, level);
+            soc.next_event
+        };
+        assert_eq!(at(100, true), 108);
+        assert_eq!(at(107, false), u64::MAX, "seven samples are too few");
+        assert_eq!(at(200, true), 208);
+        soc.now = 208;
+        soc.dispatch();
+        assert_eq!(soc.timers[3].read(208, CNT), Ok(1), "TI2 rises under TI1");
+        let changes = soc.trace.map(|trace| trace.changes).unwrap_or_default();
+        let turned = |(_, change): &(u64, Change)| matches!(change, Change::Encoder { .. });
+        let changes: Vec<_> = changes.into_iter().filter(turned).collect();
+        assert_eq!(changes, [(208, Change::Encoder { timer: 3, count: 1 })]);
     }
 }

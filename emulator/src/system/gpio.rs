@@ -127,6 +127,12 @@ impl Gpio {
         }
     }
 
+    /// Whether the register at an offset connects pins to peripherals: MODER, AFRL, AFRH.
+    #[must_use]
+    pub fn connects(offset: u32) -> bool {
+        matches!(offset, 0x00 | 0x20 | 0x24)
+    }
+
     /// What the output register does to a pin; [`PinLevel::Floating`] in any mode but output.
     #[must_use]
     pub fn driven(&self, pin: u8) -> PinLevel {

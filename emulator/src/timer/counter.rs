@@ -106,6 +106,9 @@ impl Timer {
 
     /// Brings the timer to cycle `now`.
     pub fn sync(&mut self, now: u64) {
+        if self.encoder.next.is_some_and(|at| at <= now) {
+            self.pass_filters(now);
+        }
         while self.running() {
             let tick = self.tick();
             let ticks = now.saturating_sub(self.anchor) / tick;
@@ -194,7 +197,7 @@ impl Timer {
     }
 
     /// An overflow or underflow.
-    fn turn(&mut self) {
+    pub(super) fn turn(&mut self) {
         if self.cr1 & cr1::UDIS != 0 {
             return;
         }
@@ -246,7 +249,11 @@ impl Timer {
         let way = cr1::DIR | cr1::CMS;
         let turned = (self.cr1 ^ value) & way != 0;
         let started = value & !self.cr1 & cr1::CEN != 0;
+        let divided = (self.cr1 ^ value) & cr1::CKD != 0;
         self.cr1 = value;
+        if divided {
+            self.restart_filters(now);
+        }
         if started {
             self.anchor = now;
         }
@@ -283,13 +290,13 @@ impl Timer {
         }
     }
 
-    /// Cycle of the next interrupt, or of a preload that has to be looked at before it can be told. To be asked
-    /// after [`Timer::sync`].
+    /// Cycle of the next interrupt, of a preload that has to be looked at before it can be told, or of an edge
+    /// that leaves its filter. To be asked after [`Timer::sync`].
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
         let wanted = self.dier & !self.sr;
         if wanted & 0x1F == 0 || !self.running() {
-            return None;
+            return self.encoder.next;
         }
         let (turn, _) = self.to_turn(self.phase);
         let mut ticks = u64::MAX;
@@ -319,46 +326,6 @@ impl Timer {
     pub fn next_load(&self) -> Option<u64> {
         let waits = self.running() && self.preload_pending();
         waits.then(|| self.anchor + self.to_turn(self.phase).0 * self.tick())
-    }
-
-    /// Whether encoder mode is set up: SMS 1 to 3, both channels inputs on their own pins (18.3.12), counter on.
-    #[must_use]
-    pub fn encoder_ready(&self) -> bool {
-        self.kind.full && self.enabled() && self.smcr & 7 != 0 && self.ccmr[0] & 0x303 == 0x101
-    }
-
-    /// Turns the encoder by a number of quadrature edges, positive when channel 1 leads channel 2. Modes 1
-    /// and 2 count every second edge.
-    pub fn encoder_add(&mut self, now: u64, edges: i32) {
-        self.sync(now);
-        if !self.encoder_ready() {
-            return;
-        }
-        // Inverting one of the two inputs reverses the direction; inverting both does not.
-        let inverted = (self.ccer >> 1 ^ self.ccer >> 5) & 1 != 0;
-        let edges = if inverted {
-            -i64::from(edges)
-        } else {
-            i64::from(edges)
-        };
-        let counts = if self.smcr & 7 == 3 {
-            edges
-        } else {
-            let all = edges + i64::from(self.half_counts);
-            self.half_counts = (all % 2) as i32;
-            all / 2
-        };
-        if counts == 0 {
-            return;
-        }
-        let modulus = i128::from(self.arr.active) + 1;
-        let sum = i128::from(self.phase) + i128::from(counts);
-        let before = self.phase;
-        self.phase = sum.rem_euclid(modulus) as u64;
-        self.cr1 = (self.cr1 & !cr1::DIR) | if counts < 0 { cr1::DIR } else { 0 };
-        if !(0..modulus).contains(&sum) && before <= self.arr.active {
-            self.turn();
-        }
     }
 
     /// Name of the register at an offset.

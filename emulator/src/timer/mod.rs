@@ -1,14 +1,15 @@
 //! The timers: TIM1/8 (RM0390 rev 6, section 17), TIM2..5 (18), TIM9..14 (19), TIM6/7 (20).
 //!
 //! One model serves all of them; [`Kind`] says what a particular timer has. This file is the register view;
-//! [`counter`] turns time into counts, flags and events, [`output`] turns counts into PWM.
+//! [`counter`] turns time into counts, flags and events, [`encoder`] edges into counts, [`output`] counts into PWM.
 //!
 //! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of PSC, ARR and
-//! CCR with update events, repetition counter, one-pulse mode, compare flags, encoder mode, PWM and forced
-//! outputs, MOE, idle levels, the break input and the lock levels. Not modelled, and refused: input capture,
+//! CCR with update events, repetition counter, one-pulse mode, compare flags, encoder mode with its input filters,
+//! PWM and forced outputs, MOE, idle levels, the break input and the lock levels. Not modelled, and refused: input capture,
 //! slave modes other than encoder, triggers to other peripherals, DMA bursts.
 
 pub mod counter;
+pub mod encoder;
 pub mod output;
 #[cfg(test)]
 mod tests;
@@ -106,6 +107,7 @@ mod cr1 {
     pub const DIR: u32 = 1 << 4;
     pub const CMS: u32 = 3 << 5;
     pub const ARPE: u32 = 1 << 7;
+    pub const CKD: u32 = 3 << 8;
 }
 
 /// Bits of SR, DIER and EGR that lie at the same place in all three.
@@ -198,8 +200,8 @@ pub struct Timer {
     repetitions: u32,
     /// Level of the break input after the pin, before polarity.
     break_level: bool,
-    /// Quadrature edges not yet counted in the modes that count on one channel only.
-    half_counts: i32,
+    /// Inputs of the encoder interface.
+    encoder: encoder::Inputs,
 }
 
 impl Timer {
@@ -230,16 +232,18 @@ impl Timer {
             phase: 0,
             repetitions: 0,
             break_level: false,
-            half_counts: 0,
+            encoder: encoder::Inputs::default(),
         }
     }
 
     /// Resets everything but what comes from outside the timer.
     pub fn reset(&mut self, now: u64) {
         let (ratio, break_level) = (self.ratio, self.break_level);
+        let encoder = self.encoder.after_reset();
         *self = Self::new(self.kind);
         self.ratio = ratio;
         self.break_level = break_level;
+        self.encoder = encoder;
         self.anchor = now;
     }
 
@@ -249,6 +253,7 @@ impl Timer {
             self.sync(now);
             self.ratio = ratio;
             self.anchor = now;
+            self.restart_filters(now);
         }
     }
 
@@ -307,7 +312,11 @@ impl Timer {
             // Flags are cleared by writing 0; writing 1 leaves them (17.4.5).
             reg::SR => self.sr &= value,
             reg::EGR => self.generate(now, value),
-            reg::CCMR1 | reg::CCMR2 => self.write_ccmr(usize::from(offset == reg::CCMR2), value)?,
+            reg::CCMR1 => {
+                self.write_ccmr(0, value)?;
+                self.restart_filters(now);
+            }
+            reg::CCMR2 => self.write_ccmr(1, value)?,
             reg::CCER => self.write_ccer(value),
             reg::CNT => self.set_count(now, u64::from(value) & self.kind.max),
             reg::PSC => self.psc.written = u64::from(value & 0xFFFF),
