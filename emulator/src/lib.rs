@@ -23,7 +23,7 @@
 //! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
 //! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, wakes nobody), memory remap |
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
-//! | CAN1: modes, mailboxes, filters, FIFOs, errors, bus-off, loop-back | 30 | CAN2, time-triggered mode |
+//! | CAN1: modes, mailboxes, filters, FIFOs, time stamps, errors, bus-off, loop-back | 30 | CAN2, TGT (no effect) |
 //! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
 //! | unique number, flash size, DBGMCU | 33, 34 | freezing peripherals while halted |

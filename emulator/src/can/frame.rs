@@ -93,6 +93,16 @@ impl CanFrame {
         }
     }
 
+    /// Bits from its start to the end of its last field, stuff bits left out.
+    #[must_use]
+    pub fn bits(&self) -> u32 {
+        let without_data = match self.id {
+            CanId::Standard(_) => 44,
+            CanId::Extended(_) => 64,
+        };
+        without_data + 8 * self.data().len() as u32
+    }
+
     /// The arbitration field as it goes over the wire, first bit highest: the smaller number wins the bus.
     #[must_use]
     pub fn arbitration(&self) -> u32 {

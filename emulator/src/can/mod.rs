@@ -5,8 +5,10 @@
 //! and says what became of it.
 //!
 //! Joining the bus takes 11 recessive bits (30.4), and the bus is taken to be idle then. Loop-back mode sends to
-//! itself after the time the frame takes on the wire. Time stamps count bit times since power-on.
-//! Not modelled: CAN2, time-triggered transmission (TGT), test mode bits beyond loop-back and silent.
+//! itself after the time the frame takes on the wire. With TTCM a counter of bit times stamps every frame, sent or received,
+//! at the sample point of its start bit (30.7.2). It begins at 0 when TTCM is set or the bit timing written, which the
+//! manual leaves open; without TTCM stamps are 0.
+//! Not modelled: CAN2, sending the time stamp (TGT), test mode bits beyond loop-back and silent.
 
 pub mod errors;
 mod frame;
@@ -32,6 +34,7 @@ mod mcr {
     pub const NART: u32 = 1 << 4;
     pub const AWUM: u32 = 1 << 5;
     pub const ABOM: u32 = 1 << 6;
+    pub const TTCM: u32 = 1 << 7;
     pub const RESET: u32 = 1 << 15;
 }
 
@@ -89,10 +92,12 @@ pub struct Can {
     joins_at: Option<u64>,
     /// Core clock cycles per APB1 clock.
     ratio: u64,
+    /// When the counter of time stamps stood at 0, while it runs.
+    counts_since: Option<u64>,
     mailboxes: [Mailbox; 3],
     requests: u64,
-    /// When the frame that is being sent to itself in loop-back mode is complete.
-    loop_back_at: Option<u64>,
+    /// When the frame that is being sent to itself in loop-back mode began, and when it is complete.
+    loop_back: Option<(u64, u64)>,
     fifos: [Fifo; 2],
     filters: receive::Filters,
     errors: errors::Errors,
@@ -108,9 +113,10 @@ impl Default for Can {
             mode: Mode::Sleep,
             joins_at: None,
             ratio: 1,
+            counts_since: None,
             mailboxes: [Mailbox::default(); 3],
             requests: 0,
-            loop_back_at: None,
+            loop_back: None,
             fifos: [Fifo::default(); 2],
             filters: receive::Filters::default(),
             errors: errors::Errors::default(),
@@ -135,9 +141,8 @@ impl Can {
     /// APB1 clocks per bit: prescaler times time quanta (30.7.7).
     #[must_use]
     pub fn clocks_per_bit(&self) -> u64 {
-        let brp = u64::from(self.btr & 0x3FF) + 1;
         let quanta = 1 + u64::from(self.btr >> 16 & 0xF) + 1 + u64::from(self.btr >> 20 & 7) + 1;
-        brp * quanta
+        self.brp() * quanta
     }
 
     /// Share of a bit before the sample point.
@@ -149,6 +154,21 @@ impl Can {
 
     fn cycles_per_bit(&self) -> u64 {
         self.clocks_per_bit() * self.ratio
+    }
+
+    /// The time stamp of a frame that began at a cycle, in the upper half of a mailbox's third word.
+    fn time_stamp(&self, began: u64) -> u32 {
+        let Some(since) = self.counts_since else {
+            return 0;
+        };
+        let bit = self.cycles_per_bit();
+        let behind_sample_point = (u64::from(self.btr >> 20 & 7) + 1) * self.brp() * self.ratio;
+        let sampled = began + bit - behind_sample_point;
+        ((sampled.saturating_sub(since) / bit) as u32 & 0xFFFF) << 16
+    }
+
+    fn brp(&self) -> u64 {
+        u64::from(self.btr & 0x3FF) + 1
     }
 
     /// What the controller is doing, as of the last [`Can::sync`].
@@ -178,9 +198,8 @@ impl Can {
         if self.errors.recover(now, self.mcr & mcr::ABOM != 0) {
             self.errors.reset_counters();
         }
-        while let Some(at) = self.loop_back_at.filter(|at| now >= *at) {
-            self.loop_back_at = None;
-            self.finish_loop_back(at);
+        while let Some((began, _)) = self.loop_back.take_if(|(_, at)| now >= *at) {
+            self.finish_loop_back(began);
         }
         self.start_loop_back(now);
     }
@@ -188,7 +207,8 @@ impl Can {
     /// Cycle at which something will happen by itself.
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
-        [self.joins_at, self.errors.recovers_at(), self.loop_back_at]
+        let loop_back = self.loop_back.map(|(_, at)| at);
+        [self.joins_at, self.errors.recovers_at(), loop_back]
             .into_iter()
             .flatten()
             .min()
@@ -250,6 +270,7 @@ impl Can {
                 // 30.9.2: only in initialisation mode.
                 if self.mode == Mode::Initialisation {
                     self.btr = value & 0xC37F_03FF;
+                    self.counts_since = self.counts_since.map(|_| now);
                 }
             }
             0x180..=0x1AC => {
@@ -278,6 +299,8 @@ impl Can {
             return;
         }
         self.mcr = value & 0x0001_00FF;
+        let counts = value & mcr::TTCM != 0;
+        self.counts_since = counts.then(|| self.counts_since.unwrap_or(now));
         if value & mcr::INRQ != 0 {
             if value & mcr::SLEEP == 0 || self.mode != Mode::Sleep {
                 self.mode = Mode::Initialisation;

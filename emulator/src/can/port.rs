@@ -49,7 +49,7 @@ impl CanPort<'_> {
     /// aborted.
     pub fn begin(&mut self) -> Option<CanFrame> {
         self.bit_rate()?;
-        self.board.with_can(|can, _| can.begin())
+        self.board.with_can(|can, now| can.begin(now))
     }
 
     /// The frame went out and was acknowledged.
@@ -68,11 +68,17 @@ impl CanPort<'_> {
             .with_can(|can, now| can.transmit_error(now, error));
     }
 
-    /// Another node's frame has arrived complete.
+    /// Another node's frame has arrived complete; its start is taken to be as long ago as it is without stuff bits.
     pub fn receive(&mut self, frame: &CanFrame) {
+        self.receive_stuffed(frame, frame.bits());
+    }
+
+    /// Another node's frame has arrived complete. It took so many bits from its first to the end of its last.
+    pub fn receive_stuffed(&mut self, frame: &CanFrame, bits: u32) {
         self.board.note_arrival(frame);
         if self.board.can_pins_connected() {
-            self.board.with_can(|can, now| can.receive(now, frame));
+            self.board
+                .with_can(|can, now| can.receive(now, frame, bits));
         }
     }
 

@@ -173,8 +173,8 @@ impl Filters {
 
 impl Can {
     /// A frame was received without error. In silent mode and when bus-off it is not acknowledged, but that is
-    /// for the bus to know.
-    pub fn receive(&mut self, now: u64, frame: &CanFrame) {
+    /// for the bus to know. It was so many bits long.
+    pub fn receive(&mut self, now: u64, frame: &CanFrame, bits: u32) {
         self.sync(now);
         if self.mode == Mode::Sleep {
             // 30.4.3: the frame that wakes the controller is lost.
@@ -189,18 +189,18 @@ impl Can {
         }
         if self.on_bus() {
             self.errors.received();
-            self.accept(now, frame);
+            let began = now.saturating_sub(u64::from(bits) * self.cycles_per_bit());
+            self.accept(began, frame);
         }
     }
 
-    pub(super) fn accept(&mut self, now: u64, frame: &CanFrame) {
+    pub(super) fn accept(&mut self, began: u64, frame: &CanFrame) {
         debug_assert!(self.mode == Mode::Normal || self.btr & BTR_LBKM != 0);
         if let Some((fifo, number)) = self.filters.accept(frame) {
-            let time = (now / self.cycles_per_bit()) as u32 & 0xFFFF;
             let [low, high] = frame.mailbox_data();
             let mailbox = [
                 frame.mailbox_ir(),
-                u32::from(frame.dlc()) | number << 8 | time << 16,
+                u32::from(frame.dlc()) | number << 8 | self.time_stamp(began),
                 low,
                 high,
             ];

@@ -89,7 +89,7 @@ fn the_lowest_identifier_leaves_first() {
     let mut order = Vec::new();
     while let Some(id) = next_id(&can) {
         order.push(id);
-        can.begin().unwrap();
+        can.begin(1000).unwrap();
         can.transmitted();
     }
     assert_eq!(order, [0x100, 0x200, 0x300]);
@@ -110,7 +110,7 @@ fn with_txfp_the_first_request_leaves_first() {
 fn a_frame_on_the_wire_is_not_overtaken_or_aborted() {
     let mut can = started(0, 0);
     request(&mut can, 0, 0x300);
-    can.begin().unwrap();
+    can.begin(1000).unwrap();
     request(&mut can, 1, 0x100);
     can.write(1000, 8, 0x80).unwrap();
     assert_eq!(next_id(&can), Some(0x300));
@@ -135,7 +135,7 @@ fn a_pending_frame_is_aborted_at_once() {
 fn lost_arbitration_is_repeated_unless_nart() {
     let mut can = started(0, 0);
     request(&mut can, 0, 0x300);
-    can.begin().unwrap();
+    can.begin(1000).unwrap();
     can.lost_arbitration();
     assert_eq!(next_id(&can), Some(0x300));
     let mut can = started(mcr::NART, 0);
@@ -161,8 +161,8 @@ fn transmit_interrupt() {
 fn frames_come_out_of_the_fifo_in_order() {
     let mut can = started(0, 0);
     can.write(1000, 0x14, ier::FMPIE0).unwrap();
-    can.receive(1000, &frame(0x181));
-    can.receive(2000, &frame(0x080));
+    can.receive(1000, &frame(0x181), 50);
+    can.receive(2000, &frame(0x080), 50);
     assert!(can.lines().rx[0]);
     assert_eq!(can.read(2000, 0x0C), Some(2));
     assert_eq!(can.read(2000, 0x1B0), Some(0x181 << 21));
@@ -178,7 +178,7 @@ fn frames_come_out_of_the_fifo_in_order() {
 fn the_fourth_frame_is_an_overrun() {
     let mut can = started(0, 0);
     for id in 1..=4 {
-        can.receive(1000, &frame(id));
+        can.receive(1000, &frame(id), 50);
     }
     assert_eq!(can.read(1000, 0x0C), Some(3 | 1 << 3 | 1 << 4));
     let ids: Vec<_> = (0..3)
@@ -191,7 +191,7 @@ fn the_fourth_frame_is_an_overrun() {
     assert_eq!(ids, [1, 2, 4], "the newest is overwritten");
     let mut can = started(mcr::RFLM, 0);
     for id in 1..=4 {
-        can.receive(1000, &frame(id));
+        can.receive(1000, &frame(id), 50);
     }
     can.write(1000, 0x0C, 1 << 5).unwrap();
     can.write(1000, 0x0C, 1 << 5).unwrap();
@@ -205,8 +205,12 @@ fn the_fourth_frame_is_an_overrun() {
 #[test]
 fn filters_choose_what_comes_in() {
     let mut can = started(0, 0);
-    can.receive(1000, &CanFrame::remote(CanId::Standard(5), 0).unwrap());
-    can.receive(1000, &CanFrame::with_id(CanId::Extended(5), &[]).unwrap());
+    can.receive(1000, &CanFrame::remote(CanId::Standard(5), 0).unwrap(), 50);
+    can.receive(
+        1000,
+        &CanFrame::with_id(CanId::Extended(5), &[]).unwrap(),
+        50,
+    );
     assert_eq!(can.read(1000, 0x0C), Some(0));
     // Bank 1: list of two 11-bit identifiers in 32 bits, to FIFO 1; before bank 0, because a list is.
     for (offset, value) in [
@@ -221,8 +225,8 @@ fn filters_choose_what_comes_in() {
     ] {
         can.write(1000, offset, value).unwrap();
     }
-    can.receive(1000, &frame(9));
-    can.receive(1000, &frame(8));
+    can.receive(1000, &frame(9), 50);
+    can.receive(1000, &frame(8), 50);
     assert_eq!(can.read(1000, 0x10), Some(1));
     assert_eq!(
         can.read(1000, 0x1C4).unwrap() >> 8 & 0xFF,
@@ -247,7 +251,7 @@ fn narrow_filters() {
         can.write(1000, offset, value).unwrap();
     }
     for id in [0x185, 0x190, 0x080, 0x081] {
-        can.receive(1000, &frame(id));
+        can.receive(1000, &frame(id), 50);
     }
     assert_eq!(can.read(1000, 0x0C).unwrap() & 3, 2);
 }
@@ -311,9 +315,9 @@ fn receive_errors_count_and_heal() {
         can.receive_error(CanError::Crc);
     }
     assert_eq!(can.error_counters().1, 200);
-    can.receive(1000, &frame(1));
+    can.receive(1000, &frame(1), 50);
     assert_eq!(can.error_counters().1, 120);
-    can.receive(1000, &frame(1));
+    can.receive(1000, &frame(1), 50);
     assert_eq!(can.error_counters().1, 119);
 }
 
@@ -333,8 +337,69 @@ fn loop_back_receives_its_own_frame() {
 fn automatic_wake_up_loses_the_frame_that_wakes() {
     let mut can = started(mcr::AWUM, 0);
     can.write(1000, 0, mcr::AWUM | mcr::SLEEP).unwrap();
-    can.receive(2000, &frame(1));
-    can.receive(2000 + 11 * BIT, &frame(2));
+    can.receive(2000, &frame(1), 50);
+    can.receive(2000 + 11 * BIT, &frame(2), 50);
     assert_eq!(can.read(5000, 0x0C), Some(1));
     assert_eq!(can.read(5000, 0x1B0), Some(2 << 21));
+}
+
+/// TIME of a word RDTxR or TDTxR.
+fn stamp(can: &mut Can, offset: u32) -> u32 {
+    can.read(10_000_000, offset).unwrap() >> 16
+}
+
+#[test]
+fn time_stamps_count_bits_at_the_sample_point_of_the_start_bit() {
+    // 30.7.2. The sample point is 8 of 9 quanta, so 40 of 45 clocks into the bit; the counter began at 0. A start bit
+    // that is sampled at clock 45 n has stamp n, one clock earlier n - 1, and 16 bits of it are kept.
+    for (sampled, expected) in [
+        (45_000, 1000),
+        (45_044, 1000),
+        (44_999, 999),
+        (65_536 * BIT - 1, 65_535),
+        (65_536 * BIT, 0),
+        (65_541 * BIT, 5),
+    ] {
+        let began = sampled - 40;
+        let mut sender = started(mcr::TTCM, 0);
+        request(&mut sender, 1, 0x123);
+        sender.begin(began).unwrap();
+        sender.transmitted();
+        assert_eq!(stamp(&mut sender, 0x194), expected, "sent");
+        let mut receiver = started(mcr::TTCM, 0);
+        receiver.receive(began + 60 * BIT, &frame(0x123), 60);
+        assert_eq!(stamp(&mut receiver, 0x1B4), expected, "received");
+    }
+}
+
+#[test]
+fn a_frame_sent_again_is_stamped_again() {
+    let mut can = started(mcr::TTCM, 0);
+    request(&mut can, 0, 0x123);
+    can.begin(100 * BIT).unwrap();
+    can.transmit_error(120 * BIT, CanError::BitDominant);
+    can.begin(150 * BIT).unwrap();
+    assert_eq!(stamp(&mut can, 0x184), 150);
+    assert_eq!(can.read(0, 0x184).unwrap() & 0xF, 1, "DLC stays");
+}
+
+#[test]
+fn loop_back_stamps_both_ways() {
+    let mut can = started(mcr::TTCM, BTR_LBKM);
+    request(&mut can, 0, 0x123);
+    can.sync(1000 + 55 * BIT);
+    // 1000 + 40 clocks are 23 whole bits.
+    assert_eq!(stamp(&mut can, 0x184), 23);
+    assert_eq!(stamp(&mut can, 0x1B4), 23);
+}
+
+#[test]
+fn without_ttcm_stamps_are_0_and_with_it_they_begin_there() {
+    let mut can = started(0, 0);
+    can.receive(5000 * BIT, &frame(1), 60);
+    assert_eq!(stamp(&mut can, 0x1B4), 0);
+    can.write(6000 * BIT, 0x0C, 0x20).unwrap();
+    can.write(6000 * BIT, 0, mcr::TTCM).unwrap();
+    can.receive(6200 * BIT, &frame(1), 60);
+    assert_eq!(stamp(&mut can, 0x1B4), 140);
 }

@@ -190,11 +190,20 @@ impl Can {
     }
 
     /// The bus begins with the pending frame: from here on no other mailbox overtakes it.
-    pub fn begin(&mut self) -> Option<CanFrame> {
+    pub fn begin(&mut self, now: u64) -> Option<CanFrame> {
         self.pending()?;
         let index = self.first_in_order()?;
-        self.mailboxes[index].state = State::Transmitting;
-        Some(self.mailboxes[index].frame())
+        Some(self.put_on_the_wire(now, index))
+    }
+
+    fn put_on_the_wire(&mut self, now: u64, index: usize) -> CanFrame {
+        let stamp = self.time_stamp(now);
+        let mailbox = &mut self.mailboxes[index];
+        mailbox.state = State::Transmitting;
+        if self.mcr & mcr::TTCM != 0 {
+            mailbox.dtr = mailbox.dtr & 0xFFFF | stamp;
+        }
+        mailbox.frame()
     }
 
     /// The frame went out and was acknowledged.
@@ -243,29 +252,23 @@ impl Can {
 
     /// Loop-back (30.5.2): starts the next frame when none is under way.
     pub(super) fn start_loop_back(&mut self, now: u64) {
-        if self.btr & BTR_LBKM == 0 || self.mode != Mode::Normal || self.loop_back_at.is_some() {
+        if self.btr & BTR_LBKM == 0 || self.mode != Mode::Normal || self.loop_back.is_some() {
             return;
         }
         if let Some(index) = self.first_in_order() {
-            self.mailboxes[index].state = State::Transmitting;
-            // 47 bits of frame with intermission and 8 per data byte, stuffing left out.
-            let frame = self.mailboxes[index].frame();
-            let bits = if matches!(frame.id(), super::CanId::Extended(_)) {
-                67
-            } else {
-                47
-            };
-            let bits = bits + 8 * frame.data().len() as u64;
-            self.loop_back_at = Some(now + bits * self.cycles_per_bit());
+            let frame = self.put_on_the_wire(now, index);
+            // With the intermission of 3 bits.
+            let bits = u64::from(frame.bits() + 3);
+            self.loop_back = Some((now, now + bits * self.cycles_per_bit()));
         }
     }
 
-    pub(super) fn finish_loop_back(&mut self, at: u64) {
+    pub(super) fn finish_loop_back(&mut self, began: u64) {
         let sent = self.in_state(State::Transmitting).next();
         if let Some(index) = sent {
             let frame = self.mailboxes[index].frame();
             self.mailboxes[index].finish(TXOK);
-            self.accept(at, &frame);
+            self.accept(began, &frame);
         }
     }
 }

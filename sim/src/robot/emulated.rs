@@ -23,6 +23,7 @@ use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
 
 use super::{Crash, LogLine, Robot, Wake, code};
+use crate::bus::bits::frame_bits;
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::error::SimError;
 use crate::motor::Drive;
@@ -361,8 +362,9 @@ impl Robot for EmulatedRobot {
             return;
         }
         self.catch_up();
+        let bits = frame_bits(frame);
         if let Some(frame) = CanFrame::new(frame.id(), frame.data()) {
-            self.board.can().receive(&frame);
+            self.board.can().receive_stuffed(&frame, bits);
         }
         self.follow_errors();
     }
