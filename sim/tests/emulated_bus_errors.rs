@@ -83,14 +83,15 @@ fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
 fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     let mut world = world("single");
     world.set_lost_acknowledge(all(0x702));
-    run(&mut world, 10_000);
+    // The firmware is on the bus some 6 ms after power-on; a repetition takes 0.08 ms.
+    run(&mut world, 15_000);
     assert_eq!(world.error_frames(), 16);
     let passive = (ErrorState::Passive, counters(128, 0));
     assert_eq!(world.robot_errors(0), passive);
     let again = heard(&mut world);
     assert!(again.len() > 50 && again.iter().all(|(_, id)| *id == 0x702));
     world.set_lost_acknowledge(Share::NONE);
-    run(&mut world, 20_000);
+    run(&mut world, 25_000);
     // The repetition under way when acknowledges came back, still lost or not, and one that stands: it takes one off.
     assert!((1..=2).contains(&heard(&mut world).len()));
     let active = (ErrorState::Active, counters(127, 0));
