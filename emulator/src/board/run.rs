@@ -122,6 +122,12 @@ impl Board {
         self.fast.step_elsewhere();
         let mut cycles = self.cpu.step();
         let entered = cycles >= 12 && self.entered_exception();
+        // An instruction after which the next one follows has left no handler. One that reserves for itself, or gives
+        // that up, would be plain but for its operands; what was reserved before is gone then.
+        let follows = (1..=4).contains(&self.cpu.pc().wrapping_sub(pc));
+        if entered || !follows || self.is_exclusive(pc) {
+            self.fast.forget_reservation();
+        }
         if entered {
             self.cpu.set_fpscr(fpscr);
         } else if self.cpu.pc() != pc {
@@ -279,6 +285,15 @@ impl Board {
         self.now += cycles;
         self.shared.now.store(self.now, Relaxed);
         (cycles, entered)
+    }
+
+    /// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM, A5.3).
+    fn is_exclusive(&self, pc: u32) -> bool {
+        let Some(word) = self.read_word(pc & !3) else {
+            return true;
+        };
+        let half = if pc & 2 == 0 { word } else { word >> 16 } & 0xFFFF;
+        matches!(half & 0xFFE0, 0xE840 | 0xE8C0) || half == 0xF3BF
     }
 
     /// Whether the last step was the entry into an exception handler and not an instruction: the link register

@@ -100,11 +100,15 @@ impl Fast {
         }
     }
 
-    /// The reference core makes a step: what was reserved for an exclusive store no longer is, and floating-point
-    /// registers may change. Between two sessions without such a step nothing else can have come.
+    /// The reference core makes a step: floating-point registers may change. Between two sessions without such a step
+    /// nothing else can have come.
     pub(crate) fn step_elsewhere(&mut self) {
-        self.core.exclusive = None;
         self.core.fp_loaded = false;
+    }
+
+    /// An exception came or went: what was reserved for an exclusive store no longer is (ARMv7-M ARM, A3.4.1).
+    pub(crate) fn forget_reservation(&mut self) {
+        self.core.exclusive = None;
     }
 
     /// What the reference core waited for the instruction that it has executed.
