@@ -7,9 +7,9 @@
 //! registers, the core's own peripherals, an access that would fault. The reference core then makes that one step.
 //!
 //! Interrupts can only come from a peripheral, and those change only at the limit the caller gives or by an access
-//! made here, after which the session ends when a line has changed. Cycles are counted as the reference core
-//! counts them: the two give the same results to the cycle, which tests compare instruction by instruction and
-//! run by run.
+//! made here, after which the session ends when a line has changed; the next one begins unless an interrupt can be
+//! taken then. Cycles are counted as the reference core counts them: the two give the same results to the cycle, which
+//! tests compare instruction by instruction and run by run.
 
 mod code;
 mod execute;
@@ -41,6 +41,15 @@ use code::{Code, Entry};
 pub(crate) struct Leave;
 
 type Done = Result<(), Leave>;
+
+/// Why a session ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    /// An interrupt may have to be taken; if none has, the next session goes on.
+    Interrupts,
+    /// The limit, something for the board to look at, or an instruction for the reference core.
+    ToOthers,
+}
 
 /// What a session can reach.
 #[derive(Debug, Clone, Copy)]
@@ -132,40 +141,24 @@ impl Fast {
         limit: u64,
     ) -> (u64, u64) {
         let Self { code, core } = self;
-        if !core.enter(cpu, memory.shared) {
-            return (now, 0);
-        }
-        code.check(memory.shared.flash_version.load(Relaxed));
-        core.configure_fetch(memory.shared);
-        core.now = now;
+        let mut reached = now;
         let mut instructions = 0;
-        while core.now < limit {
-            let entry = code.at(core.r[15], memory.flash);
-            if entry
-                .and_then(|entry| core.step(cpu, memory, entry))
-                .is_err()
-            {
-                break;
+        while reached < limit && core.enter(cpu, memory.shared) {
+            code.check(memory.shared.flash_version.load(Relaxed));
+            core.configure_fetch(memory.shared);
+            core.now = reached;
+            let (executed, end) = core.session(code, cpu, memory, limit);
+            if executed > 0 {
+                core.leave(cpu, core.now - reached);
+                memory.shared.now.store(core.now, Relaxed);
             }
-            instructions += 1;
-            if core.io {
-                core.io = false;
-                core.configure_fetch(memory.shared);
-                if memory.shared.attention.load(Relaxed)
-                    || memory.shared.lines_changed.load(Relaxed)
-                {
-                    break;
-                }
-            }
-            if core.waiting && core.unmasked {
+            reached = core.now;
+            instructions += executed;
+            if end == End::ToOthers {
                 break;
             }
         }
-        if instructions > 0 {
-            core.leave(cpu, core.now - now);
-            memory.shared.now.store(core.now, Relaxed);
-        }
-        (core.now, instructions)
+        (reached, instructions)
     }
 }
 
@@ -204,21 +197,21 @@ impl Core {
         if !(FLASH_BASE..FLASH_BASE + flash::SIZE as u32).contains(&pc)
             || cpu.is_asleep()
             || cpu.reset_pending()
-            || shared.lines_changed.load(Relaxed)
         {
             return false;
         }
         let regs = cpu.regs();
         let priority = cpu.execution_priority();
+        shared.lines_changed.store(false, Relaxed);
         let lines = shared.lines();
         let plain = cpu.with_sys(|sys| {
-            // A line that has not been latched yet is for the reference core to look at.
+            // A line makes its exception pending, unless that is active (ARMv7-M ARM, B3.4.1).
             for (word, mut bits) in lines.into_iter().enumerate() {
                 while bits != 0 {
                     let number = Exception((32 * word as u32 + bits.trailing_zeros() + 16) as u16);
                     bits &= bits - 1;
-                    if sys.is_enabled(number) && !sys.is_active(number) && !sys.is_pending(number) {
-                        return false;
+                    if !sys.is_active(number) {
+                        sys.set_pending(number, true);
                     }
                 }
             }
@@ -241,6 +234,41 @@ impl Core {
         self.unmasked = false;
         self.io = false;
         true
+    }
+
+    /// Instructions up to the limit or to what ends the session: how many, and what it was.
+    fn session(
+        &mut self,
+        code: &mut Code,
+        cpu: &ArmV7m,
+        memory: Memory<'_>,
+        limit: u64,
+    ) -> (u64, End) {
+        let mut instructions = 0;
+        while self.now < limit {
+            let entry = code.at(self.r[15], memory.flash);
+            if entry
+                .and_then(|entry| self.step(cpu, memory, entry))
+                .is_err()
+            {
+                return (instructions, End::ToOthers);
+            }
+            instructions += 1;
+            if self.io {
+                self.io = false;
+                self.configure_fetch(memory.shared);
+                if memory.shared.attention.load(Relaxed) {
+                    return (instructions, End::ToOthers);
+                }
+                if memory.shared.lines_changed.load(Relaxed) {
+                    return (instructions, End::Interrupts);
+                }
+            }
+            if self.waiting && self.unmasked {
+                return (instructions, End::Interrupts);
+            }
+        }
+        (instructions, End::ToOthers)
     }
 
     /// Gives the registers back.
