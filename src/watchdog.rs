@@ -9,7 +9,7 @@
 //! while the wheels turn, the control side notices after 25 ms, which is earlier than any reset, and ramps down. While it
 //! does, its own progress is enough, for [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
 
-use controller::{Mode, Report};
+use controller::{Mode, Report, TICK_US};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use protocol::Fault;
@@ -17,11 +17,11 @@ use protocol::Fault;
 use crate::board::post_mortem::{self, Failure};
 use crate::handover::BUS_PROGRESS;
 
-/// Control ticks between two feedings, ms.
-const PERIOD_TICKS: u32 = 10;
+/// Control ticks between two feedings: 10 ms.
+const PERIOD_TICKS: u32 = 10_000 / TICK_US;
 
-/// Longest ramp without a bus side, ms.
-const GRACE_TICKS: u32 = 3_000;
+/// Longest ramp without a bus side: 3 s.
+const GRACE_TICKS: u32 = 3_000_000 / TICK_US;
 
 /// Keeps the watchdog quiet while all is well.
 pub struct Guard {

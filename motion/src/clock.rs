@@ -29,15 +29,11 @@ const MAX_DRIFT: f32 = 500e-6;
 /// Missing SYNCs that are bridged.
 const MAX_GAP: f32 = 8.0;
 
-/// Largest shift of one tick, us: 2 % of the tick.
-pub const MAX_SHIFT_US: u32 = 20;
-
-/// The tick, us, in 32 bits.
-const TICK: u32 = 1_000;
-const _: () = assert!(TICK as u64 == TICK_US);
+/// Largest shift of one tick, us: 2 % of the tick, but some.
+pub const MAX_SHIFT_US: u32 = if TICK_US < 50 { 1 } else { TICK_US / 50 };
 
 /// Where the ticks lie between two grid points, us.
-const TICK_PHASE: u32 = TICK / 2;
+const TICK_PHASE: u32 = TICK_US / 2;
 
 /// Estimates when SYNC comes.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -148,30 +144,32 @@ impl TickPhase {
 
     /// Takes note of the latest SYNC, received at `at`; may be called each tick, one SYNC counts once.
     pub fn on_sync(&mut self, at: Micros) {
-        let fits = self.period_us != 0 && u64::from(self.period_us).is_multiple_of(TICK_US);
+        let fits = self.period_us != 0 && self.period_us.is_multiple_of(TICK_US);
         if fits && at != self.last_sync {
             self.last_sync = at;
             self.clock.on_sync(at, self.period_us as f32);
         }
     }
 
-    /// When the tick after the one at `due` begins: a millisecond later, moved by at most
+    /// When the tick after the one at `due` begins: a period later, moved by at most
     /// [`MAX_SHIFT_US`] towards the common grid.
     #[must_use]
     pub fn next(&self, due: Micros) -> Micros {
-        let next = due + Micros(TICK_US);
+        let next = due + Micros(TICK_US.into());
         let Some(grid) = self.clock.estimate() else {
             return next;
         };
         // Distance past the last grid point. Low halves: an hour's difference needs no more, and a
         // 64-bit remainder is a long way on a 32-bit machine. A second is added first, because the grid
         // may lie a little ahead.
-        let since_grid = low(next).wrapping_sub(low(grid)).wrapping_add(1_000 * TICK);
-        let past = since_grid.wrapping_sub(TICK_PHASE) % TICK;
-        if past < TICK / 2 {
+        let since_grid = low(next)
+            .wrapping_sub(low(grid))
+            .wrapping_add(1_000 * TICK_US);
+        let past = since_grid.wrapping_sub(TICK_PHASE) % TICK_US;
+        if past < TICK_US / 2 {
             next - Micros(u64::from(past.min(MAX_SHIFT_US)))
         } else {
-            next + Micros(u64::from((TICK - past).min(MAX_SHIFT_US)))
+            next + Micros(u64::from((TICK_US - past).min(MAX_SHIFT_US)))
         }
     }
 }

@@ -21,10 +21,12 @@
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 
+use crate::control::TICK_US;
 use crate::wheel::Gains;
 
-/// Ticks in a window.
-const HALF_TICKS: u16 = 100;
+/// Ticks in a window of a tenth of a second.
+#[expect(clippy::cast_possible_truncation, reason = "at most 10 000 of them")]
+const HALF_TICKS: u16 = (100_000 / TICK_US) as u16;
 /// Share of the nominal supply by which the ramp rises, 1/s.
 const RAMP_SHARE: f32 = 0.1;
 /// Largest share of the nominal supply.

@@ -4,7 +4,7 @@
 //! stays dark. So every build made here is checked before anyone uses it.
 
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, bail};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
@@ -21,22 +21,41 @@ const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
 const BINARY: &str = "omnibus-firmware";
 
 /// Builds the release image for the board and returns its path.
-///
-/// The image with fixed-point kinematics is built in a folder of its own, so that nobody finds it where the one that
-/// ships is expected.
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
+    match scalar {
+        Scalar::F32 => build_as(|_| ()),
+        Scalar::Fixed => build_variant(|command| {
+            command.args(["--features", "fixed-point"]);
+        }),
+    }
+}
+
+/// Builds an image whose control tick has another period than a millisecond, to measure with.
+pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
+    build_variant(|command| {
+        command.env("OMNIBUS_TICK_US", period_us.to_string());
+    })
+}
+
+/// An image that is not the one that ships. It has a folder of its own, where nobody expects that one.
+fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
+    build_as(|command| {
+        command
+            .arg("--target-dir")
+            .arg(cargo::target_folder().join("variants"));
+        change(command);
+    })
+}
+
+fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     cargo::ensure_target()?;
     let mut command = cargo::command();
     command
         .args(["build", "--release", "--package", BINARY, "--bin", BINARY])
         .args(["--target", cargo::TARGET])
-        .arg("--message-format=json-render-diagnostics");
-    if scalar == Scalar::Fixed {
-        let folder = cargo::target_folder().join("fixed-point");
-        command
-            .args(["--features", "fixed-point", "--target-dir"])
-            .arg(folder);
-    }
+        .arg("--message-format=json-render-diagnostics")
+        .env_remove("OMNIBUS_TICK_US");
+    change(&mut command);
     let output = command
         .stderr(Stdio::inherit())
         .output()

@@ -115,7 +115,7 @@ impl Live {
             clock,
             bus,
             control: ControlSide::new(),
-            next_tick: Micros(TICK_US),
+            next_tick: Micros(TICK_US.into()),
             phase: TickPhase::new(),
             sync: None,
             outputs: Outputs::SAFE,

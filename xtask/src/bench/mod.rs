@@ -16,6 +16,7 @@ mod image;
 mod kernels;
 mod latency;
 pub mod profile;
+mod rate;
 mod running;
 mod tracking;
 mod watched;
@@ -72,6 +73,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let alone = GroupFile::load(cargo::root().join(ALONE))?;
     let mut figures = kernels::figures()?;
     figures.extend(running::figures(&group, &image)?);
+    let calculated = figures
+        .iter()
+        .find(|figure| figure.name == running::CALCULATED_RATE)
+        .context("no calculated rate")?
+        .value;
+    figures.push(rate::figure(&group, calculated)?);
     figures.push(running::ready(&group, &image)?);
     figures.extend(latency::figures(&group, &image)?);
     figures.extend(image::figures(&elf, &image)?);

@@ -13,11 +13,15 @@ use super::figure::Figure;
 
 /// Time of driving that is looked at, ms.
 const MEASURED_MS: u64 = 1_000;
+/// Name of the rate of the tick at which no time would be left.
+pub const CALCULATED_RATE: &str = "tick.rate.calculated";
+/// The control tick.
+pub const TICK: &str = "ControlSide::tick";
 /// Core clock, cycles in a microsecond.
-const CYCLES_PER_US: f64 = 180.0;
+pub const CYCLES_PER_US: f64 = 180.0;
 
-/// Address of the function whose name ends so, without the compiler's hash.
-fn function(firmware: &Firmware, name: &str) -> anyhow::Result<u32> {
+/// Address of the function whose name has this in it.
+pub fn function(firmware: &Firmware, name: &str) -> anyhow::Result<u32> {
     let found = firmware
         .functions()
         .iter()
@@ -58,7 +62,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         truth_period_ns: 0,
         ..Options::default()
     };
-    let tick = function(firmware, "ControlSide::tick")?;
+    let tick = function(firmware, TICK)?;
     let handle = function(firmware, "canopen::device::Device::handle")?;
     let mut driving = Driving::new(group, firmware, options)?;
     let node = group.robots.first().context("no robots")?.node;
@@ -142,11 +146,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let own_us = control as f64 / (MEASURED_MS as f64) / CYCLES_PER_US;
     figures.push(Figure {
         better: super::figure::Better::Higher,
-        ..Figure::new(
-            "tick.rate.calculated",
-            ((1e3 - rest_us) / own_us).floor(),
-            "kHz",
-        )
+        ..Figure::new(CALCULATED_RATE, ((1e3 - rest_us) / own_us).floor(), "kHz")
     });
 
     let begins: Vec<f64> = ticks.iter().map(|call| call.began as f64).collect();
