@@ -5,8 +5,9 @@ use core::hint::black_box;
 use fixed::types::I16F16;
 use kinematics::arithmetic::sin_cos;
 use kinematics::{
-    AxisTable, FourWheelGeometry, GridCompensation, MemberKinematics, Mount, Odometry, Pose,
-    SpeedCompensation, Twist, VelocityCompensation, WheelRates, desaturate,
+    AxisTable, FixedPhaseMember, FixedSecant, FourWheelGeometry, GridCompensation,
+    MemberKinematics, Mount, Odometry, PhaseMember, Pose, RollerAngle, Secant, SpeedCompensation,
+    Twist, VelocityCompensation, WheelRates, desaturate,
 };
 use motion::wheel::{Gains, WheelLoop, WheelReference};
 
@@ -61,6 +62,41 @@ fn fixed_inverse(k: &Fixed, twist: &Twist<I16F16>, out: &mut WheelRates<I16F16>)
     *out = k.inverse(*twist);
 }
 
+/// The secants of four wheels, which the tick works out once for everything that needs them.
+#[inline(never)]
+fn secants_phase(secant: &Secant, angles: &[RollerAngle; 4], out: &mut [f32; 4]) {
+    *out = angles.map(|angle| secant.at(angle));
+}
+
+#[inline(never)]
+fn inverse_phase(k: &PhaseMember, asked: &(Twist, [f32; 4]), out: &mut WheelRates) {
+    *out = k.inverse(asked.0, &asked.1);
+}
+
+#[inline(never)]
+fn forward_phase(k: &PhaseMember, seen: &(WheelRates, [f32; 4]), out: &mut (Twist, f32)) {
+    *out = k.measure(&seen.0, &seen.1);
+}
+
+#[inline(never)]
+fn fixed_secants_phase(secant: &FixedSecant, angles: &[RollerAngle; 4], out: &mut [i32; 4]) {
+    *out = angles.map(|angle| secant.at(angle));
+}
+
+#[inline(never)]
+fn fixed_inverse_phase(k: &FixedPhaseMember, asked: &(Twist, [i32; 4]), out: &mut WheelRates) {
+    *out = k.inverse(asked.0, &asked.1);
+}
+
+#[inline(never)]
+fn fixed_forward_phase(
+    k: &FixedPhaseMember,
+    seen: &(WheelRates, [i32; 4]),
+    out: &mut (Twist, f32),
+) {
+    *out = k.measure(&seen.0, &seen.1);
+}
+
 /// Numbers from -1 to 1, the same ones every time (Numerical Recipes' generator).
 struct Spread(u32);
 
@@ -70,8 +106,47 @@ impl Spread {
         (self.0 >> 8) as f32 / 8_388_608.0 - 1.0
     }
 
+    fn angle(&mut self) -> RollerAngle {
+        RollerAngle::from_bits((self.next() * 2_147_483_648.0) as i32)
+    }
+
     fn twist(&mut self) -> Twist {
         Twist::new(2.0 * self.next(), 2.0 * self.next(), self.next())
+    }
+}
+
+/// What computes with roller angles: single precision, then fixed point.
+struct Rollers {
+    single: (PhaseMember, Secant),
+    fixed: (FixedPhaseMember, FixedSecant),
+}
+
+impl Rollers {
+    fn new(
+        geometry: &FourWheelGeometry,
+        mount: &Mount,
+        slip: &VelocityCompensation,
+    ) -> Option<Self> {
+        let secant = Secant::for_count(8).ok()?;
+        let fixed = FixedPhaseMember::new(geometry, mount, slip).ok()?;
+        Some(black_box(Self {
+            single: (PhaseMember::new(geometry, mount, slip), secant),
+            fixed: (fixed, FixedSecant::new(&secant).ok()?),
+        }))
+    }
+
+    fn calls(&self, twist: Twist, angles: &[RollerAngle; 4]) {
+        let (mut rates, mut back) = (WheelRates::ZERO, (Twist::ZERO, 0.0));
+        let (k, secant) = &self.single;
+        let mut secants = [0.0; 4];
+        secants_phase(secant, angles, black_box(&mut secants));
+        inverse_phase(k, black_box(&(twist, secants)), black_box(&mut rates));
+        forward_phase(k, black_box(&(rates, secants)), black_box(&mut back));
+        let (k, secant) = &self.fixed;
+        let mut secants = [0; 4];
+        fixed_secants_phase(secant, angles, black_box(&mut secants));
+        fixed_inverse_phase(k, black_box(&(twist, secants)), black_box(&mut rates));
+        fixed_forward_phase(k, black_box(&(rates, secants)), black_box(&mut back));
     }
 }
 
@@ -94,6 +169,7 @@ fn calls() -> Option<()> {
         yaw: axis(&[(0.2, 1.018), (0.5, 1.02), (1.0, 1.021)])?,
     }));
     let mut odometry = black_box(Odometry::new());
+    let rollers = Rollers::new(&geometry, &mount, &slip)?;
     let mut wheel = black_box(WheelLoop::new(Gains {
         static_friction: 0.4,
         speed: 0.8,
@@ -129,6 +205,8 @@ fn calls() -> Option<()> {
         let narrow = black_box(twist.convert::<I16F16>());
         let mut fixed_rates = WheelRates::from([I16F16::ZERO; 4]);
         fixed_inverse(&fixed, &narrow, black_box(&mut fixed_rates));
+        let angles = black_box([0; 4].map(|_| spread.angle()));
+        rollers.calls(twist, &angles);
     }
     Some(())
 }

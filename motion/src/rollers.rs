@@ -75,7 +75,7 @@ mod scalar {
     pub use kinematics::FixedPhaseMember as Wheels;
     /// Secants of a wheel.
     pub type Secant = kinematics::FixedSecant;
-    /// One of them, with 26 fractional bits.
+    /// One of them, with [`kinematics::FixedSecant::FRACTION`] fractional bits.
     pub type Value = i32;
 
     use kinematics::{FourWheelGeometry, GeometryError, Mount, VelocityCompensation};
@@ -88,7 +88,7 @@ mod scalar {
         Secant::new(&kinematics::Secant::<f32>::for_count(rollers)?)
     }
 
-    /// `share` of `whole` from one to the other. Secants differ by less than 2^26, so a share of 64 fits.
+    /// `share` of `whole` from one to the other. Divided first, so that any share fits.
     #[inline]
     pub const fn between(from: Value, to: Value, share: u16, whole: u16) -> Value {
         from + (to - from) / whole as i32 * share as i32
@@ -96,7 +96,7 @@ mod scalar {
 
     #[inline]
     pub const fn middle(a: Value, b: Value) -> Value {
-        (a + b) / 2
+        a + (b - a) / 2
     }
 }
 
@@ -508,7 +508,7 @@ mod tests {
     /// A secant as a number.
     fn number(value: Value) -> f32 {
         #[cfg(feature = "fixed-point")]
-        return value as f32 / (1 << 26) as f32;
+        return value as f32 / (1 << kinematics::FixedSecant::FRACTION) as f32;
         #[cfg(not(feature = "fixed-point"))]
         value
     }

@@ -10,6 +10,7 @@
 
 mod fixed_point;
 mod float;
+pub(crate) mod high_word;
 mod root;
 mod trig;
 

@@ -1,31 +1,63 @@
 //! [`super::PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 //!
-//! Values are `I16F16` as in [`FixedMember`](crate::FixedMember); secants have 26 fractional bits. The one division
-//! of the way back is a 32-bit one for the upper half of the digits and a Newton step for the lower, so no 64-bit
-//! division is called.
-
-use fixed::types::I16F16;
+//! Every product keeps its upper word only ([`high_word`]), so numbers are scaled for what they are multiplied with:
+//!
+//! | | fractional bits | |
+//! |---|---|---|
+//! | twist asked for | 25 | ends at ±64 m/s and rad/s |
+//! | secant | 29 | below 4 |
+//! | sideways parts (front, rear) | 14 or more | as the robot's matrix leaves room for, see [`Folded`] |
+//! | wheel rates out | 3 less | a product with a secant has that many less |
+//! | wheel rates in and their sums | 16 | saturate at ±32768 rad/s |
+//! | a pair's secants with k | 27 | below 16 |
+//! | determinant | 22 | 4 to 105, as each secant is at least 1 |
+//! | its reciprocal | 32 | |
+//! | what a pair's rates are multiplied with | 32 | below a half |
+//! | twist found | as the robot's matrix leaves room for | |
+//!
+//! What comes out of the forward direction is saturated where a sum of rates can leave its range, and wraps nowhere.
+//!
+//! # Error
+//!
+//! Rates: two and a half of their steps, which are at most 2^-21 of the largest rate that all axes at one unit ask for,
+//! and 2^-25 of input times the row. For wheels of 0.15 m that is 1e-5 rad/s on the robot itself.
+//!
+//! Twist: half a step of 2^-16 rad/s for each rate and each sum, 2^-14 rad/s for what leans, times what a rate means on
+//! that axis; three halves of its own step, which is at most 2^-15 of the sum of the longest row; and 2^-24 of itself
+//! from the reciprocal and the determinant. The reciprocal's seed is good to 2^-13 (16 bits of the determinant, 14 of
+//! the quotient) and its one Newton step squares that.
 
 use super::angle::RollerAngle;
 use super::member::PhaseMember;
 use super::secant::Secant;
+use crate::arithmetic::high_word::{dot, minus_product, plus_product, product};
 use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;
 use crate::error::GeometryError;
-use crate::fixed_member::{FINE, fixed_rates, fixed_twist, single, single_rates};
+use crate::fixed_member::FINE;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
 use crate::mount::Mount;
 
-/// Fractional bits of a secant and of its polynomial.
-const SECANT: u32 = 26;
-/// Of sums of secants.
-const SUM: u32 = 24;
-/// Of what a pair's rates are multiplied with on the way back.
-const SOLVE: u32 = 30;
-/// Of the matrix to the wheels and of the one back, as in [`crate::WheelKinematics`].
-const TO_WHEELS: u32 = 20;
-const TO_GROUP: u32 = 28;
+/// Fractional bits, as in the table above.
+const TWIST: u32 = 25;
+const RATE: u32 = 16;
+const SUM: u32 = 27;
+/// Of the higher coefficients of a secant's polynomial, which at three rollers pass 16.
+const POWERS: u32 = 26;
+/// What a product with a secant has less.
+const LEAN: u32 = 32 - FixedSecant::FRACTION;
+/// Left over by the reciprocal, so that what is multiplied with it has 32 fractional bits.
+const SOLVE: u32 = 5;
+
+/// Largest secant, with room for what the polynomial is off by at three rollers.
+const SECANT_MAX: f64 = 2.01;
+/// What [`PhaseMember`] calls k: large enough for a pair's own part to stay below a half, small enough to fit beside
+/// the secants of a pair.
+const HALF_TRACK_MIN: f64 = 1e-3;
+const HALF_TRACK_MAX: f64 = 11.0;
+/// Fewest fractional bits of a wheel rate. The wheel is so small then that a step is some 1e-5 m/s at its rim.
+const RATE_MIN: u32 = 11;
 
 /// [`Secant`] in fixed point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +67,9 @@ pub struct FixedSecant {
 }
 
 impl FixedSecant {
+    /// Fractional bits of a secant.
+    pub const FRACTION: u32 = 29;
+
     /// The same rollers in fixed point.
     ///
     /// # Errors
@@ -42,48 +77,44 @@ impl FixedSecant {
     /// [`GeometryError::Range`] when a coefficient does not fit, which no wheel of three rollers or more causes.
     pub fn new<S: Real>(secant: &Secant<S>) -> Result<Self, GeometryError> {
         let [k0, k1, k2, k3] = secant.powers().map(Scalar::widen);
+        let higher = |value| scaled(value, POWERS);
         Ok(Self {
-            powers: [bits(k0)?, bits(k1)?, bits(k2)?, bits(k3)?],
-            unknown: bits(secant.unknown().widen())?,
+            powers: [
+                scaled(k0, Self::FRACTION)?,
+                higher(k1)?,
+                higher(k2)?,
+                higher(k3)?,
+            ],
+            unknown: scaled(secant.unknown().widen(), Self::FRACTION)?,
         })
     }
 
-    /// `sec(sweep)`, with 26 fractional bits.
+    /// `sec(sweep)`, with [`FixedSecant::FRACTION`] fractional bits.
     #[must_use]
     #[inline]
     pub const fn at(&self, angle: RollerAngle) -> i32 {
-        let x = angle.to_bits() as i64;
+        let x = angle.to_bits();
         // At most 2^30: a quarter, with 32 fractional bits.
-        let z = high(x * x);
+        let z = product(x, x);
         let [k0, k1, k2, k3] = self.powers;
-        let sum = k2 + high(z as i64 * k3 as i64);
-        let sum = k1 + high(z as i64 * sum as i64);
-        k0 + high(z as i64 * sum as i64)
+        let sum = plus_product(k1, z, plus_product(k2, z, k3));
+        k0.wrapping_add(product(z, sum) << (Self::FRACTION - POWERS))
     }
 
-    /// What stands for the secant of a wheel whose angle is not known, with 26 fractional bits.
+    /// What stands for the secant of a wheel whose angle is not known, with as many fractional bits.
     #[must_use]
     pub const fn unknown(&self) -> i32 {
         self.unknown
     }
 }
 
-/// The upper word.
-const fn high(wide: i64) -> i32 {
-    (wide >> 32) as i32
-}
-
-/// A number as an integer with [`SECANT`] fractional bits.
-fn bits(value: f64) -> Result<i32, GeometryError> {
-    scaled::<SECANT>(value)
-}
-
+/// A number as an integer with that many fractional bits.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "checked to be within the range"
 )]
-fn scaled<const SHIFT: u32>(value: f64) -> Result<i32, GeometryError> {
-    let wide = libm::round(value * f64::from(1_u32 << SHIFT));
+fn scaled(value: f64, fraction: u32) -> Result<i32, GeometryError> {
+    let wide = libm::round(value * power(fraction));
     if wide.abs() < f64::from(i32::MAX) {
         Ok(wide as i32)
     } else {
@@ -91,7 +122,34 @@ fn scaled<const SHIFT: u32>(value: f64) -> Result<i32, GeometryError> {
     }
 }
 
-/// [`PhaseMember`] in `I16F16`, with `f32` in and out.
+/// 2 to the power of something.
+fn power(exponent: u32) -> f64 {
+    libm::scalbn(1.0, exponent.cast_signed())
+}
+
+/// Rows of a matrix with as many fractional bits as leave room for their products.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Folded<const M: usize> {
+    rows: [[i32; 3]; M],
+    /// A step of the result.
+    step: f32,
+}
+
+/// The most fractional bits with which nothing of this size reaches 2^32; `None` below `least`.
+fn fraction(size: f64, least: u32) -> Option<u32> {
+    (least..=40)
+        .rev()
+        .find(|bits| size * power(*bits) < power(32))
+}
+
+/// The size of what a row gives when no input exceeds 2^31, over 2^31; and of its largest coefficient, which has to fit
+/// an `i32`.
+fn size(row: &[f64; 3]) -> f64 {
+    let [a, b, c] = row.map(f64::abs);
+    (a + b + c).max(2.0 * a.max(b).max(c))
+}
+
+/// [`PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 ///
 /// ```
 /// use mecanum_kinematics::{
@@ -109,10 +167,14 @@ fn scaled<const SHIFT: u32>(value: f64) -> Result<i32, GeometryError> {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FixedPhaseMember {
-    to_wheels: [[i32; 3]; 4],
-    to_group: [[i32; 3]; 3],
-    /// With [`SUM`] fractional bits.
-    spread: i32,
+    /// Left, right, front, rear: X - B, X + B, Y + W, Y - W.
+    to_wheels: Folded<4>,
+    /// vx, vy, omega for a unit of 4 X, F, R.
+    to_group: Folded<3>,
+    /// B for a unit of W, with [`SUM`] fractional bits.
+    half_track: i32,
+    /// Its square with the opposite sign, as a product of two sums.
+    minus_square: i32,
 }
 
 impl FixedPhaseMember {
@@ -120,51 +182,45 @@ impl FixedPhaseMember {
     ///
     /// # Errors
     ///
-    /// [`GeometryError::Range`] when the matrices do not fit, as [`FixedMember::new`](crate::FixedMember::new), or
-    /// for a track of more than some dozens of wheelbases.
+    /// [`GeometryError::Range`] when steps of a wheel rate would be coarser than 2^-11 rad/s, which takes some 2000 rad/s of
+    /// one wheel for 1 m/s or 1 rad/s of the group; or for a track that is out of all proportion to the wheelbase: more than
+    /// eleven times as wide at 45 degrees, or less than a thousandth.
     pub fn new<S: Real>(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
         compensation: &VelocityCompensation<S>,
     ) -> Result<Self, GeometryError> {
         let member = PhaseMember::new(geometry, mount, compensation);
-        let (x, y, w, turn) = member.rows();
-        let to = |row: [S; 3]| {
-            I16F16::row::<TO_WHEELS, 3>(row.map(Scalar::widen)).ok_or(GeometryError::Range)
-        };
-        let from = |row: [S; 3]| {
-            I16F16::row::<TO_GROUP, 3>(row.map(Scalar::widen)).ok_or(GeometryError::Range)
-        };
-        let [vx, vy, omega] = *member.rows_back();
-        let spread = member.spread().widen();
-        // Sums of secants of up to 16 have to fit beside it.
-        if spread > 100.0 {
+        let half_track = member.half_track().widen();
+        if !(HALF_TRACK_MIN..=HALF_TRACK_MAX).contains(&half_track) {
             return Err(GeometryError::Range);
         }
         Ok(Self {
-            to_wheels: [to(x)?, to(y)?, to(w)?, to(turn)?],
-            to_group: [from(vx)?, from(vy)?, from(omega)?],
-            spread: scaled::<SUM>(spread)?,
+            to_wheels: to_wheels(&member)?,
+            to_group: to_group(&member)?,
+            half_track: scaled(half_track, SUM)?,
+            minus_square: scaled(-half_track * half_track, 2 * SUM - 32)?,
         })
     }
 
-    /// Wheel rates (rad/s) that make the group move with this twist (group frame) while the wheels have these
-    /// secants (26 fractional bits).
+    /// Wheel rates (rad/s) that make the group move with this twist (group frame; each component within ±64) while
+    /// the wheels have these secants ([`FixedSecant::FRACTION`] fractional bits).
     #[must_use]
     #[inline]
     pub fn inverse(&self, group: Twist, secants: &[i32; 4]) -> WheelRates {
-        let group = fixed_twist(group);
-        let twist = [group.vx, group.vy, group.omega];
-        let [x, y, w, turn] = I16F16::product::<TO_WHEELS, false, 3, 4>(&self.to_wheels, &twist);
-        let (front, rear) = (y.saturating_add(w), y.saturating_sub(w));
+        const STEPS: f32 = (1 << TWIST) as f32;
+        let twist = [group.vx, group.vy, group.omega].map(|value| cut(value, STEPS));
+        let [left, right, front, rear] = &self.to_wheels.rows;
+        let (left, right) = (dot(left, &twist), dot(right, &twist));
+        let (front, rear) = (dot(front, &twist), dot(rear, &twist));
         let [fl, fr, rl, rr] = *secants;
-        let (left, right) = (x.saturating_sub(turn), x.saturating_add(turn));
-        single_rates(WheelRates {
-            front_left: left.saturating_sub(leaning(fl, front)),
-            front_right: right.saturating_add(leaning(fr, front)),
-            rear_left: left.saturating_add(leaning(rl, rear)),
-            rear_right: right.saturating_sub(leaning(rr, rear)),
-        })
+        let single = |rate| single(rate, self.to_wheels.step);
+        WheelRates {
+            front_left: single(minus_product(left, fl, front)),
+            front_right: single(plus_product(right, fr, front)),
+            rear_left: single(plus_product(left, rl, rear)),
+            rear_right: single(minus_product(right, rr, rear)),
+        }
     }
 
     /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the slip residual, as
@@ -172,41 +228,49 @@ impl FixedPhaseMember {
     #[must_use]
     #[inline]
     pub fn measure(&self, rates: &WheelRates, secants: &[i32; 4]) -> (Twist, f32) {
-        let WheelRates {
-            front_left: fl,
-            front_right: fr,
-            rear_left: rl,
-            rear_right: rr,
-        } = fixed_rates(rates);
+        const STEPS: f32 = (1 << RATE) as f32;
+        let ([vx, vy, omega], residual) = self.solve(rates, STEPS, secants);
+        let step = self.to_group.step;
+        let twist = Twist {
+            vx: single(vx, step),
+            vy: single(vy, step),
+            omega: single(omega, step),
+        };
+        (twist, single(residual, 0.5 / STEPS))
+    }
+
+    /// Steps of the twist, and the difference of the front and the rear pair in steps of a wheel rate.
+    #[inline]
+    fn solve(&self, rates: &WheelRates, steps: f32, secants: &[i32; 4]) -> ([i32; 3], i32) {
+        let [fl, fr, rl, rr] = <[f32; 4]>::from(*rates).map(|rate| nearest(rate, steps));
         let [s_fl, s_fr, s_rl, s_rr] = *secants;
-        // Secants are at most 2 in 28 bits: no sum of four overflows once it is cut to SUM.
-        let cut = SECANT - SUM;
-        let (a, b) = ((s_fl + s_fr) >> cut, (s_rl + s_rr) >> cut);
-        let (sum, difference) = (a + b, a - b);
-        let wide = self.spread + sum;
-        let product = |a: i32, b: i32| i64::from(a).wrapping_mul(i64::from(b));
-        let determinant = product(sum, wide).wrapping_sub(product(difference, difference));
-        let solve = Reciprocal::new(determinant);
-        let (along, across, about) = (solve.times(wide), solve.times(difference), solve.times(sum));
-        let front = fr.saturating_sub(fl);
-        let rear = rl.saturating_sub(rr);
-        let pairs = [front.saturating_add(rear), front.saturating_sub(rear)];
-        let y = I16F16::dot::<SOLVE, true, 2>(&[along, -across], &pairs);
-        let w = I16F16::dot::<SOLVE, true, 2>(&[-across, about], &pairs);
-        let lean_front = leaning(s_fr - s_fl, y.saturating_add(w));
-        let lean_rear = leaning(s_rl - s_rr, y.saturating_sub(w));
+        // Two secants fill 31 bits, and at three rollers a little more.
+        let pair = |a: i32, b: i32| {
+            let sum = a.cast_unsigned().wrapping_add(b.cast_unsigned());
+            let sum = sum >> (FixedSecant::FRACTION - SUM);
+            self.half_track.wrapping_add(sum.cast_signed())
+        };
+        let (a, b) = (pair(s_fl, s_fr), pair(s_rl, s_rr));
+        let inverse = reciprocal(plus_product(self.minus_square, a, b));
+        let [own_front, own_rear, other] =
+            [b, a, self.half_track].map(|entry| product(entry, inverse) << SOLVE);
+        let (front, rear) = (fr.saturating_sub(fl), rl.saturating_sub(rr));
+        let front_side = plus_product(product(front, own_front), rear, other);
+        let rear_side = plus_product(product(rear, own_rear), front, other);
+        // Both are at most half of the rates' range, so what uneven secants make of them does not overflow.
+        let lean = |secants: i32, side: i32| product(secants, side) << LEAN;
+        let lean_front = lean(s_fr.wrapping_sub(s_fl), front_side);
+        let lean_rear = lean(s_rl.wrapping_sub(s_rr), rear_side);
         let ahead = fl.saturating_add(fr).saturating_sub(lean_front);
         let behind = rl.saturating_add(rr).saturating_sub(lean_rear);
-        let unknowns = [ahead.saturating_add(behind), y, w];
-        let [vx, vy, omega] = I16F16::product::<TO_GROUP, true, 3, 3>(&self.to_group, &unknowns);
-        (
-            Twist {
-                vx: single(vx),
-                vy: single(vy),
-                omega: single(omega),
-            },
-            0.5 * single(ahead.saturating_sub(behind)),
-        )
+        let unknowns = [ahead.saturating_add(behind), front_side, rear_side];
+        let [vx, vy, omega] = &self.to_group.rows;
+        let twist = [
+            dot(vx, &unknowns),
+            dot(vy, &unknowns),
+            dot(omega, &unknowns),
+        ];
+        (twist, ahead.saturating_sub(behind))
     }
 
     /// The twist alone.
@@ -221,57 +285,117 @@ impl FixedPhaseMember {
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, secants: &[i32; 4]) -> Twist {
-        let scaled = <[f32; 4]>::from(*increments).map(|angle| angle * FINE);
-        self.forward(&WheelRates::from(scaled), secants) * (1.0 / FINE)
-    }
-}
-
-/// A value times a secant or a difference of two, to the nearest step.
-#[inline]
-fn leaning(secant: i32, value: I16F16) -> I16F16 {
-    I16F16::dot::<SECANT, true, 1>(&[secant], &[value])
-}
-
-/// The reciprocal of a determinant.
-#[derive(Clone, Copy)]
-struct Reciprocal {
-    /// `2^63 / determinant` once that is shifted left until its top bit is bit 31.
-    value: u32,
-    shift: u32,
-}
-
-impl Reciprocal {
-    /// Of a number above zero with twice [`SUM`] fractional bits.
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "what is cast fits by construction, as the comments say"
-    )]
-    #[inline]
-    fn new(determinant: i64) -> Self {
-        // A determinant is at least 16 (four secants of 1) and at most some thousands.
-        let word = (determinant >> (2 * SUM - 20)) as u32;
-        let lead = word.leading_zeros();
-        let norm = word.wrapping_shl(lead) | 1;
-        // Sixteen bits by division, the rest by one Newton step; from 2^31 to 2^32 - 1.
-        let guess = u64::from(u32::MAX / (norm >> 16).wrapping_add(1)) << 15;
-        let error = (1_u64 << 63).wrapping_sub(guess.wrapping_mul(u64::from(norm)));
-        let value = guess.wrapping_add(guess.wrapping_mul(error >> 31) >> 32);
-        Self {
-            value: value.min(u64::from(u32::MAX)) as u32,
-            shift: lead,
+        const STEPS: f32 = FINE * (1 << RATE) as f32;
+        let ([vx, vy, omega], _) = self.solve(increments, STEPS, secants);
+        let step = self.to_group.step * (1.0 / FINE);
+        Twist {
+            vx: single(vx, step),
+            vy: single(vy, step),
+            omega: single(omega, step),
         }
     }
+}
 
-    /// A number with [`SUM`] fractional bits over the determinant, with [`SOLVE`].
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "at most a quarter: a sum of secants over the other sum's product with it"
-    )]
-    #[inline]
-    fn times(self, number: i32) -> i32 {
-        // 1 / determinant = 2^(20 + lead) value / 2^63.
-        let product = i64::from(number).wrapping_mul(i64::from(self.value));
-        (product >> (SUM + 63 - 20 - SOLVE - self.shift)) as i32
+fn to_wheels<S: Real>(member: &PhaseMember<S>) -> Result<Folded<4>, GeometryError> {
+    let (x, y, w, turn) = member.rows();
+    let sum = |a: &[S; 3], b: &[S; 3], sign: f64| {
+        let ([a, b, c], [d, e, f]) = (a.map(Scalar::widen), b.map(Scalar::widen));
+        [a + sign * d, b + sign * e, c + sign * f]
+    };
+    let (left, right) = (sum(&x, &turn, -1.0), sum(&x, &turn, 1.0));
+    let (front, rear) = (sum(&y, &w, 1.0), sum(&y, &w, -1.0));
+    // What turns with the wheel has `LEAN` bits less, in which the whole rate has to fit.
+    let sideways = size(&front).max(size(&rear));
+    let rate = size(&left).max(size(&right)) + SECANT_MAX * sideways;
+    let bits = fraction(
+        sideways.max(rate / power(LEAN)),
+        32 + LEAN + RATE_MIN - TWIST,
+    )
+    .ok_or(GeometryError::Range)?;
+    let row = |row: [f64; 3], bits: u32| {
+        let [a, b, c] = row;
+        Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?])
+    };
+    Ok(Folded {
+        rows: [
+            row(left, bits - LEAN)?,
+            row(right, bits - LEAN)?,
+            row(front, bits)?,
+            row(rear, bits)?,
+        ],
+        step: step(bits + TWIST - 32 - LEAN),
+    })
+}
+
+fn to_group<S: Real>(member: &PhaseMember<S>) -> Result<Folded<3>, GeometryError> {
+    let rows = member.rows_back().map(|row| row.map(Scalar::widen));
+    let largest = rows.iter().map(size).fold(0.0, f64::max);
+    let bits = fraction(largest, 32 - RATE).ok_or(GeometryError::Range)?;
+    let [vx, vy, omega] = rows;
+    let row = |[a, b, c]: [f64; 3]| Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?]);
+    Ok(Folded {
+        rows: [row(vx)?, row(vy)?, row(omega)?],
+        step: step(bits + RATE - 32),
+    })
+}
+
+/// A step of a number with that many fractional bits.
+#[expect(clippy::cast_possible_truncation, reason = "a power of two is exact")]
+fn step(bits: u32) -> f32 {
+    (1.0 / power(bits)) as f32
+}
+
+/// Whole steps, towards zero; the ends for what lies beyond, zero for a NaN.
+#[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
+#[inline]
+fn cut(value: f32, steps: f32) -> i32 {
+    (value * steps) as i32
+}
+
+/// The nearest step.
+#[inline]
+fn nearest(value: f32, steps: f32) -> i32 {
+    cut(value * steps + 0.5_f32.copysign(value), 1.0)
+}
+
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "rounded to the 24 bits an f32 has"
+)]
+#[inline]
+fn single(value: i32, step: f32) -> f32 {
+    value as f32 * step
+}
+
+/// `2^54` over a determinant of 2^24 to 2^29.
+#[inline]
+const fn reciprocal(determinant: i32) -> i32 {
+    // The lowest bit is set: half a step on average, and never zero.
+    let divisor = determinant.cast_unsigned() >> 10 | 1;
+    let quotient = (u32::MAX / divisor).cast_signed();
+    // Of `determinant quotient = 2^42 (1 - error)` the lower word is all that is not known beforehand: the error is
+    // below 2^-11.
+    let error = determinant.wrapping_mul(quotient);
+    let guess = quotient << 12;
+    guess.wrapping_sub(product(guess, error) >> 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 2^-26 of itself, and half a step.
+    #[test]
+    fn reciprocal_is_as_good_as_it_says() {
+        for step in 0..100_000 {
+            // 4 to 105, evenly on a logarithmic scale.
+            let determinant = scaled(4.0 * 26.25_f64.powf(f64::from(step) / 1e5), 22).unwrap();
+            let exact = 18_014_398_509_481_984.0 / f64::from(determinant);
+            let error = f64::from(reciprocal(determinant)) - exact;
+            assert!(
+                error.abs() < exact / 67_108_864.0 + 0.5,
+                "{determinant}: {error}"
+            );
+        }
     }
 }

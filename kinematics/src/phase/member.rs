@@ -11,19 +11,22 @@
 //!
 //! # The way back
 //!
-//! Four equations for three unknowns. They are added up with the signs of the ideal robot's columns,
+//! Four equations for three unknowns. With `F = Y + W` and `R = Y - W`, what the pairs of wheels see sideways, their
+//! sums and differences are
 //!
 //! ```text
-//! E1 = fl + fr + rl + rr = 4 X + (s_fr - s_fl)(Y + W) + (s_rl - s_rr)(Y - W)
-//! E2 = fr + rl - fl - rr = (a + b) Y + (a - b) W                 a = s_fl + s_fr, b = s_rl + s_rr
-//! E3 = fr + rr - fl - rl = (a - b) Y + (k + a + b) W             k = 4 w / (h cot g)
+//! fr - fl =  (k + a) F - k R         a = s_fl + s_fr        k = w / (h cot g), B = k W
+//! rl - rr = -k F + (k + b) R         b = s_rl + s_rr
+//! fl + fr = 2 X + (s_fr - s_fl) F
+//! rl + rr = 2 X + (s_rl - s_rr) R
 //! ```
 //!
-//! of which the last two are solved by one division and the first follows. That is exact for whatever a rigid motion
-//! does to the wheels, and it is least squares when the secants are equal. When they are not, it is least squares but
-//! for the small difference between the ideal columns and the actual ones: the variance is at most 0.4 % above least
-//! squares' at eight rollers (tested), and solving costs a third. What is left of the rates lies along
-//! `(1, 1, -1, -1)` exactly, so the slip residual keeps its meaning whatever the rollers do.
+//! The first two are solved for F and R by one division, and the mean of the last two is X. That is the solution with
+//! the ideal robot's columns as instruments: exact for whatever a rigid motion does to the wheels, and least squares
+//! when the secants are equal. When they are not, it is least squares but for the small difference between the ideal
+//! columns and the actual ones: the variance is at most 0.4 % above least squares' at eight rollers (tested), and
+//! solving costs a third. What is left of the rates lies along `(1, 1, -1, -1)` exactly, so the slip residual keeps
+//! its meaning whatever the rollers do.
 
 use crate::arithmetic::Real;
 use crate::compensation::VelocityCompensation;
@@ -52,12 +55,10 @@ use crate::mount::Mount;
 pub struct PhaseMember<S = f32> {
     /// Rows X, Y, W for a unit of the group twist.
     to_wheels: [[S; 3]; 3],
-    /// Rows vx, vy, omega of the group twist for a unit of 4 X, Y, W.
+    /// Rows vx, vy, omega of the group twist for a unit of 4 X, F, R.
     to_group: [[S; 3]; 3],
-    /// B for a unit of W: `w / (h cot g)`.
+    /// k: B for a unit of W.
     half_track: S,
-    /// k, four times that.
-    spread: S,
 }
 
 /// What the wheels have to do: the parts the rollers do not change.
@@ -91,11 +92,11 @@ impl<S: Real> PhaseMember<S> {
         let asked = axes.map(|axis| compensation.apply(mount.to_member(axis)));
         let [a, b, c] = asked;
         let [sx, sy, sw] = scale;
-        let quarter = S::constant(0.25);
+        let (half, quarter) = (S::constant(0.5), S::constant(0.25));
         let meant = [
             Twist::new(quarter / sx, zero, zero),
-            Twist::new(zero, one / sy, zero),
-            Twist::new(zero, zero, one / sw),
+            Twist::new(zero, half / sy, half / sw),
+            Twist::new(zero, half / sy, -half / sw),
         ]
         .map(|axis| mount.to_group(compensation.remove(axis)));
         let [p, q, t] = meant;
@@ -112,7 +113,6 @@ impl<S: Real> PhaseMember<S> {
                 [p.omega, q.omega, t.omega],
             ],
             half_track,
-            spread: half_track * S::constant(4.0),
         }
     }
 
@@ -126,8 +126,8 @@ impl<S: Real> PhaseMember<S> {
         &self.to_group
     }
 
-    pub(super) const fn spread(&self) -> S {
-        self.spread
+    pub(super) const fn half_track(&self) -> S {
+        self.half_track
     }
 
     #[inline]
@@ -203,19 +203,17 @@ impl<S: Real> PhaseMember<S> {
         } = *rates;
         let [s_fl, s_fr, s_rl, s_rr] = *secants;
         let (a, b) = (s_fl + s_fr, s_rl + s_rr);
-        let (sum, difference) = (a + b, a - b);
-        let wide = self.spread + sum;
-        let (front, rear) = (fl + fr, rl + rr);
-        let sideways = (fr - fl) + (rl - rr);
-        let turning = (fr - fl) - (rl - rr);
-        let inverse = S::ONE / (sum * wide - difference * difference);
-        let y = (wide * sideways - difference * turning) * inverse;
-        let w = (sum * turning - difference * sideways) * inverse;
-        // What uneven secants make of sideways motion in a pair of wheels.
-        let lean_front = (s_fr - s_fl) * (y + w);
-        let lean_rear = (s_rl - s_rr) * (y - w);
-        let (ahead, behind) = (front - lean_front, rear - lean_rear);
-        let unknowns = [ahead + behind, y, w];
+        let k = self.half_track;
+        let inverse = S::ONE / (a * b + k * (a + b));
+        let (front, rear) = (fr - fl, rl - rr);
+        // Both sides' part in both.
+        let common = k * (front + rear);
+        let front_side = (b * front + common) * inverse;
+        let rear_side = (a * rear + common) * inverse;
+        // Without what uneven secants make of sideways motion in a pair of wheels.
+        let ahead = (fl + fr) - (s_fr - s_fl) * front_side;
+        let behind = (rl + rr) - (s_rl - s_rr) * rear_side;
+        let unknowns = [ahead + behind, front_side, rear_side];
         let [vx, vy, omega] = &self.to_group;
         let twist = Twist {
             vx: S::dot::<0, true, 3>(vx, &unknowns),

@@ -20,7 +20,7 @@ type Kernel = (
     Option<(f64, &'static str)>,
 );
 
-const KERNELS: [Kernel; 8] = [
+const KERNELS: [Kernel; 14] = [
     (
         "inverse",
         "inverse",
@@ -54,6 +54,22 @@ const KERNELS: [Kernel; 8] = [
     ("compensation", "compensation", None, None),
     ("sine_cosine", "sincos", None, None),
     ("fixed_inverse", "inverse.fixed", Some((60.0, 60.0)), None),
+    ("secants_phase", "secants_phase", None, None),
+    ("inverse_phase", "inverse_phase", Some((100.0, 100.0)), None),
+    ("forward_phase", "forward_phase", Some((120.0, 120.0)), None),
+    ("fixed_secants_phase", "secants_phase.fixed", None, None),
+    (
+        "fixed_inverse_phase",
+        "inverse_phase.fixed",
+        Some((100.0, 100.0)),
+        None,
+    ),
+    (
+        "fixed_forward_phase",
+        "forward_phase.fixed",
+        Some((120.0, 120.0)),
+        None,
+    ),
 ];
 
 /// Time that the image is given, ns; on its 16 MHz it needs about half of it.
