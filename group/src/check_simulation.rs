@@ -9,8 +9,8 @@ use crate::check::{Checked, Checker, default, shown};
 use crate::model::Robot;
 use crate::schema::{self, At, PlantName, TablesName};
 use crate::simulation::{
-    Battery, Contact, EncoderFault, EncoderNoise, Patch, Payload, Plant, PoseNoise, Simulation,
-    Tables,
+    Battery, Contact, EncoderFault, EncoderNoise, Gyro, Patch, Payload, Plant, PoseNoise,
+    Simulation, Tables,
 };
 
 /// Largest crystal error, ppm: ten times that of the worst part one can buy.
@@ -21,6 +21,8 @@ const ANY: RangeInclusive<f64> = f64::MIN..=f64::MAX;
 const NOT_NEGATIVE: RangeInclusive<f64> = 0.0..=f64::MAX;
 const POSITIVE: RangeInclusive<f64> = f64::MIN_POSITIVE..=f64::MAX;
 const SHARE: RangeInclusive<f64> = 0.0..=1.0;
+/// Looks at the plant in a second, which samples of a gyro divide.
+const GYRO_HZ: u32 = 4000;
 /// Play of a gear, degrees: more than that is a broken one.
 const BACKLASH: RangeInclusive<f64> = 0.0..=10.0;
 
@@ -98,6 +100,7 @@ impl Checker<'_> {
                         &NOT_NEGATIVE,
                     )?,
             },
+            gyro: self.gyro(&raw.gyro)?,
             contact,
             crystal_ppm: self.crystals(raw.crystal_ppm, robots.len())?,
             seed: match raw.seed {
@@ -141,6 +144,39 @@ impl Checker<'_> {
             format!("give a number from {} to {}", range.start(), range.end())
         };
         Err(self.refuse(raw, field, &format!("is {}", shown(value)), &remedy))
+    }
+
+    fn gyro(&self, raw: &schema::Gyro) -> Checked<Gyro> {
+        let usual = Gyro::default();
+        let rate_hz = match &raw.rate_hz {
+            None => usual.rate_hz,
+            Some(rate) => u32::try_from(*rate.get_ref())
+                .ok()
+                .filter(|hz| (1..=GYRO_HZ).contains(hz) && GYRO_HZ.is_multiple_of(*hz))
+                .ok_or_else(|| {
+                    self.refuse(
+                        rate,
+                        "simulation.gyro.rate_hz",
+                        &format!("is {}", rate.get_ref()),
+                        "give a divisor of 4000, for example 100 or 200",
+                    )
+                })?,
+        };
+        // A value in the file's unit, that being `unit` of ours; the usual one is not turned back and forth.
+        let real = |key: &str, raw: Option<&At<f64>>, usual: f64, unit: f64, range| match raw {
+            None => Ok(usual),
+            Some(_) => Ok(unit * self.real(&format!("simulation.gyro.{key}"), raw, 0.0, range)?),
+        };
+        let degree = 1_f64.to_radians();
+        let (noise, drift) = (raw.noise_dps_rthz.as_ref(), raw.drift_dps_rts.as_ref());
+        let (bias, delay) = (raw.bias_dps.as_ref(), raw.delay_ms.as_ref());
+        Ok(Gyro {
+            rate_hz,
+            noise: real("noise_dps_rthz", noise, usual.noise, degree, &NOT_NEGATIVE)?,
+            bias: real("bias_dps", bias, usual.bias, degree, &ANY)?,
+            drift: real("drift_dps_rts", drift, usual.drift, degree, &NOT_NEGATIVE)?,
+            delay: real("delay_ms", delay, usual.delay, 1e-3, &NOT_NEGATIVE)?,
+        })
     }
 
     fn battery(&self, raw: &At<schema::Battery>) -> Checked<Battery> {

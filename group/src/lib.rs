@@ -36,6 +36,6 @@ pub use model::{
 };
 pub use parameters::{Parameter, compensation_set, member_mask, parameters};
 pub use simulation::{
-    Battery, Contact, EncoderFault, EncoderFaultKind, EncoderNoise, Patch, Payload, Plant,
+    Battery, Contact, EncoderFault, EncoderFaultKind, EncoderNoise, Gyro, Patch, Payload, Plant,
     PoseNoise, Simulation, Tables, WheelName,
 };

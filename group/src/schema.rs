@@ -197,6 +197,8 @@ pub struct Simulation {
     pub encoder_faults: Vec<EncoderFault>,
     #[serde(default)]
     pub pose_noise: PoseNoise,
+    #[serde(default)]
+    pub gyro: Gyro,
     pub payload: Option<At<Payload>>,
     #[serde(default)]
     pub floor: Vec<At<Patch>>,
@@ -235,6 +237,16 @@ pub struct EncoderFault {
 pub struct PoseNoise {
     pub position_mm: Option<At<f64>>,
     pub heading_mrad: Option<At<f64>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gyro {
+    pub rate_hz: Option<At<i64>>,
+    pub noise_dps_rthz: Option<At<f64>>,
+    pub bias_dps: Option<At<f64>>,
+    pub drift_dps_rts: Option<At<f64>>,
+    pub delay_ms: Option<At<f64>>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -25,6 +25,8 @@ pub struct Simulation {
     pub encoder_faults: Vec<EncoderFault>,
     /// How well an observer sees the robots.
     pub pose_noise: PoseNoise,
+    /// The gyro that every robot carries.
+    pub gyro: Gyro,
     /// What only the contact plant knows.
     pub contact: Contact,
 }
@@ -98,6 +100,34 @@ pub struct PoseNoise {
     pub position: f64,
     /// Of the heading, rad.
     pub heading: f64,
+}
+
+/// A gyro about the axis that points up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gyro {
+    /// Samples a second: a divisor of 4000, which is how often the plant is looked at.
+    pub rate_hz: u32,
+    /// Density of its white noise, rad/s in a bandwidth of 1 Hz.
+    pub noise: f64,
+    /// What it shows at rest, rad/s.
+    pub bias: f64,
+    /// How far the bias strays: standard deviation after a second, rad/s, growing with the root of time.
+    pub drift: f64,
+    /// By how much its samples are late, s.
+    pub delay: f64,
+}
+
+impl Default for Gyro {
+    /// An inexpensive micromechanical one.
+    fn default() -> Self {
+        Self {
+            rate_hz: 200,
+            noise: 0.005_f64.to_radians(),
+            bias: 0.5_f64.to_radians(),
+            drift: 3e-4_f64.to_radians(),
+            delay: 0.004,
+        }
+    }
 }
 
 /// What only the contact plant knows. `None` is the plant's own value.

@@ -1,8 +1,8 @@
 //! The `[simulation]` table: what its values become, and what it is refused for.
 
 use omnibus_group::{
-    Battery, EncoderFault, EncoderFaultKind, EncoderNoise, GroupFile, Patch, Payload, PoseNoise,
-    WheelName,
+    Battery, EncoderFault, EncoderFaultKind, EncoderNoise, GroupFile, Gyro, Patch, Payload,
+    PoseNoise, WheelName,
 };
 
 const ROBOTS: &str = r#"name = "pair"
@@ -44,6 +44,7 @@ fn an_empty_table_is_a_perfect_robot() {
     assert_eq!(simulation.encoder_noise, EncoderNoise::default());
     assert_eq!(simulation.encoder_faults, []);
     assert_eq!(simulation.pose_noise, PoseNoise::default());
+    assert_eq!(simulation.gyro, Gyro::default());
     assert_eq!(simulation.contact, omnibus_group::Contact::default());
 }
 
@@ -58,6 +59,7 @@ scattered_rollers = true
 battery = { resistance = 0.05, capacity_ah = 20, charge = 0.5, curve = [[0, 21], [1, 25.2]] }
 encoder = { lost = 0.01, extra_per_s = 3 }
 pose_noise = { position_mm = 2, heading_mrad = 0.5 }
+gyro = { rate_hz = 100, noise_dps_rthz = 180, bias_dps = -90, drift_dps_rts = 45, delay_ms = 2 }
 payload = { mass = 80, x = 0.1, y = -0.2 }
 [[simulation.encoder_faults]]
 node = 3
@@ -103,6 +105,16 @@ friction = 0.1
         PoseNoise {
             position: 0.002,
             heading: 0.0005
+        }
+    );
+    assert_eq!(
+        simulation.gyro,
+        Gyro {
+            rate_hz: 100,
+            noise: std::f64::consts::PI,
+            bias: -std::f64::consts::FRAC_PI_2,
+            drift: std::f64::consts::FRAC_PI_4,
+            delay: 0.002,
         }
     );
     let contact = simulation.contact;
@@ -163,6 +175,14 @@ fn numbers_out_of_range_are_refused_by_name() {
         (
             "encoder = { extra_per_s = nan }",
             "simulation.encoder.extra_per_s: is nan; give 0 or a positive number",
+        ),
+        (
+            "gyro = { rate_hz = 150 }",
+            "simulation.gyro.rate_hz: is 150; give a divisor of 4000, for example 100 or 200",
+        ),
+        (
+            "gyro = { noise_dps_rthz = -1 }",
+            "simulation.gyro.noise_dps_rthz: is -1; give 0 or a positive number",
         ),
         (
             "pose_noise = { position_mm = -1 }",

@@ -32,6 +32,7 @@ pub mod encoder;
 pub mod endpoint;
 mod error;
 pub mod fault;
+mod gyro;
 pub mod motor;
 pub mod paper;
 pub mod plant;
@@ -45,6 +46,7 @@ mod world;
 
 pub use bus::BusLoad;
 pub use error::SimError;
+pub use gyro::GyroSample;
 pub use robot::{Backend, Crash};
 pub use truth::{RobotTruth, TruthSample};
 pub use world::{EncoderState, MASTER, Options, Port, World, index};

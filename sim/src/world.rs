@@ -25,7 +25,7 @@ mod unit;
 use std::collections::VecDeque;
 
 use canopen::{Frame, Micros};
-use group::GroupFile;
+use group::{GroupFile, Gyro};
 use kinematics::Pose;
 
 use crate::bus::candump::Candump;
@@ -36,6 +36,7 @@ use crate::crew::{Absent, Crew};
 use crate::digest::Digest;
 pub use crate::encoder::EncoderState;
 use crate::error::SimError;
+use crate::gyro::{GyroSample, Gyros};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
 use crate::truth::{Eyes, TruthSample};
@@ -113,6 +114,9 @@ pub struct World {
     candump: Option<Candump>,
     truth: Vec<TruthSample>,
     eyes: Eyes,
+    /// What the robots' gyros are, and themselves once somebody listens.
+    gyro: (Gyro, u64),
+    gyros: Option<Gyros>,
     /// Time of the last sample, and how long the bus had been taken then.
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
@@ -192,6 +196,8 @@ impl World {
             candump: None,
             truth: Vec::new(),
             eyes: Eyes::new(group.simulation.pose_noise, group.simulation.seed),
+            gyro: (group.simulation.gyro, group.simulation.seed),
+            gyros: None,
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
@@ -345,6 +351,16 @@ impl World {
         truth.into_iter().map(|s| self.eyes.see(s)).collect()
     }
 
+    /// The samples of the robots' gyros that have come since the last call. The first call switches them on.
+    pub fn take_gyros(&mut self) -> Vec<GyroSample> {
+        let (kind, seed) = self.gyro;
+        let poses = self.plant.poses();
+        let gyros = self
+            .gyros
+            .get_or_insert_with(|| Gyros::new(kind, seed, poses));
+        gyros.take(self.now_ns)
+    }
+
     /// Largest shape error of all plant steps since the beginning or the last reset, mm.
     #[must_use]
     pub fn worst_shape_error_mm(&self) -> f64 {
@@ -496,6 +512,9 @@ impl World {
             }
         }
         self.worst_shape_error_mm = self.worst_shape_error_mm.max(self.plant.shape_error_mm());
+        if let Some(gyros) = &mut self.gyros {
+            gyros.follow(self.now_ns, self.plant.poses());
+        }
         let period = self.options.truth_period_ns;
         if period > 0 && self.now_ns.is_multiple_of(period) {
             self.truth.push(self.truth());
