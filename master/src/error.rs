@@ -175,6 +175,16 @@ pub enum MasterError {
         /// What is wrong.
         problem: String,
     },
+    /// Yaw rates do not come as they should.
+    #[error(
+        "--gyro {address}: {problem}; one JSON line a sample is expected, see `docs/operating.md`"
+    )]
+    GyroSource {
+        /// Where they come from.
+        address: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// A wheel turned once and its encoder's index was not seen.
     #[error(
         "node {node}: the index of the {wheel} wheel was not seen in a turn (object 0x2114 says {state}); check \

@@ -11,6 +11,7 @@ pub mod curve;
 pub mod drive;
 pub mod error;
 pub mod follow;
+pub mod gyro;
 pub mod identify;
 pub mod link;
 pub mod listen;

@@ -161,7 +161,10 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         ) => 5,
         Some(MasterError::Aborted) => 130,
         Some(
-            MasterError::TooFast { .. } | MasterError::PoseLost | MasterError::PoseSource { .. },
+            MasterError::TooFast { .. }
+            | MasterError::PoseLost
+            | MasterError::PoseSource { .. }
+            | MasterError::GyroSource { .. },
         )
         | None => 1,
     }

@@ -57,6 +57,20 @@ pub struct Slip {
 }
 
 impl Slip {
+    /// How often each motion is driven.
+    pub fn repeats(&self) -> anyhow::Result<u32> {
+        let usual = if self.tape {
+            1
+        } else {
+            Settings::default().repeats
+        };
+        let repeats = self.repeats.unwrap_or(usual);
+        if !(1..=20).contains(&repeats) {
+            bail!("--repeats: {repeats} is not between 1 and 20");
+        }
+        Ok(repeats)
+    }
+
     fn settings(&self, group: &GroupFile, rollers: u8) -> anyhow::Result<Settings> {
         let usual = Settings::default();
         let sorted = |asked: &[f64], name: &str, usual: Vec<f64>| {
@@ -77,12 +91,7 @@ impl Slip {
         if !(0.1..=20.0).contains(&self.distance) {
             bail!("--distance: {} is not between 0.1 and 20 m", self.distance);
         }
-        let repeats = self
-            .repeats
-            .unwrap_or(if self.tape { 1 } else { usual.repeats });
-        if !(1..=20).contains(&repeats) {
-            bail!("--repeats: {repeats} is not between 1 and 20");
-        }
+        let repeats = self.repeats()?;
         let few = |all: Vec<f64>, one: f64| if self.tape { vec![one] } else { all };
         let settings = Settings {
             speeds: sorted(&self.speeds, "--speeds", few(usual.speeds, 0.25))?,

@@ -1,0 +1,390 @@
+//! The fit: linear start, then Gauss-Newton on the whole model.
+//!
+//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the rollers' drag, by what
+//! source and bus are apart in time (one delay for translation and one for turns, because contacts that creep make them
+//! trail differently), a gain for each axis, and for a gyro a bias and a drift in every motion. Each has a prior, mostly so
+//! wide that it only decides where the data say nothing: an axis without motion has no gain of its own.
+
+use super::model::{Back, Lean, Model};
+use super::solve::{dot, invert};
+use super::{Motion, PhaseError, Seen, WHEELS};
+
+/// Gauss-Newton steps.
+const STEPS: usize = 30;
+/// The fit is done when no phase moves by more, pitches.
+const STILL: f64 = 1e-5;
+
+/// Standard deviation to which a wheel's fundamental has to be known by itself, of its amplitude.
+const TOLD: f64 = 0.3;
+
+/// Places of the parameters; the phases come first.
+const DISTANCE: usize = 4;
+const DRAG: usize = 5;
+const DELAYS: [usize; 3] = [6, 6, 7];
+const GAINS: usize = 8;
+/// Two a motion: bias (rad/s) and drift (rad/s^2).
+const BIASES: usize = 11;
+
+/// One interval: what the robot did between two times.
+struct Interval {
+    motion: usize,
+    from: f64,
+    to: f64,
+    /// Displacement in the robot's own frame at the middle of the interval: m, m, rad; those that are measured.
+    moved: [f64; 3],
+}
+
+pub(super) struct Problem<'a> {
+    model: Model,
+    motions: &'a [Motion],
+    intervals: Vec<Interval>,
+    /// The axes that are measured.
+    axes: &'static [usize],
+    /// By what each axis is multiplied to be compared with the others: a turn is one at the wheels.
+    weights: [f64; 3],
+}
+
+/// Where a fit ended.
+pub(super) struct Fit {
+    pub parameters: Vec<f64>,
+    /// What is left, axis after axis, turns as metres at the wheels.
+    pub left: Vec<f64>,
+    pub squares: f64,
+    /// Covariance of the parameters, for residuals that are independent.
+    pub covariance: Vec<f64>,
+}
+
+impl Fit {
+    pub fn yaw_gain(&self) -> f64 {
+        self.parameters[GAINS + 2]
+    }
+}
+
+impl<'a> Problem<'a> {
+    /// `finest` is the angle (rad) by which the fastest wheel turns in an interval at least.
+    pub fn new(model: Model, motions: &'a [Motion], lever: f64, finest: f64) -> Self {
+        let gyro = motions.iter().any(|m| matches!(m.seen, Seen::YawRates(_)));
+        let intervals = motions.iter().enumerate();
+        Self {
+            model,
+            motions,
+            intervals: intervals.flat_map(|(n, m)| cut(n, m, finest)).collect(),
+            axes: if gyro { &[2] } else { &[0, 1, 2] },
+            weights: [1.0, 1.0, lever],
+        }
+    }
+
+    pub fn intervals(&self) -> usize {
+        self.intervals.len()
+    }
+
+    /// Mean length of an interval, s.
+    pub fn seconds(&self) -> f64 {
+        let all: f64 = self.intervals.iter().map(|i| i.to - i.from).sum();
+        all / self.intervals.len().max(1) as f64
+    }
+
+    fn has_bias(&self) -> bool {
+        self.axes.len() == 1
+    }
+
+    /// Parameters to begin with, and how far each may be from there.
+    fn priors(&self) -> Vec<(f64, f64)> {
+        let radius = self.model.wheel_radius;
+        let mut out = vec![(0.0, self.model.rollers.pitch()); 4];
+        // A roller's radius is between a tenth and four tenths of the wheel's.
+        out.push((0.75 * radius, 0.1 * radius));
+        // At a calibration's 0.2 m/s, rolling about their own axles costs rollers a hundredth or two of the load;
+        // creeping by 0.02 m/s costs a third of it.
+        out.push((0.003, 0.003));
+        out.extend([(0.0, 0.05); 2]);
+        if self.has_bias() {
+            // What a gyro shows may be nonsense; that is to be seen.
+            out.extend([(1.0, 1e3); 3]);
+            out.extend(self.motions.iter().flat_map(|_| [(0.0, 1e3), (0.0, 1e2)]));
+        } else {
+            out.extend([(1.0, 0.2); 3]);
+        }
+        out
+    }
+
+    /// Wheel angles at both ends of an interval, for a delay.
+    fn angles(&self, interval: &Interval, delay: f64) -> [[f64; 4]; 2] {
+        let motion = &self.motions[interval.motion];
+        [interval.from, interval.to].map(|t| motion.angles_at(t - delay))
+    }
+
+    /// The way back and the displacement for wheel angles at both ends; without ripple for `None`.
+    fn rolled(
+        &self,
+        [from, to]: &[[f64; 4]; 2],
+        ripple: Option<&[f64]>,
+    ) -> Option<(Back, [f64; 3])> {
+        let leans: [Lean; 4] = std::array::from_fn(|n| match ripple {
+            Some(p) => self.model.lean(from[n], to[n], p[n], p[DISTANCE]),
+            None => self.model.mean(),
+        });
+        let back = self.model.back(&leans, ripple.map_or(0.0, |p| p[DRAG]))?;
+        let turned: [f64; 4] = std::array::from_fn(|n| to[n] - from[n]);
+        Some((back, back.map(|row| dot(&row, &turned))))
+    }
+
+    /// What the wheels mean on an axis, before gain and bias.
+    fn bare(&self, parameters: &[f64], ripple: bool) -> Vec<f64> {
+        let ripple = ripple.then_some(parameters);
+        let mut out = vec![0.0; self.axes.len() * self.intervals.len()];
+        for (n, interval) in self.intervals.iter().enumerate() {
+            let mut last: Option<(f64, [f64; 3])> = None;
+            for (place, axis) in self.axes.iter().enumerate() {
+                let delay = parameters[DELAYS[*axis]];
+                let moved = match last {
+                    Some((at, moved)) if at.total_cmp(&delay).is_eq() => moved,
+                    _ => {
+                        let angles = self.angles(interval, delay);
+                        self.rolled(&angles, ripple).map_or([0.0; 3], |r| r.1)
+                    }
+                };
+                last = Some((delay, moved));
+                out[place * self.intervals.len() + n] = moved[*axis] * self.weights[*axis];
+            }
+        }
+        out
+    }
+
+    /// Bias and drift over an interval, as displacement, for one of each.
+    fn drift(&self, interval: &Interval) -> [f64; 2] {
+        let motion = &self.motions[interval.motion];
+        let middle = 0.5 * (interval.from + interval.to) - motion.middle();
+        let weight = (interval.to - interval.from) * self.weights[2];
+        [weight, weight * middle]
+    }
+
+    /// What is left of the measured displacements.
+    fn left(&self, parameters: &[f64], bare: &[f64]) -> Vec<f64> {
+        let count = self.intervals.len();
+        let mut out = Vec::with_capacity(bare.len());
+        for (place, axis) in self.axes.iter().enumerate() {
+            for (n, interval) in self.intervals.iter().enumerate() {
+                let mut meant = parameters[GAINS + axis] * bare[place * count + n];
+                if self.has_bias() {
+                    let at = BIASES + 2 * interval.motion;
+                    meant += dot(&self.drift(interval), &parameters[at..at + 2]);
+                }
+                out.push(interval.moved[*axis] * self.weights[*axis] - meant);
+            }
+        }
+        out
+    }
+
+    /// Derivatives of what the model means, one column a parameter.
+    fn slopes(&self, parameters: &[f64], bare: &[f64], ripple: bool) -> Vec<Vec<f64>> {
+        let count = self.intervals.len();
+        let steps = [
+            [1e-4 * self.model.rollers.pitch(); 4].as_slice(),
+            &[1e-4, 1e-4, 1e-4, 1e-4],
+        ]
+        .concat();
+        let gain = |row: usize| parameters[GAINS + self.axes[row / count]];
+        let mut out: Vec<Vec<f64>> = Vec::with_capacity(parameters.len());
+        for (n, step) in steps.into_iter().enumerate() {
+            let at = |by: f64| {
+                let mut moved = parameters.to_vec();
+                moved[n] += by;
+                self.bare(&moved, ripple)
+            };
+            if !ripple && n <= DRAG {
+                out.push(vec![0.0; bare.len()]);
+                continue;
+            }
+            let pairs = at(step).into_iter().zip(at(-step)).enumerate();
+            out.push(
+                pairs
+                    .map(|(row, (after, before))| gain(row) * (after - before) / (2.0 * step))
+                    .collect(),
+            );
+        }
+        for axis in 0..3 {
+            let mine = |row: usize| self.axes[row / count] == axis;
+            let column = bare.iter().enumerate();
+            out.push(
+                column
+                    .map(|(row, bare)| if mine(row) { *bare } else { 0.0 })
+                    .collect(),
+            );
+        }
+        for n in BIASES..parameters.len() {
+            let (motion, which) = ((n - BIASES) / 2, (n - BIASES) % 2);
+            let of = |i: &Interval| {
+                if i.motion == motion {
+                    self.drift(i)[which]
+                } else {
+                    0.0
+                }
+            };
+            out.push(self.intervals.iter().map(of).collect());
+        }
+        out
+    }
+
+    /// Gauss-Newton, each step at most a twentieth of a pitch.
+    fn refine(&self, start: Vec<f64>, ripple: bool) -> Option<Fit> {
+        let priors = self.priors();
+        let size = start.len();
+        let longest = self.model.rollers.pitch() / 20.0;
+        let mut parameters = start;
+        let mut step = 0;
+        loop {
+            let bare = self.bare(&parameters, ripple);
+            let left = self.left(&parameters, &bare);
+            let squares = dot(&left, &left);
+            let variance = squares / left.len().saturating_sub(size).max(1) as f64;
+            let slopes = self.slopes(&parameters, &bare, ripple);
+            let mut normal = vec![0.0; size * size];
+            let mut pull = vec![0.0; size];
+            for (i, column) in slopes.iter().enumerate() {
+                for (j, other) in slopes.iter().enumerate().skip(i) {
+                    let product = dot(column, other);
+                    normal[i * size + j] = product;
+                    normal[j * size + i] = product;
+                }
+                let (mean, deviation) = priors[i];
+                let weight = variance.max(f64::MIN_POSITIVE) / (deviation * deviation);
+                normal[i * size + i] += weight;
+                pull[i] = dot(column, &left) + weight * (mean - parameters[i]);
+            }
+            if !invert(&mut normal, size) {
+                return None;
+            }
+            let by: Vec<f64> = normal.chunks(size).map(|row| dot(row, &pull)).collect();
+            let most = by[..4].iter().map(|by| by.abs()).fold(0.0, f64::max);
+            step += 1;
+            if step == STEPS || most < STILL * self.model.rollers.pitch() && step > 3 {
+                return Some(Fit {
+                    parameters,
+                    left,
+                    squares,
+                    covariance: normal.iter().map(|entry| entry * variance).collect(),
+                });
+            }
+            let share = (longest / most).min(1.0);
+            for (parameter, by) in parameters.iter_mut().zip(by) {
+                *parameter += share * by;
+            }
+        }
+    }
+
+    /// With wheels that do not ripple: what there is to explain.
+    pub fn without_ripple(&self) -> Option<Fit> {
+        self.refine(self.priors().iter().map(|(mean, _)| *mean).collect(), false)
+    }
+
+    /// The phases, from where the fundamental of each wheel's ripple stands in what the fit without left.
+    pub fn with_ripple(&self, without: &Fit) -> Result<Fit, PhaseError> {
+        let unseen = PhaseError::NotObservable { percent: 0.0 };
+        let mut columns = vec![Vec::new(); 8];
+        for axis in self.axes {
+            let delay = without.parameters[DELAYS[*axis]];
+            let scale = without.parameters[GAINS + axis] * self.weights[*axis];
+            for interval in &self.intervals {
+                let angles = self.angles(interval, delay);
+                let (back, moved) = self.rolled(&angles, None).ok_or(unseen)?;
+                for wheel in 0..4 {
+                    let angle = 0.5 * (angles[0][wheel] + angles[1][wheel]);
+                    let at = (wheel, angle, without.parameters[DISTANCE]);
+                    let waves = self.model.fundamentals(&back, &moved, at);
+                    for (column, wave) in columns[2 * wheel..].iter_mut().zip(waves) {
+                        column.push(scale * wave[*axis]);
+                    }
+                }
+            }
+        }
+        // A cosine and a sine of something: at most 1.
+        let variance = without.squares / without.left.len().max(1) as f64;
+        let mut normal: Vec<f64> = (0..64)
+            .map(|n| {
+                let own = if n / 8 == n % 8 { variance } else { 0.0 };
+                dot(&columns[n / 8], &columns[n % 8]) + own
+            })
+            .collect();
+        if !invert(&mut normal, 8) {
+            return Err(unseen);
+        }
+        // What two wheels do together is known when neither alone is: a second best fit would be as good.
+        for (wheel, name) in WHEELS.into_iter().enumerate() {
+            let unsure = [18 * wheel, 18 * wheel + 9].map(|n| (variance * normal[n]).sqrt());
+            if unsure.into_iter().fold(0.0, f64::max) > TOLD {
+                return Err(PhaseError::Alike { wheel: name });
+            }
+        }
+        let pull: Vec<f64> = columns.iter().map(|c| dot(c, &without.left)).collect();
+        let waves: Vec<f64> = normal.chunks(8).map(|row| dot(row, &pull)).collect();
+        let mut start = without.parameters.clone();
+        for (phase, wave) in start.iter_mut().zip(waves.chunks(2)) {
+            *phase = wave[1].atan2(wave[0]) * self.model.rollers.pitch() / std::f64::consts::TAU;
+        }
+        self.refine(start, true).ok_or(unseen)
+    }
+}
+
+/// Cuts a motion into intervals in which the fastest wheel turns by about `finest` rad, ramps left out: there contacts
+/// carry what accelerates the robot and slip as they do at no other time.
+fn cut(number: usize, motion: &Motion, finest: f64) -> Vec<Interval> {
+    let mut out = match &motion.seen {
+        Seen::Poses(poses) => cut_poses(number, motion, poses, finest),
+        Seen::YawRates(samples) => cut_rates(number, motion, samples, finest),
+    };
+    out.retain(|interval| motion.is_even(interval.from, interval.to));
+    out
+}
+
+fn cut_poses(
+    number: usize,
+    motion: &Motion,
+    poses: &[(f64, [f64; 3])],
+    finest: f64,
+) -> Vec<Interval> {
+    let mut out = Vec::new();
+    let Some(mut from) = poses.first() else {
+        return out;
+    };
+    for to in poses {
+        let (before, after) = (motion.angles_at(from.0), motion.angles_at(to.0));
+        let turned = before.iter().zip(after).map(|(a, b)| (b - a).abs());
+        if turned.fold(0.0, f64::max) < finest {
+            continue;
+        }
+        let [dx, dy, turn] = [0, 1, 2].map(|n| to.1[n] - from.1[n]);
+        let (sin, cos) = (from.1[2] + 0.5 * turn).sin_cos();
+        out.push(Interval {
+            motion: number,
+            from: from.0,
+            to: to.0,
+            moved: [cos * dx + sin * dy, cos * dy - sin * dx, turn],
+        });
+        from = to;
+    }
+    out
+}
+
+/// In steps of time, standstill included: that shows the bias.
+fn cut_rates(number: usize, motion: &Motion, samples: &[(f64, f64)], finest: f64) -> Vec<Interval> {
+    let mut out = Vec::new();
+    let least = finest / motion.fastest().max(f64::MIN_POSITIVE);
+    let (mut from, mut turn) = (None, 0.0);
+    for pair in samples.windows(2) {
+        let [(before, _), (t, rate)] = [pair[0], pair[1]];
+        let began = *from.get_or_insert(before);
+        turn += rate * (t - before);
+        // Nine tenths, so that whole samples do not miss it by a hair.
+        if t - began > 0.9 * least {
+            out.push(Interval {
+                motion: number,
+                from: began,
+                to: t,
+                moved: [0.0, 0.0, turn],
+            });
+            (from, turn) = (None, 0.0);
+        }
+    }
+    out
+}
