@@ -143,12 +143,8 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
 /// The wheels' rollers, if any wheel has a number of them.
 fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, ConfigurationError> {
     let number = |wheel: u8| parameters.unsigned(rollers::count(wheel)).to_le_bytes()[0];
-    let Some(first) = (0..4).find(|wheel| number(*wheel) != 0) else {
+    if (0..4).all(|wheel| number(wheel) == 0) {
         return Ok(None);
-    };
-    // The index of an encoder behind a gear comes at several places of the wheel's turn.
-    if (parameters.real(at::GEAR_RATIO) - 1.0).abs() > f32::EPSILON {
-        return Err(ConfigurationError::Inconsistent(rollers::count(first)));
     }
     let reversed = parameters.unsigned(at::ENCODER_REVERSED);
     let one = |wheel: u8| {
@@ -157,11 +153,12 @@ fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, Confi
         } else {
             1.0
         };
-        let counts = sign * encoder_counts(parameters, u16::from(wheel));
+        // The index comes once a turn of the wheel.
+        let counts = encoder_counts(parameters, u16::from(wheel)) * parameters.real(at::GEAR_RATIO);
         RollerWheel::new(
             number(wheel),
             parameters.real(rollers::phase(wheel)),
-            counts,
+            sign * counts,
         )
         .map_err(|_| ConfigurationError::Inconsistent(rollers::count(wheel)))
     };

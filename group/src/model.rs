@@ -128,7 +128,8 @@ pub struct CompensationTable {
 pub struct Rollers {
     /// Rollers of a wheel.
     pub count: u8,
-    /// How far each wheel has rolled on past the middle of its ground roller when its encoder's index comes, rad:
+    /// How far each wheel has rolled on past the middle of its ground roller when its index comes (once a turn
+    /// of the wheel), rad:
     /// front left, front right, rear left, rear right. From calibration.
     pub phases: [f32; 4],
     /// What is left to compensate when the wheels' roller angles are taken into account; stands in for

@@ -307,7 +307,7 @@ const fn roller_record(phase: bool) -> [Object; 4] {
                 name,
                 "rad",
                 real(-1.048, 1.048, 0.0),
-                "How far the wheel has rolled on past the middle of its ground roller when its encoder's index comes. From calibration.",
+                "How far the wheel has rolled on past the middle of its ground roller when its index comes, once a turn of the wheel. From calibration.",
             )
         } else {
             Object::parameter(
@@ -334,14 +334,14 @@ const ROLLER_REFERENCE: &[Object] = &[
         "Source",
         "",
         byte(0, 1, 0),
-        "Where the angle of the rollers comes from: 0 nowhere, every wheel computes with the mean over its rollers; 1 the index inputs.",
+        "Where the angle of the rollers comes from: 0 nowhere, every wheel computes with the mean over its rollers; 1 the index inputs, once a turn of the wheel each: behind a gear that takes a sensor on the wheel.",
     ),
     Object::parameter(
         at::INDEX_TOLERANCE,
         "Index tolerance",
         "counts",
         word(1, 10_000, 20),
-        "An index further than this from a whole number of turns after the last is unexpected. At most 1/64 of a turn is used.",
+        "An index further than this from a whole number of turns after the last is unexpected. Covers two counts and the play between encoder and wheel; at most 1/64 of a turn is used.",
     ),
 ];
 

@@ -1,8 +1,10 @@
-//! The index of each encoder: a pulse once a turn, at an angle of its own.
+//! The index of each wheel: a pulse once a turn of the wheel, at an angle of its own.
 //!
-//! A pulse begins when the wheel comes to the count the index stands at, from either side. Where that is, the seed
-//! says; a wheel's rollers stand somewhere else yet ([`crate::plant::contact::phases`]), and how they stand at the
-//! index is what a robot has to be told ([`roller_phases`]).
+//! With an encoder on the wheel it is the encoder's; behind a gear it stands for a sensor on the wheel, where the play of
+//! the gear is between it and the counts. A pulse begins when the wheel comes to the angle the index stands at, from
+//! either side. Where that is, the seed says; a wheel's rollers stand somewhere else yet
+//! ([`crate::plant::contact::phases`]), and how they stand at the index is what a robot has to be told
+//! ([`roller_phases`]).
 
 use std::f64::consts::TAU;
 
@@ -33,13 +35,13 @@ pub enum IndexState {
 /// The four indexes of a robot.
 #[derive(Debug, Clone)]
 pub struct Indexes {
-    /// Counts of a turn.
-    turn: i64,
-    /// Counts at which the pulses begin, within a turn.
-    at: [i64; 4],
+    /// Encoder counts in a radian of a wheel, gear included.
+    counts_per_rad: f64,
+    /// Where the pulses begin, rad.
+    at: [f64; 4],
     pub(super) state: [IndexState; 4],
-    /// Where the wheels stand, counts.
-    counts: [i64; 4],
+    /// Where the wheels stand, rad.
+    angles: [f64; 4],
     random: Random,
 }
 
@@ -76,49 +78,55 @@ pub fn roller_phases(group: &GroupFile) -> Option<Vec<[f64; 4]>> {
 }
 
 impl Indexes {
-    /// The indexes of one robot at these angles, of encoders with these counts a turn.
+    /// The indexes of one robot at these angles, with encoders of so many counts in a turn of a wheel.
     pub fn new(angles: &[f64; 4], counts_per_turn: f64, seed: u64) -> Self {
-        let turn = counts_per_turn.round().max(1.0);
         Self {
-            turn: turn as i64,
-            at: angles.map(|angle| (angle / TAU * turn).floor() as i64),
+            counts_per_rad: counts_per_turn / TAU,
+            at: *angles,
             state: [IndexState::default(); 4],
-            counts: [0; 4],
+            angles: [0.0; 4],
             random: Random::new(seed ^ SALT),
         }
     }
 
-    /// Follows a wheel to an angle (rad): how many counts ago the last pulse began, if one did.
-    pub fn follow(&mut self, wheel: usize, angle: f64) -> Option<i32> {
-        let to = (angle / TAU * self.turn as f64).floor() as i64;
-        let from = std::mem::replace(&mut self.counts[wheel], to);
-        self.passed(wheel, from, to).map(|ago| ago as i32)
+    /// Follows a wheel to an angle (rad) while its encoder has come to another: how many counts ago the last pulse began,
+    /// if one did.
+    pub fn follow(&mut self, wheel: usize, angle: f64, encoder: f64) -> Option<i32> {
+        let from = std::mem::replace(&mut self.angles[wheel], angle);
+        let at = self.passed(wheel, from, angle)?;
+        // Where the encoder stood then: the two move together while the wheel moves.
+        let count = |angle: f64| (angle * self.counts_per_rad).floor() as i64;
+        Some((count(encoder) - count(encoder - (angle - at))) as i32)
     }
 
-    /// The wheel went from one count to another: how many counts ago the last pulse began, if one did.
-    fn passed(&mut self, wheel: usize, from: i64, to: i64) -> Option<i64> {
+    /// The wheel went from one angle to another: where the last pulse began, if one did.
+    fn passed(&mut self, wheel: usize, from: f64, to: f64) -> Option<f64> {
         if from == to {
             return None;
         }
         let at = self.at[wheel];
-        let last = |at: i64, turn: i64| {
-            // The last count of the way that is the index's.
-            let at = if to > from {
-                to - (to - at).rem_euclid(turn)
+        let last = |period: f64| {
+            let turns = (to - at) / period;
+            let turns = if to > from {
+                turns.floor()
             } else {
-                to + (at - to).rem_euclid(turn)
+                turns.ceil()
             };
-            let on_the_way = if to > from { at > from } else { at < from };
-            on_the_way.then_some(to - at)
+            let angle = at + turns * period;
+            let on_the_way = if to > from {
+                angle > from
+            } else {
+                angle < from
+            };
+            on_the_way.then_some(angle)
         };
         match self.state[wheel] {
-            IndexState::Works => last(at, self.turn),
+            IndexState::Works => last(TAU),
             IndexState::Missing => None,
-            IndexState::Double => last(at, self.turn / 2),
+            IndexState::Double => last(TAU / 2.0),
             IndexState::Noisy => {
-                let chance = STRAY * (to - from).unsigned_abs() as f64 / self.turn as f64;
-                let stray = self.random.unit() < chance;
-                last(at, self.turn).or(stray.then_some(0))
+                let stray = self.random.unit() < STRAY * (to - from).abs() / TAU;
+                last(TAU).or(stray.then_some(to))
             }
         }
     }
@@ -128,32 +136,67 @@ impl Indexes {
 mod tests {
     use super::*;
 
+    /// Counts of a wheel's turn: 48 of a shaft, 26.85 of those.
+    const TURN: f64 = 48.0 * 26.85;
+
+    /// A quarter of a turn on.
     fn indexes(state: IndexState) -> Indexes {
-        // A quarter turn of 1000 counts.
-        let mut indexes = Indexes::new(&[TAU / 4.0; 4], 1000.0, 1);
+        let mut indexes = Indexes::new(&[TAU / 4.0; 4], TURN, 1);
         indexes.state = [state; 4];
         indexes
     }
 
+    /// Both given in turns.
+    fn passed(indexes: &mut Indexes, from: f64, to: f64) -> Option<f64> {
+        let found = indexes.passed(0, from * TAU, to * TAU)?;
+        Some((found / TAU * 1e9).round() / 1e9)
+    }
+
     #[test]
-    fn a_pulse_begins_at_its_count_from_either_side() {
+    fn a_pulse_begins_at_its_angle_from_either_side() {
+        let works = &mut indexes(IndexState::Works);
+        assert_eq!(passed(works, 0.2, 0.249), None);
+        assert_eq!(passed(works, 0.249, 0.26), Some(0.25));
+        assert_eq!(passed(works, 0.26, 0.27), None);
+        assert_eq!(passed(works, 0.26, 0.24), Some(0.25));
+        assert_eq!(passed(works, 1.24, 1.257), Some(1.25));
+        assert_eq!(passed(works, -0.74, -0.76), Some(-0.75));
+        assert_eq!(passed(works, 0.3, 0.3), None);
+    }
+
+    /// Told in counts of the encoder, which has play to go before the wheel follows.
+    #[test]
+    fn the_encoder_is_read_where_it_stood_at_the_pulse() {
         let mut works = indexes(IndexState::Works);
-        assert_eq!(works.passed(0, 200, 249), None);
-        assert_eq!(works.passed(0, 249, 250), Some(0));
-        assert_eq!(works.passed(0, 250, 260), None);
-        assert_eq!(works.passed(0, 260, 240), Some(-10));
-        assert_eq!(works.passed(0, 1240, 1257), Some(7));
-        assert_eq!(works.passed(0, -740, -760), Some(-10));
-        assert_eq!(works.passed(0, 250, 250), None);
+        let rad = TAU / TURN;
+        let (at, play) = (TAU / 4.0, 10.2 * rad);
+        assert_eq!(works.follow(0, at - rad, at - rad + play), None);
+        // Three counts on, of which the pulse was after the first.
+        assert_eq!(
+            works.follow(0, at + 2.0 * rad, at + 2.0 * rad + play),
+            Some(2)
+        );
+        // 1e-6 before the count: the same place from the other side, with the play behind.
+        assert_eq!(
+            works.follow(0, at - 3.0 * rad, at - 3.0 * rad - play),
+            Some(-3)
+        );
     }
 
     #[test]
     fn faults_are_what_they_are_called() {
-        assert_eq!(indexes(IndexState::Missing).passed(0, 0, 900), None);
-        assert_eq!(indexes(IndexState::Double).passed(0, 700, 760), Some(10));
+        assert_eq!(passed(&mut indexes(IndexState::Missing), 0.0, 0.9), None);
+        assert_eq!(
+            passed(&mut indexes(IndexState::Double), 0.7, 0.76),
+            Some(0.75)
+        );
         let mut noisy = indexes(IndexState::Noisy);
         let strays = (0..100_000)
-            .filter(|count| count % 1000 != 249 && noisy.passed(0, *count, count + 1).is_some())
+            .map(|step| (f64::from(step) / 1e3, f64::from(step + 1) / 1e3))
+            .filter(|(from, to)| {
+                let found = passed(&mut noisy, *from, *to);
+                found.is_some_and(|at| (at - at.floor() - 0.25).abs() > 1e-6)
+            })
             .count();
         // Three a turn over a hundred turns: 300, standard deviation 17.
         assert!((215..385).contains(&strays), "{strays}");

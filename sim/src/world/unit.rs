@@ -79,7 +79,7 @@ impl Unit {
             }),
             indexes: Indexes::new(
                 &index::robot_angles(simulation.seed, place),
-                data.encoder.counts_per_revolution.into(),
+                (data.encoder.counts_per_revolution * data.encoder.gear_ratio).into(),
                 seed(4),
             ),
             battery: simulation.battery.as_ref().map(Battery::new),
@@ -157,7 +157,8 @@ impl Unit {
             let play = (angle - self.half_play, angle + self.half_play);
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
-            pulses[wheel] = self.indexes.follow(wheel, angle);
+            let turned = self.wheels[wheel] + self.slipped[wheel];
+            pulses[wheel] = self.indexes.follow(wheel, turned, angle);
             self.encoders[wheel].follow(angle, dt)
         });
         if counts != [0; 4] {

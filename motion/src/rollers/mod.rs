@@ -1,0 +1,289 @@
+//! Where each wheel's ground roller stands, and how sure that is.
+//!
+//! The encoder counts from wherever the robot was switched on, so a wheel's angle is unknown until its index has
+//! passed, which comes once a turn of the wheel. From then on the counts say how far the roller has swept
+//! ([`RollerTrack`]), and every further index must come a whole number of turns later ([`tracked`]):
+//!
+//! | state | the wheel computes with | until |
+//! |---|---|---|
+//! | [`RollerState::Constant`] | ideal rollers: no roller count is configured | |
+//! | [`RollerState::Sought`] | the mean ratio over a roller | the first index |
+//! | [`RollerState::Known`] | its angle | an index at an unexpected count, or none in [`PATIENCE`](tracked::PATIENCE) turns |
+//! | [`RollerState::Lost`] | the mean ratio; limit "roller phase" | two indexes in a row a whole number of turns apart |
+//!
+//! An index that bounces at one place is one index. A stray pulse costs the reference until two good ones have
+//! followed; two indexes a turn never agree with each other, so such a wheel stays with the mean. When what a wheel
+//! computes with changes, it passes over in [`BLEND`](tracked::BLEND) ticks, because a step of its secant would be a step of its rate.
+//!
+//! Cost: about 15 instructions a wheel and tick, and the secants.
+
+#[cfg(feature = "fixed-point")]
+#[path = "fixed_point.rs"]
+mod scalar;
+#[cfg(not(feature = "fixed-point"))]
+#[path = "single.rs"]
+mod scalar;
+#[cfg(test)]
+mod tests;
+mod tracked;
+
+use kinematics::{FourWheelGeometry, GeometryError, RollerAngle, RollerTrack, WheelRates};
+
+pub use scalar::{Secant, Value, Wheels};
+use tracked::PATIENCE;
+use tracked::Tracked;
+
+/// Most counts by which an index may move for good reasons, as a share of a turn.
+const PLAY: f32 = 1.0 / 64.0;
+
+/// Wheels with rollers, uncompensated, in the robot's frame.
+pub(crate) fn wheels(geometry: &FourWheelGeometry) -> Result<Wheels, GeometryError> {
+    scalar::wheels(geometry)
+}
+
+/// The secants of the four wheels.
+pub type Secants = [Value; 4];
+
+/// An index pulse as it was captured.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct IndexPulse {
+    /// Counts the pulses, wrapping: a new one has come when this changes.
+    pub number: u8,
+    /// The encoder's counter at the pulse.
+    pub count: u16,
+}
+
+/// What a wheel computes with, and why.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[repr(u8)]
+pub enum RollerState {
+    /// Ideal rollers.
+    #[default]
+    Constant = 0,
+    /// The mean over a roller; the index has not been seen yet.
+    Sought = 1,
+    /// The roller's angle.
+    Known = 2,
+    /// The mean over a roller; the reference was wrong or has slipped.
+    Lost = 3,
+}
+
+/// The rollers of one wheel.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct RollerWheel {
+    secant: Secant,
+    /// Begins here.
+    track: RollerTrack,
+    /// Steps of a roller angle for a radian of the wheel; 0 for ideal rollers.
+    per_radian: f32,
+    /// Roller angle at the index.
+    phase: RollerAngle,
+    /// Counts of a turn of the wheel, which behind a gear need not be whole.
+    turn: f32,
+    /// Counts without an index after which a reference is no longer trusted.
+    patience: i32,
+}
+
+/// The rollers of a robot, as configured.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct RollerConfiguration {
+    wheels: [RollerWheel; 4],
+    /// Whether there are index inputs to listen to.
+    index: bool,
+    /// Counts by which an index may be off.
+    tolerance: i32,
+}
+
+impl RollerWheel {
+    /// A wheel with this many rollers (0: ideal ones), this phase (rad: how far it has rolled on past a roller's
+    /// middle at the index) and these counts a turn of the wheel, gear included, negative where the encoder is
+    /// reversed.
+    ///
+    /// # Errors
+    /// [`GeometryError`] for one or two rollers, and for an encoder that cannot tell where a roller stands.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "counts of a turn fit; a step of 2^-32 fits what an f32 has"
+    )]
+    pub fn new(rollers: u8, phase: f32, counts: f32) -> Result<Self, GeometryError> {
+        let count = u16::from(rollers);
+        let (track, angle, per_radian) = if rollers == 0 {
+            (
+                RollerTrack::new(3, f64::from(counts))?,
+                RollerAngle::default(),
+                0.0,
+            )
+        } else {
+            let known = kinematics::Rollers::<f32>::new(count)?;
+            (
+                RollerTrack::new(count, f64::from(counts))?,
+                RollerAngle::new(phase, &known),
+                4_294_967_296.0 / known.pitch(),
+            )
+        };
+        Ok(Self {
+            secant: scalar::secant(count)?,
+            track,
+            per_radian,
+            phase: angle,
+            turn: counts.abs(),
+            patience: (PATIENCE * counts.abs()) as i32,
+        })
+    }
+
+    fn is_ideal(&self) -> bool {
+        self.per_radian == 0.0
+    }
+}
+
+impl RollerConfiguration {
+    /// Four wheels, with or without index inputs; an index may be off by `tolerance` counts.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "counts of a turn fit")]
+    pub fn new(wheels: [RollerWheel; 4], index: bool, tolerance: u16) -> Self {
+        let turns = wheels.iter().map(|wheel| wheel.turn);
+        let least = turns.fold(f32::INFINITY, f32::min);
+        Self {
+            wheels,
+            index,
+            tolerance: i32::from(tolerance).min((least * PLAY) as i32).max(1),
+        }
+    }
+
+    /// Whether all wheels have ideal rollers, so that nothing here is needed.
+    #[must_use]
+    pub fn is_ideal(&self) -> bool {
+        self.wheels.iter().all(RollerWheel::is_ideal)
+    }
+
+    /// Secants at the hand-over: the most a wheel is ever asked for.
+    #[must_use]
+    pub fn largest(&self) -> Secants {
+        let end = RollerAngle::from_bits(i32::MIN);
+        self.wheels.map(|wheel| wheel.secant.at(end))
+    }
+
+    /// Secants in the middle of a roller: the least.
+    #[must_use]
+    pub fn least(&self) -> Secants {
+        let middle = RollerAngle::from_bits(0);
+        self.wheels.map(|wheel| wheel.secant.at(middle))
+    }
+}
+
+/// The rollers of a robot while it runs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Rollers {
+    configuration: RollerConfiguration,
+    wheels: [Tracked; 4],
+    secants: Secants,
+}
+
+impl Rollers {
+    /// All angles unknown; those that `before` knew of the same wheels are kept.
+    pub fn new(configuration: RollerConfiguration, before: Option<&Self>) -> Self {
+        let mut wheels = configuration.wheels.map(Tracked::new);
+        let kept = before.filter(|before| before.configuration.index == configuration.index);
+        if let Some(before) = kept {
+            for (wheel, before) in wheels.iter_mut().zip(&before.wheels) {
+                if wheel.track == before.configuration.track
+                    && wheel.configuration.turn == before.configuration.turn
+                {
+                    let own = wheel.configuration;
+                    *wheel = *before;
+                    wheel.configuration = own;
+                    let shift = own
+                        .phase
+                        .to_bits()
+                        .wrapping_sub(before.configuration.phase.to_bits());
+                    wheel
+                        .track
+                        .set(before.track.angle().advanced(RollerAngle::from_bits(shift)));
+                }
+            }
+        }
+        let mut rollers = Self {
+            secants: configuration.least(),
+            configuration,
+            wheels,
+        };
+        rollers.secants = rollers.now();
+        rollers
+    }
+
+    fn now(&self) -> Secants {
+        self.wheels
+            .map(|wheel| wheel.secant(RollerAngle::from_bits(0)))
+    }
+
+    /// Takes in that the counters went on by `passed` to `now`, and returns the secants in the middle between the
+    /// last call and this one.
+    #[inline]
+    pub fn update(&mut self, passed: [i16; 4], now: [u16; 4], index: &[IndexPulse; 4]) -> Secants {
+        let tolerance = self
+            .configuration
+            .index
+            .then_some(self.configuration.tolerance);
+        for (((wheel, passed), now), pulse) in
+            self.wheels.iter_mut().zip(passed).zip(now).zip(index)
+        {
+            wheel.update(passed, now, *pulse, tolerance);
+        }
+        let now = self.now();
+        let [a, b, c, d] = self.secants;
+        let [e, f, g, h] = now;
+        self.secants = now;
+        [
+            scalar::middle(a, e),
+            scalar::middle(b, f),
+            scalar::middle(c, g),
+            scalar::middle(d, h),
+        ]
+    }
+
+    /// The secants now.
+    pub const fn secants(&self) -> &Secants {
+        &self.secants
+    }
+
+    /// The secants in `dt` s, when the wheels turn with these rates (rad/s).
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a tick's part of a roller; beyond half a roller it saturates"
+    )]
+    #[inline]
+    pub fn ahead(&self, rates: &WheelRates, dt: f32) -> Secants {
+        let rates: [f32; 4] = (*rates).into();
+        let [a, b, c, d] = &self.wheels;
+        let [ra, rb, rc, rd] = rates;
+        let one = |wheel: &Tracked, rate: f32| {
+            let steps = (rate * dt * wheel.configuration.per_radian) as i32;
+            wheel.secant(RollerAngle::from_bits(steps))
+        };
+        [one(a, ra), one(b, rb), one(c, rc), one(d, rd)]
+    }
+
+    /// What each wheel computes with.
+    pub fn states(&self) -> [RollerState; 4] {
+        self.wheels.map(|wheel| wheel.state)
+    }
+
+    /// How far each wheel has rolled on past the middle of its ground roller, rad; true for wheels in
+    /// [`RollerState::Known`], else counted from where the robot was configured.
+    pub fn sweeps(&self) -> [f32; 4] {
+        self.wheels.map(|wheel| {
+            if wheel.configuration.is_ideal() {
+                0.0
+            } else {
+                wheel.track.angle().to_bits() as f32 / wheel.configuration.per_radian
+            }
+        })
+    }
+
+    /// Whether any wheel has lost its reference.
+    pub fn any_lost(&self) -> bool {
+        self.wheels
+            .iter()
+            .any(|wheel| wheel.state == RollerState::Lost)
+    }
+}
