@@ -110,6 +110,8 @@ pub(crate) struct Fetch {
     prefetched: Option<(u32, u64)>,
     code: Cache<64>,
     data: Cache<8>,
+    /// Cycles that the core has waited in all.
+    waited: u64,
 }
 
 impl Fetch {
@@ -123,7 +125,13 @@ impl Fetch {
             prefetched: None,
             code: Cache::new(),
             data: Cache::new(),
+            waited: 0,
         }
+    }
+
+    /// Cycles that the core has waited so far.
+    pub(crate) fn waited(&self) -> u64 {
+        self.waited
     }
 
     /// Takes over what ACR says and forgets what belongs to another content of the flash.
@@ -163,6 +171,7 @@ impl Fetch {
                 waited += self.enter(line, now + waited);
             }
         }
+        self.waited += waited;
         waited
     }
 
@@ -192,6 +201,7 @@ impl Fetch {
             return 0;
         }
         self.data.insert(offset >> LINE);
+        self.waited += self.wait_states;
         self.wait_states
     }
 }

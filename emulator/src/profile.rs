@@ -14,8 +14,10 @@ pub struct Usage {
     pub calls: u64,
     /// Instructions executed.
     pub instructions: u64,
-    /// Cycles, by the core's simple timing (no wait states).
+    /// Cycles, those included that it waited for the flash.
     pub cycles: u64,
+    /// Cycles that it waited for the flash.
+    pub waited: u64,
 }
 
 /// One call of a watched function, from its first instruction to the return to its caller.
@@ -51,6 +53,22 @@ pub(crate) struct At {
     pub cycle: u64,
 }
 
+/// What one instruction cost.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cost {
+    pub cycles: u64,
+    /// Of these, waiting for the flash.
+    pub waited: u64,
+}
+
+impl Usage {
+    fn add(&mut self, cost: Cost) {
+        self.instructions += 1;
+        self.cycles += cost.cycles;
+        self.waited += cost.waited;
+    }
+}
+
 /// Counts per function, by the function's address.
 #[derive(Debug, Clone, Default)]
 pub struct Profile {
@@ -74,10 +92,11 @@ impl Profile {
         &mut self,
         firmware: &Firmware,
         at: At,
-        cycles: u64,
+        cost: Cost,
         exception_entry: bool,
     ) {
         let At { pc, sp, .. } = at;
+        let cycles = cost.cycles;
         let lowest = self.lowest.entry(at.exception).or_insert(u32::MAX);
         *lowest = sp.min(*lowest);
         if exception_entry {
@@ -96,11 +115,8 @@ impl Profile {
         }
         let usage = self.functions.entry(self.last.0).or_default();
         usage.calls += u64::from(pc == self.last.0);
-        usage.instructions += 1;
-        usage.cycles += cycles;
-        let handler = self.handlers.entry(at.exception).or_default();
-        handler.instructions += 1;
-        handler.cycles += cycles;
+        usage.add(cost);
+        self.handlers.entry(at.exception).or_default().add(cost);
         if !self.watched.is_empty() {
             self.count_calls(at, cycles);
         }
@@ -206,6 +222,7 @@ impl Profile {
                 calls: sum.calls + usage.calls,
                 instructions: sum.instructions + usage.instructions,
                 cycles: sum.cycles + usage.cycles,
+                waited: sum.waited + usage.waited,
             })
     }
 }

@@ -12,7 +12,7 @@ use rsemu::cpu::arm::v7m::xpsr;
 use super::Board;
 use super::follow::Place;
 use crate::fast::Memory;
-use crate::profile::At;
+use crate::profile::{At, Cost};
 use crate::rtt::RAM_BASE;
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
@@ -224,6 +224,7 @@ impl Board {
                 cycle: self.now,
             };
             self.note_place(at);
+            let waited = self.fast.waited();
             let (cycles, entered) = self.step_either_way();
             if cycles == 1
                 && self.cpu.pc() == pc
@@ -234,7 +235,11 @@ impl Board {
             }
             self.instructions += u64::from(!entered);
             if let Some(profile) = &mut self.profile {
-                profile.count(&self.firmware, at, cycles, entered);
+                let cost = Cost {
+                    cycles,
+                    waited: self.fast.waited() - waited,
+                };
+                profile.count(&self.firmware, at, cost, entered);
             }
             if self.debugger.done(&self.ram) || self.shared.attention.load(Relaxed) {
                 break;

@@ -120,6 +120,11 @@ impl Fast {
         self.core.exclusive = None;
     }
 
+    /// Cycles that either core has waited for the flash so far.
+    pub(crate) fn waited(&self) -> u64 {
+        self.core.fetch.waited()
+    }
+
     /// What the reference core waited for the instruction that it has executed.
     pub(crate) fn wait_for(&mut self, pc: u32, memory: Memory<'_>, now: u64) -> u64 {
         let Self { code, core } = self;

@@ -59,27 +59,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         per_ms(entries.cycles)
     );
     println!(
-        "\n{:>9} {:>12} {:>9} {:>10}",
-        "exception", "instructions", "cycles", "stack from"
+        "\n{:>9} {:>12} {:>9} {:>9} {:>10}",
+        "exception", "instructions", "cycles", "waiting", "stack from"
     );
     for (exception, usage) in profile.handlers() {
         let lowest = profile.lowest_stack().get(exception).copied();
         println!(
-            "{exception:>9} {:>12.1} {:>9.1} {:>#10x}",
+            "{exception:>9} {:>12.1} {:>9.1} {:>9.1} {:>#10x}",
             per_ms(usage.instructions),
             per_ms(usage.cycles),
+            per_ms(usage.waited),
             lowest.unwrap_or_default()
         );
     }
     println!(
-        "\n{:>12} {:>9} {:>8}  function (per millisecond, without what it calls)",
-        "instructions", "cycles", "calls"
+        "\n{:>12} {:>9} {:>9} {:>8}  function (per millisecond, without what it calls)",
+        "instructions", "cycles", "waiting", "calls"
     );
     for (name, usage) in profile.functions(&firmware).into_iter().take(arguments.top) {
         println!(
-            "{:>12.1} {:>9.1} {:>8.2}  {name}",
+            "{:>12.1} {:>9.1} {:>9.1} {:>8.2}  {name}",
             per_ms(usage.instructions),
             per_ms(usage.cycles),
+            per_ms(usage.waited),
             per_ms(usage.calls)
         );
     }
