@@ -1,7 +1,8 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
-//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one,
-//! for bus-off, and in any case every 2 ms. For deadlines the control task wakes it, so they are met at its next tick. Frames
+//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a frame waits for one, for
+//! bus-off, when the control side has a fault or stands, and in any case every 5 ms. For deadlines, and for frames that mean
+//! nothing before the next SYNC, the control task wakes it, so they are met at its next tick. Frames
 //! that nobody here reads do not get this far. Each turn it hands over the control side's latest report, then the frames
 //! in the order they were received, each with the time its interrupt noted, and leaves the command that results. A
 //! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
@@ -14,18 +15,18 @@
 
 use canopen::{Frame, Micros, NmtState};
 use controller::{BusSide, Event, State, Stored};
-use embassy_futures::select::{Either3, select3};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
 use crate::board::flash::{ParameterFlash, patiently};
 use crate::board::now;
-use crate::handover::{BUS_DUE, BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
+use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
 use crate::store::{self, Store};
+use crate::wake;
 
-/// Longest time between two turns.
-const LONGEST_WAIT: Micros = Micros(2_000);
+/// Longest time between two turns. The watchdog is fed every 10 ms, if there has been one.
+const LONGEST_WAIT: Micros = Micros(5_000);
 
 /// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
@@ -33,22 +34,14 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        let event = can.event(waiting.is_some());
-        let woken = select3(can.receive(), BUS_DUE.wait(), event).await;
+        wake::BUS.rung().await;
 
-        if let Some(report) = REPORT.get() {
-            side.on_report(&report);
-        }
-        if let Some(outcome) = IDENTIFIED.try_take() {
+        side.on_report(&REPORT.get());
+        if let Some(outcome) = IDENTIFIED.take() {
             side.on_identification(now(), &outcome);
         }
-        let mut received = match woken {
-            Either3::First(received) => Some(received),
-            Either3::Second(()) | Either3::Third(()) => can.try_receive(),
-        };
-        while let Some(frame) = received {
-            side.on_frame(frame.at, &frame.frame);
-            received = can.try_receive();
+        while let Some(received) = can.try_receive() {
+            side.on_frame(received.at, &received.frame);
         }
         side.poll(now());
         if supervise(&can, &mut health, side) {
@@ -57,26 +50,29 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         }
 
         if let Some(configuration) = side.take_configuration() {
-            CONFIGURATION.signal(configuration);
+            CONFIGURATION.leave(configuration);
         }
         COMMAND.put(side.command());
-        can.listen(side.function_codes());
         if save(side, &mut store) {
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()
             };
         }
-        while let Some(frame) = waiting.take().or_else(|| side.pop_frame()) {
-            if !can.try_send(&frame) {
-                waiting = Some(frame);
-                break;
-            }
+        waiting = waiting.or_else(|| side.pop_frame());
+        if waiting.is_some() {
+            // What a master has changed counts before the answer to it is sent.
+            can.listen(side.function_codes(), BusSide::CAN_WAIT);
+        }
+        while let Some(frame) = waiting
+            && can.try_send(&frame)
+        {
+            waiting = side.pop_frame();
         }
         while let Some(event) = side.pop_event() {
             match event {
                 Event::RecoverBus => can.recover(),
-                Event::Sync { at, .. } => SYNC.put(at),
+                Event::Sync { at, .. } => SYNC.put(&Some(at)),
                 other => log(other),
             }
         }
@@ -84,7 +80,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         BUS_PROGRESS.made();
 
         let latest = now() + LONGEST_WAIT;
-        BUS_DUE.set(side.next_deadline().map_or(latest, |at| at.min(latest)));
+        wake::BUS.ring_at(side.next_deadline().map_or(latest, |at| at.min(latest)));
     }
 }
 

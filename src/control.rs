@@ -10,14 +10,13 @@
 
 use controller::{ControlSide, Inputs, TickPhase};
 use embassy_stm32::gpio::Input;
-use embassy_time::{Instant, Timer};
 
 use crate::board::drive::Drive;
 use crate::board::index::Indexes;
+use crate::board::tick::TickTimer;
 use crate::board::{Encoders, SupplyMeter, now};
-use crate::handover::{
-    BUS_DUE, COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC,
-};
+use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
+use crate::wake;
 use crate::watchdog::Guard;
 
 /// Turns commands and encoder counts into motor outputs.
@@ -28,16 +27,18 @@ pub async fn control(
     indexes: Indexes,
     driver_fault: Input<'static>,
     supply: SupplyMeter,
+    mut timer: TickTimer,
     mut guard: Guard,
 ) {
     let mut side = ControlSide::new();
     let mut phase = TickPhase::new();
     let mut due = phase.next(now());
-    let mut fault = None;
+    let mut announced = (None, false);
     loop {
-        Timer::at(Instant::from_micros(due.0)).await;
-        let begin = now();
-        take_over(&mut side, &mut phase);
+        let begin = timer.until(due).await;
+        if CONFIGURATION.is_there() {
+            take_over(&mut side, &mut phase);
+        }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
         let inputs = Inputs {
@@ -47,7 +48,7 @@ pub async fn control(
             driver_fault: driver_fault.is_low(),
             supply: Some(supply.volts()),
         };
-        let outputs = side.tick(begin, &COMMAND.get().unwrap_or_default(), &inputs);
+        let outputs = side.tick(begin, &COMMAND.get(), &inputs);
         drive.set(
             outputs.duty,
             outputs.drivers_enabled,
@@ -55,33 +56,35 @@ pub async fn control(
         );
         let report = side.report();
         REPORT.put(report);
+        guard.tick(report);
+        // What the bus side is to know at once.
+        let news = (report.fault, report.standstill);
         if let Some(outcome) = side.take_identification() {
-            IDENTIFIED.signal(outcome);
+            IDENTIFIED.leave(&outcome);
+            wake::BUS.ring();
         }
-        guard.tick(&report);
-        if report.fault != fault {
-            fault = report.fault;
-            BUS_DUE.ring();
-        } else {
-            BUS_DUE.ring_if_due(now());
+        if news != announced {
+            announced = news;
+            wake::BUS.ring();
         }
+        wake::BUS.tick(begin);
 
         CONTROL_LATENESS.note(begin.since(due));
         if let Some(sync) = SYNC.get() {
             phase.on_sync(sync);
         }
         due = phase.next(due);
-        if due <= now() {
+        if due <= begin {
             due = phase.next(now());
         }
     }
 }
 
-/// Takes over a configuration if there is a new one. Not inlined, so that the stack it takes is given back.
+/// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
 fn take_over(side: &mut ControlSide, phase: &mut TickPhase) {
-    if let Some(configuration) = CONFIGURATION.try_take() {
+    CONFIGURATION.take_with(|configuration| {
         *phase = TickPhase::with_period(configuration.times.sync_period_us);
         side.configure(configuration);
-    }
+    });
 }

@@ -8,13 +8,12 @@
 //! | [`REPORT`] | control | bus | the newer report replaces it |
 //! | [`IDENTIFIED`] | control | bus | the newer result replaces it |
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
-//! | [`BUS_DUE`] | bus and back | control wakes the bus task at its tick | it is woken at the next tick |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
 //! A cell is copied with interrupts masked. That takes well under a microsecond for the sizes at hand, far less than
 //! a frame on the bus (50 us at least), so it can delay a receive time stamp but never lose a frame.
 
-use core::cell::Cell;
+use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use canopen::Micros;
@@ -22,100 +21,81 @@ use controller::identification::Outcome;
 use controller::{Command, Configuration, Report};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
 
 /// A value that one side replaces and the other reads: the latest wins.
-pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, Cell<Option<T>>>);
+pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<T>>);
 
 impl<T: Copy> Latest<T> {
-    const fn new() -> Self {
-        Self(Mutex::new(Cell::new(None)))
+    const fn new(first: T) -> Self {
+        Self(Mutex::new(RefCell::new(first)))
     }
 
     /// Replaces the value.
-    pub fn put(&self, value: T) {
-        self.0.lock(|cell| cell.set(Some(value)));
+    pub fn put(&self, value: &T) {
+        self.0.lock(|cell| *cell.borrow_mut() = *value);
     }
 
-    /// Returns the latest value; `None` before the first.
-    pub fn get(&self) -> Option<T> {
-        self.0.lock(Cell::get)
+    /// Returns the latest value.
+    pub fn get(&self) -> T {
+        self.0.lock(|cell| *cell.borrow())
+    }
+}
+
+/// A value that one side leaves and the other takes, once: the latest wins.
+pub struct Parcel<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>);
+
+impl<T: Copy> Parcel<T> {
+    const fn new() -> Self {
+        Self(Mutex::new(RefCell::new(None)))
+    }
+
+    /// Leaves a value. By reference, so that it is copied once.
+    pub fn leave(&self, value: &T) {
+        self.0.lock(|cell| *cell.borrow_mut() = Some(*value));
+    }
+
+    /// Whether there is one to take.
+    pub fn is_there(&self) -> bool {
+        self.0.lock(|cell| cell.borrow().is_some())
+    }
+
+    /// Takes the value if there is one.
+    pub fn take(&self) -> Option<T> {
+        self.0.lock(RefCell::take)
+    }
+
+    /// Takes the value if there is one, and uses it where it is: for what is too large to be copied onto the stack.
+    pub fn take_with(&self, mut use_it: impl FnMut(&T)) {
+        self.0.lock(|cell| {
+            let mut cell = cell.borrow_mut();
+            if let Some(value) = &*cell {
+                use_it(value);
+                *cell = None;
+            }
+        });
     }
 }
 
 /// What the bus side asks for.
-pub static COMMAND: Latest<Command> = Latest::new();
+pub static COMMAND: Latest<Command> = Latest::new(Command::NONE);
 
 /// When the last SYNC was received, local time.
-pub static SYNC: Latest<Micros> = Latest::new();
+pub static SYNC: Latest<Option<Micros>> = Latest::new(None);
 
 /// What the control side measured and decided.
-pub static REPORT: Latest<Report> = Latest::new();
+pub static REPORT: Latest<Report> = Latest::new(Report::NONE);
 
 /// What an identification came to, until the bus side has taken it.
-pub static IDENTIFIED: Signal<CriticalSectionRawMutex, Outcome> = Signal::new();
+pub static IDENTIFIED: Parcel<Outcome> = Parcel::new();
 
 /// A new configuration, until the control side has taken it.
-pub static CONFIGURATION: Signal<CriticalSectionRawMutex, Configuration> = Signal::new();
-
-/// When the bus task wants to come round without a frame.
-pub static BUS_DUE: Alarm = Alarm::new();
+pub static CONFIGURATION: Parcel<Configuration> = Parcel::new();
 
 /// Turns that the bus task has completed.
 pub static BUS_PROGRESS: Progress = Progress::new();
 
 /// Longest time by which a control tick started late, since it was last asked for.
 pub static CONTROL_LATENESS: Longest = Longest::new();
-
-/// A time that one side waits for and the other watches.
-///
-/// The control task wakes every millisecond anyway. To let it look after the bus task's deadline as well costs a
-/// comparison; a timer of the bus task's own costs the executor's timer queue two thousand cycles a millisecond.
-pub struct Alarm {
-    /// The lower half of the time in microseconds: deadlines lie far less than half of its range away.
-    at: AtomicU32,
-    rung: Signal<CriticalSectionRawMutex, ()>,
-}
-
-impl Alarm {
-    const fn new() -> Self {
-        Self {
-            at: AtomicU32::new(0),
-            rung: Signal::new(),
-        }
-    }
-
-    /// Sets the time; before the first, it is due at once.
-    pub fn set(&self, at: Micros) {
-        self.at.store(low(at), Ordering::Relaxed);
-    }
-
-    /// Wakes whoever waits, if it is time.
-    pub fn ring_if_due(&self, now: Micros) {
-        const HALF: u32 = 1 << 31;
-        if low(now).wrapping_sub(self.at.load(Ordering::Relaxed)) < HALF {
-            self.ring();
-        }
-    }
-
-    /// Wakes whoever waits.
-    pub fn ring(&self) {
-        self.rung.signal(());
-    }
-
-    /// Waits until it has been rung since the last time.
-    pub async fn wait(&self) {
-        self.rung.wait().await;
-    }
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "compared by wrapping differences"
-)]
-const fn low(time: Micros) -> u32 {
-    time.0 as u32
-}
 
 /// A count that shows that a task still runs.
 pub struct Progress(AtomicU32);

@@ -42,6 +42,8 @@ mod start;
 #[cfg(target_os = "none")]
 mod store;
 #[cfg(target_os = "none")]
+mod wake;
+#[cfg(target_os = "none")]
 mod watchdog;
 
 #[cfg(target_os = "none")]

@@ -119,6 +119,7 @@ fn prepare() -> Parts {
         board.indexes,
         board.driver_fault,
         board.supply,
+        board.tick,
         Guard::new(board.watchdog)
     )));
     Parts {

@@ -12,7 +12,7 @@ use canopen::Micros;
 use kinematics::{Odometry, Twist, WheelRates};
 use protocol::{Fault, Limit, Reaction};
 
-use crate::configuration::Configuration;
+use crate::configuration::{Configuration, WheelConfiguration};
 use crate::drivetrain::Factors;
 use crate::handover::{Command, Inputs, Mode, Outputs, Report};
 use crate::identification::{Identification, Outcome, Step, Stopped};
@@ -64,6 +64,18 @@ struct Wheel {
 }
 
 impl Wheel {
+    /// A wheel at rest. Not inlined: four times in a row it is two kilobytes.
+    #[inline(never)]
+    fn new(configuration: &Configuration, wheel: &WheelConfiguration) -> Self {
+        Self {
+            step: wheel.step,
+            motor_sign: wheel.motor_sign,
+            observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
+            drive: WheelLoop::new(wheel.gains),
+            watch: Watch::new(configuration, wheel),
+        }
+    }
+
     /// One tick of a wheel: the voltage in its motor's direction, V, and whether the supply is too little for it.
     #[inline(always)]
     fn drive(
@@ -132,39 +144,12 @@ impl ControlSide {
             slip_fault: Lasting::new(),
             identification: None,
             outcome: None,
-            report: Report {
-                at: Micros(0),
-                start: 0,
-                configuration: 0,
-                mode: Mode::Off,
-                standstill: false,
-                fault: None,
-                obstacle: None,
-                limit: None,
-                sequence: 0,
-                reference: Twist::ZERO,
-                measured: Twist::ZERO,
-                slip_residual: 0.0,
-                rates_ref: WheelRates::ZERO,
-                rates: WheelRates::ZERO,
-                pose: kinematics::Pose::ZERO,
-                supply: None,
-                late_ticks: 0,
-                roller_states: [RollerState::Constant; 4],
-                roller_sweeps: [0.0; 4],
-            },
+            report: Report::NONE,
         }
     }
 
     /// Takes over a configuration. The outputs go off with it, and the pose starts at zero.
-    pub fn configure(&mut self, configuration: Configuration) {
-        let wheels = configuration.wheels.map(|wheel| Wheel {
-            step: wheel.step,
-            motor_sign: wheel.motor_sign,
-            observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
-            drive: WheelLoop::new(wheel.gains),
-            watch: Watch::new(&configuration, &wheel),
-        });
+    pub fn configure(&mut self, configuration: &Configuration) {
         self.report.configuration = configuration.crc;
         self.report.mode = Mode::Off;
         self.identification = None;
@@ -178,22 +163,29 @@ impl ControlSide {
             .map(|configured| Rollers::new(configured, before));
         self.report.roller_states = [RollerState::Constant; 4];
         self.report.roller_sweeps = [0.0; 4];
+        let [a, b, c, d] = &configuration.wheels;
+        // Made where it stays: it takes two kilobytes, and on the stack it would come on top of everything else.
         self.motion = Some(Motion {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
             limiter: Limiter::default(),
             odometry: Odometry::new(),
             accelerations: [0.0; 4],
-            wheels,
+            wheels: [
+                Wheel::new(configuration, a),
+                Wheel::new(configuration, b),
+                Wheel::new(configuration, c),
+                Wheel::new(configuration, d),
+            ],
             factors: configuration.drivetrain.factors(),
             rollers,
-            configuration,
+            configuration: *configuration,
         });
     }
 
     /// What it did and saw at the last tick.
     #[must_use]
-    pub const fn report(&self) -> Report {
-        self.report
+    pub const fn report(&self) -> &Report {
+        &self.report
     }
 
     /// What an identification came to, once, when it is over.

@@ -52,6 +52,25 @@ pub struct Command {
     pub bounds: Bounds,
 }
 
+impl Command {
+    /// Nothing has been asked for. Also the default.
+    pub const NONE: Self = Self {
+        mode: Mode::Off,
+        target: Twist::ZERO,
+        sequence: 0,
+        update: 0,
+        at: Micros::ZERO,
+        start: 0,
+        configuration: 0,
+        alive: Micros::ZERO,
+        bounds: Bounds {
+            rate: 0.0,
+            travel: 0.0,
+            wheels: 0,
+        },
+    };
+}
+
 /// What the control side reads each tick.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Inputs {
@@ -128,4 +147,29 @@ pub struct Report {
     pub roller_states: [RollerState; 4],
     /// Roller angle of each wheel, rad.
     pub roller_sweeps: [f32; 4],
+}
+
+impl Report {
+    /// There has been no tick. Also the default.
+    pub const NONE: Self = Self {
+        at: Micros::ZERO,
+        start: 0,
+        configuration: 0,
+        mode: Mode::Off,
+        standstill: false,
+        fault: None,
+        obstacle: None,
+        limit: None,
+        sequence: 0,
+        reference: Twist::ZERO,
+        measured: Twist::ZERO,
+        slip_residual: 0.0,
+        rates_ref: WheelRates::ZERO,
+        rates: WheelRates::ZERO,
+        pose: Pose::ZERO,
+        supply: None,
+        late_ticks: 0,
+        roller_states: [RollerState::Constant; 4],
+        roller_sweeps: [0.0; 4],
+    };
 }

@@ -8,7 +8,9 @@
 //!
 //! The interrupt drops frames of function codes that nobody here listens to ([`Can::listen`]): a hundred cycles instead
 //! of a turn of the bus task. Not by the controller's own filters, which can only be changed while it does not
-//! receive.
+//! receive. For frames that mean nothing before the next SYNC it does not wake the bus task: they wait for the control
+//! tick, which wakes it, or for the next frame that cannot wait. A millisecond has 20 frames at most, so the queue holds
+//! them.
 //!
 //! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated until they
 //! are acknowledged. Whoever sends holds a frame back while the mailboxes are full; nothing is dropped here.
@@ -18,9 +20,7 @@
 //! Why not the HAL's driver: its buffered receiver drops a frame without a trace when its queue is full, and
 //! its buffered sender loses the second of two frames with one identifier.
 
-use core::future::poll_fn;
-use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
-use core::task::Poll;
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use canopen::{Frame, Micros};
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
@@ -32,9 +32,9 @@ use embassy_stm32::peripherals::{CAN1, PB8, PB9};
 use embassy_stm32::{Peri, bind_interrupts, interrupt, pac, rcc};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_sync::waitqueue::AtomicWaker;
 
 use super::now;
+use crate::wake;
 
 /// Frames the receive queue can hold.
 pub const RX_QUEUE_LENGTH: usize = 32;
@@ -70,8 +70,7 @@ impl Health {
 
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
 static LISTENS_TO: AtomicU16 = AtomicU16::new(u16::MAX);
-static WAKER: AtomicWaker = AtomicWaker::new();
-static WENT_OFF: AtomicBool = AtomicBool::new(false);
+static CAN_WAIT: AtomicU16 = AtomicU16::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static QUEUE_OVERFLOWS: AtomicU32 = AtomicU32::new(0);
 
@@ -142,7 +141,6 @@ impl Can {
         can.ier().write(|w| {
             w.set_fmpie(0, true);
             w.set_fovie(0, true);
-            w.set_tmeie(true);
             w.set_bofie(true);
             w.set_errie(true);
         });
@@ -160,18 +158,11 @@ impl Can {
         }
     }
 
-    /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers from 128 n on). All of
-    /// them before the first call.
-    pub fn listen(&self, function_codes: u16) {
+    /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers from 128 n on), and
+    /// lets those of the second set wait for the tick. All of them, at once, before the first call.
+    pub fn listen(&self, function_codes: u16, can_wait: u16) {
         LISTENS_TO.store(function_codes, Ordering::Relaxed);
-    }
-
-    /// Takes the oldest received frame, waiting for one.
-    ///
-    /// # Cancellation
-    /// Safe: a frame is either returned or still in the queue.
-    pub async fn receive(&self) -> Received {
-        RX_QUEUE.receive().await
+        CAN_WAIT.store(can_wait, Ordering::Relaxed);
     }
 
     /// Takes the oldest received frame, if there is one.
@@ -179,12 +170,14 @@ impl Can {
         RX_QUEUE.try_receive().ok()
     }
 
-    /// Puts a frame into a free mailbox; `false` when all three are taken.
+    /// Puts a frame into a free mailbox; `false` when all three are taken. Then the bus task is woken when one is free.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
         let can = pac::CAN1;
         let status = can.tsr().read();
         if !(status.tme(0) || status.tme(1) || status.tme(2)) {
+            // Comes at once if a mailbox has become free since.
+            cortex_m::interrupt::free(|_| can.ier().modify(|w| w.set_tmeie(true)));
             return false;
         }
         // RM0390 30.9.2: with at least one mailbox free, CODE is the number of the next free one.
@@ -204,24 +197,6 @@ impl Can {
             w.set_txrq(true);
         });
         true
-    }
-
-    /// Waits until the controller has gone off the bus or, if a frame waits for one, a mailbox is free.
-    ///
-    /// # Cancellation
-    /// Safe: what it waits for can be seen afterwards as well.
-    pub async fn event(&self, frame_waits: bool) {
-        poll_fn(|context| {
-            WAKER.register(context.waker());
-            let status = pac::CAN1.tsr().read();
-            let free = frame_waits && (status.tme(0) || status.tme(1) || status.tme(2));
-            if WENT_OFF.swap(false, Ordering::Relaxed) || free {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
-            }
-        })
-        .await;
     }
 
     /// Takes back the frames that wait in mailboxes.
@@ -276,20 +251,22 @@ struct RxHandler;
 impl Handler<typelevel::CAN1_RX0> for RxHandler {
     unsafe fn on_interrupt() {
         let can = pac::CAN1;
-        let mut at = now();
         loop {
             let fifo = can.rfr(0).read();
             if fifo.fovr() {
                 OVERRUNS.fetch_add(1, Ordering::Relaxed);
+                wake::BUS.ring();
                 // The flags of this register are cleared by writing one, and only this one is to be cleared.
                 can.rfr(0).write(|w| w.set_fovr(true));
             }
             if fifo.fmp() == 0 {
                 break;
             }
+            let at = now();
             let mailbox = can.rx(0);
             let id = mailbox.rir().read().stid();
-            let frame = if LISTENS_TO.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1 {
+            let is_in = |codes: &AtomicU16| codes.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1;
+            let frame = if is_in(&LISTENS_TO) {
                 let (low, high) = (mailbox.rdlr().read().0, mailbox.rdhr().read().0);
                 let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
                 let length = usize::from(mailbox.rdtr().read().dlc()).min(data.len());
@@ -299,12 +276,17 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             };
             can.rfr(0).write(|w| w.set_rfom(true));
             while can.rfr(0).read().rfom() {}
-            if let Some(frame) = frame
-                && RX_QUEUE.try_send(Received { at, frame }).is_err()
-            {
-                QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
+            if let Some(frame) = frame {
+                let taken = RX_QUEUE.try_send(Received { at, frame }).is_ok();
+                if !taken {
+                    QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
+                }
+                if taken && is_in(&CAN_WAIT) {
+                    wake::BUS.ring_soon();
+                } else {
+                    wake::BUS.ring();
+                }
             }
-            at = now();
         }
     }
 }
@@ -314,12 +296,8 @@ struct TxHandler;
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::CAN1_TX> for TxHandler {
     unsafe fn on_interrupt() {
-        pac::CAN1.tsr().write(|w| {
-            w.set_rqcp(0, true);
-            w.set_rqcp(1, true);
-            w.set_rqcp(2, true);
-        });
-        WAKER.wake();
+        pac::CAN1.ier().modify(|w| w.set_tmeie(false));
+        wake::BUS.ring();
     }
 }
 
@@ -330,7 +308,6 @@ impl Handler<typelevel::CAN1_SCE> for OffHandler {
     unsafe fn on_interrupt() {
         // Flags of this register are cleared by writing one; bus-off is the only error that is enabled.
         pac::CAN1.msr().write(|w| w.set_erri(true));
-        WENT_OFF.store(true, Ordering::Relaxed);
-        WAKER.wake();
+        wake::BUS.ring();
     }
 }

@@ -13,14 +13,17 @@
 //! lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be missed.
 
 use embassy_stm32::Peri;
-use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AfType, Flex, Output, OutputType, Pull, Speed};
 use embassy_stm32::pac;
+use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::vals::{Bkp, Ocm, Ossi, Ossr};
 use embassy_stm32::peripherals::{TIM1, TIM8};
 use embassy_stm32::rcc;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::Channel;
 use embassy_stm32::timer::low_level::{CountingMode, OutputCompareMode, RoundTo, Timer};
+
+use super::nucleo_f446re::{BRAKE_RELEASE_PB, DRIVER_ENABLE_PB, FIRST_DIRECTION_PC};
 
 const PWM_FREQUENCY: Hertz = Hertz(20_000);
 
@@ -34,7 +37,7 @@ pub struct Drive {
     _pwm: [Flex<'static>; 4],
     /// Break inputs of TIM1 and TIM8.
     stop: [Flex<'static>; 2],
-    direction: [Output<'static>; 4],
+    _direction: [Output<'static>; 4],
     /// Driver enable and brake release.
     _gate: [Flex<'static>; 2],
     enabled: bool,
@@ -115,7 +118,7 @@ impl Drive {
             period,
             _pwm: pwm,
             stop: [stop, gate_stop],
-            direction,
+            _direction: direction,
             _gate: gate,
             enabled: false,
         }
@@ -125,7 +128,8 @@ impl Drive {
     /// last enabled.
     pub fn emergency_stop(&self) -> bool {
         let cut = || !self.timer.get_moe() || !pac::TIM8.bdtr().read().moe();
-        self.stop.iter().any(Flex::is_high) || (self.enabled && cut())
+        let [stop, gate_stop] = &self.stop;
+        stop.is_high() || gate_stop.is_high() || (self.enabled && cut())
     }
 
     /// Sets the outputs.
@@ -137,13 +141,16 @@ impl Drive {
             pac::TIM8.bdtr().modify(|w| w.set_moe(false));
             self.timer.set_moe(false);
         }
-        for ((channel, direction), duty) in CHANNELS.into_iter().zip(&mut self.direction).zip(duty)
-        {
-            let duty = if drivers_enabled { duty } else { 0.0 };
-            direction.set_level(Level::from(duty >= 0.0));
-            self.timer
-                .set_compare_value(channel, compare(duty, self.period));
+        let duty = if drivers_enabled { duty } else { [0.0; 4] };
+        let mut directions = Bsrr(0);
+        for (wheel, duty) in duty.into_iter().enumerate() {
+            let forward = duty >= 0.0;
+            directions.set_bs(FIRST_DIRECTION_PC + wheel, forward);
+            directions.set_br(FIRST_DIRECTION_PC + wheel, !forward);
+            let high = compare(duty, self.period);
+            pac::TIM1.ccr(wheel).write(|w| w.set_ccr(high));
         }
+        pac::GPIOC.bsrr().write_value(directions);
         force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
             pac::TIM8.bdtr().modify(|w| w.set_moe(true));
@@ -177,15 +184,18 @@ fn force(drivers_enabled: bool, brake_released: bool) {
     reason = "the value is between 0 and the period, which fits; NaN becomes 0"
 )]
 fn compare(duty: f32, period: f32) -> u16 {
-    (duty.abs().min(1.0) * period + 0.5) as u16
+    let share = duty.abs();
+    // Not `min`: that is a function of the library, and makes a whole of what is no number.
+    let share = if share > 1.0 { 1.0 } else { share };
+    (share * period + 0.5) as u16
 }
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
 pub fn cut() {
     // While start-up has not come so far the pins are outputs of the port, or still inputs; those float as in reset.
     pac::GPIOB.bsrr().write(|w| {
-        w.set_br(super::nucleo_f446re::DRIVER_ENABLE_PB, true);
-        w.set_br(super::nucleo_f446re::BRAKE_RELEASE_PB, true);
+        w.set_br(DRIVER_ENABLE_PB, true);
+        w.set_br(BRAKE_RELEASE_PB, true);
     });
     pac::TIM8.bdtr().modify(|w| w.set_moe(false));
     pac::TIM1.bdtr().modify(|w| w.set_moe(false));

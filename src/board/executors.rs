@@ -1,16 +1,16 @@
 //! The two executors.
 //!
-//! The bus side runs in thread mode, at the lowest priority. The control side runs in the UART5 interrupt:
-//! the serial port is not used on this board, so its vector is free to be pended by software. Whatever the bus
-//! side is doing, a control tick interrupts it. The priorities, strongest first:
+//! The bus side runs in thread mode, at the lowest priority. The control side runs in the interrupt of TIM7, which its
+//! ticks wait for (`tick`). Whatever the bus side is doing, a control tick interrupts it. The priorities, strongest
+//! first:
 //!
 //! | priority | interrupt | why |
 //! |---|---|---|
-//! | 1 | TIM9 (time) | wakes everything; a few microseconds at most |
+//! | 1 | TIM9 (time) | counts on, wakes the slow tasks; a few microseconds at most |
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 40 instructions |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, bus-off | refills a mailbox; tells the bus task |
-//! | 6 | UART5 (control executor) | the control tick |
+//! | 6 | TIM7 (control executor) | the control tick |
 //! | - | thread mode | the bus side |
 
 #![expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
@@ -21,13 +21,15 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use static_cell::StaticCell;
 
+use super::tick;
+
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 static BUS: StaticCell<Executor> = StaticCell::new();
 
 /// Starts the control executor and returns its spawner.
 pub fn start_control() -> SendSpawner {
-    interrupt::UART5.set_priority(Priority::P6);
-    CONTROL.start(interrupt::UART5)
+    interrupt::TIM7.set_priority(Priority::P6);
+    CONTROL.start(interrupt::TIM7)
 }
 
 /// Returns the executor of the bus side. To be called once.
@@ -36,7 +38,8 @@ pub fn bus() -> &'static mut Executor {
 }
 
 #[interrupt]
-unsafe fn UART5() {
+unsafe fn TIM7() {
+    tick::over();
     // SAFETY: this is the interrupt the executor was started on, and nothing else calls it.
     unsafe { CONTROL.on_interrupt() }
 }
@@ -48,5 +51,5 @@ pub fn set_priorities() {
     interrupt::CAN1_TX.set_priority(Priority::P3);
     interrupt::CAN1_SCE.set_priority(Priority::P3);
     // A pended request from before a warm reset must not run a handler early.
-    NVIC::unpend(interrupt::UART5);
+    NVIC::unpend(interrupt::TIM7);
 }

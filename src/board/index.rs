@@ -60,14 +60,15 @@ impl Indexes {
 
     /// The last pulse of each wheel.
     pub fn pulses(&self) -> [IndexPulse; 4] {
-        let [a, b, c, d] = &PULSES;
-        [a, b, c, d].map(|pulse| {
+        let one = |pulse: &AtomicU32| {
             let [low, high, number, _] = pulse.load(Ordering::Relaxed).to_le_bytes();
             IndexPulse {
                 number,
                 count: u16::from_le_bytes([low, high]),
             }
-        })
+        };
+        let [a, b, c, d] = &PULSES;
+        [one(a), one(b), one(c), one(d)]
     }
 }
 

@@ -14,5 +14,6 @@ mod nucleo_f446re;
 pub mod post_mortem;
 mod safe_state;
 pub mod stack;
+pub mod tick;
 
 pub use nucleo_f446re::{Board, Encoders, ResetCause, SupplyMeter, now};

@@ -37,11 +37,14 @@ use super::drive::{Drive, Pins};
 use super::executors;
 use super::flash::ParameterFlash;
 use super::index::Indexes;
+use super::tick::TickTimer;
 
 /// Bit of port B that enables the motor drivers.
 pub const DRIVER_ENABLE_PB: usize = 0;
 /// Bit of port B that releases the holding brake.
 pub const BRAKE_RELEASE_PB: usize = 1;
+/// First of the four bits of port C that say which way the wheels turn.
+pub const FIRST_DIRECTION_PC: usize = 0;
 
 /// Time without feeding after which the watchdog resets the chip, for an LSI of exactly 32 kHz. The data sheet
 /// allows 17 to 47 kHz, so the reset comes 34 to 94 ms after the last feeding.
@@ -63,6 +66,8 @@ pub struct Board {
     pub supply: SupplyMeter,
     /// LED LD2.
     pub led: Output<'static>,
+    /// Timer of the control tick.
+    pub tick: TickTimer,
     /// Watchdog, running.
     pub watchdog: IndependentWatchdog<'static, IWDG>,
     /// Where the parameters are.
@@ -237,6 +242,7 @@ impl Board {
             driver_fault,
             supply: SupplyMeter::new(p.ADC1, p.PA4),
             led,
+            tick: TickTimer::new(p.TIM7),
             watchdog,
             flash: ParameterFlash::new(p.FLASH),
             node_switches,

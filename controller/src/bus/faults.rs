@@ -41,17 +41,19 @@ impl BusSide {
 
     /// Rule 4: what has run out by `now`.
     pub(super) fn supervise(&mut self, now: Micros) {
-        let Some(configuration) = &self.configuration else {
+        if now < self.runs_out {
             return;
-        };
-        let first = self
-            .timers(configuration)
-            .into_iter()
-            .flatten()
-            .filter(|(since, timeout, _)| now.since(*since).0 >= *timeout)
-            .min_by_key(|(since, timeout, _)| since.0.saturating_add(*timeout));
-        if let Some((_, _, fault)) = first {
-            self.happen(Happening::Failed(fault), now);
+        }
+        let first = self.configuration.as_ref().and_then(|configuration| {
+            let timers = self.timers(configuration).into_iter().flatten();
+            timers
+                .map(|(since, timeout, fault)| (since + Micros(timeout), fault))
+                .min_by_key(|(at, _)| *at)
+        });
+        match first {
+            Some((at, fault)) if at <= now => self.happen(Happening::Failed(fault), now),
+            Some((at, _)) => self.runs_out = at,
+            None => self.runs_out = Micros::MAX,
         }
     }
 

@@ -95,13 +95,16 @@ impl BusSide {
         if let Some(seconds) = self.dictionary.blink_asked.take() {
             self.blinks_until = now + Micros(u64::from(seconds) * 1_000_000);
         }
-        let left = self.blinks_until.since(now).0.div_ceil(1_000_000);
-        self.dictionary.blinks = u8::try_from(left).unwrap_or(u8::MAX);
+        let left = self.blinks_until.since(now).0;
+        // A division of 64 bits takes a while, and hardly ever is there something to divide.
+        self.dictionary.blinks = match left {
+            0 => 0,
+            _ => u8::try_from(left.div_ceil(1_000_000)).unwrap_or(u8::MAX),
+        };
     }
 
     pub(super) fn may_identify(&self) -> bool {
-        let able = self.configuration.as_ref();
-        self.state == State::Armed && able.is_some_and(|known| self.is_able(known))
+        self.state == State::Armed && self.able().is_some()
     }
 
     /// Does what was asked for, and stops when it is no longer permitted.

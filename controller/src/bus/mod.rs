@@ -87,6 +87,8 @@ pub struct BusSide {
     scale_is_own: bool,
     last_sync: Micros,
     last_heartbeat: Micros,
+    /// Nothing runs out before. Signs of life only move that further off, so it need not follow them at once.
+    runs_out: Micros,
     report: Report,
     command: Command,
     /// The commissioning motion is an identification.
@@ -122,8 +124,9 @@ impl BusSide {
             scale_is_own: false,
             last_sync: Micros::ZERO,
             last_heartbeat: Micros::ZERO,
-            report: Report::default(),
-            command: Command::default(),
+            runs_out: Micros::ZERO,
+            report: Report::NONE,
+            command: Command::NONE,
             identifying: false,
             blinks_until: Micros::ZERO,
             limit: 0,
@@ -167,6 +170,13 @@ impl BusSide {
         self.device.poll(now, &mut self.dictionary);
         self.drain(now);
     }
+
+    /// Of the function codes it wants to see, those whose frames mean nothing before the next SYNC: they may be kept from
+    /// it for a millisecond, if the order and the times at which frames were received stay what they are.
+    pub const CAN_WAIT: u16 = canopen::function_code_bit(cob::member_status(0))
+        | canopen::function_code_bit(cob::measured_twist(0))
+        | canopen::function_code_bit(cob::GROUP_TWIST)
+        | canopen::function_code_bit(cob::MASTER_HEARTBEAT);
 
     /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128 n on); the others may be
     /// kept from it. What a master changes is in it before the answer to that is sent.
@@ -239,31 +249,20 @@ impl BusSide {
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
         let alive = self.command.alive + Micros(ALIVE_US);
-        let mut next = self
-            .device
-            .next_deadline()
-            .map_or(alive, |device| device.min(alive));
-        if let Some(configuration) = &self.configuration {
-            for (since, timeout, _) in self.timers(configuration).into_iter().flatten() {
-                next = next.min(since + Micros(timeout));
-            }
-        }
-        Some(next)
+        let device = self.device.next_deadline().unwrap_or(Micros::MAX);
+        Some(alive.min(device).min(self.runs_out))
     }
 
     /// What the control side is asked to do.
     #[must_use]
-    pub const fn command(&self) -> Command {
-        self.command
+    pub const fn command(&self) -> &Command {
+        &self.command
     }
 
     /// A configuration the control side must take over before the next command; given once.
-    pub fn take_configuration(&mut self) -> Option<Configuration> {
-        if core::mem::take(&mut self.to_hand) {
-            self.configuration
-        } else {
-            None
-        }
+    pub fn take_configuration(&mut self) -> Option<&Configuration> {
+        let to_hand = core::mem::take(&mut self.to_hand);
+        self.configuration.as_ref().filter(|_| to_hand)
     }
 
     /// What the robot is doing.
@@ -339,8 +338,8 @@ impl BusSide {
         }
     }
 
-    /// NMT start: the only way into motion. Everything that speaks against it is looked at here. Not inlined, nor is
-    /// [`Self::on_sync`]: each has a configuration on its stack, a kilobyte.
+    /// NMT start: the only way into motion. Everything that speaks against it is looked at here. Not inlined: it has a
+    /// configuration on its stack, a kilobyte.
     #[inline(never)]
     fn on_start(&mut self, now: Micros) {
         if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {
@@ -354,19 +353,22 @@ impl BusSide {
             return self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
         }
         let node = self.identity.node.get();
-        let Ok(configuration) = configuration::build(&self.dictionary.parameters, node) else {
+        // Looked at where it is: on the stack it is a kilobyte each time it moves.
+        let built = configuration::build(&self.dictionary.parameters, node);
+        let Ok(configuration) = &built else {
             return self.happen(Happening::StartRefused(Fault::Unconfigured), now);
         };
         if let Some(fault) = self.report.obstacle {
             return self.happen(Happening::StartRefused(fault), now);
         }
-        if self.configuration.as_ref() != Some(&configuration) {
-            self.configuration = Some(configuration);
+        if self.configuration.as_ref() != Some(configuration) {
+            self.configuration = Some(*configuration);
             self.to_hand = true;
         }
         self.command.configuration = configuration.crc;
         self.command.start = self.command.start.wrapping_add(1);
         self.last_heartbeat = now;
+        self.runs_out = now;
         self.setpoints.restart();
         self.own_setpoints.restart();
         self.strain.restart();
@@ -381,37 +383,36 @@ impl BusSide {
         self.last_sync = at;
         let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
         self.clock.on_sync(at, period_us as f32);
-        let Some(configuration) = self.configuration else {
-            self.publish(at, None);
-            return;
+        let Some(configuration) = &self.configuration else {
+            return self.publish(at);
         };
-        self.decide(at, &configuration);
+        let (members, group) = (configuration.members, configuration.group);
+        self.decide(at, members);
         let before = self.setpoints.ignored();
         let received =
             core::mem::take(&mut self.dictionary.setpoint.1).then_some(self.dictionary.setpoint.0);
         let reception = self
             .setpoints
-            .on_sync(at, received.as_ref(), configuration.group);
+            .on_sync(at, received.as_ref(), group);
         let ignored = self.setpoints.ignored().wrapping_sub(before);
         let counter = &mut self.dictionary.counters.ignored_setpoints;
         *counter = counter.wrapping_add(ignored);
         if reception == Reception::TwoMasters {
             self.happen(Happening::Failed(Fault::TwoMasters), at);
         }
-        if let Some(fault) = self
-            .strain
-            .on_sync(at, self.report.measured, &configuration)
+        if let Some(configuration) = &self.configuration
+            && let Some(fault) = self.strain.on_sync(at, self.report.measured, configuration)
             && self.state == State::Moving
         {
             self.happen(Happening::Failed(fault), at);
         }
-        self.vote(&configuration);
-        self.follow_alone(at, &configuration);
-        self.publish(at, Some(&configuration));
+        self.vote();
+        self.follow_alone(at);
+        self.publish(at);
     }
 
     /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
-    fn decide(&mut self, at: Micros, configuration: &Configuration) {
+    fn decide(&mut self, at: Micros, members: u32) {
         let latched = match self.state {
             State::Armed | State::Moving => self.setpoints.latched(),
             State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
@@ -421,9 +422,9 @@ impl BusSide {
             return;
         };
         let node = self.identity.node.get();
-        let verdict =
-            self.agreement
-                .decide(configuration.members, node, latched.sequence, self.own);
+        let verdict = self
+            .agreement
+            .decide(members, node, latched.sequence, self.own);
         match verdict {
             Verdict::Go { scale, own } => {
                 self.scale = scale;
@@ -443,34 +444,36 @@ impl BusSide {
     }
 
     /// Rule 1: the scale at which this robot's own wheels could follow what it just latched.
-    fn vote(&mut self, configuration: &Configuration) {
-        self.own = match (self.state, self.setpoints.latched()) {
-            (State::Armed | State::Moving, Some(latched)) if self.is_able(configuration) => {
+    fn vote(&mut self) {
+        self.own = match (self.state, self.setpoints.latched(), self.able()) {
+            (State::Armed | State::Moving, Some(latched), Some(configuration)) => {
                 permitted(configuration, latched.twist)
             }
             _ => Scale::ZERO,
         };
     }
 
-    /// Whether the control side does what it is asked.
-    fn is_able(&self, configuration: &Configuration) -> bool {
-        self.report.start == self.command.start
-            && self.report.configuration == configuration.crc
+    /// The configuration with which the control side does what it is asked; `None` if it does not.
+    fn able(&self) -> Option<&Configuration> {
+        let able = self.report.start == self.command.start
             && self.report.fault.is_none()
-            && matches!(self.report.mode, Mode::Hold | Mode::Follow)
+            && matches!(self.report.mode, Mode::Hold | Mode::Follow);
+        self.configuration
+            .as_ref()
+            .filter(|known| able && self.report.configuration == known.crc)
     }
 
     /// The commissioning twist: nobody else to agree with, so it takes effect at once.
-    fn follow_alone(&mut self, at: Micros, configuration: &Configuration) {
+    fn follow_alone(&mut self, at: Micros) {
         let received =
             core::mem::take(&mut self.dictionary.alone.1).then_some(self.dictionary.alone.0);
         let permitted_now = self.dictionary.commissioning
             && !self.identifying
             && matches!(self.state, State::Armed | State::Alone)
-            && self.is_able(configuration);
-        if !permitted_now {
+            && self.able().is_some();
+        let Some(configuration) = self.configuration.as_ref().filter(|_| permitted_now) else {
             return;
-        }
+        };
         let reception = self
             .own_setpoints
             .on_sync(at, received.as_ref(), configuration.group);
@@ -501,6 +504,7 @@ impl BusSide {
             return;
         }
         self.state = to;
+        self.runs_out = now;
         self.command.mode = match to {
             State::Ready | State::Faulted(_) => Mode::Off,
             State::Armed => Mode::Hold,

@@ -4,16 +4,16 @@ use canopen::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
 
 use super::BusSide;
-use crate::configuration::Configuration;
 use crate::state::State;
 
 impl BusSide {
     /// Process data as it is at this SYNC.
-    pub(super) fn publish(&mut self, at: Micros, configuration: Option<&Configuration>) {
+    pub(super) fn publish(&mut self, at: Micros) {
         let code = self.code();
         self.remember(at, code);
         let report = &self.report;
         let sequence = self.setpoints.sequence();
+        let configuration = self.configuration.as_ref();
         let group = configuration.map_or(0, |configuration| configuration.group);
         self.dictionary.status = MemberStatus {
             state: self.state.reported(configuration.is_some()),

@@ -139,10 +139,10 @@ impl Robot {
             self.control.configure(configuration);
         }
         let now = Micros(now + self.offset);
-        let command = self.bus.command();
+        let command = *self.bus.command();
         self.outputs = self.control.tick(now, &command, &self.inputs);
         if self.bus_runs {
-            self.bus.on_report(&self.control.report());
+            self.bus.on_report(self.control.report());
             if let Some(outcome) = self.control.take_identification() {
                 self.bus.on_identification(now, &outcome);
             }

@@ -153,7 +153,7 @@ impl NativeRobot {
     /// What the control side last reported.
     #[must_use]
     pub fn report(&self) -> controller::Report {
-        self.live.control.report()
+        *self.live.control.report()
     }
 
     /// Whether its program runs: it has power and has started.
@@ -179,12 +179,12 @@ impl NativeRobot {
             self.live.phase = TickPhase::with_period(configuration.times.sync_period_us);
             self.live.control.configure(configuration);
         }
-        let command = self.live.bus.command();
+        let command = *self.live.bus.command();
         self.live.outputs = self
             .live
             .control
             .tick(self.live.next_tick, &command, &self.inputs);
-        self.live.bus.on_report(&self.live.control.report());
+        self.live.bus.on_report(self.live.control.report());
         if let Some(outcome) = self.live.control.take_identification() {
             let now = self.live.next_tick;
             self.live.bus.on_identification(now, &outcome);

@@ -180,8 +180,8 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     Ok(figures)
 }
 
-/// UART5 (interrupt 53) carries the control executor.
-const CONTROL_EXCEPTION: u16 = 16 + 53;
+/// TIM7 (interrupt 55) carries the control executor.
+const CONTROL_EXCEPTION: u16 = 16 + 55;
 
 /// An upload of the wheel radius.
 fn request(server: NodeId) -> anyhow::Result<Frame> {

@@ -1,0 +1,86 @@
+//! When the control tick begins: TIM7, one shot at a time (RM0390 rev 6, section 20).
+//!
+//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait goes on with the task that has
+//! waited. A timer of `embassy-time` would be another interrupt before that one, and two walks through the executor's
+//! queue of timers: some 1 500 cycles in every millisecond (docs/performance.md).
+//!
+//! The counter counts microseconds beside the one of the local time, from the same clock. Each wait is measured from the
+//! local time as it is, so nothing adds up.
+
+use core::future::poll_fn;
+use core::task::Poll;
+
+use canopen::Micros;
+use cortex_m::peripheral::NVIC;
+use embassy_stm32::pac::timer::vals::Urs;
+use embassy_stm32::peripherals::TIM7;
+use embassy_stm32::{Peri, interrupt, pac, rcc};
+use embassy_sync::waitqueue::AtomicWaker;
+
+use super::now;
+
+/// APB1's timers run at 90 MHz.
+const CLOCKS_PER_US: u16 = 90;
+
+static WAKER: AtomicWaker = AtomicWaker::new();
+
+/// The timer of the control task.
+pub struct TickTimer {
+    _peripheral: Peri<'static, TIM7>,
+}
+
+impl TickTimer {
+    /// Takes the timer; it does not run yet.
+    pub fn new(peripheral: Peri<'static, TIM7>) -> Self {
+        rcc::enable_and_reset::<TIM7>();
+        pac::TIM7.psc().write_value(CLOCKS_PER_US - 1);
+        pac::TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
+        pac::TIM7.dier().write(|w| w.set_uie(true));
+        Self {
+            _peripheral: peripheral,
+        }
+    }
+
+    /// Waits until `due`, not at all if that has been, and returns the time it is then.
+    pub async fn until(&mut self, due: Micros) -> Micros {
+        loop {
+            let now = now();
+            let left = due.since(now).0;
+            if left == 0 {
+                return now;
+            }
+            start(u16::try_from(left).unwrap_or(u16::MAX));
+            // The interrupt runs this task, so it cannot come between looking and registering.
+            poll_fn(|context| {
+                if pac::TIM7.cr1().read().cen() {
+                    WAKER.register(context.waker());
+                    Poll::Pending
+                } else {
+                    Poll::Ready(())
+                }
+            })
+            .await;
+        }
+    }
+}
+
+/// Counts so many microseconds from now, two at least: the counter does not run to 0.
+fn start(us: u16) {
+    let timer = pac::TIM7;
+    timer.arr().write(|w| w.set_arr(us.max(2) - 1));
+    // Counter and prescaler begin anew; with URS that is no end of a wait.
+    timer.egr().write(|w| w.set_ug(true));
+    timer.cr1().write(|w| {
+        w.set_urs(Urs::COUNTER_ONLY);
+        w.set_opm(true);
+        w.set_cen(true);
+    });
+}
+
+/// For the interrupt handler, before it runs the executor: a wait is over.
+pub fn over() {
+    pac::TIM7.sr().write(|w| w.set_uif(false));
+    WAKER.wake();
+    // The executor is about to run. It need not once more.
+    NVIC::unpend(interrupt::TIM7);
+}
