@@ -10,8 +10,9 @@
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
-//! A cell is copied with interrupts masked. That takes well under a microsecond for the sizes at hand, far less than
-//! a frame on the bus (50 us at least), so it can delay a receive time stamp but never lose a frame.
+//! A cell is copied with interrupts masked. That takes a microsecond for what passes every tick, and some twenty while a
+//! new configuration is taken over, with the outputs off: less than a frame on the bus (50 us at least), so it can delay
+//! a receive time stamp but never lose a frame. What wakes the bus task is in [`wake`](crate::wake).
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};

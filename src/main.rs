@@ -6,10 +6,10 @@
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
-//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 2 ms | CANopen, agreement, state machine, parameter store |
+//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
-//! | [`control`] | control | every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while bus and control both come round |
+//! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while bus and control both come round |
 //!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
@@ -17,6 +17,7 @@
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `controller` | those, yes | newest dropped, counted |
 //! | bus | control | [`handover`]: command, configuration, SYNC time | no, the latest wins | |
 //! | control | bus | [`handover`]: report | no, the latest wins | |
+//! | CAN interrupts, control | bus | [`wake`]: a bell | no, rung is rung | |
 //! | bus | control | [`handover`]: count of turns | no | no progress: the watchdog is not fed, reset |
 //! | bus | led | pattern | no, the latest wins | |
 //! | control | health | [`handover`]: worst lateness | no | |

@@ -1,7 +1,7 @@
 //! Who feeds the independent watchdog, and when.
 //!
 //! The control task does, from its tick, and so proves its own progress; it feeds only if the bus task has come round
-//! since the last time. The bus task comes round at least every 2 ms and lives in thread mode, where it is the first
+//! since the last time. The bus task comes round at least every 5 ms and lives in thread mode, where it is the first
 //! to starve. Nothing else feeds, so a control task that hangs, an interrupt storm, or a task that never yields resets
 //! the chip 50 ms after the last feeding (34 to 94 ms over the LSI's tolerance).
 //!

@@ -2,7 +2,7 @@
 //!
 //! Its vector is the control executor's too (`executors`): the interrupt that ends a wait goes on with the task that has
 //! waited. A timer of `embassy-time` would be another interrupt before that one, and two walks through the executor's
-//! queue of timers: some 1 500 cycles in every millisecond (docs/performance.md).
+//! queue of timers: a thousand cycles in every millisecond (docs/performance.md).
 //!
 //! The counter counts microseconds beside the one of the local time, from the same clock. Each wait is measured from the
 //! local time as it is, so nothing adds up.

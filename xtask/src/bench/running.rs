@@ -137,7 +137,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     figures.extend([
         Figure::new("load", per_cent(busy), "%")
             .budget(3.0)
-            .ceiling(7.0),
+            .ceiling(4.0),
         Figure::new("load.bus_side", per_cent(thread as f64), "%"),
         Figure::new("load.control_side", per_cent(control as f64), "%"),
     ]);
