@@ -88,13 +88,7 @@ pub struct Profile {
 const RECENT: usize = 64;
 
 impl Profile {
-    pub(crate) fn count(
-        &mut self,
-        firmware: &Firmware,
-        at: At,
-        cost: Cost,
-        exception_entry: bool,
-    ) {
+    pub(crate) fn count(&mut self, firmware: &Firmware, at: At, cost: Cost, exception_entry: bool) {
         let At { pc, sp, .. } = at;
         let cycles = cost.cycles;
         let lowest = self.lowest.entry(at.exception).or_insert(u32::MAX);

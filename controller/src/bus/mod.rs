@@ -391,9 +391,7 @@ impl BusSide {
         let before = self.setpoints.ignored();
         let received =
             core::mem::take(&mut self.dictionary.setpoint.1).then_some(self.dictionary.setpoint.0);
-        let reception = self
-            .setpoints
-            .on_sync(at, received.as_ref(), group);
+        let reception = self.setpoints.on_sync(at, received.as_ref(), group);
         let ignored = self.setpoints.ignored().wrapping_sub(before);
         let counter = &mut self.dictionary.counters.ignored_setpoints;
         *counter = counter.wrapping_add(ignored);
