@@ -77,7 +77,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
     unittest(
-        &["test_page", "test_live", "test_recording", "test_foreign"],
+        &[
+            "test_page",
+            "test_live",
+            "test_recording",
+            "test_foreign",
+            "test_mujoco",
+        ],
         "native",
     )?;
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
