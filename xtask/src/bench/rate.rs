@@ -41,7 +41,7 @@ pub fn figure(group: &GroupFile, calculated_khz: f64) -> anyhow::Result<Figure> 
 }
 
 /// What has been reached.
-const HELD_KHZ: f64 = 20.0;
+const HELD_KHZ: f64 = 25.0;
 
 fn holds(group: &GroupFile, image: &Firmware, period_us: u32) -> anyhow::Result<bool> {
     let options = Options {

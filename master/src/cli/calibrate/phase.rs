@@ -13,8 +13,10 @@ use omnibus::link::Link;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
 use protocol::{Value, address};
+use serde_json::json;
 
 use super::{Arguments, abort_on_ctrl_c, pose_stream, say};
+use crate::cli::{json, print_json};
 
 /// The gyros of simulated robots.
 const SIM: &str = "sim";
@@ -150,6 +152,7 @@ fn calibrate<L: Link>(
     group.configure(false)?;
     group.find_rollers()?;
     let motions = drive::record(&mut group, &twists, source)?;
+    let mut outcomes = Vec::new();
     for ((robot, geometry), motions) in file.robots.iter().zip(&geometries).zip(&motions) {
         let count = robot
             .rollers
@@ -157,9 +160,20 @@ fn calibrate<L: Link>(
         let found = phase::estimate(geometry, Rollers::new(u16::from(count))?, motions)
             .with_context(|| format!("node {}", robot.node))?;
         show(robot.node, count, &found)?;
+        outcomes.push(json!({
+            "node": robot.node,
+            "rollers": count,
+            "phases_deg": found.phases.map(f64::to_degrees),
+            "confidence_deg": found.confidence.map(f64::to_degrees),
+            "explained_percent": 100.0 * found.explained,
+            "intervals": found.intervals,
+        }));
         if arguments.write {
             write(&mut group, robot.node, &found)?;
         }
+    }
+    if json() {
+        print_json(&json!({"robots": outcomes, "written": arguments.write}))?;
     }
     Ok(())
 }
