@@ -310,6 +310,18 @@ impl Checker<'_> {
                 *phase = degrees.to_radians() as f32;
             }
         }
+        let index_tolerance = match &rollers.index_tolerance {
+            None => None,
+            Some(given) => match u16::try_from(*given.get_ref()) {
+                Ok(counts @ 1..=10_000) => Some(counts),
+                _ => {
+                    let path = format!("{path}.index_tolerance");
+                    let problem = format!("is {}", given.get_ref());
+                    let remedy = "give encoder counts, 1 to 10000: the play between encoder and wheel, and two";
+                    return Err(self.refuse(given, &path, &problem, remedy));
+                }
+            },
+        };
         let axis = |key: &str, value: &Value| -> Checked<f32> {
             let Some(value) = value else { return Ok(1.0) };
             let coefficient = *value.get_ref();
@@ -329,6 +341,7 @@ impl Checker<'_> {
         Ok(Some(Rollers {
             count,
             phases,
+            index_tolerance,
             compensation,
         }))
     }

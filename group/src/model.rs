@@ -132,6 +132,8 @@ pub struct Rollers {
     /// of the wheel), rad:
     /// front left, front right, rear left, rear right. From calibration.
     pub phases: [f32; 4],
+    /// By how many encoder counts an index may be off; what the robot holds without it.
+    pub index_tolerance: Option<u16>,
     /// What is left to compensate when the wheels' roller angles are taken into account; stands in for
     /// [`Robot::compensation`].
     pub compensation: VelocityCompensation,

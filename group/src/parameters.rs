@@ -109,6 +109,9 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     }
     let reference = Value::U8(u8::from(rollers.0 > 0));
     out.push((address::ROLLER_REFERENCE, reference));
+    if let Some(counts) = robot.rollers.and_then(|rollers| rollers.index_tolerance) {
+        out.push((address::INDEX_TOLERANCE, Value::U16(counts)));
+    }
     let limits = &file.limits;
     out.extend([
         real(address::SUPPLY_NOMINAL, supply),

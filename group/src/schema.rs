@@ -120,6 +120,7 @@ pub struct Entry {
 pub struct Rollers {
     pub count: At<i64>,
     pub phases_deg: Option<At<[f64; 4]>>,
+    pub index_tolerance: Option<At<i64>>,
     pub longitudinal: Option<At<f64>>,
     pub lateral: Option<At<f64>>,
     pub yaw: Option<At<f64>>,

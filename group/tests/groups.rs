@@ -3,6 +3,7 @@
 use std::f32::consts::{FRAC_PI_4, PI};
 
 use omnibus_group::{GroupFile, Plant, Tables};
+use protocol::Value;
 
 fn load(name: &str) -> GroupFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/");
@@ -81,6 +82,23 @@ fn an_identified_robot_keeps_its_motors_gains_and_wiring() {
         expected.extend([index; 5]);
     }
     assert_eq!(kept, expected);
+}
+
+/// 0x202A:2; a robot keeps the tolerance it has when the file gives none.
+#[test]
+fn an_index_tolerance_is_written_when_it_is_given() {
+    let text = "node = 2\nrollers = { count = 8, index_tolerance = 80 }\n";
+    for (entry, expected) in [(text, Some(Value::U16(80))), ("node = 2\n", None)] {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+        let file = std::fs::read_to_string(path)
+            .unwrap()
+            .replace("node = 2\n", entry);
+        let file = GroupFile::parse("single.toml", &file).unwrap();
+        let written = omnibus_group::parameters(&file, &file.robots[0], true)
+            .into_iter()
+            .find(|(at, _)| (at.index, at.sub) == (0x202A, 2));
+        assert_eq!(written.map(|(_, value)| value), expected);
+    }
 }
 
 #[test]

@@ -193,6 +193,22 @@ fn compensation_that_is_not_a_number() {
 }
 
 #[test]
+fn an_index_tolerance_no_robot_takes() {
+    for counts in [0, 20_000] {
+        assert_eq!(
+            refusal(
+                "node = 2\n",
+                &format!("node = 2\nrollers = {{ count = 8, index_tolerance = {counts} }}\n")
+            ),
+            format!(
+                "pair.toml:19: robots[0].rollers.index_tolerance: is {counts}; give encoder counts, 1 to 10000: the \
+                 play between encoder and wheel, and two"
+            )
+        );
+    }
+}
+
+#[test]
 fn roller_angle_of_a_right_angle() {
     assert_eq!(
         refusal("roller_angle_deg = 45", "roller_angle_deg = 90"),

@@ -44,6 +44,7 @@ pub fn with_phases(group: &GroupFile) -> GroupFile {
         robot.rollers = Some(Rollers {
             count: rollers,
             phases: phases.map(|phase| phase as f32),
+            index_tolerance: None,
             compensation: VelocityCompensation::NONE,
         });
     }

@@ -112,6 +112,7 @@ impl Robot {
         group.robots[0].rollers = Some(Rollers {
             count: self.rollers,
             phases: found.map(|phase| phase as f32),
+            index_tolerance: None,
             compensation: VelocityCompensation::NONE,
         });
         let abort = Abort::default();
@@ -239,6 +240,7 @@ fn a_robot_whose_gyro_is_lost_is_stopped() {
     file.robots[0].rollers = Some(Rollers {
         count: 8,
         phases: [0.0; 4],
+        index_tolerance: None,
         compensation: VelocityCompensation::NONE,
     });
     let world = omnibus::drive::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();

@@ -15,6 +15,16 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Switches on the tests that run the release image.
 const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf";
 
+/// The libraries whose tests are run once more in fixed point.
+const FIXED_TESTS: [&str; 6] = [
+    "--package=omnibus-motion",
+    "--package=omnibus-controller",
+    "--features",
+    "omnibus-controller/fixed-point",
+    "--lib",
+    "--tests",
+];
+
 /// Root folder of the workspace.
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -74,7 +84,8 @@ pub fn ensure_target() -> anyhow::Result<()> {
     })
 }
 
-/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at hand.
+/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at hand, and those of the
+/// control side in fixed point.
 pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let elf = crate::firmware::build(Scalar::F32)?;
     let fixed = crate::firmware::build(Scalar::Fixed)?;
@@ -84,7 +95,11 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
         .args(rest)
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed);
-    run(&mut command)
+    run(&mut command)?;
+    if rest.is_empty() {
+        run(self::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;
+    }
+    Ok(())
 }
 
 /// Runs the CANopen device's fuzzer, which prints its figure. In the profile with all checks on.

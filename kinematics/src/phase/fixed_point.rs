@@ -1,6 +1,6 @@
 //! [`super::PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 //!
-//! Every product keeps its upper word only ([`high_word`]), so numbers are scaled for what they are multiplied with:
+//! Every product keeps its upper word only ([`crate::arithmetic::high_word`]), so numbers are scaled for what they are multiplied with:
 //!
 //! | | fractional bits | |
 //! |---|---|---|

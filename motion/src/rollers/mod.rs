@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | [`RollerState::Constant`] | ideal rollers: no roller count is configured | |
 //! | [`RollerState::Sought`] | the mean ratio over a roller | the first index |
-//! | [`RollerState::Known`] | its angle | an index at an unexpected count, or none in [`PATIENCE`](tracked::PATIENCE) turns |
+//! | [`RollerState::Known`] | its angle | an index at an unexpected count, or none in [`PATIENCE`] turns |
 //! | [`RollerState::Lost`] | the mean ratio; limit "roller phase" | two indexes in a row a whole number of turns apart |
 //!
 //! An index that bounces at one place is one index. A stray pulse costs the reference until two good ones have

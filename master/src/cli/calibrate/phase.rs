@@ -38,6 +38,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         robot.rollers = Some(group::Rollers {
             count,
             phases: [0.0; 4],
+            index_tolerance: robot.rollers.and_then(|rollers| rollers.index_tolerance),
             compensation: VelocityCompensation::NONE,
         });
     }
