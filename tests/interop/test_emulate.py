@@ -154,8 +154,8 @@ class Trace(unittest.TestCase):
             self.assertAlmostEqual(at * 1e-9, end, delta=20e-6, msg=frame)
 
     def test_the_program(self):
-        """The tick is an interrupt of the executor's vector (UART5, 16 + 53) a thousand times a second."""
-        ticks = [at for at, value in self.signals["exception"] if value == 69 and at > 5 * 10**8]
+        """The tick is an interrupt of the executor's vector (TIM7, 16 + 55) a thousand times a second."""
+        ticks = [at for at, value in self.signals["exception"] if value == 71 and at > 5 * 10**8]
         self.assertGreater(len(ticks), 590)
         tasks = {value for _, value in self.signals["task"]}
         self.assertTrue({"bus", "control"} <= tasks, tasks)
