@@ -55,13 +55,11 @@ def frames_of_log(path):
     return frames
 
 
-def messages(path, topic=None):
+def messages(path, topic=None, in_file_order=False):
+    """Every message of a recording, by time unless told otherwise."""
     with open(path, "rb") as file:
-        reader = make_reader(file)
-        return [
-            (channel.topic, schema, message, json.loads(message.data))
-            for schema, channel, message in reader.iter_messages(topics=[topic] if topic else None)
-        ]
+        found = make_reader(file).iter_messages(topics=[topic] if topic else None, log_time_order=not in_file_order)
+        return [(channel.topic, schema, message, json.loads(message.data)) for schema, channel, message in found]
 
 
 def frames(path):
@@ -157,22 +155,31 @@ class Recording(unittest.TestCase):
                 self.fits(schema["items"], inner, path)
 
     def test_values_are_those_of_the_frames(self):
-        """cantools decodes the raw frames with the DBC; the robots' channels say the same."""
+        """cantools decodes the raw frames with the DBC; what a robot's channel says of a SYNC period is what the last
+        of its frames in that period said."""
         database = cantools.database.load_file(ROOT / "docs" / "omnibus.dbc")
-        rates, decoded = [], []
-        for topic, _, _, value in messages(self.folder / "heard.mcap"):
-            if topic == "/robot/3" and "wheel_rates" in value:
-                rates.append(value["wheel_rates"]["front_left"])
-            if topic == "/can" and value["id"] == 0x483:
+        said, decoded = {}, {}
+        period = None
+        for topic, _, message, value in messages(self.folder / "heard.mcap", in_file_order=True):
+            if topic == "/robot/3":
+                said[message.log_time] = value.get("wheel_rates", {}).get("front_left")
+            elif topic == "/can" and value["id"] == 0x80:
+                period = message.log_time
+                decoded[period] = None
+            elif topic == "/can" and value["id"] == 0x483 and period is not None:
                 signals = database.decode_message(0x483, bytes.fromhex(value["data"]))
-                decoded.append(next(iter(signals.values())))
-        self.assertGreater(len(rates), 100)
-        self.assertGreater(max(rates), 1.0)
-        # The last period is not complete, the first may have begun before.
-        self.assertLessEqual(abs(len(rates) - len(decoded)), 2)
-        shift = min(range(3), key=lambda n: sum(abs(a - b) for a, b in zip(rates, decoded[n:])))
-        for said, raw in zip(rates, decoded[shift:]):
-            self.assertAlmostEqual(said, raw, delta=1e-4)
+                decoded[period] = next(iter(signals.values()))
+        # The last period had not ended when the recorder did.
+        del decoded[period]
+        self.assertEqual(said.keys(), decoded.keys())
+        known = [time for time, rate in decoded.items() if rate is not None]
+        self.assertGreater(len(known), 100)
+        self.assertGreater(max(decoded[time] for time in known), 1.0)
+        for time, rate in decoded.items():
+            if rate is None:
+                self.assertIsNone(said[time])
+            else:
+                self.assertAlmostEqual(said[time], rate, delta=1e-4)
 
     def test_a_killed_recorder_leaves_a_file_up_to_its_last_second(self):
         path = self.folder / "killed.mcap"
