@@ -96,6 +96,15 @@ impl Code {
         Firmware::from_flash(&bytes).unwrap()
     }
 
+    /// A board on which only the reference core executes, or the fast path as well.
+    pub fn board_on(&self, reference_core: bool, handler: u32) -> Board {
+        let config = BoardConfig {
+            reference_core,
+            ..BoardConfig::default()
+        };
+        self.board(handler, config)
+    }
+
     pub fn board(&self, handler: u32, config: BoardConfig) -> Board {
         Board::new(&self.image(handler), config)
     }

@@ -70,11 +70,7 @@ fn an_interrupt_in_an_it_block_returns_into_the_block() {
         code.store(0x4000_0010, 0); // SR
         code.count(RAM);
         code.ret();
-        let config = BoardConfig {
-            reference_core,
-            ..BoardConfig::default()
-        };
-        let mut board = code.board(handler, config);
+        let mut board = code.board_on(reference_core, handler);
         board.run_until(10_000_000).unwrap();
         assert!(board.read_word(RAM).unwrap() > 1_500, "interrupts came");
         assert_eq!(board.read_word(RAM + 16), Some(0), "nothing was executed");
@@ -302,11 +298,7 @@ fn an_interrupt_leaves_the_flags_of_a_float_comparison() {
             code.0.extend([0xEEB5, 0x0A40]); // VCMP.F32 s0, #0: not equal
         }
         code.ret();
-        let config = BoardConfig {
-            reference_core,
-            ..BoardConfig::default()
-        };
-        let mut board = code.board(handler, config);
+        let mut board = code.board_on(reference_core, handler);
         board.run_until(1_000_000).unwrap();
         assert_eq!(board.read_word(RAM), Some(1), "the interrupt came");
         assert_eq!(board.read_word(RAM + 16), Some(1), "equal");
@@ -333,11 +325,7 @@ fn an_it_block_that_pends_an_interrupt_goes_on_with_its_condition() {
         let handler = code.here();
         code.count(RAM);
         code.ret();
-        let config = BoardConfig {
-            reference_core,
-            ..BoardConfig::default()
-        };
-        let mut board = code.board(handler, config);
+        let mut board = code.board_on(reference_core, handler);
         board.run_until(1_000_000).unwrap();
         assert_eq!(board.read_word(RAM), Some(1));
         assert_eq!(board.read_word(RAM + 16), Some(1));
@@ -367,11 +355,7 @@ fn a_reservation_outlasts_a_masked_interrupt() {
         code.store(0x4001_3C14, 1); // EXTI_PR
         code.count(RAM);
         code.ret();
-        let config = BoardConfig {
-            reference_core,
-            ..BoardConfig::default()
-        };
-        let mut board = code.board(handler, config);
+        let mut board = code.board_on(reference_core, handler);
         board.run_until(1_000_000).unwrap();
         let words = [RAM, RAM + 16, RAM + 20].map(|address| board.read_word(address));
         let (stored, failed) = if masked { (1, 0) } else { (0, 1) };
