@@ -13,8 +13,7 @@
 //! latest counts, a sample that is missing would be a turn that is missing; so a line that holds none, a time that does
 //! not rise, silence and a closed connection are errors for whoever takes the samples next.
 
-use std::io::{self, BufRead as _, BufReader};
-use std::net::{TcpStream, ToSocketAddrs as _};
+use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -22,9 +21,8 @@ use canopen::Micros;
 use serde::Deserialize;
 
 use crate::error::MasterError;
+use crate::json_lines;
 
-/// How long connecting and the first sample may take.
-const PATIENCE: Duration = Duration::from_secs(3);
 /// Silence for longer than this is an error.
 const SILENCE: Duration = Duration::from_millis(500);
 /// No robot turns this fast, rad/s.
@@ -110,18 +108,8 @@ impl GyroStream {
     /// # Errors
     /// When there is no connection, or what comes first is no sample.
     pub fn connect(address: &str) -> io::Result<Self> {
-        let host = address
-            .to_socket_addrs()?
-            .next()
-            .ok_or_else(|| io::Error::other("the host has no address"))?;
-        let stream = TcpStream::connect_timeout(&host, PATIENCE)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
-        let mut lines = BufReader::new(stream.try_clone()?).lines();
-        let first = lines
-            .next()
-            .ok_or_else(|| io::Error::other("the server hung up before the first sample"))??;
+        let (first, lines) = json_lines::connect(address, "sample")?;
         let first = Line::parse(&first).map_err(io::Error::other)?;
-        stream.set_read_timeout(None)?;
         let now = Instant::now();
         let waiting = Arc::new(Mutex::new(Waiting {
             last: (now, first.t),

@@ -13,6 +13,7 @@ pub mod error;
 pub mod follow;
 pub mod gyro;
 pub mod identify;
+mod json_lines;
 pub mod link;
 pub mod listen;
 pub mod lss;

@@ -11,8 +11,7 @@
 //! pose counts from when its line arrived. A thread reads; the latest line wins, and a line that holds no pose counts
 //! as none.
 
-use std::io::{self, BufRead as _, BufReader};
-use std::net::{TcpStream, ToSocketAddrs as _};
+use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -21,9 +20,8 @@ use kinematics::Pose;
 use serde::Deserialize;
 
 use crate::error::MasterError;
+use crate::json_lines;
 
-/// How long connecting and the first pose may take.
-const PATIENCE: Duration = Duration::from_secs(3);
 /// A line older than this says nothing about where robots are.
 const STALE: Duration = Duration::from_secs(1);
 
@@ -103,19 +101,9 @@ impl PoseStream {
     /// # Errors
     /// When there is no connection, or what comes first is no pose.
     pub fn connect(address: &str) -> io::Result<Self> {
-        let host = address
-            .to_socket_addrs()?
-            .next()
-            .ok_or_else(|| io::Error::other("the host has no address"))?;
-        let stream = TcpStream::connect_timeout(&host, PATIENCE)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
-        let mut lines = BufReader::new(stream.try_clone()?).lines();
-        let first = lines
-            .next()
-            .ok_or_else(|| io::Error::other("the server hung up before the first pose"))??;
+        let (first, lines) = json_lines::connect(address, "pose")?;
         let line = Line::parse(&first)
             .ok_or_else(|| io::Error::other(format!("the first line is no pose: {first}")))?;
-        stream.set_read_timeout(None)?;
         let latest: Latest = Arc::new(Mutex::new((Instant::now(), line)));
         let newest = Arc::clone(&latest);
         std::thread::spawn(move || {
