@@ -62,6 +62,11 @@ fn fixed_inverse(k: &Fixed, twist: &Twist<I16F16>, out: &mut WheelRates<I16F16>)
     *out = k.inverse(*twist);
 }
 
+#[inline(never)]
+fn fixed_forward(k: &Fixed, rates: &WheelRates<I16F16>, out: &mut Twist<I16F16>) {
+    *out = k.forward(rates);
+}
+
 /// The secants of four wheels, which the tick works out once for everything that needs them.
 #[inline(never)]
 fn secants_phase(secant: &Secant, angles: &[RollerAngle; 4], out: &mut [f32; 4]) {
@@ -205,6 +210,8 @@ fn calls() -> Option<()> {
         let narrow = black_box(twist.convert::<I16F16>());
         let mut fixed_rates = WheelRates::from([I16F16::ZERO; 4]);
         fixed_inverse(&fixed, &narrow, black_box(&mut fixed_rates));
+        let mut fixed_back = Twist::new(I16F16::ZERO, I16F16::ZERO, I16F16::ZERO);
+        fixed_forward(&fixed, black_box(&fixed_rates), black_box(&mut fixed_back));
         let angles = black_box([0; 4].map(|_| spread.angle()));
         rollers.calls(twist, &angles);
     }

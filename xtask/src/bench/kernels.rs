@@ -20,7 +20,7 @@ type Kernel = (
     Option<(f64, &'static str)>,
 );
 
-const KERNELS: [Kernel; 14] = [
+const KERNELS: [Kernel; 15] = [
     (
         "inverse",
         "inverse",
@@ -54,6 +54,7 @@ const KERNELS: [Kernel; 14] = [
     ("compensation", "compensation", None, None),
     ("sine_cosine", "sincos", None, None),
     ("fixed_inverse", "inverse.fixed", Some((60.0, 60.0)), None),
+    ("fixed_forward", "forward.fixed", None, None),
     ("secants_phase", "secants_phase", None, None),
     ("inverse_phase", "inverse_phase", Some((100.0, 100.0)), None),
     ("forward_phase", "forward_phase", Some((120.0, 120.0)), None),

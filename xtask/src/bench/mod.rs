@@ -82,6 +82,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let alone = GroupFile::load(cargo::root().join(ALONE))?;
     let mut figures = kernels::figures()?;
     figures.extend(running::figures(&group, &image)?);
+    let fixed = Firmware::load(&firmware::build(Scalar::Fixed)?)?;
+    figures.extend(running::tick(&group, &fixed, "tick.fixed")?);
     let calculated = figures
         .iter()
         .find(|figure| figure.name == running::CALCULATED_RATE)

@@ -257,6 +257,28 @@ fn high_water(robot: &super::watched::Watched, firmware: &Firmware) -> anyhow::R
     Ok(start - word)
 }
 
+/// The whole control tick of an image that is not the one that ships.
+pub fn tick(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Result<[Figure; 3]> {
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let tick = function(firmware, TICK)?;
+    let mut driving = Driving::new(group, firmware, options)?;
+    let robot = driving.first()?.clone();
+    robot.board(|board| {
+        board.start_profile();
+        if let Some(profile) = board.profile() {
+            profile.watch(tick);
+        }
+    });
+    driving.drive(MEASURED_MS)?;
+    let profile = robot
+        .board(emulator::Board::take_profile)
+        .context("it has not been profiled")?;
+    spread(name, profile.calls(tick))
+}
+
 /// From power-on to the boot-up message of the last robot of a group.
 pub fn ready(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Figure> {
     let backend = sim::Backend::Emulator(firmware.clone());
