@@ -28,6 +28,7 @@ fn clean() -> Contact {
         creep: 0.0,
         settling: 0.0,
         roller_damping: 0.0,
+        roller_density: 0.0,
         ..Contact::default()
     }
 }
@@ -70,7 +71,7 @@ fn acceleration_ends_at_the_friction_limit() {
         "single",
         Contact {
             rollers: 64,
-            roller_radius: R,
+            roller_ratio: 1.0,
             ..clean()
         },
     );
@@ -166,7 +167,7 @@ fn lateral_ripple_has_the_amplitude_and_period_of_the_rollers() {
 #[test]
 fn pure_spin_is_the_mean_over_a_roller() {
     let contact = Contact {
-        roller_radius: R,
+        roller_ratio: 1.0,
         ..clean()
     };
     let v = steady("single", contact, TURN, 1.0);
@@ -352,7 +353,7 @@ fn random_phases_halve_the_ripple_in_the_mean() {
 fn friction_limit_at_30_degrees() {
     let contact = Contact {
         rollers: 64,
-        roller_radius: R,
+        roller_ratio: 1.0,
         ..clean()
     };
     let mut plant = tilted(30.0, contact);
@@ -376,7 +377,7 @@ fn simulated(name: &str, table: &str) -> Result<ContactPlant, omnibus_sim::SimEr
     let group = GroupFile::parse(name, &text).unwrap();
     let contact = Contact {
         rollers: 64,
-        roller_radius: R,
+        roller_ratio: 1.0,
         friction: Contact::of(&group, 8).friction,
         mass: Contact::of(&group, 8).mass,
         ..clean()

@@ -104,7 +104,7 @@ impl Body {
     pub fn step(&mut self, dt: f64, angles: &[[f64; 4]], turned: &[[f64; 4]]) {
         let (sin, cos) = (self.pose.heading + 0.5 * dt * self.velocity[2]).sin_cos();
         self.pushes.clear();
-        for wheel in &self.wheels {
+        for wheel in &mut self.wheels {
             let moved = turned[wheel.robot][wheel.index];
             let angle = angles[wheel.robot][wheel.index] + 0.5 * moved;
             let friction = if self.floor.is_empty() {
@@ -115,11 +115,15 @@ impl Body {
                 friction_at(&self.floor, x, y).unwrap_or(self.friction)
             };
             self.pushes
-                .extend(wheel.pushes(angle, moved / dt, friction));
+                .extend(wheel.pushes(angle, moved / dt, friction, dt));
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
-        let [vx, vy, omega] = settle(&self.pushes, self.inertia.map(|m| m / dt), before);
+        let after = settle(&self.pushes, self.inertia.map(|m| m / dt), before);
+        for (wheel, pushes) in self.wheels.iter_mut().zip(self.pushes.chunks_exact(2)) {
+            wheel.turn_roller(pushes[1].force(after), dt);
+        }
+        let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
         self.pose.x += dt * self.velocity[0];
         self.pose.y += dt * self.velocity[1];
@@ -197,6 +201,11 @@ fn along(v: [f64; 3], step: [f64; 3], part: f64) -> [f64; 3] {
 impl Push {
     fn slip(&self, v: [f64; 3]) -> f64 {
         self.row[0] * v[0] + self.row[1] * v[1] + self.row[2] * v[2] - self.rest
+    }
+
+    /// What the body pushes the floor with, N.
+    fn force(&self, v: [f64; 3]) -> f64 {
+        (self.stiffness * self.slip(v)).clamp(-self.limit, self.limit)
     }
 
     /// -1 or 1 when friction is at its limit, else 0.

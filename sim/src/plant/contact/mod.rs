@@ -11,14 +11,16 @@
 //! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase; free
 //! robots are bodies of their own. In every step the friction of all wheels of a body is found together
 //! ([`body`]): below its limit rubber creeps, a contact slips in proportion to its force. Rollers resist
-//! their own turning in proportion to it. A payload shifts the centre of mass and loads the wheels as
-//! equal springs would share it; parts of the floor may have a friction of their own.
+//! their own turning in proportion to it, and have inertia: one that comes down hardly turns, and what
+//! brings it up to speed is a jolt ([`roller`]). A payload shifts the centre of mass and loads the wheels
+//! as equal springs would share it; parts of the floor may have a friction of their own.
 //!
 //! The motors are velocity sources here: their inertia already contains the robot's. What it cannot do:
 //! wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
-//! rollers that meet the floor with a jolt.
+//! two rollers of a wheel on the floor at once.
 
 mod body;
+mod roller;
 mod wheel;
 
 use std::f64::consts::{PI, TAU};
@@ -40,8 +42,10 @@ const GRAVITY: f64 = 9.81;
 pub struct Contact {
     /// Rollers of a wheel.
     pub rollers: u8,
-    /// Radius of a roller at its middle, m.
-    pub roller_radius: f64,
+    /// Radius of a roller at its middle over the wheel's.
+    pub roller_ratio: f64,
+    /// Density of a roller as if it were solid, kg/m^3. 0 is rollers without inertia.
+    pub roller_density: f64,
     /// Dry friction between roller and floor.
     pub friction: f64,
     /// Resistance to a roller's own turning: force at the floor over the wheel's load, per m/s at which
@@ -61,13 +65,16 @@ pub struct Contact {
 impl Default for Contact {
     /// The paper's virtual robot: 8 rollers with a radius of 33.5 mm, friction 0.35, 200 kg (section
     /// 3.1). The settling is Table 3's longitudinal loss; creep and roller damping are chosen so that
-    /// every row of Tables 3 to 6 is met within half a point.
+    /// every row of Tables 3 to 6 is met within half a point. Rollers are as hard to turn as solid ones
+    /// of 3300 kg/m^3: steel (7850) to three quarters of the radius and rubber (1200) around, for inertia
+    /// goes with the fourth power of the radius.
     fn default() -> Self {
         Self {
             rollers: 8,
-            roller_radius: 0.0335,
+            roller_ratio: 0.0335 / 0.1524,
+            roller_density: 3300.0,
             friction: 0.35,
-            roller_damping: 0.035,
+            roller_damping: 0.026,
             creep: 0.02,
             settling: 0.0022,
             mass: 200.0,

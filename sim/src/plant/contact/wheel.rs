@@ -4,6 +4,7 @@ use kinematics::FourWheelGeometry;
 
 use super::Contact;
 use super::body::Part;
+use super::roller::Rollers;
 
 /// A wheel. Directions and places are in the body's frame, from its centre of mass.
 #[derive(Debug, Clone)]
@@ -33,6 +34,7 @@ pub(super) struct Wheel {
     damping: f64,
     /// What it carries, N.
     pub load: f64,
+    rollers: Rollers,
 }
 
 /// One direction in which the floor pushes a body through a wheel.
@@ -83,21 +85,22 @@ impl Wheel {
                 sin_roller,
                 cos_roller,
                 radius: r * (1.0 - contact.settling),
-                wander: -hand * (r - contact.roller_radius).max(0.0) * cos_roller / sin_roller,
+                wander: -hand * r * (1.0 - contact.roller_ratio) * cos_roller / sin_roller,
                 pitch: std::f64::consts::TAU / f64::from(contact.rollers),
                 phase: part.phases[index],
                 creep: contact.creep,
                 damping: contact.roller_damping,
                 load: 0.0,
+                rollers: Rollers::new(contact, geometry),
             }
         })
     }
 
-    /// What the floor can do to the wheel at this angle when it turns at `rate`: along the roller's axle,
-    /// and across it.
-    pub fn pushes(&self, angle: f64, rate: f64, friction: f64) -> impl Iterator<Item = Push> {
-        let half = 0.5 * self.pitch;
-        let phi = (angle + self.phase + half).rem_euclid(self.pitch) - half;
+    /// What the floor can do in the next `dt` to the wheel at this angle when it turns at `rate`: along the axle of the
+    /// roller that carries it, and across.
+    pub fn pushes(&mut self, angle: f64, rate: f64, friction: f64, dt: f64) -> [Push; 2] {
+        let place = (angle + self.phase) / self.pitch + 0.5;
+        let phi = (place - place.floor() - 0.5) * self.pitch;
         let (sin_phi, cos_phi) = phi.sin_cos();
         // The roller's axle over the floor, in the robot's frame: ahead, left.
         let (ahead, left) = (self.sin_roller * cos_phi, -self.hand * self.cos_roller);
@@ -105,20 +108,29 @@ impl Wheel {
         let (ahead, left) = (ahead / length, left / length);
         let wander = self.wander * sin_phi / cos_phi;
         let (x, y) = (self.x - self.sin * wander, self.y + self.cos * wander);
-        let surface = rate * self.radius;
-        let push = move |ahead: f64, left: f64, limit: f64, stiffness: f64| {
+        let grip = friction * self.load;
+        let push = |ahead: f64, left: f64, rest: f64, stiffness: f64| {
             let dx = self.cos * ahead - self.sin * left;
             let dy = self.sin * ahead + self.cos * left;
             Push {
                 row: [dx, dy, x * dy - y * dx],
-                rest: surface * ahead,
-                limit,
+                rest: rate * self.radius * ahead + rest,
+                limit: grip,
                 stiffness,
             }
         };
-        let grip = friction * self.load;
-        let along = push(ahead, left, grip, (grip / self.creep).min(STIFFEST));
+        let stiffness = (grip / self.creep).min(STIFFEST);
         let drag = self.damping * self.load;
-        std::iter::once(along).chain((drag > 0.0).then(|| push(-left, ahead, grip, drag)))
+        self.rollers.stand_on(place.floor() as i64, phi, drag);
+        let (rest, resistance) = self.rollers.resistance(stiffness, drag, dt);
+        [
+            push(ahead, left, 0.0, stiffness),
+            push(-left, ahead, rest, resistance),
+        ]
+    }
+
+    /// Turns the roller that carries the wheel for `dt`, by what the floor did across its axle, N.
+    pub fn turn_roller(&mut self, force: f64, dt: f64) {
+        self.rollers.turn(force, self.damping * self.load, dt);
     }
 }
