@@ -118,6 +118,7 @@ impl Checker<'_> {
             )?,
             limits: self.limits(&raw.limits)?,
             contact_lag: self.contact_lag(&raw.contact_lag)?,
+            hand_over_loss: self.hand_over_loss(raw.hand_over.loss_s_per_m.as_ref())?,
             robots,
             simulation,
         })
@@ -210,6 +211,18 @@ impl Checker<'_> {
         })
     }
 
+    fn hand_over_loss(&self, raw: Option<&At<f64>>) -> Checked<f32> {
+        const FIELD: &str = "hand_over.loss_s_per_m";
+        let loss = self.number(FIELD, raw, 0.0, Range::NotNegative)?;
+        match raw {
+            Some(raw) if loss > LARGEST_LOSS => {
+                let remedy = "give at most 0.05; more is no jolt of a roller";
+                Err(self.refuse(raw, FIELD, &format!("is {loss}"), remedy))
+            }
+            _ => Ok(loss),
+        }
+    }
+
     /// A period: a whole number of milliseconds, because robots count them in ticks of one.
     fn milliseconds(&self, raw: Option<&At<f64>>, field: &str, fallback: f64) -> Checked<u32> {
         let ms = self.number(field, raw, fallback, Range::Positive)?;
@@ -258,6 +271,8 @@ impl Checker<'_> {
 
 /// Longest lag of a contact, ms.
 const LONGEST_LAG_MS: f32 = 100.0;
+/// A robot that loses a fortieth of its speed at half a metre a second by nothing but jolts would be shaken to pieces, s/m.
+const LARGEST_LOSS: f32 = 0.05;
 
 const ADD_ROBOT: &str = "add a `[[robots]]` entry for every robot";
 

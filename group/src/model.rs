@@ -26,6 +26,8 @@ pub struct GroupFile {
     pub limits: Limits,
     /// How the group trails its wheels.
     pub contact_lag: ContactLag,
+    /// Share of its speed that a robot loses sideways because rollers meet the floor at rest, over that speed, s/m.
+    pub hand_over_loss: f32,
     /// The members, in the order of the file.
     pub robots: Vec<Robot>,
     /// What a simulated world needs to be told.

@@ -22,6 +22,8 @@ pub struct File {
     pub limits: Limits,
     #[serde(default)]
     pub contact_lag: ContactLag,
+    #[serde(default)]
+    pub hand_over: HandOver,
     pub robot: Option<Defaults>,
     pub robots: Option<At<Vec<At<Entry>>>>,
     pub simulation: Option<Simulation>,
@@ -45,6 +47,12 @@ pub struct ContactLag {
     pub longitudinal_ms: Option<At<f64>>,
     pub lateral_ms: Option<At<f64>>,
     pub yaw_ms: Option<At<f64>>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandOver {
+    pub loss_s_per_m: Option<At<f64>>,
 }
 
 /// The `[robot]` table: what every robot is unless its own entry says otherwise.

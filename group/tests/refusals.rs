@@ -65,6 +65,18 @@ fn a_lag_that_is_no_contacts_is_refused() {
 }
 
 #[test]
+fn a_loss_that_is_no_rollers_is_refused() {
+    assert_eq!(
+        refusal("[robot]", "[hand_over]\nloss_s_per_m = 0.06\n\n[robot]"),
+        "pair.toml:9: hand_over.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a roller"
+    );
+    assert_eq!(
+        refusal("[robot]", "[hand_over]\nloss_s_per_m = -0.001\n\n[robot]"),
+        "pair.toml:9: hand_over.loss_s_per_m: is -0.001; give 0 or a positive number"
+    );
+}
+
+#[test]
 fn unknown_key_lists_the_keys_there_are() {
     assert_eq!(
         refusal(

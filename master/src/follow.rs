@@ -7,7 +7,7 @@
 //!
 //! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
 //! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
-//! curve's acceleration ([`led`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
+//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`hand_over`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
 //! the tracking error.
 
 use group::ContactLag;
@@ -15,6 +15,7 @@ use kinematics::{Pose, Twist};
 
 use crate::curve::Plan;
 use crate::error::MasterError;
+use crate::hand_over;
 use crate::link::Link;
 use crate::session::{Group, STOP_PATIENCE_US};
 use crate::steering::{Lost, Steering, limited};
@@ -135,7 +136,13 @@ impl<L: Link> Group<L> {
 
     /// The setpoint for the time `t` of the curve.
     fn forward(&self, plan: &Plan, t: f64) -> Twist {
-        led(plan, t, plan.at(t).0.heading, &self.file.contact_lag)
+        self.asked(plan, t, plan.at(t).0.heading)
+    }
+
+    /// What a group with this heading is to be asked for at `t`.
+    fn asked(&self, plan: &Plan, t: f64, heading: f32) -> Twist {
+        let led = led(plan, t, heading, &self.file.contact_lag);
+        led + hand_over::lost(&self.file, led)
     }
 
     /// The setpoint for the time `t` of the curve, corrected by what was seen.
@@ -151,7 +158,7 @@ impl<L: Link> Group<L> {
         let correction = steering.law.correction(wanted, seen.pose);
         // The heading error stays as it was seen until something is done about it.
         let heading = plan.at(t).0.heading + seen.pose.heading - wanted.heading;
-        let forward = led(plan, t, heading, &self.file.contact_lag);
+        let forward = self.asked(plan, t, heading);
         Ok(limited(
             forward + correction.to_body(heading),
             &self.file.limits,

@@ -12,6 +12,7 @@ pub mod drive;
 pub mod error;
 pub mod follow;
 pub mod gyro;
+pub mod hand_over;
 pub mod identify;
 mod json_lines;
 pub mod link;

@@ -3,7 +3,8 @@
 //!
 //! What a robot is told of its rollers is what a calibration would have found, taken from the plant. Compensation
 //! coefficients are measured: one longitudinal, one lateral and one turning run on native robots, asked over achieved.
-//! The same runs show by how much the group trails its wheels.
+//! The same runs show by how much the group trails its wheels. With the rollers known a second lateral run, half as fast,
+//! tells what is lost by their hand-over, which grows with speed, from what is not.
 
 use group::{ContactLag, GroupFile, Plant, Rollers};
 use kinematics::VelocityCompensation;
@@ -14,12 +15,16 @@ use crate::curve::Curve;
 use crate::drive::{Drive, DriveError, simulated};
 use crate::report::Run;
 
+/// Speed of [`Curve::Lateral`], m/s.
+const LATERAL_SPEED: f32 = 0.5;
+
 /// The group on the contact plant with this many rollers a wheel, each wheel at a phase of its own, told nothing.
 #[must_use]
 pub fn on_contact(group: &GroupFile, rollers: u8) -> GroupFile {
     let mut out = group.clone();
     out.simulation.plant = Plant::Contact { rollers };
     out.simulation.contact.scattered = true;
+    out.hand_over_loss = 0.0;
     for robot in &mut out.robots {
         robot.rollers = None;
         robot.compensation = VelocityCompensation::NONE;
@@ -56,10 +61,13 @@ pub fn with_phases(group: &GroupFile) -> GroupFile {
 /// # Errors
 /// When a run fails, or loses so much that no coefficient can mend it.
 pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveError> {
-    let run = |curve| -> Result<Run, DriveError> {
+    let run = |curve, speed| -> Result<Run, DriveError> {
         let drive = Drive {
             group,
-            course: Course::of(curve),
+            course: Course {
+                speed,
+                ..Course::of(curve)
+            },
             feedback: None,
             compensation: false,
             elf: None,
@@ -71,18 +79,26 @@ pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveEr
         simulated(&drive, &mut |_, _| {})
     };
     let (ahead, aside, about) = (
-        run(Curve::Forward)?,
-        run(Curve::Lateral)?,
-        run(Curve::Turn)?,
+        run(Curve::Forward, 1.0)?,
+        run(Curve::Lateral, 1.0)?,
+        run(Curve::Turn, 1.0)?,
     );
     #[expect(
         clippy::cast_possible_truncation,
         reason = "a robot holds a coefficient as f32"
     )]
     let coefficient = |percent: f64| (1.0 / (1.0 + percent / 100.0)) as f32;
+    let mut lateral = coefficient(aside.errors.x_percent);
+    let mut out = group.clone();
+    if group.robots.iter().any(|robot| robot.rollers.is_some()) {
+        let slow = coefficient(run(Curve::Lateral, 0.5)?.errors.x_percent);
+        let slower = 0.5 * LATERAL_SPEED;
+        out.hand_over_loss = ((lateral - slow) / slower).max(0.0);
+        lateral -= out.hand_over_loss * LATERAL_SPEED;
+    }
     let compensation = VelocityCompensation::new(
         coefficient(ahead.errors.y_percent),
-        coefficient(aside.errors.x_percent),
+        lateral,
         coefficient(about.evenness.turn_percent),
     )
     .unwrap_or(VelocityCompensation::NONE);
@@ -91,7 +107,6 @@ pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveEr
         reason = "a group file holds a time as f32"
     )]
     let seconds = |run: &Run| (run.evenness.lag_ms.max(0.0) * 1e-3) as f32;
-    let mut out = group.clone();
     out.contact_lag = ContactLag {
         longitudinal: seconds(&ahead),
         lateral: seconds(&aside),
