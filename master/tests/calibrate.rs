@@ -1,5 +1,5 @@
 //! Calibration on simulated floors, and what it is worth on the curves of the paper: every axis of circle and
-//! figure-eight within 0.5 %.
+//! figure-eight within 0.5 %, within 0.15 % where the robots know their rollers.
 
 use group::{GroupFile, Plant, Tables};
 use kinematics::Pose;
@@ -14,24 +14,41 @@ use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
 use omnibus::trial;
 
-/// The bound of every axis, per cent.
-const BOUND: f64 = 0.5;
+/// Per cent: what there is to mend at least without calibration, and the bound of every axis with it.
+#[derive(Clone, Copy)]
+struct Bounds {
+    before: f64,
+    after: f64,
+}
+
+const BOUNDS: Bounds = Bounds {
+    before: 2.0,
+    after: 0.5,
+};
+/// With rollers that are known.
+const ROLLING: Bounds = Bounds {
+    before: 0.5,
+    after: 0.15,
+};
+
+/// m/s.
+const SPEEDS: [f64; 3] = [0.1, 0.5, 1.0];
 
 fn group(name: &str) -> GroupFile {
     let path = format!("{}/../groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     GroupFile::load(path).unwrap()
 }
 
-fn settings() -> Settings {
+fn settings(speeds: &[f64]) -> Settings {
     Settings {
-        speeds: vec![0.1, 0.5, 1.0],
+        speeds: speeds.to_vec(),
         rates: vec![0.5],
         repeats: 1,
         ..Settings::default()
     }
 }
 
-fn calibrated(file: &GroupFile) -> Calibration {
+fn calibrated(file: &GroupFile, speeds: &[f64]) -> Calibration {
     let world = world(file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut session = Group::connect(SimLink::new(world, "sim"), file).unwrap();
     let rigid = file.simulation.rigid;
@@ -46,7 +63,8 @@ fn calibrated(file: &GroupFile) -> Calibration {
         Ok(poses.iter().map(|p| [p.x, p.y, p.heading]).collect())
     };
     let mut witness = Witness::Poses(&mut poses);
-    calibrate(&mut session, &settings(), 1, &mut witness, &mut |_, _| {}).unwrap()
+    let settings = settings(speeds);
+    calibrate(&mut session, &settings, 1, &mut witness, &mut |_, _| {}).unwrap()
 }
 
 /// Errors of a curve, lateral and longitudinal, per cent.
@@ -66,8 +84,8 @@ fn errors(file: &GroupFile, curve: Curve, compensation: bool) -> [f64; 2] {
     [run.errors.x_percent, run.errors.y_percent]
 }
 
-fn holds(file: &GroupFile) {
-    let calibration = calibrated(file);
+fn holds(file: &GroupFile, speeds: &[f64], bounds: Bounds) -> GroupFile {
+    let calibration = calibrated(file, speeds);
     for outcome in &calibration.outcomes {
         for left in &outcome.left {
             println!("{:?} {} {:+.3} %", left.way, left.speed, left.error * 100.0);
@@ -79,13 +97,14 @@ fn holds(file: &GroupFile) {
         let after = errors(&calibration.file, curve, true);
         println!("{curve}: {before:+.2?} -> {after:+.3?}");
         assert!(
-            before[0].abs() > 2.0,
+            before[0].abs() > bounds.before,
             "there is something to mend: {before:?}"
         );
         for error in after {
-            assert!(error.abs() < BOUND, "{curve}: {after:?}");
+            assert!(error.abs() < bounds.after, "{curve}: {after:?}");
         }
     }
+    calibration.file
 }
 
 /// The paper's physical robot, Tables 7 and 8.
@@ -93,11 +112,27 @@ fn holds(file: &GroupFile) {
 fn a_calibration_on_the_measured_floor_holds_on_the_curves() {
     let mut file = group("tcc-3");
     file.simulation.plant = Plant::Table(Tables::Physical);
-    holds(&file);
+    holds(&file, &SPEEDS, BOUNDS);
 }
 
 /// Rollers of random phase, as mounted.
 #[test]
 fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
-    holds(&trial::on_contact(&group("tcc-2"), 8));
+    holds(&trial::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
+}
+
+/// The hand-over of the contact plant's rollers, in closed form: `n m / (pi r k)` with what a roller's inertia counts for
+/// at its end, 1.125 kg, n = 8, r = 0.1524 m, and `k` the friction of a wheel over its creep, 8584 N s/m: 0.00219 s/m. That
+/// is for jolts that take no time. Friction limits them, so a fast wheel has turned on to a thicker part of its roller
+/// before they are over: the speeds here are low ones, and a fifth is left to it.
+#[test]
+fn a_calibration_with_known_rollers_tells_their_hand_over_apart() {
+    let file = trial::with_phases(&trial::on_contact(&group("single"), 8));
+    let found = holds(&file, &[0.1, 0.2, 0.3], ROLLING);
+    println!(
+        "{} s/m, {:?}",
+        found.hand_over_loss, found.robots[0].rollers
+    );
+    let expected = 0.00219;
+    assert!((found.hand_over_loss / expected - 1.0).abs() < 0.2);
 }

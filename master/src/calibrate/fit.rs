@@ -18,6 +18,12 @@ use super::measure::Observation;
 const ASKEW: f64 = 0.035;
 /// A straight motion may turn the group this much, rad per m.
 const TURNS: f64 = 0.09;
+/// Half of a 95 % interval over the standard deviation.
+const TWO_SIDED_95: f64 = 1.96;
+/// No coefficient is surer than this, whatever its samples say.
+const SUREST: f64 = 1e-6;
+/// The largest loss a group file takes, s/m.
+const LARGEST_LOSS: f64 = 0.05;
 /// Rows of a table.
 const ROWS: usize = protocol::compensation::ROWS;
 
@@ -31,11 +37,16 @@ pub struct Row {
 }
 
 impl Row {
+    /// The speed that was reached, m/s or rad/s.
+    fn achieved(&self) -> f64 {
+        self.speed / self.fit.coefficient
+    }
+
     /// The row of a table: achieved speed, coefficient.
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds 16 bits")]
     fn pair(&self) -> (f32, f32) {
         let coefficient = self.fit.coefficient;
-        ((self.speed / coefficient) as f32, coefficient as f32)
+        (self.achieved() as f32, coefficient as f32)
     }
 }
 
@@ -152,22 +163,48 @@ impl Found {
         }
     }
 
-    /// One coefficient an axis: the mean of its rows.
+    /// One coefficient an axis: the mean of its rows, of the lateral ones less what the rollers' hand-over loses.
     ///
     /// # Errors
     /// When they are none.
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
-    pub fn constant(&self) -> Result<VelocityCompensation, CalibrateError> {
-        let mean = |rows: &[Row]| {
-            let sum: f64 = rows.iter().map(|row| row.fit.coefficient).sum();
+    pub fn constant(&self, hand_over_loss: f32) -> Result<VelocityCompensation, CalibrateError> {
+        let mean = |rows: &[Row], loss: f64| {
+            let left = |row: &Row| row.fit.coefficient - loss * row.achieved();
+            let sum: f64 = rows.iter().map(left).sum();
             if rows.is_empty() {
                 1.0
             } else {
                 (sum / rows.len() as f64) as f32
             }
         };
-        let [x, y, turn] = [&self.ahead, &self.aside, &self.yaw].map(|rows| mean(rows));
+        let (x, turn) = (mean(&self.ahead, 0.0), mean(&self.yaw, 0.0));
+        let y = mean(&self.aside, f64::from(hand_over_loss));
         VelocityCompensation::new(x, y, turn).map_err(unusable)
+    }
+
+    /// By how much the lateral coefficient grows with the speed, s/m: what the rollers' hand-over loses. 0 where the rows
+    /// do not show with two standard deviations that it grows.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "a group file holds f32")]
+    pub fn hand_over_loss(&self) -> f32 {
+        let rows = self.aside.iter().map(|row| {
+            let (low, high) = row.fit.interval;
+            let deviation = ((high - low) / (2.0 * TWO_SIDED_95)).max(SUREST);
+            (row.achieved(), row.fit.coefficient, deviation.powi(-2))
+        });
+        let weight: f64 = rows.clone().map(|(.., w)| w).sum();
+        let mean_speed = rows.clone().map(|(v, _, w)| w * v).sum::<f64>() / weight;
+        let (products, squares) = rows.fold((0.0, 0.0), |(products, squares), (v, c, w)| {
+            let away = v - mean_speed;
+            (products + w * away * c, squares + w * away * away)
+        });
+        let slope = products / squares;
+        if slope > 2.0 / squares.sqrt() {
+            slope.min(LARGEST_LOSS) as f32
+        } else {
+            0.0
+        }
     }
 
     /// Checks that a robot could take the tables.
@@ -301,6 +338,35 @@ mod tests {
         let (speed, coefficient) = found.table(7).lateral[0];
         assert!((f64::from(speed) - 0.3 / ASIDE).abs() < 1e-6);
         assert!((f64::from(coefficient) - ASIDE).abs() < 1e-6);
+    }
+
+    /// Rows of 1.005 and 0.002 s/m, to a hundred-thousandth; the rest is what stays of the mean. Rows that scatter by more
+    /// than they rise show nothing, and neither does one row.
+    #[test]
+    fn what_grows_with_speed_is_told_apart() {
+        let rows = |speeds: &[f64], coefficient: &dyn Fn(f64) -> f64, sure: f64| {
+            let row = |v: &f64| {
+                let coefficient = coefficient(*v);
+                let mut row = row(Way::Aside, v * coefficient, [1.0; 4].into_iter()).unwrap();
+                row.fit.coefficient = coefficient;
+                row.fit.interval = (coefficient - sure, coefficient + sure);
+                row
+            };
+            Found {
+                aside: speeds.iter().map(row).collect(),
+                ..Found::default()
+            }
+        };
+        let found = rows(&[0.1, 0.3, 0.8], &|v| 1.005 + 0.002 * v, 1e-5);
+        assert!((found.hand_over_loss() - 0.002).abs() < 1e-7);
+        let rest = found.constant(0.002).unwrap();
+        assert!((rest.lateral() - 1.005).abs() < 1e-6, "{rest:?}");
+        assert!((found.constant(0.0).unwrap().lateral() - 1.0058).abs() < 1e-6);
+        let unsure = rows(&[0.1, 0.3, 0.8], &|v| 1.005 + 0.002 * v, 2e-3);
+        assert_eq!(unsure.hand_over_loss(), 0.0);
+        let falling = rows(&[0.1, 0.8], &|v| 1.005 - 0.002 * v, 1e-5);
+        assert_eq!(falling.hand_over_loss(), 0.0);
+        assert_eq!(rows(&[0.3], &|_| 1.005, 1e-5).hand_over_loss(), 0.0);
     }
 
     fn refusal(change: impl Fn(&mut Observation)) -> String {

@@ -87,6 +87,12 @@ impl Subject {
     }
 
     /// Its pose by its own wheels.
+    /// Where the robots face in the group frame, rad.
+    #[must_use]
+    pub(super) fn heading(&self) -> f64 {
+        self.frame[2]
+    }
+
     fn believed(&self, members: &[MemberRow]) -> Option<[f64; 3]> {
         let mine = self.robots.iter().filter_map(|n| members.get(*n)?.pose);
         let pose = mean_pose(mine)?;
@@ -128,6 +134,17 @@ pub struct Observation {
     pub measured: [f64; 3],
 }
 
+impl Observation {
+    /// The same with these shares taken from what the robots believe, axis by axis.
+    #[must_use]
+    pub(super) fn without(mut self, shares: [f64; 3]) -> Self {
+        for (believed, share) in self.believed.iter_mut().zip(shares) {
+            *believed *= 1.0 - share;
+        }
+        self
+    }
+}
+
 /// Poses of the subjects now: m, m, rad in any fixed frame.
 pub type Poses<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<[f64; 3]>, MasterError>;
 
@@ -154,7 +171,7 @@ pub fn observe<L: Link>(
     manoeuvre: &Manoeuvre,
     witness: &mut Witness<'_, L>,
 ) -> Result<Vec<Option<Observation>>, MasterError> {
-    let heading = subjects.first().map_or(0.0, |subject| subject.frame[2]);
+    let heading = subjects.first().map_or(0.0, Subject::heading);
     let plan = manoeuvre.plan(heading, group.config());
     let before = rest(group, subjects, witness)?;
     group.drive(&plan, None, &mut |_, _| {})?;

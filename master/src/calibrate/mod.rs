@@ -5,6 +5,9 @@
 //! from the middle turn the group mostly by going sideways; their coefficient is corrected until the turn is right.
 //! Then every axis is driven once more with everything in force: what is left then is what the calibration is worth, and
 //! one that does not hold is refused. [`phase`] finds how the rollers stand.
+//!
+//! Robots that know their rollers are given constants. What grows with speed there is what the rollers lose that meet the
+//! floor at rest; it is told apart and becomes a number of the group ([`crate::hand_over`]), in force from the turns on.
 
 pub mod chart;
 pub mod drive;
@@ -18,7 +21,9 @@ pub mod phase;
 pub use error::CalibrateError;
 
 use group::GroupFile;
+use kinematics::Twist;
 
+use crate::hand_over;
 use crate::link::Link;
 use crate::session::Group;
 use fit::{Found, Row};
@@ -82,7 +87,9 @@ pub fn calibrate<L: Link>(
     witness: &mut Witness<'_, L>,
     progress: Progress<'_>,
 ) -> Result<Calibration, CalibrateError> {
-    let bare = group.config().clone();
+    let mut bare = group.config().clone();
+    bare.hand_over_loss = 0.0;
+    group.set_config(bare.clone());
     let subjects = Subject::all(&bare)?;
     if settings.speeds.is_empty() || settings.rates.is_empty() {
         return Err(CalibrateError::NoSpeeds);
@@ -95,8 +102,9 @@ pub fn calibrate<L: Link>(
             progress(motion, driven);
             driven += 1;
             let each = observe(group, &subjects, motion, witness)?;
+            let more = more(group.config(), &subjects, motion);
             for (seen, one) in seen.iter_mut().zip(each) {
-                seen.extend(one);
+                seen.extend(one.map(|one| one.without(more)));
             }
             Ok(())
         });
@@ -195,6 +203,22 @@ fn turned(
     Ok((out, errors))
 }
 
+/// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of the robots: shares of
+/// its own twist.
+fn more(file: &GroupFile, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
+    #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
+    let heading = subjects.first().map_or(0.0, Subject::heading) as f32;
+    let Twist { vx, vy, omega } = motion.twist;
+    let twist = Twist::new(vx as f32, vy as f32, omega as f32);
+    let lost = hand_over::lost(file, twist.to_world(heading)).to_body(heading);
+    let share = |lost: f32, of: f32| if of == 0.0 { 0.0 } else { f64::from(lost / of) };
+    [
+        share(lost.vx, twist.vx),
+        share(lost.vy, twist.vy),
+        share(lost.omega, twist.omega),
+    ]
+}
+
 /// The group with what was found in it.
 fn filled(
     bare: &GroupFile,
@@ -203,9 +227,15 @@ fn filled(
     version: u32,
 ) -> Result<GroupFile, CalibrateError> {
     let mut file = bare.clone();
+    if bare.robots.iter().any(|robot| robot.rollers.is_some()) {
+        let losses = outcomes
+            .iter()
+            .map(|outcome| outcome.found.hand_over_loss());
+        file.hand_over_loss = losses.sum::<f32>() / outcomes.len() as f32;
+    }
     for (subject, outcome) in subjects.iter().zip(outcomes) {
         outcome.found.check()?;
-        let constant = outcome.found.constant()?;
+        let constant = outcome.found.constant(file.hand_over_loss)?;
         let mine = |n: &usize| subject.robots.contains(n);
         let robots = file.robots.iter_mut().enumerate();
         for (_, robot) in robots.filter(|(n, _)| mine(n)) {

@@ -311,7 +311,8 @@ fn work<L: Link>(
         let outcomes: Vec<Value> = calibration.outcomes.iter().map(outcome_json).collect();
         return print_json(
             &json!({"version": version, "outcomes": outcomes, "written": written,
-            "saved": arguments.slip.save, "group_file": rewritten}),
+            "saved": arguments.slip.save, "group_file": rewritten,
+            "hand_over_loss_s_per_m": calibration.file.hand_over_loss}),
         );
     }
     say(match (written, rewritten) {
@@ -492,10 +493,12 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
         if let Some(robot) = robot {
             match &robot.rollers {
                 Some(rollers) => say(format!(
-                    "\nBeside the phases in `rollers`: longitudinal = {:.5}, lateral = {:.5}, yaw = {:.5}\n",
+                    "\nBeside the phases in `rollers`: longitudinal = {:.5}, lateral = {:.5}, yaw = {:.5}\n\
+                     For the whole group:\n\n[hand_over]\nloss_s_per_m = {:.5}\n",
                     rollers.compensation.longitudinal(),
                     rollers.compensation.lateral(),
-                    rollers.compensation.yaw()
+                    rollers.compensation.yaw(),
+                    calibration.file.hand_over_loss
                 ))?,
                 None => say(format!(
                     "\n{}",
