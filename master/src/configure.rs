@@ -71,7 +71,7 @@ impl<L: Link> Group<L> {
         for robot in &file.robots {
             self.check_configuration(robot.node)?;
         }
-        self.set_configured();
+        self.set_configured(compensation);
         Ok(())
     }
 

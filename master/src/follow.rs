@@ -7,7 +7,7 @@
 //!
 //! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
 //! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
-//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`hand_over`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
+//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`crate::hand_over`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
 //! the tracking error.
 
 use group::ContactLag;
@@ -15,7 +15,6 @@ use kinematics::{Pose, Twist};
 
 use crate::curve::Plan;
 use crate::error::MasterError;
-use crate::hand_over;
 use crate::link::Link;
 use crate::session::{Group, STOP_PATIENCE_US};
 use crate::steering::{Lost, Steering, limited};
@@ -142,7 +141,7 @@ impl<L: Link> Group<L> {
     /// What a group with this heading is to be asked for at `t`.
     fn asked(&self, plan: &Plan, t: f64, heading: f32) -> Twist {
         let led = led(plan, t, heading, &self.file.contact_lag);
-        led + hand_over::lost(&self.file, led)
+        led + self.lost_by_hand_over(led)
     }
 
     /// The setpoint for the time `t` of the curve, corrected by what was seen.

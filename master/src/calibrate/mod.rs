@@ -23,7 +23,6 @@ pub use error::CalibrateError;
 use group::GroupFile;
 use kinematics::Twist;
 
-use crate::hand_over;
 use crate::link::Link;
 use crate::session::Group;
 use fit::{Found, Row};
@@ -102,7 +101,7 @@ pub fn calibrate<L: Link>(
             progress(motion, driven);
             driven += 1;
             let each = observe(group, &subjects, motion, witness)?;
-            let more = more(group.config(), &subjects, motion);
+            let more = more(group, &subjects, motion);
             for (seen, one) in seen.iter_mut().zip(each) {
                 seen.extend(one.map(|one| one.without(more)));
             }
@@ -205,12 +204,13 @@ fn turned(
 
 /// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of the robots: shares of
 /// its own twist.
-fn more(file: &GroupFile, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
+fn more<L: Link>(group: &Group<L>, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
     let heading = subjects.first().map_or(0.0, Subject::heading) as f32;
     let Twist { vx, vy, omega } = motion.twist;
     let twist = Twist::new(vx as f32, vy as f32, omega as f32);
-    let lost = hand_over::lost(file, twist.to_world(heading)).to_body(heading);
+    let lost = group.lost_by_hand_over(twist.to_world(heading));
+    let lost = lost.to_body(heading);
     let share = |lost: f32, of: f32| if of == 0.0 { 0.0 } else { f64::from(lost / of) };
     [
         share(lost.vx, twist.vx),

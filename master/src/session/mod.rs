@@ -48,6 +48,7 @@ use protocol::{Code, Fault, MemberState, MemberStatus};
 
 use crate::abort::Abort;
 use crate::error::MasterError;
+use crate::hand_over;
 use crate::link::Link;
 use crate::record::Recorder;
 use crate::telemetry::{
@@ -96,6 +97,8 @@ pub struct Group<L> {
     missed: u64,
     phase: Phase,
     configured: bool,
+    /// Whether losses are made up for, as the robots were told when they were configured.
+    compensation: bool,
     twist: Twist,
     /// Where the group should be at the SYNC whose row is being filled.
     target: Option<Pose>,
@@ -139,6 +142,7 @@ impl<L: Link> Group<L> {
             missed: 0,
             phase: Phase::Idle,
             configured: false,
+            compensation: false,
             twist: Twist::default(),
             target: None,
             foreign: None,
@@ -410,8 +414,18 @@ impl<L: Link> Group<L> {
         self.configured = false;
     }
 
-    pub(crate) fn set_configured(&mut self) {
+    pub(crate) fn set_configured(&mut self, compensation: bool) {
         self.configured = true;
+        self.compensation = compensation;
+    }
+
+    /// What has to be asked for beside a twist in the group frame; nothing where losses are not made up for.
+    pub(crate) fn lost_by_hand_over(&self, twist: Twist) -> Twist {
+        if self.compensation {
+            hand_over::lost(&self.file, twist)
+        } else {
+            Twist::ZERO
+        }
     }
 
     /// Zero of the recorder's rows, on the link's clock.
