@@ -1,4 +1,4 @@
-//! The contact plant against closed form. Against the paper's tables: `paper_tables.rs`.
+//! The contact plant against closed form. Ripple and rollers: `contact_rollers.rs`; the paper's tables: `paper_tables.rs`.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -271,80 +271,6 @@ fn ripple_of_ten_and_twelve_rollers() {
         assert!((high - 1.0).abs() < 1e-3, "{rollers}: {high}");
         // A turn that begins in a valley has it at both ends.
         assert!([rollers, rollers + 1].contains(&valleys), "{valleys}");
-    }
-}
-
-/// Speeds of a robot whose wheels turn sideways at 0.5 m/s, over what they ask for, sampled over a turn.
-fn lateral_ratios(contact: Contact, seed: u64) -> Vec<f64> {
-    let path = format!("{}/../groups/single.toml", env!("CARGO_MANIFEST_DIR"));
-    let mut group = GroupFile::load(path).unwrap();
-    group.simulation.seed = seed;
-    let mut plant = ContactPlant::new(&group, contact, START).unwrap();
-    let rate = 0.5 / R;
-    drive(&mut plant, LEFT, rate, 1.0);
-    let steps = (TAU / rate / DT).round() as u32;
-    let ratio = |plant: &mut ContactPlant| {
-        drive(plant, LEFT, rate, DT);
-        // Sideways in its own frame: it turns a little, too.
-        let [vx, vy, _] = plant.velocity(0).unwrap();
-        let (sin, cos) = plant.group().heading.sin_cos();
-        (cos * vy - sin * vx) / 0.5
-    };
-    (0..steps).map(|_| ratio(&mut plant)).collect()
-}
-
-fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let squares = values.iter().map(|value| (value - mean).powi(2));
-    (mean, (squares.sum::<f64>() / values.len() as f64).sqrt())
-}
-
-/// The cosine of an even angle up to pi/n has the variance `1/2 + sin(2a)/(4a) - (sin(a)/a)^2` with a = pi/n: that is
-/// the ripple of wheels in one phase, less what creep smooths. Four wheels at phases of their own average it to a half,
-/// in the mean over many robots.
-#[test]
-fn random_phases_halve_the_ripple_in_the_mean() {
-    const ROBOTS: u32 = 60;
-    for rollers in [8, 10, 12] {
-        let a = PI / f64::from(rollers);
-        let closed = (0.5 + (2.0 * a).sin() / (4.0 * a) - (a.sin() / a).powi(2)).sqrt();
-        let contact = |scattered| Contact {
-            rollers,
-            scattered,
-            ..Contact::default()
-        };
-        let together = lateral_ratios(contact(false), 1);
-        let (mean, ripple) = mean_and_deviation(&together);
-        let low = together.iter().copied().fold(f64::MAX, f64::min);
-        let high = together.iter().copied().fold(f64::MIN, f64::max);
-        println!(
-            "{rollers} in one phase: mean {:+.2} % ripple {:.2} % (closed form {:.2} %), {:.3} to {:.3} m/s",
-            100.0 * (mean - 1.0),
-            100.0 * ripple,
-            100.0 * closed,
-            0.5 * low,
-            0.5 * high
-        );
-        assert!((ripple - closed).abs() < 0.003, "{ripple} {closed}");
-        let mut own: Vec<f64> = (1..=u64::from(ROBOTS))
-            .map(|seed| mean_and_deviation(&lateral_ratios(contact(true), seed)).1)
-            .collect();
-        own.sort_by(f64::total_cmp);
-        let square = own.iter().map(|ripple| ripple * ripple).sum::<f64>() / f64::from(ROBOTS);
-        println!(
-            "  own phases: rms {:.2} %, least {:.2}, median {:.2}, most {:.2} %",
-            100.0 * square.sqrt(),
-            100.0 * own[0],
-            100.0 * own[own.len() / 2],
-            100.0 * own[own.len() - 1]
-        );
-        // The square of a sum of four even phasors deviates by sqrt(3)/2 of itself; over 60 robots that is 11 %, half as
-        // much in the root.
-        let half = 0.5 * ripple;
-        assert!(
-            (square.sqrt() - half).abs() < 0.15 * half,
-            "{square} {half}"
-        );
     }
 }
 
