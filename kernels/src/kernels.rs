@@ -210,7 +210,7 @@ fn calls() -> Option<()> {
         let narrow = black_box(twist.convert::<I16F16>());
         let mut fixed_rates = WheelRates::from([I16F16::ZERO; 4]);
         fixed_inverse(&fixed, &narrow, black_box(&mut fixed_rates));
-        let mut fixed_back = Twist::new(I16F16::ZERO, I16F16::ZERO, I16F16::ZERO);
+        let mut fixed_back = narrow;
         fixed_forward(&fixed, black_box(&fixed_rates), black_box(&mut fixed_back));
         let angles = black_box([0; 4].map(|_| spread.angle()));
         rollers.calls(twist, &angles);
