@@ -222,6 +222,29 @@ fn poses_come_as_lines_of_json() {
     }
 }
 
+/// The group file has the usual gyro: 200 samples a second, a bias of 0.5 degrees/s and, at that rate, noise of 0.05: six
+/// standard deviations are left to it. The robots stand.
+#[test]
+fn gyro_samples_come_as_lines_of_json() {
+    let served = Served::new(&["--gyro-tcp", "127.0.0.1:0"]);
+    let mut client = served.connect("gyro-tcp");
+    let mut times = Vec::new();
+    for _ in 0..5 {
+        let mut text = String::new();
+        client.read_line(&mut text).unwrap();
+        let line: serde_json::Value = serde_json::from_str(&text).unwrap();
+        times.push((line["t"].as_f64().unwrap() * 1e3).round() as u64);
+        for (robot, node) in [(0, 2), (1, 3)] {
+            let sample = &line["robots"][robot];
+            assert_eq!(sample["node"], node);
+            let error = sample["yaw_rate"].as_f64().unwrap().to_degrees() - 0.5;
+            assert!(error.abs() < 0.3, "{text}");
+        }
+    }
+    let steps: Vec<u64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert_eq!(steps, [5; 4], "{times:?}");
+}
+
 #[test]
 fn faults_come_from_the_command_line_and_from_standard_input() {
     let mut served = Served::new(&[

@@ -13,8 +13,11 @@
 //! | [`socketcand`]: socketcand in raw mode | python-can (`socketcand`), Wireshark, Kayak |
 //! | [`socket_can`]: a Linux CAN interface | can-utils, python-can, everything for Linux |
 //! | [`pose`]: true poses as lines of JSON | what would listen to a motion-capture system |
+//! | [`gyro`]: samples of the robots' gyros as lines of JSON | what would listen to real ones |
 //! | [`replay`]: a candump log in | nobody: it plays a file |
 
+pub mod gyro;
+pub mod json_lines;
 pub mod pose;
 #[cfg(unix)]
 pub mod pty;

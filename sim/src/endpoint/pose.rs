@@ -10,24 +10,19 @@
 //! frame (x forward, y left, counter-clockwise positive). `group` is the group frame: of the body when the
 //! robots are connected, of the formation that fits them best when they are not. `robots` in the order of
 //! the group file. Poses have the noise that the group file's `[simulation.pose_noise]` gives them; by
-//! default none. Any number of clients; what they send is ignored.
+//! default none.
 //!
-//! A client gets every sample from its connection on. One that does not read loses samples once
-//! [`WAITING`] bytes wait for it, whole lines only; `t` shows the gap.
+//! A client that does not read loses samples ([`WAITING`](super::json_lines::WAITING)); `t` shows the gap.
 
 use std::io;
-use std::net::{SocketAddr, TcpStream};
 
 use kinematics::Pose;
 use serde::Serialize;
 
 use super::Endpoint;
-use super::stream::{Listener, Pipe};
+use super::json_lines::{JsonLines, line};
 use crate::truth::TruthSample;
 use crate::world::World;
-
-/// Bytes that may wait for a client: some seconds of a large group.
-pub const WAITING: usize = 256 * 1024;
 
 #[derive(Serialize)]
 struct Line {
@@ -60,9 +55,8 @@ impl From<Pose<f64>> for Place {
     }
 }
 
-/// The line of a sample, with its end.
-fn line(sample: &TruthSample) -> String {
-    let line = Line {
+fn sample_line(sample: &TruthSample) -> String {
+    line(&Line {
         t: sample.time_ns as f64 * 1e-9,
         group: sample.group.into(),
         robots: sample
@@ -73,20 +67,12 @@ fn line(sample: &TruthSample) -> String {
                 place: robot.pose.into(),
             })
             .collect(),
-    };
-    // Numbers and fixed names: a line cannot fail. A pose that is not finite would be `null`.
-    let mut text = serde_json::to_string(&line).unwrap_or_default();
-    text.push('\n');
-    text
+    })
 }
 
 /// A listening endpoint and its clients.
 #[derive(Debug)]
-pub struct PoseServer {
-    listener: Listener,
-    address: SocketAddr,
-    clients: Vec<Pipe<TcpStream>>,
-}
+pub struct PoseServer(JsonLines);
 
 impl PoseServer {
     /// Listens; port 0 picks a free one. It takes the world's truth samples, so the world must keep some
@@ -95,39 +81,18 @@ impl PoseServer {
     /// # Errors
     /// When the address cannot be had.
     pub fn bind(address: &str) -> io::Result<Self> {
-        let listener = Listener::bind(address)?;
-        Ok(Self {
-            address: listener.address()?,
-            listener,
-            clients: Vec::new(),
-        })
+        JsonLines::bind(address).map(Self)
     }
 }
 
 impl Endpoint for PoseServer {
     fn announce(&self) -> String {
-        format!("pose-tcp {}", self.address)
+        format!("pose-tcp {}", self.0.address())
     }
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {
-        while let Some(pipe) = self.listener.accept() {
-            self.clients.push(pipe);
-        }
         let samples = world.take_seen();
-        if self.clients.is_empty() {
-            return Ok(());
-        }
-        let lines: Vec<String> = samples.iter().map(line).collect();
-        self.clients.retain_mut(|pipe| {
-            let came = pipe.fill();
-            pipe.input.clear();
-            for line in &lines {
-                if pipe.output.len() + line.len() <= WAITING {
-                    pipe.output.extend_from_slice(line.as_bytes());
-                }
-            }
-            came.and_then(|()| pipe.flush()).is_ok()
-        });
+        self.0.send(samples.iter().map(sample_line));
         Ok(())
     }
 }
@@ -157,7 +122,7 @@ mod tests {
             }],
         };
         assert_eq!(
-            line(&sample),
+            sample_line(&sample),
             "{\"t\":1.25,\"group\":{\"x\":0.5,\"y\":-0.25,\"heading\":6.5},\
              \"robots\":[{\"node\":2,\"x\":1.5,\"y\":0.0,\"heading\":0.125}]}\n"
         );

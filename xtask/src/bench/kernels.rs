@@ -161,7 +161,9 @@ fn build(target: &str) -> anyhow::Result<PathBuf> {
         .status()
         .context("cannot start cargo")?;
     if !status.success() {
-        bail!("the counting image does not build for {target}: rustup target add {target}");
+        bail!(
+            "the counting image does not build for {target}; if that is not installed: rustup target add {target}"
+        );
     }
     let folder = cargo::target_folder().join(target);
     Ok(folder.join("release/omnibus-kernels"))

@@ -89,7 +89,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     if let Some(path) = &arguments.log {
         world.log_candump(Box::new(BufWriter::new(create(path)?)));
     }
-    let endpoints = arguments.endpoints.open()?;
+    let endpoints = arguments.endpoints.open(&group)?;
     for endpoint in &endpoints {
         println!("{}", endpoint.announce());
     }

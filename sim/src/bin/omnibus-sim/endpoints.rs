@@ -4,13 +4,15 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use clap::Args;
+use group::GroupFile;
 use omnibus_sim::endpoint::Endpoint;
+use omnibus_sim::endpoint::gyro::GyroServer;
 use omnibus_sim::endpoint::pose::PoseServer;
 use omnibus_sim::endpoint::replay::Replay;
 use omnibus_sim::endpoint::slcan_tcp::SlcanServer;
 use omnibus_sim::endpoint::socketcand::SocketcandServer;
 
-/// Where programs find the bus and the poses. In an address, port 0 picks a free one.
+/// Where programs find the bus, the poses and the gyros. In an address, port 0 picks a free one.
 #[derive(Args)]
 pub struct Endpoints {
     /// Serves slcan over TCP here, for example 127.0.0.1:7701.
@@ -34,6 +36,9 @@ pub struct Endpoints {
     /// Samples of the poses in a second: a divisor of 4000.
     #[arg(long, value_name = "HZ", default_value_t = 100)]
     pose_rate: u32,
+    /// Streams the samples of the robots' gyros here as lines of JSON.
+    #[arg(long, value_name = "ADDR")]
+    gyro_tcp: Option<String>,
 }
 
 impl Endpoints {
@@ -55,8 +60,8 @@ impl Endpoints {
         })
     }
 
-    /// Opens them all.
-    pub fn open(&self) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
+    /// Opens them all, for the robots of this group.
+    pub fn open(&self, group: &GroupFile) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
         let listen =
             |address: &str| format!("cannot listen on {address}; give HOST:PORT of this machine");
         let mut open: Vec<Box<dyn Endpoint>> = Vec::new();
@@ -83,6 +88,11 @@ impl Endpoints {
         }
         if let Some(at) = &self.pose_tcp {
             open.push(Box::new(PoseServer::bind(at).with_context(|| listen(at))?));
+        }
+        if let Some(at) = &self.gyro_tcp {
+            let nodes = group.robots.iter().map(|robot| robot.node).collect();
+            let server = GyroServer::bind(at, nodes).with_context(|| listen(at))?;
+            open.push(Box::new(server));
         }
         Ok(open)
     }

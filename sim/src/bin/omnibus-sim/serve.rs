@@ -113,7 +113,7 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
     // Nobody sits at the master's port here.
     world.set_listening(MASTER, false);
-    let mut endpoints = arguments.endpoints.open()?;
+    let mut endpoints = arguments.endpoints.open(&group)?;
     for endpoint in &endpoints {
         println!("{}", endpoint.announce());
     }

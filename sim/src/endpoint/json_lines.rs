@@ -1,0 +1,68 @@
+//! Lines of JSON over TCP, the same ones to any number of clients; what these send is ignored.
+//!
+//! A client gets every line from its connection on. One that does not read loses lines once [`WAITING`] bytes wait for
+//! it, whole ones only.
+
+use std::io;
+use std::net::{SocketAddr, TcpStream};
+
+use serde::Serialize;
+
+use super::stream::{Listener, Pipe};
+
+/// Bytes that may wait for a client: some seconds of a large group.
+pub const WAITING: usize = 256 * 1024;
+
+/// A listening server and its clients.
+#[derive(Debug)]
+pub(super) struct JsonLines {
+    listener: Listener,
+    address: SocketAddr,
+    clients: Vec<Pipe<TcpStream>>,
+}
+
+impl JsonLines {
+    /// Listens; port 0 picks a free one.
+    pub fn bind(address: &str) -> io::Result<Self> {
+        let listener = Listener::bind(address)?;
+        Ok(Self {
+            address: listener.address()?,
+            listener,
+            clients: Vec::new(),
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Takes in new clients and hands these lines to all.
+    pub fn send(&mut self, lines: impl Iterator<Item = String>) {
+        while let Some(pipe) = self.listener.accept() {
+            self.clients.push(pipe);
+        }
+        if self.clients.is_empty() {
+            return;
+        }
+        let lines: Vec<String> = lines.collect();
+        self.clients.retain_mut(|pipe| {
+            let came = pipe.fill();
+            pipe.input.clear();
+            for line in &lines {
+                if pipe.output.len() + line.len() <= WAITING {
+                    pipe.output.extend_from_slice(line.as_bytes());
+                }
+            }
+            came.and_then(|()| pipe.flush()).is_ok()
+        });
+    }
+}
+
+/// A value as a line, with its end.
+pub(super) fn line(value: &impl Serialize) -> String {
+    // Numbers and fixed names: a line cannot fail. A number that is not finite would be `null`.
+    let mut text = serde_json::to_string(value).unwrap_or_default();
+    text.push('\n');
+    text
+}
