@@ -86,13 +86,13 @@ impl Subject {
         robots.map(|robot| robot.node).collect()
     }
 
-    /// Its pose by its own wheels.
     /// Where the robots face in the group frame, rad.
     #[must_use]
     pub(super) fn heading(&self) -> f64 {
         self.frame[2]
     }
 
+    /// Its pose by its own wheels.
     fn believed(&self, members: &[MemberRow]) -> Option<[f64; 3]> {
         let mine = self.robots.iter().filter_map(|n| members.get(*n)?.pose);
         let pose = mean_pose(mine)?;
