@@ -118,7 +118,7 @@ impl Checker<'_> {
             )?,
             limits: self.limits(&raw.limits)?,
             contact_lag: self.contact_lag(&raw.contact_lag)?,
-            hand_over_loss: self.hand_over_loss(raw.hand_over.loss_s_per_m.as_ref())?,
+            hand_over_loss: self.hand_over_loss(raw.hand_over.loss_s_per_m.as_ref(), &robots)?,
             robots,
             simulation,
         })
@@ -211,10 +211,15 @@ impl Checker<'_> {
         })
     }
 
-    fn hand_over_loss(&self, raw: Option<&At<f64>>) -> Checked<f32> {
+    fn hand_over_loss(&self, raw: Option<&At<f64>>, robots: &[Robot]) -> Checked<f32> {
         const FIELD: &str = "hand_over.loss_s_per_m";
         let loss = self.number(FIELD, raw, 0.0, Range::NotNegative)?;
         match raw {
+            Some(raw) if robots.iter().all(|robot| robot.rollers.is_none()) => {
+                // The tables of robots that do not know their rollers have it in them.
+                let remedy = "give the robots' rollers, or remove it";
+                Err(self.refuse(raw, FIELD, "is for robots that know their rollers", remedy))
+            }
             Some(raw) if loss > LARGEST_LOSS => {
                 let remedy = "give at most 0.05; more is no jolt of a roller";
                 Err(self.refuse(raw, FIELD, &format!("is {loss}"), remedy))

@@ -102,6 +102,17 @@ fn an_index_tolerance_is_written_when_it_is_given() {
 }
 
 #[test]
+fn the_loss_at_the_hand_over_of_rollers_is_the_groups() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let text = text.replace("node = 2\n", "node = 2\nrollers = { count = 8 }\n");
+    let text = text.replace("[limits]", "[hand_over]\nloss_s_per_m = 0.0019\n\n[limits]");
+    let file = GroupFile::parse("single.toml", &text).unwrap();
+    assert_eq!(file.hand_over_loss, 0.0019);
+    assert_eq!(load("single").hand_over_loss, 0.0);
+}
+
+#[test]
 fn feedforward_follows_from_the_motor() {
     let f = load("single").robots[0].motor.feedforward();
     // Torque of 1 N m takes 0.3 / 0.8 = 0.375 V, 0.015625 of 24 V.

@@ -66,13 +66,24 @@ fn a_lag_that_is_no_contacts_is_refused() {
 
 #[test]
 fn a_loss_that_is_no_rollers_is_refused() {
+    let with_rollers = |loss: &str| {
+        let text = format!(
+            "[hand_over]\nloss_s_per_m = {loss}\n\n[robot]\nrollers = {{ count = 8, phases_deg = [0, 0, 0, 0] }}"
+        );
+        refusal("[robot]", &text)
+    };
     assert_eq!(
-        refusal("[robot]", "[hand_over]\nloss_s_per_m = 0.06\n\n[robot]"),
+        with_rollers("0.06"),
         "pair.toml:9: hand_over.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a roller"
     );
     assert_eq!(
-        refusal("[robot]", "[hand_over]\nloss_s_per_m = -0.001\n\n[robot]"),
+        with_rollers("-0.001"),
         "pair.toml:9: hand_over.loss_s_per_m: is -0.001; give 0 or a positive number"
+    );
+    assert_eq!(
+        refusal("[robot]", "[hand_over]\nloss_s_per_m = 0.001\n\n[robot]"),
+        "pair.toml:9: hand_over.loss_s_per_m: is for robots that know their rollers; give the robots' rollers, or remove \
+         it"
     );
 }
 
