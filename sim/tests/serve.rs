@@ -197,28 +197,38 @@ fn a_terminal_speaks_slcan_until_the_end() {
     }
 }
 
+/// The next five lines of a stream, and the milliseconds from each to the next.
+fn samples(client: &mut impl BufRead) -> (Vec<serde_json::Value>, Vec<u64>) {
+    let mut lines = Vec::new();
+    let mut times: Vec<u64> = Vec::new();
+    for _ in 0..5 {
+        let mut text = String::new();
+        client.read_line(&mut text).unwrap();
+        let line: serde_json::Value = serde_json::from_str(&text).unwrap();
+        times.push((line["t"].as_f64().unwrap() * 1e3).round() as u64);
+        lines.push(line);
+    }
+    let steps = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    (lines, steps)
+}
+
 #[test]
 fn poses_come_as_lines_of_json() {
     let served = Served::new(&["--pose-tcp", "127.0.0.1:0", "--pose-rate", "250"]);
     let mut clients = [served.connect("pose-tcp"), served.connect("pose-tcp")];
     for client in &mut clients {
-        let mut times = Vec::new();
-        for _ in 0..5 {
-            let mut text = String::new();
-            client.read_line(&mut text).unwrap();
-            let line: serde_json::Value = serde_json::from_str(&text).unwrap();
-            times.push((line["t"].as_f64().unwrap() * 1e3).round() as u64);
+        let (lines, steps) = samples(client);
+        for line in lines {
             assert_eq!(line["group"]["x"], 0.0);
             assert_eq!(line["robots"][0]["node"], 2);
             // tcc-2: two robots in tandem, 1.2 m apart, the first in front.
             for (robot, x) in [(0, 0.6), (1, -0.6)] {
                 let error = line["robots"][robot]["x"].as_f64().unwrap() - x;
                 // A group file's numbers are f32.
-                assert!(error.abs() < 1e-7, "{text}");
+                assert!(error.abs() < 1e-7, "{line}");
             }
         }
-        let steps: Vec<u64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        assert_eq!(steps, [4; 4], "{times:?}");
+        assert_eq!(steps, [4; 4]);
     }
 }
 
@@ -228,21 +238,16 @@ fn poses_come_as_lines_of_json() {
 fn gyro_samples_come_as_lines_of_json() {
     let served = Served::new(&["--gyro-tcp", "127.0.0.1:0"]);
     let mut client = served.connect("gyro-tcp");
-    let mut times = Vec::new();
-    for _ in 0..5 {
-        let mut text = String::new();
-        client.read_line(&mut text).unwrap();
-        let line: serde_json::Value = serde_json::from_str(&text).unwrap();
-        times.push((line["t"].as_f64().unwrap() * 1e3).round() as u64);
+    let (lines, steps) = samples(&mut client);
+    for line in lines {
         for (robot, node) in [(0, 2), (1, 3)] {
             let sample = &line["robots"][robot];
             assert_eq!(sample["node"], node);
             let error = sample["yaw_rate"].as_f64().unwrap().to_degrees() - 0.5;
-            assert!(error.abs() < 0.3, "{text}");
+            assert!(error.abs() < 0.3, "{line}");
         }
     }
-    let steps: Vec<u64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    assert_eq!(steps, [5; 4], "{times:?}");
+    assert_eq!(steps, [5; 4]);
 }
 
 #[test]

@@ -17,24 +17,21 @@ pub const WAITING: usize = 256 * 1024;
 #[derive(Debug)]
 pub(super) struct JsonLines {
     listener: Listener,
-    address: SocketAddr,
     clients: Vec<Pipe<TcpStream>>,
 }
 
 impl JsonLines {
     /// Listens; port 0 picks a free one.
     pub fn bind(address: &str) -> io::Result<Self> {
-        let listener = Listener::bind(address)?;
         Ok(Self {
-            address: listener.address()?,
-            listener,
+            listener: Listener::bind(address)?,
             clients: Vec::new(),
         })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.listener.address()
     }
 
     /// Takes in new clients and hands these lines to all.

@@ -3,7 +3,7 @@
 //! A client that does not read is dropped when [`BACKLOG`] bytes wait for it.
 
 use std::io;
-use std::net::{SocketAddr, TcpStream};
+use std::net::TcpStream;
 
 use super::Endpoint;
 use super::slcan::Channel;
@@ -15,7 +15,6 @@ use crate::world::{Port, World};
 #[derive(Debug)]
 pub struct SlcanServer {
     listener: Listener,
-    address: SocketAddr,
     clients: Vec<(Pipe<TcpStream>, Channel)>,
     /// Ports of clients that have gone.
     spare: Vec<Port>,
@@ -27,10 +26,8 @@ impl SlcanServer {
     /// # Errors
     /// When the address cannot be had.
     pub fn bind(address: &str) -> io::Result<Self> {
-        let listener = Listener::bind(address)?;
         Ok(Self {
-            address: listener.address()?,
-            listener,
+            listener: Listener::bind(address)?,
             clients: Vec::new(),
             spare: Vec::new(),
         })
@@ -39,7 +36,7 @@ impl SlcanServer {
 
 impl Endpoint for SlcanServer {
     fn announce(&self) -> String {
-        format!("slcan-tcp {}", self.address)
+        format!("slcan-tcp {}", self.listener.address())
     }
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {

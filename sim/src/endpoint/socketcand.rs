@@ -17,7 +17,7 @@
 //! frames wait for [`QUIET`].
 
 use std::io::{self, Write as _};
-use std::net::{SocketAddr, TcpStream};
+use std::net::TcpStream;
 
 use canopen::{Frame, Micros};
 
@@ -55,7 +55,6 @@ enum Request {
 #[derive(Debug)]
 pub struct SocketcandServer {
     listener: Listener,
-    address: SocketAddr,
     clients: Vec<Client>,
     /// Ports of clients that have gone.
     spare: Vec<Port>,
@@ -74,10 +73,8 @@ impl SocketcandServer {
     /// # Errors
     /// When the address cannot be had.
     pub fn bind(address: &str) -> io::Result<Self> {
-        let listener = Listener::bind(address)?;
         Ok(Self {
-            address: listener.address()?,
-            listener,
+            listener: Listener::bind(address)?,
             clients: Vec::new(),
             spare: Vec::new(),
         })
@@ -86,7 +83,7 @@ impl SocketcandServer {
 
 impl Endpoint for SocketcandServer {
     fn announce(&self) -> String {
-        format!("socketcand {}", self.address)
+        format!("socketcand {}", self.listener.address())
     }
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {

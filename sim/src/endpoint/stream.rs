@@ -74,23 +74,30 @@ impl<S: Read + Write> Pipe<S> {
 
 /// A TCP address that clients connect to.
 #[derive(Debug)]
-pub(super) struct Listener(TcpListener);
+pub(super) struct Listener {
+    socket: TcpListener,
+    address: SocketAddr,
+}
 
 impl Listener {
     /// Listens; port 0 picks a free one.
     pub fn bind(address: &str) -> io::Result<Self> {
-        let listener = TcpListener::bind(address)?;
-        listener.set_nonblocking(true)?;
-        Ok(Self(listener))
+        let socket = TcpListener::bind(address)?;
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            address: socket.local_addr()?,
+            socket,
+        })
     }
 
-    pub fn address(&self) -> io::Result<SocketAddr> {
-        self.0.local_addr()
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
     }
 
     /// The next client that has connected.
     pub fn accept(&self) -> Option<Pipe<TcpStream>> {
-        while let Ok((stream, _)) = self.0.accept() {
+        while let Ok((stream, _)) = self.socket.accept() {
             // One that is gone already is no client.
             if stream.set_nonblocking(true).is_ok() && stream.set_nodelay(true).is_ok() {
                 return Some(Pipe::new(stream));

@@ -1,6 +1,5 @@
 //! Where the instructions of a driving robot go: `cargo xtask profile`.
 
-use anyhow::Context as _;
 use emulator::Firmware;
 use group::GroupFile;
 use sim::Options;
@@ -36,13 +35,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let mut driving = Driving::new(&group, &firmware, options)?;
     let robot = driving.first()?.clone();
-    robot.board(emulator::Board::start_profile);
+    robot.start_profile(&[]);
     let (cycles, slept) = robot.board(|board| board.cycles());
     driving.drive(arguments.millis)?;
     let (cycles_after, slept_after) = robot.board(|board| board.cycles());
-    let profile = robot
-        .board(emulator::Board::take_profile)
-        .context("it has not been profiled")?;
+    let profile = robot.take_profile()?;
 
     let span = (cycles_after - cycles) as f64;
     let busy = span - (slept_after - slept) as f64;

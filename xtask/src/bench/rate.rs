@@ -4,8 +4,7 @@
 //! none of them comes to a fault and no tick of the first one is late, as the robot itself counts it: half a period
 //! behind. Rates are tried from above, beginning with the first one that does not take more time than there is.
 
-use anyhow::Context as _;
-use emulator::{Board, Firmware};
+use emulator::Firmware;
 use group::GroupFile;
 use protocol::MemberState;
 use sim::Options;
@@ -53,16 +52,9 @@ fn holds(group: &GroupFile, image: &Firmware, period_us: u32) -> anyhow::Result<
         return Ok(false); // it does not come to driving
     };
     let robot = driving.first()?.clone();
-    robot.board(|board| {
-        board.start_profile();
-        if let Some(profile) = board.profile() {
-            profile.watch(tick);
-        }
-    });
+    robot.start_profile(&[tick]);
     driving.drive(MEASURED_MS)?;
-    let profile = robot
-        .board(Board::take_profile)
-        .context("it has not been profiled")?;
+    let profile = robot.take_profile()?;
     let begins: Vec<f64> = profile
         .calls(tick)
         .iter()

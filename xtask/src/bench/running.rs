@@ -67,13 +67,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let mut driving = Driving::new(group, firmware, options)?;
     let node = group.robots.first().context("no robots")?.node;
     let robot = driving.first()?.clone();
-    robot.board(|board| {
-        board.start_profile();
-        if let Some(profile) = board.profile() {
-            profile.watch(tick);
-            profile.watch(handle);
-        }
-    });
+    robot.start_profile(&[tick, handle]);
     for watched in &driving.robots {
         watched.board(emulator::Board::start_trace);
     }
@@ -93,9 +87,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
             .map(code)
             .contains(&code(*id))
     });
-    let profile = robot
-        .board(emulator::Board::take_profile)
-        .context("it has not been profiled")?;
+    let profile = robot.take_profile()?;
 
     let ticks = profile.calls(tick);
     let [least, mean, most] = spread("tick", ticks)?;
@@ -266,16 +258,9 @@ pub fn tick(group: &GroupFile, firmware: &Firmware, name: &str) -> anyhow::Resul
     let tick = function(firmware, TICK)?;
     let mut driving = Driving::new(group, firmware, options)?;
     let robot = driving.first()?.clone();
-    robot.board(|board| {
-        board.start_profile();
-        if let Some(profile) = board.profile() {
-            profile.watch(tick);
-        }
-    });
+    robot.start_profile(&[tick]);
     driving.drive(MEASURED_MS)?;
-    let profile = robot
-        .board(emulator::Board::take_profile)
-        .context("it has not been profiled")?;
+    let profile = robot.take_profile()?;
     spread(name, profile.calls(tick))
 }
 

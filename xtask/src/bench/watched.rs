@@ -5,7 +5,9 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use anyhow::Context as _;
 use canopen::Frame;
+use emulator::profile::Profile;
 use emulator::{Board, Firmware};
 use sim::SimError;
 use sim::motor::Drive;
@@ -34,6 +36,24 @@ impl Watched {
     /// Looks at the board or changes something about it.
     pub fn board<T>(&self, f: impl FnOnce(&mut Board) -> T) -> T {
         f(self.lock().robot.board_mut())
+    }
+
+    /// Profiles it from now on, call by call of the functions at these addresses.
+    pub fn start_profile(&self, functions: &[u32]) {
+        self.board(|board| {
+            board.start_profile();
+            if let Some(profile) = board.profile() {
+                for function in functions {
+                    profile.watch(*function);
+                }
+            }
+        });
+    }
+
+    /// What has been profiled since.
+    pub fn take_profile(&self) -> anyhow::Result<Profile> {
+        self.board(Board::take_profile)
+            .context("it has not been profiled")
     }
 
     /// Identifiers of the frames it has been given, in order.
