@@ -27,7 +27,7 @@ const BOUNDS: Bounds = Bounds {
 };
 /// With rollers that are known.
 const ROLLING: Bounds = Bounds {
-    before: 0.5,
+    before: 0.4,
     after: 0.15,
 };
 
@@ -121,8 +121,9 @@ fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
     holds(&trial::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
 }
 
-/// The hand-over of the contact plant's eight rollers costs 0.00187 s/m: the momentum of `sim/tests/contact_rollers.rs`,
-/// 0.0937 % at 0.5 m/s. A row is known to a ten-thousandth or so, and rows lie 0.2 m/s apart, so a quarter is left to it.
+/// The hand-over of the contact plant's eight rollers costs 0.00127 s/m: the momentum of `sim/tests/contact_rollers.rs`,
+/// 0.0636 % at 0.5 m/s. A row is known to a ten-thousandth or so, and the rows end 0.2 m/s apart:
+/// 0.0005 s/m.
 #[test]
 fn a_calibration_with_known_rollers_tells_their_hand_over_apart() {
     let file = trial::with_phases(&trial::on_contact(&group("single"), 8));
@@ -131,6 +132,6 @@ fn a_calibration_with_known_rollers_tells_their_hand_over_apart() {
         "{} s/m, {:?}",
         found.hand_over_loss, found.robots[0].rollers
     );
-    let expected = 0.00187;
-    assert!((found.hand_over_loss / expected - 1.0).abs() < 0.25);
+    let expected = 0.00127;
+    assert!((found.hand_over_loss - expected).abs() < 0.0005);
 }

@@ -1,5 +1,5 @@
-//! What rollers do to a robot that drives sideways: ripple, and the jolt with which each of them comes down. Against
-//! closed form, and against a multi-body simulation.
+//! What rollers do to a robot: ripple, what two of them agree on while one takes over from the other, and the jolt with
+//! which each comes down. Against closed form, and against a multi-body simulation.
 
 use std::f64::consts::{PI, SQRT_2, TAU};
 
@@ -17,46 +17,90 @@ const START: Pose<f64> = Pose {
     y: 0.0,
     heading: 0.0,
 };
-const LEFT: [f64; 4] = [-1.0, 1.0, 1.0, -1.0];
+/// Wheels: place ahead and to the left of the middle, m, and the sign with which they push to the left.
+const WHEELS: [(f64, f64, f64); 4] = [
+    (0.35, 0.37, -1.0),
+    (0.35, -0.37, 1.0),
+    (-0.35, 0.37, 1.0),
+    (-0.35, -0.37, -1.0),
+];
 
 /// How the wheels are turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Rates {
     /// As for ideal rollers.
     Constant,
-    /// Faster by the secant of the angle by which the roller on the floor has turned on.
+    /// What goes to the left faster by the secant of the angle by which the roller on the floor has rolled on.
     ByPhase,
+}
+
+/// A robot with its wheels' rates set as by a controller that knows their angles and phases.
+struct Robot {
+    plant: ContactPlant,
+    rates: Rates,
+    /// Of the rollers, rad.
+    pitch: f64,
+    phases: [f64; 4],
+    angles: [f64; 4],
+}
+
+impl Robot {
+    fn new(contact: Contact, seed: u64, rates: Rates) -> Self {
+        let path = format!("{}/../groups/single.toml", env!("CARGO_MANIFEST_DIR"));
+        let mut group = GroupFile::load(path).unwrap();
+        group.simulation.seed = seed;
+        Self {
+            plant: ContactPlant::new(&group, contact, START).unwrap(),
+            rates,
+            pitch: TAU / f64::from(contact.rollers),
+            phases: phases(&group, &contact)[0],
+            angles: [0.0; 4],
+        }
+    }
+
+    /// A step as fast as ideal rollers at 45 degrees would need it: m/s ahead, m/s to the left, rad/s.
+    fn step(&mut self, [vx, vy, omega]: [f64; 3]) {
+        let turned: [f64; 4] = std::array::from_fn(|wheel| {
+            let place = (self.angles[wheel] + self.phases[wheel]) / self.pitch + 0.5;
+            let phi = (place - place.floor() - 0.5) * self.pitch;
+            let slower = match self.rates {
+                Rates::Constant => 1.0,
+                Rates::ByPhase => phi.cos(),
+            };
+            let (x, y, sign) = WHEELS[wheel];
+            let (ahead, left) = (vx - omega * y, vy + omega * x);
+            (ahead + sign * left / slower) / R * DT
+        });
+        self.plant.step(DT, &[turned]).unwrap();
+        for (angle, turned) in self.angles.iter_mut().zip(turned) {
+            *angle += turned;
+        }
+    }
+
+    /// How far it turns in some seconds of such a motion, after one in which it gets up to speed, rad.
+    fn turns(&mut self, twist: [f64; 3], seconds: f64) -> f64 {
+        let steps = |seconds: f64| (seconds / DT).round() as u32;
+        for step in 0..steps(1.0) {
+            self.step(twist.map(|v| v * f64::from(step) * DT));
+        }
+        let from = self.plant.group().heading;
+        for _ in 0..steps(seconds) {
+            self.step(twist);
+        }
+        self.plant.group().heading - from
+    }
 }
 
 /// A robot whose wheels turn so that ideal rollers would take it to the left at `speed`: what of that it reaches,
 /// step by step over `turns` of the first wheel, after as many seconds as it takes to get up to speed.
 fn lateral(contact: Contact, seed: u64, rates: Rates, speed: f64, turns: f64) -> Vec<f64> {
-    let path = format!("{}/../groups/single.toml", env!("CARGO_MANIFEST_DIR"));
-    let mut group = GroupFile::load(path).unwrap();
-    group.simulation.seed = seed;
-    let mut plant = ContactPlant::new(&group, contact, START).unwrap();
-    let phases = phases(&group, &contact)[0];
-    let pitch = TAU / f64::from(contact.rollers);
-    let mut angles = [0.0; 4];
+    let mut robot = Robot::new(contact, seed, rates);
     let mut step = || {
-        let turned: [f64; 4] = std::array::from_fn(|wheel| {
-            let place = (angles[wheel] + phases[wheel]) / pitch + 0.5;
-            let phi = (place - place.floor() - 0.5) * pitch;
-            let slower = if rates == Rates::ByPhase {
-                phi.cos()
-            } else {
-                1.0
-            };
-            LEFT[wheel] * speed / (R * slower) * DT
-        });
-        plant.step(DT, &[turned]).unwrap();
-        for (angle, turned) in angles.iter_mut().zip(turned) {
-            *angle += turned;
-        }
+        robot.step([0.0, speed, 0.0]);
         // Sideways in its own frame: it turns a little, too.
-        let [vx, vy, _] = plant.velocity(0).unwrap();
-        let (sin, cos) = plant.group().heading.sin_cos();
-        (angles[1], (cos * vy - sin * vx) / speed)
+        let [vx, vy, _] = robot.plant.velocity(0).unwrap();
+        let (sin, cos) = robot.plant.group().heading.sin_cos();
+        (robot.angles[1], (cos * vy - sin * vx) / speed)
     };
     let mut from = 0.0;
     for _ in 0..(1.0 / DT) as u32 {
@@ -155,9 +199,6 @@ const MULTI_BODY: [MultiBody; 2] = [
 /// Points of per cent; of 0.5 m/s they are 1.5 mm/s.
 const WITHIN: f64 = 0.3;
 
-/// Means and ripples are within 0.3 points of the multi-body simulation, and so are the lowest and the highest speed of
-/// wheels whose rates go by phase. Those of constant J are not: 0.456 m/s is 0.8 points below 0.460, and 0.497 m/s is 0.4
-/// points below 0.499. They are held to one point here and to half a point.
 #[test]
 fn the_table_of_a_multi_body_simulation() {
     for theirs in &MULTI_BODY {
@@ -166,22 +207,77 @@ fn the_table_of_a_multi_body_simulation() {
         let slower = Ripple::of(&lateral(Contact::default(), 1, rates, 0.3, 1.0)).mean;
         println!("  mean at 0.3 m/s: {slower:+.2} %");
         let theirs_at_half = &theirs.at_half;
-        let off = |ours: f64, theirs: f64| (ours - theirs).abs();
-        assert!(off(ours.mean, theirs_at_half.mean) < WITHIN, "{ours:?}");
-        assert!(off(slower, theirs.slower_mean) < WITHIN, "{slower}");
-        assert!(
-            off(ours.deviation, theirs_at_half.deviation) < WITHIN,
-            "{ours:?}"
-        );
-        let (low, high) = match rates {
-            Rates::Constant => (1.0, 0.5),
-            Rates::ByPhase => (WITHIN, WITHIN),
+        let per_cent = |v: f64| v / 0.5 * 100.0;
+        for (name, ours, theirs) in [
+            ("mean", ours.mean, theirs_at_half.mean),
+            ("mean at 0.3 m/s", slower, theirs.slower_mean),
+            ("ripple", ours.deviation, theirs_at_half.deviation),
+            ("lowest", per_cent(ours.low), per_cent(theirs_at_half.low)),
+            (
+                "highest",
+                per_cent(ours.high),
+                per_cent(theirs_at_half.high),
+            ),
+        ] {
+            assert!(
+                (ours - theirs).abs() < WITHIN,
+                "{rates:?}, {name}: {ours} {theirs}"
+            );
+        }
+    }
+}
+
+/// Own phases, many robots.
+fn scattered(rollers: u8) -> Contact {
+    Contact {
+        rollers,
+        scattered: true,
+        ..Contact::default()
+    }
+}
+
+/// The multi-body simulation loses 1.22 % of 0.5 rad/s, and 0.21 % by phase, with phases of its own: so do robots here,
+/// in the mean.
+#[test]
+fn turning_loses_what_the_multi_body_simulation_does() {
+    const ROBOTS: u64 = 20;
+    for (rates, theirs) in [(Rates::Constant, -1.22), (Rates::ByPhase, -0.21)] {
+        let lost = |seed| {
+            let turned = Robot::new(scattered(8), seed, rates).turns([0.0, 0.0, 0.5], 2.0 * TAU);
+            100.0 * (turned / (0.5 * 2.0 * TAU) - 1.0)
         };
-        assert!(off(ours.low, theirs_at_half.low) < 0.005 * low, "{ours:?}");
-        assert!(
-            off(ours.high, theirs_at_half.high) < 0.005 * high,
-            "{ours:?}"
+        let all: Vec<f64> = (1..=ROBOTS).map(lost).collect();
+        let mean = all.iter().sum::<f64>() / ROBOTS as f64;
+        println!(
+            "turning, {rates:?}: mean {mean:+.2} %, {:+.2} to {:+.2} %",
+            all.iter().copied().fold(f64::MAX, f64::min),
+            all.iter().copied().fold(f64::MIN, f64::max)
         );
+        assert!((mean - theirs).abs() < WITHIN, "{rates:?}: {mean} {theirs}");
+    }
+}
+
+/// At 45 degrees, 0.5 m/s, for 8 s the multi-body simulation's robot turned by -0.62 degrees, and by 0.02 by phase. Two of
+/// the wheels stand still there and hold on to the roller they happen to stand on, so it is chance which way and how
+/// far: about a degree and a half here. By phase nothing is left to chance.
+#[test]
+fn oblique_motion_turns_a_robot_by_chance_unless_rates_go_by_phase() {
+    const ROBOTS: u64 = 20;
+    let twist = [0.5 / SQRT_2, 0.5 / SQRT_2, 0.0];
+    for rates in [Rates::Constant, Rates::ByPhase] {
+        let turned = |seed| {
+            let turned = Robot::new(scattered(8), seed, rates).turns(twist, 8.0);
+            turned.to_degrees()
+        };
+        let all: Vec<f64> = (1..=ROBOTS).map(turned).collect();
+        let rms = (all.iter().map(|a| a * a).sum::<f64>() / ROBOTS as f64).sqrt();
+        let most = all.iter().copied().map(f64::abs).fold(0.0, f64::max);
+        println!("oblique, {rates:?}: rms {rms:.2} degrees, most {most:.2}");
+        match rates {
+            // Theirs is one draw, and would be an unlikely one beyond a third of the spread or three of it.
+            Rates::Constant => assert!((0.62 / 3.0..3.0 * 0.62).contains(&rms), "{rms}"),
+            Rates::ByPhase => assert!(most < 0.1, "{most}"),
+        }
     }
 }
 
@@ -217,11 +313,7 @@ fn random_phases_halve_the_ripple_in_the_mean() {
         let closed = rolling_alone(rollers);
         assert!((together - closed).abs() < WITHIN, "{together} {closed}");
         let rms = |rates| {
-            let contact = Contact {
-                rollers,
-                scattered: true,
-                ..Contact::default()
-            };
+            let contact = scattered(rollers);
             let mut own: Vec<f64> = (1..=u64::from(ROBOTS))
                 .map(|seed| Ripple::of(&lateral(contact, seed, rates, 0.5, 1.0)).deviation)
                 .collect();
@@ -242,6 +334,58 @@ fn random_phases_halve_the_ripple_in_the_mean() {
         assert!((own - half).abs() < 0.15 * half, "{own} {half}");
         rms(Rates::ByPhase);
     }
+}
+
+/// The rim settles by 0.22 % of the radius, so it touches the floor up to `b = acos(1 - 0.0022)`, 3.8 degrees, from its
+/// lowest place, and presses there by `3/4 (1 - x^2)`, `x = angle / b`. While the edge of two rollers is under that, the
+/// one whose middle is `a - e` behind has the share `1/2 + 3/4 (x - x^3/3)`, `x = e/b`, and the other, `a + e` ahead, the
+/// rest. Each wants its own speed: an axle that has turned by phi points by `cos(phi) / n` ahead and `1 / n` aside,
+/// `n^2 = 1 + cos(phi)^2`, and is pushed by `k (v / n - v0 cos(phi) / n)` with k in proportion to the share. So they agree
+/// on `v = v0 sum(share cos(phi) / n^2) / sum(share / n^2)`, when nothing else costs anything. The robot lags by 0.6 ms of
+/// creep, in which that changes by 3e-5; with one roller down at a time it would be off by up to 5e-3.
+#[test]
+fn near_the_hand_over_two_rollers_agree_on_a_speed() {
+    let contact = Contact {
+        roller_density: 0.0,
+        roller_damping: 0.0,
+        creep: 1e-3,
+        ..Contact::default()
+    };
+    let (half_pitch, half) = (edge(8), (1.0 - contact.settling).acos());
+    let mut robot = Robot::new(contact, 1, Rates::Constant);
+    let mut compared = 0;
+    let speed = 0.02;
+    for step in 0..(8.0 / DT) as u32 {
+        let before = robot.angles[1];
+        robot.step([0.0, speed, 0.0]);
+        let angle = 0.5 * (before + robot.angles[1]);
+        let past_edge = angle - half_pitch;
+        if step < 1000 || past_edge.abs() > half {
+            continue;
+        }
+        let x = past_edge.abs() / half;
+        let nearer = 0.5 + 0.75 * (x - x.powi(3) / 3.0);
+        let feet = [
+            (nearer, (half_pitch - past_edge.abs()).cos()),
+            (1.0 - nearer, (half_pitch + past_edge.abs()).cos()),
+        ];
+        let sum = |of: fn(f64) -> f64| -> f64 {
+            let terms = feet.iter();
+            terms
+                .map(|(share, cos)| share * of(*cos) / (1.0 + cos * cos))
+                .sum()
+        };
+        let expected = (1.0 - contact.settling) * sum(|cos| cos) / sum(|_| 1.0);
+        let ratio = robot.plant.velocity(0).unwrap()[1] / speed;
+        assert!(
+            (ratio - expected).abs() < 5e-5,
+            "{angle}: {ratio} {expected}"
+        );
+        compared += 1;
+    }
+    // All of the footprint has passed: 7.6 degrees at 0.13 rad/s.
+    let all = 2.0 * half / (speed / R) / DT;
+    assert!((f64::from(compared) / all - 1.0).abs() < 0.01, "{compared}");
 }
 
 /// A roller's moment of inertia over the square of its radius at the edge, kg, with roller axles at 45 degrees. The barrel

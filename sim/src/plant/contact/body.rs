@@ -73,7 +73,7 @@ impl Body {
         }
         share_load(&mut wheels, mass * GRAVITY)?;
         Ok(Self {
-            pushes: Vec::with_capacity(2 * wheels.len()),
+            pushes: Vec::with_capacity(4 * wheels.len()),
             wheels,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
@@ -115,13 +115,15 @@ impl Body {
                 friction_at(&self.floor, x, y).unwrap_or(self.friction)
             };
             self.pushes
-                .extend(wheel.pushes(angle, moved / dt, friction, dt));
+                .extend(wheel.stand(angle, moved / dt, friction, dt).flatten());
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
         let after = settle(&self.pushes, self.inertia.map(|m| m / dt), before);
-        for (wheel, pushes) in self.wheels.iter_mut().zip(self.pushes.chunks_exact(2)) {
-            wheel.turn_roller(pushes[1].force(after), dt);
+        let across = self.pushes.iter().skip(1).step_by(2);
+        let mut forces = across.map(|push| push.force(after));
+        for wheel in &mut self.wheels {
+            wheel.turn_rollers(forces.by_ref(), dt);
         }
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];

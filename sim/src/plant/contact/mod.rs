@@ -1,12 +1,12 @@
 //! The contact plant: rigid bodies on rollers with friction.
 //!
-//! A Mecanum wheel touches the ground with one roller at a time. The roller turns freely about its
-//! axle, so the ground can only push along the axle's horizontal projection, and with no more than dry
-//! friction allows. While the wheel turns by `phi` away from a roller's lowest position, the axle tilts:
-//! its projection is `(sin g cos phi)` along the wheel and `(cos g)` along the wheel's axle, `g` the
-//! roller angle; the point of contact wanders along the wheel's axle by `(r - r_roller) tan phi cot g`.
-//! With `n` rollers `phi` runs from `-pi/n` to `pi/n` again and again: that alone is why strafing loses
-//! `1 - sin(pi/n)/(pi/n)` and ripples.
+//! A Mecanum wheel touches the ground with a roller. The roller turns freely about its axle, so the ground can
+//! only push along the axle's horizontal projection, and with no more than dry friction allows. While the wheel
+//! turns by `phi` away from a roller's lowest position, the axle tilts: its projection is `(sin g cos phi)` along the
+//! wheel and `(cos g)` along the wheel's axle, `g` the roller angle; the point of contact wanders along the wheel's
+//! axle by `(r - r_roller) tan phi cot g`. With `n` rollers `phi` runs from `-pi/n` to `pi/n` again and again: that
+//! alone is why strafing loses `1 - sin(pi/n)/(pi/n)` and ripples. A wheel that settles under its load stands on two
+//! rollers while one takes over from the other ([`footprint`]).
 //!
 //! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase; free
 //! robots are bodies of their own. In every step the friction of all wheels of a body is found together
@@ -17,9 +17,10 @@
 //!
 //! The motors are velocity sources here: their inertia already contains the robot's. What it cannot do:
 //! wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
-//! two rollers of a wheel on the floor at once.
+//! one limit of friction for both directions together.
 
 mod body;
+mod footprint;
 mod roller;
 mod wheel;
 
@@ -54,7 +55,7 @@ pub struct Contact {
     /// Slip velocity at which friction is fully developed, m/s; below, it grows in proportion, as rubber
     /// creeps. 0 is ideal dry friction.
     pub creep: f64,
-    /// By which part of the radius a loaded wheel settles.
+    /// By which part of the radius a loaded wheel settles, and so over which angle it touches the floor.
     pub settling: f64,
     /// Mass of a robot, kg, spread evenly over the rectangle of its wheels.
     pub mass: f64,
@@ -66,16 +67,16 @@ impl Default for Contact {
     /// The paper's virtual robot: 8 rollers with a radius of 33.5 mm, friction 0.35, 200 kg (section
     /// 3.1). The settling is Table 3's longitudinal loss; creep and roller damping are chosen so that
     /// every row of Tables 3 to 6 is met within half a point. Rollers are as hard to turn as solid ones
-    /// of 3300 kg/m^3: steel (7850) to three quarters of the radius and rubber (1200) around, for inertia
+    /// of 2800 kg/m^3: steel (7850) to seven tenths of the radius and rubber (1200) around, for inertia
     /// goes with the fourth power of the radius.
     fn default() -> Self {
         Self {
             rollers: 8,
             roller_ratio: 0.0335 / 0.1524,
-            roller_density: 3300.0,
+            roller_density: 2800.0,
             friction: 0.35,
-            roller_damping: 0.026,
-            creep: 0.02,
+            roller_damping: 0.013,
+            creep: 0.016,
             settling: 0.0022,
             mass: 200.0,
             scattered: false,

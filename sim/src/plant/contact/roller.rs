@@ -1,6 +1,6 @@
 //! The rollers of one wheel, as bodies that turn about their own axles.
 //!
-//! The roller that carries the wheel rolls along with the floor. It resists in proportion to how fast, and it has
+//! A roller that carries the wheel rolls along with the floor. It resists in proportion to how fast, and it has
 //! inertia: one that comes down hardly turns, and friction has to bring it up to speed. That costs the robot a jolt at
 //! every hand-over, and so a part of its speed that grows with the speed. A roller is a barrel: towards its ends it is
 //! thinner, so the same velocity over the floor turns it faster there.
@@ -10,6 +10,7 @@ use std::f64::consts::PI;
 use kinematics::FourWheelGeometry;
 
 use super::Contact;
+use super::footprint::Foot;
 
 /// Thinnest place of a barrel over its thickest: with few rollers a true one would end in a point.
 const THINNEST: f64 = 0.1;
@@ -23,16 +24,17 @@ pub(super) struct Rollers {
     shape: Barrel,
     /// Moment of inertia of one about its axle, kg m^2.
     inertia: f64,
-    /// Number of the one that carries the wheel, among `rates`.
-    loaded: usize,
-    /// How fast each turns, rad/s; of those in the air when it left the floor.
-    rates: Vec<f64>,
-    /// When each left the floor, s.
-    left: Vec<f64>,
+    each: Vec<Roller>,
     /// Since the beginning, s.
     now: f64,
-    /// Radius where the loaded one touches the floor now, m.
-    radius: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Roller {
+    /// How fast it turns, rad/s; in the air, when it left the floor.
+    rate: f64,
+    /// When it left the floor, s; nothing while it is down.
+    left: Option<f64>,
 }
 
 /// Such a shape that the wheel is round.
@@ -82,38 +84,44 @@ impl Rollers {
         Self {
             shape,
             inertia: shape.inertia(contact.roller_density, sin_roller, half_pitch),
-            loaded: 0,
-            rates: vec![0.0; usize::from(contact.rollers)],
-            left: vec![0.0; usize::from(contact.rollers)],
+            each: vec![
+                Roller {
+                    rate: 0.0,
+                    left: Some(0.0)
+                };
+                usize::from(contact.rollers)
+            ],
             now: 0.0,
-            radius: shape.radius(0.0),
         }
     }
 
-    /// The wheel stands on this roller, counted from where it began, and `phi` from its middle. `drag` is the loaded
-    /// roller's resistance at the floor, N s/m; in the air the axle resists as much.
-    pub fn stand_on(&mut self, roller: i64, phi: f64, drag: f64) {
-        let count = self.rates.len();
-        let roller = roller.rem_euclid(count as i64) as usize;
-        if roller != self.loaded {
-            self.left[self.loaded] = self.now;
-            self.loaded = roller;
-            if self.inertia > 0.0 {
-                let middle = self.shape.radius(0.0);
-                let slowing = drag * middle * middle / self.inertia;
-                self.rates[roller] *= (slowing * (self.left[roller] - self.now)).exp();
+    /// From now on those are on the floor that are `down`. An axle resists with `drag`, as a force at the floor under all
+    /// of the wheel's load, N s/m; in the air as much.
+    pub fn stand_on(&mut self, down: impl Fn(usize) -> bool, drag: f64) {
+        let middle = self.shape.radius(0.0);
+        for (number, roller) in self.each.iter_mut().enumerate() {
+            match roller.left {
+                None if !down(number) => roller.left = Some(self.now),
+                Some(left) if down(number) => {
+                    if self.inertia > 0.0 {
+                        let slowing = drag * middle * middle / self.inertia;
+                        roller.rate *= (slowing * (left - self.now)).exp();
+                    }
+                    roller.left = None;
+                }
+                _ => {}
             }
         }
-        self.radius = self.shape.radius(phi);
     }
 
-    /// Velocity across the axle at which the floor does not push it in the next `dt`, m/s, and force over the
-    /// difference from that velocity, N s/m, when friction creeps with `grip`.
-    pub fn resistance(&self, grip: f64, drag: f64, dt: f64) -> (f64, f64) {
-        let inertia = self.inertia / (self.radius * self.radius) / dt;
-        let resists = inertia + drag;
+    /// Velocity across the axle of a roller on the floor at which that does not push it in the next `dt`, m/s, and force
+    /// over the difference from that velocity, N s/m, when friction creeps with `grip`.
+    pub fn resistance(&self, foot: &Foot, grip: f64, drag: f64, dt: f64) -> (f64, f64) {
+        let radius = self.shape.radius(foot.touches);
+        let inertia = self.inertia / (radius * radius) / dt;
+        let resists = inertia + drag * foot.share;
         if resists > 0.0 {
-            let surface = self.rates[self.loaded] * self.radius;
+            let surface = self.each[foot.roller].rate * radius;
             (
                 surface * inertia / resists,
                 grip * resists / (grip + resists),
@@ -123,15 +131,20 @@ impl Rollers {
         }
     }
 
-    /// Turns the loaded roller for `dt` by a force of the floor, N.
-    pub fn turn(&mut self, force: f64, drag: f64, dt: f64) {
-        self.now += dt;
+    /// Turns a roller on the floor for `dt` by the floor's force, N.
+    pub fn turn(&mut self, foot: &Foot, force: f64, drag: f64, dt: f64) {
+        let radius = self.shape.radius(foot.touches);
         let inertia = self.inertia / dt;
-        let rate = &mut self.rates[self.loaded];
-        let resists = inertia + drag * self.radius * self.radius;
+        let resists = inertia + drag * foot.share * radius * radius;
         if inertia > 0.0 {
-            *rate = (inertia * *rate + force * self.radius) / resists;
+            let rate = &mut self.each[foot.roller].rate;
+            *rate = (inertia * *rate + force * radius) / resists;
         }
+    }
+
+    /// Lets `dt` pass, s.
+    pub fn pass(&mut self, dt: f64) {
+        self.now += dt;
     }
 }
 
@@ -141,6 +154,8 @@ mod tests {
 
     const WHEEL: f64 = 0.1524;
     const DT: f64 = 1e-5;
+    /// Force over slip, N s/m.
+    const GRIP: f64 = 1e4;
 
     fn rollers(contact: Contact) -> Rollers {
         let angle = std::f64::consts::FRAC_PI_4;
@@ -148,20 +163,32 @@ mod tests {
         Rollers::new(&contact, &geometry)
     }
 
-    /// Lets the floor go by at `speed` under a roller for `seconds`; the sum of the floor's impulses, N s.
-    fn spin_up(rollers: &mut Rollers, speed: f64, drag: f64, seconds: f64) -> f64 {
+    /// The whole wheel on one roller.
+    fn on(roller: usize, phi: f64) -> Foot {
+        Foot {
+            roller,
+            phi,
+            touches: phi,
+            share: 1.0,
+        }
+    }
+
+    /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of the floor's impulses, N s.
+    fn spin_up(rollers: &mut Rollers, foot: &Foot, speed: f64, drag: f64, seconds: f64) -> f64 {
+        rollers.stand_on(|roller| roller == foot.roller, drag);
         let mut impulse = 0.0;
         for _ in 0..(seconds / DT).round() as u32 {
-            let (rest, stiffness) = rollers.resistance(1e4, drag, DT);
+            let (rest, stiffness) = rollers.resistance(foot, GRIP, drag, DT);
             let force = stiffness * (speed - rest);
-            rollers.turn(force, drag, DT);
+            rollers.turn(foot, force, drag, DT);
+            rollers.pass(DT);
             impulse += force * DT;
         }
         impulse
     }
 
-    fn surface(rollers: &Rollers) -> f64 {
-        rollers.rates[rollers.loaded] * rollers.radius
+    fn surface(rollers: &Rollers, foot: &Foot) -> f64 {
+        rollers.each[foot.roller].rate * rollers.shape.radius(foot.touches)
     }
 
     /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by
@@ -210,16 +237,13 @@ mod tests {
     fn the_floor_spins_a_roller_up() {
         for phi in [0.0, PI / 8.0] {
             let mut rollers = rollers(Contact::default());
-            rollers.stand_on(0, phi, 0.0);
-            let impulse = spin_up(&mut rollers, 0.7, 0.0, 0.02);
+            let foot = on(0, phi);
+            let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
             let radius = WHEEL - (WHEEL - 0.0335) / phi.cos();
             let expected = rollers.inertia * 0.7 / (radius * radius);
             // Contacts of 10^4 N s/m under a mass of a kilogram are there after a tenth of a millisecond.
-            assert!(
-                (surface(&rollers) - 0.7).abs() < 1e-9,
-                "{}",
-                surface(&rollers)
-            );
+            let reached = surface(&rollers, &foot);
+            assert!((reached - 0.7).abs() < 1e-9, "{reached}");
             assert!(
                 (impulse / expected - 1.0).abs() < 1e-9,
                 "{impulse} {expected}"
@@ -227,15 +251,22 @@ mod tests {
         }
     }
 
-    /// Once it turns, drag is all that the floor has to overcome: in series with the creep of the contact.
+    /// Once it turns, drag is all that the floor has to overcome: in series with the creep of the contact. A roller with a
+    /// quarter of the load has a quarter of the drag.
     #[test]
     fn a_spinning_roller_resists_by_its_drag() {
         let mut rollers = rollers(Contact::default());
         let drag = 12.0;
-        spin_up(&mut rollers, 0.7, drag, 0.02);
-        let force = spin_up(&mut rollers, 0.7, drag, DT) / DT;
-        let expected = 0.7 / (1.0 / 1e4 + 1.0 / drag);
-        assert!((force / expected - 1.0).abs() < 1e-9, "{force} {expected}");
+        for share in [1.0, 0.25] {
+            let foot = Foot {
+                share,
+                ..on(0, 0.0)
+            };
+            spin_up(&mut rollers, &foot, 0.7, drag, 0.1);
+            let force = spin_up(&mut rollers, &foot, 0.7, drag, DT) / DT;
+            let expected = 0.7 / (1.0 / GRIP + 1.0 / (drag * share));
+            assert!((force / expected - 1.0).abs() < 1e-9, "{force} {expected}");
+        }
     }
 
     /// A roller in the air slows down by its axle's drag; one that is back at once has not noticed.
@@ -244,31 +275,33 @@ mod tests {
         let edge = PI / 8.0;
         let drag = 12.0;
         let mut rollers = rollers(Contact::default());
-        rollers.stand_on(0, edge, 0.0);
-        spin_up(&mut rollers, 0.7, 0.0, 0.02);
-        let rate = rollers.rates[0];
-        // Over the edge to the next one and back: the seventh comes before the zeroth.
-        for next in [1, -1] {
-            rollers.stand_on(next, edge, drag);
-            rollers.stand_on(0, edge, drag);
-            assert!((rollers.rates[0] - rate).abs() < 1e-12, "{next}");
-            let impulse = spin_up(&mut rollers, 0.7, 0.0, DT);
-            assert!(impulse.abs() < 1e-9, "{impulse}");
-        }
+        let foot = on(0, edge);
+        spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
+        let rate = rollers.each[0].rate;
+        rollers.stand_on(|roller| roller == 1, drag);
+        rollers.stand_on(|roller| roller == 0, drag);
+        assert!((rollers.each[0].rate - rate).abs() < 1e-12);
+        let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
+        assert!(impulse.abs() < 1e-9, "{impulse}");
         // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of the middle.
-        rollers.stand_on(1, edge, drag);
-        spin_up(&mut rollers, 0.7, drag, 0.05);
-        rollers.stand_on(0, edge, drag);
+        spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
+        rollers.stand_on(|roller| roller == 0, drag);
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();
-        assert!(
-            (rollers.rates[0] / expected - 1.0).abs() < 1e-9,
-            "{} {expected}",
-            rollers.rates[0]
-        );
+        let left = rollers.each[0].rate;
+        assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
         assert!(expected < 0.5 * rate);
-        // A turn of the wheel is as many rollers as there are, either way.
-        rollers.stand_on(8, edge, drag);
-        rollers.stand_on(-8, edge, drag);
-        assert_eq!(rollers.loaded, 0);
+    }
+
+    /// While two are down both keep turning as the floor turns them.
+    #[test]
+    fn both_rollers_on_the_floor_are_turned_by_it() {
+        let mut rollers = rollers(Contact::default());
+        let feet = [on(3, PI / 8.0), on(4, -PI / 8.0)];
+        spin_up(&mut rollers, &feet[0], 0.7, 0.0, 0.02);
+        rollers.stand_on(|roller| roller == 3 || roller == 4, 12.0);
+        rollers.pass(0.05);
+        for (foot, expected) in feet.iter().zip([0.7, 0.0]) {
+            assert!((surface(&rollers, foot) - expected).abs() < 1e-9);
+        }
     }
 }

@@ -4,6 +4,7 @@ use kinematics::FourWheelGeometry;
 
 use super::Contact;
 use super::body::Part;
+use super::footprint::{Foot, Footprint};
 use super::roller::Rollers;
 
 /// A wheel. Directions and places are in the body's frame, from its centre of mass.
@@ -25,15 +26,14 @@ pub(super) struct Wheel {
     radius: f64,
     /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's tilt, m.
     wander: f64,
-    /// Angle from one roller to the next, and roller phase at wheel angle 0, rad.
-    pitch: f64,
-    phase: f64,
     /// Slip velocity at which friction is fully developed, m/s.
     creep: f64,
     /// Force across the roller's axle over load and velocity, s/m.
     damping: f64,
     /// What it carries, N.
     pub load: f64,
+    footprint: Footprint,
+    feet: (Foot, Option<Foot>),
     rollers: Rollers,
 }
 
@@ -69,6 +69,7 @@ impl Wheel {
         let r = geometry.wheel_radius();
         let (sin_roller, cos_roller) = geometry.roller_angle().sin_cos();
         std::array::from_fn(|index| {
+            let footprint = Footprint::new(contact.rollers, part.phases[index], contact.settling);
             let (ahead, left, hand) = CORNERS[index];
             let (ahead, left) = (
                 ahead * geometry.half_wheelbase(),
@@ -86,51 +87,70 @@ impl Wheel {
                 cos_roller,
                 radius: r * (1.0 - contact.settling),
                 wander: -hand * r * (1.0 - contact.roller_ratio) * cos_roller / sin_roller,
-                pitch: std::f64::consts::TAU / f64::from(contact.rollers),
-                phase: part.phases[index],
                 creep: contact.creep,
                 damping: contact.roller_damping,
                 load: 0.0,
+                feet: footprint.feet(0.0),
+                footprint,
                 rollers: Rollers::new(contact, geometry),
             }
         })
     }
 
-    /// What the floor can do in the next `dt` to the wheel at this angle when it turns at `rate`: along the axle of the
-    /// roller that carries it, and across.
-    pub fn pushes(&mut self, angle: f64, rate: f64, friction: f64, dt: f64) -> [Push; 2] {
-        let place = (angle + self.phase) / self.pitch + 0.5;
-        let phi = (place - place.floor() - 0.5) * self.pitch;
-        let (sin_phi, cos_phi) = phi.sin_cos();
+    /// What the floor can do in the next `dt` to the wheel at this angle when it turns at `rate`: along the axle of a
+    /// roller that carries it and across, and the same again where two do.
+    pub fn stand(
+        &mut self,
+        angle: f64,
+        rate: f64,
+        friction: f64,
+        dt: f64,
+    ) -> impl Iterator<Item = [Push; 2]> {
+        self.feet = self.footprint.feet(angle);
+        let (first, other) = self.feet;
+        let down = |roller| roller == first.roller || other.is_some_and(|o| roller == o.roller);
+        self.rollers.stand_on(down, self.damping * self.load);
+        let pushes = move |foot: Foot| self.pushes(&foot, rate, friction, dt);
+        [Some(first), other].into_iter().flatten().map(pushes)
+    }
+
+    fn pushes(&self, foot: &Foot, rate: f64, friction: f64, dt: f64) -> [Push; 2] {
         // The roller's axle over the floor, in the robot's frame: ahead, left.
-        let (ahead, left) = (self.sin_roller * cos_phi, -self.hand * self.cos_roller);
+        let (ahead, left) = (
+            self.sin_roller * foot.phi.cos(),
+            -self.hand * self.cos_roller,
+        );
         let length = ahead.hypot(left);
         let (ahead, left) = (ahead / length, left / length);
-        let wander = self.wander * sin_phi / cos_phi;
+        let wander = self.wander * foot.touches.tan();
         let (x, y) = (self.x - self.sin * wander, self.y + self.cos * wander);
-        let grip = friction * self.load;
+        let limit = friction * self.load * foot.share;
         let push = |ahead: f64, left: f64, rest: f64, stiffness: f64| {
             let dx = self.cos * ahead - self.sin * left;
             let dy = self.sin * ahead + self.cos * left;
             Push {
                 row: [dx, dy, x * dy - y * dx],
                 rest: rate * self.radius * ahead + rest,
-                limit: grip,
+                limit,
                 stiffness,
             }
         };
-        let stiffness = (grip / self.creep).min(STIFFEST);
+        let grip = (limit / self.creep).min(STIFFEST);
         let drag = self.damping * self.load;
-        self.rollers.stand_on(place.floor() as i64, phi, drag);
-        let (rest, resistance) = self.rollers.resistance(stiffness, drag, dt);
+        let (rest, resistance) = self.rollers.resistance(foot, grip, drag, dt);
         [
-            push(ahead, left, 0.0, stiffness),
+            push(ahead, left, 0.0, grip),
             push(-left, ahead, rest, resistance),
         ]
     }
 
-    /// Turns the roller that carries the wheel for `dt`, by what the floor did across its axle, N.
-    pub fn turn_roller(&mut self, force: f64, dt: f64) {
-        self.rollers.turn(force, self.damping * self.load, dt);
+    /// Turns the rollers on the floor for `dt`, each by what the floor did across its axle, N.
+    pub fn turn_rollers(&mut self, forces: impl Iterator<Item = f64>, dt: f64) {
+        let drag = self.damping * self.load;
+        let feet = [Some(self.feet.0), self.feet.1];
+        for (foot, force) in feet.into_iter().flatten().zip(forces) {
+            self.rollers.turn(&foot, force, drag, dt);
+        }
+        self.rollers.pass(dt);
     }
 }

@@ -1,0 +1,149 @@
+//! Which rollers of a wheel are on the floor, and how much each of them carries.
+//!
+//! A loaded wheel settles, so its rim touches the floor over some angle to both sides of its lowest place. It presses as
+//! a bed of springs would, by a parabola: most in the middle, nothing at the ends. Where two rollers meet within that
+//! angle both carry, each what presses on its side. So a roller takes over little by little, and keeps its axle's
+//! direction while it does.
+
+use std::f64::consts::TAU;
+
+/// The part of a wheel's rim that touches the floor.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Footprint {
+    rollers: i64,
+    /// Angle from one roller to the next, and how far the wheel has rolled on past a roller's middle at angle 0, rad.
+    pitch: f64,
+    phase: f64,
+    /// From its middle to its ends, rad.
+    half: f64,
+}
+
+/// A roller on the floor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Foot {
+    /// Which one, from 0.
+    pub roller: usize,
+    /// How far the wheel has rolled on past its middle, rad.
+    pub phi: f64,
+    /// The same, but not past its end: that is where it still touches.
+    pub touches: f64,
+    /// Part of the wheel's load.
+    pub share: f64,
+}
+
+impl Footprint {
+    /// A wheel whose radius is less by the part `settling` under load.
+    pub fn new(rollers: u8, phase: f64, settling: f64) -> Self {
+        let pitch = TAU / f64::from(rollers);
+        Self {
+            rollers: rollers.into(),
+            pitch,
+            phase,
+            // A wheel on three rollers would have no wheel under it.
+            half: (1.0 - settling).acos().min(0.5 * pitch),
+        }
+    }
+
+    /// Where a roller ends, from its middle, rad.
+    fn edge(&self) -> f64 {
+        0.5 * self.pitch
+    }
+
+    /// On what the wheel stands at this angle: the roller at its lowest place, and the one that shares the load with it.
+    pub fn feet(&self, angle: f64) -> (Foot, Option<Foot>) {
+        let place = (angle + self.phase) / self.pitch + 0.5;
+        let phi = (place - place.floor() - 0.5) * self.pitch;
+        let share = self.share_beyond(self.edge() - phi.abs());
+        let (number, next) = (place.floor() as i64, phi.signum());
+        let foot = |number: i64, phi: f64, share: f64| Foot {
+            roller: number.rem_euclid(self.rollers) as usize,
+            phi,
+            touches: phi.clamp(-self.edge(), self.edge()),
+            share,
+        };
+        (
+            foot(number, phi, 1.0 - share),
+            (share > 0.0).then(|| foot(number + next as i64, phi - next * self.pitch, share)),
+        )
+    }
+
+    /// Part of the load that presses further than an angle from the middle: with the parabola `3/4 (1 - x^2)`, x from -1
+    /// to 1 between the ends, it is `1/2 - 3/4 (x - x^3/3)`.
+    fn share_beyond(&self, angle: f64) -> f64 {
+        if angle < self.half {
+            let x = angle / self.half;
+            0.5 - 0.75 * (x - x.powi(3) / 3.0)
+        } else {
+            0.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    /// A radius that is 0.22 % less: the chord ends where the cosine is.
+    const SETTLING: f64 = 0.0022;
+
+    #[test]
+    fn a_wheel_that_does_not_settle_stands_on_one_roller() {
+        let footprint = Footprint::new(8, 0.0, 0.0);
+        for degrees in -180..180 {
+            let (foot, other) = footprint.feet(f64::from(degrees).to_radians());
+            assert_eq!(other, None);
+            assert!((foot.share - 1.0).abs() < f64::EPSILON);
+            assert!(foot.phi.abs() <= footprint.edge());
+        }
+    }
+
+    /// Half each where they meet; the next one begins to carry, and the last one ends to, at acos(1 - settling) from it.
+    #[test]
+    fn the_load_goes_over_while_the_edge_passes_below() {
+        let footprint = Footprint::new(8, 0.0, SETTLING);
+        let half = (1.0 - SETTLING).acos();
+        let edge = PI / 8.0;
+        let share = |angle: f64, roller: usize| {
+            let (first, other) = footprint.feet(angle);
+            let feet = [Some(first), other];
+            let of = |foot: &Foot| (foot.roller == roller).then_some(foot.share);
+            feet.iter().flatten().find_map(of).unwrap_or(0.0)
+        };
+        for way in [1.0, -1.0] {
+            let next = if way > 0.0 { 1 } else { 7 };
+            assert!(share(way * (edge - 1.001 * half), next) == 0.0);
+            assert!(share(way * (edge - 0.999 * half), next) > 0.0);
+            assert!((share(way * edge, next) - 0.5).abs() < 1e-12);
+            assert!((share(way * edge, 0) - 0.5).abs() < 1e-12);
+            assert!(share(way * (edge + 0.999 * half), 0) > 0.0);
+            assert!(share(way * (edge + 1.001 * half), 0) == 0.0);
+            // The part of a parabola beyond half of its half: 5/32.
+            let quarter = share(way * (edge - 0.5 * half), next);
+            assert!((quarter - 5.0 / 32.0).abs() < 1e-12, "{quarter}");
+        }
+    }
+
+    /// Wherever the wheel stands its rollers carry all of it, are neighbours, and their middles are a pitch apart.
+    #[test]
+    fn two_rollers_carry_the_whole_load() {
+        let footprint = Footprint::new(12, 0.1, SETTLING);
+        let pitch = TAU / 12.0;
+        let mut twice = 0;
+        for step in 0..10_000 {
+            let angle = f64::from(step) * 1e-3 - 5.0;
+            let (first, other) = footprint.feet(angle);
+            let Some(other) = other else { continue };
+            twice += 1;
+            assert!((first.share + other.share - 1.0).abs() < 1e-12);
+            assert!(first.share >= other.share);
+            assert!(((first.phi - other.phi).abs() - pitch).abs() < 1e-12);
+            let apart = first.roller.abs_diff(other.roller);
+            assert!(apart == 1 || apart == 11, "{first:?} {other:?}");
+        }
+        // Two halves of the footprint out of a pitch.
+        let expected = 2.0 * (1.0 - SETTLING).acos() / pitch;
+        assert!((f64::from(twice) / 1e4 - expected).abs() < 0.02, "{twice}");
+    }
+}
