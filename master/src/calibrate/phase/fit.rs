@@ -1,11 +1,12 @@
 //! The fit: linear start, then Gauss-Newton on the whole model.
 //!
-//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the rollers' drag, by what
-//! source and bus are apart in time (one delay for translation and one for turns, because contacts that creep make them
-//! trail differently), a gain for each axis, and for a gyro a bias and a drift in every motion. Each has a prior, mostly so
-//! wide that it only decides where the data say nothing: an axis without motion has no gain of its own.
+//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the rollers' drag, the angle over
+//! which a wheel touches the floor, by what source and bus are apart in time (one delay for translation and one for turns,
+//! because contacts that creep make them trail differently), a gain for each axis, and for a gyro a bias and a drift in
+//! every motion. Each has a prior, mostly so wide that it only decides where the data say nothing: an axis without motion
+//! has no gain of its own.
 
-use super::model::{Back, Lean, Model};
+use super::model::{Back, Lean, Model, Shape};
 use super::solve::{dot, invert};
 use super::{Motion, PhaseError, Seen, WHEELS};
 
@@ -19,11 +20,13 @@ const TOLD: f64 = 0.3;
 
 /// Places of the parameters; the phases come first.
 const DISTANCE: usize = 4;
+/// The logarithm of the share: no roller pushes.
 const DRAG: usize = 5;
-const DELAYS: [usize; 3] = [6, 6, 7];
-const GAINS: usize = 8;
+const FOOTPRINT: usize = 6;
+const DELAYS: [usize; 3] = [7, 7, 8];
+const GAINS: usize = 9;
 /// Two a motion: bias (rad/s) and drift (rad/s^2).
-const BIASES: usize = 11;
+const BIASES: usize = 12;
 
 /// One interval: what the robot did between two times.
 struct Interval {
@@ -94,9 +97,11 @@ impl<'a> Problem<'a> {
         let mut out = vec![(0.0, self.model.rollers.pitch()); 4];
         // A roller's radius is between a tenth and four tenths of the wheel's.
         out.push((0.75 * radius, 0.1 * radius));
-        // At a calibration's 0.2 m/s, rolling about their own axles costs rollers a hundredth or two of the load;
-        // creeping by 0.02 m/s costs a third of it.
-        out.push((0.003, 0.003));
+        // At a calibration's 0.2 m/s, rolling about their own axles costs rollers up to a hundredth or two of the load;
+        // creeping by 0.02 m/s costs a third of it. A factor of e either way.
+        out.push((0.002_f64.ln(), 1.0));
+        // A wheel that settles by a thousandth of its radius touches the floor 2.6 degrees to both sides.
+        out.push((0.045, 0.045));
         out.extend([(0.0, 0.05); 2]);
         if self.has_bias() {
             // What a gyro shows may be nonsense; that is to be seen.
@@ -121,10 +126,18 @@ impl<'a> Problem<'a> {
         ripple: Option<&[f64]>,
     ) -> Option<(Back, [f64; 3])> {
         let leans: [Lean; 4] = std::array::from_fn(|n| match ripple {
-            Some(p) => self.model.lean(from[n], to[n], p[n], p[DISTANCE]),
+            Some(p) => {
+                let shape = Shape {
+                    distance: p[DISTANCE],
+                    footprint: p[FOOTPRINT],
+                };
+                self.model.lean(from[n], to[n], p[n], &shape)
+            }
             None => self.model.mean(),
         });
-        let back = self.model.back(&leans, ripple.map_or(0.0, |p| p[DRAG]))?;
+        let back = self
+            .model
+            .back(&leans, ripple.map_or(0.0, |p| p[DRAG].exp()))?;
         let turned: [f64; 4] = std::array::from_fn(|n| to[n] - from[n]);
         Some((back, back.map(|row| dot(&row, &turned))))
     }
@@ -181,7 +194,7 @@ impl<'a> Problem<'a> {
         let count = self.intervals.len();
         let steps = [
             [1e-4 * self.model.rollers.pitch(); 4].as_slice(),
-            &[1e-4, 1e-4, 1e-4, 1e-4],
+            &[1e-4; GAINS - DISTANCE],
         ]
         .concat();
         let gain = |row: usize| parameters[GAINS + self.axes[row / count]];
@@ -192,7 +205,7 @@ impl<'a> Problem<'a> {
                 moved[n] += by;
                 self.bare(&moved, ripple)
             };
-            if !ripple && n <= DRAG {
+            if !ripple && n <= FOOTPRINT {
                 out.push(vec![0.0; bare.len()]);
                 continue;
             }

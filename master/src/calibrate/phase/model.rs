@@ -6,6 +6,10 @@
 //! and is odd where the secant is even, so whoever leaves it out finds phases that are off by degrees as soon as the
 //! robot turns. Both enter as means over an interval, in closed form.
 //!
+//! A loaded wheel touches the floor over some angle, so a roller takes over little by little: while the edge of two rollers
+//! is within half of that angle of the lowest place, both carry, and the wheel does the mean of what they want by what
+//! presses on each side of it, a parabola. Nobody knows how far a wheel settles, so that angle is found as well.
+//!
 //! Wheels that contradict each other share the slip: the twist is least squares over the slip along the rollers' axles,
 //! which is what contacts do whose force grows in proportion to their slip. Across their axles rollers resist being
 //! turned, some thousandths as stiffly. That is small, but it pulls at the wandering point of contact: left out, it
@@ -17,6 +21,17 @@ use super::solve::invert;
 
 /// Points at which a wave is averaged.
 const POINTS: u32 = 64;
+/// Half the least turn of a wheel in an interval, rad: a wheel that stands still is averaged over that.
+const STANDING: f64 = 1e-6;
+
+/// What all wheels' rollers have in common and nobody has measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shape {
+    /// Between a wheel's axle and its rollers', m.
+    pub distance: f64,
+    /// From a wheel's lowest place to the ends of where it touches the floor, rad; its sign says nothing.
+    pub footprint: f64,
+}
 
 /// What a wheel's rollers do in an interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +40,17 @@ pub(super) struct Lean {
     secant: f64,
     /// Mean tangent of the sweep, times the distance between the axles, m.
     wander: f64,
+}
+
+/// Integrals over the wheel's angle.
+#[derive(Clone, Copy)]
+struct Shared {
+    /// Of the further roller's share times the angle from the edge, over all edges that have passed, rad^2.
+    sum: f64,
+    /// Of the share, against the sense before an edge and with it behind, rad.
+    ends: f64,
+    /// Of the share times the angle, likewise, rad^2.
+    ways: f64,
 }
 
 /// Columns: m, m, rad for a radian of each wheel.
@@ -49,20 +75,40 @@ impl Model {
         })
     }
 
-    /// Between two wheel angles, for a phase and a distance between the axles (m).
-    pub fn lean(&self, from: f64, to: f64, phase: f64, distance: f64) -> Lean {
-        let ratio = self.rollers.mean_lateral_ratio_between(from, to, phase);
+    /// Between two wheel angles, for a phase.
+    pub fn lean(&self, from: f64, to: f64, phase: f64, shape: &Shape) -> Lean {
+        let middle = 0.5 * (from + to);
+        let half = (0.5 * (to - from).abs()).max(STANDING);
+        let (from, to) = (middle - half, middle + half);
         let sweep = |angle| self.rollers.sweep(angle, phase);
-        let turned = to - from;
-        let tangent = if turned.abs() > 1e-9 {
-            // The integral of tan t is -ln cos t, which is the same at both ends of a roller.
-            (sweep(from).cos() / sweep(to).cos()).ln() / turned
-        } else {
-            sweep(from).tan()
-        };
+        // The integral of tan t is -ln cos t, which is the same at both ends of a roller.
+        let tangent = (sweep(from).cos() / sweep(to).cos()).ln();
+        let shared = self.shared(to, phase, shape.footprint.abs());
+        let before = self.shared(from, phase, shape.footprint.abs());
+        let (sin, cos) = (0.5 * self.rollers.pitch()).sin_cos();
+        let ratio = self.rollers.mean_lateral_ratio_between(from, to, phase)
+            - 2.0 * sin * (shared.sum - before.sum) / (to - from);
+        let tangent = tangent + 2.0 * sin / cos * (shared.ends - before.ends)
+            - (shared.ways - before.ways) / (cos * cos);
         Lean {
             secant: 1.0 / ratio,
-            wander: distance * tangent,
+            wander: shape.distance * tangent / (to - from),
+        }
+    }
+
+    /// What the roller that is further away has carried up to a wheel angle. At the angle e from where two meet it carries
+    /// `1/2 - 3/4 (x - x^3/3)` with `x = |e| / footprint`. Its cosine is less than the nearer one's by `2 sin(a) |e|`, a
+    /// being half a pitch. Its tangent, that of its end, is on the other side, `2 tan(a) - |e| / cos(a)^2` away.
+    fn shared(&self, angle: f64, phase: f64, footprint: f64) -> Shared {
+        let place = (angle + phase) / self.rollers.pitch() + 0.5;
+        let e = (place - place.round()) * self.rollers.pitch();
+        let x = (e.abs() / footprint.max(f64::MIN_POSITIVE)).min(1.0);
+        let ways =
+            |x: f64| footprint.powi(2) * (x.powi(2) / 4.0 - x.powi(3) / 4.0 + x.powi(5) / 20.0);
+        Shared {
+            sum: 2.0 * place.round() * ways(1.0) + ways(x).copysign(e),
+            ends: footprint * (x / 2.0 - 3.0 / 8.0 * x.powi(2) + x.powi(4) / 16.0),
+            ways: ways(x),
         }
     }
 
@@ -138,5 +184,64 @@ impl Model {
         }
         let scale = 2.0 / f64::from(POINTS);
         (even * scale, odd * scale)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cosine and tangent at a wheel angle as the two rollers on the floor make them; `a` is half a pitch.
+    fn by_shares(angle: f64, a: f64, footprint: f64) -> (f64, f64) {
+        let place = (angle / (2.0 * a)).round();
+        let sweep = angle - place * 2.0 * a;
+        let ahead = a - sweep.abs();
+        let share = if ahead < footprint {
+            let x = ahead / footprint;
+            0.5 - 0.75 * (x - x.powi(3) / 3.0)
+        } else {
+            0.0
+        };
+        let cos = (1.0 - share) * sweep.cos() + share * (a + ahead).cos();
+        let tan = (1.0 - share) * sweep.tan() - share * a.tan().copysign(sweep);
+        (cos, tan)
+    }
+
+    /// Intervals anywhere, either way, with an edge in them and without, shorter and longer than a roller, against the mean
+    /// over small steps. The nearer roller's cosine and tangent are taken for straight within the footprint, which leaves
+    /// a tenth of its square.
+    #[test]
+    fn an_interval_has_the_mean_of_what_carries_in_it() {
+        const STEPS: u32 = 20_000;
+        let geometry = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f64.to_radians()).unwrap();
+        for (count, footprint) in [(8, 0.0663), (12, 0.04), (8, 0.0)] {
+            let rollers = Rollers::new(count).unwrap();
+            let a = 0.5 * rollers.pitch();
+            let model = Model::new(&geometry, rollers).unwrap();
+            let shape = Shape {
+                distance: 1.0,
+                footprint,
+            };
+            for n in 0..40 {
+                let from = 0.17 * f64::from(n) - 3.0;
+                for turned in [0.02, -0.05, 0.13, a, -3.1 * a] {
+                    let phase = 0.1;
+                    let lean = model.lean(from - phase, from - phase + turned, phase, &shape);
+                    let (mut cos, mut tan) = (0.0, 0.0);
+                    for step in 0..STEPS {
+                        let part = (f64::from(step) + 0.5) / f64::from(STEPS);
+                        let (c, t) = by_shares(from + part * turned, a, footprint);
+                        cos += c / f64::from(STEPS);
+                        tan += t / f64::from(STEPS);
+                    }
+                    let off = [1.0 / lean.secant - cos, lean.wander - tan];
+                    let bound = 1e-4 + 0.1 * footprint * footprint;
+                    assert!(
+                        off.iter().all(|off| off.abs() < bound),
+                        "{count} {footprint} {from} {turned}: {off:?}"
+                    );
+                }
+            }
+        }
     }
 }
