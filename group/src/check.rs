@@ -30,6 +30,10 @@ pub mod default {
 }
 
 impl GroupFile {
+    /// The largest [`hand_over_loss`](Self::hand_over_loss) that a file may have, s/m: a robot that loses a fortieth of its
+    /// speed at half a metre a second by nothing but jolts would be shaken to pieces.
+    pub const LARGEST_HAND_OVER_LOSS: f32 = 0.05;
+
     /// Reads and checks a file.
     ///
     /// # Errors
@@ -220,9 +224,10 @@ impl Checker<'_> {
                 let remedy = "give the robots' rollers, or remove it";
                 Err(self.refuse(raw, FIELD, "is for robots that know their rollers", remedy))
             }
-            Some(raw) if loss > LARGEST_LOSS => {
-                let remedy = "give at most 0.05; more is no jolt of a roller";
-                Err(self.refuse(raw, FIELD, &format!("is {loss}"), remedy))
+            Some(raw) if loss > GroupFile::LARGEST_HAND_OVER_LOSS => {
+                let most = GroupFile::LARGEST_HAND_OVER_LOSS;
+                let remedy = format!("give at most {most}; more is no jolt of a roller");
+                Err(self.refuse(raw, FIELD, &format!("is {loss}"), &remedy))
             }
             _ => Ok(loss),
         }
@@ -276,8 +281,6 @@ impl Checker<'_> {
 
 /// Longest lag of a contact, ms.
 const LONGEST_LAG_MS: f32 = 100.0;
-/// A robot that loses a fortieth of its speed at half a metre a second by nothing but jolts would be shaken to pieces, s/m.
-const LARGEST_LOSS: f32 = 0.05;
 
 const ADD_ROBOT: &str = "add a `[[robots]]` entry for every robot";
 

@@ -7,8 +7,8 @@
 //!
 //! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
 //! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
-//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`crate::hand_over`]). What is left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in
-//! the tracking error.
+//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`crate::hand_over`]). What is
+//! left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
 
 use group::ContactLag;
 use kinematics::{Pose, Twist};

@@ -6,7 +6,7 @@
 //! a group that moves askew has a pose source that looks askew, or a wheel in the wrong place, and no coefficient mends
 //! either.
 
-use group::CompensationTable;
+use group::{CompensationTable, GroupFile};
 use kinematics::estimate::{Fit, Limits, Sample, fit};
 use kinematics::{AxisTable, DirectionalCompensation, VelocityCompensation};
 
@@ -22,8 +22,6 @@ const TURNS: f64 = 0.09;
 const TWO_SIDED_95: f64 = 1.96;
 /// No coefficient is surer than this, whatever its samples say.
 const SUREST: f64 = 1e-6;
-/// The largest loss a group file takes, s/m.
-const LARGEST_LOSS: f64 = 0.05;
 /// Rows of a table.
 const ROWS: usize = protocol::compensation::ROWS;
 
@@ -201,7 +199,7 @@ impl Found {
         });
         let slope = products / squares;
         if slope > 2.0 / squares.sqrt() {
-            slope.min(LARGEST_LOSS) as f32
+            (slope as f32).min(GroupFile::LARGEST_HAND_OVER_LOSS)
         } else {
             0.0
         }
