@@ -199,6 +199,7 @@ const MULTI_BODY: [MultiBody; 2] = [
 /// Points of per cent; of 0.5 m/s they are 1.5 mm/s.
 const WITHIN: f64 = 0.3;
 
+/// Every figure of motion to the left, its lowest and highest speeds too.
 #[test]
 fn the_table_of_a_multi_body_simulation() {
     for theirs in &MULTI_BODY {
