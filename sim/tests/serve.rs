@@ -113,9 +113,12 @@ fn two_programs_and_two_robots_on_one_bus() {
     // The channel is not open yet.
     master.get_mut().write_all(b"8100\r").unwrap();
     assert_eq!(line(&mut master), "\u{7}");
+    // A heartbeat comes after the boot-up at power-on, so that one is over when both have said they are pre-operational.
+    for heartbeat in ["t70217F", "t70317F"] {
+        while line(&mut listener) != heartbeat {}
+    }
     // NMT: reset all nodes. The listener hears that, then both robots' boot-up.
     master.get_mut().write_all(b"O\rt00028100\r").unwrap();
-    // Before that it may have heard them boot at power-on.
     while line(&mut listener) != "t00028100" {}
     let mut heard = Vec::new();
     while heard.len() < 2 {
