@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::Duration;
 
 /// A running command; it ends with the test, however that ends.
@@ -11,6 +11,9 @@ struct Served {
     child: Child,
     /// What it has printed before `serving`, by its first word.
     endpoints: Vec<(String, String)>,
+    errors: BufReader<ChildStderr>,
+    /// What it has said on standard error, as far as it was read.
+    said: String,
 }
 
 impl Drop for Served {
@@ -49,7 +52,13 @@ impl Served {
                 (kind.to_owned(), place.to_owned())
             })
             .collect();
-        Self { child, endpoints }
+        let errors = BufReader::new(child.stderr.take().unwrap());
+        Self {
+            child,
+            endpoints,
+            errors,
+            said: String::new(),
+        }
     }
 
     fn place(&self, kind: &str) -> &str {
@@ -70,10 +79,15 @@ impl Served {
         let sent = Command::new("kill").args([signal, &pid]).status().unwrap();
         assert!(sent.success());
         assert!(self.child.wait().unwrap().success());
-        let mut said = String::new();
-        let mut errors = self.child.stderr.take().unwrap();
-        errors.read_to_string(&mut said).unwrap();
-        said
+        self.errors.read_to_string(&mut self.said).unwrap();
+        std::mem::take(&mut self.said)
+    }
+
+    /// Waits until it says this on standard error.
+    fn wait_for(&mut self, what: &str) {
+        while !self.said.contains(what) {
+            assert_ne!(self.errors.read_line(&mut self.said).unwrap(), 0, "{what}");
+        }
     }
 }
 
@@ -263,6 +277,8 @@ fn faults_come_from_the_command_line_and_from_standard_input() {
         "--fault",
         "-",
     ]);
+    // By then both robots have booted, and nobody has heard it.
+    served.wait_for("fault at 0.050000 s: node 2: power-off\n");
     let mut client = served.connect("slcan-tcp");
     client.get_mut().write_all(b"O\r").unwrap();
     let input = served.child.stdin.as_mut().unwrap();
@@ -275,10 +291,6 @@ fn faults_come_from_the_command_line_and_from_standard_input() {
     while line(&mut client) != "t702100" {}
     let said = served.end("-TERM");
     let lines: Vec<&str> = said.lines().collect();
-    assert!(
-        lines.contains(&"fault at 0.050000 s: node 2: power-off"),
-        "{said}"
-    );
     assert!(
         lines.contains(&"node=4:power-on: node: 4 is not in the group; give one of 2, 3"),
         "{said}"
