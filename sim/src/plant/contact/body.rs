@@ -38,7 +38,8 @@ pub(super) struct Body {
     pose: Pose<f64>,
     /// World frame.
     velocity: [f64; 3],
-    pushes: Vec<Push>,
+    /// Of every roller on the floor, along its axle and across.
+    pushes: Vec<[Push; 2]>,
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
@@ -73,7 +74,7 @@ impl Body {
         }
         share_load(&mut wheels, mass * GRAVITY)?;
         Ok(Self {
-            pushes: Vec::with_capacity(4 * wheels.len()),
+            pushes: Vec::with_capacity(2 * wheels.len()),
             wheels,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
@@ -114,14 +115,16 @@ impl Body {
                 let y = self.pose.y + sin * wheel.x + cos * wheel.y;
                 friction_at(&self.floor, x, y).unwrap_or(self.friction)
             };
-            self.pushes
-                .extend(wheel.stand(angle, moved / dt, friction, dt).flatten());
+            wheel.stand(angle, moved / dt, friction, dt, &mut self.pushes);
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
-        let after = settle(&self.pushes, self.inertia.map(|m| m / dt), before);
-        let across = self.pushes.iter().skip(1).step_by(2);
-        let mut forces = across.map(|push| push.force(after));
+        let after = settle(
+            self.pushes.as_flattened(),
+            self.inertia.map(|m| m / dt),
+            before,
+        );
+        let mut forces = self.pushes.iter().map(|[_, across]| across.force(after));
         for wheel in &mut self.wheels {
             wheel.turn_rollers(forces.by_ref(), dt);
         }
@@ -168,7 +171,7 @@ fn share_load(wheels: &mut [Wheel], weight: f64) -> Result<(), SimError> {
 /// The velocity at which momentum and friction agree; `inertia` is over the step's length.
 fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let mut v = before;
-    let mut cost = value(pushes, inertia, before, v);
+    let mut cost = None;
     for _ in 0..STEPS {
         let (gradient, curvature) = derivatives(pushes, inertia, before, v);
         let step = solve(curvature, gradient);
@@ -178,16 +181,17 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
             // All the way on one quadratic piece: this is its minimum.
             return next;
         }
+        let least = *cost.get_or_insert_with(|| value(pushes, inertia, before, v));
         let mut reached = value(pushes, inertia, before, next);
         for _ in 0..HALVINGS {
-            if reached <= cost {
+            if reached <= least {
                 break;
             }
             part *= 0.5;
             next = along(v, step, part);
             reached = value(pushes, inertia, before, next);
         }
-        (v, cost) = (next, reached);
+        (v, cost) = (next, Some(reached));
     }
     v
 }
@@ -233,7 +237,7 @@ fn value(pushes: &[Push], inertia: [f64; 3], before: [f64; 3], v: [f64; 3]) -> f
     })
 }
 
-/// Its first and second derivatives.
+/// Its first and second derivatives; of the second what is on and below the diagonal.
 fn derivatives(
     pushes: &[Push],
     inertia: [f64; 3],
@@ -254,10 +258,10 @@ fn derivatives(
             gradient[k] += row[k] * held;
         }
         if force.abs() <= push.limit {
-            for (k, line) in curvature.iter_mut().enumerate() {
+            for k in 0..3 {
                 let scaled = push.stiffness * row[k];
-                for (entry, other) in line.iter_mut().zip(row) {
-                    *entry += scaled * other;
+                for other in 0..=k {
+                    curvature[k][other] += scaled * row[other];
                 }
             }
         }
@@ -265,7 +269,7 @@ fn derivatives(
     (gradient, curvature)
 }
 
-/// Solves a symmetric positive definite system by Cholesky's method.
+/// Solves a symmetric positive definite system by Cholesky's method, from what is on and below the diagonal.
 fn solve(a: [[f64; 3]; 3], b: [f64; 3]) -> [f64; 3] {
     let l00 = a[0][0].sqrt();
     let (l10, l20) = (a[1][0] / l00, a[2][0] / l00);

@@ -16,6 +16,9 @@ pub(super) struct Footprint {
     phase: f64,
     /// From its middle to its ends, rad.
     half: f64,
+    /// Sine and cosine of the pitch, and tangent and secant where a roller ends.
+    turn: (f64, f64),
+    end: (f64, f64),
 }
 
 /// A roller on the floor.
@@ -23,10 +26,11 @@ pub(super) struct Footprint {
 pub(super) struct Foot {
     /// Which one, from 0.
     pub roller: usize,
-    /// How far the wheel has rolled on past its middle, rad.
-    pub phi: f64,
-    /// The same, but not past its end: that is where it still touches.
-    pub touches: f64,
+    /// Cosine of the angle by which the wheel has rolled on past its middle.
+    pub tilt: f64,
+    /// Tangent and secant of the same angle, but not past its end: that is where it still touches.
+    pub tan: f64,
+    pub secant: f64,
     /// Part of the wheel's load.
     pub share: f64,
 }
@@ -35,36 +39,51 @@ impl Footprint {
     /// A wheel whose radius is less by the part `settling` under load.
     pub fn new(rollers: u8, phase: f64, settling: f64) -> Self {
         let pitch = TAU / f64::from(rollers);
+        let (sin, cos) = (0.5 * pitch).sin_cos();
         Self {
             rollers: rollers.into(),
             pitch,
             phase,
             // A wheel on three rollers would have no wheel under it.
             half: (1.0 - settling).acos().min(0.5 * pitch),
+            turn: pitch.sin_cos(),
+            end: (sin / cos, 1.0 / cos),
         }
     }
 
-    /// Where a roller ends, from its middle, rad.
-    fn edge(&self) -> f64 {
-        0.5 * self.pitch
-    }
-
     /// On what the wheel stands at this angle: the roller at its lowest place, and the one that shares the load with it.
+    // Inlined, because its result is read back wider than it is written, which stalls.
+    #[inline]
     pub fn feet(&self, angle: f64) -> (Foot, Option<Foot>) {
         let place = (angle + self.phase) / self.pitch + 0.5;
-        let phi = (place - place.floor() - 0.5) * self.pitch;
-        let share = self.share_beyond(self.edge() - phi.abs());
-        let (number, next) = (place.floor() as i64, phi.signum());
-        let foot = |number: i64, phi: f64, share: f64| Foot {
-            roller: number.rem_euclid(self.rollers) as usize,
-            phi,
-            touches: phi.clamp(-self.edge(), self.edge()),
-            share,
+        let number = place.floor();
+        let phi = (place - number - 0.5) * self.pitch;
+        let (sin, cos) = phi.sin_cos();
+        let secant = 1.0 / cos;
+        let beyond = self.share_beyond(0.5 * self.pitch - phi.abs());
+        let first = Foot {
+            roller: self.roller(number),
+            tilt: cos,
+            tan: sin * secant,
+            secant,
+            share: 1.0 - beyond,
         };
-        (
-            foot(number, phi, 1.0 - share),
-            (share > 0.0).then(|| foot(number + next as i64, phi - next * self.pitch, share)),
-        )
+        let other = (beyond > 0.0).then(|| {
+            let next = phi.signum();
+            let (tan, secant) = self.end;
+            Foot {
+                roller: self.roller(number + next),
+                tilt: cos * self.turn.1 + next * sin * self.turn.0,
+                tan: -next * tan,
+                secant,
+                share: beyond,
+            }
+        });
+        (first, other)
+    }
+
+    fn roller(&self, number: f64) -> usize {
+        (number as i64).rem_euclid(self.rollers) as usize
     }
 
     /// Part of the load that presses further than an angle from the middle: with the parabola `3/4 (1 - x^2)`, x from -1
@@ -95,7 +114,7 @@ mod tests {
             let (foot, other) = footprint.feet(f64::from(degrees).to_radians());
             assert_eq!(other, None);
             assert!((foot.share - 1.0).abs() < f64::EPSILON);
-            assert!(foot.phi.abs() <= footprint.edge());
+            assert!(foot.tilt >= (PI / 8.0).cos() - 1e-12);
         }
     }
 
@@ -138,7 +157,14 @@ mod tests {
             twice += 1;
             assert!((first.share + other.share - 1.0).abs() < 1e-12);
             assert!(first.share >= other.share);
-            assert!(((first.phi - other.phi).abs() - pitch).abs() < 1e-12);
+            // The lowest place is between their middles.
+            let (near, far) = (first.tilt.acos(), other.tilt.acos());
+            assert!((near + far - pitch).abs() < 1e-9, "{first:?} {other:?}");
+            // The first touches where the lowest place is, the other at its end, on the side of the first.
+            assert!((first.secant * first.tilt - 1.0).abs() < 1e-12);
+            assert!((other.secant * (0.5 * pitch).cos() - 1.0).abs() < 1e-12);
+            assert!((first.tan - first.tan.signum() * near.tan()).abs() < 1e-9);
+            assert!((other.tan + first.tan.signum() * (0.5 * pitch).tan()).abs() < 1e-12);
             let apart = first.roller.abs_diff(other.roller);
             assert!(apart == 1 || apart == 11, "{first:?} {other:?}");
         }

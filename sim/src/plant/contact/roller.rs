@@ -25,6 +25,8 @@ pub(super) struct Rollers {
     /// Moment of inertia of one about its axle, kg m^2.
     inertia: f64,
     each: Vec<Roller>,
+    /// Those on the floor.
+    down: Option<(usize, Option<usize>)>,
     /// Since the beginning, s.
     now: f64,
 }
@@ -46,9 +48,9 @@ struct Barrel {
 }
 
 impl Barrel {
-    /// Radius where it touches the floor when the wheel has turned by `phi` from the barrel's middle, m.
-    fn radius(self, phi: f64) -> f64 {
-        (self.wheel - self.axle / phi.cos()).max(THINNEST * (self.wheel - self.axle))
+    /// Radius where it touches the floor when the wheel has turned from the barrel's middle by an angle of this secant, m.
+    fn radius(self, secant: f64) -> f64 {
+        (self.wheel - self.axle * secant).max(THINNEST * (self.wheel - self.axle))
     }
 
     /// Moment of inertia about its axle, if it were solid: half of density times pi times the integral of the fourth
@@ -57,13 +59,13 @@ impl Barrel {
         let step = half_pitch / f64::from(INTERVALS);
         let sum: f64 = (0..=INTERVALS)
             .map(|k| {
-                let phi = f64::from(k) * step;
+                let secant = 1.0 / (f64::from(k) * step).cos();
                 let weight = match k {
                     0 | INTERVALS => 1.0,
                     k if k % 2 == 1 => 4.0,
                     _ => 2.0,
                 };
-                weight * self.radius(phi).powi(4) / phi.cos().powi(2)
+                weight * self.radius(secant).powi(4) * secant.powi(2)
             })
             .sum();
         let half = self.axle / sin_roller * sum * step / 3.0;
@@ -91,18 +93,24 @@ impl Rollers {
                 };
                 usize::from(contact.rollers)
             ],
+            down: None,
             now: 0.0,
         }
     }
 
-    /// From now on those are on the floor that are `down`. An axle resists with `drag`, as a force at the floor under all
-    /// of the wheel's load, N s/m; in the air as much.
-    pub fn stand_on(&mut self, down: impl Fn(usize) -> bool, drag: f64) {
-        let middle = self.shape.radius(0.0);
+    /// From now on one or two are `down` on the floor. An axle resists with `drag`, as a force at the floor under all of the
+    /// wheel's load, N s/m; in the air as much.
+    pub fn stand_on(&mut self, down: (usize, Option<usize>), drag: f64) {
+        if self.down == Some(down) {
+            return;
+        }
+        self.down = Some(down);
+        let middle = self.shape.radius(1.0);
         for (number, roller) in self.each.iter_mut().enumerate() {
+            let down = number == down.0 || Some(number) == down.1;
             match roller.left {
-                None if !down(number) => roller.left = Some(self.now),
-                Some(left) if down(number) => {
+                None if !down => roller.left = Some(self.now),
+                Some(left) if down => {
                     if self.inertia > 0.0 {
                         let slowing = drag * middle * middle / self.inertia;
                         roller.rate *= (slowing * (left - self.now)).exp();
@@ -117,14 +125,15 @@ impl Rollers {
     /// Velocity across the axle of a roller on the floor at which that does not push it in the next `dt`, m/s, and force
     /// over the difference from that velocity, N s/m, when friction creeps with `grip`.
     pub fn resistance(&self, foot: &Foot, grip: f64, drag: f64, dt: f64) -> (f64, f64) {
-        let radius = self.shape.radius(foot.touches);
-        let inertia = self.inertia / (radius * radius) / dt;
-        let resists = inertia + drag * foot.share;
+        let radius = self.shape.radius(foot.secant);
+        let over = dt * radius * radius;
+        // As much inertia as drag and inertia together are in this step, kg m^2.
+        let resists = self.inertia + drag * foot.share * over;
         if resists > 0.0 {
             let surface = self.each[foot.roller].rate * radius;
             (
-                surface * inertia / resists,
-                grip * resists / (grip + resists),
+                surface * self.inertia / resists,
+                grip * resists / (grip * over + resists),
             )
         } else {
             (0.0, 0.0)
@@ -133,12 +142,11 @@ impl Rollers {
 
     /// Turns a roller on the floor for `dt` by the floor's force, N.
     pub fn turn(&mut self, foot: &Foot, force: f64, drag: f64, dt: f64) {
-        let radius = self.shape.radius(foot.touches);
-        let inertia = self.inertia / dt;
-        let resists = inertia + drag * foot.share * radius * radius;
-        if inertia > 0.0 {
+        if self.inertia > 0.0 {
+            let radius = self.shape.radius(foot.secant);
+            let resists = self.inertia + drag * foot.share * dt * radius * radius;
             let rate = &mut self.each[foot.roller].rate;
-            *rate = (inertia * *rate + force * radius) / resists;
+            *rate = (self.inertia * *rate + force * radius * dt) / resists;
         }
     }
 
@@ -167,15 +175,16 @@ mod tests {
     fn on(roller: usize, phi: f64) -> Foot {
         Foot {
             roller,
-            phi,
-            touches: phi,
+            tilt: phi.cos(),
+            tan: phi.tan(),
+            secant: 1.0 / phi.cos(),
             share: 1.0,
         }
     }
 
     /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of the floor's impulses, N s.
     fn spin_up(rollers: &mut Rollers, foot: &Foot, speed: f64, drag: f64, seconds: f64) -> f64 {
-        rollers.stand_on(|roller| roller == foot.roller, drag);
+        rollers.stand_on((foot.roller, None), drag);
         let mut impulse = 0.0;
         for _ in 0..(seconds / DT).round() as u32 {
             let (rest, stiffness) = rollers.resistance(foot, GRIP, drag, DT);
@@ -188,7 +197,7 @@ mod tests {
     }
 
     fn surface(rollers: &Rollers, foot: &Foot) -> f64 {
-        rollers.each[foot.roller].rate * rollers.shape.radius(foot.touches)
+        rollers.each[foot.roller].rate * rollers.shape.radius(foot.secant)
     }
 
     /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by
@@ -278,14 +287,14 @@ mod tests {
         let foot = on(0, edge);
         spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
         let rate = rollers.each[0].rate;
-        rollers.stand_on(|roller| roller == 1, drag);
-        rollers.stand_on(|roller| roller == 0, drag);
+        rollers.stand_on((1, None), drag);
+        rollers.stand_on((0, None), drag);
         assert!((rollers.each[0].rate - rate).abs() < 1e-12);
         let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
         assert!(impulse.abs() < 1e-9, "{impulse}");
         // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of the middle.
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
-        rollers.stand_on(|roller| roller == 0, drag);
+        rollers.stand_on((0, None), drag);
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();
         let left = rollers.each[0].rate;
         assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
@@ -298,7 +307,7 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let feet = [on(3, PI / 8.0), on(4, -PI / 8.0)];
         spin_up(&mut rollers, &feet[0], 0.7, 0.0, 0.02);
-        rollers.stand_on(|roller| roller == 3 || roller == 4, 12.0);
+        rollers.stand_on((3, Some(4)), 12.0);
         rollers.pass(0.05);
         for (foot, expected) in feet.iter().zip([0.7, 0.0]) {
             assert!((surface(&rollers, foot) - expected).abs() < 1e-9);

@@ -97,32 +97,32 @@ impl Wheel {
         })
     }
 
-    /// What the floor can do in the next `dt` to the wheel at this angle when it turns at `rate`: along the axle of a
-    /// roller that carries it and across, and the same again where two do.
+    /// Puts the wheel at this angle, turning at `rate`, and adds to `pushes` what the floor can do to it in the next `dt`:
+    /// along the axle of a roller that carries it and across, and the same again where two do.
     pub fn stand(
         &mut self,
         angle: f64,
         rate: f64,
         friction: f64,
         dt: f64,
-    ) -> impl Iterator<Item = [Push; 2]> {
-        self.feet = self.footprint.feet(angle);
-        let (first, other) = self.feet;
-        let down = |roller| roller == first.roller || other.is_some_and(|o| roller == o.roller);
+        pushes: &mut Vec<[Push; 2]>,
+    ) {
+        let (first, other) = self.footprint.feet(angle);
+        let down = (first.roller, other.map(|foot| foot.roller));
         self.rollers.stand_on(down, self.damping * self.load);
-        let pushes = move |foot: Foot| self.pushes(&foot, rate, friction, dt);
-        [Some(first), other].into_iter().flatten().map(pushes)
+        pushes.push(self.pushes(&first, rate, friction, dt));
+        if let Some(other) = &other {
+            pushes.push(self.pushes(other, rate, friction, dt));
+        }
+        self.feet = (first, other);
     }
 
     fn pushes(&self, foot: &Foot, rate: f64, friction: f64, dt: f64) -> [Push; 2] {
         // The roller's axle over the floor, in the robot's frame: ahead, left.
-        let (ahead, left) = (
-            self.sin_roller * foot.phi.cos(),
-            -self.hand * self.cos_roller,
-        );
-        let length = ahead.hypot(left);
-        let (ahead, left) = (ahead / length, left / length);
-        let wander = self.wander * foot.touches.tan();
+        let (ahead, left) = (self.sin_roller * foot.tilt, -self.hand * self.cos_roller);
+        let shorter = 1.0 / (ahead * ahead + left * left).sqrt();
+        let (ahead, left) = (ahead * shorter, left * shorter);
+        let wander = self.wander * foot.tan;
         let (x, y) = (self.x - self.sin * wander, self.y + self.cos * wander);
         let limit = friction * self.load * foot.share;
         let push = |ahead: f64, left: f64, rest: f64, stiffness: f64| {
@@ -147,9 +147,9 @@ impl Wheel {
     /// Turns the rollers on the floor for `dt`, each by what the floor did across its axle, N.
     pub fn turn_rollers(&mut self, forces: impl Iterator<Item = f64>, dt: f64) {
         let drag = self.damping * self.load;
-        let feet = [Some(self.feet.0), self.feet.1];
-        for (foot, force) in feet.into_iter().flatten().zip(forces) {
-            self.rollers.turn(&foot, force, drag, dt);
+        let (first, other) = &self.feet;
+        for (foot, force) in std::iter::once(first).chain(other).zip(forces) {
+            self.rollers.turn(foot, force, drag, dt);
         }
         self.rollers.pass(dt);
     }
