@@ -13,6 +13,7 @@ mod picture;
 
 pub use picture::Sheet;
 use plotters::coord::Shift;
+use plotters::data::float::FloatPrettyPrinter;
 pub use plotters::style::RGBColor;
 
 use plotters::prelude::*;
@@ -236,6 +237,8 @@ impl Chart {
             .y_desc(&self.y_label)
             .x_labels(8)
             .y_labels(7)
+            .x_label_formatter(&|x| tick(*x, x1 - x0))
+            .y_label_formatter(&|y| tick(*y, y1 - y0))
             .draw()?;
         for (color, points) in &self.outlines {
             chart.draw_series([Polygon::new(points.clone(), color.mix(0.12).filled())])?;
@@ -274,6 +277,21 @@ impl Chart {
     }
 }
 
+/// A number at an axis that spans so much. What is left of zero after adding up steps is zero, without a sign.
+fn tick(value: f64, span: f64) -> String {
+    let value = if value.abs() < 1e-9 * span {
+        0.0
+    } else {
+        value
+    };
+    FloatPrettyPrinter {
+        allow_scientific: false,
+        min_decimal: 1,
+        max_decimal: 5,
+    }
+    .print(value)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -306,6 +324,19 @@ mod tests {
     fn text_is_escaped() {
         let svg = chart(vec![(0.0, 0.0), (1.0, 1.0)]).to_svg().unwrap();
         assert!(svg.contains("a &amp; b"));
+    }
+
+    #[test]
+    fn zero_has_no_sign() {
+        for (value, expected) in [
+            (-2.8e-17, "0.0"),
+            (-0.0, "0.0"),
+            (-0.4, "-0.4"),
+            (25.0, "25.0"),
+        ] {
+            assert_eq!(tick(value, 1.0), expected);
+        }
+        assert_eq!(tick(-2e-5, 1e-4), "-0.00002");
     }
 
     #[test]

@@ -162,6 +162,9 @@ pub enum MasterError {
          two command them"
     )]
     AnotherMaster,
+    /// Something was to drive that does not listen to setpoints.
+    #[error("the group is not started, so nothing would move; start it before every drive")]
+    NotStarted,
     /// Somebody asked to stop.
     #[error("stopped on request")]
     Aborted,

@@ -67,8 +67,8 @@ impl<L: Link> Group<L> {
     /// afterwards and is in PRE-OPERATIONAL.
     ///
     /// # Errors
-    /// When the curve is too fast for the group (then nothing has moved), when a member faults or
-    /// goes missing, or the link fails.
+    /// When the curve is too fast for the group or the group is not started (then nothing has moved), when
+    /// a member faults or goes missing, or the link fails.
     pub fn follow(
         &mut self,
         plan: &Plan,
@@ -88,6 +88,7 @@ impl<L: Link> Group<L> {
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
         plan.check(&self.file.limits)?;
+        self.check_started()?;
         let driven = self.drive(plan, steering, observe);
         if let Err(error) = &driven {
             self.fail(error);

@@ -162,6 +162,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         Some(MasterError::Aborted) => 130,
         Some(
             MasterError::TooFast { .. }
+            | MasterError::NotStarted
             | MasterError::PoseLost
             | MasterError::PoseSource { .. }
             | MasterError::GyroSource { .. },

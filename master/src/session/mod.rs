@@ -373,13 +373,22 @@ impl<L: Link> Group<L> {
     /// Moves with the velocity set, for so many seconds of the bus's time.
     ///
     /// # Errors
-    /// As [`Group::cycle`]; call [`Group::stop`] then.
+    /// When the group is not started, or as [`Group::cycle`]; call [`Group::stop`] then.
     pub fn run(&mut self, seconds: f64) -> Result<(), MasterError> {
+        self.check_started()?;
         let until = self.next_sync.0 as f64 + seconds * 1e6;
         while (self.next_sync.0 as f64) < until {
             self.cycle(self.twist)?;
         }
         Ok(())
+    }
+
+    pub(crate) fn check_started(&self) -> Result<(), MasterError> {
+        if self.phase == Phase::Running {
+            Ok(())
+        } else {
+            Err(MasterError::NotStarted)
+        }
     }
 
     /// Brings the group to rest, however it was moving, and takes it out of OPERATIONAL.

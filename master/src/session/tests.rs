@@ -131,6 +131,27 @@ fn follow(bus: &mut FakeBus, file: &GroupFile) -> Result<(), MasterError> {
     group.follow(&Curve::FigureEight.plan(true), &mut |_, _| {})
 }
 
+/// A drive ends in PRE-OPERATIONAL, where robots follow nothing.
+#[test]
+fn a_group_is_started_before_every_drive() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    let plan = Curve::FigureEight.plan(true);
+    for started in [false, true, false] {
+        if started {
+            group.start().unwrap();
+            group.run(0.1).unwrap();
+            group.follow(&plan, &mut |_, _| {}).unwrap();
+        }
+        let rows = group.recorder().rows().len();
+        let refused = |result| matches!(result, Err(MasterError::NotStarted));
+        assert!(refused(group.follow(&plan, &mut |_, _| {})));
+        assert!(refused(group.run(1.0)));
+        assert_eq!(group.recorder().rows().len(), rows, "nothing was sent");
+    }
+}
+
 #[test]
 fn sync_is_punctual_counted_and_preceded_by_its_setpoint() {
     let file = file();
