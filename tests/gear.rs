@@ -3,6 +3,7 @@
 
 mod common;
 
+use common::{LOST, references};
 use group::GroupFile;
 use omnibus::abort::Abort;
 use omnibus::course::Course;
@@ -12,8 +13,6 @@ use omnibus::rollers::KNOWN;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
 use omnibus::trial;
-use protocol::address::{history, rollers};
-use protocol::{Kind, Limit, Value};
 use sim::{Backend, Options, World};
 
 /// Counts of the shaft's turn, and turns of the shaft in one of the wheel: 1718.4 counts.
@@ -21,8 +20,6 @@ const COUNTS: f32 = 64.0;
 const GEAR: f32 = 26.85;
 /// Standard deviation of the lateral speed, per cent.
 const RIPPLE: f64 = 0.6;
-/// Lost references are state 3.
-const LOST: u8 = 3;
 
 /// A robot with such an encoder on the contact plant, eight rollers at random phases, half a degree of play in the gear.
 fn geared() -> GroupFile {
@@ -70,18 +67,7 @@ fn after(
     session
         .follow(&course.plan().unwrap(), &mut |_, _| {})
         .unwrap();
-    let node = told.robots[0].node;
-    let mut read = |address, kind| session.wire().read(node, address, kind).unwrap();
-    let states = [0, 1, 2, 3].map(|wheel| {
-        let Value::U8(state) = read(rollers::state(wheel), Kind::U8) else {
-            panic!("a state is a byte")
-        };
-        state
-    });
-    let lost = (1..=8).any(|nth| {
-        read(history::limit_code(nth), Kind::U16) == Value::U16(Limit::RollerPhase.code())
-    });
-    (states, lost)
+    references(&mut session, told.robots[0].node)
 }
 
 #[test]

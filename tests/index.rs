@@ -3,36 +3,18 @@
 
 mod common;
 
+use common::{LOST, references};
 use omnibus::course::Course;
 use omnibus::curve::Curve;
 use omnibus::rollers::KNOWN;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
 use omnibus::trial;
-use protocol::address::{history, rollers};
-use protocol::{Kind, Limit, Value};
 use sim::index::IndexState;
 use sim::{Backend, Options, World};
 
-/// Lost references are state 3.
-const LOST: u8 = 3;
 /// The rear left one's breaks.
 const BROKEN: usize = 2;
-
-/// Roller states, and whether the limit of lost rollers stands in the history.
-fn told(session: &mut Group<&mut SimLink>, node: u8) -> ([u8; 4], bool) {
-    let mut read = |address, kind| session.wire().read(node, address, kind).unwrap();
-    let states = [0, 1, 2, 3].map(|wheel| {
-        let Value::U8(state) = read(rollers::state(wheel), Kind::U8) else {
-            panic!("a state is a byte")
-        };
-        state
-    });
-    let lost = (1..=8).any(|nth| {
-        read(history::limit_code(nth), Kind::U16) == Value::U16(Limit::RollerPhase.code())
-    });
-    (states, lost)
-}
 
 /// Eight rollers at random phases. To the left for 4 m, four turns of every wheel, with indexes that work; then the same
 /// again with one that does not. A wheel with the mean of its rollers is off by 3.3 % at most at any instant, and by nothing
@@ -48,7 +30,7 @@ fn a_broken_index_is_noticed(backend: &Backend) {
         session.configure(true).unwrap();
         session.start().unwrap();
         session.follow(&plan, &mut |_, _| {}).unwrap();
-        assert_eq!(told(&mut session, node), ([KNOWN; 4], false));
+        assert_eq!(references(&mut session, node), ([KNOWN; 4], false));
 
         session.link().world.set_index(0, BROKEN, fault);
         session.start().unwrap();
@@ -57,7 +39,7 @@ fn a_broken_index_is_noticed(backend: &Backend) {
         let after = session.link().world.truth().group;
         let mut states = [KNOWN; 4];
         states[BROKEN] = LOST;
-        assert_eq!(told(&mut session, node), (states, true), "{fault:?}");
+        assert_eq!(references(&mut session, node), (states, true), "{fault:?}");
         let went = (after.x - before.x).hypot(after.y - before.y);
         let asked = 4.0;
         println!("{fault:?}: {went:.3} m of {asked}");

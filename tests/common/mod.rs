@@ -6,6 +6,8 @@ use group::GroupFile;
 use omnibus::curve::Curve;
 use omnibus::session::Group;
 use omnibus::sim_link::SimLink;
+use protocol::address::{history, rollers};
+use protocol::{Kind, Limit, Value};
 use sim::{Backend, Options, TruthSample, World};
 
 /// A group file of the workspace.
@@ -50,4 +52,22 @@ pub fn quick_drive(group: &GroupFile, backend: Backend, curve: Curve, compensati
         truth,
         result,
     }
+}
+
+/// A wheel whose reference is lost is in this roller state.
+pub const LOST: u8 = 3;
+
+/// Roller states of a robot's wheels, and whether the limit of lost references stands in its history.
+pub fn references(session: &mut Group<&mut SimLink>, node: u8) -> ([u8; 4], bool) {
+    let mut read = |address, kind| session.wire().read(node, address, kind).unwrap();
+    let states = [0, 1, 2, 3].map(|wheel| {
+        let Value::U8(state) = read(rollers::state(wheel), Kind::U8) else {
+            panic!("a state is a byte")
+        };
+        state
+    });
+    let lost = (1..=8).any(|nth| {
+        read(history::limit_code(nth), Kind::U16) == Value::U16(Limit::RollerPhase.code())
+    });
+    (states, lost)
 }
