@@ -8,6 +8,7 @@ use core::fmt;
 /// Why a wheel or a robot cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GeometryError {
     /// The named field is NaN or infinite.
     NotFinite(&'static str),
@@ -63,6 +64,7 @@ impl core::error::Error for GeometryError {}
 /// Why a mount is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MountError {
     /// The named field is NaN or infinite.
     NotFinite(&'static str),
@@ -81,6 +83,7 @@ impl core::error::Error for MountError {}
 /// Why a velocity compensation is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CompensationError {
     /// The named coefficient is NaN or infinite.
     NotFinite(&'static str),
@@ -130,6 +133,7 @@ impl core::error::Error for CompensationError {}
 /// Why a matrix cannot be kept in another scalar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RangeError {
     /// The matrix to the wheels has entries too large: wheels too small or levers too long.
     Inverse,
@@ -151,6 +155,7 @@ impl core::error::Error for RangeError {}
 /// Why members do not make a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GroupError {
     /// There are none.
     Empty,

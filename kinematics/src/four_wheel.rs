@@ -109,6 +109,7 @@ impl<S: Real> FourWheelGeometry<S> {
 
 /// Angular velocities of the four wheels, rad/s; positive rolls the base forward.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WheelRates<S = f32> {
     /// Front left, rad/s.
     pub front_left: S,

@@ -19,6 +19,7 @@ use crate::arithmetic::{Real, Scalar};
 /// assert_eq!((ahead * 2.0).omega, 0.2);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Twist<S = f32> {
     /// Velocity along x, forward positive, m/s.
     pub vx: S,
@@ -148,6 +149,7 @@ impl<S: Neg<Output = S>> Neg for Twist<S> {
 /// assert!((in_world.x - 10.0).abs() < 1e-12 && (in_world.y - 1.0).abs() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pose<S = f32> {
     /// Position along x, m.
     pub x: S,

@@ -60,12 +60,12 @@ pub struct Disagreement<S = f32> {
 ///
 /// ```
 /// use mecanum_kinematics::{
-///     Configuration, FourWheelGeometry, Group, Member, Platform, Twist, VelocityCompensation,
+///     Formation, FourWheelGeometry, Group, Member, Platform, Twist, VelocityCompensation,
 /// };
 ///
 /// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
 /// let platform = Platform::new(&robot.wheels()?)?;
-/// let pair = Configuration::<2>::tcc_2(1.2)?;
+/// let pair = Formation::<2>::tcc_2(1.2)?;
 /// let members = pair.mounts.map(|m| Member::new(&platform, &m, &VelocityCompensation::NONE));
 /// let group = Group::new(&members)?;
 /// // The front robot measures 10 mm/s more than the rear one.
@@ -193,15 +193,15 @@ pub fn group_scale<S: Real>(scales: impl IntoIterator<Item = S>) -> S {
 /// they are arguments here.
 ///
 /// ```
-/// use mecanum_kinematics::Configuration;
+/// use mecanum_kinematics::Formation;
 ///
-/// let train = Configuration::<3>::tcc_3(1.2)?;
+/// let train = Formation::<3>::tcc_3(1.2)?;
 /// assert_eq!(train.name, "TCC-3");
 /// assert_eq!(train.mounts.map(|mount| mount.pose().x), [1.2, 0.0, -1.2]);
 /// # Ok::<(), mecanum_kinematics::MountError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Configuration<const M: usize, S = f32> {
+pub struct Formation<const M: usize, S = f32> {
     /// The paper's abbreviation, or "custom".
     pub name: &'static str,
     /// Whether the members are joined rigidly, or hold their places by driving alike.
@@ -210,7 +210,7 @@ pub struct Configuration<const M: usize, S = f32> {
     pub mounts: [Mount<S>; M],
 }
 
-impl<const M: usize, S: Real> Configuration<M, S> {
+impl<const M: usize, S: Real> Formation<M, S> {
     /// Members one behind the other, the first ahead, `spacing` m from origin to origin, all heading along x.
     ///
     /// # Errors
@@ -278,7 +278,7 @@ impl<const M: usize, S: Real> Configuration<M, S> {
     }
 }
 
-impl<S: Real> Configuration<2, S> {
+impl<S: Real> Formation<2, S> {
     /// Side by side, connected, two robots.
     ///
     /// # Errors
@@ -347,7 +347,7 @@ impl<S: Real> Configuration<2, S> {
     }
 }
 
-impl<S: Real> Configuration<3, S> {
+impl<S: Real> Formation<3, S> {
     /// Tandem, connected, three robots.
     ///
     /// # Errors

@@ -14,13 +14,14 @@
 //! | drive the usual robot, alone or in a group | [`FourWheelGeometry`], [`Mount`], [`MemberKinematics`] |
 //! | drive any other | [`Wheel`], [`Platform`], [`WheelKinematics`] |
 //! | keep wheels within their limits | [`desaturate`], [`group_scale`] |
-//! | arrange several robots and see what the whole does | [`Configuration`], [`Group`] |
+//! | arrange several robots and see what the whole does | [`Formation`], [`Group`] |
 //! | take out slip | [`VelocityCompensation`], [`SpeedCompensation`], [`DirectionalCompensation`], [`estimate`] |
 //! | notice slip | [`MemberKinematics::slip_residual`], [`Platform::suspect`], [`TwistUncertainty`] |
 //! | know where the robot is | [`Odometry`], [`UncertainOdometry`] |
 //! | have something to follow | [`trajectory`] |
 //! | model the rollers | [`Rollers`], [`Wheel::swept`], [`roller_angle_correction`] |
 //! | take out what the rollers do, by the wheels' angles | [`RollerTrack`], [`Secant`], [`PhaseMember`], [`PhasePlatform`] |
+//! | write code for any of these models | [`Kinematics`] |
 //! | do without a floating-point unit | [`FixedMember`], [`MemberKinematics::convert`] |
 //!
 //! # Frames, units, signs
@@ -63,6 +64,7 @@ mod folded;
 mod four_wheel;
 mod frame;
 mod group;
+mod kinematics;
 mod member;
 mod mount;
 mod odometry;
@@ -86,7 +88,8 @@ pub use fixed_member::FixedMember;
 pub use folded::WheelKinematics;
 pub use four_wheel::{FourWheelGeometry, WheelRates, desaturate};
 pub use frame::{Pose, Twist};
-pub use group::{Configuration, Disagreement, Group, Member, group_scale};
+pub use group::{Disagreement, Formation, Group, Member, group_scale};
+pub use kinematics::{AtPhase, Kinematics};
 pub use member::MemberKinematics;
 pub use mount::Mount;
 pub use odometry::{Odometry, UncertainOdometry};

@@ -2,7 +2,7 @@
 //! eight rollers as the paper measured it.
 
 use mecanum_kinematics::{
-    Configuration, FourWheelGeometry, GeometryError, Group, Member, Mount, Platform, Pose, Rollers,
+    Formation, FourWheelGeometry, GeometryError, Group, Member, Mount, Platform, Pose, Rollers,
     Suspect, Twist, VelocityCompensation, Wheel, WheelKinematics, desaturate, group_scale,
 };
 use std::f64::consts::{FRAC_PI_6, PI};
@@ -85,7 +85,7 @@ fn group_forward_is_least_squares_over_all_wheels() {
 #[test]
 fn strain_is_how_fast_members_part() {
     let none = c(1.0, 1.0, 1.0);
-    let Configuration { mounts, .. } = Configuration::<2, f64>::tcc_2(2.0).unwrap();
+    let Formation { mounts, .. } = Formation::<2, f64>::tcc_2(2.0).unwrap();
     let platform = four(45.0);
     let group = Group::new(&mounts.map(|m| Member::new(&platform, &m, &none))).unwrap();
     // The front robot measures 0.50, the rear one 0.48 m/s: 20 mm/s apart, 10 each against the mean.
@@ -103,7 +103,7 @@ fn strain_is_how_fast_members_part() {
 #[test]
 fn the_slowest_wheel_of_the_group_slows_all_alike() {
     let none = c(1.0, 1.0, 1.0);
-    let Configuration { mounts, .. } = Configuration::<3, f64>::tcc_3(1.2).unwrap();
+    let Formation { mounts, .. } = Formation::<3, f64>::tcc_3(1.2).unwrap();
     let members = mounts.map(|m| WheelKinematics::new(&four(45.0), &m, &none));
     let twist = Twist::new(0.5, 0.0, 1.0);
     let limits = [20.0, 20.0, 6.0];
@@ -128,12 +128,12 @@ fn the_slowest_wheel_of_the_group_slows_all_alike() {
 #[test]
 fn the_seven_configurations() {
     let two = [
-        Configuration::scc_2(1.0),
-        Configuration::suc_2(1.0),
-        Configuration::tcc_2(1.0),
-        Configuration::tuc_2(1.0),
-        Configuration::auc_2(1.0),
-        Configuration::acc_2(1.0),
+        Formation::scc_2(1.0),
+        Formation::suc_2(1.0),
+        Formation::tcc_2(1.0),
+        Formation::tuc_2(1.0),
+        Formation::auc_2(1.0),
+        Formation::acc_2(1.0),
     ]
     .map(Result::unwrap);
     let names = two.map(|c| (c.name, c.connected));
@@ -148,7 +148,7 @@ fn the_seven_configurations() {
             ("ACC-2", true)
         ]
     );
-    for Configuration { name, mounts, .. } in two {
+    for Formation { name, mounts, .. } in two {
         let [one, other] = mounts.map(|m: Mount<f64>| m.pose());
         // The origin is in the middle, the members 1 m apart; side by side the first is on the left.
         assert!((one.x + other.x).abs() < 1e-15 && (one.y + other.y).abs() < 1e-15);
@@ -162,9 +162,9 @@ fn the_seven_configurations() {
         };
         assert!((other.heading - one.heading - angle).abs() < 1e-15);
     }
-    let train = Configuration::<3, f64>::tcc_3(1.0).unwrap();
+    let train = Formation::<3, f64>::tcc_3(1.0).unwrap();
     assert_eq!((train.name, train.connected), ("TCC-3", true));
-    assert!(Configuration::<2, f64>::tcc_2(f64::NAN).is_err());
+    assert!(Formation::<2, f64>::tcc_2(f64::NAN).is_err());
 }
 
 #[test]

@@ -37,6 +37,7 @@ use crate::error::GeometryError;
 use crate::fixed_member::FINE;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
+use crate::kinematics::AtPhase;
 use crate::mount::Mount;
 
 /// Fractional bits, as in the table above.
@@ -201,6 +202,16 @@ impl FixedPhaseMember {
             half_track: scaled(half_track, SUM)?,
             minus_square: scaled(-half_track * half_track, 2 * SUM - 32)?,
         })
+    }
+
+    /// This member while its wheels have these secants ([`FixedSecant::FRACTION`] fractional bits), front left to rear
+    /// right, as a [`Kinematics`](crate::Kinematics).
+    #[must_use]
+    pub const fn at(&self, secants: [i32; 4]) -> AtPhase<'_, Self, i32> {
+        AtPhase {
+            member: self,
+            secants,
+        }
     }
 
     /// Wheel rates (rad/s) that make the group move with this twist (group frame; each component within ±64) while

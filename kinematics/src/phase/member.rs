@@ -32,6 +32,7 @@ use crate::arithmetic::Real;
 use crate::compensation::VelocityCompensation;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
 use crate::frame::Twist;
+use crate::kinematics::AtPhase;
 use crate::mount::Mount;
 
 /// Kinematics of one four-wheel robot in its group, compensation and roller phase included.
@@ -142,6 +143,16 @@ impl<S: Real> PhaseMember<S> {
             front: y + w,
             rear: y - w,
             turn: w * self.half_track,
+        }
+    }
+
+    /// This member while its wheels have these secants, front left to rear right, as a
+    /// [`Kinematics`](crate::Kinematics).
+    #[must_use]
+    pub const fn at(&self, secants: [S; 4]) -> AtPhase<'_, Self, S> {
+        AtPhase {
+            member: self,
+            secants,
         }
     }
 

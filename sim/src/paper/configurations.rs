@@ -6,7 +6,7 @@
 
 use chart::{Chart, PALETTE, Series, Stroke};
 use kinematics::trajectory::{Circle, FigureEight, Harmonic, Ramped, Trajectory, Turn};
-use kinematics::{Configuration, MountError, Pose};
+use kinematics::{Formation, MountError, Pose};
 
 use super::drive::{Job, Point, displacement_error, drive_all, extent};
 use super::page::map;
@@ -50,7 +50,7 @@ const TURNS: f64 = 5.0;
 impl Kind {
     /// Name, places, whether connected.
     fn group(self) -> Result<(&'static str, Vec<Pose>, bool), MountError> {
-        fn of<const M: usize>(c: &Configuration<M>) -> (&'static str, Vec<Pose>, bool) {
+        fn of<const M: usize>(c: &Formation<M>) -> (&'static str, Vec<Pose>, bool) {
             (
                 c.name,
                 c.mounts.iter().map(|m| m.pose()).collect(),
@@ -58,13 +58,13 @@ impl Kind {
             )
         }
         Ok(match self {
-            Self::Scc2 => of(&Configuration::<2>::scc_2(SPACING)?),
-            Self::Suc2 => of(&Configuration::<2>::suc_2(SPACING)?),
-            Self::Tcc2 => of(&Configuration::<2>::tcc_2(SPACING)?),
-            Self::Tuc2 => of(&Configuration::<2>::tuc_2(SPACING)?),
-            Self::Tcc3 => of(&Configuration::<3>::tcc_3(SPACING)?),
-            Self::Auc2 => of(&Configuration::<2>::auc_2(SPACING)?),
-            Self::Acc2 => of(&Configuration::<2>::acc_2(SPACING)?),
+            Self::Scc2 => of(&Formation::<2>::scc_2(SPACING)?),
+            Self::Suc2 => of(&Formation::<2>::suc_2(SPACING)?),
+            Self::Tcc2 => of(&Formation::<2>::tcc_2(SPACING)?),
+            Self::Tuc2 => of(&Formation::<2>::tuc_2(SPACING)?),
+            Self::Tcc3 => of(&Formation::<3>::tcc_3(SPACING)?),
+            Self::Auc2 => of(&Formation::<2>::auc_2(SPACING)?),
+            Self::Acc2 => of(&Formation::<2>::acc_2(SPACING)?),
         })
     }
 
