@@ -238,27 +238,34 @@ impl ControlSide {
         let rates = WheelRates::from(rates);
         motion.measure(turned, (previous, inputs), &rates, &mut self.report);
 
-        // Faults of its own, the first one kept. They count only while it drives.
-        if command.mode != Mode::Off && self.report.fault.is_none() {
-            self.report.fault = live
-                .or_else(|| motion.wheel_fault())
-                .or_else(|| late(elapsed, now, command.alive))
-                .or_else(|| {
-                    let minimum = motion.configuration.thresholds.supply_minimum;
-                    let low = self.report.supply.is_some_and(|supply| supply < minimum);
-                    self.supply_low
-                        .update(low, now, LASTING_US)
-                        .then_some(Fault::SupplyLow)
-                })
-                .or_else(|| {
-                    let bound = motion.configuration.thresholds.slip_fault;
-                    // Wheels that turn one by one do not roll on a floor.
-                    let rolls = command.mode != Mode::Identify;
-                    let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
-                    self.slip_fault
-                        .update(slips, now, LASTING_US)
-                        .then_some(Fault::SlipExcess)
-                });
+        // Faults of its own. They count only while it drives. The first is kept; only one that cuts replaces one that
+        // ramps, because a ramp with a shorted bridge or a reversed encoder is no way to rest.
+        if command.mode != Mode::Off {
+            let kept = self.report.fault;
+            let cut = live.or_else(|| motion.wheel_fault(Reaction::Cut));
+            self.report.fault = match kept.map(Fault::reaction) {
+                Some(Reaction::Cut) => kept,
+                Some(Reaction::Ramp) => cut.or(kept),
+                None => cut
+                    .or_else(|| motion.wheel_fault(Reaction::Ramp))
+                    .or_else(|| late(elapsed, now, command.alive))
+                    .or_else(|| {
+                        let minimum = motion.configuration.thresholds.supply_minimum;
+                        let low = self.report.supply.is_some_and(|supply| supply < minimum);
+                        self.supply_low
+                            .update(low, now, LASTING_US)
+                            .then_some(Fault::SupplyLow)
+                    })
+                    .or_else(|| {
+                        let bound = motion.configuration.thresholds.slip_fault;
+                        // Wheels that turn one by one do not roll on a floor.
+                        let rolls = command.mode != Mode::Identify;
+                        let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
+                        self.slip_fault
+                            .update(slips, now, LASTING_US)
+                            .then_some(Fault::SlipExcess)
+                    }),
+            };
         }
 
         // What is granted of the wish.
@@ -483,8 +490,10 @@ impl Motion {
         report.rates = *rates;
     }
 
-    fn wheel_fault(&self) -> Option<Fault> {
-        self.wheels.iter().find_map(|wheel| wheel.watch.fault())
+    /// What a wheel's watch is sure of, of the faults with this reaction.
+    fn wheel_fault(&self, reaction: Reaction) -> Option<Fault> {
+        let mut found = self.wheels.iter().filter_map(|wheel| wheel.watch.fault());
+        found.find(|fault| fault.reaction() == reaction)
     }
 
     #[inline]

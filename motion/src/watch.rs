@@ -131,6 +131,9 @@ impl Watch {
             } else {
                 Fault::WheelBlocked
             };
-        self.fault.get_or_insert(found);
+        // What cuts replaces what ramps.
+        if self.fault.is_none() || found == Fault::EncoderInverted {
+            self.fault = Some(found);
+        }
     }
 }

@@ -16,10 +16,10 @@ use crate::state::State;
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 
 /// Cause, the fault robot 2 must show, and the promise in ms.
-type Case = (fn(&mut World), Fault, u32);
+pub(super) type Case = (fn(&mut World), Fault, u32);
 
 /// What keeps happening while the cause lasts, called once a millisecond.
-fn keep(world: &mut World, fault: Fault) {
+pub(super) fn keep(world: &mut World, fault: Fault) {
     if fault == Fault::TwoMasters && world.now % 10_000 == 5_000 {
         let frame = protocol::GroupTwist {
             twist: FORWARD,
@@ -30,7 +30,7 @@ fn keep(world: &mut World, fault: Fault) {
     }
 }
 
-const CASES: &[Case] = &[
+pub(super) const CASES: &[Case] = &[
     (|world| world.heartbeat = false, Fault::MasterSilent, 501),
     (|world| world.sync = false, Fault::SyncLost, 51),
     (|world| world.twist = None, Fault::SetpointOverdue, 101),
@@ -126,7 +126,7 @@ const CASES: &[Case] = &[
 ];
 
 /// A group of three that drives, 1 ms after a SYNC.
-fn driving() -> World {
+pub(super) fn driving() -> World {
     let mut world = World::new(&[2, 3, 4]);
     world.configure();
     world
