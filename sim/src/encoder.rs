@@ -1,14 +1,20 @@
 //! A wheel's quadrature encoder: whole counts, and what can be wrong with them.
 //!
-//! The encoder follows the motor's side of the gear. Noise is spread evenly over time: with a share `p` of
-//! counts lost, of `n` counts `n p` are, rounded up or down at random so that the mean is right. All of
+//! The encoder follows the motor's side of the gear. The noise of a group file is spread evenly over time: with a
+//! share `p` of counts lost, of `n` counts `n p` are, rounded up or down at random so that the mean is right. All of
 //! it comes from the seed it is built with.
+//!
+//! Counts are told in one piece as long as that says everything. With noise on the wires, slow edges or a
+//! floating channel, the encoder tells the edges of its two wires instead, each at its own time: [`wires`].
+
+pub mod wires;
 
 use std::f64::consts::TAU;
 
 use group::{Encoder as Parameters, EncoderFaultKind, EncoderNoise};
 
 use crate::random::Random;
+use wires::{Edge, Source, Wires};
 
 /// What an encoder tells of its wheel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,6 +28,21 @@ pub enum EncoderState {
     OneChannel,
     /// The opposite: its two channels are swapped.
     Reversed,
+    /// Counts by chance: channel B is open and follows A's edges or does not.
+    Floats,
+}
+
+impl EncoderState {
+    /// What drives its two wires.
+    fn sources(self) -> [Source; 2] {
+        match self {
+            Self::Works => [Source::Channel(0), Source::Channel(1)],
+            Self::Dead => [Source::Nothing; 2],
+            Self::OneChannel => [Source::Channel(0), Source::Nothing],
+            Self::Reversed => [Source::Channel(1), Source::Channel(0)],
+            Self::Floats => [Source::Channel(0), Source::Neighbour],
+        }
+    }
 }
 
 impl From<EncoderFaultKind> for EncoderState {
@@ -39,10 +60,12 @@ impl From<EncoderFaultKind> for EncoderState {
 pub struct WheelEncoder {
     counts_per_rad: f64,
     counts: i64,
+    /// Where it stands, in counts.
+    position: f64,
     noise: EncoderNoise,
     random: Random,
-    /// What is wrong with it.
-    pub state: EncoderState,
+    state: EncoderState,
+    wires: Wires,
 }
 
 impl WheelEncoder {
@@ -53,26 +76,59 @@ impl WheelEncoder {
             counts_per_rad: f64::from(parameters.counts_per_revolution * parameters.gear_ratio)
                 / TAU,
             counts: 0,
+            position: 0.0,
             noise,
             random: Random::new(seed),
             state: EncoderState::Works,
+            // A stream of its own.
+            wires: Wires::new(Random::new(seed ^ 0x5741_5245_5357_4952)),
         }
     }
 
-    /// Follows the wheel to an angle (rad, unwrapped) in `dt` (s); returns the counts that it tells.
-    pub fn follow(&mut self, angle: f64, dt: f64) -> i32 {
+    /// Breaks or mends it.
+    pub fn set_state(&mut self, state: EncoderState) {
+        self.state = state;
+        self.wires.connect(state.sources());
+    }
+
+    /// Lets noise strike its wires so many times a second; 0 ends it.
+    pub fn set_noise(&mut self, hz: f64) {
+        self.wires.set_noise(hz);
+    }
+
+    /// Makes the rising edges of its wires slow: R times C, s; 0 ends it.
+    pub fn set_slow_edges(&mut self, rc: f64) {
+        self.wires.set_slow_edges(rc);
+    }
+
+    /// Follows the wheel to an angle (rad, unwrapped) from one time to another, ns; returns the counts that it
+    /// tells in one piece and notes the edges that it tells one by one.
+    pub fn follow(
+        &mut self,
+        angle: f64,
+        (from_ns, to_ns): (u64, u64),
+        edges: &mut Vec<Edge>,
+    ) -> i32 {
+        let from = std::mem::replace(&mut self.position, angle * self.counts_per_rad);
         let before = self.counts;
-        self.counts = floor(angle * self.counts_per_rad);
+        self.counts = floor(self.position);
         let passed = (self.counts - before) as i32;
         let told = match self.state {
+            _ if !self.wires.are_clean() => {
+                let to = self.position;
+                self.wires.follow((from_ns, to_ns), (from, to), edges);
+                0
+            }
             EncoderState::Works => passed,
-            EncoderState::Dead => 0,
+            // A floating one is never clean.
+            EncoderState::Dead | EncoderState::Floats => 0,
             EncoderState::OneChannel => channel(self.counts) - channel(before),
             EncoderState::Reversed => -passed,
         };
         if self.noise == EncoderNoise::default() {
             return told;
         }
+        let dt = (to_ns - from_ns) as f64 * 1e-9;
         let lost = self.rounded(f64::from(told.abs()) * self.noise.lost);
         let extra = self.rounded(self.noise.extra_per_s * dt);
         let up = (0..extra).filter(|_| self.random.unit() < 0.5).count() as i32;
@@ -118,22 +174,30 @@ mod tests {
         WheelEncoder::new(&EIGHT, noise, 1)
     }
 
+    /// Follows in a millisecond, by counts alone.
+    fn follow(encoder: &mut WheelEncoder, angle: f64) -> i32 {
+        let mut edges = Vec::new();
+        let told = encoder.follow(angle, (0, 1_000_000), &mut edges);
+        assert_eq!(edges, []);
+        told
+    }
+
     #[test]
     fn counts_are_whole_and_even_about_zero() {
         let mut encoder = encoder(EncoderNoise::default());
-        assert_eq!(encoder.follow(0.9 * EIGHTH, 1.0), 0);
-        assert_eq!(encoder.follow(-0.1 * EIGHTH, 1.0), -1);
-        assert_eq!(encoder.follow(2.5 * EIGHTH, 1.0), 3);
-        assert_eq!(encoder.follow(-1.5 * EIGHTH, 1.0), -4);
+        assert_eq!(follow(&mut encoder, 0.9 * EIGHTH), 0);
+        assert_eq!(follow(&mut encoder, -0.1 * EIGHTH), -1);
+        assert_eq!(follow(&mut encoder, 2.5 * EIGHTH), 3);
+        assert_eq!(follow(&mut encoder, -1.5 * EIGHTH), -4);
         assert_eq!(encoder.counts(), -2);
     }
 
     #[test]
     fn one_channel_goes_nowhere() {
         let mut encoder = encoder(EncoderNoise::default());
-        encoder.state = EncoderState::OneChannel;
+        encoder.set_state(EncoderState::OneChannel);
         let told: Vec<i32> = (1..=8)
-            .map(|n| encoder.follow((f64::from(n) + 0.5) * EIGHTH, 1.0))
+            .map(|n| follow(&mut encoder, (f64::from(n) + 0.5) * EIGHTH))
             .collect();
         assert_eq!(told, [0, 1, 0, -1, 0, 1, 0, -1]);
     }
@@ -147,7 +211,7 @@ mod tests {
             extra_per_s: 0.0,
         };
         let mut encoder = encoder(noise);
-        let told = (1..=10_000).map(|n| encoder.follow(TAU * f64::from(n) + 0.1, 1e-3));
+        let told = (1..=10_000).map(|n| follow(&mut encoder, TAU * f64::from(n) + 0.1));
         let told: i32 = told.sum();
         assert!((told - 72_000).abs() < 200, "{told}");
     }
@@ -161,7 +225,7 @@ mod tests {
             extra_per_s: 100.0,
         };
         let mut encoder = encoder(noise);
-        let told: Vec<i32> = (0..100_000).map(|_| encoder.follow(0.0, 1e-3)).collect();
+        let told: Vec<i32> = (0..100_000).map(|_| follow(&mut encoder, 0.0)).collect();
         let number: i32 = told.iter().map(|n| n.abs()).sum();
         assert!((number - 10_000).abs() < 400, "{number}");
         let sum: i32 = told.iter().sum();

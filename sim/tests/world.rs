@@ -346,3 +346,22 @@ fn noise_comes_from_the_seed() {
     let four = counts(5);
     assert!(four.iter().any(|n| *n != four[0]), "{four:?}");
 }
+
+/// The same wheel, driven for a second, as a robot counts it whose encoder has noise on its wires. Pulses on
+/// driven wires leave the count where it is but for four a pulse that lies across an edge: of 1000 a second, 60 ns
+/// long, with some 10 000 edges a second that is one or two. Strikes on open wires are a count each: 1000 within
+/// 4 sqrt(1000), so their sum lies within 4 sqrt(1000) of nothing.
+#[test]
+fn noise_on_the_wires_of_an_encoder_counts_only_where_they_are_open() {
+    let (mut world, strings) = world("single");
+    strings[0].lock().unwrap().duty = 0.3;
+    for wheel in [0, 1] {
+        world.set_encoder_noise(0, wheel, 1_000.0);
+    }
+    world.set_encoder(0, 1, omnibus_sim::EncoderState::Dead);
+    world.run_until(Micros(1_000_000)).unwrap();
+    let [noisy, open, whole, _] = strings[0].lock().unwrap().counts;
+    assert!(whole > 5_000, "{whole}");
+    assert!((noisy - whole).abs() <= 40, "{noisy} {whole}");
+    assert!(open != 0 && open.abs() < 130, "{open}");
+}

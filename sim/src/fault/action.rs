@@ -42,6 +42,10 @@ pub enum RobotAction {
     Crash,
     /// What a wheel's encoder tells.
     Encoder(usize, EncoderState),
+    /// Noise strikes the wires of a wheel's encoder, times a second.
+    EncoderNoise(usize, f64),
+    /// The rising edges of a wheel's encoder are slow: R times C, s.
+    EncoderSlowEdges(usize, f64),
     /// Something drags at a wheel, N·m.
     WheelDrag(usize, f64),
     /// Frames with this identifier do not reach the robot.
@@ -116,6 +120,8 @@ impl RobotAction {
             Self::Halt(halted) => _ = world.halt(robot, halted),
             Self::Crash => _ = world.crash(robot, crate::Crash::Nowhere),
             Self::Encoder(wheel, state) => world.set_encoder(robot, wheel, state),
+            Self::EncoderNoise(wheel, hz) => world.set_encoder_noise(robot, wheel, hz),
+            Self::EncoderSlowEdges(wheel, rc) => world.set_encoder_slow_edges(robot, wheel, rc),
             Self::WheelDrag(wheel, torque) => world.set_wheel_drag(robot, wheel, torque),
             Self::Misses(id) => world.set_misses(robot, id),
             Self::BadReceiver(share) => world.set_bad_receiver(robot, share),
@@ -134,6 +140,8 @@ impl RobotAction {
             Self::BusCut(cut) => Self::BusCut(!cut),
             Self::Halt(halted) => Self::Halt(!halted),
             Self::Encoder(wheel, _) => Self::Encoder(wheel, EncoderState::Works),
+            Self::EncoderNoise(wheel, _) => Self::EncoderNoise(wheel, 0.0),
+            Self::EncoderSlowEdges(wheel, _) => Self::EncoderSlowEdges(wheel, 0.0),
             Self::WheelDrag(wheel, _) => Self::WheelDrag(wheel, 0.0),
             Self::Misses(_) => Self::Misses(None),
             Self::BadReceiver(_) => Self::BadReceiver(Share::NONE),
@@ -229,6 +237,13 @@ impl fmt::Display for RobotAction {
             }
             Self::Encoder(n, EncoderState::Reversed) => {
                 write!(f, "encoder-reversed:wheel={}", wheel(n))
+            }
+            Self::Encoder(n, EncoderState::Floats) => {
+                write!(f, "encoder-floats:wheel={}", wheel(n))
+            }
+            Self::EncoderNoise(n, hz) => write!(f, "encoder-noise={hz}:wheel={}", wheel(n)),
+            Self::EncoderSlowEdges(n, rc) => {
+                write!(f, "encoder-slow-edges={}:wheel={}", rc * 1e6, wheel(n))
             }
             Self::WheelDrag(n, torque) => write!(f, "wheel-drag={torque}:wheel={}", wheel(n)),
             Self::Misses(Some(id)) => write!(f, "misses=0x{id:03X}"),

@@ -58,7 +58,19 @@ pub const ACTIONS: &[(&str, &str)] = &[
         "with `wheel`: one channel dead, one count up and one down",
     ),
     ("encoder-reversed", "with `wheel`: counts backwards"),
+    (
+        "encoder-floats",
+        "with `wheel`: channel B open, it follows A's edges by chance",
+    ),
     ("encoder-works", "with `wheel`"),
+    (
+        "encoder-noise=HZ",
+        "with `wheel`: strikes a second on its wires, pulses of 60 ns; on an open wire an edge each; `=off` ends it",
+    ),
+    (
+        "encoder-slow-edges=US",
+        "with `wheel`: open collector, R times C in us; at most 1 / (RC ln 2) counts a second; `=off` ends it",
+    ),
     (
         "wheel-drag=NM",
         "with `wheel`: something drags with this torque; `=off` frees it",
@@ -301,11 +313,18 @@ fn robot_action(
         "halt" => RobotAction::Halt(switch()?),
         "misses" if value == Some("off") => RobotAction::Misses(None),
         "misses" => RobotAction::Misses(Some(identifier(name, value)?)),
-        "wheel-drag" if value == Some("off") => RobotAction::WheelDrag(parts.wheel()?, 0.0),
-        "wheel-drag" => {
-            let torque = number(name, value, "a torque in N·m")?;
-            RobotAction::WheelDrag(parts.wheel()?, torque)
-        }
+        "encoder-noise" => RobotAction::EncoderNoise(
+            parts.wheel()?,
+            number_or_off(name, value, "strikes a second")?,
+        ),
+        "encoder-slow-edges" => RobotAction::EncoderSlowEdges(
+            parts.wheel()?,
+            number_or_off(name, value, "R times C in us")? * 1e-6,
+        ),
+        "wheel-drag" => RobotAction::WheelDrag(
+            parts.wheel()?,
+            number_or_off(name, value, "a torque in N·m")?,
+        ),
         _ if value.is_some() && ACTIONS.iter().any(|(known, _)| *known == name) => {
             return refuse(name, "takes no value", format!("write {name}"));
         }
@@ -318,6 +337,7 @@ fn robot_action(
         "encoder-dead" => RobotAction::Encoder(parts.wheel()?, EncoderState::Dead),
         "encoder-one-channel" => RobotAction::Encoder(parts.wheel()?, EncoderState::OneChannel),
         "encoder-reversed" => RobotAction::Encoder(parts.wheel()?, EncoderState::Reversed),
+        "encoder-floats" => RobotAction::Encoder(parts.wheel()?, EncoderState::Floats),
         "encoder-works" => RobotAction::Encoder(parts.wheel()?, EncoderState::Works),
         _ => return refuse(name, "is no action", known_actions()),
     })
@@ -359,6 +379,13 @@ fn number(name: &str, value: Option<&str>, what: &str) -> Checked<f64> {
         Some(_) => refuse(name, format!("{} is none", value.unwrap_or("")), remedy),
         None => refuse(name, "has no value", remedy),
     }
+}
+
+fn number_or_off(name: &str, value: Option<&str>, what: &str) -> Checked<f64> {
+    if value == Some("off") {
+        return Ok(0.0);
+    }
+    number(name, value, what)
 }
 
 fn identifier(name: &str, value: Option<&str>) -> Checked<u16> {

@@ -17,7 +17,8 @@
 //! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a moment at each pulse.
 //!
 //! A sleeping board is not run: it is brought to the present when something reaches it or its own next
-//! event is due. Encoder edges are handed over when it next computes, in one piece.
+//! event is due. Encoder counts are handed over when it next computes, in one piece; the edges of an encoder whose
+//! wires are disturbed reach the pins one by one, each at its time.
 
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
@@ -25,12 +26,20 @@ use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, 
 use super::{Crash, LogLine, Robot, Wake, code};
 use crate::bus::bits::frame_bits;
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
+use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Drive;
 
 /// The PWM timer, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;
 const ENCODER_TIMERS: [usize; 4] = [2, 3, 4, 5];
+/// The encoders' wires A and B.
+const ENCODER_PINS: [[(Port, u8); 2]; 4] = [
+    [(Port::A, 15), (Port::B, 3)],
+    [(Port::C, 6), (Port::C, 7)],
+    [(Port::B, 6), (Port::B, 7)],
+    [(Port::A, 0), (Port::A, 1)],
+];
 /// The encoders' indexes.
 const INDEX_PINS: [(Port, u8); 4] = [(Port::B, 10), (Port::A, 12), (Port::B, 14), (Port::B, 15)];
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few hundred instructions.
@@ -73,6 +82,10 @@ pub struct EmulatedRobot {
     computed_ns: u64,
     instructions: u64,
     pending_counts: [i32; 4],
+    /// Edges that the board has not seen yet, with their wheels, in the order of time.
+    pending_edges: Vec<(usize, Edge)>,
+    /// Levels of the encoders' wires.
+    encoder_levels: [[bool; 2]; 4],
     /// Counts since an index pulse that the board has not seen yet.
     pending_index: [Option<i32>; 4],
     /// Whether the index pins are high.
@@ -116,6 +129,8 @@ impl EmulatedRobot {
             computed_ns: 0,
             instructions: 0,
             pending_counts: [0; 4],
+            pending_edges: Vec::new(),
+            encoder_levels: [[false; 2]; 4],
             pending_index: [None; 4],
             index_high: [false; 4],
             pending: None,
@@ -142,6 +157,11 @@ impl EmulatedRobot {
             .set_analog(SUPPLY_INPUT, self.supply / SUPPLY_DIVIDER);
         self.board
             .set_input(Port::B, DRIVER_FAULT, !self.driver_fault);
+        for (pins, levels) in ENCODER_PINS.into_iter().zip(self.encoder_levels) {
+            for ((port, pin), level) in pins.into_iter().zip(levels) {
+                self.board.set_input(port, pin, level);
+            }
+        }
     }
 
     /// World time that the board has reached, ns.
@@ -180,6 +200,7 @@ impl EmulatedRobot {
                 *counts = 0;
             }
         }
+        self.turn_by_edges(time_ns)?;
         self.advance(time_ns)?;
         let instructions = self.board.instructions();
         if std::mem::replace(&mut self.instructions, instructions) != instructions {
@@ -206,6 +227,21 @@ impl EmulatedRobot {
         }
         let now_ns = self.born_ns + self.board.now_ns();
         self.advance((now_ns + INDEX_NS).min(time_ns))
+    }
+
+    /// Lets the edges up to a time reach the pins, each at its own.
+    fn turn_by_edges(&mut self, time_ns: u64) -> Result<(), SimError> {
+        let due = self
+            .pending_edges
+            .partition_point(|(_, edge)| edge.at_ns <= time_ns);
+        let mut edges = std::mem::take(&mut self.pending_edges);
+        for (wheel, edge) in edges.drain(..due) {
+            self.advance(edge.at_ns.max(self.board_now_ns()))?;
+            let (port, pin) = ENCODER_PINS[wheel][edge.channel];
+            self.board.set_input(port, pin, edge.level);
+        }
+        self.pending_edges = edges;
+        Ok(())
     }
 
     /// Runs the board to a time.
@@ -382,6 +418,24 @@ impl Robot for EmulatedRobot {
         }
     }
 
+    fn encoder_edges(&mut self, wheel: usize, edges: &[Edge]) -> bool {
+        for edge in edges {
+            self.encoder_levels[wheel][edge.channel] = edge.level;
+        }
+        if self.powered {
+            let ordered = self.pending_edges.last().is_none_or(|(_, last)| {
+                edges.first().is_none_or(|first| last.at_ns <= first.at_ns)
+            });
+            self.pending_edges
+                .extend(edges.iter().map(|edge| (wheel, *edge)));
+            if !ordered {
+                // Stable: the edges of one wheel stay in their order.
+                self.pending_edges.sort_by_key(|(_, edge)| edge.at_ns);
+            }
+        }
+        true
+    }
+
     fn index(&mut self, wheel: usize, ago: i32) {
         if self.powered {
             self.pending_index[wheel] = Some(ago);
@@ -413,6 +467,7 @@ impl Robot for EmulatedRobot {
         self.powered = on;
         self.pending = None;
         self.pending_counts = [0; 4];
+        self.pending_edges.clear();
         self.pending_index = [None; 4];
         self.index_high = [false; 4];
         self.drives = [Drive::default(); 4];

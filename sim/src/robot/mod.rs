@@ -12,6 +12,7 @@ pub mod native;
 use canopen::Frame;
 
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
+use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Drive;
 
@@ -108,6 +109,13 @@ pub trait Robot: Send {
 
     /// The wheels went on by this many encoder counts.
     fn turn_encoders(&mut self, counts: [i32; 4]);
+
+    /// The wires of a wheel's encoder change their levels at these times, which are in order; `false` when
+    /// it takes counts only.
+    fn encoder_edges(&mut self, wheel: usize, edges: &[Edge]) -> bool {
+        let _ = (wheel, edges);
+        false
+    }
 
     /// The index of a wheel's encoder has pulsed, this many counts before where the encoder stands now.
     fn index(&mut self, wheel: usize, ago: i32) {

@@ -153,7 +153,23 @@ impl World {
     pub fn set_encoder(&mut self, robot: usize, wheel: usize, state: EncoderState) {
         let unit = self.touched(robot);
         if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
-            encoder.state = state;
+            encoder.set_state(state);
+        }
+    }
+
+    /// Lets noise strike the wires of an encoder so many times a second, or ends it with 0.
+    pub fn set_encoder_noise(&mut self, robot: usize, wheel: usize, hz: f64) {
+        let unit = self.touched(robot);
+        if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
+            encoder.set_noise(hz);
+        }
+    }
+
+    /// Gives the wires of an encoder slow rising edges: R times C, s; 0 ends it.
+    pub fn set_encoder_slow_edges(&mut self, robot: usize, wheel: usize, rc: f64) {
+        let unit = self.touched(robot);
+        if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
+            encoder.set_slow_edges(rc);
         }
     }
 

@@ -5,6 +5,7 @@ use group::{EncoderFault, Simulation};
 use kinematics::{Pose, WheelRates};
 
 use crate::battery::Battery;
+use crate::encoder::wires::{Decoder, Edge};
 use crate::encoder::{EncoderState, WheelEncoder};
 use crate::motor::{Drive, Motor};
 use crate::robot::{Robot, Wake};
@@ -31,6 +32,10 @@ pub(super) struct Unit {
     pub sends_own: bool,
     pub motors: [Motor; 4],
     pub encoders: [WheelEncoder; 4],
+    /// Count the edges for a robot that only takes counts.
+    decoders: [Decoder; 4],
+    /// Edges of one wheel in one step.
+    edges: Vec<Edge>,
     pub indexes: Indexes,
     battery: Option<Battery>,
     /// Half of the play between motor and wheel, rad, and the wheels' angles.
@@ -77,6 +82,8 @@ impl Unit {
             encoders: std::array::from_fn(|wheel| {
                 WheelEncoder::new(&data.encoder, simulation.encoder_noise, seed(wheel))
             }),
+            decoders: [Decoder::default(); 4],
+            edges: Vec::new(),
             indexes: Indexes::new(
                 &index::robot_angles(simulation.seed, place),
                 (data.encoder.counts_per_revolution * data.encoder.gear_ratio).into(),
@@ -136,6 +143,7 @@ impl Unit {
             return;
         }
         let dt = (now_ns - self.at_ns) as f64 * 1e-9;
+        let span = (self.at_ns, now_ns);
         self.at_ns = now_ns;
         let step = dt / steps as f64;
         let mut volts = None;
@@ -152,14 +160,19 @@ impl Unit {
             self.robot.set_supply(volts);
         }
         let mut pulses = [None; 4];
-        let counts = std::array::from_fn(|wheel| {
+        let counts: [i32; 4] = std::array::from_fn(|wheel| {
             let angle = self.motors[wheel].angle();
             let play = (angle - self.half_play, angle + self.half_play);
             self.wheels[wheel] = self.wheels[wheel].clamp(play.0, play.1);
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
             pulses[wheel] = self.indexes.follow(wheel, turned, angle);
-            self.encoders[wheel].follow(angle, dt)
+            let told = self.encoders[wheel].follow(angle, span, &mut self.edges);
+            if !self.edges.is_empty() && self.robot.encoder_edges(wheel, &self.edges) {
+                self.edges.clear();
+            }
+            let decoder = &mut self.decoders[wheel];
+            told + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
         });
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
