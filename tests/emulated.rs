@@ -7,10 +7,10 @@ mod common;
 
 use common::{Drive, quick_drive};
 use kinematics::{MemberKinematics, Mount};
-use omnibus::curve::Curve;
-use omnibus::identify;
+use omnibus::commission::motors;
+use omnibus::path::curve::Curve;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use sim::{Backend, Options, World};
 
 /// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
@@ -205,9 +205,9 @@ fn motors_are_identified_over_the_bus() {
     let mut session = Group::connect(&mut link, &group).unwrap();
     session.configure(true).unwrap();
     let period_us = session.period_us();
-    let settings = identify::Settings::default();
+    let settings = motors::Settings::default();
     let wire = session.wire();
-    let motors = identify::identify_motors(wire, 3, period_us, &settings, &mut |_| {}).unwrap();
+    let motors = motors::identify_motors(wire, 3, period_us, &settings, &mut |_| {}).unwrap();
     let motor = &group.robots[1].motor;
     let forward = motor.feedforward();
     for found in &motors {
@@ -225,6 +225,6 @@ fn motors_are_identified_over_the_bus() {
         let friction = found.static_friction - forward.duty_static * motor.supply;
         assert!(friction.abs() < 0.05, "{friction} V");
     }
-    identify::accept(wire, 3, &motors).unwrap();
+    motors::accept(wire, 3, &motors).unwrap();
     session.start().unwrap();
 }

@@ -6,13 +6,13 @@ mod common;
 use common::{LOST, references};
 use group::GroupFile;
 use omnibus::abort::Abort;
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{Drive, simulated};
-use omnibus::rollers::KNOWN;
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
+use omnibus::run::{Drive, simulated};
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
-use omnibus::trial;
+use omnibus::session::roller_index::KNOWN;
+use omnibus::simulation::contact;
+use omnibus::simulation::link::SimLink;
 use sim::{Backend, Options, World};
 
 /// Counts of the shaft's turn, and turns of the shaft in one of the wheel: 1718.4 counts.
@@ -31,7 +31,7 @@ fn geared() -> GroupFile {
         };
     }
     group.simulation.backlash = 0.5_f64.to_radians();
-    trial::with_phases(&trial::on_contact(&group, 8))
+    contact::with_phases(&contact::on_contact(&group, 8))
 }
 
 fn ripple(group: &GroupFile, elf: Option<&std::path::Path>) -> f64 {

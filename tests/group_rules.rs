@@ -9,7 +9,7 @@ use canopen::NmtCommand;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use protocol::address as at;
 use protocol::{Address, Code, Fault, Limit, MemberState, Scale, Value, cob};
 use sim::rig::Rig;

@@ -4,12 +4,12 @@
 mod common;
 
 use common::{LOST, references};
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::rollers::KNOWN;
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
-use omnibus::trial;
+use omnibus::session::roller_index::KNOWN;
+use omnibus::simulation::contact;
+use omnibus::simulation::link::SimLink;
 use sim::index::IndexState;
 use sim::{Backend, Options, World};
 
@@ -20,7 +20,7 @@ const BROKEN: usize = 2;
 /// again with one that does not. A wheel with the mean of its rollers is off by 3.3 % at most at any instant, and by nothing
 /// in the mean; the 0.5 % that rollers lose besides are not compensated for here.
 fn a_broken_index_is_noticed(backend: &Backend) {
-    let group = trial::with_phases(&trial::on_contact(&common::group("single"), 8));
+    let group = contact::with_phases(&contact::on_contact(&common::group("single"), 8));
     let node = group.robots[0].node;
     let plan = Course::of(Curve::Lateral).plan().unwrap();
     for fault in [IndexState::Missing, IndexState::Double, IndexState::Noisy] {

@@ -5,7 +5,7 @@
 mod common;
 
 use common::quick_drive;
-use omnibus::curve::Curve;
+use omnibus::path::curve::Curve;
 use sim::Backend;
 
 /// What a group's path is over what was asked, per axis: the ratio of the distances covered up to the

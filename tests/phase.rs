@@ -9,11 +9,11 @@ use std::path::PathBuf;
 
 use group::GroupFile;
 use omnibus::abort::Abort;
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{Drive, simulated};
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
 use omnibus::report::Run;
-use omnibus::trial;
+use omnibus::run::{Drive, simulated};
+use omnibus::simulation::contact;
 
 /// Mean error per axis, per cent.
 const MEAN: f64 = 0.15;
@@ -29,12 +29,12 @@ const TRACKING: f64 = 1.0 / 3.0;
 fn groups(name: &str, rollers: u8, seed: u64) -> (GroupFile, GroupFile) {
     let mut group = common::group(name);
     group.simulation.seed = seed;
-    let plain = trial::on_contact(&group, rollers);
-    let phase = trial::with_phases(&plain);
+    let plain = contact::on_contact(&group, rollers);
+    let phase = contact::with_phases(&plain);
     let abort = Abort::default();
     (
-        trial::calibrated(&plain, &abort).unwrap(),
-        trial::calibrated(&phase, &abort).unwrap(),
+        contact::calibrated(&plain, &abort).unwrap(),
+        contact::calibrated(&phase, &abort).unwrap(),
     )
 }
 

@@ -4,11 +4,11 @@
 
 use group::GroupFile;
 use kinematics::Twist;
-use omnibus::telemetry::Telemetry;
+use omnibus::monitor::telemetry::Telemetry;
 
 fn main() -> anyhow::Result<()> {
     let config = GroupFile::load("groups/tcc-3.toml")?;
-    let bus = omnibus::bus::open(&"sim:groups/tcc-3.toml".parse()?, &config)?;
+    let bus = omnibus::bus::address::open(&"sim:groups/tcc-3.toml".parse()?, &config)?;
     let mut group = omnibus::Group::connect(bus, &config)?;
     let telemetry = group.telemetry();
     group.start()?;

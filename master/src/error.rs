@@ -5,7 +5,7 @@
 use canopen::{AbortCode, NmtState};
 use protocol::{Fault, MemberState};
 
-use crate::link::LinkError;
+use crate::bus::link::LinkError;
 
 /// An error of the master.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -6,8 +6,8 @@ use std::collections::{HashMap, VecDeque};
 use canopen::{AbortCode, Frame, Micros, NmtState, client};
 use protocol::{Address, Code, Fault, MeasuredTwist, MemberState, MemberStatus, Scale, cob};
 
-use crate::link::{Link, LinkError, Schedule};
-use crate::telemetry::Punctuality;
+use crate::bus::link::{Link, LinkError, Schedule};
+use crate::monitor::telemetry::Punctuality;
 
 /// How long a robot takes to answer, in µs.
 const ANSWER_US: u64 = 300;

@@ -1,44 +1,33 @@
 //! The master PC: drives a group of robots over one CAN bus.
+//!
+//! | room | what is in it |
+//! |---|---|
+//! | [`bus`] | how a bus is named, opened and paced: adapters, the [`bus::link::Link`] they all are, the load |
+//! | [`session`] | [`Group`]: one master and its robots, from finding them to the SYNC that moves them |
+//! | [`monitor`] | what is heard of a group: snapshots, telemetry, rows, and the errors worked out from them |
+//! | [`path`] | what can be driven: curves by name or from a file, and how measured poses correct a drive |
+//! | [`run`] | one whole drive along a path, on any bus |
+//! | [`commission`] | finding, numbering, testing and calibrating robots |
+//! | [`source`] | poses and yaw rates that come from outside as JSON lines |
+//! | [`recording`] | files of everything on a bus, and what is made of them |
+//! | [`report`] | what a drive came to, as table, JSON and HTML |
+//! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
+//! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
-pub mod adapter;
 pub mod bus;
-pub mod bus_load;
-pub mod calibrate;
-pub mod configure;
-pub mod course;
-pub mod curve;
-pub mod drive;
+pub mod commission;
 pub mod error;
-pub mod follow;
-pub mod gyro;
-pub mod hand_over;
-pub mod identify;
-mod json_lines;
-pub mod link;
-pub mod listen;
-pub mod lss;
-pub mod metrics;
-pub mod odometry;
-pub mod path_file;
+pub mod monitor;
+pub mod path;
 pub mod pilot;
-pub mod pose;
-pub mod punctuality;
-pub mod record;
 pub mod recording;
 pub mod report;
-pub mod rollers;
-pub mod sdo;
+pub mod run;
+pub mod serve;
 pub mod session;
-pub mod sim_link;
-pub mod steering;
-pub mod survey;
-pub mod telemetry;
-pub mod together;
-pub mod trial;
-pub mod web;
-pub mod wheel_test;
-pub mod wire;
+pub mod simulation;
+pub mod source;
 
 pub use session::Group;
 

@@ -56,7 +56,7 @@ enum Command {
     /// Turns one wheel after the other and says what is wired wrong.
     WheelTest(cli::wheel_test::Arguments),
     /// Lets one robot find out what its motors need.
-    IdentifyMotors(cli::identify::Arguments),
+    IdentifyMotors(cli::motors::Arguments),
     /// Calculates how full the bus will be.
     BusLoad(cli::bus_load::Arguments),
     /// Listens to a bus and records everything on it.
@@ -91,7 +91,7 @@ fn main() -> ExitCode {
         Command::Lss(command) => cli::lss::run(&command),
         Command::Identify(arguments) => cli::wheel_test::blink(&arguments),
         Command::WheelTest(arguments) => cli::wheel_test::run(&arguments),
-        Command::IdentifyMotors(arguments) => cli::identify::run(&arguments),
+        Command::IdentifyMotors(arguments) => cli::motors::run(&arguments),
         Command::BusLoad(arguments) => cli::bus_load::run(&arguments),
         Command::Record(arguments) => cli::record::run(&arguments),
         Command::Convert(arguments) => cli::convert::run(&arguments),

@@ -6,9 +6,9 @@
 //! the robots ramp by their own limits. That is the dead-man's key: whoever steers must keep saying so.
 //!
 //! An error of the group (a fault, a missing member) ramps the group down, is published as
-//! [`Happening::Failed`](crate::telemetry::Happening::Failed), and leaves the pilot waiting for the next start.
+//! [`Happening::Failed`](crate::monitor::telemetry::Happening::Failed), and leaves the pilot waiting for the next start.
 //! An error of the bus ends it. Orders wait in a queue and are taken once per SYNC period, or every 50 ms while
-//! nothing runs. Give it a bus in real time: see [`SimLink::in_real_time`](crate::sim_link::SimLink::in_real_time).
+//! nothing runs. Give it a bus in real time: see [`SimLink::in_real_time`](crate::simulation::link::SimLink::in_real_time).
 
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
@@ -17,11 +17,11 @@ use group::GroupFile;
 use kinematics::Twist;
 
 use crate::abort::Abort;
-use crate::drive::DriveError;
+use crate::bus::link::Link;
 use crate::error::MasterError;
-use crate::link::Link;
+use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, Phase, Subscription};
+use crate::run::DriveError;
 use crate::session::{Group, check_twist};
-use crate::telemetry::{DEFAULT_CAPACITY, Hub, Interest, Phase, Subscription};
 
 /// How often the bus is looked at while nothing runs, in µs.
 const IDLE_US: u64 = 50_000;
@@ -222,8 +222,8 @@ fn within(twist: Twist, file: &GroupFile) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim_link::SimLink;
-    use crate::telemetry::{Happening, Snapshot, Telemetry};
+    use crate::monitor::telemetry::{Happening, Snapshot, Telemetry};
+    use crate::simulation::link::SimLink;
     use kinematics::Pose;
     use std::sync::Arc;
     use std::time::Duration;
@@ -237,7 +237,7 @@ mod tests {
         let group = file();
         Pilot::launch(
             move || {
-                let world = crate::drive::world(&group, None, Pose::new(0.0, 0.0, 0.0))?;
+                let world = crate::run::world(&group, None, Pose::new(0.0, 0.0, 0.0))?;
                 Ok(SimLink::new(world, "sim"))
             },
             file(),

@@ -4,15 +4,15 @@
 use group::{GroupFile, Plant, Tables};
 use kinematics::Pose;
 use omnibus::abort::Abort;
-use omnibus::calibrate::manoeuvre::Settings;
-use omnibus::calibrate::measure::Witness;
-use omnibus::calibrate::{Calibration, calibrate};
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{Drive, simulated, world};
+use omnibus::commission::calibrate::manoeuvre::Settings;
+use omnibus::commission::calibrate::measure::Witness;
+use omnibus::commission::calibrate::{Calibration, calibrate};
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
+use omnibus::run::{Drive, simulated, world};
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
-use omnibus::trial;
+use omnibus::simulation::contact;
+use omnibus::simulation::link::SimLink;
 
 /// Per cent: what there is to mend at least without calibration, and the bound of every axis with it.
 #[derive(Clone, Copy)]
@@ -118,7 +118,7 @@ fn a_calibration_on_the_measured_floor_holds_on_the_curves() {
 /// Rollers of random phase, as mounted.
 #[test]
 fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
-    holds(&trial::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
+    holds(&contact::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
 }
 
 /// The hand-over of the contact plant's eight rollers costs 0.00127 s/m: the momentum of `sim/tests/contact_rollers.rs`,
@@ -126,7 +126,7 @@ fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
 /// 0.0005 s/m.
 #[test]
 fn a_calibration_with_known_rollers_tells_their_hand_over_apart() {
-    let file = trial::with_phases(&trial::on_contact(&group("single"), 8));
+    let file = contact::with_phases(&contact::on_contact(&group("single"), 8));
     let found = holds(&file, &[0.1, 0.2, 0.3], ROLLING);
     println!(
         "{} s/m, {:?}",

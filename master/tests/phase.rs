@@ -15,15 +15,15 @@ use common::omnibus;
 use group::{GroupFile, Rollers};
 use kinematics::{Pose, Twist, VelocityCompensation};
 use omnibus::abort::Abort;
-use omnibus::calibrate::drive::{self, Source};
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{Drive, simulated};
-use omnibus::gyro::GyroStream;
-use omnibus::link::Link as _;
+use omnibus::bus::link::Link as _;
+use omnibus::commission::calibrate::drive::{self, Source};
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
+use omnibus::run::{Drive, simulated};
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
-use omnibus::trial;
+use omnibus::simulation::contact;
+use omnibus::simulation::link::SimLink;
+use omnibus::source::gyro::GyroStream;
 
 /// Density of the gyros' noise, rad/s in 1 Hz.
 const NOISE: f64 = 0.005 * TAU / 360.0;
@@ -116,7 +116,7 @@ impl Robot {
             compensation: VelocityCompensation::NONE,
         });
         let abort = Abort::default();
-        let group = trial::calibrated(&group, &abort).unwrap();
+        let group = contact::calibrated(&group, &abort).unwrap();
         let drive = |curve| {
             let drive = Drive {
                 group: &group,
@@ -243,7 +243,7 @@ fn a_robot_whose_gyro_is_lost_is_stopped() {
         index_tolerance: None,
         compensation: VelocityCompensation::NONE,
     });
-    let world = omnibus::drive::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let world = omnibus::run::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
     group.find_rollers().unwrap();
     let gyro = GyroStream::connect(&address).unwrap();

@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex};
 use canopen::{Frame, Micros};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
-use omnibus::link::Link as _;
+use omnibus::bus::link::Link as _;
 use omnibus::recording::{self, FrameSink, Header, Recorder, Tap, candump};
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 
 type Heard = Arc<Mutex<Vec<(Micros, Frame, bool)>>>;
 
@@ -44,7 +44,7 @@ fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
         let heard = Arc::clone(&heard);
         Arc::new(move |at, frame, sent| heard.lock().unwrap().push((at, *frame, sent)))
     };
-    let world = omnibus::drive::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let world = omnibus::run::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut group = Group::observe(Tap::new(SimLink::new(world, "sim"), [witness]), &group_file);
     group.wire().tap(recorder.sink());
     group.claim().unwrap();

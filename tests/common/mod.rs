@@ -3,9 +3,9 @@
 #![allow(dead_code, reason = "every test uses a part")]
 
 use group::GroupFile;
-use omnibus::curve::Curve;
+use omnibus::path::curve::Curve;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use protocol::address::{history, rollers};
 use protocol::{Kind, Limit, Value};
 use sim::{Backend, Options, TruthSample, World};

@@ -11,12 +11,12 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use omnibus::abort::Abort;
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{self, Drive, DriveError};
 use omnibus::error::MasterError;
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
 use omnibus::report::{self, BackendName, Run, Scalar};
-use omnibus::trial;
+use omnibus::run::{self, Drive, DriveError};
+use omnibus::simulation::contact;
 
 use crate::{cargo, firmware};
 
@@ -84,12 +84,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         Some(PlantName::Contact) => {
             println!("calibrating native robots on the contact plant");
-            let plain = trial::on_contact(&group, ROLLERS);
-            let phase = trial::with_phases(&plain);
+            let plain = contact::on_contact(&group, ROLLERS);
+            let phase = contact::with_phases(&plain);
             let none = Abort::default();
             vec![
-                (trial::calibrated(&plain, &none)?, false),
-                (trial::calibrated(&phase, &none)?, true),
+                (contact::calibrated(&plain, &none)?, false),
+                (contact::calibrated(&phase, &none)?, true),
             ]
         }
     };
@@ -129,7 +129,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             abort: abort.clone(),
             record: None,
         };
-        let run = drive::simulated(&drive, &mut |done, phase| {
+        let run = run::simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);
             progress.set_message(phase);
         });
@@ -149,7 +149,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         runs.extend(finished([off, on])?);
     }
 
-    let mut report = drive::report(&group, arguments.trajectory.name(), arguments.backend, runs);
+    let mut report = run::report(&group, arguments.trajectory.name(), arguments.backend, runs);
     report.scalar = Some(arguments.scalar);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;

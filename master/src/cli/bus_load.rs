@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use comfy_table::{Table, presets};
-use omnibus::bus_load::{BUSY, total, traffic};
+use omnibus::bus::load::{BUSY, total, traffic};
 use serde_json::json;
 
 use super::{json, print_json, say};

@@ -1,8 +1,8 @@
 //! `omnibus calibrate`: finds what robots have to be told about themselves.
 
 use anyhow::Context as _;
-use omnibus::drive::DriveError;
-use omnibus::pose::PoseStream;
+use omnibus::run::DriveError;
+use omnibus::source::pose::PoseStream;
 
 use super::{Target, abort_on_ctrl_c, say};
 

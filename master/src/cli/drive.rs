@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use kinematics::Twist;
 use omnibus::Group;
-use omnibus::link::Link;
+use omnibus::bus::link::Link;
 use serde_json::json;
 
 use super::{Target, json, note, print_json, say};

@@ -6,13 +6,13 @@ use anyhow::{Context as _, bail};
 use canopen::Micros;
 use clap::ValueEnum as _;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use omnibus::bus::BusAddress;
-use omnibus::course::{Course, Frame, Shape};
-use omnibus::curve::{Curve, RAMP};
-use omnibus::drive::{self, Drive, Feedback, Source};
+use omnibus::bus::address::BusAddress;
+use omnibus::monitor::telemetry::Punctuality;
+use omnibus::path::course::{Course, Frame, Shape};
+use omnibus::path::curve::{Curve, RAMP};
+use omnibus::path::steering::Law;
 use omnibus::report::{self, BackendName, Run};
-use omnibus::steering::Law;
-use omnibus::telemetry::Punctuality;
+use omnibus::run::{self, Drive, Feedback, Source};
 use serde_json::{Value, json};
 
 use super::{Target, json, note, print_json, say, sync_json};
@@ -214,7 +214,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         BackendName::Robots
     };
-    let report = drive::report(&group, &name, backend, vec![last]);
+    let report = run::report(&group, &name, backend, vec![last]);
     if let Some(path) = &arguments.report {
         std::fs::write(path, report::html::to_html(&report)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -264,8 +264,8 @@ fn drive_once(
         progress.set_message(phase);
     };
     let done = match &target.bus {
-        BusAddress::Sim(_) => (drive::simulated(drive, tell)?, None),
-        _ => drive::measured(target.link(group)?, drive, tell)?,
+        BusAddress::Sim(_) => (run::simulated(drive, tell)?, None),
+        _ => run::measured(target.link(group)?, drive, tell)?,
     };
     progress.finish_and_clear();
     Ok(done)

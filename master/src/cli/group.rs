@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::bail;
 use comfy_table::{Table, presets};
 use group::GroupFile;
-use omnibus::{Group, configure, sdo};
+use omnibus::Group;
+use omnibus::session::{configure, sdo};
 use serde_json::json;
 
 use super::{Target, json, note, print_json, say};

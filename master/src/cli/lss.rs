@@ -3,8 +3,8 @@
 use anyhow::{Context as _, bail};
 use canopen::{Identity, NmtCommand, NmtTarget, NodeId, client};
 use comfy_table::{Table, presets};
-use omnibus::lss;
-use omnibus::survey::Survey;
+use omnibus::commission::lss;
+use omnibus::commission::survey::Survey;
 use serde_json::json;
 
 use super::{Target, json, note, print_json, say};

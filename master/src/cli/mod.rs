@@ -8,12 +8,12 @@ use anyhow::{Context as _, bail};
 use canopen::Micros;
 use kinematics::Pose;
 use omnibus::abort::Abort;
-use omnibus::bus::BusAddress;
-use omnibus::link::Link;
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
+use omnibus::bus::wire::Wire;
 use omnibus::recording::{Header, Recorder};
 use omnibus::report::BackendName;
-use omnibus::sim_link::SimLink;
-use omnibus::wire::Wire;
+use omnibus::simulation::link::SimLink;
 
 pub mod bus_load;
 pub mod calibrate;
@@ -22,9 +22,9 @@ pub mod convert;
 pub mod drive;
 pub mod follow;
 pub mod group;
-pub mod identify;
 pub mod live;
 pub mod lss;
+pub mod motors;
 pub mod nodes;
 pub mod output;
 pub mod param;
@@ -99,7 +99,7 @@ impl Target {
         match (&self.bus, group) {
             (BusAddress::Sim(_), Some(group)) => self.link(group),
             (BusAddress::Sim(_), None) => self.link(&self.group()?),
-            (real, _) => Ok(Box::new(omnibus::adapter::open(real)?)),
+            (real, _) => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
         }
     }
 
@@ -153,7 +153,7 @@ impl Target {
     pub fn link_alone(&self) -> anyhow::Result<Box<dyn Link>> {
         match &self.bus {
             BusAddress::Sim(_) => self.link(&self.group()?),
-            real => Ok(Box::new(omnibus::adapter::open(real)?)),
+            real => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
         }
     }
 
@@ -166,12 +166,12 @@ impl Target {
                     y: 0.0,
                     heading: 0.0,
                 };
-                let mut world = omnibus::drive::world(group, self.elf()?, start)?;
+                let mut world = omnibus::run::world(group, self.elf()?, start)?;
                 // On a real bus the robots have long been there.
                 world.run_until(BOOTED)?;
                 Ok(Box::new(SimLink::new(world, self.bus.to_string())))
             }
-            real => Ok(Box::new(omnibus::adapter::open(real)?)),
+            real => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
         }
     }
 }
@@ -185,7 +185,7 @@ pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
 }
 
 /// How punctual SYNC was, as JSON.
-pub fn sync_json(punctuality: &omnibus::telemetry::Punctuality) -> serde_json::Value {
+pub fn sync_json(punctuality: &omnibus::monitor::telemetry::Punctuality) -> serde_json::Value {
     serde_json::json!({"count": punctuality.count, "mean_us": punctuality.mean_us,
         "p99_us": punctuality.p99_us, "worst_us": punctuality.worst_us, "missed": punctuality.missed})
 }

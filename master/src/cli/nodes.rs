@@ -3,8 +3,8 @@
 
 use canopen::NmtState;
 use comfy_table::{Table, presets};
-use omnibus::survey::{Survey, ask};
-use omnibus::wire::Wire;
+use omnibus::bus::wire::Wire;
+use omnibus::commission::survey::{Survey, ask};
 use protocol::{Kind, address};
 use serde_json::json;
 
@@ -39,7 +39,7 @@ fn state_name(state: Option<NmtState>) -> String {
 }
 
 /// Says that nobody answers, with what the adapter knows.
-fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::link::Link>>) -> anyhow::Error {
+fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let trouble = wire.trouble().unwrap_or_else(|| {
         "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
          everywhere"
@@ -143,7 +143,8 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     for robot in &survey.found {
         let node = robot.node;
         let mut read = |at, kind| -> anyhow::Result<String> {
-            Ok(ask(&mut wire, node, at, kind)?.map_or_else(|| "?".into(), omnibus::sdo::show))
+            Ok(ask(&mut wire, node, at, kind)?
+                .map_or_else(|| "?".into(), omnibus::session::sdo::show))
         };
         let supply = read(address::SUPPLY, Kind::F32)?;
         let stops = read(address::STOPS, Kind::U32)?;

@@ -9,10 +9,10 @@ use std::io::{IsTerminal as _, Write as _};
 use std::sync::OnceLock;
 
 use anyhow::Context as _;
-use omnibus::calibrate::CalibrateError;
-use omnibus::drive::DriveError;
+use omnibus::bus::link::LinkError;
+use omnibus::commission::calibrate::CalibrateError;
 use omnibus::error::MasterError;
-use omnibus::link::LinkError;
+use omnibus::run::DriveError;
 use serde_json::json;
 
 /// What the help says about exit codes.

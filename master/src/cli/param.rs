@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use comfy_table::{Table, presets};
+use omnibus::bus::link::Link;
+use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
-use omnibus::link::Link;
-use omnibus::{configure, sdo, wire::Wire};
+use omnibus::session::{configure, sdo};
 use protocol::object::Access;
 use protocol::{Address, Kind, OBJECTS, Object, Value, address};
 use serde_json::json;

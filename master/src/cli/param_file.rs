@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use omnibus::sdo;
+use omnibus::session::sdo;
 use protocol::object::Access;
 use protocol::{Address, Kind, OBJECTS, Object, Value};
 use serde::Deserialize;

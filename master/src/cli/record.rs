@@ -8,8 +8,8 @@ use anyhow::bail;
 use canopen::Micros;
 use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::abort::Abort;
-use omnibus::bus::BusAddress;
-use omnibus::link::Link;
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
 use omnibus::recording::{Summary, Tap};
 use serde_json::json;
 

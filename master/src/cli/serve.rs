@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use omnibus::bus::BusAddress;
-use omnibus::drive::DriveError;
-use omnibus::link::Link;
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
 use omnibus::pilot::{Order, Pilot};
-use omnibus::sim_link::SimLink;
-use omnibus::web::board::{Access, Board, operate};
-use omnibus::web::http::Names;
-use omnibus::web::server;
+use omnibus::run::DriveError;
+use omnibus::serve::http::Names;
+use omnibus::serve::page_state::{Access, PageState, operate};
+use omnibus::serve::server;
+use omnibus::simulation::link::SimLink;
 use serde_json::json;
 
 use super::{Target, say};
@@ -114,10 +114,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     });
     let order = (!arguments.watch).then_some(order);
     let bus = target.bus.to_string();
-    let board = Arc::new(Board::new(&group, &bus, access, order));
-    server::serve(listener, Arc::clone(&board));
+    let page = Arc::new(PageState::new(&group, &bus, access, order));
+    server::serve(listener, Arc::clone(&page));
     greet(arguments, address, &token)?;
-    Ok(operate(pilot, &board, &abort)?)
+    Ok(operate(pilot, &page, &abort)?)
 }
 
 /// Opens the bus in the pilot's thread; a simulated one keeps the time of the clock on the wall.
@@ -127,12 +127,12 @@ fn launch(target: &Target, group: &group::GroupFile) -> Pilot {
     let open = move || -> Result<Box<dyn Link>, DriveError> {
         if let BusAddress::Sim(_) = &bus {
             let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-            let world = omnibus::drive::world(&file, None, start)?;
+            let world = omnibus::run::world(&file, None, start)?;
             return Ok(Box::new(
                 SimLink::new(world, bus.to_string()).in_real_time(),
             ));
         }
-        let link = omnibus::adapter::open(&bus).map_err(omnibus::error::MasterError::from)?;
+        let link = omnibus::bus::adapter::open(&bus).map_err(omnibus::error::MasterError::from)?;
         Ok(Box::new(link))
     };
     Pilot::launch(open, group.clone())

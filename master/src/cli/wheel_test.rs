@@ -4,10 +4,10 @@ use std::io::BufRead as _;
 
 use anyhow::bail;
 use comfy_table::{Table, presets};
+use omnibus::commission::motors::WHEELS;
+use omnibus::commission::wheel_test::{Finding, Seen, test_wheels};
 use omnibus::error::MasterError;
-use omnibus::identify::WHEELS;
 use omnibus::session::Group;
-use omnibus::wheel_test::{Finding, Seen, test_wheels};
 use protocol::{Value, address};
 use serde_json::json;
 

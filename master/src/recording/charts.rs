@@ -4,7 +4,7 @@ use chart::{Chart, PALETTE, RGBColor, Series, Sheet, Stroke};
 use kinematics::{Pose, Twist};
 
 use super::Recording;
-use crate::telemetry::{MemberSample, Snapshot};
+use crate::monitor::telemetry::{MemberSample, Snapshot};
 
 /// Size of a chart over time, in pixels.
 const WIDE: (u32, u32) = (1040, 260);

@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use kinematics::{Pose, Twist};
 
 use super::Recording;
-use crate::telemetry::{MemberSample, Snapshot};
+use crate::monitor::telemetry::{MemberSample, Snapshot};
 
 const GROUP_COLUMNS: [&str; 18] = [
     "t_s",

@@ -8,7 +8,7 @@ use kinematics::Twist;
 use protocol::Code;
 
 use super::{Recording, charts};
-use crate::telemetry::{Event, Happening, Snapshot};
+use crate::monitor::telemetry::{Event, Happening, Snapshot};
 
 /// Events shown at most; the recording has them all.
 const MOST_EVENTS: usize = 200;

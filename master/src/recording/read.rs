@@ -18,8 +18,8 @@ use mcap::sans_io::{LinearReadEvent, LinearReader};
 use super::{
     CAN, FrameRecord, Header, METADATA, PLAN, PoseRecord, RecordingError, TRUTH, candump, from_hex,
 };
-use crate::listen::Listener;
-use crate::telemetry::{Event, Snapshot};
+use crate::monitor::listener::Listener;
+use crate::monitor::telemetry::{Event, Snapshot};
 
 /// A frame of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use canopen::{Frame, Micros};
 
-use crate::link::{Link, LinkError};
+use crate::bus::link::{Link, LinkError};
 
 /// Takes a copy of every frame: its time on the link's clock, the frame, and whether it was sent here.
 pub type FrameSink = Arc<dyn Fn(Micros, &Frame, bool) + Send + Sync>;

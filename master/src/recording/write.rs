@@ -20,8 +20,8 @@ use super::{
     CAN, EVENTS, FrameRecord, FrameSink, GROUP, METADATA, PoseRecord, ROBOT, RecordingError,
     TRANSFORMS, frame_name, schema, to_hex,
 };
-use crate::listen::Listener;
-use crate::telemetry::{Event, Happening, MemberSample, Snapshot};
+use crate::monitor::listener::Listener;
+use crate::monitor::telemetry::{Event, Happening, MemberSample, Snapshot};
 
 /// Chunks are closed after this much of the bus's time, in ns.
 const CHUNK_NS: u64 = 1_000_000_000;

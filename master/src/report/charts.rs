@@ -8,8 +8,8 @@ use chart::{Chart, PALETTE, RGBColor, Series, Stroke};
 use kinematics::Pose;
 
 use super::{Outline, Report, Run};
-use crate::metrics::to_paper;
-use crate::record::TruthRow;
+use crate::monitor::metrics::to_paper;
+use crate::monitor::rows::TruthRow;
 
 /// Half of the window over which a velocity is the slope of the path, in sampling periods.
 const SLOPE_ROWS: usize = 5;

@@ -14,8 +14,8 @@ pub mod table;
 /// How charts look; shared with the simulator.
 pub use ::chart;
 
-use crate::metrics::{Evenness, PathErrors};
-use crate::record::{Row, TruthRow};
+use crate::monitor::metrics::{Evenness, PathErrors};
+use crate::monitor::rows::{Row, TruthRow};
 
 /// One drive along the curve.
 #[derive(Clone, Debug)]

@@ -5,9 +5,9 @@ use kinematics::Twist;
 use protocol::{Code, GroupTwist, cob};
 
 use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW, is_consequence};
+use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
-use crate::link::{Link, Schedule};
-use crate::telemetry::{Happening, Phase};
+use crate::monitor::telemetry::{Happening, Phase};
 
 /// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the wire.
 const MARGIN_US: u64 = 400;

@@ -8,8 +8,8 @@ use canopen::{Frame, Micros, client};
 use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};
 
 use super::Group;
-use crate::link::Link;
-use crate::telemetry::Happening;
+use crate::bus::link::Link;
+use crate::monitor::telemetry::Happening;
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.

@@ -32,8 +32,12 @@
 //! Errors are returned as soon as they are known. The caller then calls [`Group::ramp_down`], which
 //! never fails because of a member: robots that still listen must be told to stop.
 
+pub mod configure;
 mod cycle;
+pub mod follow;
 mod hear;
+pub mod roller_index;
+pub mod sdo;
 mod snapshot;
 #[cfg(test)]
 mod tests;
@@ -47,14 +51,14 @@ use kinematics::{Pose, Twist};
 use protocol::{Code, Fault, MemberState, MemberStatus};
 
 use crate::abort::Abort;
+use crate::bus::link::Link;
+use crate::bus::wire::{HubOwner, Wire};
 use crate::error::MasterError;
-use crate::hand_over;
-use crate::link::Link;
-use crate::record::Recorder;
-use crate::telemetry::{
+use crate::monitor::rows::Recorder;
+use crate::monitor::telemetry::{
     DEFAULT_CAPACITY, Event, Happening, Hub, Interest, Phase, Punctuality, Subscription, Telemetry,
 };
-use crate::wire::{HubOwner, Wire};
+use crate::path::roller_transition;
 
 /// How long robots may take to answer after the master came, in µs: a reset robot boots in far less.
 const CONNECT_TIMEOUT_US: u64 = 3_000_000;
@@ -431,7 +435,7 @@ impl<L: Link> Group<L> {
     /// What has to be asked for beside a twist in the group frame; nothing where losses are not made up for.
     pub(crate) fn lost_by_hand_over(&self, twist: Twist) -> Twist {
         if self.compensation {
-            hand_over::lost(&self.file, twist)
+            roller_transition::lost(&self.file, twist)
         } else {
             Twist::ZERO
         }

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use protocol::Code;
 
 use super::Group;
-use crate::link::Link;
-use crate::record::MemberRow;
-use crate::telemetry::{Interest, MemberSample, Snapshot, Telemetry};
-use crate::together::{mean_pose, mean_twist, strain};
+use crate::bus::link::Link;
+use crate::monitor::average::{mean_pose, mean_twist, strain};
+use crate::monitor::rows::MemberRow;
+use crate::monitor::telemetry::{Interest, MemberSample, Snapshot, Telemetry};
 
 impl<L: Link> Group<L> {
     /// Publishes the row that has just been completed, if anybody wants it.

@@ -7,12 +7,12 @@ use group::GroupFile;
 use kinematics::Twist;
 use protocol::{Address, Fault, GroupTwist, address, cob};
 
-use crate::configure::{compensation_set, parameters};
-use crate::curve::Curve;
 use crate::error::MasterError;
 use crate::fake::FakeBus;
+use crate::monitor::telemetry::{Happening, Phase, Subscription, Telemetry};
+use crate::path::curve::Curve;
 use crate::session::Group;
-use crate::telemetry::{Happening, Phase, Subscription, Telemetry};
+use crate::session::configure::{compensation_set, parameters};
 
 fn file() -> GroupFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
@@ -188,7 +188,7 @@ fn setpoints_are_those_of_two_syncs_and_the_apply_delay_later() {
     group.start().unwrap();
     group
         .follow(&plan, &mut |link, instant| {
-            times.push((crate::link::Link::now(link).0, instant.t));
+            times.push((crate::bus::link::Link::now(link).0, instant.t));
         })
         .unwrap();
     let twists = bus.sent_as(cob::GROUP_TWIST);

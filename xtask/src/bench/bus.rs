@@ -7,7 +7,7 @@
 use canopen::NmtCommand;
 use group::GroupFile;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use sim::rig::Rig;
 use sim::{Backend, Options, World};
 

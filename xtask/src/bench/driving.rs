@@ -7,7 +7,7 @@ use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use protocol::MemberState;
 use sim::rig::Rig;
 use sim::robot::Robot;

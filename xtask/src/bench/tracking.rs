@@ -2,11 +2,11 @@
 
 use group::GroupFile;
 use omnibus::abort::Abort;
-use omnibus::course::Course;
-use omnibus::curve::Curve;
-use omnibus::drive::{Drive, simulated};
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
 use omnibus::report::Run;
-use omnibus::trial;
+use omnibus::run::{Drive, simulated};
+use omnibus::simulation::contact;
 
 use super::figure::Figure;
 
@@ -32,9 +32,9 @@ fn drive(group: &GroupFile, curve: Curve, compensation: bool) -> anyhow::Result<
 /// error in oblique motion as well.
 pub fn figures(group: &GroupFile) -> anyhow::Result<Vec<Figure>> {
     let none = Abort::default();
-    let plain = trial::on_contact(group, ROLLERS);
-    let constant = trial::calibrated(&plain, &none)?;
-    let phase = trial::calibrated(&trial::with_phases(&plain), &none)?;
+    let plain = contact::on_contact(group, ROLLERS);
+    let constant = contact::calibrated(&plain, &none)?;
+    let phase = contact::calibrated(&contact::with_phases(&plain), &none)?;
     let mut figures = Vec::new();
     for (plant, group, compensation, word) in [
         ("table", group, false, "off"),

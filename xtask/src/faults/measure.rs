@@ -12,7 +12,7 @@ use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use protocol::{Fault, MemberState, Reaction, Value, address as at};
 use sim::rig::{Rig, STEP_US};
 use sim::{Backend, Options, RobotTruth, World};

@@ -11,7 +11,7 @@ use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Twist;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use protocol::{GroupTwist, cob};
 use sim::{Backend, Options, World};
 

@@ -4,14 +4,14 @@
 use anyhow::{Context as _, bail};
 use group::GroupFile;
 use kinematics::{FourWheelGeometry, Rollers, VelocityCompensation};
-use omnibus::bus::BusAddress;
-use omnibus::calibrate::drive::{self, Source};
-use omnibus::calibrate::phase::{self, Phases, Residual};
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
+use omnibus::commission::calibrate::drive::{self, Source};
+use omnibus::commission::calibrate::phase::{self, Phases, Residual};
 use omnibus::error::MasterError;
-use omnibus::gyro::{GyroStream, RateSample};
-use omnibus::link::Link;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
+use omnibus::source::gyro::{GyroStream, RateSample};
 use protocol::{Value, address};
 use serde_json::json;
 
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn simulated(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<SimLink> {
     let target = &arguments.target;
     let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-    let world = omnibus::drive::world(group, target.elf()?, start)?;
+    let world = omnibus::run::world(group, target.elf()?, start)?;
     Ok(SimLink::new(world, target.bus.to_string()))
 }
 

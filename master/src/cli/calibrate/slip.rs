@@ -9,16 +9,16 @@ use anyhow::{Context as _, bail};
 use canopen::{Micros, NmtCommand};
 use comfy_table::{Table, presets};
 use group::GroupFile;
-use omnibus::bus::BusAddress;
-use omnibus::calibrate::fit::Row;
-use omnibus::calibrate::kept::{Held, Kept, rewrite, section};
-use omnibus::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
-use omnibus::calibrate::measure::{Subject, Witness};
-use omnibus::calibrate::{Calibration, calibrate, chart};
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
+use omnibus::commission::calibrate::fit::Row;
+use omnibus::commission::calibrate::kept::{Held, Kept, rewrite, section};
+use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
+use omnibus::commission::calibrate::measure::{Subject, Witness};
+use omnibus::commission::calibrate::{Calibration, calibrate, chart};
 use omnibus::error::MasterError;
-use omnibus::link::Link;
 use omnibus::session::Group;
-use omnibus::sim_link::SimLink;
+use omnibus::simulation::link::SimLink;
 use serde_json::{Value, json};
 
 use super::Arguments;
@@ -131,7 +131,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (BusAddress::Sim(_), Some(_)) => bail!("--pose is for real buses; a simulated one knows"),
         (BusAddress::Sim(_), None) => {
             let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-            let world = omnibus::drive::world(&group, target.elf()?, start)?;
+            let world = omnibus::run::world(&group, target.elf()?, start)?;
             let link = SimLink::new(world, target.bus.to_string());
             let mut poses = |link: &mut SimLink| {
                 let truth = link.world.truth();
@@ -422,7 +422,9 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
 }
 
 /// The coefficients with their names.
-fn coefficients(outcome: &omnibus::calibrate::Outcome) -> Vec<(&'static str, Way, Row)> {
+fn coefficients(
+    outcome: &omnibus::commission::calibrate::Outcome,
+) -> Vec<(&'static str, Way, Row)> {
     let found = &outcome.found;
     let mut out = Vec::new();
     out.extend(
@@ -510,7 +512,7 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn outcome_json(outcome: &omnibus::calibrate::Outcome) -> Value {
+fn outcome_json(outcome: &omnibus::commission::calibrate::Outcome) -> Value {
     let rows: Vec<Value> = coefficients(outcome)
         .into_iter()
         .map(|(axis, way, row)| {

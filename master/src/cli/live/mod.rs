@@ -17,13 +17,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
-use omnibus::bus::BusAddress;
-use omnibus::drive::DriveError;
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
 use omnibus::error::MasterError;
-use omnibus::link::Link;
+use omnibus::monitor::telemetry::{Happening, Phase, Snapshot, Telemetry};
 use omnibus::pilot::{Order, Pilot};
-use omnibus::sim_link::SimLink;
-use omnibus::telemetry::{Happening, Phase, Snapshot, Telemetry};
+use omnibus::run::DriveError;
+use omnibus::simulation::link::SimLink;
 use ratatui::crossterm::event::{
     self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
@@ -116,11 +116,10 @@ fn pilot(target: &Target, file: &GroupFile) -> anyhow::Result<Pilot> {
     let open = move || -> Result<Box<dyn Link>, DriveError> {
         Ok(match &bus {
             BusAddress::Sim(_) => {
-                let world =
-                    omnibus::drive::world(&group, elf.as_deref(), Pose::new(0.0, 0.0, 0.0))?;
+                let world = omnibus::run::world(&group, elf.as_deref(), Pose::new(0.0, 0.0, 0.0))?;
                 Box::new(SimLink::new(world, bus.to_string()).in_real_time())
             }
-            real => Box::new(omnibus::adapter::open(real).map_err(MasterError::from)?),
+            real => Box::new(omnibus::bus::adapter::open(real).map_err(MasterError::from)?),
         })
     };
     Ok(Pilot::launch(open, file.clone()))

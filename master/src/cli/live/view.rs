@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use canopen::NmtState;
 use kinematics::{Pose, Twist};
-use omnibus::telemetry::{Event, MemberSample, Phase, Snapshot};
+use omnibus::monitor::telemetry::{Event, MemberSample, Phase, Snapshot};
 use protocol::Code;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -72,7 +72,7 @@ impl View {
 
     /// Notes a happening.
     pub fn tell(&mut self, event: &Event) {
-        use omnibus::telemetry::Happening;
+        use omnibus::monitor::telemetry::Happening;
         let who = event
             .node
             .map_or_else(|| "master".into(), |node| format!("node {node}"));
@@ -294,7 +294,7 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 mod tests {
     use super::*;
     use kinematics::WheelRates;
-    use omnibus::telemetry::{Happening, Punctuality};
+    use omnibus::monitor::telemetry::{Happening, Punctuality};
     use protocol::{Fault, Limit, MemberState};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;

@@ -1,0 +1,265 @@
+//! The socketcand protocol: a CAN interface of another machine, as lines of text over TCP.
+//!
+//! Messages stand between `<` and `>`, words between blanks. The server greets with `< hi >`, the client asks
+//! `< open can0 >` and `< rawmode >`, each answered with `< ok >` or `< error .. >`; then frames go to and
+//! fro: `< send 181 2 e8 03 >`, `< frame 181 12.345678 E803 >`. Whatever else the server says is passed over.
+//! The server's time stamps are not used: they are of another clock. The bit rate is the server's business.
+
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::time::{Duration, Instant};
+
+use canopen::Frame;
+
+use super::AdapterLink;
+use crate::bus::address::BusAddress;
+
+/// How long connecting and each answer while opening may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Longest message: a frame of eight bytes, its time stamp, blanks, and room to spare.
+const LONGEST: usize = 256;
+
+/// The message that sends a frame.
+#[must_use]
+pub fn encode(frame: &Frame) -> String {
+    let mut text = format!("< send {:X} {}", frame.id(), frame.data().len());
+    for byte in frame.data() {
+        text.push_str(&format!(" {byte:02x}"));
+    }
+    text.push_str(" >");
+    text
+}
+
+/// The frame in a message without its brackets; `None` for every other message, and for frames that the bus
+/// of ours does not have: extended identifiers have eight digits.
+#[must_use]
+pub fn decode(message: &str) -> Option<Frame> {
+    let mut words = message.split_ascii_whitespace();
+    if words.next() != Some("frame") {
+        return None;
+    }
+    let id = words.next().filter(|id| id.len() <= 3)?;
+    let id = u16::from_str_radix(id, 16).ok()?;
+    let _time = words.next()?;
+    let digits: String = words.collect();
+    if !digits.is_ascii() || !digits.len().is_multiple_of(2) {
+        return None;
+    }
+    let bytes: Option<Vec<u8>> = (0..digits.len())
+        .step_by(2)
+        .map(|n| u8::from_str_radix(digits.get(n..n + 2)?, 16).ok())
+        .collect();
+    Frame::new(id, &bytes?)
+}
+
+/// Puts messages together from what arrives in pieces.
+#[derive(Default)]
+struct Messages {
+    message: Option<String>,
+}
+
+impl Messages {
+    /// Takes one byte; returns the message that it completes, without brackets.
+    fn push(&mut self, byte: u8) -> Option<String> {
+        match byte {
+            b'<' => {
+                self.message = Some(String::new());
+                None
+            }
+            b'>' => self.message.take().map(|text| text.trim().to_owned()),
+            _ => {
+                if let Some(message) = &mut self.message
+                    && message.len() < LONGEST
+                {
+                    message.push(char::from(byte));
+                }
+                None
+            }
+        }
+    }
+}
+
+/// Reads messages from a stream, blocking.
+struct Reader {
+    stream: TcpStream,
+    messages: Messages,
+    buffer: [u8; 1024],
+    filled: usize,
+    taken: usize,
+}
+
+impl Reader {
+    fn next(&mut self) -> io::Result<String> {
+        loop {
+            while self.taken < self.filled {
+                self.taken += 1;
+                if let Some(message) = self.messages.push(self.buffer[self.taken - 1]) {
+                    return Ok(message);
+                }
+            }
+            self.taken = 0;
+            self.filled = match self.stream.read(&mut self.buffer) {
+                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(count) => count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => 0,
+                Err(error) => return Err(error),
+            };
+        }
+    }
+
+    /// Waits for a message, or for the server to refuse.
+    fn expect(&mut self, wanted: &str, asked: &str) -> io::Result<()> {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let message = self.next().map_err(|error| match error.kind() {
+                io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => io::Error::new(
+                    io::ErrorKind::TimedOut,
+                    format!("no '< {wanted} >' from the server after {asked}; is it socketcand?"),
+                ),
+                _ => error,
+            })?;
+            if message == wanted {
+                return Ok(());
+            }
+            if message.starts_with("error") || Instant::now() > deadline {
+                return Err(io::Error::other(format!(
+                    "the server answered {asked} with '< {message} >'"
+                )));
+            }
+        }
+    }
+}
+
+/// Connects to a server and opens a bus of it.
+pub(super) fn open(bus: &BusAddress, address: &str, interface: &str) -> io::Result<AdapterLink> {
+    let address = address
+        .to_socket_addrs()?
+        .next()
+        .ok_or_else(|| io::Error::other("the host has no address"))?;
+    let mut output = TcpStream::connect_timeout(&address, PATIENCE)?;
+    output.set_nodelay(true)?;
+    let input = output.try_clone()?;
+    input.set_read_timeout(Some(PATIENCE))?;
+    let mut reader = Reader {
+        stream: input,
+        messages: Messages::default(),
+        buffer: [0; 1024],
+        filled: 0,
+        taken: 0,
+    };
+    reader.expect("hi", "the connection")?;
+    let open = format!("< open {interface} >");
+    output.write_all(open.as_bytes())?;
+    reader.expect("ok", &open)?;
+    output.write_all(b"< rawmode >")?;
+    reader.expect("ok", "< rawmode >")?;
+    reader.stream.set_read_timeout(None)?;
+    let read = move || {
+        loop {
+            if let Some(frame) = decode(&reader.next()?) {
+                return Ok(frame);
+            }
+        }
+    };
+    let write = move |frame: &Frame| output.write_all(encode(frame).as_bytes());
+    Ok(AdapterLink::start(bus, read, write))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::link::Link as _;
+    use canopen::Micros;
+    use std::net::{SocketAddr, TcpListener};
+    use std::thread::JoinHandle;
+
+    #[test]
+    fn golden_messages() {
+        let frame = Frame::of(0x181, [0xE8, 0x03]);
+        assert_eq!(encode(&frame), "< send 181 2 e8 03 >");
+        assert_eq!(encode(&Frame::of(0x80, [])), "< send 80 0 >");
+        assert_eq!(decode("frame 181 12.345678 E803"), Some(frame));
+        // Both spellings of data are in use.
+        assert_eq!(decode("frame 181 12.345678 e8 03"), Some(frame));
+        assert_eq!(decode("frame 080 0.0"), Some(Frame::of(0x80, [])));
+    }
+
+    #[test]
+    fn anything_that_is_no_frame_of_ours_is_none() {
+        for message in [
+            "",
+            "hi",
+            "frame",
+            "frame 181",
+            "frame 00000181 1.0 00",
+            "frame 8FF 1.0 00",
+            "frame 181 1.0 0",
+            "frame 181 1.0 GG",
+            "frame 181 1.0 112233445566778899",
+            "frame 181 1.0 üü",
+            "error 5",
+        ] {
+            assert_eq!(decode(message), None, "{message}");
+        }
+    }
+
+    #[test]
+    fn messages_arrive_in_pieces_and_after_noise() {
+        let mut messages = Messages::default();
+        let text = b"x > y < hi > <fr<frame 181 1.0 E8";
+        let found: Vec<_> = text.iter().filter_map(|b| messages.push(*b)).collect();
+        assert_eq!(found, ["hi"]);
+        assert_eq!(messages.push(b'>').as_deref(), Some("frame 181 1.0 E8"));
+    }
+
+    /// A server that plays a script: what it says, what it then wants to hear.
+    fn scripted(script: Vec<(&'static str, &'static str)>) -> (SocketAddr, JoinHandle<()>) {
+        let server = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = server.local_addr().unwrap();
+        let played = std::thread::spawn(move || {
+            let (mut stream, _) = server.accept().unwrap();
+            for (says, wants) in script {
+                stream.write_all(says.as_bytes()).unwrap();
+                let mut heard = vec![0; wants.len()];
+                stream.read_exact(&mut heard).unwrap();
+                assert_eq!(String::from_utf8(heard).unwrap(), wants);
+            }
+        });
+        (address, played)
+    }
+
+    fn link(address: SocketAddr) -> io::Result<AdapterLink> {
+        let text = address.to_string();
+        let bus = BusAddress::Socketcand(text.clone(), "can0".into());
+        open(&bus, &text, "can0")
+    }
+
+    #[test]
+    fn opens_a_bus_and_exchanges_frames() {
+        let (address, played) = scripted(vec![
+            ("< hi >", "< open can0 >"),
+            ("< ok >", "< rawmode >"),
+            ("< ok >", "< send 601 3 01 02 03 >"),
+            ("< echo >< frame 602 1.5 010203 >", ""),
+        ]);
+        let mut link = link(address).unwrap();
+        link.send(&Frame::of(0x601, [1, 2, 3])).unwrap();
+        let answer = link.receive(Micros(link.now().0 + 5_000_000)).unwrap();
+        assert_eq!(answer.unwrap().1, Frame::of(0x602, [1, 2, 3]));
+        played.join().unwrap();
+        let gone = link.receive(Micros(link.now().0 + 5_000_000));
+        assert!(gone.is_err(), "the server has hung up");
+    }
+
+    #[test]
+    fn a_bus_that_the_server_does_not_have_is_named() {
+        let (address, played) = scripted(vec![
+            ("< hi >", "< open can0 >"),
+            ("< error could not open bus >", ""),
+        ]);
+        let error = link(address).err().unwrap().to_string();
+        assert!(error.contains("< open can0 >"), "{error}");
+        assert!(error.contains("could not open bus"), "{error}");
+        played.join().unwrap();
+    }
+}

@@ -1,0 +1,128 @@
+//! Which bus: the text after `--bus`, what it means, and how it is opened.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use group::GroupFile;
+use kinematics::Pose;
+
+use crate::bus::link::Link;
+use crate::run::DriveError;
+use crate::simulation::link::SimLink;
+
+/// A bus as named on the command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusAddress {
+    /// `sim:GROUP.toml`: a simulated world in this process, with the robots of a group file.
+    Sim(PathBuf),
+    /// `socketcan:can0`: a Linux CAN interface.
+    SocketCan(String),
+    /// `slcan:/dev/ttyACM0`: a serial adapter that speaks slcan.
+    Slcan(PathBuf),
+    /// `slcan-tcp://HOST:PORT`: slcan over a network.
+    SlcanTcp(String),
+    /// `socketcand://HOST:PORT/can0`: a CAN interface that a socketcand server offers.
+    Socketcand(String, String),
+}
+
+/// Why a text names no bus.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
+     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE (for example sim:groups/tcc-3.toml, \
+     socketcan:can0, slcan:/dev/ttyACM0, socketcand://pi.local:29536/can0)"
+)]
+pub struct NoBus(String);
+
+impl FromStr for BusAddress {
+    type Err = NoBus;
+
+    fn from_str(text: &str) -> Result<Self, NoBus> {
+        match text.split_once(':') {
+            Some((_, "")) | None => Err(NoBus(text.into())),
+            Some(("sim", file)) => Ok(Self::Sim(file.into())),
+            Some(("socketcan", interface)) => Ok(Self::SocketCan(interface.into())),
+            Some(("slcan", device)) => Ok(Self::Slcan(device.into())),
+            Some(("slcan-tcp", rest)) => match rest.strip_prefix("//") {
+                Some(address) if address.contains(':') => Ok(Self::SlcanTcp(address.into())),
+                _ => Err(NoBus(text.into())),
+            },
+            Some(("socketcand", rest)) => {
+                let parts = rest.strip_prefix("//").and_then(|r| r.split_once('/'));
+                match parts {
+                    Some((address, interface))
+                        if address.contains(':') && !interface.is_empty() =>
+                    {
+                        Ok(Self::Socketcand(address.into(), interface.into()))
+                    }
+                    _ => Err(NoBus(text.into())),
+                }
+            }
+            Some(_) => Err(NoBus(text.into())),
+        }
+    }
+}
+
+impl std::fmt::Display for BusAddress {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Sim(file) => write!(f, "sim:{}", file.display()),
+            Self::SocketCan(interface) => write!(f, "socketcan:{interface}"),
+            Self::Socketcand(address, interface) => {
+                write!(f, "socketcand://{address}/{interface}")
+            }
+            Self::SlcanTcp(address) => write!(f, "slcan-tcp://{address}"),
+            Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
+        }
+    }
+}
+
+/// Opens a bus. A simulated one is built with freshly booted native robots of `group` at the origin.
+///
+/// # Errors
+/// When the adapter cannot be opened or the world cannot be built; the error says what to check.
+pub fn open(bus: &BusAddress, group: &GroupFile) -> Result<Box<dyn Link>, DriveError> {
+    Ok(match bus {
+        BusAddress::Sim(_) => {
+            let world = crate::run::world(group, None, Pose::new(0.0, 0.0, 0.0))?;
+            Box::new(SimLink::new(world, bus.to_string()))
+        }
+        real => Box::new(crate::bus::adapter::open(real).map_err(crate::error::MasterError::from)?),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_and_written_alike() {
+        for text in [
+            "sim:groups/tcc-3.toml",
+            "socketcan:can0",
+            "slcan:/dev/ttyACM0",
+            "slcan-tcp://localhost:3333",
+            "socketcand://pi.local:29536/can0",
+        ] {
+            assert_eq!(text.parse::<BusAddress>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn anything_else_is_refused_with_examples() {
+        for text in [
+            "",
+            "can0",
+            "sim:",
+            "usb:1",
+            "slcan-tcp://localhost",
+            "slcan-tcp:x:1",
+            "socketcand://pi.local/can0",
+            "socketcand://pi.local:29536",
+            "socketcand://pi.local:29536/",
+        ] {
+            let error = text.parse::<BusAddress>().unwrap_err().to_string();
+            assert!(error.contains("socketcan:can0"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! How late things on a schedule were: a histogram of whole microseconds.
+//!
+//! It holds 10 000 counts and never grows, so a session may run for days. Mean and worst are exact; the
+//! 99 % value is rounded up to a whole microsecond and, beyond 10 ms, stands at 10 ms.
+
+use crate::monitor::telemetry::Punctuality;
+
+/// Lateness from which all values share the last count, in µs.
+const LONGEST_US: usize = 10_000;
+
+/// A histogram of lateness.
+#[derive(Clone, Debug)]
+pub struct Lateness {
+    counts: Vec<u32>,
+    count: u64,
+    sum_ns: u64,
+    worst_ns: u64,
+    missed: u64,
+}
+
+impl Default for Lateness {
+    fn default() -> Self {
+        Self {
+            counts: vec![0; LONGEST_US + 1],
+            count: 0,
+            sum_ns: 0,
+            worst_ns: 0,
+            missed: 0,
+        }
+    }
+}
+
+impl Lateness {
+    /// One thing was so late.
+    pub fn note(&mut self, late_ns: u64) {
+        let bin = usize::try_from(late_ns.div_ceil(1000)).unwrap_or(LONGEST_US);
+        self.counts[bin.min(LONGEST_US)] += 1;
+        self.count += 1;
+        self.sum_ns += late_ns;
+        self.worst_ns = self.worst_ns.max(late_ns);
+    }
+
+    /// `slots` of the schedule passed without their setpoint.
+    pub fn miss(&mut self, slots: u64) {
+        self.missed += slots;
+    }
+
+    /// What it comes to.
+    #[must_use]
+    pub fn read(&self) -> Punctuality {
+        let enough = self.count - self.count / 100;
+        let mut seen = 0;
+        let p99 = self.counts.iter().position(|count| {
+            seen += u64::from(*count);
+            seen >= enough
+        });
+        Punctuality {
+            count: self.count,
+            mean_us: self.sum_ns as f64 / self.count.max(1) as f64 / 1000.0,
+            p99_us: p99.unwrap_or(0) as f64,
+            worst_us: self.worst_ns as f64 / 1000.0,
+            missed: self.missed,
+        }
+    }
+}
+
+impl std::fmt::Display for Punctuality {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} SYNCs, late by {:.0} us on average, 99 % within {:.0} us, worst {:.0} us",
+            self.count, self.mean_us, self.p99_us, self.worst_us
+        )?;
+        if self.missed > 0 {
+            write!(
+                f,
+                "; {} went without a setpoint: the machine was too busy",
+                self.missed
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 98 at 10 us, one at 50 us, one at 3000 us: by hand.
+    #[test]
+    fn mean_99_percent_and_worst() {
+        let mut lateness = Lateness::default();
+        for _ in 0..98 {
+            lateness.note(10_000);
+        }
+        lateness.note(50_000);
+        lateness.note(3_000_000);
+        let read = lateness.read();
+        assert_eq!(read.count, 100);
+        assert!((read.mean_us - (980.0 + 50.0 + 3000.0) / 100.0).abs() < 1e-9);
+        assert_eq!(read.p99_us, 50.0);
+        assert_eq!(read.worst_us, 3000.0);
+    }
+
+    #[test]
+    fn nothing_noted_is_nothing_late_and_the_far_end_holds() {
+        assert_eq!(Lateness::default().read(), Punctuality::default());
+        let mut lateness = Lateness::default();
+        lateness.note(60_000_000_000);
+        lateness.miss(2);
+        assert_eq!(lateness.read().p99_us, 10_000.0);
+        assert_eq!(lateness.read().worst_us, 60e6);
+        assert!(
+            lateness
+                .read()
+                .to_string()
+                .contains("2 went without a setpoint")
+        );
+    }
+}

@@ -1,0 +1,121 @@
+//! `omnibus identify-motors`: lets one robot find out what its motors need, and shows it.
+
+use anyhow::bail;
+use comfy_table::{Table, presets};
+use omnibus::commission::motors::{self, Settings, WHEELS};
+use omnibus::session::Group;
+use serde_json::json;
+
+use super::{Target, say};
+
+const EXAMPLES: &str = "Examples:
+  omnibus identify-motors --node 2 --wheels-free --bus sim:groups/tcc-2.toml
+  omnibus identify-motors --node 2 --wheels-free --accept --save --bus socketcan:can0 --group my-group.toml";
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Node of the robot.
+    #[arg(long)]
+    node: u8,
+    /// Declares that this robot may move: its wheels are off the floor, or nothing is within the way they roll.
+    #[arg(long)]
+    wheels_free: bool,
+    /// Fastest wheel rate, rad/s.
+    #[arg(long, default_value_t = Settings::default().rate)]
+    rate: f32,
+    /// Farthest a wheel may turn, rad.
+    #[arg(long, default_value_t = Settings::default().travel)]
+    travel: f32,
+    /// Bandwidth the wheel loops shall have, rad/s.
+    #[arg(long, default_value_t = Settings::default().bandwidth)]
+    bandwidth: f32,
+    /// Their damping; 1 is critical.
+    #[arg(long, default_value_t = Settings::default().damping)]
+    damping: f32,
+    /// Writes what was found into the robot.
+    #[arg(long)]
+    accept: bool,
+    /// Lets the robot keep it over a power cycle.
+    #[arg(long, requires = "accept")]
+    save: bool,
+    #[command(flatten)]
+    target: Target,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let group = arguments.target.group()?;
+    let node = arguments.node;
+    let Some(robot) = group.robots.iter().find(|robot| robot.node == node) else {
+        bail!("--node {node}: group '{}' has no such robot", group.name);
+    };
+    if !arguments.wheels_free {
+        bail!(
+            "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) to either side; lift them or \
+             clear the area, then say --wheels-free",
+            arguments.travel,
+            arguments.travel * robot.geometry.wheel_radius()
+        );
+    }
+    let settings = Settings {
+        rate: arguments.rate,
+        travel: arguments.travel,
+        bandwidth: arguments.bandwidth,
+        damping: arguments.damping,
+        ..Settings::default()
+    };
+    let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
+    session.configure(true)?;
+    let period_us = session.period_us();
+    let wire = session.wire();
+    let motors = motors::identify_motors(wire, node, period_us, &settings, &mut |_| {})?;
+    if arguments.accept {
+        motors::accept(wire, node, &motors)?;
+    }
+    if arguments.save {
+        motors::save(wire, node)?;
+    }
+    if super::json() {
+        let rows = motors.iter().zip(WHEELS).map(|(motor, wheel)| {
+            json!({"wheel": wheel, "static_friction_v": motor.static_friction, "speed_v_s_per_rad": motor.speed,
+                   "acceleration_v_s2_per_rad": motor.acceleration, "proportional_v_s_per_rad": motor.proportional,
+                   "integral_v_per_rad": motor.integral, "misfit_v": motor.misfit})
+        });
+        let wheels: Vec<_> = rows.collect();
+        return super::print_json(&json!({"node": node, "accepted": arguments.accept,
+                                         "saved": arguments.save, "wheels": wheels}));
+    }
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header([
+        "wheel",
+        "kS, V",
+        "kV, V s/rad",
+        "kA, V s2/rad",
+        "kP, V s/rad",
+        "kI, V/rad",
+        "misfit, V",
+    ]);
+    for (motor, wheel) in motors.iter().zip(WHEELS) {
+        let values = [
+            motor.static_friction,
+            motor.speed,
+            motor.acceleration,
+            motor.proportional,
+            motor.integral,
+            motor.misfit,
+        ];
+        let cells = values.map(|value| format!("{value:.4}"));
+        table.add_row(std::iter::once(wheel.to_owned()).chain(cells));
+    }
+    say(&table)?;
+    say(match (arguments.accept, arguments.save) {
+        (false, _) => "Nothing of this is in effect; --accept writes it into the robot.",
+        (true, false) => {
+            "In effect from the next start, until a group file is written or the power goes; --save keeps it."
+        }
+        (true, true) => {
+            "Kept. Add `identified = true` under [robot.control] in the group file, or it is written over."
+        }
+    })
+}

@@ -1,0 +1,308 @@
+//! Drives the motions and puts side by side what the wheels say of them and what was measured.
+//!
+//! What was asked is not the setpoint but the way the robots themselves work out from their wheels, with the
+//! compensation in force taken off again: so ramps, delays and a scaled-down speed do not matter, and both are read at
+//! rest. Robots bolted to one load are one subject with the pose of the group; robots apart are a subject each.
+
+use std::f64::consts::{PI, TAU};
+
+use group::GroupFile;
+use kinematics::{Pose, Twist};
+
+use super::CalibrateError;
+use super::manoeuvre::{Manoeuvre, Way};
+use crate::bus::link::Link;
+use crate::error::MasterError;
+use crate::monitor::average::mean_pose;
+use crate::monitor::rows::MemberRow;
+use crate::session::Group;
+
+/// How long the group stands before poses are read, and how long they are averaged, s.
+const SETTLE: f64 = 0.3;
+const AVERAGE: f64 = 0.3;
+
+/// What moves as one body: a bolted group, or one robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subject {
+    /// Places of its robots in the group file.
+    pub robots: Vec<usize>,
+    /// Its pose in the group frame: faces as its robots do.
+    frame: [f64; 3],
+    /// Share of a turn that its robots' turning makes, the rest being what they do sideways.
+    pub turning: f64,
+}
+
+impl Subject {
+    /// The subjects of a group.
+    ///
+    /// # Errors
+    /// When bolted robots do not face one way, or the opposite.
+    pub fn all(file: &GroupFile) -> Result<Vec<Self>, CalibrateError> {
+        let place = |pose: Pose| [pose.x, pose.y, pose.heading].map(f64::from);
+        if !file.simulation.rigid {
+            let robots = file.robots.iter().enumerate();
+            return Ok(robots
+                .map(|(n, robot)| Self {
+                    robots: vec![n],
+                    frame: place(robot.mount),
+                    turning: 1.0,
+                })
+                .collect());
+        }
+        let [_, _, facing] = file.robots.first().map_or([0.0; 3], |r| place(r.mount));
+        for robot in &file.robots {
+            let [_, _, heading] = place(robot.mount);
+            if (heading - facing).sin().abs() > 1e-3 {
+                return Err(CalibrateError::FacesElsewhere {
+                    node: robot.node,
+                    degrees: (heading - facing).to_degrees(),
+                });
+            }
+        }
+        let count = file.robots.len().max(1) as f64;
+        let centre = file.robots.iter().fold([0.0; 2], |[x, y], robot| {
+            let [px, py, _] = place(robot.mount);
+            [x + px / count, y + py / count]
+        });
+        let (mut own, mut all) = (0.0, 0.0);
+        for robot in &file.robots {
+            let [x, y, _] = place(robot.mount);
+            let g = robot.geometry;
+            let wheels = f64::from(g.half_track()).powi(2) + f64::from(g.half_wheelbase()).powi(2);
+            own += wheels;
+            all += wheels + (x - centre[0]).powi(2) + (y - centre[1]).powi(2);
+        }
+        Ok(vec![Self {
+            robots: (0..file.robots.len()).collect(),
+            frame: [0.0, 0.0, facing],
+            turning: if all > 0.0 { own / all } else { 1.0 },
+        }])
+    }
+
+    /// Its nodes.
+    #[must_use]
+    pub fn nodes(&self, file: &GroupFile) -> Vec<u8> {
+        let robots = self.robots.iter().filter_map(|n| file.robots.get(*n));
+        robots.map(|robot| robot.node).collect()
+    }
+
+    /// Where the robots face in the group frame, rad.
+    #[must_use]
+    pub(super) fn heading(&self) -> f64 {
+        self.frame[2]
+    }
+
+    /// Its pose by its own wheels.
+    fn believed(&self, members: &[MemberRow]) -> Option<[f64; 3]> {
+        let mine = self.robots.iter().filter_map(|n| members.get(*n)?.pose);
+        let pose = mean_pose(mine)?;
+        Some(compose(
+            [pose.x, pose.y, pose.heading].map(f64::from),
+            self.frame,
+        ))
+    }
+}
+
+fn compose([x, y, heading]: [f64; 3], [dx, dy, turn]: [f64; 3]) -> [f64; 3] {
+    let (sin, cos) = heading.sin_cos();
+    [
+        x + cos * dx - sin * dy,
+        y + sin * dx + cos * dy,
+        heading + turn,
+    ]
+}
+
+/// The way from one pose to another in the frame of the body half-way; `turn` is about how far it has turned.
+fn way(from: [f64; 3], to: [f64; 3], turn: f64) -> [f64; 3] {
+    let off = (to[2] - from[2] - turn + PI).rem_euclid(TAU) - PI;
+    let turned = turn + off;
+    let (sin, cos) = (from[2] + 0.5 * turned).sin_cos();
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    [cos * dx + sin * dy, cos * dy - sin * dx, turned]
+}
+
+/// One motion of one subject.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// What the motion shows.
+    pub way: Way,
+    /// How fast it was, m/s or rad/s.
+    pub speed: f64,
+    /// What the robots work out from their wheels, in the robots' frame: m, m, rad.
+    pub believed: [f64; 3],
+    /// What was measured.
+    pub measured: [f64; 3],
+}
+
+impl Observation {
+    /// The same with these shares taken from what the robots believe, axis by axis.
+    #[must_use]
+    pub(super) fn without(mut self, shares: [f64; 3]) -> Self {
+        for (believed, share) in self.believed.iter_mut().zip(shares) {
+            *believed *= 1.0 - share;
+        }
+        self
+    }
+}
+
+/// Poses of the subjects now: m, m, rad in any fixed frame.
+pub type Poses<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<[f64; 3]>, MasterError>;
+
+/// Asks a person how far the only subject has come, in its frame at the start: m, m, rad; `None` to leave the motion
+/// out. The group stands and the one who asks must keep listening to it.
+pub type Ask<'a, L> =
+    &'a mut dyn FnMut(&mut Group<L>, &Manoeuvre) -> Result<Option<[f64; 3]>, MasterError>;
+
+/// Who measures.
+pub enum Witness<'a, L> {
+    /// A source of poses.
+    Poses(Poses<'a, L>),
+    /// A tape measure.
+    Tape(Ask<'a, L>),
+}
+
+/// Drives one motion of a started group and returns what is known of it for every subject.
+///
+/// # Errors
+/// When driving or measuring fails.
+pub fn observe<L: Link>(
+    group: &mut Group<L>,
+    subjects: &[Subject],
+    manoeuvre: &Manoeuvre,
+    witness: &mut Witness<'_, L>,
+) -> Result<Vec<Option<Observation>>, MasterError> {
+    let heading = subjects.first().map_or(0.0, Subject::heading);
+    let plan = manoeuvre.plan(heading, group.config());
+    let before = rest(group, subjects, witness)?;
+    group.drive(&plan, None, &mut |_, _| {})?;
+    let after = rest(group, subjects, witness)?;
+    let told = match witness {
+        Witness::Poses(_) => None,
+        Witness::Tape(ask) => Some(ask(group, manoeuvre)?),
+    };
+    let turn = manoeuvre.twist.omega * manoeuvre.seconds;
+    let each = before.into_iter().zip(after).map(|(before, after)| {
+        let believed = way(before.believed?, after.believed?, turn);
+        let measured = match told {
+            Some(told) => told?,
+            None => way(before.measured?, after.measured?, turn),
+        };
+        Some(Observation {
+            way: manoeuvre.way,
+            speed: manoeuvre.speed,
+            believed,
+            measured,
+        })
+    });
+    Ok(each.collect())
+}
+
+/// A subject at rest.
+#[derive(Clone, Copy, Default)]
+struct Standing {
+    believed: Option<[f64; 3]>,
+    measured: Option<[f64; 3]>,
+}
+
+/// Lets the group stand, and reads where.
+fn rest<L: Link>(
+    group: &mut Group<L>,
+    subjects: &[Subject],
+    witness: &mut Witness<'_, L>,
+) -> Result<Vec<Standing>, MasterError> {
+    let period = group.period_us() as f64 * 1e-6;
+    let cycles = |seconds: f64| (seconds / period).ceil() as u32;
+    for _ in 0..cycles(SETTLE) {
+        group.cycle(Twist::ZERO)?;
+    }
+    let mut believed = vec![Mean::default(); subjects.len()];
+    let mut measured = believed.clone();
+    for _ in 0..cycles(AVERAGE) {
+        group.cycle(Twist::ZERO)?;
+        let rows = group.recorder().rows();
+        // The row of this SYNC is being filled still; the one before is complete.
+        if let Some(row) = rows.len().checked_sub(2).and_then(|n| rows.get(n)) {
+            for (mean, subject) in believed.iter_mut().zip(subjects) {
+                mean.take(subject.believed(&row.members));
+            }
+        }
+        if let Witness::Poses(poses) = witness {
+            for (mean, pose) in measured.iter_mut().zip(poses(group.link())?) {
+                mean.take(Some(pose));
+            }
+        }
+    }
+    let pairs = believed.into_iter().zip(measured);
+    Ok(pairs
+        .map(|(believed, measured)| Standing {
+            believed: believed.get(),
+            measured: measured.get(),
+        })
+        .collect())
+}
+
+/// A mean of poses about the first one.
+#[derive(Clone, Copy, Default)]
+struct Mean {
+    first: Option<[f64; 3]>,
+    sum: [f64; 3],
+    count: f64,
+}
+
+impl Mean {
+    fn take(&mut self, pose: Option<[f64; 3]>) {
+        let Some(pose) = pose else { return };
+        let first = *self.first.get_or_insert(pose);
+        let turn = (pose[2] - first[2] + PI).rem_euclid(TAU) - PI;
+        let off = [pose[0] - first[0], pose[1] - first[1], turn];
+        for (sum, off) in self.sum.iter_mut().zip(off) {
+            *sum += off;
+        }
+        self.count += 1.0;
+    }
+
+    fn get(&self) -> Option<[f64; 3]> {
+        let first = self.first?;
+        Some([0, 1, 2].map(|n| first[n] + self.sum[n] / self.count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ways_are_seen_from_the_body() {
+        // Facing left (90 degrees), one metre towards +y is one metre ahead.
+        let ahead = way([1.0, 1.0, PI / 2.0], [1.0, 2.0, PI / 2.0], 0.0);
+        assert!((ahead[0] - 1.0).abs() < 1e-12 && ahead[1].abs() < 1e-12);
+        // One and a half turns, read from headings within half a turn.
+        let turned = way([0.0; 3], [0.0, 0.0, PI - 0.1], 3.0 * PI);
+        assert!((turned[2] - (3.0 * PI - 0.1)).abs() < 1e-12, "{turned:?}");
+    }
+
+    #[test]
+    fn a_mean_across_half_a_turn_stays_there() {
+        let mut mean = Mean::default();
+        mean.take(Some([0.0, 0.0, PI - 0.01]));
+        mean.take(Some([0.002, 0.0, 0.01 - PI]));
+        let [x, _, heading] = mean.get().unwrap();
+        assert!((x - 0.001).abs() < 1e-12 && (heading - PI).abs() < 1e-12);
+    }
+
+    /// By hand: 1.2 m to either side and wheels at (0.35, 0.37).
+    #[test]
+    fn bolted_robots_turn_mostly_by_going_sideways() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
+        let file = GroupFile::load(path).unwrap();
+        let subjects = Subject::all(&file).unwrap();
+        let own = 3.0 * (0.35_f64.powi(2) + 0.37_f64.powi(2));
+        assert_eq!(subjects[0].robots, [0, 1, 2]);
+        assert!((subjects[0].turning - own / (own + 2.0 * 1.44)).abs() < 1e-6);
+        let mut crooked = file.clone();
+        crooked.robots[1].mount.heading = 0.5;
+        assert!(Subject::all(&crooked).is_err());
+        crooked.simulation.rigid = false;
+        assert_eq!(Subject::all(&crooked).unwrap().len(), 3);
+    }
+}

@@ -1,0 +1,291 @@
+//! Working out what robots have to be told about themselves, from motions and a source of poses.
+//!
+//! [`calibrate`] finds the compensation for wheel slip. First the straight motions are driven without compensation
+//! and give the tables ahead, sideways and oblique. With these in force the turns are driven, because robots bolted far
+//! from the middle turn the group mostly by going sideways; their coefficient is corrected until the turn is right.
+//! Then every axis is driven once more with everything in force: what is left then is what the calibration is worth, and
+//! one that does not hold is refused. [`phase`] finds how the rollers stand.
+//!
+//! Robots that know their rollers are given constants. What grows with speed there is what the rollers lose that meet the
+//! floor at rest; it is told apart and becomes a number of the group ([`crate::path::roller_transition`]), in force from the turns on.
+
+pub mod chart;
+pub mod drive;
+mod error;
+pub mod fit;
+pub mod kept;
+pub mod manoeuvre;
+pub mod measure;
+pub mod phase;
+
+pub use error::CalibrateError;
+
+use group::GroupFile;
+use kinematics::Twist;
+
+use crate::bus::link::Link;
+use crate::session::Group;
+use fit::{Found, Row};
+use manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
+use measure::{Observation, Subject, Witness, observe};
+
+/// How often the turns are driven at most.
+const ROUNDS: usize = 5;
+/// A turn this exact is good enough, relative.
+const EXACT: f64 = 1e-3;
+/// A calibration that leaves more than this is refused, relative.
+const HOLDS: f64 = 0.01;
+
+/// What is left of one motion with the calibration in force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Left {
+    /// The motion.
+    pub way: Way,
+    /// Its speed, m/s or rad/s.
+    pub speed: f64,
+    /// Measured over asked, less 1; the worst of both ways.
+    pub error: f64,
+}
+
+/// What was found of one subject.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Its nodes.
+    pub nodes: Vec<u8>,
+    /// The coefficients.
+    pub found: Found,
+    /// What is left.
+    pub left: Vec<Left>,
+    /// Motions that were left out.
+    pub missed: usize,
+}
+
+/// A calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Of every subject.
+    pub outcomes: Vec<Outcome>,
+    /// The group with the coefficients in it.
+    pub file: GroupFile,
+    /// Version of the set.
+    pub version: u32,
+}
+
+/// Told the motion that begins, and how many have been driven.
+pub type Progress<'a> = &'a mut dyn FnMut(&Manoeuvre, usize);
+
+/// Calibrates the compensation of a connected group. The group stands afterwards and its robots hold the new
+/// coefficients, unsaved.
+///
+/// # Errors
+/// When driving or measuring fails, and when the data do not determine the coefficients or the result does not hold.
+pub fn calibrate<L: Link>(
+    group: &mut Group<L>,
+    settings: &Settings,
+    version: u32,
+    witness: &mut Witness<'_, L>,
+    progress: Progress<'_>,
+) -> Result<Calibration, CalibrateError> {
+    let mut bare = group.config().clone();
+    bare.hand_over_loss = 0.0;
+    group.set_config(bare.clone());
+    let subjects = Subject::all(&bare)?;
+    if settings.speeds.is_empty() || settings.rates.is_empty() {
+        return Err(CalibrateError::NoSpeeds);
+    }
+    let mut driven = 0;
+    let mut drive = |group: &mut Group<L>, motions: &[Manoeuvre]| {
+        let mut seen = vec![Vec::new(); subjects.len()];
+        group.start()?;
+        let all = motions.iter().try_for_each(|motion| {
+            progress(motion, driven);
+            driven += 1;
+            let each = observe(group, &subjects, motion, witness)?;
+            let more = more(group, &subjects, motion);
+            for (seen, one) in seen.iter_mut().zip(each) {
+                seen.extend(one.map(|one| one.without(more)));
+            }
+            Ok(())
+        });
+        let stopped = group.stop();
+        all.and(stopped)?;
+        Ok::<_, CalibrateError>(seen)
+    };
+
+    group.configure(false)?;
+    group.find_rollers()?;
+    let motions = straight(&bare, settings);
+    let seen = drive(group, &motions)?;
+    let mut outcomes = Vec::new();
+    for (subject, seen) in subjects.iter().zip(&seen) {
+        outcomes.push(Outcome {
+            nodes: subject.nodes(&bare),
+            found: Found::straight(seen)?,
+            left: Vec::new(),
+            missed: motions.len() - seen.len(),
+        });
+    }
+
+    let motions = turns(&bare, settings);
+    let mut sensitivity: Vec<f64> = subjects.iter().map(|subject| subject.turning).collect();
+    let mut before: Vec<Vec<f64>> = vec![Vec::new(); subjects.len()];
+    for round in 0..ROUNDS {
+        let file = filled(&bare, &subjects, &outcomes, version)?;
+        group.set_config(file);
+        group.configure(true)?;
+        let seen = drive(group, &motions)?;
+        let mut exact = true;
+        for (n, outcome) in outcomes.iter_mut().enumerate() {
+            let (rows, errors) = turned(&outcome.found.yaw, &seen[n], settings, sensitivity[n])?;
+            let worst = errors.iter().map(|e| e.abs()).fold(0.0, f64::max);
+            exact &= worst < EXACT;
+            // How much the last correction really did, where it was one worth judging by.
+            if let (Some(old), Some(new)) = (before[n].first(), errors.first())
+                && old.abs() > 2.0 * EXACT
+            {
+                let done = ((old - new) / old).clamp(0.2, 3.0);
+                sensitivity[n] = (sensitivity[n] * done).clamp(0.05, 1.5);
+            }
+            before[n] = errors;
+            if worst >= EXACT || round == 0 {
+                outcome.found.yaw = rows;
+            }
+        }
+        if exact {
+            break;
+        }
+    }
+
+    let file = filled(&bare, &subjects, &outcomes, version)?;
+    group.set_config(file.clone());
+    group.configure(true)?;
+    let seen = drive(group, &checks(&bare, settings))?;
+    for (outcome, seen) in outcomes.iter_mut().zip(&seen) {
+        outcome.left = left(seen);
+        if let Some(bad) = outcome.left.iter().find(|left| left.error.abs() > HOLDS) {
+            return Err(CalibrateError::DoesNotHold {
+                motion: bad.way.name(),
+                percent: bad.error * 100.0,
+            });
+        }
+    }
+    Ok(Calibration {
+        outcomes,
+        file,
+        version,
+    })
+}
+
+/// Coefficients of the turns corrected by what was seen with those in force, and the errors seen. `sensitivity` says how
+/// much of a change of the coefficient shows in the turn.
+fn turned(
+    rows: &[Row],
+    seen: &[Observation],
+    settings: &Settings,
+    sensitivity: f64,
+) -> Result<(Vec<Row>, Vec<f64>), CalibrateError> {
+    let mut out = Vec::new();
+    let mut errors = Vec::new();
+    for (n, rate) in settings.rates.iter().enumerate() {
+        let here = seen.iter().filter(|o| o.speed.total_cmp(rate).is_eq());
+        let ratios = here.map(|o| o.measured[2] / o.believed[2]);
+        let mut row = fit::row(Way::Turn, *rate, ratios)?;
+        let seen = row.fit.coefficient;
+        errors.push(1.0 / seen - 1.0);
+        let factor = seen.powf(1.0 / sensitivity).clamp(0.8, 1.25);
+        let coefficient = rows.get(n).map_or(1.0, |row| row.fit.coefficient) * factor;
+        let wide = |end: f64| coefficient * (1.0 + (end / seen - 1.0) / sensitivity);
+        row.fit.interval = (wide(row.fit.interval.0), wide(row.fit.interval.1));
+        row.fit.coefficient = coefficient;
+        out.push(row);
+    }
+    Ok((out, errors))
+}
+
+/// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of the robots: shares of
+/// its own twist.
+fn more<L: Link>(group: &Group<L>, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
+    #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
+    let heading = subjects.first().map_or(0.0, Subject::heading) as f32;
+    let Twist { vx, vy, omega } = motion.twist;
+    let twist = Twist::new(vx as f32, vy as f32, omega as f32);
+    let lost = group.lost_by_hand_over(twist.to_world(heading));
+    let lost = lost.to_body(heading);
+    let share = |lost: f32, of: f32| if of == 0.0 { 0.0 } else { f64::from(lost / of) };
+    [
+        share(lost.vx, twist.vx),
+        share(lost.vy, twist.vy),
+        share(lost.omega, twist.omega),
+    ]
+}
+
+/// The group with what was found in it.
+fn filled(
+    bare: &GroupFile,
+    subjects: &[Subject],
+    outcomes: &[Outcome],
+    version: u32,
+) -> Result<GroupFile, CalibrateError> {
+    let mut file = bare.clone();
+    if bare.robots.iter().any(|robot| robot.rollers.is_some()) {
+        let losses = outcomes
+            .iter()
+            .map(|outcome| outcome.found.hand_over_loss());
+        file.hand_over_loss = losses.sum::<f32>() / outcomes.len() as f32;
+    }
+    for (subject, outcome) in subjects.iter().zip(outcomes) {
+        outcome.found.check()?;
+        let constant = outcome.found.constant(file.hand_over_loss)?;
+        let mine = |n: &usize| subject.robots.contains(n);
+        let robots = file.robots.iter_mut().enumerate();
+        for (_, robot) in robots.filter(|(n, _)| mine(n)) {
+            match &mut robot.rollers {
+                // With the angle of the rollers known, constants are what is left.
+                Some(rollers) => rollers.compensation = constant,
+                None => {
+                    robot.compensation = constant;
+                    robot.compensation_table = outcome.found.table(version);
+                }
+            }
+        }
+    }
+    Ok(file)
+}
+
+/// One motion of each kind, both ways, at a middle speed.
+fn checks(file: &GroupFile, settings: &Settings) -> Vec<Manoeuvre> {
+    let middle = |all: &[f64]| all.get(all.len() / 2).copied().into_iter().collect();
+    let few = Settings {
+        speeds: middle(&settings.speeds),
+        rates: middle(&settings.rates),
+        repeats: 1,
+        ..settings.clone()
+    };
+    let mut out = straight(file, &few);
+    out.extend(turns(file, &few));
+    out
+}
+
+/// The worst of each kind.
+fn left(seen: &[Observation]) -> Vec<Left> {
+    let mut out: Vec<Left> = Vec::new();
+    for o in seen {
+        let ([bx, by, bt], [mx, my, mt]) = (o.believed, o.measured);
+        let ratio = match o.way {
+            Way::Turn => mt / bt,
+            _ => (bx * mx + by * my) / (bx * bx + by * by),
+        };
+        let one = Left {
+            way: o.way,
+            speed: o.speed,
+            error: ratio - 1.0,
+        };
+        match out.iter_mut().find(|left| left.way == o.way) {
+            Some(worst) if worst.error.abs() < one.error.abs() => *worst = one,
+            Some(_) => {}
+            None => out.push(one),
+        }
+    }
+    out.sort_by_key(|left| left.way);
+    out
+}

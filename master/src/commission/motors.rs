@@ -1,0 +1,341 @@
+//! Finding out what a robot's motors need: the robot measures, this asks it to and reads what came of it.
+//!
+//! One robot, started alone, with SYNC and heartbeat but no setpoints; the others stay in PRE-OPERATIONAL. The permission
+//! to move (object 0x2050:1) is a declaration by whoever calls: wheels off the floor, or nobody and nothing within the
+//! way they may roll. It is taken back at the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest.
+//! What was found takes effect only by [`accept`], and survives a power cycle only by [`save`].
+
+use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
+use protocol::address::{self as at, identified, motor};
+use protocol::{Address, Kind, Value, WheelRateReport, cob};
+
+use crate::bus::link::Link;
+use crate::bus::wire::Wire;
+use crate::error::MasterError;
+use crate::session::SYNC_OVERFLOW;
+
+/// SYNC periods before and after the start, for the robot to get in step.
+const SETTLE_SYNCS: u32 = 10;
+/// SYNC periods between two looks at the status.
+const LOOK_SYNCS: u32 = 10;
+/// SYNC periods in which a wheel without voltage comes to rest.
+const COAST_SYNCS: u32 = 100;
+/// How long a run may take altogether, µs; the robot's own limit is 20 s.
+const TIME_LIMIT_US: u64 = 25_000_000;
+/// Status of object 0x2051:2.
+const RUNNING: u32 = 1;
+const DONE: u32 = 2;
+/// Saves all parameters (CiA 301 7.5.2.13).
+const SAVE: Address = Address::new(0x1010, 1);
+
+/// How far a run may go, and what is made of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Fastest wheel rate, rad/s.
+    pub rate: f32,
+    /// Farthest a wheel may turn from where it stands, rad.
+    pub travel: f32,
+    /// Bandwidth of the wheel loops, rad/s.
+    pub bandwidth: f32,
+    /// Their damping; 1 is critical.
+    pub damping: f32,
+    /// Wheels that take part, bit 0 front left and so on; 0 is all of them.
+    pub wheels: u8,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            rate: 5.0,
+            travel: 12.0,
+            bandwidth: 10.0,
+            damping: 1.0,
+            wheels: 0,
+        }
+    }
+}
+
+/// The motor of one wheel, and gains for its loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motor {
+    /// V.
+    pub static_friction: f32,
+    /// V s/rad.
+    pub speed: f32,
+    /// V s²/rad.
+    pub acceleration: f32,
+    /// V s/rad.
+    pub proportional: f32,
+    /// V/rad.
+    pub integral: f32,
+    /// Rms of what the fit leaves, V.
+    pub misfit: f32,
+}
+
+/// Names of the wheels, in their order.
+pub const WHEELS: [&str; 4] = ["front left", "front right", "rear left", "rear right"];
+
+/// Identifies the motors of one robot that is configured and in PRE-OPERATIONAL. `period_us` is that of SYNC; `seen` is
+/// called now and then with the seconds since it began.
+///
+/// # Errors
+/// When the robot refuses, gives up (the error says why), or the link fails. The robot is at rest then, too.
+pub fn identify_motors<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    settings: &Settings,
+    seen: &mut dyn FnMut(f64),
+) -> Result<[Motor; 4], MasterError> {
+    let mut run = Run::new(wire, node, period_us);
+    match run.whole(settings, seen)? {
+        DONE => run.results(),
+        status => {
+            let reason = reason(status, run.read(at::IDENTIFY_WHEEL)?);
+            Err(MasterError::Identification { node, reason })
+        }
+    }
+}
+
+/// What the encoders said while one wheel was to turn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Turned {
+    /// How far each wheel's encoder went to either side, rad: the farthest from where it stood, with its sign.
+    pub ways: [f32; 4],
+    /// Volts a rate of the wheel that was to turn, V s/rad, where the run came to its end.
+    pub speed: Option<f32>,
+}
+
+/// Gives one wheel of a robot some voltage, forward and then backward, and watches all encoders. As
+/// [`identify_motors`] otherwise; what stops the robot (a wheel that stands or turns backwards) is no error here.
+///
+/// # Errors
+/// When the robot refuses, a fault came up, or the link fails.
+pub fn turn_wheel<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    wheel: u8,
+) -> Result<Turned, MasterError> {
+    let settings = Settings {
+        rate: 3.0,
+        travel: 6.0,
+        wheels: 1 << wheel,
+        ..Settings::default()
+    };
+    let mut run = Run::new(wire, node, period_us);
+    let status = run.whole(&settings, &mut |_| {});
+    run.syncs(COAST_SYNCS)?;
+    // The next one who asks means all wheels.
+    let all = run.wire.write(
+        node,
+        at::IDENTIFY_WHEELS,
+        Value::U8(Settings::default().wheels),
+    );
+    let status = status?;
+    all?;
+    if status != DONE && !(5..=10).contains(&status) {
+        let reason = reason(status, u32::from(wheel));
+        return Err(MasterError::Identification { node, reason });
+    }
+    let speed = if status == DONE {
+        let results = run.results()?;
+        results.get(usize::from(wheel)).map(|motor| motor.speed)
+    } else {
+        None
+    };
+    let ways = run.farthest;
+    Ok(Turned { ways, speed })
+}
+
+/// Writes what was found into the motors' objects, in PRE-OPERATIONAL, and reads it back.
+///
+/// # Errors
+/// When the robot refuses a value or reads back another.
+pub fn accept<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    motors: &[Motor; 4],
+) -> Result<(), MasterError> {
+    for (wheel, found) in (0..).zip(motors) {
+        for (address, value) in [
+            (motor::static_friction(wheel), found.static_friction),
+            (motor::speed(wheel), found.speed),
+            (motor::acceleration(wheel), found.acceleration),
+            (motor::proportional(wheel), found.proportional),
+            (motor::integral(wheel), found.integral),
+        ] {
+            wire.write_checked(node, address, Value::F32(value))?;
+        }
+    }
+    Ok(())
+}
+
+/// Lets the robot keep all its parameters over a power cycle.
+///
+/// # Errors
+/// When it refuses or cannot.
+pub fn save<L: Link>(wire: &mut Wire<L>, node: u8) -> Result<(), MasterError> {
+    wire.write(node, SAVE, Value::U32(u32::from_le_bytes(*b"save")))
+}
+
+/// What a status says.
+fn reason(status: u32, wheel: u32) -> String {
+    let why = match status {
+        3 => "stopped by the master",
+        4 => "a fault came up; its code is in the member's status and history",
+        5 => "its time limit of 20 s was over",
+        6 => {
+            "a wheel was half as fast again as permitted; lower the rate, look for a slipping gear"
+        }
+        7 => "a wheel went farther than permitted; lower the rate or allow more way",
+        8 => {
+            "a wheel does not turn at a quarter of the nominal supply; look for a blocked wheel, the motor's or the encoder's cable"
+        }
+        9 => {
+            "a wheel turns backwards; swap its motor's wires or its encoder's channels, or set 0x2020:2 or 3"
+        }
+        10 => {
+            "a wheel did not behave like a motor; look for slip, a loose coupling, a sagging supply"
+        }
+        0 => "it never began",
+        _ => "for a reason this master does not know",
+    };
+    let wheel = usize::try_from(wheel).ok().and_then(|n| WHEELS.get(n));
+    match wheel {
+        Some(wheel) => format!("{wheel}: {why}"),
+        None => why.to_owned(),
+    }
+}
+
+struct Run<'a, L> {
+    wire: &'a mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    next_sync: Micros,
+    counter: u8,
+    /// Where the wheels are by the rates they report, and the farthest they have been, rad.
+    ways: [f32; 4],
+    farthest: [f32; 4],
+}
+
+impl<'a, L: Link> Run<'a, L> {
+    fn new(wire: &'a mut Wire<L>, node: u8, period_us: u64) -> Self {
+        Self {
+            next_sync: Micros((wire.now().0 / period_us + 1) * period_us),
+            wire,
+            node,
+            period_us,
+            counter: 0,
+            ways: [0.0; 4],
+            farthest: [0.0; 4],
+        }
+    }
+
+    /// A run from beginning to end, and how it ended (object 0x2051:2).
+    fn whole(
+        &mut self,
+        settings: &Settings,
+        seen: &mut dyn FnMut(f64),
+    ) -> Result<u32, MasterError> {
+        let done = self.until_over(settings, seen);
+        // Whatever happened: no permission, and at rest.
+        let forbidden = self.wire.write(self.node, at::COMMISSIONING, Value::U8(0));
+        self.command(NmtCommand::EnterPreOperational)?;
+        let status = done?;
+        forbidden?;
+        Ok(status)
+    }
+
+    fn until_over(
+        &mut self,
+        settings: &Settings,
+        seen: &mut dyn FnMut(f64),
+    ) -> Result<u32, MasterError> {
+        self.wire
+            .write_checked(self.node, at::IDENTIFY_WHEELS, Value::U8(settings.wheels))?;
+        for (address, value) in [
+            (at::IDENTIFY_RATE, settings.rate),
+            (at::IDENTIFY_TRAVEL, settings.travel),
+            (at::IDENTIFY_BANDWIDTH, settings.bandwidth),
+            (at::IDENTIFY_DAMPING, settings.damping),
+        ] {
+            self.wire
+                .write_checked(self.node, address, Value::F32(value))?;
+        }
+        self.syncs(SETTLE_SYNCS)?;
+        self.command(NmtCommand::Start)?;
+        self.syncs(SETTLE_SYNCS)?;
+        self.wire
+            .write(self.node, at::COMMISSIONING, Value::U8(1))?;
+        self.wire.write(self.node, at::IDENTIFY, Value::U8(1))?;
+        let began = self.wire.now().0;
+        loop {
+            self.syncs(LOOK_SYNCS)?;
+            let status = self.read(at::IDENTIFY_STATUS)?;
+            let elapsed = self.wire.now().0 - began;
+            seen(elapsed as f64 * 1e-6);
+            if status != RUNNING || elapsed >= TIME_LIMIT_US {
+                return Ok(status);
+            }
+        }
+    }
+
+    fn read(&mut self, address: Address) -> Result<u32, MasterError> {
+        Ok(self.wire.read(self.node, address, Kind::U8)?.to_bits())
+    }
+
+    fn results(&mut self) -> Result<[Motor; 4], MasterError> {
+        let mut motors = [Motor::default(); 4];
+        for (wheel, motor) in (0..).zip(&mut motors) {
+            let mut real = |sub| -> Result<f32, MasterError> {
+                let address = identified::value(wheel, sub);
+                let value = self.wire.read(self.node, address, Kind::F32)?;
+                Ok(f32::from_bits(value.to_bits()))
+            };
+            *motor = Motor {
+                static_friction: real(1)?,
+                speed: real(2)?,
+                acceleration: real(3)?,
+                proportional: real(4)?,
+                integral: real(5)?,
+                misfit: real(6)?,
+            };
+        }
+        Ok(motors)
+    }
+
+    fn command(&mut self, command: NmtCommand) -> Result<(), MasterError> {
+        let node = NodeId::new(self.node).map_or(NmtTarget::All, NmtTarget::Node);
+        self.wire.send(&client::nmt(command, node))
+    }
+
+    /// Follows the wheels by their rates.
+    fn follow(&mut self, rates: [f32; 4]) {
+        let period = self.period_us as f32 * 1e-6;
+        let wheels = self.ways.iter_mut().zip(&mut self.farthest).zip(rates);
+        for ((way, farthest), rate) in wheels {
+            *way += rate * period;
+            if way.abs() > farthest.abs() {
+                *farthest = *way;
+            }
+        }
+    }
+
+    /// So many periods of SYNC.
+    fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
+        for _ in 0..count {
+            while let Some((_, frame)) = self.wire.next(self.next_sync)? {
+                if frame.id() == cob::wheel_rates(self.node)
+                    && let Ok(report) = WheelRateReport::try_from(frame.data())
+                {
+                    self.follow(report.rates.into());
+                }
+            }
+            self.counter = self.counter % SYNC_OVERFLOW + 1;
+            self.wire.send(&client::sync(Some(self.counter)))?;
+            self.next_sync = Micros((self.wire.now().0 / self.period_us + 1) * self.period_us);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,280 @@
+//! Who is on a bus: every robot that answers, what it says about itself, and what contradicts what.
+//!
+//! A survey only reads and does not claim to be the master, so a running group is not disturbed. All sixteen
+//! robots are asked for their wire version at once; two answers from one node are two robots with one node id.
+
+use std::collections::BTreeMap;
+
+use canopen::{Frame, Micros, NmtState, client};
+use group::GroupFile;
+use protocol::{Code, Kind, MemberState, Value, address, cob};
+
+use crate::bus::link::Link;
+use crate::bus::wire::Wire;
+use crate::error::MasterError;
+
+/// How long heartbeats are listened for before robots are asked, in µs.
+const LISTEN_US: u64 = 500_000;
+/// How long answers may take, in µs.
+const ANSWERS_US: u64 = 100_000;
+
+/// A robot that answered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// Node id.
+    pub node: u8,
+    /// Robots that answered under this node id.
+    pub answers: u32,
+    /// NMT state from its heartbeat.
+    pub nmt: Option<NmtState>,
+    /// Version of the bytes on the bus; this and what follows is 0 where several robots answered.
+    pub wire_version: u32,
+    /// Serial number.
+    pub serial: u32,
+    /// Firmware version: major, minor, patch in the upper three bytes.
+    pub firmware: u32,
+    /// What it is doing; `None` when it gave no number that this release knows.
+    pub state: Option<MemberState>,
+    /// Its limit or fault, as sent.
+    pub code: u16,
+}
+
+impl Found {
+    /// A robot about which nothing more is known.
+    const fn unread(node: u8, answers: u32) -> Self {
+        Self {
+            node,
+            answers,
+            nmt: None,
+            wire_version: 0,
+            serial: 0,
+            firmware: 0,
+            state: None,
+            code: 0,
+        }
+    }
+
+    /// The firmware version as people write it.
+    #[must_use]
+    pub fn firmware_text(&self) -> String {
+        let [major, minor, patch, _] = self.firmware.to_be_bytes();
+        format!("{major}.{minor}.{patch}")
+    }
+
+    /// Its limit or fault in words.
+    #[must_use]
+    pub fn code_text(&self) -> String {
+        Code::from_code(self.code).map_or_else(
+            || format!("unknown {:#06x}", self.code),
+            crate::session::describe,
+        )
+    }
+}
+
+/// What a survey found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Survey {
+    /// Robots, by rising node id.
+    pub found: Vec<Found>,
+    /// Nodes of the group file that are silent.
+    pub missing: Vec<u8>,
+    /// Another master's heartbeat was heard.
+    pub master: bool,
+    /// What cannot be right, in sentences that say what to do.
+    pub conflicts: Vec<String>,
+}
+
+impl Survey {
+    /// Surveys a bus; `group` says who should be there.
+    ///
+    /// # Errors
+    /// When the link fails, or a robot that answered once refuses to go on.
+    pub fn take<L: Link>(
+        wire: &mut Wire<L>,
+        group: Option<&GroupFile>,
+    ) -> Result<Self, MasterError> {
+        let mut heard = BTreeMap::new();
+        let until = wire.now() + Micros(LISTEN_US);
+        while let Some((_, frame)) = wire.next(until)? {
+            if let Some((node, state)) = client::parse_heartbeat(&frame) {
+                heard.insert(node.get(), state);
+            }
+        }
+        let mut found = Vec::new();
+        for (node, answers) in ask_all(wire)? {
+            if answers > 1 {
+                // Their answers cannot be told apart.
+                found.push(Found::unread(node, answers));
+                continue;
+            }
+            let mut read =
+                |at, kind| -> Result<u32, MasterError> { Ok(wire.read(node, at, kind)?.to_bits()) };
+            let state = read(address::STATE, Kind::U8)?;
+            let code = read(address::STATUS_CODE, Kind::U16)?;
+            found.push(Found {
+                node,
+                answers,
+                nmt: heard.get(&node).copied(),
+                wire_version: read(address::WIRE_VERSION, Kind::U16)?,
+                serial: read(address::SERIAL_NUMBER, Kind::U32)?,
+                firmware: read(address::FIRMWARE_VERSION, Kind::U32)?,
+                state: u8::try_from(state).ok().and_then(|s| s.try_into().ok()),
+                code: u16::try_from(code).unwrap_or(u16::MAX),
+            });
+        }
+        let missing = group.map_or_else(Vec::new, |group| {
+            let nodes = group.robots.iter().map(|robot| robot.node);
+            nodes
+                .filter(|n| !found.iter().any(|f| f.node == *n))
+                .collect()
+        });
+        let conflicts = conflicts(&found, group);
+        Ok(Self {
+            found,
+            missing,
+            master: heard.contains_key(&protocol::MASTER),
+            conflicts,
+        })
+    }
+}
+
+/// How often each robot answers when all are asked for their wire version.
+fn ask_all<L: Link>(wire: &mut Wire<L>) -> Result<BTreeMap<u8, u32>, MasterError> {
+    let at = address::WIRE_VERSION;
+    let [low, high] = at.index.to_le_bytes();
+    for node in protocol::FIRST_ROBOT..=protocol::LAST_ROBOT {
+        let request = [0x40, low, high, at.sub, 0, 0, 0, 0];
+        wire.send(&Frame::of(cob::sdo_request(node), request))?;
+    }
+    let mut answers = BTreeMap::new();
+    let until = wire.now() + Micros(ANSWERS_US);
+    while let Some((_, frame)) = wire.next(until)? {
+        let node = (protocol::FIRST_ROBOT..=protocol::LAST_ROBOT)
+            .find(|node| frame.id() == cob::sdo_response(*node));
+        // Somebody else's conversation with the robot is about another object.
+        if let (Some(node), [_, a, b, c, ..]) = (node, frame.data())
+            && [*a, *b, *c] == [low, high, at.sub]
+        {
+            *answers.entry(node).or_insert(0) += 1;
+        }
+    }
+    Ok(answers)
+}
+
+fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
+    let mut out = Vec::new();
+    for robot in found {
+        let node = robot.node;
+        if robot.answers > 1 {
+            out.push(format!(
+                "{} robots answer as node {node}; give each its own id, by its node switches or with \
+                 `omnibus lss`",
+                robot.answers
+            ));
+            continue;
+        }
+        if robot.wire_version != u32::from(protocol::WIRE_VERSION) {
+            out.push(format!(
+                "node {node} speaks wire version {}, this master {}; flash the robot with the firmware of \
+                 this release",
+                robot.wire_version,
+                protocol::WIRE_VERSION
+            ));
+        }
+        if group.is_some_and(|group| !group.robots.iter().any(|r| r.node == node)) {
+            out.push(format!(
+                "node {node} is not in the group file; add it there, or take it off the bus"
+            ));
+        }
+        let twin = found
+            .iter()
+            .find(|o| o.answers == 1 && o.node < node && o.serial == robot.serial);
+        if let Some(twin) = twin {
+            out.push(format!(
+                "nodes {} and {node} have the same serial number {:08X}; one of them runs a copy of the \
+                 other's settings",
+                twin.node, robot.serial
+            ));
+        }
+    }
+    out
+}
+
+/// Reads an object; `None` when the node does not answer.
+///
+/// # Errors
+/// As [`Wire::read`] otherwise.
+pub fn ask<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    at: protocol::Address,
+    kind: Kind,
+) -> Result<Option<Value>, MasterError> {
+    match wire.read(node, at, kind) {
+        Ok(value) => Ok(Some(value)),
+        Err(MasterError::NodeSilent { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fake::FakeBus;
+
+    fn bus(nodes: &[u8]) -> FakeBus {
+        let mut bus = FakeBus::new(nodes);
+        for (n, robot) in (0u8..).zip(&mut bus.robots) {
+            robot.store.extend([
+                (address::SERIAL_NUMBER, vec![n, 0, 0, 1]),
+                (address::FIRMWARE_VERSION, vec![0, 3, 2, 1]),
+                (address::STATE, vec![1]),
+                (address::STATUS_CODE, vec![0, 0]),
+            ]);
+        }
+        bus
+    }
+
+    fn file() -> GroupFile {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
+        GroupFile::load(path).unwrap()
+    }
+
+    #[test]
+    fn a_bus_in_order_has_no_conflicts_and_is_only_read() {
+        let mut bus = bus(&[2, 3, 4]);
+        let survey = Survey::take(&mut Wire::visiting(&mut bus), Some(&file())).unwrap();
+        assert_eq!(survey.conflicts, [""; 0]);
+        assert_eq!(survey.missing, [0; 0]);
+        assert_eq!(survey.found.len(), 3);
+        assert_eq!(survey.found[1].firmware_text(), "1.2.3");
+        assert_eq!(survey.found[1].state, Some(MemberState::Ready));
+        let requests = bus
+            .sent
+            .iter()
+            .all(|(_, frame)| (0x600..0x680).contains(&frame.id()) && frame.data()[0] == 0x40);
+        assert!(requests, "a survey sends nothing but SDO reads");
+    }
+
+    #[test]
+    fn conflicts_are_named() {
+        let mut bus = bus(&[2, 3, 3, 5]);
+        bus.robots[0]
+            .store
+            .insert(address::WIRE_VERSION, vec![9, 0]);
+        let serial = bus.robots[0].store[&address::SERIAL_NUMBER].clone();
+        bus.robots[3].store.insert(address::SERIAL_NUMBER, serial);
+        let survey = Survey::take(&mut Wire::visiting(&mut bus), Some(&file())).unwrap();
+        assert_eq!(survey.missing, [4]);
+        let text = survey.conflicts.join("\n");
+        for part in [
+            "node 2 speaks wire version 9",
+            "2 robots answer as node 3",
+            "node 5 is not in the group file",
+            "nodes 2 and 5 have the same serial number",
+        ] {
+            assert!(text.contains(part), "{part} in {text}");
+        }
+        assert_eq!(survey.conflicts.len(), 4);
+    }
+}

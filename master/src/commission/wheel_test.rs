@@ -1,0 +1,347 @@
+//! Whether every motor turns its own wheel the right way and its encoder says so.
+//!
+//! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and encoders that are
+//! silent, reversed, or in each other's places. It cannot tell a reversed motor from a reversed encoder, nor motors
+//! exchanged from encoders exchanged, and does not see a motor and its encoder both reversed: somebody has to look at
+//! the wheel. Who does so tells what was seen, and the proposal becomes one instead of two.
+
+use protocol::address;
+
+use crate::bus::link::Link;
+use crate::bus::wire::Wire;
+use crate::commission::motors::{Turned, WHEELS, turn_wheel};
+use crate::error::MasterError;
+
+/// An encoder that went farther than this has turned, rad.
+const TURNED: f32 = 0.05;
+/// Wheels need the same voltage for a rate within this share, or their encoders count differently.
+const ALIKE: f32 = 0.25;
+
+/// What somebody saw turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// Nothing.
+    Nothing,
+    /// This wheel, so that the base would roll forward first (or not).
+    Wheel {
+        /// Which.
+        wheel: usize,
+        /// Forward first.
+        forward: bool,
+    },
+}
+
+/// What came of one wheel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Which wheel got the voltage.
+    pub wheel: usize,
+    /// What the encoders said.
+    pub turned: Turned,
+    /// What is wrong and what to do; empty when nothing is.
+    pub problem: Option<String>,
+}
+
+/// Asks what was seen to turn.
+pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
+
+/// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor. `look` is asked after
+/// each wheel what was seen; `None` when nobody looks.
+///
+/// # Errors
+/// As [`turn_wheel`], and what `look` fails with.
+pub fn test_wheels<L: Link>(
+    wire: &mut Wire<L>,
+    node: u8,
+    period_us: u64,
+    look: Look<'_>,
+) -> Result<Vec<Finding>, MasterError> {
+    let mut turned = [Turned::default(); 4];
+    let mut seen = [None; 4];
+    for (wheel, turned) in (0_u8..).zip(&mut turned) {
+        *turned = turn_wheel(wire, node, period_us, wheel)?;
+        let wheel = usize::from(wheel);
+        if let Some(seen) = seen.get_mut(wheel) {
+            *seen = look(wheel)?;
+        }
+    }
+    let mut bits = |at| Ok::<_, MasterError>(wire.read(node, at, protocol::Kind::U8)?.to_bits());
+    let reversed = Reversed {
+        node,
+        encoders: bits(address::ENCODER_REVERSED)?,
+        motors: bits(address::MOTOR_REVERSED)?,
+    };
+    Ok(judge(turned, seen, &reversed))
+}
+
+/// The bits of 0x2020:2 and :3 as they are.
+struct Reversed {
+    node: u8,
+    encoders: u32,
+    motors: u32,
+}
+
+impl Reversed {
+    fn encoder(&self, wheel: usize) -> String {
+        let bits = self.encoders ^ 1 << wheel;
+        format!(
+            "swap A and B of its encoder, or `omnibus param set {} {bits} --node {}`",
+            address::ENCODER_REVERSED,
+            self.node
+        )
+    }
+
+    fn motor(&self, wheel: usize) -> String {
+        let bits = self.motors ^ 1 << wheel;
+        format!(
+            "swap the wires of its motor, or `omnibus param set {} {bits} --node {}`",
+            address::MOTOR_REVERSED,
+            self.node
+        )
+    }
+}
+
+fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> Vec<Finding> {
+    let mut speeds: Vec<f32> = turned.iter().filter_map(|t| t.speed).collect();
+    speeds.sort_by(f32::total_cmp);
+    let usual = speeds
+        .get(speeds.len() / 2)
+        .copied()
+        .filter(|_| speeds.len() > 2);
+    let moved = |wheel: usize| -> Vec<usize> {
+        let ways = turned.get(wheel).map_or([0.0; 4], |t| t.ways);
+        let all = ways.iter().enumerate();
+        all.filter(|(_, way)| way.abs() > TURNED)
+            .map(|(n, _)| n)
+            .collect()
+    };
+    let each = turned.iter().zip(seen).enumerate();
+    each.map(|(wheel, (turned, seen))| {
+        let way = turned.ways.get(wheel).copied().unwrap_or(0.0);
+        let name = |n: usize| WHEELS.get(n).copied().unwrap_or("unknown");
+        let problem = match (moved(wheel).as_slice(), seen) {
+            ([], Some(Seen::Wheel { wheel: other, .. })) if other != wheel => Some(format!(
+                "the motor of the {} wheel turns instead, and no encoder counts: exchange the plugs of the two motors, \
+                 then test again",
+                name(other)
+            )),
+            ([], Some(Seen::Wheel { .. })) => Some(
+                "it turns, and its encoder counts nothing: look at the encoder's plug, supply and both channels".into(),
+            ),
+            ([], Some(Seen::Nothing)) => Some(
+                "it does not turn: look at the motor's plug, the driver and its enable, and whether the wheel is blocked"
+                    .into(),
+            ),
+            ([], None) => Some(
+                "no encoder counts: where the wheel turned, look at its encoder's plug, supply and both channels; where it \
+                 did not, at the motor's plug, the driver, and whether it is blocked"
+                    .into(),
+            ),
+            ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one != wheel && turns == *one => {
+                Some(format!(
+                    "the {} wheel turns and counts instead: exchange the plugs of the two motors",
+                    name(*one)
+                ))
+            }
+            ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one == wheel && turns != wheel => {
+                Some(format!(
+                    "the {} wheel turns instead, and this one's encoder counts it: exchange the plugs of both, motors and \
+                     encoders",
+                    name(turns)
+                ))
+            }
+            ([one], seen) if *one != wheel => {
+                let what = if moved(*one) == [wheel] {
+                    format!("the two are in each other's places, so exchange the plugs of the {} and the {} wheel's", name(wheel), name(*one))
+                } else {
+                    format!("so plug the {} wheel's in where the {} one's is,", name(wheel), name(*one))
+                };
+                let which = match seen {
+                    None => "encoders, or of their motors where the other wheel turned",
+                    Some(_) => "encoders",
+                };
+                Some(format!("the {} wheel's encoder counts instead: {what} {which}", name(*one)))
+            }
+            ([_], Some(Seen::Wheel { forward, .. })) => match (way > 0.0, forward) {
+                (true, true) => unlike(turned.speed, usual),
+                (false, true) => Some(format!("its encoder counts backwards: {}", reversed.encoder(wheel))),
+                (false, false) => Some(format!("it turns backwards: {}", reversed.motor(wheel))),
+                (true, false) => Some(format!(
+                    "it turns backwards and its encoder, too: {}; and {}",
+                    reversed.motor(wheel),
+                    reversed.encoder(wheel)
+                )),
+            },
+            ([_], Some(Seen::Nothing)) => {
+                Some("its encoder counts, and nothing was seen to turn: is this the robot you look at?".into())
+            }
+            ([_], None) if way < 0.0 => Some(format!(
+                "its encoder says backwards: where the wheel rolled the base forward first, {}; where it did not, {}",
+                reversed.encoder(wheel),
+                reversed.motor(wheel)
+            )),
+            ([_], None) => unlike(turned.speed, usual),
+            (many, _) => Some(format!(
+                "{} encoders count at once ({}): look for wheels that touch, and for channels of different encoders in one \
+                 plug",
+                many.len(),
+                many.iter().map(|n| name(*n)).collect::<Vec<_>>().join(", ")
+            )),
+        };
+        Finding {
+            wheel,
+            turned: *turned,
+            problem,
+        }
+    })
+    .collect()
+}
+
+/// An encoder with other counts, or a motor of another kind, needs another voltage for a rate.
+fn unlike(speed: Option<f32>, usual: Option<f32>) -> Option<String> {
+    let (speed, usual) = (speed?, usual?);
+    let ratio = usual / speed;
+    ((ratio - 1.0).abs() > ALIKE).then(|| {
+        format!(
+            "at one voltage it seems {ratio:.2} times as fast as the others: look at its encoder's counts per revolution \
+             (2020:1, 2014:5 to 2017:5) and gear, or for a wheel that drags"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NONE: Reversed = Reversed {
+        node: 2,
+        encoders: 0,
+        motors: 0,
+    };
+
+    fn good() -> [Turned; 4] {
+        [0, 1, 2, 3].map(|n: usize| {
+            let mut ways = [0.0; 4];
+            ways[n] = 3.0;
+            Turned {
+                ways,
+                speed: Some(0.8),
+            }
+        })
+    }
+
+    fn problems(turned: [Turned; 4], seen: [Option<Seen>; 4]) -> [Option<String>; 4] {
+        let findings = judge(turned, seen, &NONE);
+        [0, 1, 2, 3].map(|n: usize| findings[n].problem.clone())
+    }
+
+    fn has(problem: &Option<String>, parts: &[&str]) {
+        let text = problem.as_deref().unwrap_or("no problem");
+        for part in parts {
+            assert!(text.contains(part), "{part:?} in {text:?}");
+        }
+    }
+
+    #[test]
+    fn wheels_in_order_have_no_problem() {
+        assert_eq!(problems(good(), [None; 4]), [None, None, None, None]);
+        let forward = [0, 1, 2, 3].map(|wheel| {
+            Some(Seen::Wheel {
+                wheel,
+                forward: true,
+            })
+        });
+        assert_eq!(problems(good(), forward), [None, None, None, None]);
+    }
+
+    #[test]
+    fn exchanged_encoders_are_told_from_exchanged_motors_by_who_looks() {
+        let mut turned = good();
+        turned.swap(0, 2);
+        let blind = problems(turned, [None; 4]);
+        has(
+            &blind[0],
+            &[
+                "rear left wheel's encoder counts",
+                "each other's places",
+                "encoders, or of their motors",
+            ],
+        );
+        assert_eq!((&blind[1], &blind[3]), (&None, &None));
+        let looked = |first, second| {
+            let wheel = |wheel| {
+                Some(Seen::Wheel {
+                    wheel,
+                    forward: true,
+                })
+            };
+            problems(turned, [wheel(first), wheel(1), wheel(second), wheel(3)])
+        };
+        has(
+            &looked(0, 2)[0],
+            &["exchange the plugs of the front left and the rear left wheel's encoders"],
+        );
+        assert!(!looked(0, 2)[0].as_deref().unwrap().contains("motors"));
+        has(
+            &looked(2, 0)[0],
+            &["rear left wheel turns", "plugs of the two motors"],
+        );
+    }
+
+    #[test]
+    fn reversed_ones_are_told_apart_by_who_looks() {
+        let mut turned = good();
+        turned[1].ways[1] = -0.1;
+        turned[1].speed = None;
+        has(
+            &problems(turned, [None; 4])[1],
+            &["backwards", "2020:2 2", "2020:3 2"],
+        );
+        let seen = |forward| {
+            let seen = Seen::Wheel { wheel: 1, forward };
+            problems(turned, [None, Some(seen), None, None])[1].clone()
+        };
+        has(&seen(true), &["swap A and B", "2020:2 2 --node 2"]);
+        has(&seen(false), &["wires of its motor", "2020:3 2 --node 2"]);
+        // A bit that is set already is to be cleared.
+        let set = Reversed {
+            encoders: 0b0110,
+            ..NONE
+        };
+        has(&judge(turned, [None; 4], &set)[1].problem, &["2020:2 4 "]);
+        // Both: the counts look right, only the eye sees it.
+        let both = Seen::Wheel {
+            wheel: 0,
+            forward: false,
+        };
+        has(
+            &problems(good(), [Some(both), None, None, None])[0],
+            &["2020:3 1", "2020:2 1"],
+        );
+    }
+
+    #[test]
+    fn silence_and_crosstalk_are_named() {
+        let mut turned = good();
+        turned[3] = Turned::default();
+        has(&problems(turned, [None; 4])[3], &["no encoder counts"]);
+        let nothing = [None, None, None, Some(Seen::Nothing)];
+        has(&problems(turned, nothing)[3], &["motor's plug"]);
+        turned[3].ways = [0.0, 1.0, 0.0, 2.0];
+        has(
+            &problems(turned, [None; 4])[3],
+            &["2 encoders", "front right, rear right"],
+        );
+    }
+
+    #[test]
+    fn an_encoder_with_other_counts_shows() {
+        let mut turned = good();
+        // Four times too few counts: a quarter of the rate at the same voltage.
+        turned[2].speed = Some(3.2);
+        has(
+            &problems(turned, [None; 4])[2],
+            &["0.25 times as fast", "2020:1"],
+        );
+    }
+}

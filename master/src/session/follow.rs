@@ -1,0 +1,167 @@
+//! Driving a curve: one setpoint per SYNC, sent ahead of the time it is for.
+//!
+//! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed time
+//! after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that time
+//! after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's at
+//! that later time.
+//!
+//! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
+//! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
+//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`crate::path::roller_transition`]). What is
+//! left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
+
+use group::ContactLag;
+use kinematics::{Pose, Twist};
+
+use crate::bus::link::Link;
+use crate::error::MasterError;
+use crate::path::curve::Plan;
+use crate::path::steering::{Lost, Steering, limited};
+use crate::session::{Group, STOP_PATIENCE_US};
+
+/// SYNC periods from latching a setpoint to its being reached.
+const PREVIEW_SYNCS: u64 = 2;
+/// How long the group is watched after the curve's end, in s: the pipeline's delay and a little more.
+const TAIL: f64 = 0.1;
+
+/// Time from the SYNC that latches a setpoint to its being reached, for a SYNC period, both in µs.
+#[must_use]
+pub const fn preview_us(period_us: u64) -> u64 {
+    PREVIEW_SYNCS * period_us + protocol::APPLY_DELAY_US
+}
+
+/// Half the stretch of time over which a curve's acceleration is taken, s.
+const SHORTLY: f64 = 5e-3;
+
+/// The twist that a group with this heading has to ask of its wheels at `t` for moving as the curve does then: the
+/// curve's, and the slip its acceleration costs.
+fn led(plan: &Plan, t: f64, heading: f32, lag: &ContactLag) -> Twist {
+    let (before, after) = (plan.at(t - SHORTLY).1, plan.at(t + SHORTLY).1);
+    let acceleration = ((after - before) * (0.5 / SHORTLY as f32)).to_body(heading);
+    plan.at(t).1.to_body(heading)
+        + Twist::new(
+            lag.longitudinal * acceleration.vx,
+            lag.lateral * acceleration.vy,
+            lag.yaw * acceleration.omega,
+        )
+}
+
+/// What the curve asks for at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant {
+    /// Time since the start of the curve, in s.
+    pub t: f64,
+    /// Place of this SYNC's row in the recorder.
+    pub row: usize,
+    /// Duration of the curve, in s.
+    pub duration: f64,
+    /// Pose asked for, world frame of the curve.
+    pub pose: Pose,
+    /// Twist asked for, world frame of the curve.
+    pub twist: Twist,
+}
+
+impl<L: Link> Group<L> {
+    /// Drives `plan` from rest to rest; call [`Group::start`] before. `observe` is called at every
+    /// SYNC, at the time of the [`Instant`] it is given. However it ends, the group stands
+    /// afterwards and is in PRE-OPERATIONAL.
+    ///
+    /// # Errors
+    /// When the curve is too fast for the group or the group is not started (then nothing has moved), when
+    /// a member faults or goes missing, or the link fails.
+    pub fn follow(
+        &mut self,
+        plan: &Plan,
+        observe: &mut dyn FnMut(&mut L, &Instant),
+    ) -> Result<(), MasterError> {
+        self.follow_with(plan, None, observe)
+    }
+
+    /// The same with feedback.
+    ///
+    /// # Errors
+    /// As [`Group::follow`], and when sightings of the group stop coming.
+    pub fn follow_with(
+        &mut self,
+        plan: &Plan,
+        steering: Option<&mut Steering>,
+        observe: &mut dyn FnMut(&mut L, &Instant),
+    ) -> Result<(), MasterError> {
+        plan.check(&self.file.limits)?;
+        self.check_started()?;
+        let driven = self.drive(plan, steering, observe);
+        if let Err(error) = &driven {
+            self.fail(error);
+        }
+        let stopped = self.ramp_down(STOP_PATIENCE_US);
+        driven.and(stopped)
+    }
+
+    /// Drives a checked plan; the group stands afterwards and stays started.
+    pub(crate) fn drive(
+        &mut self,
+        plan: &Plan,
+        mut steering: Option<&mut Steering>,
+        observe: &mut dyn FnMut(&mut L, &Instant),
+    ) -> Result<(), MasterError> {
+        let preview = preview_us(self.period_us()) as f64 * 1e-6;
+        let duration = plan.duration();
+        let began = self.next_sync();
+        if let Some(steering) = &mut steering {
+            steering.begin(began);
+        }
+        loop {
+            self.await_turn()?;
+            let t = self.next_sync().since(began).0 as f64 * 1e-6;
+            if t > duration + TAIL {
+                return Ok(());
+            }
+            let (pose, twist) = plan.at(t);
+            let setpoint = match &mut steering {
+                Some(steering) => self.steer(plan, t + preview, steering)?,
+                None => self.forward(plan, t + preview),
+            };
+            self.set_target(Some(pose));
+            self.take_turn(setpoint)?;
+            let instant = Instant {
+                t,
+                row: self.recorder().rows().len() - 1,
+                duration,
+                pose,
+                twist,
+            };
+            observe(self.link(), &instant);
+        }
+    }
+
+    /// The setpoint for the time `t` of the curve.
+    fn forward(&self, plan: &Plan, t: f64) -> Twist {
+        self.asked(plan, t, plan.at(t).0.heading)
+    }
+
+    /// What a group with this heading is to be asked for at `t`.
+    fn asked(&self, plan: &Plan, t: f64, heading: f32) -> Twist {
+        let led = led(plan, t, heading, &self.file.contact_lag);
+        led + self.lost_by_hand_over(led)
+    }
+
+    /// The setpoint for the time `t` of the curve, corrected by what was seen.
+    fn steer(&self, plan: &Plan, t: f64, steering: &mut Steering) -> Result<Twist, MasterError> {
+        let now = self.wire.now();
+        let seen = steering
+            .look(now, self.rows_began(), self.recorder().rows())
+            .map_err(|Lost| MasterError::PoseLost)?;
+        let Some(seen) = seen.filter(|_| steering.corrects) else {
+            return Ok(self.forward(plan, t));
+        };
+        let (wanted, _) = plan.at(seen.t);
+        let correction = steering.law.correction(wanted, seen.pose);
+        // The heading error stays as it was seen until something is done about it.
+        let heading = plan.at(t).0.heading + seen.pose.heading - wanted.heading;
+        let forward = self.asked(plan, t, heading);
+        Ok(limited(
+            forward + correction.to_body(heading),
+            &self.file.limits,
+        ))
+    }
+}

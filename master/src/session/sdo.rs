@@ -1,0 +1,218 @@
+//! Reading and writing one object of one robot, over any link.
+//!
+//! The transfer itself is `canopen`'s SDO client; this file gives it time and frames, and keeps the
+//! master's heartbeat going meanwhile. What else arrives waits in the wire's backlog, from which
+//! the session takes it. One transfer runs at a time, which a robot needs anyway: it has one SDO
+//! server.
+
+use canopen::client::{Outcome, SdoClient, SdoError};
+use canopen::{AbortCode, Micros, NodeId};
+use protocol::{Address, Kind, OBJECTS, Value};
+
+use crate::bus::link::Link;
+use crate::bus::wire::Wire;
+use crate::error::MasterError;
+
+/// How long a robot may take for one answer unless told otherwise, in µs.
+pub const ANSWER_TIMEOUT_US: u64 = 250_000;
+
+/// Store parameters (CiA 301 7.5.2.13): all of them, and the word that says so, "save".
+const STORE: (Address, Value) = (Address::new(0x1010, 1), Value::U32(0x6576_6173));
+/// Restore defaults (CiA 301 7.5.2.14), "load".
+const RESTORE: (Address, Value) = (Address::new(0x1011, 1), Value::U32(0x6461_6F6C));
+/// How long storing may take, in µs: a sector of flash has to be erased first.
+const STORE_TIMEOUT_US: u64 = 3_000_000;
+
+/// An object as people know it: its name and its address.
+#[must_use]
+pub fn name(address: Address) -> String {
+    let object = OBJECTS.iter().find(|object| object.address == address);
+    object.map_or_else(
+        || format!("object {address}"),
+        |object| format!("{} ({address})", object.name),
+    )
+}
+
+/// A value as people write it.
+#[must_use]
+pub fn show(value: Value) -> String {
+    match value {
+        Value::I16(v) => v.to_string(),
+        Value::U8(v) => v.to_string(),
+        Value::U16(v) => v.to_string(),
+        Value::U32(v) => v.to_string(),
+        Value::F32(v) => v.to_string(),
+        Value::I24(v) => v.to_string(),
+        Value::Domain => "a block of bytes".into(),
+    }
+}
+
+/// What is to be done with an object.
+#[derive(Clone, Copy)]
+enum Transfer<'a> {
+    Read,
+    Write(Value),
+    WriteBlock(&'a [u8]),
+}
+
+impl<L: Link> Wire<L> {
+    /// Reads an object of a type.
+    ///
+    /// # Errors
+    /// When the robot refuses, does not answer, or answers with another type.
+    pub fn read(&mut self, node: u8, address: Address, kind: Kind) -> Result<Value, MasterError> {
+        let data = self.transfer(node, address, Transfer::Read)?;
+        Value::from_bytes(kind, &data).map_err(|error| MasterError::Answer {
+            node,
+            object: name(address),
+            problem: format!("{} bytes for a {}: {error}", data.len(), kind.name()),
+        })
+    }
+
+    /// Writes an object.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn write(&mut self, node: u8, address: Address, value: Value) -> Result<(), MasterError> {
+        self.transfer(node, address, Transfer::Write(value))?;
+        Ok(())
+    }
+
+    /// Writes an object and reads it back.
+    ///
+    /// # Errors
+    /// As [`Wire::write`] and [`Wire::read`], and when the value read is not the value written.
+    pub fn write_checked(
+        &mut self,
+        node: u8,
+        address: Address,
+        value: Value,
+    ) -> Result<(), MasterError> {
+        self.write(node, address, value)?;
+        let found = self.read(node, address, value.kind())?;
+        if found.to_bits() == value.to_bits() {
+            return Ok(());
+        }
+        Err(MasterError::ReadBack {
+            node,
+            object: name(address),
+            written: show(value),
+            found: show(found),
+        })
+    }
+
+    /// Stores the parameters of a robot in its flash.
+    ///
+    /// # Errors
+    /// When the robot refuses (it must not be OPERATIONAL) or does not answer.
+    pub fn save(&mut self, node: u8) -> Result<(), MasterError> {
+        let before = std::mem::replace(&mut self.patience_us, STORE_TIMEOUT_US);
+        let stored = self.write(node, STORE.0, STORE.1);
+        self.patience_us = before;
+        stored
+    }
+
+    /// Lets a robot have its default parameters after the next reset.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn restore(&mut self, node: u8) -> Result<(), MasterError> {
+        let before = std::mem::replace(&mut self.patience_us, STORE_TIMEOUT_US);
+        let restored = self.write(node, RESTORE.0, RESTORE.1);
+        self.patience_us = before;
+        restored
+    }
+
+    /// Reads the bytes of an object, however many.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn read_block(&mut self, node: u8, address: Address) -> Result<Vec<u8>, MasterError> {
+        self.transfer(node, address, Transfer::Read)
+    }
+
+    /// Writes an object of any length and reads it back.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer, and when it reads back something else.
+    pub fn write_block(
+        &mut self,
+        node: u8,
+        address: Address,
+        bytes: &[u8],
+    ) -> Result<(), MasterError> {
+        self.transfer(node, address, Transfer::WriteBlock(bytes))?;
+        let found = self.read_block(node, address)?;
+        if found == bytes {
+            return Ok(());
+        }
+        Err(MasterError::ReadBack {
+            node,
+            object: name(address),
+            written: format!("{} bytes", bytes.len()),
+            found: format!("{} others", found.len()),
+        })
+    }
+
+    fn transfer(
+        &mut self,
+        node: u8,
+        address: Address,
+        what: Transfer<'_>,
+    ) -> Result<Vec<u8>, MasterError> {
+        let answer = |problem: &str| MasterError::Answer {
+            node,
+            object: name(address),
+            problem: problem.into(),
+        };
+        let server = NodeId::new(node).ok_or(MasterError::NodeSilent { node })?;
+        let mut client = SdoClient::new(server, Micros(self.patience_us));
+        let (now, index, sub) = (self.link.now(), address.index, address.sub);
+        match what {
+            Transfer::Read => client.upload(now, index, sub),
+            Transfer::Write(value) => {
+                let length = usize::from(value.kind().bytes());
+                client.download(now, index, sub, &value.to_bytes()[..length])
+            }
+            Transfer::WriteBlock(bytes) => client.download(now, index, sub, bytes),
+        }
+        .map_err(|_| answer("the request cannot be made"))?;
+        let outcome = loop {
+            self.beat()?;
+            while let Some(frame) = client.pop_frame() {
+                self.send(&frame)?;
+            }
+            let outcome = match self.receive(self.wake(client.next_deadline().unwrap_or(now)))? {
+                Some((at, frame)) => {
+                    let outcome = client.on_frame(at, &frame);
+                    if outcome.is_none() {
+                        self.backlog.push_back((at, frame));
+                    }
+                    outcome
+                }
+                None => client.poll(self.link.now()),
+            };
+            if let Some(outcome) = outcome {
+                break outcome;
+            }
+        };
+        while let Some(frame) = client.pop_frame() {
+            self.send(&frame)?;
+        }
+        match outcome {
+            Outcome::Uploaded | Outcome::Downloaded => Ok(client.data().to_vec()),
+            Outcome::Failed(SdoError::Timeout) => Err(MasterError::NodeSilent { node }),
+            Outcome::Failed(SdoError::Aborted(code)) => Err(MasterError::Refused {
+                node,
+                object: name(address),
+                value: match what {
+                    Transfer::Read => "read".into(),
+                    Transfer::Write(value) => show(value),
+                    Transfer::WriteBlock(bytes) => format!("{} bytes", bytes.len()),
+                },
+                abort: AbortCode::from_code(code).unwrap_or(AbortCode::General),
+            }),
+            Outcome::Failed(SdoError::Protocol(code)) => Err(answer(code.text())),
+        }
+    }
+}
