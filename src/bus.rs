@@ -18,7 +18,8 @@ use controller::{BusSide, Event, State, Stored};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
-use crate::board::flash::{ParameterFlash, patiently};
+use crate::board::flash::ParameterFlash;
+use crate::board::iwdg::patiently;
 use crate::board::now;
 use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
@@ -93,16 +94,16 @@ fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
     defmt::info!("storing {=usize} bytes", image.len());
     let saved = patiently(|| store.save(image));
     side.counters_mut().store = store.wear();
-    if saved.is_ok() {
+    if matches!(saved, Ok(Ok(()))) {
         side.finish_store(Ok(()));
         return true;
     }
     defmt::error!("storing failed");
     let mut buffer = [0; store::BUFFER];
     side.finish_store(Err(match patiently(|| store.load(&mut buffer)) {
-        Ok(Some(image)) => Stored::Image(image),
-        Ok(None) => Stored::Nothing,
-        Err(_) => Stored::Unreadable,
+        Ok(Ok(Some(image))) => Stored::Image(image),
+        Ok(Ok(None)) => Stored::Nothing,
+        Ok(Err(_)) | Err(_) => Stored::Unreadable,
     }));
     true
 }

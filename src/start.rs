@@ -11,7 +11,8 @@ use protocol::Fault;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::can::Can;
-use crate::board::flash::{PARAMETERS, ParameterFlash, patiently};
+use crate::board::flash::{PARAMETERS, ParameterFlash};
+use crate::board::iwdg::patiently;
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, ResetCause, executors, now};
 use crate::store::{self, Store};
@@ -38,9 +39,9 @@ fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'stat
 fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
     let mut buffer = [0; store::BUFFER];
     let stored = match patiently(|| store.load(&mut buffer)) {
-        Ok(Some(image)) => Stored::Image(image),
-        Ok(None) => Stored::Nothing,
-        Err(_) => Stored::Unreadable,
+        Ok(Ok(Some(image))) => Stored::Image(image),
+        Ok(Ok(None)) => Stored::Nothing,
+        Ok(Err(_)) | Err(_) => Stored::Unreadable,
     };
     side.load(now(), IMAGE.take(), stored);
     side.counters_mut().store = store.wear();
@@ -50,7 +51,7 @@ fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
 #[inline(never)]
 fn node_stored(store: &mut Store<ParameterFlash>) -> Option<NodeId> {
     let mut buffer = [0; store::BUFFER];
-    let image = patiently(|| store.load(&mut buffer)).ok().flatten()?;
+    let image = patiently(|| store.load(&mut buffer)).ok()?.ok()??;
     stored_node(image)
 }
 
@@ -79,7 +80,7 @@ fn prepare() -> Parts {
     let switches = unwrap!(NodeId::new(FIRST_NODE + board.node_switches));
     let mut store = Store::new(board.flash, PARAMETERS);
     // What cannot be read now cannot be read later either, and is reported then.
-    let save_was_cut = patiently(|| store.open()).unwrap_or(false);
+    let save_was_cut = matches!(patiently(|| store.open()), Ok(Ok(true)));
     let node = node_stored(&mut store).unwrap_or(switches);
     defmt::info!(
         "reset: {}, node {=u8} (switches {=u8}), serial {=u32:#010x}",

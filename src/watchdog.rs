@@ -2,18 +2,19 @@
 //!
 //! The control task does, from its tick, and so proves its own progress; it feeds only if the bus task has come round
 //! since the last time. The bus task comes round at least every 5 ms and lives in thread mode, where it is the first
-//! to starve. Nothing else feeds, so a control task that hangs, an interrupt storm, or a task that never yields resets
-//! the chip 50 ms after the last feeding (34 to 94 ms over the LSI's tolerance).
+//! to starve. So a control task that hangs, an interrupt storm, or a task that never yields resets
+//! the chip 50 ms after the last feeding (34 to 94 ms over the LSI's tolerance). Only a change of the watchdog's own
+//! setting feeds besides, at start-up and around what writes flash (`board::iwdg`): twice each time, with the outputs off, and
+//! with a bound on the time in between.
 //!
 //! One exception, because a reset is a hard stop of one robot under a common load: when the bus side has gone silent
 //! while the wheels turn, the control side notices after 25 ms, which is earlier than any reset, and ramps down. While it
 //! does, its own progress is enough, for [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
 
 use controller::{Mode, Report, TICK_US};
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
 use protocol::Fault;
 
+use crate::board::iwdg::Watchdog;
 use crate::board::post_mortem::{self, Failure};
 use crate::handover::BUS_PROGRESS;
 
@@ -25,7 +26,7 @@ const GRACE_TICKS: u32 = 3_000_000 / TICK_US;
 
 /// Keeps the watchdog quiet while all is well.
 pub struct Guard {
-    watchdog: IndependentWatchdog<'static, IWDG>,
+    watchdog: Watchdog,
     bus: u32,
     since_fed: u32,
     /// Ticks that only the control side has proved.
@@ -34,7 +35,7 @@ pub struct Guard {
 
 impl Guard {
     /// Takes the watchdog, which runs already.
-    pub fn new(watchdog: IndependentWatchdog<'static, IWDG>) -> Self {
+    pub fn new(watchdog: Watchdog) -> Self {
         Self {
             watchdog,
             bus: BUS_PROGRESS.count(),
@@ -70,6 +71,6 @@ impl Guard {
 
     fn feed(&mut self) {
         self.since_fed = 0;
-        self.watchdog.pet();
+        self.watchdog.feed();
     }
 }

@@ -5,22 +5,17 @@
 //! served, and frames that do not fit into the CAN controller's FIFO are lost; during an erase the local time stands
 //! still. Between the operations interrupts are served, but no other task of the bus executor runs, and
 //! clearing up a full sector takes the store up to 400 ms of computing. So this may be used only while the outputs are
-//! off, and the watchdog, which cannot be stopped, is given more time by [`patiently`].
+//! off, and the watchdog, which cannot be stopped, is given more time by
+//! [`patiently`](super::iwdg::patiently).
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Bank1Region1, Blocking, Error, Flash};
 use embassy_stm32::pac;
-use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::peripherals::FLASH;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
 /// Offset of the first of the two sectors; `__parameters_start` in `memory.x`.
 pub const PARAMETERS: u32 = 0x4000;
-
-/// Watchdog time meanwhile: 32 kHz / 32 / 3000 is 3 s, and no less than 2.04 s for the fastest LSI, 47 kHz. Two erases at
-/// 800 ms each, and the computing.
-const PRESCALER: Pr = Pr::DIVIDE_BY32;
-const RELOAD: u16 = 3000 - 1;
 
 /// Flash sectors 0 to 3.
 pub struct ParameterFlash(Bank1Region1<'static, Blocking>);
@@ -73,29 +68,4 @@ impl NorFlash for ParameterFlash {
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
         self.0.blocking_write(offset, bytes)
     }
-}
-
-/// Does something that takes long, with the watchdog's time extended. It is fed before and after.
-pub fn patiently<T>(f: impl FnOnce() -> T) -> T {
-    let watchdog = pac::IWDG;
-    let normal = (watchdog.pr().read().pr(), watchdog.rlr().read().rl());
-    set_watchdog(PRESCALER, RELOAD);
-    let result = f();
-    set_watchdog(normal.0, normal.1);
-    result
-}
-
-/// Gives the watchdog another time and feeds it. Takes up to five LSI cycles.
-fn set_watchdog(prescaler: Pr, reload: u16) {
-    let watchdog = pac::IWDG;
-    // Fed first: the time that has passed must not count against a shorter one.
-    watchdog.kr().write(|w| w.set_key(Key::RESET));
-    // The control side feeds it too, which ends the permission to write.
-    cortex_m::interrupt::free(|_| {
-        watchdog.kr().write(|w| w.set_key(Key::ENABLE));
-        watchdog.pr().write(|w| w.set_pr(prescaler));
-        watchdog.rlr().write(|w| w.set_rl(reload));
-    });
-    while watchdog.sr().read().0 != 0 {}
-    watchdog.kr().write(|w| w.set_key(Key::RESET));
 }

@@ -9,6 +9,7 @@ pub mod drive;
 pub mod executors;
 pub mod flash;
 pub mod index;
+pub mod iwdg;
 mod memory;
 mod nucleo_f446re;
 pub mod post_mortem;

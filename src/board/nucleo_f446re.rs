@@ -22,13 +22,12 @@ use canopen::Micros;
 use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
 use embassy_stm32::pac::adc::vals::SampleTime;
-use embassy_stm32::peripherals::{ADC1, IWDG, PA4, TIM2, TIM3, TIM4, TIM5};
+use embassy_stm32::peripherals::{ADC1, PA4, TIM2, TIM3, TIM4, TIM5};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
 };
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::{self, Qei};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, Peri, pac, uid};
 use embassy_time::Instant;
 
@@ -37,6 +36,7 @@ use super::drive::{Drive, Pins};
 use super::executors;
 use super::flash::ParameterFlash;
 use super::index::Indexes;
+use super::iwdg::Watchdog;
 use super::tick::TickTimer;
 
 /// Bit of port B that enables the motor drivers.
@@ -45,10 +45,6 @@ pub const DRIVER_ENABLE_PB: usize = 0;
 pub const BRAKE_RELEASE_PB: usize = 1;
 /// First of the four bits of port C that say which way the wheels turn.
 pub const FIRST_DIRECTION_PC: usize = 0;
-
-/// Time without feeding after which the watchdog resets the chip, for an LSI of exactly 32 kHz. The data sheet
-/// allows 17 to 47 kHz, so the reset comes 34 to 94 ms after the last feeding.
-const WATCHDOG_TIMEOUT_US: u32 = 50_000;
 
 /// Everything the tasks use.
 pub struct Board {
@@ -69,7 +65,7 @@ pub struct Board {
     /// Timer of the control tick.
     pub tick: TickTimer,
     /// Watchdog, running.
-    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    pub watchdog: Watchdog,
     /// Where the parameters are.
     pub flash: ParameterFlash,
     /// Value of the four switches, 0..=15.
@@ -177,8 +173,7 @@ impl Board {
             Output::new(p.PC2, Level::High, Speed::Low),
             Output::new(p.PC3, Level::High, Speed::Low),
         ];
-        let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_TIMEOUT_US);
-        watchdog.unleash();
+        let watchdog = Watchdog::start(p.IWDG);
 
         // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them costs 5 cycles.
         pac::FLASH.acr().modify(|w| {

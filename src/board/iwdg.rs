@@ -1,0 +1,110 @@
+//! The independent watchdog (RM0390 rev 6, section 21). It cannot be stopped once it runs.
+//!
+//! Two settings: [`NORMAL`], and [`PATIENT`] while flash is erased or programmed. A setting takes up to five LSI cycles
+//! to arrive, 106 to 294 us. Meanwhile PVU and RVU in SR are set, the registers read their old values and must not be
+//! written (21.4.2 to 21.4.4). So every change waits until both are clear, before and after; the settings are constants and
+//! are never read back to be restored. The first count after the start is the longest there is, so the start ends with
+//! a feeding, too.
+
+use embassy_stm32::Peri;
+use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::peripherals::IWDG;
+
+/// A time without feeding after which the chip is reset.
+#[derive(Clone, Copy)]
+struct Setting {
+    prescaler: Pr,
+    reload: u16,
+}
+
+/// 400 counts of 4 LSI cycles: 50 ms at 32 kHz. DS10693 rev 10, table 42: LSI has 17 to 47 kHz, so the reset comes 34 to
+/// 94 ms after the last feeding.
+const NORMAL: Setting = Setting {
+    prescaler: Pr::DIVIDE_BY4,
+    reload: 400 - 1,
+};
+
+/// 3000 counts of 32 LSI cycles: 3 s at 32 kHz, 2.04 s at 47 kHz. One save takes two erases at most, 500 ms each at 32
+/// bits (DS10693 rev 10, table 49), and 600 words at 100 us.
+const PATIENT: Setting = Setting {
+    prescaler: Pr::DIVIDE_BY32,
+    reload: 3000 - 1,
+};
+
+/// Longest wait for a setting to arrive, in steps of 180 core cycles: 2 ms at 180 MHz, for what takes 294 us.
+const WAIT_STEPS: u32 = 2_000;
+
+/// An update does not end. LSI stands still, and so does the watchdog.
+pub struct Stuck;
+
+/// The watchdog, running.
+pub struct Watchdog(());
+
+impl Watchdog {
+    /// Starts it with the normal setting.
+    pub fn start(_iwdg: Peri<'static, IWDG>) -> Self {
+        pac::IWDG.kr().write(|w| w.set_key(Key::START));
+        log(set(NORMAL));
+        Self(())
+    }
+
+    /// Feeds it.
+    pub fn feed(&mut self) {
+        feed();
+    }
+}
+
+/// Does something that takes long, with more time until the watchdog bites; with the outputs off only.
+///
+/// # Errors
+/// When the watchdog cannot be given that time; then nothing is done.
+pub fn patiently<T>(f: impl FnOnce() -> T) -> Result<T, Stuck> {
+    set(PATIENT)?;
+    let result = f();
+    if set(NORMAL).is_err() {
+        defmt::error!("watchdog: cannot be set back");
+    }
+    Ok(result)
+}
+
+fn feed() {
+    pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
+}
+
+/// Gives the watchdog a setting and feeds it once it has arrived.
+fn set(setting: Setting) -> Result<(), Stuck> {
+    wait()?;
+    // The control side feeds it too, which would end the permission to write.
+    cortex_m::interrupt::free(|_| {
+        feed();
+        pac::IWDG.kr().write(|w| w.set_key(Key::ENABLE));
+        pac::IWDG.pr().write(|w| w.set_pr(setting.prescaler));
+        pac::IWDG.rlr().write(|w| w.set_rl(setting.reload));
+    });
+    wait()?;
+    feed();
+    Ok(())
+}
+
+/// Waits until no update is under way.
+fn wait() -> Result<(), Stuck> {
+    for _ in 0..WAIT_STEPS {
+        if pac::IWDG.sr().read().0 == 0 {
+            return Ok(());
+        }
+        cortex_m::asm::delay(180);
+    }
+    Err(Stuck)
+}
+
+/// Says what the watchdog is.
+fn log(set: Result<(), Stuck>) {
+    let (prescaler, reload) = (pac::IWDG.pr().read().0, pac::IWDG.rlr().read().0);
+    // 4 << PR LSI cycles a count, each 31.25 us at 32 kHz.
+    let us = (reload + 1) * (125 << prescaler.min(6));
+    match set {
+        Ok(()) => defmt::info!("watchdog: {=u32} us at 32 kHz", us),
+        Err(Stuck) => defmt::error!("watchdog: cannot be set, {=u32} us at 32 kHz", us),
+    }
+}
