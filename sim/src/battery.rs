@@ -1,9 +1,14 @@
-//! A battery with internal resistance that the motors of one robot share.
+//! What the motors of one robot share: a battery with internal resistance, and a supply that takes no charge.
 //!
 //! The bridges draw `I = sum(duty i)` and the terminals are at `U = E - R I`. Each motor's current at the
 //! end of a step is `a + b U`, see [`Motor::admittance`]; so `U = (E - R sum(duty a)) / (1 + R sum(duty b))`,
 //! which is stable for any resistance. Motors that brake charge it. The voltage without load may follow
 //! the charge.
+//!
+//! A bench supply, or a battery whose protection has opened for charging, gives current and takes none. Then what
+//! the motors send back stays in the capacitors at the bridges: `C dU = -I dt`, in a step from `U0` to
+//! `U = (C U0 - dt sum(duty a)) / (C + dt sum(duty b))`, and never below what the source gives. Nothing limits it:
+//! bridges and capacitors that fail at some voltage are not modelled.
 
 use group::Battery as Parameters;
 
@@ -11,7 +16,84 @@ use crate::motor::{Drive, Motor};
 
 const AS_PER_AH: f64 = 3600.0;
 
-/// See the [module](self).
+/// What feeds the motors of one robot.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Supply {
+    battery: Option<Battery>,
+    /// Of the capacitors at the bridges, F, where the source takes no charge.
+    capacitance: Option<f64>,
+    /// At the bridges, V; until the first step that of the motors.
+    volts: Option<f64>,
+}
+
+impl Supply {
+    /// This battery, or the motors' nominal voltage whatever they draw.
+    #[must_use]
+    pub fn new(battery: Option<Battery>) -> Self {
+        Self {
+            battery,
+            ..Self::default()
+        }
+    }
+
+    /// Lets the source take no more charge, so that these capacitors, F, get it; `None` lets it take charge again.
+    pub fn block_charge(&mut self, capacitance: Option<f64>) {
+        self.capacitance = capacitance;
+    }
+
+    /// Voltage at the bridges after the last step; `None` is the nominal one.
+    #[must_use]
+    pub fn volts(&self) -> Option<f64> {
+        self.volts
+    }
+
+    /// The battery, if it is one.
+    #[must_use]
+    pub fn battery(&self) -> Option<&Battery> {
+        self.battery.as_ref()
+    }
+
+    /// Advances the motors by `dt` (s) under constant drive.
+    pub fn step(&mut self, motors: &mut [Motor; 4], drives: &[Drive; 4], dt: f64) {
+        if self.battery.is_none() && self.capacitance.is_none() {
+            self.volts = None;
+            for (motor, drive) in motors.iter_mut().zip(drives) {
+                motor.step(dt, *drive);
+            }
+            return;
+        }
+        let (mut still, mut per_volt) = (0.0, 0.0);
+        for (motor, drive) in motors.iter().zip(drives) {
+            let (a, b) = motor.admittance(dt, *drive);
+            let duty = drive.duty.clamp(-1.0, 1.0);
+            still += duty * a;
+            per_volt += duty * b;
+        }
+        let nominal = motors[0].supply();
+        let (open, r) = match &self.battery {
+            Some(battery) => (battery.open_volts(nominal), battery.parameters.resistance),
+            None => (nominal, 0.0),
+        };
+        let given = (open - r * still) / (1.0 + r * per_volt);
+        let stored = self.capacitance.map(|farad| {
+            let before = self.volts.unwrap_or(nominal);
+            (farad * before - dt * still) / (farad + dt * per_volt)
+        });
+        let volts = stored.map_or(given, |stored| stored.max(given));
+        self.volts = Some(volts);
+        for (motor, drive) in motors.iter_mut().zip(drives) {
+            motor.step_on(volts, dt, *drive);
+        }
+        if stored.is_some_and(|stored| stored > given) {
+            return;
+        }
+        if let Some(battery) = &mut self.battery {
+            battery.draw((still + per_volt * volts) * dt);
+        }
+    }
+}
+
+/// A battery.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Battery {
     parameters: Parameters,
@@ -28,26 +110,12 @@ impl Battery {
         }
     }
 
-    /// Advances the motors by `dt` (s) under constant drive; returns the voltage at the terminals.
-    pub fn step(&mut self, motors: &mut [Motor; 4], drives: &[Drive; 4], dt: f64) -> f64 {
-        let r = self.parameters.resistance;
-        let (mut still, mut per_volt) = (0.0, 0.0);
-        for (motor, drive) in motors.iter().zip(drives) {
-            let (a, b) = motor.admittance(dt, *drive);
-            let duty = drive.duty.clamp(-1.0, 1.0);
-            still += duty * a;
-            per_volt += duty * b;
-        }
-        let open = self.open_volts(motors[0].supply());
-        let volts = (open - r * still) / (1.0 + r * per_volt);
-        for (motor, drive) in motors.iter_mut().zip(drives) {
-            motor.step_on(volts, dt, *drive);
-        }
+    /// Takes out a charge, As.
+    fn draw(&mut self, charge: f64) {
         if let Some(capacity) = self.parameters.capacity_ah {
-            let used = (still + per_volt * volts) * dt / (capacity * AS_PER_AH);
+            let used = charge / (capacity * AS_PER_AH);
             self.charge = (self.charge - used).clamp(0.0, 1.0);
         }
-        volts
     }
 
     /// Charge, 0..=1.
@@ -86,13 +154,17 @@ mod tests {
     };
     const STEP: f64 = 100e-6;
 
-    fn battery(resistance: f64) -> Battery {
-        Battery::new(&Parameters {
+    fn battery(resistance: f64) -> Supply {
+        Supply::new(Some(Battery::new(&Parameters {
             resistance,
             capacity_ah: Some(1.0),
             charge: 0.5,
             curve: vec![(0.0, 20.0), (1.0, 28.0)],
-        })
+        })))
+    }
+
+    fn charge(supply: &Supply) -> f64 {
+        supply.battery().unwrap().charge()
     }
 
     fn drive(duty: f64, wheels: usize) -> [Drive; 4] {
@@ -118,7 +190,8 @@ mod tests {
             let mut battery = battery(resistance);
             // The winding settles within a millisecond or so; the charge hardly moves.
             for _ in 0..1_000 {
-                volts = battery.step(&mut motors, &held, STEP);
+                battery.step(&mut motors, &held, STEP);
+                volts = battery.volts().unwrap();
             }
             assert!((volts - expected).abs() < 0.02, "{volts} {expected}");
             assert!(motors.iter().all(|m| m.angle() == 0.0));
@@ -133,10 +206,11 @@ mod tests {
         let mut battery = battery(0.5);
         let mut volts = 0.0;
         for _ in 0..60_000 {
-            volts = battery.step(&mut motors, &drive(1.0, 1), STEP);
+            battery.step(&mut motors, &drive(1.0, 1), STEP);
+            volts = battery.volts().unwrap();
         }
         let (k, r, b) = (f64::from(0.8f32), f64::from(0.3f32), f64::from(0.02f32));
-        let open = 20.0 + 8.0 * battery.charge();
+        let open = 20.0 + 8.0 * charge(&battery);
         let rate = open / (k + (r + 0.5) * b / k);
         assert!(
             (motors[0].rate() / rate - 1.0).abs() < 1e-4,
@@ -158,21 +232,68 @@ mod tests {
             brake_released: false,
             ..d
         });
-        let mut battery = Battery::new(&Parameters {
+        let mut battery = Supply::new(Some(Battery::new(&Parameters {
             resistance: 0.0,
             capacity_ah: Some(1.0),
             charge: 0.5,
             curve: Vec::new(),
-        });
+        })));
         for _ in 0..36_000 {
             battery.step(&mut motors, &held, 1e-3);
         }
         let amps = 4.0 * 0.25 * 0.25 * 24.0 / f64::from(0.3f32);
         let expected = 0.5 - amps * 36.0 / 3600.0;
         assert!(
-            (battery.charge() - expected).abs() < 1e-4,
+            (charge(&battery) - expected).abs() < 1e-4,
             "{}",
-            battery.charge()
+            charge(&battery)
         );
+    }
+
+    /// One wheel that turns with 20 rad/s, a duty of 0.5 that lets its bridge take 12 V of 24, and 10 mF that nothing
+    /// else charges. `J dw = K i dt` and `C dU = -d i dt`, so `J w / K + C U / d` stays; at the end `d U = K w`. And
+    /// what the wheel has lost is in the capacitor, 1/2 C (U^2 - U0^2), or was heat, the sum of R i^2 dt.
+    #[test]
+    fn braking_charges_what_nothing_else_takes() {
+        let parameters = group::Motor {
+            inductance: 0.0,
+            viscous: 0.0,
+            ..MOTOR
+        };
+        let (k, j, r) = (
+            f64::from(parameters.constant),
+            f64::from(parameters.inertia),
+            f64::from(parameters.resistance),
+        );
+        let (farad, duty) = (0.01, 0.5);
+        let mut motors: [Motor; 4] = std::array::from_fn(|_| Motor::new(&parameters));
+        // Brought to 20 rad/s by its own supply first.
+        let mut bench = Supply::default();
+        while motors[0].rate() < 20.0 {
+            bench.step(&mut motors, &drive(1.0, 1), 1e-5);
+        }
+        let w0 = motors[0].rate();
+        bench.block_charge(Some(farad));
+        let mut heat = 0.0;
+        for _ in 0..200_000 {
+            bench.step(&mut motors, &drive(duty, 1), 1e-5);
+            heat += r * motors[0].current().powi(2) * 1e-5;
+        }
+        let (w, volts) = (motors[0].rate(), bench.volts().unwrap());
+        let kept = j * w0 / k + farad * 24.0 / duty;
+        let expected = kept / (j * duty / (k * k) + farad / duty);
+        assert!((volts / expected - 1.0).abs() < 1e-3, "{volts} {expected}");
+        assert!((duty * volts / (k * w) - 1.0).abs() < 1e-3, "{w}");
+        let lost = 0.5 * j * (w0 * w0 - w * w);
+        let stored = 0.5 * farad * (volts * volts - 24.0 * 24.0);
+        assert!(
+            (stored + heat - lost).abs() < 2e-3 * lost,
+            "{stored} {heat} {lost}"
+        );
+        // Driving again, the source does not let it fall below its own voltage.
+        for _ in 0..200_000 {
+            bench.step(&mut motors, &drive(1.0, 1), 1e-5);
+        }
+        assert!((bench.volts().unwrap() - 24.0).abs() < 1e-9);
     }
 }

@@ -4,18 +4,40 @@
 //! drivers are enabled and no current at all while they are not. All torques, rates and inertias are the
 //! wheel's. The winding is integrated implicitly, because its time constant may be shorter than a step;
 //! dry friction brings the wheel to rest within a step instead of chattering around zero. The holding
-//! brake is dry friction of [`BRAKE_TORQUE`].
+//! brake is applied by springs: dry friction that begins and ends some time after the word, see [`Brake`].
 //!
 //! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate is
-//! within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, current limits,
-//! heating, and the torque ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may
-//! be a battery that motors share, see [`crate::battery`]; play in the gear is the caller's, because it
-//! lies between this and the wheel.
+//! within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, heating, and the torque
+//! ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may be a battery that motors
+//! share, see [`crate::battery`]; a driver that trips is the robot's, because its motors share that, too;
+//! play in the gear is the caller's, because it lies between this and the wheel.
 
 use group::Motor as Parameters;
 
-/// Torque the holding brake holds, N·m at the wheel.
+/// Torque the holding brake holds unless told otherwise, N·m at the wheel.
 pub const BRAKE_TORQUE: f64 = 60.0;
+
+/// A spring-applied holding brake at a wheel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Brake {
+    /// What it holds, N·m at the wheel.
+    pub torque: f64,
+    /// From the word until it lets go, s.
+    pub release: f64,
+    /// From the word, or the loss of power, until it holds, s.
+    pub engage: f64,
+}
+
+impl Default for Brake {
+    /// One without delays.
+    fn default() -> Self {
+        Self {
+            torque: BRAKE_TORQUE,
+            release: 0.0,
+            engage: 0.0,
+        }
+    }
+}
 
 /// What the robot's outputs do to one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -38,6 +60,12 @@ pub struct Motor {
     inertia: f64,
     friction: f64,
     drag: f64,
+    push: f64,
+    floor: f64,
+    brake: Brake,
+    /// Whether it holds, and how long it has been told otherwise, s.
+    holds: bool,
+    told: f64,
     viscous: f64,
     current: f64,
     rate: f64,
@@ -56,6 +84,11 @@ impl Motor {
             inertia: parameters.inertia.into(),
             friction: parameters.friction.into(),
             drag: 0.0,
+            push: 0.0,
+            floor: 0.0,
+            brake: Brake::default(),
+            holds: true,
+            told: 0.0,
             viscous: parameters.viscous.into(),
             current: 0.0,
             rate: 0.0,
@@ -73,11 +106,8 @@ impl Motor {
         let (still, per_volt) = self.admittance(dt, drive);
         self.current = still + per_volt * supply;
         let torque = self.constant * self.current - self.viscous * self.rate;
-        let brake = if drive.brake_released {
-            0.0
-        } else {
-            BRAKE_TORQUE
-        };
+        let torque = torque + self.push + self.floor;
+        let brake = self.brake_torque(dt, drive.brake_released);
         let free = self.rate + dt * torque / self.inertia;
         let held = dt * (self.friction + self.drag + brake) / self.inertia;
         let rate = if free > held {
@@ -89,6 +119,26 @@ impl Motor {
         };
         self.angle += dt * 0.5 * (self.rate + rate);
         self.rate = rate;
+    }
+
+    /// What the brake holds in this step, N·m.
+    fn brake_torque(&mut self, dt: f64, released: bool) -> f64 {
+        if self.holds == released {
+            let delay = if released {
+                self.brake.release
+            } else {
+                self.brake.engage
+            };
+            // Half a step of tolerance, for `told` is a sum of steps.
+            if self.told + 0.5 * dt >= delay {
+                self.holds = !released;
+            }
+            self.told += dt;
+        }
+        if self.holds != released {
+            self.told = 0.0;
+        }
+        if self.holds { self.brake.torque } else { 0.0 }
     }
 
     /// Changes the voltage of the supply, V.
@@ -120,6 +170,39 @@ impl Motor {
     /// Sets the dry friction of whatever is caught in the wheel, N·m at the wheel.
     pub fn set_drag(&mut self, torque: f64) {
         self.drag = torque;
+    }
+
+    /// Sets what turns the wheel from outside, N·m at the wheel, positive rolls the base forward: a slope, a
+    /// hand.
+    pub fn set_push(&mut self, torque: f64) {
+        self.push = torque;
+    }
+
+    /// Sets what the floor does to the wheel, N·m, positive rolls the base forward.
+    pub fn set_floor(&mut self, torque: f64) {
+        self.floor = torque;
+    }
+
+    /// Changes what turns with the wheel, kg m^2.
+    pub fn set_inertia(&mut self, inertia: f64) {
+        self.inertia = inertia;
+    }
+
+    /// Exchanges the holding brake.
+    pub fn set_brake(&mut self, brake: Brake) {
+        self.brake = brake;
+    }
+
+    /// The holding brake.
+    #[must_use]
+    pub fn brake(&self) -> Brake {
+        self.brake
+    }
+
+    /// Whether the brake holds, whatever it has been told.
+    #[must_use]
+    pub fn brake_holds(&self) -> bool {
+        self.holds
     }
 
     /// Wheel rate, rad/s, positive rolls the base forward.
@@ -256,5 +339,60 @@ mod tests {
             },
         );
         assert_eq!(motor.angle(), 0.0);
+    }
+
+    /// 1 s free fall of a wheel on a slope (5 N m on 0.4 kg m^2, 12.5 rad/s^2) before a brake that needs 80 ms to
+    /// hold, and 80 ms of it after the word; then 15 N m more than the slope brake it, 37.5 rad/s^2.
+    #[test]
+    fn a_brake_takes_its_time() {
+        let mut motor = Motor::new(&MOTOR);
+        motor.set_brake(Brake {
+            torque: 20.0,
+            release: 0.05,
+            engage: 0.08,
+        });
+        motor.set_push(5.0);
+        let off = |released| Drive {
+            duty: 0.0,
+            enabled: false,
+            brake_released: released,
+        };
+        // The release, 50 ms later.
+        run(&mut motor, 0.0501, off(true));
+        assert!(motor.rate() < 0.002, "{}", motor.rate());
+        run(&mut motor, 0.9999, off(true));
+        assert!((motor.rate() - 12.5).abs() < 0.01, "{}", motor.rate());
+        run(&mut motor, 0.08, off(false));
+        assert!((motor.rate() - 13.5).abs() < 0.01, "{}", motor.rate());
+        run(&mut motor, 0.1, off(false));
+        assert!((motor.rate() - 9.75).abs() < 0.02, "{}", motor.rate());
+        run(&mut motor, 0.5, off(false));
+        assert_eq!(motor.rate(), 0.0);
+        // Released for less than it needs, it goes on holding.
+        run(&mut motor, 0.03, off(true));
+        run(&mut motor, 0.03, off(false));
+        run(&mut motor, 0.03, off(true));
+        assert_eq!(motor.rate(), 0.0);
+        // More than it holds slips: 30 N m against 20.
+        motor.set_push(30.0);
+        run(&mut motor, 0.1, off(false));
+        assert!((motor.rate() - 2.5).abs() < 0.01, "{}", motor.rate());
+    }
+
+    /// Held by its brake with full voltage: (u - kE w) / R = 24 / 0.3 = 80 A.
+    #[test]
+    fn a_stalled_motor_draws_its_voltage_over_its_resistance() {
+        let mut motor = Motor::new(&MOTOR);
+        motor.set_brake(Brake {
+            torque: 100.0,
+            ..Brake::default()
+        });
+        let held = Drive {
+            brake_released: false,
+            ..driven(1.0)
+        };
+        run(&mut motor, 0.1, held);
+        assert!((motor.current() - 80.0).abs() < 1e-4, "{}", motor.current());
+        assert_eq!(motor.rate(), 0.0);
     }
 }

@@ -37,10 +37,16 @@ pub struct RobotTruth {
     pub wheel_rates: WheelRates<f64>,
     /// Bridge voltage over supply voltage, -1..=1, same order; 0 while the drivers are off.
     pub duties: [f64; 4],
+    /// Currents of the motors, A, same order; positive drives forward.
+    pub currents: [f64; 4],
+    /// Voltage at the bridges, V.
+    pub supply: f64,
     /// Whether the bridges conduct.
     pub drivers_enabled: bool,
-    /// Whether the holding brake is open.
+    /// Whether the holding brake is told to open.
     pub brake_released: bool,
+    /// Whether the holding brake of any wheel holds, whatever it is told.
+    pub brake_holds: bool,
 }
 
 /// Eyes that see poses with some noise, the same for the same seed.

@@ -17,6 +17,7 @@ struct Strings {
     counts: [i64; 4],
     duty: f64,
     lost: u32,
+    driver_fault: bool,
 }
 
 /// A robot on strings: sends what it is given, drives all wheels at one duty.
@@ -65,7 +66,9 @@ impl Robot for Puppet {
         }
     }
     fn set_emergency_stop(&mut self, _: bool) {}
-    fn set_driver_fault(&mut self, _: bool) {}
+    fn set_driver_fault(&mut self, fault: bool) {
+        self.strings.lock().unwrap().driver_fault = fault;
+    }
     fn set_power(&mut self, _: bool) {}
 }
 
@@ -364,4 +367,25 @@ fn noise_on_the_wires_of_an_encoder_counts_only_where_they_are_open() {
     assert!(whole > 5_000, "{whole}");
     assert!((noisy - whole).abs() <= 40, "{noisy} {whole}");
     assert!(open != 0 && open.abs() < 130, "{open}");
+}
+
+/// A driver that trips at 60 A: a wheel that is held draws (24 V - 0) 0.9 / 0.3 ohm = 72 A with 1 ms of winding, so after
+/// R/L t = -ln(1 - 60/72) = 1.8 ms the bridges are off.
+#[test]
+fn a_driver_trips_at_its_current() {
+    let (mut world, strings) = world("single");
+    world.set_wheel_drag(0, 0, 1e3);
+    world.set_driver_trip(0, Some(60.0));
+    strings[0].lock().unwrap().duty = 0.9;
+    let current = |world: &World| world.truth().robots[0].currents[0];
+    world.run_until(Micros(1_700)).unwrap();
+    let before = current(&world);
+    assert!((50.0..60.0).contains(&before), "{before}");
+    world.run_until(Micros(2_100)).unwrap();
+    assert_eq!(world.truth().robots[0].currents, [0.0; 4]);
+    assert!(strings[0].lock().unwrap().driver_fault);
+    world.set_driver_trip(0, None);
+    assert!(!strings[0].lock().unwrap().driver_fault);
+    world.run_until(Micros(100_000)).unwrap();
+    assert!((current(&world) - 72.0).abs() < 0.1, "{}", current(&world));
 }

@@ -118,6 +118,9 @@ mod tests {
                 wheel_rates: WheelRates::from([0.0; 4]),
                 duties: [0.0; 4],
                 drivers_enabled: false,
+                currents: [0.0; 4],
+                supply: 24.0,
+                brake_holds: false,
                 brake_released: false,
             }],
         };

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::bus::disturb::Share;
+use crate::motor::{BRAKE_TORQUE, Brake};
 use crate::world::{EncoderState, World};
 
 /// Names of the wheels in the usual order.
@@ -48,6 +49,20 @@ pub enum RobotAction {
     EncoderSlowEdges(usize, f64),
     /// Something drags at a wheel, N·m.
     WheelDrag(usize, f64),
+    /// Something turns a wheel with this torque, N·m.
+    WheelPush(usize, f64),
+    /// The holding brakes hold so much, N·m.
+    BrakeTorque(f64),
+    /// The holding brakes let go so much later, s.
+    BrakeRelease(f64),
+    /// The holding brakes hold so much later, s.
+    BrakeEngage(f64),
+    /// The driver trips at this current of a motor, A.
+    DriverTrip(Option<f64>),
+    /// The supply has so many volts.
+    Supply(f64),
+    /// The supply takes no charge, with this capacitance beside it, F.
+    NoRegeneration(Option<f64>),
     /// Frames with this identifier do not reach the robot.
     Misses(Option<u16>),
     /// Its receiver gets frames wrong.
@@ -123,6 +138,22 @@ impl RobotAction {
             Self::EncoderNoise(wheel, hz) => world.set_encoder_noise(robot, wheel, hz),
             Self::EncoderSlowEdges(wheel, rc) => world.set_encoder_slow_edges(robot, wheel, rc),
             Self::WheelDrag(wheel, torque) => world.set_wheel_drag(robot, wheel, torque),
+            Self::WheelPush(wheel, torque) => world.set_wheel_push(robot, wheel, torque),
+            Self::BrakeTorque(torque) => {
+                let brake = world.brake(robot);
+                world.set_brake(robot, Brake { torque, ..brake });
+            }
+            Self::BrakeRelease(release) => {
+                let brake = world.brake(robot);
+                world.set_brake(robot, Brake { release, ..brake });
+            }
+            Self::BrakeEngage(engage) => {
+                let brake = world.brake(robot);
+                world.set_brake(robot, Brake { engage, ..brake });
+            }
+            Self::DriverTrip(amperes) => world.set_driver_trip(robot, amperes),
+            Self::Supply(volts) => world.set_supply(robot, volts),
+            Self::NoRegeneration(farad) => world.block_charge(robot, farad),
             Self::Misses(id) => world.set_misses(robot, id),
             Self::BadReceiver(share) => world.set_bad_receiver(robot, share),
             Self::Babble(id) => world.set_babbling(robot, id),
@@ -143,11 +174,17 @@ impl RobotAction {
             Self::EncoderNoise(wheel, _) => Self::EncoderNoise(wheel, 0.0),
             Self::EncoderSlowEdges(wheel, _) => Self::EncoderSlowEdges(wheel, 0.0),
             Self::WheelDrag(wheel, _) => Self::WheelDrag(wheel, 0.0),
+            Self::WheelPush(wheel, _) => Self::WheelPush(wheel, 0.0),
+            Self::BrakeTorque(_) => Self::BrakeTorque(BRAKE_TORQUE),
+            Self::BrakeRelease(_) => Self::BrakeRelease(0.0),
+            Self::BrakeEngage(_) => Self::BrakeEngage(0.0),
+            Self::DriverTrip(_) => Self::DriverTrip(None),
+            Self::NoRegeneration(_) => Self::NoRegeneration(None),
             Self::Misses(_) => Self::Misses(None),
             Self::BadReceiver(_) => Self::BadReceiver(Share::NONE),
             Self::Babble(_) => Self::Babble(None),
             Self::Delay(_) => Self::Delay(0),
-            Self::BusOff | Self::Overrun | Self::Crash => return None,
+            Self::BusOff | Self::Overrun | Self::Crash | Self::Supply(_) => return None,
         })
     }
 }
@@ -246,6 +283,15 @@ impl fmt::Display for RobotAction {
                 write!(f, "encoder-slow-edges={}:wheel={}", rc * 1e6, wheel(n))
             }
             Self::WheelDrag(n, torque) => write!(f, "wheel-drag={torque}:wheel={}", wheel(n)),
+            Self::WheelPush(n, torque) => write!(f, "wheel-push={torque}:wheel={}", wheel(n)),
+            Self::BrakeTorque(torque) => write!(f, "brake-torque={torque}"),
+            Self::BrakeRelease(s) => write!(f, "brake-release={}", s * 1e3),
+            Self::BrakeEngage(s) => write!(f, "brake-engage={}", s * 1e3),
+            Self::DriverTrip(Some(amperes)) => write!(f, "driver-trip={amperes}"),
+            Self::DriverTrip(None) => f.write_str("driver-trip=off"),
+            Self::Supply(volts) => write!(f, "supply={volts}"),
+            Self::NoRegeneration(Some(farad)) => write!(f, "no-regeneration={}", farad * 1e6),
+            Self::NoRegeneration(None) => f.write_str("no-regeneration=off"),
             Self::Misses(Some(id)) => write!(f, "misses=0x{id:03X}"),
             Self::Misses(None) => f.write_str("misses=off"),
             Self::BadReceiver(share) => share_of(f, "corrupt", *share),

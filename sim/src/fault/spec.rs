@@ -18,6 +18,7 @@ use group::GroupFile;
 
 use super::action::{Action, BusAction, Place, RobotAction, WHEELS};
 use crate::bus::disturb::Share;
+use crate::motor::BRAKE_TORQUE;
 use crate::world::EncoderState;
 
 /// Longest time that can be asked for, s: a day.
@@ -74,6 +75,31 @@ pub const ACTIONS: &[(&str, &str)] = &[
     (
         "wheel-drag=NM",
         "with `wheel`: something drags with this torque; `=off` frees it",
+    ),
+    (
+        "wheel-push=NM",
+        "with `wheel`: something turns it with this torque, negative backwards; `=off` ends it",
+    ),
+    (
+        "brake-torque=NM",
+        "its holding brakes hold this much at each wheel; `=off`: 60",
+    ),
+    (
+        "brake-release=MS",
+        "its holding brakes let go this long after the word; `=off`: at once",
+    ),
+    (
+        "brake-engage=MS",
+        "its holding brakes hold this long after the word; `=off`: at once",
+    ),
+    (
+        "driver-trip=A",
+        "its driver switches off and pulls the fault line when a motor draws more; `=off` resets it",
+    ),
+    ("supply=V", "its supply has this voltage"),
+    (
+        "no-regeneration=UF",
+        "its supply takes no charge; braking charges this capacitance, in uF; `=off` ends it",
     ),
     (
         "halt",
@@ -231,7 +257,8 @@ impl FaultSpec {
         let Some((name, value)) = parts.action.filter(|(name, _)| !name.is_empty()) else {
             return refuse("action", "is missing", known_actions());
         };
-        if parts.wheel.is_some() && !name.starts_with("encoder-") && name != "wheel-drag" {
+        let at_wheel = name.starts_with("encoder-") || name.starts_with("wheel-");
+        if parts.wheel.is_some() && !at_wheel {
             return refuse("wheel", format!("means nothing to {name}"), "leave it out");
         }
         if parts.id.is_some() && !["corrupt", "lost-acknowledge"].contains(&name) {
@@ -325,6 +352,38 @@ fn robot_action(
             parts.wheel()?,
             number_or_off(name, value, "a torque in N·m")?,
         ),
+        "wheel-push" => {
+            let torque = if value == Some("off") {
+                Some("0")
+            } else {
+                value
+            };
+            let (sign, size) = match torque.and_then(|text| text.strip_prefix('-')) {
+                Some(size) => (-1.0, Some(size)),
+                None => (1.0, torque),
+            };
+            let torque = sign * number(name, size, "a torque in N·m")?;
+            RobotAction::WheelPush(parts.wheel()?, torque)
+        }
+        "brake-torque" if value == Some("off") => RobotAction::BrakeTorque(BRAKE_TORQUE),
+        "brake-torque" => RobotAction::BrakeTorque(number(name, value, "a torque in N·m")?),
+        "brake-release" => {
+            RobotAction::BrakeRelease(number_or_off(name, value, "a time in ms")? * 1e-3)
+        }
+        "brake-engage" => {
+            RobotAction::BrakeEngage(number_or_off(name, value, "a time in ms")? * 1e-3)
+        }
+        "driver-trip" if value == Some("off") => RobotAction::DriverTrip(None),
+        "driver-trip" => RobotAction::DriverTrip(Some(number(name, value, "a current in A")?)),
+        "supply" => RobotAction::Supply(number(name, value, "a voltage in V")?),
+        "no-regeneration" if value == Some("off") => RobotAction::NoRegeneration(None),
+        "no-regeneration" => {
+            let farad = number(name, value, "a capacitance in uF")? * 1e-6;
+            if farad == 0.0 {
+                return refuse(name, "0 is none", format!("write {name}=UF, more than 0"));
+            }
+            RobotAction::NoRegeneration(Some(farad))
+        }
         _ if value.is_some() && ACTIONS.iter().any(|(known, _)| *known == name) => {
             return refuse(name, "takes no value", format!("write {name}"));
         }

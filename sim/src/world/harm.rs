@@ -12,6 +12,7 @@ use super::unit::Unit;
 use super::{EncoderState, Port, World};
 use crate::bus::disturb::Share;
 use crate::bus::errors::{ErrorCounters, ErrorState};
+use crate::motor::Brake;
 use crate::robot::Crash;
 
 /// What is wrong with one robot on the bus.
@@ -186,6 +187,44 @@ impl World {
         let unit = self.touched(robot);
         if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
             motor.set_drag(torque);
+        }
+    }
+
+    /// Lets something turn a wheel with this torque, N·m, positive as if the base rolled forward; 0 ends it.
+    pub fn set_wheel_push(&mut self, robot: usize, wheel: usize, torque: f64) {
+        let unit = self.touched(robot);
+        if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
+            motor.set_push(torque);
+        }
+    }
+
+    /// Exchanges the holding brakes of a robot.
+    pub fn set_brake(&mut self, robot: usize, brake: Brake) {
+        if let Some(unit) = self.touched(robot) {
+            unit.motors.iter_mut().for_each(|m| m.set_brake(brake));
+        }
+    }
+
+    /// The holding brakes of a robot.
+    #[must_use]
+    pub fn brake(&self, robot: usize) -> Brake {
+        let unit = self.units.get(robot);
+        unit.map_or_else(Brake::default, |unit| unit.motors[0].brake())
+    }
+
+    /// Lets a robot's motor driver trip when a motor draws more than this, A: its bridges are off and it pulls its fault
+    /// line until this is called again. `None` never trips.
+    pub fn set_driver_trip(&mut self, robot: usize, amperes: Option<f64>) {
+        if let Some(unit) = self.touched(robot) {
+            unit.set_trip(amperes);
+        }
+    }
+
+    /// Lets a robot's supply take no charge any more: what its motors send back goes into this capacitance, F. `None`
+    /// lets it take charge again.
+    pub fn block_charge(&mut self, robot: usize, capacitance: Option<f64>) {
+        if let Some(unit) = self.touched(robot) {
+            unit.supply.block_charge(capacitance);
         }
     }
 

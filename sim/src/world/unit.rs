@@ -4,7 +4,7 @@ use canopen::Frame;
 use group::{EncoderFault, Simulation};
 use kinematics::{Pose, WheelRates};
 
-use crate::battery::Battery;
+use crate::battery::{Battery, Supply};
 use crate::encoder::wires::{Decoder, Edge};
 use crate::encoder::{EncoderState, WheelEncoder};
 use crate::motor::{Drive, Motor};
@@ -37,7 +37,10 @@ pub(super) struct Unit {
     /// Edges of one wheel in one step.
     edges: Vec<Edge>,
     pub indexes: Indexes,
-    battery: Option<Battery>,
+    pub supply: Supply,
+    /// The current of a motor at which the driver trips, A, and whether it has.
+    trips_at: Option<f64>,
+    tripped: bool,
     /// Half of the play between motor and wheel, rad, and the wheels' angles.
     half_play: f64,
     wheels: [f64; 4],
@@ -89,7 +92,9 @@ impl Unit {
                 (data.encoder.counts_per_revolution * data.encoder.gear_ratio).into(),
                 seed(4),
             ),
-            battery: simulation.battery.as_ref().map(Battery::new),
+            supply: Supply::new(simulation.battery.as_ref().map(Battery::new)),
+            trips_at: None,
+            tripped: false,
             half_play: 0.5 * simulation.backlash,
             wheels: [0.0; 4],
             told: [0.0; 4],
@@ -146,18 +151,23 @@ impl Unit {
         let span = (self.at_ns, now_ns);
         self.at_ns = now_ns;
         let step = dt / steps as f64;
-        let mut volts = None;
+        let before = self.supply.volts();
         for _ in 0..steps {
-            if let Some(battery) = &mut self.battery {
-                volts = Some(battery.step(&mut self.motors, &self.drives, step));
+            let drives = if self.tripped {
+                self.drives.map(|drive| Drive {
+                    enabled: false,
+                    ..drive
+                })
             } else {
-                for (motor, drive) in self.motors.iter_mut().zip(&self.drives) {
-                    motor.step(step, *drive);
-                }
-            }
+                self.drives
+            };
+            self.supply.step(&mut self.motors, &drives, step);
+            self.watch_current();
         }
-        if let Some(volts) = volts {
+        if let Some(volts) = self.supply.volts() {
             self.robot.set_supply(volts);
+        } else if before.is_some() {
+            self.robot.set_supply(self.motors[0].supply());
         }
         let mut pulses = [None; 4];
         let counts: [i32; 4] = std::array::from_fn(|wheel| {
@@ -181,6 +191,23 @@ impl Unit {
             if let Some(ago) = ago {
                 self.robot.index(wheel, ago);
             }
+        }
+    }
+
+    /// Lets the driver trip at this current of a motor, A, or never; it is ready again.
+    pub fn set_trip(&mut self, amperes: Option<f64>) {
+        self.trips_at = amperes;
+        if std::mem::take(&mut self.tripped) {
+            self.robot.set_driver_fault(false);
+        }
+    }
+
+    /// Trips the driver when a motor draws too much: all bridges off and the fault line pulled.
+    fn watch_current(&mut self) {
+        let over = |limit: f64| self.motors.iter().any(|m| m.current().abs() > limit);
+        if !self.tripped && self.trips_at.is_some_and(over) {
+            self.tripped = true;
+            self.robot.set_driver_fault(true);
         }
     }
 
@@ -210,6 +237,9 @@ impl Unit {
             wheel_angles: std::array::from_fn(|n| self.wheels[n] + self.slipped[n]),
             wheel_rates: WheelRates::from([0, 1, 2, 3].map(|n: usize| self.motors[n].rate())),
             duties: [0, 1, 2, 3].map(|n: usize| on(&self.drives[n])),
+            currents: [0, 1, 2, 3].map(|n: usize| self.motors[n].current()),
+            supply: self.supply.volts().unwrap_or(self.motors[0].supply()),
+            brake_holds: self.motors.iter().any(Motor::brake_holds),
             drivers_enabled: self.drives.iter().any(|d| d.enabled),
             brake_released: self.drives.iter().any(|d| d.brake_released),
         }
