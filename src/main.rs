@@ -21,7 +21,7 @@
 //! | bus | control | [`handover`]: count of turns | no | no progress: the watchdog is not fed, reset |
 //! | bus | led | pattern | no, the latest wins | |
 //! | control | health | [`handover`]: worst lateness | no | |
-//! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it |
+//! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it, whatever mode a debugger has left |
 //!
 //! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]

@@ -64,9 +64,15 @@ pub(crate) struct Log {
     control: Option<u32>,
     bytes: Vec<u8>,
     lines: Vec<LogLine>,
+    /// Whether a debug probe reads the channel.
+    attached: bool,
 }
 
 const UP_CHANNEL_0: u32 = 24;
+/// Offset of a channel's flags; their low two bits say what happens when the buffer is full.
+const FLAGS: u32 = 20;
+const MODE_MASK: u32 = 3;
+const BLOCK_IF_FULL: u32 = 2;
 
 impl Log {
     pub(crate) fn new(ram: Arc<RamStore>, firmware: &Firmware) -> Self {
@@ -78,7 +84,17 @@ impl Log {
             control,
             bytes: Vec::new(),
             lines: Vec::new(),
+            attached: true,
         }
+    }
+
+    /// Reads no longer, and leaves the channel in the mode in which a probe puts it: block if full.
+    pub(crate) fn unplug(&mut self) -> Option<()> {
+        self.attached = false;
+        let at = self.control? + UP_CHANNEL_0 + FLAGS;
+        let flags = (self.word(at)? & !MODE_MASK) | BLOCK_IF_FULL;
+        let offset = u64::from(at.checked_sub(RAM_BASE)?);
+        self.ram.write_at(offset, &flags.to_le_bytes()).ok()
     }
 
     fn word(&self, address: u32) -> Option<u32> {
@@ -100,6 +116,9 @@ impl Log {
         firmware: &Firmware,
         time_us: impl FnOnce() -> u64,
     ) -> Option<()> {
+        if !self.attached {
+            return None;
+        }
         let channel = self.control? + UP_CHANNEL_0;
         let (write, read) = (self.word(channel + 12)?, self.word(channel + 16)?);
         if write == read {

@@ -114,6 +114,13 @@ impl Board {
         self.debugger.leaving = Some(self.cpu.pc());
     }
 
+    /// Unplugs the debug probe: nobody reads the log any more, and its channel stays in the mode in which probe-rs puts
+    /// it, block if full. `None` when the image has no log.
+    pub fn unplug_debugger(&mut self) -> Option<()> {
+        self.drain_log();
+        self.log.unplug()
+    }
+
     /// Whether the debugger has stopped the core.
     #[must_use]
     pub fn is_debug_stopped(&self) -> bool {
