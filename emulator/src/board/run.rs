@@ -174,6 +174,7 @@ impl Board {
                 break;
             }
             self.shared.lines_changed.store(false, Relaxed);
+            let pc = self.cpu.pc();
             let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
@@ -184,7 +185,9 @@ impl Board {
                 break;
             }
             drowsy = asleep;
-            self.instructions += u64::from(!entered);
+            // A core that slept before the step, and does after it, has executed nothing.
+            let slept = asleep && self.cpu.pc() == pc;
+            self.instructions += u64::from(!entered && !slept);
             if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
             }
@@ -194,6 +197,7 @@ impl Board {
     fn execute_slowly(&mut self, limit: u64, mut drowsy: bool) {
         loop {
             self.shared.lines_changed.store(false, Relaxed);
+            let pc = self.cpu.pc();
             let (cycles, entered) = self.step();
             self.now += cycles;
             self.shared.now.store(self.now, Relaxed);
@@ -203,7 +207,8 @@ impl Board {
                 break;
             }
             drowsy = asleep;
-            self.instructions += u64::from(!entered);
+            let slept = asleep && self.cpu.pc() == pc;
+            self.instructions += u64::from(!entered && !slept);
             if self.now >= limit || self.shared.attention.load(Relaxed) {
                 break;
             }
