@@ -65,13 +65,12 @@ pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
         .context("the image has no symbols of its stack")?;
     let mut figures = vec![
         Figure::new("memory.flash", flash as f64, "bytes")
-            .budget(65_536.0)
-            .ceiling(FLASH_CEILING),
-        Figure::new("memory.variables", ram as f64, "bytes"),
+            .budget(FLASH_LIMIT)
+            .ceiling(FLASH_LIMIT),
+        Figure::new("memory.variables", ram as f64, "bytes")
+            .budget(VARIABLES_LIMIT)
+            .ceiling(VARIABLES_LIMIT),
         Figure::new("memory.stack.reserved", f64::from(stack), "bytes"),
-        Figure::new("memory.ram", ram as f64 + f64::from(stack), "bytes")
-            .budget(16_384.0)
-            .ceiling(RAM_CEILING),
     ];
     for (name, size) in by_crate(firmware).into_iter().take(14) {
         figures.push(Figure::new(
@@ -83,9 +82,10 @@ pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// The linker's own limits (`memory.x`).
-const FLASH_CEILING: f64 = 120.0 * 1024.0;
-const RAM_CEILING: f64 = 23.0 * 1024.0;
+/// The image that ships is held to this; the linker's own limit (`memory.x`) is that of the largest image.
+const FLASH_LIMIT: f64 = 128.0 * 1024.0;
+/// The linker's own limit.
+const VARIABLES_LIMIT: f64 = 16.0 * 1024.0;
 
 #[cfg(test)]
 mod tests {
