@@ -58,7 +58,27 @@ fn can_runs_at_one_megabit() {
     run(&mut board, 20_000_000);
     let can = board.can();
     assert_eq!(can.bit_rate(), Some(1_000_000));
-    assert!((0.875..=0.89).contains(&can.sample_point()));
+    // CiA 301 wants 87.5 %; of 15 quanta 13 are the nearest.
+    assert_eq!(can.sample_point(), 13.0 / 15.0);
+}
+
+/// How far off each clock on the bus may be, by the Bosch specification, CAN 2.0 part A, section 9, from CAN_BTR (RM0390
+/// 30.9.2).
+#[test]
+fn can_stands_clocks_half_a_per_cent_off() {
+    let mut board = board(&firmware(), 0.0);
+    run(&mut board, 20_000_000);
+    const BTR: u32 = 0x4000_641C;
+    let bytes = [0, 1, 2, 3].map(|byte| board.debug_read(BTR + byte).expect("CAN is modelled"));
+    let field = |shift: u32, mask: u32| f64::from(u32::from_le_bytes(bytes) >> shift & mask) + 1.0;
+    let (one, two, jump) = (field(16, 15), field(20, 7), field(24, 3));
+    let quanta = 1.0 + one + two;
+    let normal = jump / (20.0 * quanta);
+    let after_an_error = one.min(two) / (2.0 * (13.0 * quanta - two));
+    assert!(
+        normal.min(after_an_error) > 0.005,
+        "{normal} {after_an_error}"
+    );
 }
 
 #[test]

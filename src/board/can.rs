@@ -113,12 +113,14 @@ impl Can {
         });
         while !can.msr().read().inak() {}
 
-        // APB1 runs at 45 MHz; prescaler 5 gives time quanta of 1/9 us. One bit is 1 (sync) + 7 + 1 = 9 quanta,
-        // so 1 Mbit/s, sampled after 8 of 9: 88.9 %. Every field holds one less than its value.
-        const PRESCALER: u16 = 5;
-        const SEGMENT_1: u8 = 7;
-        const SEGMENT_2: u8 = 1;
-        const JUMP_WIDTH: u8 = 1;
+        // APB1 runs at 45 MHz; prescaler 3 gives time quanta of 1/15 us. One bit is 1 (sync) + 12 + 2 = 15 quanta, so
+        // 1 Mbit/s, sampled after 13 of 15: 86.7 %. Bosch, CAN 2.0 part A, oscillator tolerance: each clock may be off by
+        // SJW / (20 x 15) = 0.67 % while frames go well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame. Every
+        // field holds one less than its value.
+        const PRESCALER: u16 = 3;
+        const SEGMENT_1: u8 = 12;
+        const SEGMENT_2: u8 = 2;
+        const JUMP_WIDTH: u8 = 2;
         can.btr().write(|w| {
             w.set_brp(PRESCALER - 1);
             w.set_ts(0, SEGMENT_1 - 1);
