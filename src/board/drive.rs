@@ -16,7 +16,8 @@ use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AfType, Flex, Output, OutputType, Pull, Speed};
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::regs::Bsrr;
-use embassy_stm32::pac::timer::vals::{Bkp, Ocm, Ossi, Ossr};
+use embassy_stm32::pac::timer::TimAdv;
+use embassy_stm32::pac::timer::vals::{Bkp, Lock, Ocm, Ossi, Ossr};
 use embassy_stm32::peripherals::{TIM1, TIM8};
 use embassy_stm32::rcc;
 use embassy_stm32::time::Hertz;
@@ -78,29 +79,20 @@ impl Drive {
             timer.set_ois(channel, false);
             timer.enable_channel(channel, true);
         }
-        timer.set_ossi(Ossi::IDLE_LEVEL);
-        timer.set_ossr(Ossr::IDLE_LEVEL);
-        timer.set_break_polarity(Bkp::ACTIVE_HIGH);
-        timer.set_automatic_output_enable(false);
         timer.generate_update_event();
         timer.start();
-
         stop.set_as_af_unchecked(TIM1_AF, AfType::input(Pull::Up));
-        timer.set_break_enable(true);
+        // The modes of the channels stay as they are, so they are locked too.
+        lock(pac::TIM1, Lock::LEVEL3);
 
         rcc::enable_and_reset::<TIM8>();
         gate_stop.set_as_af_unchecked(TIM8_AF, AfType::input(Pull::Up));
-        pac::TIM8.bdtr().write(|w| {
-            w.set_ossi(Ossi::IDLE_LEVEL);
-            w.set_ossr(Ossr::IDLE_LEVEL);
-            w.set_bkp(0, Bkp::ACTIVE_HIGH);
-            w.set_bke(0, true);
-        });
         force(false, false);
         pac::TIM8.ccer().write(|w| {
             w.set_ccne(1, true);
             w.set_ccne(2, true);
         });
+        lock(pac::TIM8, Lock::LEVEL2);
         let gate = gate.map(|mut pin| {
             pin.set_as_af_unchecked(TIM8_AF, AfType::output(OutputType::PushPull, Speed::Low));
             pin
@@ -158,6 +150,21 @@ impl Drive {
         }
         self.enabled = drivers_enabled;
     }
+}
+
+/// Sets the outputs' safe state and the break input, active high, and locks them until the next reset: no program that has
+/// gone astray takes the emergency stop away.
+///
+/// RM0390 17.4.18: level 2 locks break enable, polarities and idle states, level 3 the modes of the channels too; MOE is
+/// never locked. The level is settled by the first write of the register, so this is the first.
+fn lock(timer: TimAdv, level: Lock) {
+    timer.bdtr().write(|w| {
+        w.set_ossi(Ossi::IDLE_LEVEL);
+        w.set_ossr(Ossr::IDLE_LEVEL);
+        w.set_bkp(0, Bkp::ACTIVE_HIGH);
+        w.set_bke(0, true);
+        w.set_lock(level);
+    });
 }
 
 /// What TIM8 puts on driver enable and brake release while its outputs are on.

@@ -114,6 +114,11 @@ impl Board {
         self.debugger.leaving = Some(self.cpu.pc());
     }
 
+    /// Writes a word to a peripheral's register, as a program that has gone astray may.
+    pub fn write_register(&mut self, address: u32, value: u32) {
+        self.shared.with(|soc| soc.write(address, 4, value));
+    }
+
     /// Unplugs the debug probe: nobody reads the log any more, and its channel stays in the mode in which probe-rs puts
     /// it, block if full. `None` when the image has no log.
     pub fn unplug_debugger(&mut self) -> Option<()> {

@@ -126,6 +126,7 @@ mod flag {
 /// Bits of BDTR.
 mod bdtr {
     pub const LOCK_SHIFT: u32 = 8;
+    pub const LOCK: u32 = 3 << LOCK_SHIFT;
     pub const OSSI: u32 = 1 << 10;
     pub const BKE: u32 = 1 << 12;
     pub const BKP: u32 = 1 << 13;
@@ -187,6 +188,8 @@ pub struct Timer {
     ccer: u32,
     rcr: u32,
     bdtr: u32,
+    /// LOCK is settled.
+    bdtr_written: bool,
     dcr: u32,
     option: u32,
     psc: Preloaded,
@@ -220,6 +223,7 @@ impl Timer {
             ccer: 0,
             rcr: 0,
             bdtr: 0,
+            bdtr_written: false,
             dcr: 0,
             option: 0,
             psc: Preloaded::default(),
@@ -293,7 +297,12 @@ impl Timer {
         self.sync(now);
         match offset {
             reg::CR1 => self.write_cr1(now, value & 0x3FF),
-            reg::CR2 => self.cr2 = value & if self.kind.advanced { 0x7FFD } else { 0xF8 },
+            reg::CR2 => {
+                // 17.4.18: from level 1 on the idle states (OISx, OISxN) are locked.
+                let keep = if self.lock_level() >= 1 { 0x7F00 } else { 0 };
+                let value = (self.cr2 & keep) | (value & !keep);
+                self.cr2 = value & if self.kind.advanced { 0x7FFD } else { 0xF8 };
+            }
             reg::SMCR => {
                 if !matches!(value & 7, 0..=3) {
                     return Err(Unmodelled("slave mode (SMCR.SMS) other than encoder"));
@@ -398,7 +407,14 @@ impl Timer {
                 ));
             }
         }
-        self.ccmr[index] = value & 0xFFFF;
+        // 17.4.18: at level 3 the modes of output channels (OCxM, OCxPE) are locked.
+        let mut keep = 0;
+        for half in 0..2 {
+            if self.lock_level() == 3 && self.ccmr[index] >> (8 * half) & 3 == 0 {
+                keep |= 0x78 << (8 * half);
+            }
+        }
+        self.ccmr[index] = (self.ccmr[index] & keep) | (value & 0xFFFF & !keep);
         for channel in [2 * index, 2 * index + 1] {
             if !self.compare_preloaded(channel) {
                 self.ccr[channel].load();
@@ -423,12 +439,14 @@ impl Timer {
         if !self.kind.advanced {
             return;
         }
-        // 17.4.18: level 1 freezes DTG, BKE, BKP, AOE; level 2 also OSSR, OSSI; LOCK itself is written once.
+        // 17.4.18: level 1 freezes DTG, BKE, BKP, AOE; level 2 also OSSR, OSSI. LOCK itself is frozen by the first write of
+        // the register after reset, whatever that writes.
         let frozen = match self.lock_level() {
             0 => 0,
-            1 => 0x70FF | 0x300,
-            _ => 0x7CFF | 0x300,
-        };
+            1 => 0x70FF,
+            _ => 0x7CFF,
+        } | if self.bdtr_written { bdtr::LOCK } else { 0 };
+        self.bdtr_written = true;
         let was_active = self.bdtr & bdtr::MOE != 0;
         self.bdtr = (self.bdtr & frozen) | (value & !frozen);
         if was_active || self.bdtr & bdtr::MOE != 0 || self.bdtr & bdtr::BKE != 0 {

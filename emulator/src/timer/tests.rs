@@ -223,6 +223,34 @@ fn lock_level_1_freezes_the_break_setting() {
 }
 
 #[test]
+fn the_first_write_settles_the_lock() {
+    let mut t = pwm(&[(reg::BDTR, 3 << 12)]);
+    t.write(0, reg::BDTR, 3 << 12 | 3 << 8).unwrap();
+    assert_eq!(read(&mut t, 0, reg::BDTR), 3 << 12, "17.4.18");
+}
+
+#[test]
+fn locks_leave_only_the_outputs_to_be_switched() {
+    // Level, whether polarity and whether the mode can still be changed.
+    for (level, polarity, mode) in [(1, true, true), (2, false, true), (3, false, false)] {
+        let mut t = pwm(&[(reg::BDTR, 1 << 10 | 3 << 12 | level << 8)]);
+        t.write(0, reg::CR2, 0x7F00).unwrap();
+        assert_eq!(read(&mut t, 0, reg::CR2), 0, "idle states");
+        let changed = |t: &mut Timer, register, value| {
+            let before = read(t, 0, register);
+            t.write(0, register, value).unwrap();
+            read(t, 0, register) != before
+        };
+        assert_eq!(changed(&mut t, reg::CCER, 3), polarity, "level {level}");
+        assert_eq!(changed(&mut t, reg::CCMR1, 0x50), mode, "level {level}");
+        t.write(0, reg::BDTR, 1 << 15).unwrap();
+        let off = if level == 1 { 0 } else { 1 << 10 };
+        let expected = 1 << 15 | off | 3 << 12 | level << 8;
+        assert_eq!(read(&mut t, 0, reg::BDTR), expected, "level {level}");
+    }
+}
+
+#[test]
 fn centre_aligned_counts_up_and_down() {
     let mut t = timer(
         Kind::ADVANCED,

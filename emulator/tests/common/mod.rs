@@ -61,3 +61,9 @@ pub fn nmt(board: &mut Board, command: u8) {
     let frame = CanFrame::new(0, &[command, 0]).expect("an NMT command is a frame");
     board.can().receive(&frame);
 }
+
+/// A word of a peripheral's register.
+pub fn register(board: &Board, address: u32) -> u32 {
+    let byte = |at| board.debug_read(address + at).expect("it is modelled");
+    u32::from_le_bytes([0, 1, 2, 3].map(byte))
+}
