@@ -8,6 +8,7 @@
 //! tick cannot start in time it starts late, and the lateness is noted; ticks that have passed altogether are not
 //! made up for.
 
+use controller::rollers::RollerConfiguration;
 use controller::{ControlSide, Inputs, TickPhase};
 use embassy_stm32::gpio::Input;
 
@@ -24,7 +25,7 @@ use crate::watchdog::Guard;
 pub async fn control(
     mut drive: Drive,
     encoders: Encoders,
-    indexes: Indexes,
+    mut indexes: Indexes,
     driver_fault: Input<'static>,
     supply: SupplyMeter,
     mut timer: TickTimer,
@@ -37,7 +38,7 @@ pub async fn control(
     loop {
         let begin = timer.until(due).await;
         if CONFIGURATION.is_there() {
-            take_over(&mut side, &mut phase);
+            take_over(&mut side, &mut phase, &mut indexes);
         }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
@@ -82,9 +83,11 @@ pub async fn control(
 
 /// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
-fn take_over(side: &mut ControlSide, phase: &mut TickPhase) {
+fn take_over(side: &mut ControlSide, phase: &mut TickPhase, indexes: &mut Indexes) {
     CONFIGURATION.take_with(|configuration| {
         *phase = TickPhase::with_period(configuration.times.sync_period_us);
+        let rollers = configuration.rollers.as_ref();
+        indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));
         side.configure(configuration);
     });
 }

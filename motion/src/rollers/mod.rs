@@ -150,6 +150,12 @@ impl RollerConfiguration {
         }
     }
 
+    /// Whether the wheels' phases come from index inputs.
+    #[must_use]
+    pub const fn has_index(&self) -> bool {
+        self.index
+    }
+
     /// Whether all wheels have ideal rollers, so that nothing here is needed.
     #[must_use]
     pub fn is_ideal(&self) -> bool {
