@@ -105,6 +105,8 @@ pub struct World {
     plant_at_ns: u64,
     plant_period_ns: u64,
     bus: Bus,
+    /// The half of a parted bus where the master is not.
+    far: Bus,
     disturbances: Disturbances,
     /// By how much what the ports send is late, ns.
     port_delay_ns: u64,
@@ -189,6 +191,7 @@ impl World {
             plant_period_ns: plant.period_ns(),
             plant,
             bus: Bus::new(options.load_window_ns),
+            far: Bus::new(options.load_window_ns),
             disturbances: Disturbances::new(group.simulation.seed),
             port_delay_ns: 0,
             suspended: None,
@@ -311,13 +314,13 @@ impl World {
     /// Frames sent so far.
     #[must_use]
     pub fn frames(&self) -> u64 {
-        self.bus.frames()
+        self.bus.frames() + self.far.frames()
     }
 
     /// Error frames so far.
     #[must_use]
     pub fn error_frames(&self) -> u64 {
-        self.bus.error_frames()
+        self.bus.error_frames() + self.far.error_frames()
     }
 
     /// The truth now.
@@ -406,7 +409,10 @@ impl World {
     fn step(&mut self, until_ns: u64) -> Result<(), SimError> {
         self.look_at_nodes();
         if self.bus.is_free(self.now_ns) {
-            self.arbitrate();
+            self.arbitrate(false);
+        }
+        if self.is_parted() && self.far.is_free(self.now_ns) {
+            self.arbitrate(true);
         }
         let end_ns = self.step_end(until_ns);
         self.now_ns = end_ns;
@@ -427,7 +433,10 @@ impl World {
             self.step_plant()?;
         }
         if let Some(transfer) = self.bus.finish(end_ns) {
-            self.deliver(&transfer);
+            self.deliver(&transfer, false);
+        }
+        if let Some(transfer) = self.far.finish(end_ns) {
+            self.deliver(&transfer, true);
         }
         Ok(())
     }
@@ -478,10 +487,12 @@ impl World {
         if let Some((at, ..)) = self.breaking.last() {
             end = end.min(*at);
         }
-        if let Some(at) = self.bus.transfer_end_ns() {
-            end = end.min(at);
-        } else if self.now_ns < self.bus.free_at_ns() {
-            end = end.min(self.bus.free_at_ns());
+        for bus in [&self.bus, &self.far] {
+            if let Some(at) = bus.transfer_end_ns() {
+                end = end.min(at);
+            } else if self.now_ns < bus.free_at_ns() {
+                end = end.min(bus.free_at_ns());
+            }
         }
         for unit in &self.units {
             if !unit.is_lazy() {

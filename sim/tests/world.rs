@@ -389,3 +389,51 @@ fn a_driver_trips_at_its_current() {
     world.run_until(Micros(100_000)).unwrap();
     assert!((current(&world) - 72.0).abs() < 0.1, "{}", current(&world));
 }
+
+/// A cable broken before the second of three: frames of both halves go at the same time and stay in their half.
+/// Mended, everybody hears everybody.
+#[test]
+fn a_parted_bus_is_two() {
+    let (mut world, strings) = world("tcc-3");
+    let send = |place: usize, id: u16| strings[place].lock().unwrap().send.push_back(frame(id));
+    let heard = |place: usize| -> Vec<(u64, u16)> {
+        let received = std::mem::take(&mut strings[place].lock().unwrap().received);
+        received.iter().map(|(at, f)| (*at, f.id())).collect()
+    };
+    world.set_partition(Some(1));
+    send(0, 0x555);
+    send(1, 0x555);
+    world.run_until(Micros(1_000)).unwrap();
+    // 45 bits, see above, on both at once.
+    let (master, _) = world.take_received(omnibus_sim::MASTER).unwrap();
+    assert_eq!(master, Micros(45));
+    assert_eq!(world.take_received(omnibus_sim::MASTER), None);
+    assert_eq!(
+        (heard(0), heard(1), heard(2)),
+        (vec![], vec![], vec![(45_000, 0x555)])
+    );
+    assert_eq!(world.frames(), 2);
+    world.set_partition(None);
+    send(2, 0x556);
+    world.run_until(Micros(2_000)).unwrap();
+    assert_eq!((heard(0).len(), heard(1).len(), heard(2).len()), (1, 1, 0));
+}
+
+/// Alone in its half a robot gets no acknowledge and sends for ever; what was on the wire when the cable broke
+/// is an error frame for those who heard it.
+#[test]
+fn a_robot_alone_behind_a_broken_cable_is_not_heard() {
+    let (mut world, strings) = world("tcc-2");
+    strings[1].lock().unwrap().send.push_back(frame(0x555));
+    world.run_until(Micros(20)).unwrap();
+    world.set_partition(Some(1));
+    world.run_until(Micros(3_000)).unwrap();
+    assert_eq!(world.take_received(omnibus_sim::MASTER), None);
+    assert_eq!(strings[0].lock().unwrap().received, []);
+    assert_eq!(strings[1].lock().unwrap().send.len(), 1);
+    assert!(world.error_frames() > 10, "{}", world.error_frames());
+    world.set_partition(None);
+    world.run_until(Micros(4_000)).unwrap();
+    assert!(world.take_received(omnibus_sim::MASTER).is_some());
+    assert_eq!(strings[1].lock().unwrap().send.len(), 0);
+}

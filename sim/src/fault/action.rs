@@ -33,6 +33,8 @@ pub enum RobotAction {
     DriverFault(bool),
     /// CAN connector pulled or plugged.
     BusCut(bool),
+    /// The cable before the robot is broken.
+    BusParts(bool),
     /// The next frame fails until the controller is off the bus.
     BusOff,
     /// More frames at once than the controller holds.
@@ -129,6 +131,7 @@ impl RobotAction {
             Self::EmergencyStop(pressed) => world.set_emergency_stop(robot, pressed),
             Self::DriverFault(fault) => world.set_driver_fault(robot, fault),
             Self::BusCut(cut) => world.set_connected(robot, !cut),
+            Self::BusParts(parts) => world.set_partition(parts.then_some(robot)),
             // A robot without power has nothing to send, ever.
             Self::BusOff => return !world.is_powered(robot) || world.force_bus_off(robot),
             Self::Overrun => world.overrun(robot),
@@ -169,6 +172,7 @@ impl RobotAction {
             Self::EmergencyStop(pressed) => Self::EmergencyStop(!pressed),
             Self::DriverFault(fault) => Self::DriverFault(!fault),
             Self::BusCut(cut) => Self::BusCut(!cut),
+            Self::BusParts(parts) => Self::BusParts(!parts),
             Self::Halt(halted) => Self::Halt(!halted),
             Self::Encoder(wheel, _) => Self::Encoder(wheel, EncoderState::Works),
             Self::EncoderNoise(wheel, _) => Self::EncoderNoise(wheel, 0.0),
@@ -263,6 +267,7 @@ impl fmt::Display for RobotAction {
             Self::EmergencyStop(pressed) => write!(f, "emergency-stop{}", on(pressed)),
             Self::DriverFault(fault) => write!(f, "driver-fault{}", on(fault)),
             Self::BusCut(cut) => write!(f, "bus-cut{}", on(cut)),
+            Self::BusParts(parts) => write!(f, "bus-parts{}", on(parts)),
             Self::BusOff => f.write_str("bus-off"),
             Self::Overrun => f.write_str("overrun"),
             Self::Halt(halted) => write!(f, "halt{}", on(halted)),

@@ -42,6 +42,10 @@ pub const ACTIONS: &[(&str, &str)] = &[
     ("driver-fault", "the motor driver says so; `=off` clears it"),
     ("bus-cut", "CAN connector pulled; `=off` plugs it"),
     (
+        "bus-parts",
+        "cable broken before it: it and all after it in the group file are a bus of their own; `=off` mends it",
+    ),
+    (
         "bus-off",
         "its next frame fails until its controller is off the bus",
     ),
@@ -327,6 +331,7 @@ fn robot_action(
         "emergency-stop" => RobotAction::EmergencyStop(switch()?),
         "driver-fault" => RobotAction::DriverFault(switch()?),
         "bus-cut" => RobotAction::BusCut(switch()?),
+        "bus-parts" => RobotAction::BusParts(switch()?),
         "corrupt" => RobotAction::BadReceiver(parts.share(name, value)?),
         "babble" => RobotAction::Babble(babble(name, value)?),
         "delay" => RobotAction::Delay(delay(name, value)?),

@@ -44,6 +44,7 @@ fn what_is_read_can_be_read_again() {
         "emergency-stop=off",
         "driver-fault",
         "bus-cut=off",
+        "bus-parts",
         "bus-off",
         "overrun",
         "misses=0x181",

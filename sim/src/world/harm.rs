@@ -71,7 +71,7 @@ impl World {
             unit.robot.set_power(on);
             unit.held = None;
             if !on {
-                self.bus.cut_off(self.now_ns, self.node_of(robot));
+                self.cut_off(self.node_of(robot));
             }
         }
     }
@@ -89,9 +89,25 @@ impl World {
             unit.connected = connected;
             unit.alone_ns = now_ns;
             if !connected {
-                self.bus.cut_off(self.now_ns, self.node_of(robot));
+                self.cut_off(self.node_of(robot));
             }
         }
+    }
+
+    /// Breaks the cable before a robot: it and all that follow it in the group file hear only each other, the others
+    /// and the ports only themselves. `None` mends it. A frame on the wire meanwhile is lost, with an error frame.
+    pub fn set_partition(&mut self, first: Option<usize>) {
+        for (place, unit) in self.units.iter_mut().enumerate() {
+            unit.far = first.is_some_and(|first| place >= first);
+        }
+        let foreign = self.node_of(self.units.len());
+        (0..=foreign).for_each(|node| self.cut_off(node));
+    }
+
+    /// A node stops in the middle of its frame, if it is sending one.
+    fn cut_off(&mut self, node: usize) {
+        self.bus.cut_off(self.now_ns, node);
+        self.far.cut_off(self.now_ns, node);
     }
 
     /// Inverts one bit of this share of the frames, for everybody.

@@ -1,6 +1,7 @@
 //! The nodes of the bus: who wants to send, and what each makes of a frame's end.
 //!
-//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever babbles.
+//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever babbles. While the
+//! bus is parted, its far half is a bus of its own, of robots only; a robot alone in it gets no acknowledge.
 
 use canopen::{Frame, Micros};
 
@@ -45,8 +46,13 @@ impl World {
             .unwrap_or(u64::MAX)
     }
 
-    /// Gives the free bus to one of those who want it.
-    pub(super) fn arbitrate(&mut self) {
+    /// Whether a cable is broken.
+    pub(super) fn is_parted(&self) -> bool {
+        self.units.iter().any(|unit| unit.far)
+    }
+
+    /// Gives the free bus, or its far half, to one of those who want it.
+    pub(super) fn arbitrate(&mut self, far: bool) {
         let now_ns = self.now_ns;
         let first = self.ports.len();
         let suspended = self.suspended.map(|(node, _)| node);
@@ -54,13 +60,15 @@ impl World {
         let from_ports = ports.filter_map(|(n, port)| {
             let (at, frame) = port.send.front()?;
             let ready = *at <= now_ns && port.errors.state() != ErrorState::BusOff;
-            ready.then_some((n, *frame))
+            (ready && !far).then_some((n, *frame))
         });
         let units = self.units.iter().enumerate();
+        let units = units.filter(|(_, unit)| unit.far == far);
         let from_units = units.filter_map(|(n, unit)| Some((first + n, unit.wants(now_ns)?)));
         let babble = self
             .disturbances
             .babble
+            .filter(|_| !far)
             .map(|f| (first + self.units.len(), f));
         let contenders = from_ports
             .chain(from_units)
@@ -73,12 +81,19 @@ impl World {
         };
         let disturbances = &mut self.disturbances;
         let mut missed = Vec::new();
-        let transfer = self.bus.arbitrate(now_ns, contenders, |sender, frame| {
+        let bus = if far { &mut self.far } else { &mut self.bus };
+        let transfer = bus.arbitrate(now_ns, contenders, |sender, frame| {
             let active = state(sender) == ErrorState::Active;
+            let hears = |(n, unit): (usize, &Unit)| {
+                unit.far == far && unit.connected && unit.powered && first + n != sender
+            };
+            // In the other half the ports are there.
+            if far && !units.iter().enumerate().any(hears) {
+                return Fate::Unacknowledged { active };
+            }
             let mut fate = disturbances.fate(frame, active);
             for (n, unit) in units.iter().enumerate() {
-                let hears = unit.connected && unit.powered && first + n != sender;
-                if !hears || !disturbances.strikes(unit.harm.bad_receiver, frame) {
+                if !hears((n, unit)) || !disturbances.strikes(unit.harm.bad_receiver, frame) {
                     continue;
                 }
                 missed.push(n);
@@ -92,6 +107,9 @@ impl World {
             return;
         };
         for (n, unit) in self.units.iter_mut().enumerate() {
+            if unit.far != far {
+                continue;
+            }
             unit.misses_this = missed.contains(&n);
             unit.sends_own = first + n == transfer.sender && unit.harm.babble.is_none();
             if unit.harm.babble.is_some() || !unit.connected {
@@ -105,11 +123,13 @@ impl World {
         }
     }
 
-    /// Tells everybody what has become of a frame.
-    pub(super) fn deliver(&mut self, transfer: &Transfer) {
+    /// Tells everybody in the same half what has become of a frame.
+    pub(super) fn deliver(&mut self, transfer: &Transfer, far: bool) {
         let destroyed = transfer.fate.is_destroyed();
-        self.deliver_to_ports(transfer);
-        self.deliver_to_units(transfer);
+        if !far {
+            self.deliver_to_ports(transfer);
+        }
+        self.deliver_to_units(transfer, far);
         let passive = match transfer.sender.checked_sub(self.ports.len()) {
             None => self.ports[transfer.sender].errors.state() == ErrorState::Passive,
             Some(n) => self
@@ -118,7 +138,8 @@ impl World {
                 .is_some_and(|u| u.error_state() == ErrorState::Passive),
         };
         if passive {
-            let until = self.bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
+            let bus = if far { &self.far } else { &self.bus };
+            let until = bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
             self.suspended = Some((transfer.sender, until));
         }
         if destroyed {
@@ -163,7 +184,7 @@ impl World {
         }
     }
 
-    fn deliver_to_units(&mut self, transfer: &Transfer) {
+    fn deliver_to_units(&mut self, transfer: &Transfer, far: bool) {
         let first = self.ports.len();
         let failed = sender_sees(transfer.fate);
         for (n, unit) in self.units.iter_mut().enumerate() {
@@ -176,7 +197,7 @@ impl World {
                     None => unit.robot.transmitted(),
                     Some(error) => unit.robot.transmit_failed(error),
                 }
-            } else if !unit.connected {
+            } else if !unit.connected || unit.far != far {
                 continue;
             } else if transfer.fate.is_destroyed() {
                 let by_it = transfer.fate == Fate::Refused { by: first + n };

@@ -20,6 +20,8 @@ pub(super) struct Unit {
     pub robot: Box<dyn Robot>,
     /// Off when its CAN connector is pulled.
     pub connected: bool,
+    /// In the half of a parted bus where the master is not.
+    pub far: bool,
     pub powered: bool,
     pub harm: Harm,
     /// What it has to send, since when, while that is kept back.
@@ -75,6 +77,7 @@ impl Unit {
             wake: robot.wake(),
             robot,
             connected: true,
+            far: false,
             powered: true,
             harm: Harm::default(),
             held: None,
