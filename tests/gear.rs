@@ -8,11 +8,12 @@ use group::GroupFile;
 use omnibus::abort::Abort;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
-use omnibus::run::{Drive, simulated};
+use omnibus::run::Drive;
 use omnibus::session::Group;
 use omnibus::session::roller_index::KNOWN;
 use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
+use omnibus::simulation::run::simulated;
 use sim::{Backend, Options, World};
 
 /// Counts of the shaft's turn, and turns of the shaft in one of the wheel: 1718.4 counts.

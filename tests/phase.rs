@@ -12,8 +12,9 @@ use omnibus::abort::Abort;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::report::Run;
-use omnibus::run::{Drive, simulated};
+use omnibus::run::Drive;
 use omnibus::simulation::contact;
+use omnibus::simulation::run::simulated;
 
 /// Mean error per axis, per cent.
 const MEAN: f64 = 0.15;

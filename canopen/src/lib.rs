@@ -36,6 +36,7 @@
 extern crate std;
 
 mod abort;
+pub mod bits;
 mod bytes;
 pub mod client;
 mod config;

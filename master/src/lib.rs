@@ -26,6 +26,7 @@ pub mod report;
 pub mod run;
 pub mod serve;
 pub mod session;
+#[cfg(feature = "simulation")]
 pub mod simulation;
 pub mod source;
 

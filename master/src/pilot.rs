@@ -237,7 +237,7 @@ mod tests {
         let group = file();
         Pilot::launch(
             move || {
-                let world = crate::run::world(&group, None, Pose::new(0.0, 0.0, 0.0))?;
+                let world = crate::simulation::run::world(&group, None, Pose::new(0.0, 0.0, 0.0))?;
                 Ok(SimLink::new(world, "sim"))
             },
             file(),

@@ -9,10 +9,11 @@ use omnibus::commission::calibrate::measure::Witness;
 use omnibus::commission::calibrate::{Calibration, calibrate};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
-use omnibus::run::{Drive, simulated, world};
+use omnibus::run::Drive;
 use omnibus::session::Group;
 use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
+use omnibus::simulation::run::{simulated, world};
 
 /// Per cent: what there is to mend at least without calibration, and the bound of every axis with it.
 #[derive(Clone, Copy)]

@@ -19,10 +19,11 @@ use omnibus::bus::link::Link as _;
 use omnibus::commission::calibrate::drive::{self, Source};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
-use omnibus::run::{Drive, simulated};
+use omnibus::run::Drive;
 use omnibus::session::Group;
 use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
+use omnibus::simulation::run::simulated;
 use omnibus::source::gyro::GyroStream;
 
 /// Density of the gyros' noise, rad/s in 1 Hz.
@@ -243,7 +244,7 @@ fn a_robot_whose_gyro_is_lost_is_stopped() {
         index_tolerance: None,
         compensation: VelocityCompensation::NONE,
     });
-    let world = omnibus::run::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let world = omnibus::simulation::run::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
     group.find_rollers().unwrap();
     let gyro = GyroStream::connect(&address).unwrap();

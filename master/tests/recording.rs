@@ -44,7 +44,8 @@ fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
         let heard = Arc::clone(&heard);
         Arc::new(move |at, frame, sent| heard.lock().unwrap().push((at, *frame, sent)))
     };
-    let world = omnibus::run::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    let world =
+        omnibus::simulation::run::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut group = Group::observe(Tap::new(SimLink::new(world, "sim"), [witness]), &group_file);
     group.wire().tap(recorder.sink());
     group.claim().unwrap();

@@ -15,8 +15,9 @@ use omnibus::error::MasterError;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::report::{self, BackendName, Run, Scalar};
-use omnibus::run::{self, Drive, DriveError};
+use omnibus::run::{Drive, DriveError, report};
 use omnibus::simulation::contact;
+use omnibus::simulation::run::simulated;
 
 use crate::{cargo, firmware};
 
@@ -129,7 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             abort: abort.clone(),
             record: None,
         };
-        let run = run::simulated(&drive, &mut |done, phase| {
+        let run = simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);
             progress.set_message(phase);
         });
@@ -149,7 +150,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         runs.extend(finished([off, on])?);
     }
 
-    let mut report = run::report(&group, arguments.trajectory.name(), arguments.backend, runs);
+    let mut report = report(&group, arguments.trajectory.name(), arguments.backend, runs);
     report.scalar = Some(arguments.scalar);
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;

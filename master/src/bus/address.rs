@@ -4,11 +4,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use group::GroupFile;
-use kinematics::Pose;
 
 use crate::bus::link::Link;
 use crate::run::DriveError;
-use crate::simulation::link::SimLink;
 
 /// A bus as named on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,6 +38,7 @@ impl FromStr for BusAddress {
     fn from_str(text: &str) -> Result<Self, NoBus> {
         match text.split_once(':') {
             Some((_, "")) | None => Err(NoBus(text.into())),
+            Some(("sim", _)) if cfg!(not(feature = "simulation")) => Err(NoBus(text.into())),
             Some(("sim", file)) => Ok(Self::Sim(file.into())),
             Some(("socketcan", interface)) => Ok(Self::SocketCan(interface.into())),
             Some(("slcan", device)) => Ok(Self::Slcan(device.into())),
@@ -83,9 +82,12 @@ impl std::fmt::Display for BusAddress {
 /// When the adapter cannot be opened or the world cannot be built; the error says what to check.
 pub fn open(bus: &BusAddress, group: &GroupFile) -> Result<Box<dyn Link>, DriveError> {
     Ok(match bus {
+        #[cfg(feature = "simulation")]
+        BusAddress::Sim(_) => Box::new(crate::simulation::open(group, None, bus.to_string())?),
+        #[cfg(not(feature = "simulation"))]
         BusAddress::Sim(_) => {
-            let world = crate::run::world(group, None, Pose::new(0.0, 0.0, 0.0))?;
-            Box::new(SimLink::new(world, bus.to_string()))
+            let _ = group;
+            return Err(DriveError::NoSimulation);
         }
         real => Box::new(crate::bus::adapter::open(real).map_err(crate::error::MasterError::from)?),
     })

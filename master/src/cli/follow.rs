@@ -13,6 +13,8 @@ use omnibus::path::curve::{Curve, RAMP};
 use omnibus::path::steering::Law;
 use omnibus::report::{self, BackendName, Run};
 use omnibus::run::{self, Drive, Feedback, Source};
+#[cfg(feature = "simulation")]
+use omnibus::simulation::run::simulated;
 use serde_json::{Value, json};
 
 use super::{Target, json, note, print_json, say, sync_json};
@@ -264,7 +266,8 @@ fn drive_once(
         progress.set_message(phase);
     };
     let done = match &target.bus {
-        BusAddress::Sim(_) => (run::simulated(drive, tell)?, None),
+        #[cfg(feature = "simulation")]
+        BusAddress::Sim(_) => (simulated(drive, tell)?, None),
         _ => run::measured(target.link(group)?, drive, tell)?,
     };
     progress.finish_and_clear();

@@ -6,14 +6,16 @@ use std::time::SystemTime;
 use ::group::GroupFile;
 use anyhow::{Context as _, bail};
 use canopen::Micros;
-use kinematics::Pose;
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
 use omnibus::bus::wire::Wire;
+use omnibus::pilot::Pilot;
 use omnibus::recording::{Header, Recorder};
 use omnibus::report::BackendName;
-use omnibus::simulation::link::SimLink;
+use omnibus::run::DriveError;
+#[cfg(feature = "simulation")]
+use omnibus::simulation::{self, link::SimLink};
 
 pub mod bus_load;
 pub mod calibrate;
@@ -41,6 +43,7 @@ pub use output::{json, note, print_json, print_json_line, quiet, say};
 const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware";
 
 /// When simulated robots have said that they are there.
+#[cfg(feature = "simulation")]
 const BOOTED: Micros = Micros(100_000);
 
 /// Which bus, and which group on it.
@@ -157,21 +160,40 @@ impl Target {
         }
     }
 
+    /// Builds the simulated world that this bus is, with freshly booted robots.
+    #[cfg(feature = "simulation")]
+    pub fn simulated(&self, group: &GroupFile) -> anyhow::Result<SimLink> {
+        let elf = self.elf()?;
+        Ok(simulation::open(group, elf, self.bus.to_string())?)
+    }
+
+    /// Launches a pilot, which opens the bus in its own thread; a simulated one keeps the time of the clock on the wall.
+    pub fn pilot(&self, group: &GroupFile) -> anyhow::Result<Pilot> {
+        let (bus, file) = (self.bus.clone(), group.clone());
+        #[cfg(feature = "simulation")]
+        let elf = self.elf()?.map(Path::to_path_buf);
+        let open = move || -> Result<Box<dyn Link>, DriveError> {
+            #[cfg(feature = "simulation")]
+            if let BusAddress::Sim(_) = &bus {
+                let link = simulation::open(&file, elf.as_deref(), bus.to_string())?;
+                return Ok(Box::new(link.in_real_time()));
+            }
+            omnibus::bus::open(&bus, &file)
+        };
+        Ok(Pilot::launch(open, group.clone()))
+    }
+
     /// Opens the bus. A simulated one is built with freshly booted robots.
     pub fn link(&self, group: &GroupFile) -> anyhow::Result<Box<dyn Link>> {
         match &self.bus {
+            #[cfg(feature = "simulation")]
             BusAddress::Sim(_) => {
-                let start = Pose {
-                    x: 0.0,
-                    y: 0.0,
-                    heading: 0.0,
-                };
-                let mut world = omnibus::run::world(group, self.elf()?, start)?;
+                let mut link = self.simulated(group)?;
                 // On a real bus the robots have long been there.
-                world.run_until(BOOTED)?;
-                Ok(Box::new(SimLink::new(world, self.bus.to_string())))
+                link.world.run_until(BOOTED)?;
+                Ok(Box::new(link))
             }
-            real => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
+            real => Ok(omnibus::bus::open(real, group)?),
         }
     }
 }

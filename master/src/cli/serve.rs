@@ -5,14 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use omnibus::bus::address::BusAddress;
-use omnibus::bus::link::Link;
-use omnibus::pilot::{Order, Pilot};
-use omnibus::run::DriveError;
+use omnibus::pilot::Order;
 use omnibus::serve::http::Names;
 use omnibus::serve::page_state::{Access, PageState, operate};
 use omnibus::serve::server;
-use omnibus::simulation::link::SimLink;
 use serde_json::json;
 
 use super::{Target, say};
@@ -99,7 +95,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })?;
     let address = listener.local_addr()?;
     let abort = super::abort_on_ctrl_c()?;
-    let pilot = Arc::new(launch(target, &group));
+    let pilot = Arc::new(target.pilot(&group)?);
     let access = Access {
         names: Names::new(address, arguments.name.clone()),
         token: token.clone(),
@@ -118,24 +114,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     server::serve(listener, Arc::clone(&page));
     greet(arguments, address, &token)?;
     Ok(operate(pilot, &page, &abort)?)
-}
-
-/// Opens the bus in the pilot's thread; a simulated one keeps the time of the clock on the wall.
-fn launch(target: &Target, group: &group::GroupFile) -> Pilot {
-    let bus = target.bus.clone();
-    let file = group.clone();
-    let open = move || -> Result<Box<dyn Link>, DriveError> {
-        if let BusAddress::Sim(_) = &bus {
-            let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-            let world = omnibus::run::world(&file, None, start)?;
-            return Ok(Box::new(
-                SimLink::new(world, bus.to_string()).in_real_time(),
-            ));
-        }
-        let link = omnibus::bus::adapter::open(&bus).map_err(omnibus::error::MasterError::from)?;
-        Ok(Box::new(link))
-    };
-    Pilot::launch(open, group.clone())
 }
 
 /// Says where the page is. The token stands behind `#`, which browsers do not send anywhere.

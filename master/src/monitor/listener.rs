@@ -443,7 +443,7 @@ mod tests {
     fn the_load_is_that_of_the_last_100_ms() {
         let mut listener = Listener::new([]);
         let frame = Frame::of(0x555, []);
-        // 45 bits by hand (sim::bus::bits) and three of intermission, a hundred times in 100 ms.
+        // 45 bits by hand (canopen::bits) and three of intermission, a hundred times in 100 ms.
         for n in 0..200 {
             listener.take(f64::from(n) * 1e-3, &frame);
         }

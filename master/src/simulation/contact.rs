@@ -13,7 +13,8 @@ use crate::abort::Abort;
 use crate::path::course::Course;
 use crate::path::curve::Curve;
 use crate::report::Run;
-use crate::run::{Drive, DriveError, simulated};
+use crate::run::{Drive, DriveError};
+use crate::simulation::run::simulated;
 
 /// Speed of [`Curve::Lateral`], m/s.
 const LATERAL_SPEED: f32 = 0.5;

@@ -1,4 +1,28 @@
-//! A simulated world in this process: [`link`] makes a bus of it, [`contact`] prepares groups for its contact plant.
+//! A simulated world in this process: [`link`] makes a bus of it, [`run`] drives in it and measures what happened,
+//! [`contact`] prepares groups for its contact plant. All of it needs the cargo feature `simulation`.
+
+use std::path::Path;
+
+use group::GroupFile;
+use kinematics::Pose;
+
+use crate::run::DriveError;
+use link::SimLink;
 
 pub mod contact;
 pub mod link;
+pub mod run;
+
+/// A bus with freshly booted robots of `group`, which stands at the origin: native ones, or emulated ones that run
+/// the image at `elf`. `name` is what errors call the bus.
+///
+/// # Errors
+/// When the image cannot be loaded or the world cannot be built.
+pub fn open(
+    group: &GroupFile,
+    elf: Option<&Path>,
+    name: impl Into<String>,
+) -> Result<SimLink, DriveError> {
+    let origin = Pose::new(0.0, 0.0, 0.0);
+    Ok(SimLink::new(run::world(group, elf, origin)?, name))
+}

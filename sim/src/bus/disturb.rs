@@ -6,8 +6,8 @@
 use canopen::Frame;
 
 use super::Fate;
-use super::bits::Wire;
 use crate::random::Random;
+use canopen::bits::Wire;
 
 /// The first bit that may be struck. A bit of the identifier would make its sender lose arbitration to
 /// nobody: start and identifier are 12 bits, with two stuff bits at most and perhaps one after them.

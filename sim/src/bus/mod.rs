@@ -9,7 +9,6 @@
 //! life. Two nodes sending one identifier at the same time would destroy each other's frames on a real
 //! bus; here the first node wins and the case is counted in [`Bus::collisions`].
 
-pub mod bits;
 pub mod candump;
 pub mod disturb;
 pub mod errors;
@@ -19,7 +18,7 @@ use canopen::Frame;
 
 pub use load::{BusLoad, LoadMeter};
 
-use bits::{ERROR_DELIMITER, FLAG, INTERMISSION, Wire};
+use canopen::bits::{ERROR_DELIMITER, FLAG, INTERMISSION, Wire};
 
 /// One bit at 1 Mbit/s, ns.
 pub const BIT_NS: u64 = 1_000;

@@ -24,11 +24,11 @@ use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
 
 use super::{Crash, LogLine, Robot, Wake, code};
-use crate::bus::bits::frame_bits;
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Drive;
+use canopen::bits::frame_bits;
 
 /// The PWM timer, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;

@@ -7,9 +7,9 @@ use canopen::{Frame, Micros};
 
 use super::World;
 use super::unit::Unit;
-use crate::bus::bits::Wire;
 use crate::bus::errors::{ErrorState, RECOVERY_NS, SUSPEND, TransmitError};
 use crate::bus::{BIT_NS, Fate, Transfer};
+use canopen::bits::Wire;
 
 impl World {
     /// Brings up to date what nodes do by themselves, before the bus is given to one of them.

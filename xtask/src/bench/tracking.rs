@@ -5,8 +5,9 @@ use omnibus::abort::Abort;
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::report::Run;
-use omnibus::run::{Drive, simulated};
+use omnibus::run::Drive;
 use omnibus::simulation::contact;
+use omnibus::simulation::run::simulated;
 
 use super::figure::Figure;
 

@@ -10,8 +10,11 @@ use omnibus::commission::calibrate::drive::{self, Source};
 use omnibus::commission::calibrate::phase::{self, Phases, Residual};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
+#[cfg(feature = "simulation")]
 use omnibus::simulation::link::SimLink;
-use omnibus::source::gyro::{GyroStream, RateSample};
+use omnibus::source::gyro::GyroStream;
+#[cfg(feature = "simulation")]
+use omnibus::source::gyro::RateSample;
 use protocol::{Value, address};
 use serde_json::json;
 
@@ -45,18 +48,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
     match (&target.bus, &arguments.gyro, &arguments.pose) {
         (BusAddress::Sim(_), _, Some(_)) => {
-            bail!("--pose is for real buses; a simulated one knows")
+            bail!("--pose is not needed on a simulated bus")
         }
+        #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), None, None) => {
             let source = &mut Source::Poses(&mut true_poses);
-            calibrate(arguments, &group, simulated(arguments, &group)?, source)
+            calibrate(arguments, &group, target.simulated(&group)?, source)
         }
+        #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), Some(gyro), None) => {
             if gyro != SIM {
                 bail!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
             }
             let source = &mut Source::Gyro(&mut simulated_gyros);
-            calibrate(arguments, &group, simulated(arguments, &group)?, source)
+            calibrate(arguments, &group, target.simulated(&group)?, source)
         }
         (_, Some(gyro), _) => {
             let stream = gyro_stream(gyro)?;
@@ -77,19 +82,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-fn simulated(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<SimLink> {
-    let target = &arguments.target;
-    let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-    let world = omnibus::run::world(group, target.elf()?, start)?;
-    Ok(SimLink::new(world, target.bus.to_string()))
-}
-
+#[cfg(feature = "simulation")]
 fn true_poses(link: &mut SimLink) -> Result<Vec<[f64; 3]>, MasterError> {
     let truth = link.world.truth();
     let poses = truth.robots.iter().map(|robot| robot.pose);
     Ok(poses.map(|pose| [pose.x, pose.y, pose.heading]).collect())
 }
 
+#[cfg(feature = "simulation")]
 fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, MasterError> {
     let robots = link.world.truth().robots.len();
     let mut out = vec![Vec::new(); robots];

@@ -18,6 +18,7 @@ use omnibus::commission::calibrate::measure::{Subject, Witness};
 use omnibus::commission::calibrate::{Calibration, calibrate, chart};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
+#[cfg(feature = "simulation")]
 use omnibus::simulation::link::SimLink;
 use serde_json::{Value, json};
 
@@ -128,11 +129,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let rigid = group.simulation.rigid;
     match (&target.bus, &arguments.pose) {
-        (BusAddress::Sim(_), Some(_)) => bail!("--pose is for real buses; a simulated one knows"),
+        (BusAddress::Sim(_), Some(_)) => bail!("--pose is not needed on a simulated bus"),
+        #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), None) => {
-            let start = kinematics::Pose::new(0.0, 0.0, 0.0);
-            let world = omnibus::run::world(&group, target.elf()?, start)?;
-            let link = SimLink::new(world, target.bus.to_string());
+            let link = target.simulated(&group)?;
             let mut poses = |link: &mut SimLink| {
                 let truth = link.world.truth();
                 let place = |p: &kinematics::Pose<f64>| [p.x, p.y, p.heading];

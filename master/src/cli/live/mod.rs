@@ -15,15 +15,9 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use group::GroupFile;
-use kinematics::{Pose, Twist};
-use omnibus::bus::address::BusAddress;
-use omnibus::bus::link::Link;
-use omnibus::error::MasterError;
+use kinematics::Twist;
 use omnibus::monitor::telemetry::{Happening, Phase, Snapshot, Telemetry};
 use omnibus::pilot::{Order, Pilot};
-use omnibus::run::DriveError;
-use omnibus::simulation::link::SimLink;
 use ratatui::crossterm::event::{
     self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
@@ -110,21 +104,6 @@ pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
     run(&arguments.live, gamepad, true)
 }
 
-fn pilot(target: &Target, file: &GroupFile) -> anyhow::Result<Pilot> {
-    let (bus, group) = (target.bus.clone(), file.clone());
-    let elf = target.elf()?.map(std::path::Path::to_path_buf);
-    let open = move || -> Result<Box<dyn Link>, DriveError> {
-        Ok(match &bus {
-            BusAddress::Sim(_) => {
-                let world = omnibus::run::world(&group, elf.as_deref(), Pose::new(0.0, 0.0, 0.0))?;
-                Box::new(SimLink::new(world, bus.to_string()).in_real_time())
-            }
-            real => Box::new(omnibus::bus::adapter::open(real).map_err(MasterError::from)?),
-        })
-    };
-    Ok(Pilot::launch(open, file.clone()))
-}
-
 fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()> {
     let file = live.target.group()?;
     let limits = &file.limits;
@@ -151,12 +130,12 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
         .seconds
         .map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
     if super::json() && !steers {
-        return lines(&pilot(&live.target, &file)?, until);
+        return lines(&live.target.pilot(&file)?, until);
     }
     if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         bail!("this needs a terminal; `omnibus watch --json` prints one line per SYNC without one");
     }
-    let pilot = pilot(&live.target, &file)?;
+    let pilot = live.target.pilot(&file)?;
     let mut screen = Screen::open()?;
     let mut hand = Hand {
         deadman: DeadMan::new(),

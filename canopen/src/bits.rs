@@ -9,7 +9,7 @@
 //! A frame that goes wrong ends with an error flag of six equal bits, which breaks the stuffing rule for
 //! whoever has not seen the error yet; then those send their flags. Eight bits of delimiter end it.
 
-use canopen::Frame;
+use crate::frame::Frame;
 
 /// Unstuffed bits after the CRC: delimiter, acknowledge slot, its delimiter, end of frame.
 const TAIL: u32 = 1 + 1 + 1 + 7;
@@ -45,8 +45,7 @@ impl Wire {
         let data = frame.data();
         // Start, identifier, RTR, IDE and reserved bit: all but the identifier are dominant.
         let head = (u32::from(frame.id()) << 3, 15);
-        // At most 8, four bits.
-        let length = (data.len() as u32, 4);
+        let length = (u32::from(frame.len()), 4);
         let bytes = data.iter().map(|byte| (u32::from(*byte), 8));
         for (value, width) in [head, length].into_iter().chain(bytes) {
             for bit in (0..width).rev().map(|n| value >> n & 1 == 1) {
