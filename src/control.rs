@@ -1,12 +1,11 @@
 //! The control task: a thousand times a second from encoders to PWM.
 //!
-//! It runs on the control executor, above everything but time and CAN reception, and is the only one that touches
-//! the motor outputs and the brake. Each tick reads the encoders and the stop and fault inputs, takes the bus side's
-//! latest command, lets the controller decide, sets the outputs, leaves a report, looks after the watchdog and wakes the bus task when it
-//! is due or has a fault to announce. Then it
-//! sleeps until the tick that the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. When a
-//! tick cannot start in time it starts late, and the lateness is noted; ticks that have passed altogether are not
-//! made up for.
+//! It runs on the control executor: above the bus side, below the short interrupts of `board::executors`' table. It is
+//! the only task that touches the motor outputs and the brake. Each tick reads the encoders and the stop and fault
+//! inputs, takes the bus side's latest command, lets the controller decide, sets the outputs, leaves a report, feeds
+//! the watchdog and wakes the bus task when it is due or has a fault to announce. Then it sleeps until the tick that
+//! the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. A tick that
+//! cannot start in time starts late, and the lateness is noted; ticks that were missed are not made up for.
 
 use controller::rollers::RollerConfiguration;
 use controller::{ControlSide, Inputs, TickPhase};

@@ -86,9 +86,10 @@ pub fn write(failure: Failure) {
     unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
 }
 
-/// Takes the record of the last run, if there is one. Called once at start-up, before the executors run.
+/// Takes the record of the last run, if there is one. Interrupts must be masked, or the executors not run yet.
 pub fn take() -> Option<Failure> {
-    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly uninitialised.
+    // SAFETY: nothing else runs: start-up comes before the executors, and the watchdog's guard masks interrupts. Any bit
+    // pattern is a valid array of words; RAM is never truly uninitialised.
     let words = unsafe {
         let words = addr_of_mut!(RECORD).read_volatile().assume_init();
         addr_of_mut!(RECORD).write_volatile(MaybeUninit::new([0; WORDS]));
