@@ -346,6 +346,31 @@ fn pins_are_those_of_the_board() {
     }
 }
 
+/// The number that a constant of this name has in a source.
+fn constant(source: &str, name: &str) -> f64 {
+    let after = source.split(&format!("const {name}:")).nth(1);
+    let value = after.and_then(|rest| rest.split('=').nth(1)?.split(';').next());
+    let value = value.and_then(|value| value.trim().replace('_', "").parse().ok());
+    value.unwrap_or_else(|| panic!("no number {name}"))
+}
+
+#[test]
+fn the_bit_timing_is_that_of_the_code() {
+    let can = read("src/board/can.rs");
+    let prescaler = constant(&can, "PRESCALER");
+    let before = 1.0 + constant(&can, "SEGMENT_1");
+    let quanta = before + constant(&can, "SEGMENT_2");
+    // APB1, as the table of clocks says.
+    let bit_rate = 45.0 / prescaler / quanta;
+    let row = format!(
+        "| CAN | {bit_rate} Mbit/s, {quanta} quanta, sampled at {:.1} %, jump width {} |",
+        100.0 * before / quanta,
+        constant(&can, "JUMP_WIDTH")
+    );
+    let page = read("docs/bring-up.md");
+    assert!(page.contains(&row), "docs/bring-up.md lacks the row {row}");
+}
+
 #[test]
 fn interrupt_priorities_are_those_of_the_code() {
     /// How the table names the vectors.
