@@ -116,7 +116,7 @@ impl Source<'_> {
                 format!("give {expected}"),
             );
         }
-        self.error(span.start, field, message, "mend the TOML at this place")
+        self.error(span.start, field, message, "fix the TOML here")
     }
 
     /// The key on the line of an offset, when that line has one.

@@ -333,7 +333,7 @@ fn external_plant_without_an_address() {
 fn text_that_is_not_toml() {
     let text = refusal("x = 0.6", "x = 0.6.2");
     assert!(text.starts_with("pair.toml:19: x: "), "{text}");
-    assert!(text.ends_with("; mend the TOML at this place"), "{text}");
+    assert!(text.ends_with("; fix the TOML here"), "{text}");
 }
 
 #[test]

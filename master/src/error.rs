@@ -63,7 +63,7 @@ pub enum MasterError {
         abort: AbortCode,
     },
     /// A robot answered an SDO request with something that is no answer to it.
-    #[error("node {node}: {object}: {problem}; two masters on one bus confuse each other so")]
+    #[error("node {node}: {object}: {problem}; this happens when two masters use the bus")]
     Answer {
         /// The node.
         node: u8,
@@ -74,7 +74,7 @@ pub enum MasterError {
     },
     /// A parameter read back is not what was written.
     #[error(
-        "node {node}: {object} reads back as {found}, written was {written}; another master may \
+        "node {node}: {object} reads back as {found} after {written} was written; another master may \
          be writing to it"
     )]
     ReadBack {
@@ -150,7 +150,7 @@ pub enum MasterError {
     },
     /// The source of poses went silent.
     #[error(
-        "there has been no pose of the group for a second; the group ramps down. Check what sends the poses"
+        "no pose of the group has arrived for one second; the group ramps down. Check what sends the poses"
     )]
     PoseLost,
     /// Giving node ids did not work.
@@ -163,7 +163,7 @@ pub enum MasterError {
     )]
     AnotherMaster,
     /// Something was to drive that does not listen to setpoints.
-    #[error("the group is not started, so nothing would move; start it before every drive")]
+    #[error("the group is not started, so nothing would move; start it before each drive")]
     NotStarted,
     /// Somebody asked to stop.
     #[error("stopped on request")]
@@ -190,7 +190,7 @@ pub enum MasterError {
     },
     /// A wheel turned once and its encoder's index was not seen.
     #[error(
-        "node {node}: the index of the {wheel} wheel was not seen in a turn (object 0x2114 says {state}); check \
+        "node {node}: the index of the {wheel} wheel was not seen within one turn (object 0x2114 says {state}); check \
          its wire, or set rollers to none for this robot in the group file"
     )]
     NoIndex {

@@ -30,11 +30,11 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Drives the group along a curve and says how well it went.
+    /// Drives the group along a curve and reports how well it followed.
     Follow(cli::follow::Arguments),
     /// Moves the group at one velocity for a time.
     Drive(cli::drive::Arguments),
-    /// Finds what robots have to be told about themselves.
+    /// Measures slip and roller phases and writes the result into the robots.
     Calibrate(cli::calibrate::Arguments),
     /// Shows a running group in the terminal, and starts, stops and drives it by keyboard.
     Watch(cli::live::Watch),
@@ -42,7 +42,7 @@ enum Command {
     Teleop(cli::live::Teleop),
     /// Lists the robots on the bus.
     Scan(cli::nodes::Scan),
-    /// Says how every robot of the group is.
+    /// Shows the state of every robot.
     Status(cli::nodes::Status),
     /// Reads and writes the robots' parameters.
     Param(cli::param::Arguments),
@@ -51,19 +51,19 @@ enum Command {
     /// Gives robots their node ids over the bus.
     #[command(subcommand, after_help = cli::lss::EXAMPLES)]
     Lss(cli::lss::Command),
-    /// Lets one robot's LED flash, to see which it is.
+    /// Flashes one robot's LED, to tell which robot it is.
     Identify(cli::wheel_test::Blink),
-    /// Turns one wheel after the other and says what is wired wrong.
+    /// Turns one wheel after the other and reports wrong wiring.
     WheelTest(cli::wheel_test::Arguments),
-    /// Lets one robot find out what its motors need.
+    /// Identifies the motors of one robot and sets its wheel loops.
     IdentifyMotors(cli::motors::Arguments),
-    /// Calculates how full the bus will be.
+    /// Calculates the load of the bus.
     BusLoad(cli::bus_load::Arguments),
     /// Listens to a bus and records everything on it.
     Record(cli::record::Arguments),
     /// Turns a recording into CSV or a candump log, or a log into a recording.
     Convert(cli::convert::Arguments),
-    /// Sends a recorded master's frames again, with their timing.
+    /// Sends the frames of a recorded master again, with their timing.
     Replay(cli::replay::Arguments),
     /// Draws a recording as SVG and PNG.
     Plot(cli::plot::Plot),

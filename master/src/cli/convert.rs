@@ -29,7 +29,7 @@ const EXAMPLES: &str = "Examples:
 pub struct Arguments {
     /// A recording, or a candump log whose name ends in .log.
     file: PathBuf,
-    /// What to make of it.
+    /// Output format.
     #[arg(long, value_enum)]
     to: Form,
     /// Where to write it; standard output without this (not for mcap).

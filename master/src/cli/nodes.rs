@@ -119,10 +119,8 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
         say("another master's heartbeat is on the bus")?;
     }
     if wrong > 0 {
-        return Err(Found(format!(
-            "{wrong} things on this bus are not as they should be"
-        ))
-        .into());
+        let problems = if wrong == 1 { "problem" } else { "problems" };
+        return Err(Found(format!("{wrong} {problems} found on this bus")).into());
     }
     Ok(())
 }

@@ -101,7 +101,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     say("All four turn the right way, and their own encoders say so.")?;
     if !arguments.ask {
-        say("Nobody looked: a motor and its encoder both reversed look like this, too (--ask).")?;
+        say(
+            "Not checked by eye: a motor and its encoder both reversed would look the same. Use --ask.",
+        )?;
     }
     Ok(())
 }

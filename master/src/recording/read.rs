@@ -104,7 +104,7 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
             let seconds = recording.seconds();
             let frames = recording.frames.len();
             recording.damage = Some(format!(
-                "the file ends before its end ({error}); read are the {frames} frames of {seconds:.3} s before that"
+                "the file is cut off ({error}); {frames} frames ({seconds:.3} s) could be read"
             ));
         }
         Err(ReadError::Io(error)) => return Err(refuse(&format_args!("cannot be read: {error}"))),

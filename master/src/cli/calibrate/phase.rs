@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }
         (_, None, None) => bail!(
-            "who sees the robots? give --pose tcp://HOST:PORT (their poses) or --gyro tcp://HOST:PORT (their yaw rates), \
+            "no source of measurements: give --pose tcp://HOST:PORT (their poses) or --gyro tcp://HOST:PORT (their yaw rates), \
              JSON lines both"
         ),
     }

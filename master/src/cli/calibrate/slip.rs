@@ -43,7 +43,7 @@ pub struct Slip {
     /// How often each motion is driven each way: 2, or 1 with --tape.
     #[arg(long)]
     repeats: Option<u32>,
-    /// Stores what is written in the robots' flash, too.
+    /// Also saves the written values to flash.
     #[arg(long)]
     save: bool,
     /// Takes the last --write back: the robots' sets and the group file.
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return undo(arguments, &group);
     }
     if slip.save && !arguments.write {
-        bail!("--save stores what --write writes; give both");
+        bail!("--save needs --write: it saves what --write has written");
     }
     if let Some(path) = &slip.plot {
         plot::form(path, "--plot")?;
@@ -160,7 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.link(&group)?),
         (_, None) => bail!(
-            "who measures? give --pose tcp://HOST:PORT (JSON lines), or --tape to be asked after every motion"
+            "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to be asked after every motion"
         ),
         (_, Some(source)) => {
             let stream = super::pose_stream(source)?;

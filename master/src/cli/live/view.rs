@@ -431,10 +431,7 @@ mod tests {
         for word in words.split(' ') {
             assert!(shown.contains(word), "{word} is cut off: {shown}");
         }
-        assert!(
-            shown.contains("node 2: no limit or fault any more"),
-            "{shown}"
-        );
+        assert!(shown.contains("node 2: limit cleared"), "{shown}");
         assert_eq!(wrapped("a bb ccc", 4), ["a bb", "ccc"]);
     }
 }

@@ -175,7 +175,7 @@ impl std::fmt::Display for Happening {
             Self::Phase(phase) => f.write_str(phase.name()),
             Self::Nmt(state) => write!(f, "NMT {state:?}"),
             Self::State(state) => write!(f, "{state:?}"),
-            Self::Code(Code::None) => f.write_str("no limit or fault any more"),
+            Self::Code(Code::None) => f.write_str("limit cleared"),
             Self::Code(code) => f.write_str(&crate::session::describe(*code)),
             Self::Emergency(0) => f.write_str("emergency over"),
             Self::Emergency(code) => write!(f, "emergency {code:#06x}"),
