@@ -87,6 +87,9 @@ impl PdoConfig {
 pub struct Config {
     /// The node-ID; without one the device stays off the bus.
     pub node: Option<NodeId>,
+    /// Lowest and highest node-ID that LSS may give it; others are refused. A network whose master or tools
+    /// have numbers of their own leaves those out.
+    pub node_ids: (u8, u8),
     /// Object 0x1000.
     pub device_type: u32,
     /// Object 0x1018.
@@ -132,6 +135,7 @@ impl Config {
     /// No node-ID, no heartbeat, no PDOs.
     pub const DEFAULT: Self = Self {
         node: None,
+        node_ids: (1, 127),
         device_type: 0,
         identity: Identity {
             vendor: 0,

@@ -77,6 +77,12 @@ pub trait ObjectDictionary {
         None
     }
 
+    /// Whether LSS may give the device another node-ID now, or store it. It is asked only while the device is
+    /// not OPERATIONAL; a machine that is still coming to rest says no.
+    fn may_change_node(&self) -> bool {
+        true
+    }
+
     /// An NMT reset is in progress: bring the objects of that scope back to their power-on values.
     fn reset(&mut self, scope: ResetScope) {
         let _ = scope;

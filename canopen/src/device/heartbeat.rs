@@ -2,6 +2,10 @@
 //!
 //! A consumer starts with the first heartbeat it hears, as CiA 301, 7.2.8.3.2.2 wants: a node that
 //! was never there is not lost.
+//!
+//! The first period after a start is shorter, by up to a half that follows from the serial number. Two
+//! devices with one node-ID by mistake, switched on or configured at the same moment, would otherwise send
+//! their heartbeats in the same bits for a long time, and neither would hear the other.
 
 use super::{Core, HEARTBEAT};
 use crate::time::Timer;
@@ -68,7 +72,12 @@ impl Heartbeat {
 impl Core {
     /// Starts a heartbeat period now.
     pub(super) fn start_heartbeat(&mut self, now: Micros) {
-        self.heartbeat.timer = Timer::after_millis(now, self.heartbeat.period_ms);
+        let timer = Timer::after_millis(now, self.heartbeat.period_ms);
+        // The golden ratio spreads neighbouring numbers over the whole range.
+        let spread = self.config.identity.serial.wrapping_mul(0x9E37_79B9);
+        let half_us = u64::from(self.heartbeat.period_ms).saturating_mul(500);
+        let earlier = half_us.saturating_mul(spread.into()) >> 32;
+        self.heartbeat.timer = Timer::at(timer.moment() - Micros(earlier));
         self.out.wake(self.heartbeat.timer);
     }
 
@@ -79,6 +88,8 @@ impl Core {
         let Some(state) = NmtState::from_code(code) else {
             return;
         };
+        let (lowest, highest) = self.config.node_ids;
+        self.lss.crowded |= (lowest..=highest).contains(&sender.get());
         let used = |consumer: &&mut Consumer| consumer.is_used() && consumer.node() == Some(sender);
         let Some(consumer) = self.heartbeat.consumers.iter_mut().find(used) else {
             return;

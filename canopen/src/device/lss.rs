@@ -2,26 +2,41 @@
 //!
 //! Requests come on 0x7E5, answers go out on 0x7E4, in every NMT state and without a node-ID too. A
 //! device without one boots as soon as it has got one and is switched back to waiting; a device that
-//! has one takes the new one at the next reset. The bit rate cannot be changed: the board sets it.
+//! has one takes the new one at the next reset. The bit rate cannot be changed, because the board sets it:
+//! *configure bit timing* (0x13) is answered with error 1, not supported, whatever it asks for.
+//!
+//! Two devices must not become one node. So a node-ID is neither taken nor stored while the device is
+//! OPERATIONAL or the application forbids it (error 0xFF), the global switch into configuration is ignored
+//! then, and a device that was switched by it takes no node-ID if it knows of another device: one whose
+//! heartbeat it has heard since its boot-up, or that has answered to LSS since the switch. A selected device,
+//! or one found by fastscan, is the only one. Limit: two devices without a node-ID that answer in the same
+//! bits do not hear each other.
 
 use super::Core;
 use crate::bytes::{high_u16, low_u16};
 use crate::{
-    AbortCode, Frame, Identity, Micros, NodeId, ObjectDictionary, ResetScope, StoreProgress,
+    AbortCode, Frame, Identity, Micros, NmtState, NodeId, ObjectDictionary, ResetScope,
+    StoreProgress,
 };
 
 pub(super) const REQUEST: u16 = 0x7E5;
-const RESPONSE: u16 = 0x7E4;
+pub(super) const RESPONSE: u16 = 0x7E4;
 
 /// "No node-ID" on the wire.
 const UNCONFIGURED: u8 = 0xFF;
 
 /// The error code of a node-ID or a bit rate that cannot be.
 const REFUSED: u8 = 1;
+/// The error code of what cannot be done now.
+const NOT_NOW: u8 = 0xFF;
 
 pub(super) struct Lss {
     /// Listens to configuration commands.
     configuring: bool,
+    /// It was switched to that together with everybody.
+    with_all: bool,
+    /// Another device has been heard.
+    pub crowded: bool,
     /// How many parts of the identity have matched in a selective switch.
     selected: u8,
     /// How many parts of the identity a remote identification has matched.
@@ -38,6 +53,8 @@ impl Lss {
     pub const fn new(node: Option<NodeId>) -> Self {
         Self {
             configuring: false,
+            with_all: false,
+            crowded: false,
             selected: 0,
             identified: 0,
             scanned: 0,
@@ -73,16 +90,21 @@ impl Core {
             0x4C if self.node.is_none() && self.lss.node.is_none() => self.answer_lss(0x50, [0; 4]),
             0x51 if !configuring => self.scan_lss(frame),
             0x11 if configuring => {
-                let error = match (NodeId::new(a), a) {
-                    (None, UNCONFIGURED) | (Some(_), _) => {
-                        self.lss.node = NodeId::new(a);
-                        0
-                    }
-                    (None, _) => REFUSED,
+                let (lowest, highest) = self.config.node_ids;
+                let error = if !self.may_change_node(od) {
+                    NOT_NOW
+                } else if a == UNCONFIGURED || (lowest..=highest).contains(&a) {
+                    self.lss.node = NodeId::new(a);
+                    0
+                } else {
+                    REFUSED
                 };
                 self.answer_lss(0x11, [error, 0, 0, 0]);
             }
             0x13 if configuring => self.answer_lss(0x13, [REFUSED, 0, 0, 0]),
+            0x17 if configuring && !self.may_change_node(od) => {
+                self.answer_lss(0x17, [NOT_NOW, 0, 0, 0]);
+            }
             0x17 if configuring => self.store_lss(od),
             0x5A..=0x5D if configuring => {
                 let number = part(&self.config.identity, command - 0x5A).unwrap_or(0);
@@ -93,6 +115,20 @@ impl Core {
                 self.answer_lss(0x5E, [node, 0, 0, 0]);
             }
             _ => {}
+        }
+    }
+
+    /// Whether it may become another node, or store which one it is.
+    fn may_change_node(&self, od: &dyn ObjectDictionary) -> bool {
+        let among_others = self.lss.with_all && self.lss.crowded;
+        self.state != NmtState::Operational && !among_others && od.may_change_node()
+    }
+
+    /// Another device has answered an LSS master: what everybody was given is nobody's.
+    pub(super) fn hear_lss(&mut self) {
+        if self.lss.configuring && self.lss.with_all {
+            self.lss.crowded = true;
+            self.lss.node = self.node;
         }
     }
 
@@ -150,7 +186,9 @@ impl Core {
                     self.reset(now, ResetScope::Communication, od);
                 }
             }
-            1 => self.lss.configuring = true,
+            1 if self.state != NmtState::Operational => {
+                (self.lss.configuring, self.lss.with_all) = (true, true);
+            }
             _ => {}
         }
         (self.lss.selected, self.lss.scanned) = (0, 0);
@@ -165,7 +203,7 @@ impl Core {
         };
         if self.lss.selected == 4 {
             self.lss.selected = 0;
-            self.lss.configuring = true;
+            (self.lss.configuring, self.lss.with_all) = (true, false);
             self.answer_lss(0x44, [0; 4]);
         }
     }
@@ -221,6 +259,7 @@ impl Core {
         if bit == 0 {
             // The last part confirmed: this device is found.
             self.lss.configuring = sub == 3 && next == 0;
+            self.lss.with_all = false;
             self.lss.scanned = next;
         }
         self.answer_lss(0x4F, [0; 4]);

@@ -250,6 +250,9 @@ impl Device {
         if frame.id() == lss::REQUEST {
             return core.on_lss(now, frame, od);
         }
+        if frame.id() == lss::RESPONSE {
+            return core.hear_lss();
+        }
         let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
             return;
         };
@@ -366,6 +369,7 @@ impl Core {
         self.out.clear_frames();
         self.out.clear_next();
         self.node = self.lss.node;
+        self.lss.crowded = false;
         self.startup = self.config.startup;
         self.emergencies.reset(&self.config, self.node);
         self.heartbeat = Heartbeat::new(&self.config);

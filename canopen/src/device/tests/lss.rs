@@ -130,6 +130,73 @@ fn a_device_with_a_node_id_takes_another_at_the_next_reset() {
     assert_eq!(bench.device.node(), NodeId::new(9));
 }
 
+/// Error bytes of the answers to configure node-ID 9 and to store.
+fn change(bench: &mut Bench) -> [Vec<LssAnswer>; 2] {
+    [client::lss_set_node(NodeId::new(9)), client::lss_store()].map(|frame| ask(bench, frame))
+}
+
+#[test]
+fn no_other_node_while_operational() {
+    let mut bench = Bench::booted(CONFIG);
+    bench.receive(0, [1, 5]);
+    bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(change(&mut bench), [[], []], "not switched");
+    for frame in client::lss_select(&CONFIG.identity) {
+        ask(&mut bench, frame);
+    }
+    let refused = [[LssAnswer::NodeIdSet(0xFF)], [LssAnswer::Stored(0xFF)]];
+    assert_eq!(change(&mut bench), refused.map(Vec::from));
+    bench.receive(0, [130, 5]);
+    bench.poll();
+    assert_eq!(bench.device.node(), Some(NODE));
+}
+
+#[test]
+fn one_of_several_takes_no_node_that_was_meant_for_all() {
+    // One that has been heard before, or that answers the same request.
+    for (id, answer) in [(0x706, false), (0x7E4, true)] {
+        let mut bench = Bench::booted(CONFIG);
+        if !answer {
+            bench
+                .device
+                .on_frame(bench.now, &Frame::of(id, [5]), &mut bench.od);
+        }
+        bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+        if answer {
+            let set = ask(&mut bench, client::lss_set_node(NodeId::new(9)));
+            assert_eq!(set, [LssAnswer::NodeIdSet(0)]);
+            bench.receive(id, [0x11, 0, 0, 0, 0, 0, 0, 0]);
+        }
+        let refused = [[LssAnswer::NodeIdSet(0xFF)], [LssAnswer::Stored(0xFF)]];
+        assert_eq!(change(&mut bench), refused.map(Vec::from), "{id:#x}");
+        bench.receive(0x7E5, [0x04, 0, 0, 0, 0, 0, 0, 0]);
+        bench.receive(0, [130, 5]);
+        assert_eq!(bench.device.node(), Some(NODE));
+        // Selected, it is the one that is meant.
+        bench
+            .device
+            .on_frame(bench.now, &Frame::of(0x706, [5]), &mut bench.od);
+        for frame in client::lss_select(&CONFIG.identity) {
+            ask(&mut bench, frame);
+        }
+        let set = ask(&mut bench, client::lss_set_node(NodeId::new(9)));
+        assert_eq!(set, [LssAnswer::NodeIdSet(0)]);
+    }
+}
+
+#[test]
+fn node_ids_outside_the_devices_own_are_refused() {
+    let mut bench = Bench::booted(Config {
+        node_ids: (2, 17),
+        ..CONFIG
+    });
+    bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    for (node, error) in [(0, 1), (1, 1), (2, 0), (17, 0), (18, 1), (127, 1), (255, 0)] {
+        let answer = ask(&mut bench, Frame::of(0x7E5, [0x11, node, 0, 0, 0, 0, 0, 0]));
+        assert_eq!(answer, [LssAnswer::NodeIdSet(error)], "{node}");
+    }
+}
+
 #[test]
 fn identify_answers_within_the_bounds() {
     let mut bench = Bench::booted(CONFIG);

@@ -93,9 +93,42 @@ fn reset_communication_brings_its_objects_back() {
     assert_eq!(bench.read(0x1400, 2), Ok(std::vec![1]));
 }
 
+fn with_serial(serial: u32) -> Config {
+    let identity = crate::Identity {
+        serial,
+        ..CONFIG.identity
+    };
+    Config { identity, ..CONFIG }
+}
+
+/// Two devices with one node-ID that boot together must hear each other: neighbouring serial numbers send
+/// their first heartbeats far apart, in the second half of the period.
+#[test]
+fn the_first_heartbeat_depends_on_the_serial_number() {
+    let firsts = [1, 2, 3, 4, 5, 0x1234_5678, u32::MAX].map(|serial| {
+        let mut bench = Bench::booted(with_serial(serial));
+        let mut millis = 0_u32;
+        while bench.frames().is_empty() {
+            bench.pass(1);
+            millis += 1;
+        }
+        bench.pass(99);
+        assert!(bench.frames().is_empty());
+        bench.pass(1);
+        assert_eq!(bench.frames().len(), 1, "the second a whole period later");
+        millis
+    });
+    for (n, first) in firsts.iter().enumerate() {
+        assert!((50..=100).contains(first), "{firsts:?}");
+        let apart = |other: &u32| first.abs_diff(*other) >= 2;
+        assert!(firsts[..n].iter().all(apart), "{firsts:?}");
+    }
+}
+
 #[test]
 fn heartbeats_come_in_step_with_their_period_and_carry_the_state() {
-    let mut bench = Bench::booted(CONFIG); // Booted at 1 ms, period 100 ms.
+    // Booted at 1 ms, period 100 ms, a serial number that does not shorten the first.
+    let mut bench = Bench::booted(with_serial(0));
     bench.pass(99);
     assert_eq!(bench.frames(), []);
     bench.pass(1);
