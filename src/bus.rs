@@ -63,7 +63,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         waiting = waiting.or_else(|| side.pop_frame());
         if waiting.is_some() {
             // What a master has changed counts before the answer to it is sent.
-            can.listen(side.function_codes(), BusSide::CAN_WAIT);
+            can.listen(side.function_codes(), side.node(), BusSide::CAN_WAIT);
         }
         while let Some(frame) = waiting
             && can.try_send(&frame)

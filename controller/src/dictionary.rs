@@ -70,6 +70,8 @@ pub(crate) struct Dictionary {
     /// The commissioning twist as received, and whether it came since the last look.
     pub alone: ([u8; 8], bool),
     pub commissioning: bool,
+    /// The permission has been given or renewed, until it is looked at.
+    pub permission_renewed: bool,
     pub status: [u8; 8],
     pub measured: [u8; 8],
     pub pose: [u8; 8],
@@ -97,6 +99,7 @@ impl Dictionary {
             setpoint: ([0; 8], false),
             alone: ([0; 8], false),
             commissioning: false,
+            permission_renewed: false,
             status: [0; 8],
             measured: [0; 8],
             pose: [0; 8],
@@ -238,7 +241,13 @@ impl Dictionary {
                 if value.to_bits() > 1 {
                     return Err(AbortCode::InvalidValue);
                 }
-                self.commissioning = value.to_bits() == 1;
+                let alone = 1 << self.device.node;
+                let wanted = value.to_bits() == 1;
+                if wanted && self.parameters.unsigned(at::MEMBERS) != alone {
+                    return Err(AbortCode::ParameterIncompatible);
+                }
+                self.commissioning = wanted;
+                self.permission_renewed = wanted;
             }
             0x2051 => self.write_identification(address, value, state)?,
             0x2059 => self.blink_asked = u8::try_from(value.to_bits()).ok(),
@@ -414,6 +423,10 @@ impl ObjectDictionary for Dictionary {
         } else {
             None
         }
+    }
+
+    fn may_change_node(&self) -> bool {
+        self.store.at_rest
     }
 
     fn reset(&mut self, scope: ResetScope) {

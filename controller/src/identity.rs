@@ -91,7 +91,7 @@ static TPDOS: [PdoConfig; 4] = [
 ];
 
 /// Period of the robot's own heartbeat, ms.
-const HEARTBEAT_MS: u16 = 100;
+pub(crate) const HEARTBEAT_MS: u16 = 100;
 
 /// Highest value of the SYNC counter.
 pub const SYNC_OVERFLOW: u8 = 240;
@@ -99,6 +99,7 @@ pub const SYNC_OVERFLOW: u8 = 240;
 pub(crate) fn config(identity: &Identity) -> Config {
     Config {
         node: Some(identity.node),
+        node_ids: (protocol::FIRST_ROBOT, protocol::LAST_ROBOT),
         identity: canopen::Identity {
             vendor: 0,
             product: 0x4F4D_4E49,

@@ -72,6 +72,24 @@ pub const fn heartbeat(node: u8) -> u16 {
     0x700 + node as u16
 }
 
+/// Whether only the robot `node` sends frames with this identifier.
+#[must_use]
+pub const fn is_sent_by(cob_id: u16, node: u8) -> bool {
+    const FUNCTIONS: u16 = function_bit(emergency(0))
+        | function_bit(member_status(0))
+        | function_bit(measured_twist(0))
+        | function_bit(pose(0))
+        | function_bit(wheel_rates(0))
+        | function_bit(sdo_response(0))
+        | function_bit(heartbeat(0));
+    cob_id & 0x7F == node as u16 && FUNCTIONS & function_bit(cob_id) != 0
+}
+
+/// The function code of an identifier as one bit of sixteen.
+const fn function_bit(cob_id: u16) -> u16 {
+    1 << (cob_id >> 7 & 0xF)
+}
+
 /// The robot whose status a frame with this identifier carries, if it is one.
 #[must_use]
 pub const fn status_sender(cob_id: u16) -> Option<u8> {
@@ -105,6 +123,13 @@ mod tests {
         assert_eq!(pose(3), 0x383);
         assert_eq!(wheel_rates(3), 0x483);
         assert_eq!(MASTER_HEARTBEAT, 0x701);
+    }
+
+    #[test]
+    fn a_robot_has_seven_identifiers_of_its_own() {
+        let own = (0..0x800).filter(|id| is_sent_by(*id, 3));
+        let seven = [0x083, 0x183, 0x283, 0x383, 0x483, 0x583, 0x703];
+        assert!(own.eq(seven));
     }
 
     #[test]

@@ -151,6 +151,8 @@ codes! {
         SlipExcess = 0xFF18,
         /// This robot's motion disagrees with another member's by more than the strain threshold.
         StrainExcess = 0xFF19,
+        /// Another robot sends with this one's node number.
+        DuplicateNode = 0xFF1C,
     }
 }
 
@@ -183,7 +185,8 @@ impl Fault {
             | Self::ControlLate
             | Self::BusStarved
             | Self::SlipExcess
-            | Self::StrainExcess => Reaction::Ramp,
+            | Self::StrainExcess
+            | Self::DuplicateNode => Reaction::Ramp,
         }
     }
 

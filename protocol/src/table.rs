@@ -535,14 +535,14 @@ const GROUP: &[Object] = &[
         "Group",
         "",
         byte(0, 255, 0),
-        "Group twists for another group are not for this robot.",
+        "Group twists for another group are not for this robot: they are neither taken nor counted, so several groups can share a bus, its SYNC and its master's heartbeat.",
     ),
     Object::required(
         at::MEMBERS,
         "Members",
         "",
         long(4, MEMBER_MASK, 4),
-        "Bit n stands for node n; robots are 2 to 17. This robot must be among them.",
+        "Bit n stands for node n; robots are 2 to 17. This robot must be among them; only a robot that is alone among them may move on its own (0x2050:1).",
     ),
     Object::parameter(
         at::SYNC_PERIOD,
@@ -579,7 +579,7 @@ const COMMISSIONING: &[Object] = &[Object::command(
     "Commissioning permission",
     "",
     Kind::U8,
-    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area clear. Gone after every change of the NMT state.",
+    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone. Gone after every change of the NMT state and after 60 s; writing 1 again gives another 60 s. A commissioning twist is followed up to 0.25 m/s and 0.5 rad/s.",
 )];
 
 const IDENTIFICATION: &[Object] = &[

@@ -7,7 +7,8 @@
 //! (counted, when the bus task does not run for 32 frames, 1.6 ms at least of back-to-back short frames).
 //!
 //! The interrupt drops frames of function codes that nobody here listens to ([`Can::listen`]): a hundred cycles instead
-//! of a turn of the bus task. Not by the controller's own filters, which can only be changed while it does not
+//! of a turn of the bus task. It keeps those with the robot's own node number whatever their function: only another robot
+//! with the same number sends them. Not by the controller's own filters, which can only be changed while it does not
 //! receive. For frames that mean nothing before the next SYNC it does not wake the bus task: they wait for the control
 //! tick, which wakes it, or for the next frame that cannot wait. A millisecond has 20 frames at most, so the queue holds
 //! them.
@@ -71,6 +72,7 @@ impl Health {
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
 static LISTENS_TO: AtomicU16 = AtomicU16::new(u16::MAX);
 static CAN_WAIT: AtomicU16 = AtomicU16::new(0);
+static OWN_NODE: AtomicU16 = AtomicU16::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static QUEUE_OVERFLOWS: AtomicU32 = AtomicU32::new(0);
 
@@ -161,8 +163,10 @@ impl Can {
     }
 
     /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers from 128 n on), and
-    /// lets those of the second set wait for the tick. All of them, at once, before the first call.
-    pub fn listen(&self, function_codes: u16, can_wait: u16) {
+    /// and those with this node number; lets those of the second set wait for the tick. All of them, at once, before the
+    /// first call.
+    pub fn listen(&self, function_codes: u16, node: u8, can_wait: u16) {
+        OWN_NODE.store(node.into(), Ordering::Relaxed);
         LISTENS_TO.store(function_codes, Ordering::Relaxed);
         CAN_WAIT.store(can_wait, Ordering::Relaxed);
     }
@@ -268,7 +272,8 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             let mailbox = can.rx(0);
             let id = mailbox.rir().read().stid();
             let is_in = |codes: &AtomicU16| codes.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1;
-            let frame = if is_in(&LISTENS_TO) {
+            let own = id & 0x7F == OWN_NODE.load(Ordering::Relaxed);
+            let frame = if own || is_in(&LISTENS_TO) {
                 let (low, high) = (mailbox.rdlr().read().0, mailbox.rdhr().read().0);
                 let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
                 let length = usize::from(mailbox.rdtr().read().dlc()).min(data.len());
@@ -283,7 +288,7 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
                 if !taken {
                     QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
                 }
-                if taken && is_in(&CAN_WAIT) {
+                if taken && !own && is_in(&CAN_WAIT) {
                     wake::BUS.ring_soon();
                 } else {
                     wake::BUS.ring();

@@ -12,6 +12,9 @@ use super::BusSide;
 use crate::identification::{Bounds, Outcome, Stopped, WheelModel};
 use crate::state::{Happening, State};
 
+/// How long a permission to move alone lasts, us. An identification ends within 20 s by itself.
+const PERMISSION_US: u64 = 60_000_000;
+
 /// What has been asked for and what came of it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Record {
@@ -101,6 +104,19 @@ impl BusSide {
             0 => 0,
             _ => u8::try_from(left.div_ceil(1_000_000)).unwrap_or(u8::MAX),
         };
+    }
+
+    /// A permission to move alone ends by itself: whoever needs it longer gives it again.
+    pub(super) fn look_at_permission(&mut self, now: Micros) {
+        if core::mem::take(&mut self.dictionary.permission_renewed) {
+            self.permitted_until = now + Micros(PERMISSION_US);
+        }
+        if self.dictionary.commissioning && now >= self.permitted_until {
+            self.dictionary.commissioning = false;
+            if self.state == State::Alone && !self.identifying {
+                self.happen(Happening::Left, now);
+            }
+        }
     }
 
     pub(super) fn may_identify(&self) -> bool {

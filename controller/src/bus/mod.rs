@@ -32,6 +32,7 @@ use crate::configuration::{self, Configuration};
 use crate::dictionary::{Counters, Dictionary};
 use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
+use crate::math::sqrt;
 use crate::parameters::Parameters;
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{Happening, State};
@@ -39,6 +40,17 @@ use crate::strain::Strain;
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 10_000;
+
+/// How long a robot listens after its boot-up before it moves, us: the longest a robot of the same node that
+/// has booted in the same instant can take to its first heartbeat, and as much as a tick and a frame take.
+const LISTEN_US: u64 = identity::HEARTBEAT_MS as u64 * 1_000 + 20_000;
+/// How long a second robot with the same node counts as there after it was last heard, us: ten heartbeats.
+const DOUBLE_US: u64 = identity::HEARTBEAT_MS as u64 * 10_000;
+
+/// Fastest commissioning twist, m/s: the reduced speed of ISO 10218-1, 250 mm/s.
+const ALONE_SPEED: f32 = 0.25;
+/// The same about the vertical axis, rad/s: a corner half a metre from the centre then has that speed.
+const ALONE_YAW_RATE: f32 = 0.5;
 
 /// Something the platform may want to log or show.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -95,6 +107,12 @@ pub struct BusSide {
     identifying: bool,
     /// When its LED has shown long enough which robot it is.
     blinks_until: Micros,
+    /// Until when it has listened for a robot of the same node.
+    listened: Micros,
+    /// Until when a robot of the same node counts as there.
+    doubled_until: Micros,
+    /// Until when it may move alone.
+    permitted_until: Micros,
     /// Code of the limit that was active at the last SYNC; 0 for none.
     limit: u16,
     /// Faults announced and not yet declared over, one bit each.
@@ -129,6 +147,9 @@ impl BusSide {
             command: Command::NONE,
             identifying: false,
             blinks_until: Micros::ZERO,
+            listened: Micros::MAX,
+            doubled_until: Micros::ZERO,
+            permitted_until: Micros::ZERO,
             limit: 0,
             announced: 0,
             events: Deque::new(),
@@ -142,18 +163,22 @@ impl BusSide {
         self.dictionary.identification.permitted = self.may_identify();
         self.command.alive = at;
         let id = frame.id();
+        if cob::is_sent_by(id, self.identity.node.get()) {
+            return self.on_double(at);
+        }
+        if id == cob::GROUP_TWIST && self.is_for_another_group(frame) {
+            return;
+        }
         if id == cob::MASTER_HEARTBEAT {
             self.last_heartbeat = at;
         } else if self.device.state() == NmtState::Operational {
             if id == cob::GROUP_TWIST {
                 self.setpoints.note_frame();
             } else if let Some(node) = cob::status_sender(id)
-                && node != self.identity.node.get()
                 && let Ok(status) = MemberStatus::try_from(frame.data())
             {
                 self.agreement.hear(node, &status);
             } else if let Some(node) = cob::measured_sender(id)
-                && node != self.identity.node.get()
                 && let Ok(measured) = MeasuredTwist::try_from(frame.data())
             {
                 self.strain.hear(node, measured.twist);
@@ -182,13 +207,16 @@ impl BusSide {
     /// kept from it. What a master changes is in it before the answer to that is sent.
     #[must_use]
     pub fn function_codes(&self) -> u16 {
-        let members = [cob::member_status(0), cob::measured_twist(0)];
-        members
-            .into_iter()
-            .chain([cob::GROUP_TWIST, cob::MASTER_HEARTBEAT])
-            .fold(self.device.function_codes(), |codes, id| {
-                codes | canopen::function_code_bit(id)
-            })
+        [
+            cob::member_status(0),
+            cob::measured_twist(0),
+            cob::GROUP_TWIST,
+            cob::MASTER_HEARTBEAT,
+        ]
+        .into_iter()
+        .fold(self.device.function_codes(), |codes, id| {
+            codes | canopen::function_code_bit(id)
+        })
     }
 
     /// Takes in what the control side did and saw.
@@ -277,6 +305,13 @@ impl BusSide {
         self.device.state()
     }
 
+    /// Its node number. Frames that end in it are for it, or from another robot with the same number: it wants
+    /// to see them whatever their function code.
+    #[must_use]
+    pub const fn node(&self) -> u8 {
+        self.identity.node.get()
+    }
+
     /// The group scale in force, 0 to 1.
     #[must_use]
     pub fn group_scale(&self) -> f32 {
@@ -300,7 +335,30 @@ impl BusSide {
         &mut self.dictionary.counters
     }
 
+    /// A frame with an identifier that only this robot uses: there is another one with its node number. Two of
+    /// them are one node for everybody else, and both follow the group with one vote.
+    #[inline(never)]
+    fn on_double(&mut self, at: Micros) {
+        let known = at < self.doubled_until;
+        self.doubled_until = at + Micros(DOUBLE_US);
+        if !known {
+            self.on_fault(at, Fault::DuplicateNode);
+        }
+        self.drain(at);
+    }
+
+    /// Groups share the bus, its SYNC and its master's heartbeat. A twist for another one is neither taken nor
+    /// counted.
+    fn is_for_another_group(&self, frame: &Frame) -> bool {
+        let group = self.configuration.as_ref().map(|known| known.group);
+        let (Some(group), Some(addressed)) = (group, frame.data().get(7)) else {
+            return false;
+        };
+        *addressed != group
+    }
+
     fn drain(&mut self, now: Micros) {
+        self.look_at_permission(now);
         self.look_at_identification(now);
         self.look_at_blinking(now);
         while let Some(event) = self.device.pop_event() {
@@ -310,6 +368,9 @@ impl BusSide {
                     self.dictionary.commissioning = false;
                     if from == NmtState::Operational {
                         self.happen(Happening::Left, now);
+                    }
+                    if from == NmtState::Initialising {
+                        self.listened = now + Micros(LISTEN_US);
                     }
                     self.follow_node();
                     self.tell(Event::Nmt(to));
@@ -358,6 +419,9 @@ impl BusSide {
         let Ok(configuration) = &built else {
             return self.happen(Happening::StartRefused(Fault::Unconfigured), now);
         };
+        if now < self.doubled_until {
+            return self.happen(Happening::StartRefused(Fault::DuplicateNode), now);
+        }
         if let Some(fault) = self.report.obstacle {
             return self.happen(Happening::StartRefused(fault), now);
         }
@@ -453,7 +517,8 @@ impl BusSide {
 
     /// The configuration with which the control side does what it is asked; `None` if it does not.
     fn able(&self) -> Option<&Configuration> {
-        let able = self.report.start == self.command.start
+        let able = self.last_sync >= self.listened
+            && self.report.start == self.command.start
             && self.report.fault.is_none()
             && matches!(self.report.mode, Mode::Hold | Mode::Follow);
         self.configuration
@@ -462,6 +527,8 @@ impl BusSide {
     }
 
     /// The commissioning twist: nobody else to agree with, so it takes effect at once.
+    ///
+    /// It is for tests with a person near the robot, so it is slow whatever is asked for.
     fn follow_alone(&mut self, at: Micros) {
         let received =
             core::mem::take(&mut self.dictionary.alone.1).then_some(self.dictionary.alone.0);
@@ -469,7 +536,10 @@ impl BusSide {
             && !self.identifying
             && matches!(self.state, State::Armed | State::Alone)
             && self.able().is_some();
-        let Some(configuration) = self.configuration.as_ref().filter(|_| permitted_now) else {
+        let only_itself = 1 << self.identity.node.get();
+        let configuration = self.configuration.as_ref();
+        let alone = |known: &&Configuration| permitted_now && known.members == only_itself;
+        let Some(configuration) = configuration.filter(alone) else {
             return;
         };
         let reception = self
@@ -478,7 +548,7 @@ impl BusSide {
         let (Reception::Fresh, Some(latched)) = (reception, self.own_setpoints.latched()) else {
             return;
         };
-        let twist = configuration.mount.to_group(latched.twist);
+        let twist = configuration.mount.to_group(slowly(latched.twist));
         self.scale = permitted(configuration, twist);
         self.scale_is_own = true;
         self.happen(Happening::OwnSetpoint, at);
@@ -526,6 +596,13 @@ impl BusSide {
     fn tell(&mut self, event: Event) {
         let _ = self.events.push_back(event);
     }
+}
+
+/// A twist in the robot's frame, brought down to what is safe beside a person.
+fn slowly(twist: Twist) -> Twist {
+    let speed = sqrt(twist.vx * twist.vx + twist.vy * twist.vy);
+    let over = (speed / ALONE_SPEED).max(twist.omega.abs() / ALONE_YAW_RATE);
+    twist * (1.0 / over.max(1.0))
 }
 
 /// The scale at which this robot's wheels can make the group move like that.

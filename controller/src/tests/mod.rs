@@ -3,6 +3,7 @@
 mod compensation;
 mod group_rules;
 mod identification;
+mod neighbours;
 mod pairs;
 mod reaction;
 mod safety;

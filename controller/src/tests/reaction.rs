@@ -123,6 +123,11 @@ pub(super) const CASES: &[Case] = &[
         Fault::BusStarved,
         26,
     ),
+    (
+        |world| world.send(9, cob::heartbeat(2), &[5]),
+        Fault::DuplicateNode,
+        1,
+    ),
 ];
 
 /// A group of three that drives, 1 ms after a SYNC.

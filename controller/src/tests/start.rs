@@ -202,7 +202,11 @@ fn another_groups_setpoint_moves_nothing() {
 
 #[test]
 fn commissioning_twist_moves_one_robot_alone_if_permitted() {
-    let mut world = World::started(&[2, 3]);
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    world.write(2, at::MEMBERS, Value::U32(1 << 2)).unwrap();
+    world.start();
+    world.run(150);
     let send = |world: &mut World, sequence| {
         let frame = protocol::GroupTwist {
             twist: Twist::new(0.2, 0.0, 0.0),

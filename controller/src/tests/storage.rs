@@ -231,7 +231,12 @@ fn a_node_given_by_lss_is_kept_with_everything_else_and_given_back() {
 fn a_node_no_robot_may_have_is_not_stored() {
     for node in [1, 18, 127] {
         let mut bus = robot(Stored::Nothing);
-        assert_eq!(with_node(&mut bus, node), None);
+        lss(&mut bus, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+        let answer = lss(&mut bus, [0x11, node, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(answer[0].data()[..2], [0x11, 1]);
+        // It can still store the one that it has.
+        let image = with_node(&mut bus, node).unwrap();
+        assert_eq!(crate::stored_node(&image), NodeId::new(2));
     }
 }
 

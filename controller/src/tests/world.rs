@@ -180,7 +180,8 @@ impl World {
             events: Vec::new(),
             wire: VecDeque::new(),
         };
-        world.run(5);
+        // Powered and heard for long enough to be allowed to move.
+        world.run(155);
         world
     }
 

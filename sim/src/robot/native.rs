@@ -335,7 +335,8 @@ impl Robot for NativeRobot {
         self.live.errors.received();
         // As the firmware's interrupt does.
         let codes = self.live.bus.function_codes();
-        if codes & canopen::function_code_bit(frame.id()) == 0 {
+        let own = frame.id() & 0x7F == u16::from(self.live.bus.node());
+        if codes & canopen::function_code_bit(frame.id()) == 0 && !own {
             return;
         }
         let now = self.live.clock.local(self.now_ns);

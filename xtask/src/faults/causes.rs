@@ -3,6 +3,7 @@
 //! A cause happens at or around the robot, never inside its program, which is the image that ships. Robots by their
 //! place: number 0 is watched; where a cause lies with another member, that is number 2.
 
+use canopen::Frame;
 use kinematics::Twist;
 use protocol::{Fault, cob};
 use sim::rig::Rig;
@@ -10,6 +11,8 @@ use sim::{Crash, EncoderState, SimError};
 
 /// The robot that is watched.
 pub const WATCHED: usize = 0;
+/// Its node number.
+const WATCHED_NODE: u8 = 2;
 /// The member that lets the others down.
 const OTHER: usize = 2;
 /// The wheel that fails.
@@ -134,6 +137,11 @@ pub const CASES: &[Case] = &[
         _ = rig.world.halt(WATCHED, true);
     }),
     stored(21, "in any of its operations", super::power::interrupted),
+    // Another robot switched on whose node switches are set to the same number.
+    now(28, "boot-up", |rig| {
+        let boot_up = Frame::of(cob::heartbeat(WATCHED_NODE), [0]);
+        rig.world.send(boot_up);
+    }),
     stored(22, "a value out of its limits", super::power::corrupt),
 ];
 

@@ -1,0 +1,306 @@
+//! What else is on the bus: a second robot with the same node number, another group, and what must not be
+//! changed by a master while robots move.
+
+use canopen::NmtCommand;
+use kinematics::Twist;
+use protocol::address as at;
+use protocol::{Fault, GroupTwist, Value, cob};
+
+use super::world::{GROUP, World};
+use crate::state::State;
+
+const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
+/// A node of the tests that no robot is.
+const STRANGER: u8 = 9;
+
+fn moving(nodes: &[u8]) -> World {
+    let mut world = World::started(nodes);
+    world.drive(FORWARD, 1000);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    world
+}
+
+/// Every identifier under which a robot sends, from somebody else.
+fn own_frames(node: u8) -> [(u16, [u8; 8], usize); 7] {
+    let data = [0; 8];
+    [
+        (cob::heartbeat(node), [127, 0, 0, 0, 0, 0, 0, 0], 1),
+        (cob::emergency(node), data, 8),
+        (cob::member_status(node), data, 8),
+        (cob::measured_twist(node), data, 8),
+        (cob::pose(node), data, 8),
+        (cob::wheel_rates(node), data, 8),
+        (cob::sdo_response(node), data, 8),
+    ]
+}
+
+#[test]
+fn a_frame_with_an_identifier_of_its_own_is_a_second_robot_with_its_node() {
+    for (id, data, length) in own_frames(2) {
+        let mut world = moving(&[2, 3]);
+        world.send(STRANGER, id, &data[..length]);
+        let duplicate = Fault::DuplicateNode;
+        assert_eq!(
+            world.robots[0].bus.state().fault(),
+            Some(duplicate),
+            "{id:#x}"
+        );
+        assert!(matches!(world.robots[0].bus.state(), State::Ramping(_)));
+        assert_eq!(world.emergencies(2).last(), Some(&0xFF1C));
+        // The others stop with it, and none of them takes itself for the double.
+        world.run(1500);
+        assert_eq!(world.robots[0].bus.state(), State::Faulted(duplicate));
+        let state = world.robots[1].bus.state();
+        assert!(matches!(state, State::Faulted(_)), "{state:?}");
+        assert_ne!(state.fault(), Some(duplicate));
+    }
+}
+
+#[test]
+fn no_start_while_a_second_robot_with_its_node_is_heard() {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    world.send(STRANGER, cob::heartbeat(2), &[0]);
+    assert_eq!(world.emergencies(2), [0xFF1C], "its boot-up is answered");
+    for _ in 0..20 {
+        world.send(STRANGER, cob::heartbeat(2), &[127]);
+        world.run(100);
+    }
+    assert_eq!(world.emergencies(2), [0xFF1C], "announced once");
+    world.start();
+    let refused = State::Faulted(Fault::DuplicateNode);
+    assert_eq!(world.robots[0].bus.state(), refused);
+    world.drive(FORWARD, 500);
+    assert_eq!(world.robots[0].rates, [0.0; 4]);
+    // It has gone: a second later a start is a start.
+    world.twist = None;
+    world.run(1100);
+    world.start();
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+}
+
+/// A double that is switched on in the same instant sends the same boot-up frame in the same bits. Its first
+/// heartbeat, which its serial number sets apart, comes within 100 ms.
+#[test]
+fn nothing_moves_before_a_double_had_time_to_be_heard() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    world.run(300);
+    world.nmt(NmtCommand::ResetCommunication, 2);
+    world.start();
+    world.twist = Some(FORWARD);
+    let took = world.until(500, |world| world.robots[0].bus.state() == State::Moving);
+    assert!(took >= 100, "moves after {took} ms");
+}
+
+/// Sends a twist for each of two groups in every period, the second after the first.
+fn drive_two_groups(world: &mut World, first: u8, second: u8, sequences: &mut [u8; 2]) {
+    for (group, sequence) in [first, second].into_iter().zip(sequences) {
+        *sequence = sequence.wrapping_add(1);
+        let twist = Twist::new(if group == GROUP { 0.3 } else { -0.2 }, 0.0, 0.0);
+        let frame = GroupTwist {
+            twist,
+            sequence: *sequence,
+            group,
+        };
+        world.send(1, cob::GROUP_TWIST, &frame.encode());
+    }
+    world.run(10);
+}
+
+#[test]
+fn two_groups_share_a_bus_and_its_sync() {
+    const OTHER: u8 = GROUP + 4;
+    for (first, second) in [(GROUP, OTHER), (OTHER, GROUP)] {
+        let mut world = World::new(&[2, 3, 4, 5]);
+        world.configure();
+        for node in [2, 3, 4, 5] {
+            let (group, members) = match node {
+                2 | 3 => (GROUP, 0b00_1100_u32),
+                _ => (OTHER, 0b11_0000),
+            };
+            world.write(node, at::GROUP_ID, Value::U8(group)).unwrap();
+            world.write(node, at::MEMBERS, Value::U32(members)).unwrap();
+        }
+        world.start();
+        world.run(150);
+        // The sequences of the two have nothing to do with each other.
+        let mut sequences = [7, 200];
+        for _ in 0..100 {
+            drive_two_groups(&mut world, first, second, &mut sequences);
+        }
+        for period in 0..1000 {
+            drive_two_groups(&mut world, first, second, &mut sequences);
+            for robot in &world.robots {
+                let state = robot.bus.state();
+                assert_eq!(state, State::Moving, "node {} period {period}", robot.node);
+            }
+        }
+        for (robot, vx) in world.robots.iter().zip([0.3, 0.3, -0.2, -0.2]) {
+            assert!((robot.moves().vx - vx).abs() < 5e-3, "{:?}", robot.moves());
+        }
+        // A fault in one group is none of the other's.
+        world.robots[3].inputs.driver_fault = true;
+        for _ in 0..100 {
+            drive_two_groups(&mut world, first, second, &mut sequences);
+        }
+        let states: std::vec::Vec<State> =
+            world.robots.iter().map(|robot| robot.bus.state()).collect();
+        assert_eq!(states[..2], [State::Moving; 2]);
+        assert!(
+            states[2..].iter().all(|state| state.fault().is_some()),
+            "{states:?}"
+        );
+    }
+}
+
+/// A commissioning twist for node 2, as fast as a hand on a lever could ask for.
+fn ask_alone(world: &mut World, twist: Twist, periods: u32, sequence: &mut u8) {
+    for _ in 0..periods {
+        *sequence = sequence.wrapping_add(1);
+        let frame = GroupTwist {
+            twist,
+            sequence: *sequence,
+            group: GROUP,
+        };
+        world.send(1, cob::commissioning_twist(2), &frame.encode());
+        world.run(10);
+    }
+}
+
+#[test]
+fn a_member_of_a_group_may_not_move_alone() {
+    const INCOMPATIBLE: u32 = 0x0604_0043;
+    let mut world = World::started(&[2, 3]);
+    let refused = world.write(2, at::COMMISSIONING, Value::U8(1));
+    assert_eq!(refused, Err(INCOMPATIBLE));
+    ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 60, &mut 0);
+    assert_eq!(world.robots[0].bus.state(), State::Armed);
+    assert_eq!(world.robots[0].rates, [0.0; 4]);
+    assert!(world.emergencies(2).is_empty());
+    // Taking a permission back is always right.
+    world.write(2, at::COMMISSIONING, Value::U8(0)).unwrap();
+}
+
+#[test]
+fn alone_it_is_slow_and_not_for_long() {
+    let mut world = World::started(&[2]);
+    world.run(150);
+    world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
+    let mut sequence = 0;
+    let mut fastest = 0.0_f32;
+    for _ in 0..100 {
+        ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 1, &mut sequence);
+        fastest = fastest.max(world.robots[0].control.report().reference.vy);
+    }
+    assert_eq!(world.robots[0].bus.state(), State::Alone);
+    // 250 mm/s, and the least step of the scale it is brought down by.
+    assert!((fastest - 0.25).abs() < 1e-3, "{fastest} m/s");
+    // A minute after the permission it comes to rest, whatever it is asked for.
+    ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 6_000, &mut sequence);
+    assert_eq!(world.robots[0].bus.state(), State::Ready);
+    assert_eq!(world.robots[0].rates, [0.0; 4]);
+}
+
+/// The error byte of the answer to an LSS command; `None` without one.
+fn lss(world: &mut World, request: [u8; 8]) -> std::vec::Vec<[u8; 2]> {
+    let before = world.log.len();
+    world.send(1, 0x7E5, &request);
+    let answers = world.log[before..]
+        .iter()
+        .filter(|(_, frame)| frame.id() == 0x7E4);
+    answers
+        .map(|(_, frame)| [frame.data()[0], frame.data()[1]])
+        .collect()
+}
+
+#[test]
+fn lss_changes_nothing_while_a_robot_is_operational() {
+    let mut world = moving(&[2, 3]);
+    lss(&mut world, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    assert!(lss(&mut world, [0x11, 5, 0, 0, 0, 0, 0, 0]).is_empty());
+    lss(&mut world, [0x04, 0, 0, 0, 0, 0, 0, 0]);
+    // Selected by its identity it answers, and refuses.
+    select(&mut world, 2);
+    assert_eq!(lss(&mut world, [0x11, 5, 0, 0, 0, 0, 0, 0]), [[0x11, 0xFF]]);
+    assert_eq!(lss(&mut world, [0x17, 0, 0, 0, 0, 0, 0, 0]), [[0x17, 0xFF]]);
+    lss(&mut world, [0x04, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    world.nmt(NmtCommand::ResetCommunication, 0);
+    world.run(1500);
+    nodes_are(&mut world, &[2, 3]);
+}
+
+fn select(world: &mut World, node: u8) {
+    let serial = (u32::from(node) * 1000).to_le_bytes();
+    let identity = [
+        [0, 0, 0, 0],
+        0x4F4D_4E49_u32.to_le_bytes(),
+        (u32::from(protocol::WIRE_VERSION) << 16).to_le_bytes(),
+        serial,
+    ];
+    for (command, [a, b, c, d]) in (0x40..).zip(identity) {
+        lss(world, [command, a, b, c, d, 0, 0, 0]);
+    }
+}
+
+fn nodes_are(world: &mut World, nodes: &[u8]) {
+    let before = world.log.len();
+    world.run(120);
+    let mut heard: std::vec::Vec<u8> = world.log[before..]
+        .iter()
+        .filter(|(_, frame)| frame.id() & 0x780 == 0x700 && frame.id() != cob::MASTER_HEARTBEAT)
+        .map(|(_, frame)| frame.id() as u8 & 0x7F)
+        .collect();
+    heard.sort_unstable();
+    heard.dedup();
+    assert_eq!(heard, nodes);
+}
+
+/// A robot that is not OPERATIONAL takes a node-ID from whoever selects it; while there are others it takes
+/// none from a switch that selects everybody.
+#[test]
+fn several_robots_do_not_become_one_node() {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    world.run(200);
+    lss(&mut world, [0x04, 1, 0, 0, 0, 0, 0, 0]);
+    let answers = lss(&mut world, [0x11, 5, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(answers, [[0x11, 0xFF]; 2]);
+    lss(&mut world, [0x04, 0, 0, 0, 0, 0, 0, 0]);
+    world.nmt(NmtCommand::ResetCommunication, 0);
+    world.run(200);
+    nodes_are(&mut world, &[2, 3]);
+    // The master's own number, and what is no robot's.
+    select(&mut world, 2);
+    for node in [1, 18, 127] {
+        assert_eq!(
+            lss(&mut world, [0x11, node, 0, 0, 0, 0, 0, 0]),
+            [[0x11, 1]],
+            "{node}"
+        );
+    }
+    assert_eq!(lss(&mut world, [0x11, 5, 0, 0, 0, 0, 0, 0]), [[0x11, 0]]);
+}
+
+/// Whatever NMT command comes: the group comes down in its ramp, or has been cut, and is who it was.
+#[test]
+fn an_nmt_reset_in_motion_is_a_ramp() {
+    for command in [NmtCommand::ResetNode, NmtCommand::ResetCommunication] {
+        for target in [0, 2] {
+            let mut world = moving(&[2, 3]);
+            world.nmt(command, target);
+            let (mut last, mut steepest) = (0.6_f32, 0.0_f32);
+            for _ in 0..1500 {
+                world.step();
+                let vx = world.robots[0].control.report().reference.vx;
+                steepest = steepest.max((last - vx) / 1e-3);
+                last = vx;
+            }
+            // DECELERATION of the tests, 1 m/s2, and rounding.
+            assert!(steepest < 1.001, "{command:?}: {steepest} m/s2");
+            assert!(world.robots.iter().all(|robot| robot.rates == [0.0; 4]));
+            nodes_are(&mut world, &[2, 3]);
+        }
+    }
+}
