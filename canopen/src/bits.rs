@@ -79,14 +79,36 @@ impl Wire {
     /// and send theirs.
     #[must_use]
     pub fn bits_when_corrupt(&self, n: u32, active: bool) -> u32 {
-        let level = |at: u32| (self.levels >> (self.stuffed - 1 - at) & 1 == 1) != (at == n);
         // Recessive is 1.
-        let flag = !active;
-        let run = (0..=n.min(self.stuffed - 1))
-            .rev()
-            .take_while(|at| level(*at) == flag);
+        Self::bits_with_flags(n, |at| (self.level(at) != (at == n)) != active)
+    }
+
+    /// Bits up to the end of the error delimiter when another sender of the same identifier, whose bit `n` is
+    /// recessive where this one is dominant, begins its dominant flag after it.
+    #[must_use]
+    pub fn bits_when_collided(&self, n: u32) -> u32 {
+        Self::bits_with_flags(n, |at| !self.level(at))
+    }
+
+    /// The others see the flag that begins after bit `n` when six bits in a row are like it.
+    fn bits_with_flags(n: u32, like_flag: impl Fn(u32) -> bool) -> u32 {
+        let run = (0..=n).rev().take_while(|at| like_flag(*at));
         let seen = u32::try_from(run.count()).unwrap_or(FLAG).min(FLAG);
         n + 1 + (FLAG - seen) + FLAG + ERROR_DELIMITER
+    }
+
+    /// Bit `n`, counted from 0, of those up to the end of the CRC; recessive is `true`, and what follows is
+    /// recessive.
+    #[must_use]
+    pub fn level(&self, n: u32) -> bool {
+        let from_end = self.stuffed.checked_sub(n + 1);
+        from_end.is_none_or(|place| self.levels >> place & 1 == 1)
+    }
+
+    /// The first bit in which two frames with one identifier differ; `None` when they are the same.
+    #[must_use]
+    pub fn first_difference(&self, other: &Self) -> Option<u32> {
+        (0..self.stuffed.max(other.stuffed)).find(|n| self.level(*n) != other.level(*n))
     }
 
     /// Bits up to the end of the error delimiter when the acknowledge is missing and the sender's flag begins

@@ -110,8 +110,8 @@ pub struct World {
     disturbances: Disturbances,
     /// By how much what the ports send is late, ns.
     port_delay_ns: u64,
-    /// An error-passive node that has just sent, and until when it lets others go first.
-    suspended: Option<(usize, u64)>,
+    /// Error-passive nodes that have just sent, and until when each lets others go first.
+    suspended: Vec<(usize, u64)>,
     ports: Vec<PortQueues>,
     candump: Option<Candump>,
     truth: Vec<TruthSample>,
@@ -194,7 +194,7 @@ impl World {
             far: Bus::new(options.load_window_ns),
             disturbances: Disturbances::new(group.simulation.seed),
             port_delay_ns: 0,
-            suspended: None,
+            suspended: Vec::new(),
             ports: vec![PortQueues::default()],
             candump: None,
             truth: Vec::new(),

@@ -121,10 +121,11 @@ fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
 #[test]
 fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
     let mut world = world("tcc-2");
-    run(&mut world, 50_000);
+    // Before the first heartbeats.
+    run(&mut world, 20_000);
     world.set_bad_receiver(1, all(0x7F0));
     world.send(frame(0x7F0));
-    run(&mut world, 60_000);
+    run(&mut world, 30_000);
     assert_eq!(world.error_frames(), 15);
     assert_eq!(
         world.robot_errors(1),

@@ -56,6 +56,7 @@ impl Candump {
             Fate::Corrupt { .. } => (0x88, 1),
             Fate::Refused { .. } => (0x88, 2),
             Fate::CutOff => (0x88, 4),
+            Fate::Collided { .. } => (0x88, 1),
         };
         self.write(|line| {
             let us = end_ns / 1_000;

@@ -6,8 +6,13 @@
 //! that goes wrong ends early, with an error frame ([`Fate`]); who counts what is told in [`errors`].
 //!
 //! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as in
-//! life. Two nodes sending one identifier at the same time would destroy each other's frames on a real
-//! bus; here the first node wins and the case is counted in [`Bus::collisions`].
+//! life.
+//!
+//! Two nodes that begin a frame with one identifier in the same bit are a mistake of whoever numbered them, and
+//! the bus treats them as copper does. While their bits are the same there is one frame on the wire, and both
+//! have sent it. At the first bit that differs, the one that sends a recessive bit reads a dominant one: a bit
+//! error. An error-active node then destroys the frame for everybody, and both try again at once; an
+//! error-passive one drops out, and the other's frame stands.
 
 pub mod candump;
 pub mod disturb;
@@ -48,6 +53,11 @@ pub enum Fate {
     },
     /// The sender has gone while it was sending.
     CutOff,
+    /// Two senders of one identifier differ in this bit, counted from 0, and one of them was error active.
+    Collided {
+        /// Which.
+        bit: u32,
+    },
 }
 
 impl Fate {
@@ -63,16 +73,21 @@ impl Fate {
             Self::Corrupt { bit, active } => wire.bits_when_corrupt(bit, active),
             Self::Unacknowledged { active: true } => wire.bits_when_unacknowledged(),
             Self::Refused { .. } => wire.bits_when_refused(),
+            Self::Collided { bit } => wire.bits_when_collided(bit),
             Self::Good | Self::Unacknowledged { active: false } | Self::CutOff => wire.bits(),
         }
     }
 }
 
 /// A frame on its way over the wire.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Transfer {
     /// Who sends it.
     pub sender: usize,
+    /// Who else sends it in the same bits.
+    pub others: Vec<usize>,
+    /// Error-passive senders of another frame with this identifier, which had to give way.
+    pub dropped: Vec<usize>,
     /// What.
     pub frame: Frame,
     /// When its first bit was on the wire, ns.
@@ -94,6 +109,55 @@ pub struct Bus {
     collisions: u64,
 }
 
+impl Transfer {
+    /// Whether a node is one of those whose frame is on the wire.
+    #[must_use]
+    pub fn is_sent_by(&self, node: usize) -> bool {
+        self.sender == node || self.others.contains(&node)
+    }
+}
+
+/// Several senders of one identifier, on the wire together.
+struct Together {
+    senders: Vec<(usize, Frame)>,
+    dropped: Vec<usize>,
+    /// The bit in which an error-active one of them destroyed the frame.
+    destroyed: Option<u32>,
+}
+
+impl Together {
+    fn new(senders: Vec<(usize, Frame)>, is_active: impl Fn(usize) -> bool) -> Self {
+        let mut together = Self {
+            senders,
+            dropped: Vec::new(),
+            destroyed: None,
+        };
+        while let Some(bit) = together.first_difference() {
+            let recessive = |(_, frame): &(usize, Frame)| Wire::of(frame).level(bit);
+            let losers = together.senders.extract_if(.., |sender| recessive(sender));
+            let losers: Vec<(usize, Frame)> = losers.collect();
+            if losers.iter().any(|(node, _)| is_active(*node)) {
+                // Whoever sent a dominant bit comes first: its bits are those on the wire.
+                together.senders.extend(losers);
+                together.destroyed = Some(bit);
+                break;
+            }
+            together.dropped.extend(losers.iter().map(|(node, _)| node));
+        }
+        together
+    }
+
+    /// The first bit in which any two of the senders differ.
+    fn first_difference(&self) -> Option<u32> {
+        let (_, first) = self.senders.first()?;
+        let first = Wire::of(first);
+        let differences = self.senders.iter();
+        differences
+            .filter_map(|(_, other)| first.first_difference(&Wire::of(other)))
+            .min()
+    }
+}
+
 impl Bus {
     /// A free bus at time 0 whose load is measured over windows of this length, ns.
     #[must_use]
@@ -111,7 +175,7 @@ impl Bus {
     /// When the frame on the wire ends, ns; `None` when there is none.
     #[must_use]
     pub fn transfer_end_ns(&self) -> Option<u64> {
-        self.transfer.map(|t| t.end_ns)
+        self.transfer.as_ref().map(|t| t.end_ns)
     }
 
     /// The earliest time at which another frame may start, ns.
@@ -128,24 +192,46 @@ impl Bus {
 
     /// Arbitration among the nodes that want to send, each with the frame it would send first. Call only
     /// when the bus [is free](Self::is_free). Returns the transfer that begins; `fate` says what becomes of
-    /// it.
+    /// the frame of these senders, and `is_active` whether a node is error active.
     pub fn arbitrate(
         &mut self,
         now_ns: u64,
         contenders: impl Iterator<Item = (usize, Frame)>,
-        fate: impl FnOnce(usize, &Frame) -> Fate,
-    ) -> Option<Transfer> {
+        is_active: impl Fn(usize) -> bool,
+        fate: impl FnOnce(&[usize], &Frame) -> Fate,
+    ) -> Option<&Transfer> {
         debug_assert!(self.is_free(now_ns));
         let mut winner: Option<(usize, Frame)> = None;
+        let mut several = Vec::new();
         for (sender, frame) in contenders {
             match winner {
                 Some((_, best)) if best.id() < frame.id() => {}
-                Some((_, best)) if best.id() == frame.id() => self.collisions += 1,
-                _ => winner = Some((sender, frame)),
+                Some((_, best)) if best.id() == frame.id() => several.push((sender, frame)),
+                _ => {
+                    winner = Some((sender, frame));
+                    several.clear();
+                }
             }
         }
-        let (sender, frame) = winner?;
-        let fate = fate(sender, &frame);
+        let (mut sender, mut frame) = winner?;
+        let (mut others, mut dropped, mut destroyed) = (Vec::new(), Vec::new(), None);
+        if !several.is_empty() {
+            self.collisions += 1;
+            several.insert(0, (sender, frame));
+            let together = Together::new(several, is_active);
+            (sender, frame) = *together.senders.first()?;
+            let rest = together.senders.iter().skip(1);
+            others = rest.map(|(node, _)| *node).collect();
+            (dropped, destroyed) = (together.dropped, together.destroyed);
+        }
+        let fate = match destroyed {
+            Some(bit) => Fate::Collided { bit },
+            None if others.is_empty() => fate(&[sender], &frame),
+            None => {
+                let senders: Vec<usize> = others.iter().copied().chain([sender]).collect();
+                fate(&senders, &frame)
+            }
+        };
         let bits = u64::from(fate.bits(&Wire::of(&frame)));
         let end_ns = now_ns + bits * BIT_NS;
         self.free_at_ns = end_ns + u64::from(INTERMISSION) * BIT_NS;
@@ -157,20 +243,31 @@ impl Bus {
         }
         self.transfer = Some(Transfer {
             sender,
+            others,
+            dropped,
             frame,
             start_ns: now_ns,
             end_ns,
             fate,
         });
-        self.transfer
+        self.transfer.as_ref()
     }
 
     /// The node goes while it may be sending: then the wire stays recessive, the others notice at the sixth
     /// such bit, and send their error flags.
     pub fn cut_off(&mut self, now_ns: u64, node: usize) {
-        let Some(transfer) = self.transfer.as_mut().filter(|t| t.sender == node) else {
+        let Some(transfer) = self.transfer.as_mut() else {
             return;
         };
+        transfer.others.retain(|other| *other != node);
+        transfer.dropped.retain(|other| *other != node);
+        if transfer.sender != node {
+            return;
+        }
+        if let Some(other) = transfer.others.pop() {
+            transfer.sender = other;
+            return;
+        }
         if !transfer.fate.is_destroyed() {
             self.error_frames += 1;
             self.frames -= 1;
@@ -212,7 +309,7 @@ impl Bus {
         self.frames
     }
 
-    /// How often two nodes tried to send one identifier at the same time.
+    /// How often several nodes began a frame with one identifier in the same bit.
     #[must_use]
     pub fn collisions(&self) -> u64 {
         self.collisions
@@ -227,8 +324,12 @@ mod tests {
         Frame::new(id, &[]).unwrap()
     }
 
-    fn good(_: usize, _: &Frame) -> Fate {
+    fn good(_: &[usize], _: &Frame) -> Fate {
         Fate::Good
+    }
+
+    fn active(_: usize) -> bool {
+        true
     }
 
     /// 20 bits have gone when the sender goes: six recessive ones, six of the others' flags, eight of
@@ -236,7 +337,8 @@ mod tests {
     #[test]
     fn a_sender_that_goes_leaves_an_error_frame() {
         let mut bus = Bus::new(100_000);
-        bus.arbitrate(0, [(2, frame(0))].into_iter(), good).unwrap();
+        bus.arbitrate(0, [(2, frame(0))].into_iter(), active, good)
+            .unwrap();
         bus.cut_off(19_500, 1);
         assert_eq!(bus.transfer_end_ns(), Some(50_000));
         bus.cut_off(19_500, 2);
@@ -251,7 +353,9 @@ mod tests {
     fn the_lowest_identifier_wins_whoever_sends_it() {
         let mut bus = Bus::new(1_000_000);
         let contenders = [(0, frame(0x181)), (1, frame(0x080)), (2, frame(0x182))];
-        let transfer = bus.arbitrate(0, contenders.into_iter(), good).unwrap();
+        let transfer = bus
+            .arbitrate(0, contenders.into_iter(), active, good)
+            .unwrap();
         assert_eq!((transfer.sender, transfer.frame.id()), (1, 0x080));
     }
 
@@ -259,7 +363,8 @@ mod tests {
     fn the_wire_is_free_after_the_intermission() {
         let mut bus = Bus::new(1_000_000);
         // Identifier 0 without data: 50 bits (see `bits`).
-        bus.arbitrate(7, [(0, frame(0))].into_iter(), good).unwrap();
+        bus.arbitrate(7, [(0, frame(0))].into_iter(), active, good)
+            .unwrap();
         assert_eq!(bus.finish(50_006), None);
         assert_eq!(bus.finish(50_007).unwrap().end_ns, 50_007);
         assert_eq!(bus.finish(50_007), None);
@@ -268,11 +373,49 @@ mod tests {
     }
 
     #[test]
-    fn two_nodes_with_one_identifier_are_counted() {
+    fn the_same_frame_of_two_nodes_is_one_frame() {
+        let mut bus = Bus::new(1_000_000);
+        let senders = [(3, frame(5)), (4, frame(5)), (5, frame(6))];
+        let transfer = bus.arbitrate(0, senders.into_iter(), active, good).unwrap();
+        assert_eq!((transfer.sender, &transfer.others), (3, &vec![4]));
+        assert_eq!(transfer.fate, Fate::Good);
+        assert_eq!((bus.collisions(), bus.frames()), (1, 1));
+    }
+
+    /// Start, identifier, RTR, IDE, reserved bit and length of 0x555 with one byte are 19 bits: 0, 10101010101,
+    /// 000, 0001. After the five dominant ones in a row comes a stuff bit, so the first bit of data is bit 20.
+    fn byte(data: u8) -> Frame {
+        Frame::new(0x555, &[data]).unwrap()
+    }
+
+    #[test]
+    fn different_frames_of_active_nodes_destroy_each_other() {
+        let mut bus = Bus::new(1_000_000);
+        let senders = [(3, byte(0x80)), (4, byte(0x00))];
+        let transfer = bus.arbitrate(0, senders.into_iter(), active, good).unwrap();
+        assert_eq!(transfer.fate, Fate::Collided { bit: 20 });
+        assert!(transfer.is_sent_by(3) && transfer.is_sent_by(4));
+        // 21 bits, the last of which is dominant: five more of the flag until all have seen six, their flags,
+        // and the delimiter.
+        assert_eq!(transfer.end_ns, (21 + 5 + 6 + 8) * BIT_NS);
+        assert_eq!((bus.error_frames(), bus.frames()), (1, 0));
+    }
+
+    #[test]
+    fn a_passive_node_gives_way_to_the_dominant_bit() {
+        let mut bus = Bus::new(1_000_000);
+        let senders = [(3, byte(0x80)), (4, byte(0x00)), (5, byte(0x00))];
+        let passive = |node| node != 3;
+        let transfer = bus
+            .arbitrate(0, senders.into_iter(), |node| !passive(node), good)
+            .unwrap();
+        assert_eq!(transfer.fate, Fate::Collided { bit: 20 }, "3 is active");
         let mut bus = Bus::new(1_000_000);
         let transfer = bus
-            .arbitrate(0, [(3, frame(5)), (4, frame(5))].into_iter(), good)
+            .arbitrate(0, senders.into_iter(), |_| false, good)
             .unwrap();
-        assert_eq!((transfer.sender, bus.collisions()), (3, 1));
+        assert_eq!((transfer.sender, &transfer.others), (4, &vec![5]));
+        assert_eq!((transfer.fate, &transfer.dropped), (Fate::Good, &vec![3]));
+        assert_eq!((transfer.frame, bus.frames()), (byte(0x00), 1));
     }
 }

@@ -67,6 +67,7 @@ impl Clock {
 /// See the [module](self).
 pub struct NativeRobot {
     id: NodeId,
+    serial: u32,
     crystal_ppm: f64,
     /// What its flash holds, and what it has been through.
     flash: Option<Vec<u8>>,
@@ -97,13 +98,13 @@ struct Live {
 }
 
 impl Live {
-    fn boot(id: NodeId, clock: Clock, flash: Option<&[u8]>, wear: StoreWear) -> Self {
+    fn boot(id: NodeId, serial: u32, clock: Clock, flash: Option<&[u8]>, wear: StoreWear) -> Self {
         // The serial number is that of the board, whatever node LSS has stored.
         let node = flash.and_then(stored_node).unwrap_or(id);
         let mut bus = BusSide::new(Identity {
             storage: true,
             node_switches: id.get(),
-            ..Identity::new(node, 0x4F4D_0000 + u32::from(id.get()))
+            ..Identity::new(node, serial)
         });
         // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or two for
         // every time a robot is switched on.
@@ -133,19 +134,34 @@ impl NativeRobot {
     /// # Errors
     /// When the node is not a CANopen node.
     pub fn new(node: u8, crystal_ppm: f64) -> Result<Self, SimError> {
+        Self::with_serial(node, 0x4F4D_0000 + u32::from(node), crystal_ppm)
+    }
+
+    /// The same with a serial number of its own, as two robots whose node switches are set alike have.
+    ///
+    /// # Errors
+    /// As [`NativeRobot::new`].
+    pub fn with_serial(node: u8, serial: u32, crystal_ppm: f64) -> Result<Self, SimError> {
         let id = NodeId::new(node).ok_or_else(|| SimError::Robot {
             node,
             problem: "is not a CANopen node".to_owned(),
         })?;
         Ok(Self {
             id,
+            serial,
             crystal_ppm,
             flash: None,
             wear: StoreWear::default(),
             powered: true,
             now_ns: 0,
             inputs: Inputs::default(),
-            live: Live::boot(id, Clock::new(crystal_ppm, 0), None, StoreWear::default()),
+            live: Live::boot(
+                id,
+                serial,
+                Clock::new(crystal_ppm, 0),
+                None,
+                StoreWear::default(),
+            ),
             log: Vec::new(),
         })
     }
@@ -382,7 +398,13 @@ impl Robot for NativeRobot {
     fn set_power(&mut self, on: bool) {
         self.powered = on;
         let clock = Clock::new(self.crystal_ppm, self.now_ns);
-        self.live = Live::boot(self.id, clock, self.flash.as_deref(), self.wear);
+        self.live = Live::boot(
+            self.id,
+            self.serial,
+            clock,
+            self.flash.as_deref(),
+            self.wear,
+        );
         // The counters are the microcontroller's; emergency stop and driver fault are wires from outside.
         self.inputs.encoder_counts = Default::default();
     }

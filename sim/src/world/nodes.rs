@@ -23,9 +23,7 @@ impl World {
         for unit in &mut self.units {
             unit.look(now_ns);
         }
-        if self.suspended.is_some_and(|(_, until)| until <= now_ns) {
-            self.suspended = None;
-        }
+        self.suspended.retain(|(_, until)| *until > now_ns);
     }
 
     /// The next time at which a node may want to send that does not want to now, ns.
@@ -37,7 +35,7 @@ impl World {
             Some(if off { port.back_ns.max(*at) } else { *at })
         });
         let units = self.units.iter().filter_map(Unit::next_ns);
-        let suspended = self.suspended.map(|(_, until)| until);
+        let suspended = self.suspended.iter().map(|(_, until)| *until);
         coming
             .chain(units)
             .chain(suspended)
@@ -55,7 +53,6 @@ impl World {
     pub(super) fn arbitrate(&mut self, far: bool) {
         let now_ns = self.now_ns;
         let first = self.ports.len();
-        let suspended = self.suspended.map(|(node, _)| node);
         let ports = self.ports.iter().enumerate();
         let from_ports = ports.filter_map(|(n, port)| {
             let (at, frame) = port.send.front()?;
@@ -73,7 +70,7 @@ impl World {
         let contenders = from_ports
             .chain(from_units)
             .chain(babble)
-            .filter(|(node, _)| Some(*node) != suspended);
+            .filter(|(node, _)| self.suspended.iter().all(|(waits, _)| waits != node));
         let (ports, units) = (&self.ports, &self.units);
         let state = |node: usize| match node.checked_sub(first) {
             None => ports[node].errors.state(),
@@ -82,10 +79,12 @@ impl World {
         let disturbances = &mut self.disturbances;
         let mut missed = Vec::new();
         let bus = if far { &mut self.far } else { &mut self.bus };
-        let transfer = bus.arbitrate(now_ns, contenders, |sender, frame| {
-            let active = state(sender) == ErrorState::Active;
+        let is_active = |node: usize| state(node) == ErrorState::Active;
+        let transfer = bus.arbitrate(now_ns, contenders, is_active, |senders, frame| {
+            let active = senders.iter().any(|sender| is_active(*sender));
             let hears = |(n, unit): (usize, &Unit)| {
-                unit.far == far && unit.connected && unit.powered && first + n != sender
+                let sends = senders.contains(&(first + n));
+                unit.far == far && unit.connected && unit.powered && !sends
             };
             // In the other half the ports are there.
             if far && !units.iter().enumerate().any(hears) {
@@ -111,7 +110,8 @@ impl World {
                 continue;
             }
             unit.misses_this = missed.contains(&n);
-            unit.sends_own = first + n == transfer.sender && unit.harm.babble.is_none();
+            let sends = transfer.is_sent_by(first + n) || transfer.dropped.contains(&(first + n));
+            unit.sends_own = sends && unit.harm.babble.is_none();
             if unit.harm.babble.is_some() || !unit.connected {
                 continue;
             }
@@ -130,17 +130,17 @@ impl World {
             self.deliver_to_ports(transfer);
         }
         self.deliver_to_units(transfer, far);
-        let passive = match transfer.sender.checked_sub(self.ports.len()) {
-            None => self.ports[transfer.sender].errors.state() == ErrorState::Passive,
-            Some(n) => self
-                .units
-                .get(n)
-                .is_some_and(|u| u.error_state() == ErrorState::Passive),
-        };
-        if passive {
-            let bus = if far { &self.far } else { &self.bus };
-            let until = bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
-            self.suspended = Some((transfer.sender, until));
+        let bus = if far { &self.far } else { &self.bus };
+        let until = bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
+        let senders = transfer.others.iter().chain(&transfer.dropped);
+        for sender in senders.copied().chain([transfer.sender]) {
+            let state = match sender.checked_sub(self.ports.len()) {
+                None => self.ports[sender].errors.state(),
+                Some(n) => (self.units.get(n)).map_or(ErrorState::Active, Unit::error_state),
+            };
+            if state == ErrorState::Passive {
+                self.suspended.push((sender, until));
+            }
         }
         if destroyed {
             self.digest.error_frame(transfer.end_ns);
@@ -158,9 +158,8 @@ impl World {
 
     fn deliver_to_ports(&mut self, transfer: &Transfer) {
         let time = Micros(transfer.end_ns / 1_000);
-        let failed = sender_sees(transfer.fate);
         for (n, port) in self.ports.iter_mut().enumerate() {
-            if n == transfer.sender {
+            if let Some(failed) = seen_by_sender(transfer, n) {
                 match failed {
                     None => {
                         port.errors.transmitted();
@@ -186,9 +185,8 @@ impl World {
 
     fn deliver_to_units(&mut self, transfer: &Transfer, far: bool) {
         let first = self.ports.len();
-        let failed = sender_sees(transfer.fate);
         for (n, unit) in self.units.iter_mut().enumerate() {
-            if first + n == transfer.sender {
+            if let Some(failed) = seen_by_sender(transfer, first + n) {
                 if !unit.sends_own {
                     continue;
                 }
@@ -220,11 +218,22 @@ impl World {
     }
 }
 
+/// What became of it for this node, if it is one of those that sent.
+fn seen_by_sender(transfer: &Transfer, node: usize) -> Option<Option<TransmitError>> {
+    if transfer.is_sent_by(node) {
+        Some(sender_sees(transfer.fate))
+    } else if transfer.dropped.contains(&node) {
+        Some(Some(TransmitError::Bit))
+    } else {
+        None
+    }
+}
+
 /// What the sender sees of this.
 fn sender_sees(fate: Fate) -> Option<TransmitError> {
     match fate {
         Fate::Good => None,
-        Fate::Corrupt { .. } | Fate::CutOff => Some(TransmitError::Bit),
+        Fate::Corrupt { .. } | Fate::CutOff | Fate::Collided { .. } => Some(TransmitError::Bit),
         Fate::Unacknowledged { .. } => Some(TransmitError::Acknowledge),
         Fate::Refused { .. } => Some(TransmitError::Form),
     }
