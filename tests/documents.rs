@@ -240,7 +240,58 @@ fn tests_named_in_the_documents_exist() {
     nothing(&complaints);
 }
 
-/// Port and number of every pin in a text, in order: `PA8..11` stands for four.
+#[test]
+fn paths_of_code_named_in_the_documents_exist() {
+    const KEYWORDS: [&str; 8] = [
+        "mod", "struct", "enum", "trait", "fn", "const", "type", "static",
+    ];
+    let mut declared = BTreeSet::new();
+    for source in files("rs") {
+        let text = read(source);
+        let mut before = "";
+        for word in text.split(|letter: char| !letter.is_alphanumeric() && letter != '_') {
+            if KEYWORDS.contains(&before) {
+                declared.insert(word.to_owned());
+            }
+            before = word;
+        }
+        // The constants of `protocol::address` are declared by a macro: NAME = 0x2010:1;
+        let constants = text
+            .lines()
+            .filter_map(|line| line.trim().split_once(" = "));
+        declared.extend(constants.map(|(name, _)| name.to_owned()));
+    }
+    let mut complaints = Vec::new();
+    // The glossary also names what is going to be.
+    let pages = files("md")
+        .into_iter()
+        .filter(|page| !page.ends_with("glossary.md"));
+    for page in pages {
+        for name in quoted(&read(&page)) {
+            let path: Vec<&str> = name.trim_end_matches("()").split("::").collect();
+            let word = |part: &&str| {
+                !part.is_empty()
+                    && part
+                        .chars()
+                        .all(|letter| letter.is_alphanumeric() || letter == '_')
+            };
+            if path.len() < 2 || !path.iter().all(word) || path[0] == "defmt" {
+                continue;
+            }
+            let package = root().join(path[0]).is_dir();
+            let unknown = path
+                .iter()
+                .skip(usize::from(package))
+                .find(|part| !declared.contains(**part));
+            if let Some(part) = unknown {
+                complaints.push(format!("{}: {name}: no {part}", page.display()));
+            }
+        }
+    }
+    nothing(&complaints);
+}
+
+/// Port and number of every pin in a text, in order.
 fn pins(text: &str) -> Vec<String> {
     let bytes = text.as_bytes();
     let mut found = Vec::new();
