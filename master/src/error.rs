@@ -23,12 +23,12 @@ pub enum MasterError {
         node: u8,
     },
     /// A robot gave no sign of life, and the adapter has an idea why.
-    #[error("node {node} does not answer; {trouble}")]
-    BusTrouble {
+    #[error("node {node} does not answer; {diagnosis}")]
+    BusDiagnosis {
         /// The node.
         node: u8,
         /// What the adapter says, and what to check.
-        trouble: String,
+        diagnosis: String,
     },
     /// A robot speaks another version of the protocol.
     #[error(

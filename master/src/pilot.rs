@@ -6,7 +6,7 @@
 //! the robots ramp by their own limits. That is the dead-man's key: whoever steers must keep saying so.
 //!
 //! An error of the group (a fault, a missing member) ramps the group down, is published as
-//! [`Happening::Failed`](crate::monitor::telemetry::Happening::Failed), and leaves the pilot waiting for the next start.
+//! [`EventKind::Failed`](crate::monitor::telemetry::EventKind::Failed), and leaves the pilot waiting for the next start.
 //! An error of the bus ends it. Orders wait in a queue and are taken once per SYNC period, or every 50 ms while
 //! nothing runs. Give it a bus in real time: see [`SimLink::in_real_time`](crate::simulation::link::SimLink::in_real_time).
 
@@ -19,7 +19,7 @@ use kinematics::Twist;
 use crate::abort::Abort;
 use crate::bus::link::Link;
 use crate::error::MasterError;
-use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, Phase, Subscription};
+use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, SessionState, Subscription};
 use crate::run::DriveError;
 use crate::session::{Group, check_twist};
 
@@ -144,21 +144,21 @@ fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), Ma
             Ok(order) => Some(order),
             Err(TryRecvError::Empty) => None,
             Err(TryRecvError::Disconnected) => {
-                if group.phase() == Phase::Running {
+                if group.phase() == SessionState::Running {
                     group.stop()?;
                 }
                 return Ok(());
             }
         };
         match (order, group.phase()) {
-            (Some(Order::Start), Phase::Idle) => {
+            (Some(Order::Start), SessionState::Idle) => {
                 stick = Stick::default();
                 if let Err(error) = group.claim().and_then(|()| group.start()) {
                     survive(group, error)?;
                 }
             }
-            (Some(Order::Stop), Phase::Running) => group.stop()?,
-            (Some(Order::Twist(twist, valid_us)), Phase::Running) => {
+            (Some(Order::Stop), SessionState::Running) => group.stop()?,
+            (Some(Order::Twist(twist, valid_us)), SessionState::Running) => {
                 stick = Stick {
                     twist: within(twist, group.config()),
                     until_us: group.next_sync().0 + valid_us,
@@ -166,7 +166,7 @@ fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), Ma
                 continue;
             }
             (Some(_), _) => {}
-            (None, Phase::Running) => {
+            (None, SessionState::Running) => {
                 let Stick { twist, until_us } = stick;
                 let cycled = group.cycle_with(&mut |sync| {
                     if sync.0 < until_us {
@@ -196,7 +196,7 @@ fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), Mast
     if matches!(error, MasterError::Link(_)) {
         return Err(error);
     }
-    if group.phase() != Phase::Idle {
+    if group.phase() != SessionState::Idle {
         group.stop()?;
     }
     group.abort().forget();
@@ -222,7 +222,7 @@ fn within(twist: Twist, file: &GroupFile) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::monitor::telemetry::{Happening, Snapshot, Telemetry};
+    use crate::monitor::telemetry::{EventKind, Snapshot, Telemetry};
     use crate::simulation::link::SimLink;
     use kinematics::Pose;
     use std::sync::Arc;
@@ -274,9 +274,9 @@ mod tests {
         let still = snapshot_until(&stream, |s| {
             s.measured.is_some_and(|m| m.vx.hypot(m.vy) < 1e-3)
         });
-        assert_eq!(still.unwrap().phase, Phase::Running);
+        assert_eq!(still.unwrap().phase, SessionState::Running);
         assert!(pilot.order(Order::Stop));
-        assert!(snapshot_until(&stream, |s| s.phase == Phase::Idle).is_some());
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Idle).is_some());
         pilot.finish().unwrap();
     }
 
@@ -285,18 +285,18 @@ mod tests {
         let pilot = pilot();
         let stream = pilot.telemetry();
         pilot.order(Order::Start);
-        assert!(snapshot_until(&stream, |s| s.phase == Phase::Running).is_some());
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Running).is_some());
         pilot.abort().ask();
         let failed = std::iter::from_fn(|| stream.next_within(Duration::from_secs(20)))
             .take(100_000)
             .any(|item| {
                 matches!(item, Telemetry::Event(event)
-                    if matches!(&event.what, Happening::Failed(why) if why.contains("on request")))
+                    if matches!(&event.what, EventKind::Failed(why) if why.contains("on request")))
             });
         assert!(failed);
-        assert!(snapshot_until(&stream, |s| s.phase == Phase::Idle).is_some());
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Idle).is_some());
         pilot.order(Order::Start);
-        assert!(snapshot_until(&stream, |s| s.phase == Phase::Running).is_some());
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Running).is_some());
     }
 
     #[test]

@@ -54,7 +54,7 @@ pub trait Link {
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError>;
 
     /// What the adapter says is wrong with the bus, if it can tell, with what to check.
-    fn trouble(&mut self) -> Option<String> {
+    fn diagnosis(&mut self) -> Option<String> {
         None
     }
 
@@ -90,8 +90,8 @@ impl<L: Link + ?Sized> Link for &mut L {
         (**self).receive(until)
     }
 
-    fn trouble(&mut self) -> Option<String> {
-        (**self).trouble()
+    fn diagnosis(&mut self) -> Option<String> {
+        (**self).diagnosis()
     }
 
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {
@@ -120,8 +120,8 @@ impl<L: Link + ?Sized> Link for Box<L> {
         (**self).receive(until)
     }
 
-    fn trouble(&mut self) -> Option<String> {
-        (**self).trouble()
+    fn diagnosis(&mut self) -> Option<String> {
+        (**self).diagnosis()
     }
 
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {

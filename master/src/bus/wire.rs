@@ -84,8 +84,8 @@ impl<L: Link> Wire<L> {
     }
 
     /// What the adapter says is wrong with the bus, if it can tell.
-    pub fn trouble(&mut self) -> Option<String> {
-        self.link.trouble()
+    pub fn diagnosis(&mut self) -> Option<String> {
+        self.link.diagnosis()
     }
 
     /// Claims to be the bus's master from now on (with a heartbeat), or no longer.

@@ -40,12 +40,12 @@ fn state_name(state: Option<NmtState>) -> String {
 
 /// Says that nobody answers, with what the adapter knows.
 fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
-    let trouble = wire.trouble().unwrap_or_else(|| {
+    let diagnosis = wire.diagnosis().unwrap_or_else(|| {
         "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
          everywhere"
             .into()
     });
-    Found(format!("no robot answers on {}; {trouble}", target.bus)).into()
+    Found(format!("no robot answers on {}; {diagnosis}", target.bus)).into()
 }
 
 /// `omnibus scan`.

@@ -142,7 +142,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         Some(MasterError::Link(_) | MasterError::AnotherMaster) => 3,
         Some(
             MasterError::NodeSilent { .. }
-            | MasterError::BusTrouble { .. }
+            | MasterError::BusDiagnosis { .. }
             | MasterError::WireVersion { .. }
             | MasterError::Refused { .. }
             | MasterError::Answer { .. }

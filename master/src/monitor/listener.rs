@@ -18,7 +18,7 @@ use protocol::{
 
 use crate::bus::load::Meter;
 use crate::monitor::average::{mean_pose, mean_twist, strain};
-use crate::monitor::telemetry::{Event, Happening, MemberSample, Phase, Snapshot};
+use crate::monitor::telemetry::{Event, EventKind, MemberSample, SessionState, Snapshot};
 
 /// Without a SYNC for this long, in s, no setpoint is in force.
 const SYNC_PATIENCE: f64 = 0.5;
@@ -94,7 +94,7 @@ impl Listener {
         let mut snapshot = self.finished();
         if !self.synced || t - self.current.t > SYNC_PATIENCE {
             snapshot.t = t;
-            snapshot.phase = Phase::Idle;
+            snapshot.phase = SessionState::Idle;
             snapshot.command = Twist::ZERO;
             snapshot.target = None;
         }
@@ -107,7 +107,7 @@ impl Listener {
         std::mem::take(&mut self.events)
     }
 
-    fn say(&mut self, t: f64, node: u8, what: Happening) {
+    fn say(&mut self, t: f64, node: u8, what: EventKind) {
         self.events.push(Event {
             t,
             node: Some(node),
@@ -138,7 +138,7 @@ impl Listener {
             // A robot that left does not say so in a status: it sends none any more.
             member.state = None;
         }
-        self.say(t, node, Happening::Nmt(state));
+        self.say(t, node, EventKind::Nmt(state));
     }
 
     /// A process data object or an emergency message of a robot.
@@ -154,7 +154,7 @@ impl Listener {
                 && self.place(node).is_some()
             {
                 let code = u16::from_le_bytes([low, high]);
-                self.say(t, node, Happening::Emergency(code));
+                self.say(t, node, EventKind::Emergency(code));
             }
             return;
         }
@@ -194,10 +194,10 @@ impl Listener {
         let state = member.state.replace(status.state);
         let code = std::mem::replace(&mut member.code, status.code);
         if state != Some(status.state) {
-            self.say(t, node, Happening::State(status.state));
+            self.say(t, node, EventKind::State(status.state));
         }
         if code != status.code {
-            self.say(t, node, Happening::Code(status.code));
+            self.say(t, node, EventKind::Code(status.code));
         }
     }
 
@@ -214,9 +214,9 @@ impl Listener {
         snapshot.strain = strain(members.iter().filter_map(|member| member.measured));
         snapshot.target = self.reckoning.target;
         snapshot.phase = match (self.commanded, members.iter().all(can_follow)) {
-            (false, _) => Phase::Idle,
-            (true, false) => Phase::Starting,
-            (true, true) => Phase::Running,
+            (false, _) => SessionState::Idle,
+            (true, false) => SessionState::Starting,
+            (true, true) => SessionState::Running,
         };
         snapshot
     }
@@ -268,7 +268,7 @@ impl Reckoning {
             .as_ref()
             .map_or(f64::INFINITY, |before| now.t - before.t);
         self.target = match (before, self.target) {
-            _ if now.phase == Phase::Idle => None,
+            _ if now.phase == SessionState::Idle => None,
             (Some(before), Some(mut target)) if !resting && (0.0..SYNC_PATIENCE).contains(&dt) => {
                 let step = dt as f32 * before.scale.unwrap_or(1.0);
                 let half = target.heading + before.command.omega * step / 2.0;
@@ -354,7 +354,7 @@ mod tests {
         let told = listener.take(1.012, &sync()).unwrap();
         assert_eq!(
             (told.t, told.sequence, told.phase),
-            (1.002, 7, Phase::Running)
+            (1.002, 7, SessionState::Running)
         );
         assert_eq!(told.command, Twist::new(0.2, 0.0, 0.0));
         // The smallest; 0.25 is rounded to a step of 1/65535.
@@ -420,10 +420,10 @@ mod tests {
         assert_eq!(
             what,
             [
-                Happening::Nmt(NmtState::Operational),
-                Happening::State(MemberState::Moving),
-                Happening::Code(fault),
-                Happening::Emergency(0xFF0B),
+                EventKind::Nmt(NmtState::Operational),
+                EventKind::State(MemberState::Moving),
+                EventKind::Code(fault),
+                EventKind::Emergency(0xFF0B),
             ]
         );
         assert!(listener.take_events().is_empty());
@@ -459,6 +459,9 @@ mod tests {
         listener.take(0.0, &sync());
         assert_eq!(listener.now(0.1).command.vx, 0.5);
         let later = listener.now(1.0);
-        assert_eq!((later.command, later.phase), (Twist::ZERO, Phase::Idle));
+        assert_eq!(
+            (later.command, later.phase),
+            (Twist::ZERO, SessionState::Idle)
+        );
     }
 }

@@ -8,7 +8,7 @@ use kinematics::Twist;
 use protocol::Code;
 
 use super::{Recording, charts};
-use crate::monitor::telemetry::{Event, Happening, Snapshot};
+use crate::monitor::telemetry::{Event, EventKind, Snapshot};
 
 /// Events shown at most; the recording has them all.
 const MOST_EVENTS: usize = 200;
@@ -82,7 +82,7 @@ fn of(recording: &Recording, rows: &[Snapshot], events: &[Event]) -> Figures {
     let speed = |twist: Twist| twist.vx.hypot(twist.vy);
     let moving = || rows.iter().filter(|row| row.command != Twist::ZERO);
     let members = || rows.iter().flat_map(|row| &row.members);
-    let is_fault = |event: &&Event| matches!(event.what, Happening::Code(Code::Fault(_)));
+    let is_fault = |event: &&Event| matches!(event.what, EventKind::Code(Code::Fault(_)));
     Figures {
         activity: recording.header.activity.clone(),
         bus: recording.header.bus.clone(),

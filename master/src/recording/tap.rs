@@ -51,7 +51,7 @@ impl<L: Link> Link for Tap<L> {
         Ok(received)
     }
 
-    fn trouble(&mut self) -> Option<String> {
-        self.inner.trouble()
+    fn diagnosis(&mut self) -> Option<String> {
+        self.inner.diagnosis()
     }
 }

@@ -21,7 +21,7 @@ use super::{
     TRANSFORMS, frame_name, schema, to_hex,
 };
 use crate::monitor::listener::Listener;
-use crate::monitor::telemetry::{Event, Happening, MemberSample, Snapshot};
+use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
 
 /// Chunks are closed after this much of the bus's time, in ns.
 const CHUNK_NS: u64 = 1_000_000_000;
@@ -304,9 +304,9 @@ impl Writer {
 
     fn event(&mut self, event: &Event) -> McapResult<()> {
         let level = match event.what {
-            Happening::Code(Code::Limit(_)) | Happening::Late(_) => WARNING,
-            Happening::Code(Code::Fault(_)) | Happening::Failed(_) => ERROR,
-            Happening::Emergency(code) if code != 0 => ERROR,
+            EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => WARNING,
+            EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => ERROR,
+            EventKind::Emergency(code) if code != 0 => ERROR,
             _ => INFO,
         };
         let at_ns = to_ns(event.t);

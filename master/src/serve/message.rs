@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::monitor::telemetry::{Event, Happening, MemberSample, Snapshot};
+use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use protocol::Code;
@@ -120,9 +120,9 @@ fn member(member: &MemberSample) -> Value {
 #[must_use]
 pub fn event(event: &Event) -> Value {
     let level = match event.what {
-        Happening::Code(Code::Fault(_)) | Happening::Failed(_) => "error",
-        Happening::Emergency(code) if code != 0 => "error",
-        Happening::Code(Code::Limit(_)) | Happening::Late(_) => "warning",
+        EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => "error",
+        EventKind::Emergency(code) if code != 0 => "error",
+        EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => "warning",
         _ => "info",
     };
     let who = event

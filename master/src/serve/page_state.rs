@@ -14,7 +14,7 @@ use super::http::Names;
 use super::message::{self, ClientMessage};
 use crate::abort::Abort;
 use crate::monitor::listener::Reckoning;
-use crate::monitor::telemetry::{Event, Happening, Phase, Snapshot, Telemetry};
+use crate::monitor::telemetry::{Event, EventKind, SessionState, Snapshot, Telemetry};
 use crate::pilot::{Order, Pilot};
 use crate::run::DriveError;
 
@@ -176,7 +176,7 @@ impl PageState {
 
     fn publish(&self, snapshot: Arc<Snapshot>) {
         let now = self.now();
-        let running = snapshot.phase == Phase::Running;
+        let running = snapshot.phase == SessionState::Running;
         lock(&self.arbiter).set_running(running);
         let mut published = lock(&self.published);
         let changed = published.snapshot.phase != snapshot.phase;
@@ -189,7 +189,7 @@ impl PageState {
     }
 
     fn note(&self, event: &Event) {
-        if matches!(event.what, Happening::Failed(_)) {
+        if matches!(event.what, EventKind::Failed(_)) {
             lock(&self.arbiter).stop();
         }
         let mut published = lock(&self.published);

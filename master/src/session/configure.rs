@@ -17,7 +17,11 @@ use crate::session::sdo;
 impl<L: Link> Group<L> {
     /// Asks one robot who it is, again and again until it answers or `deadline` has come: it may
     /// still be booting.
-    pub(crate) fn identify(&mut self, index: usize, deadline: Micros) -> Result<(), MasterError> {
+    pub(crate) fn check_version(
+        &mut self,
+        index: usize,
+        deadline: Micros,
+    ) -> Result<(), MasterError> {
         let node = self.members()[index].node;
         loop {
             match self.wire.read(node, address::WIRE_VERSION, Kind::U16) {
@@ -30,8 +34,8 @@ impl<L: Link> Group<L> {
                 }
                 Err(MasterError::NodeSilent { .. }) if self.wire.now().0 < deadline.0 => {}
                 Err(MasterError::NodeSilent { node }) => {
-                    return Err(match self.wire.link.trouble() {
-                        Some(trouble) => MasterError::BusTrouble { node, trouble },
+                    return Err(match self.wire.link.diagnosis() {
+                        Some(diagnosis) => MasterError::BusDiagnosis { node, diagnosis },
                         None => MasterError::NodeSilent { node },
                     });
                 }

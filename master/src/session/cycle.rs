@@ -7,7 +7,7 @@ use protocol::{Code, GroupTwist, cob};
 use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW, is_consequence};
 use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
-use crate::monitor::telemetry::{Happening, Phase};
+use crate::monitor::telemetry::{EventKind, SessionState};
 
 /// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the wire.
 const MARGIN_US: u64 = 400;
@@ -95,7 +95,7 @@ impl<L: Link> Group<L> {
         }
         self.next_sync = Micros(sync_at.0 + self.period_us());
         judged?;
-        if self.phase == Phase::Running && self.abort.is_asked() {
+        if self.phase == SessionState::Running && self.abort.is_asked() {
             return Err(MasterError::Aborted);
         }
         Ok(())
@@ -113,14 +113,14 @@ impl<L: Link> Group<L> {
         let skipped = (now + margin - self.next_sync.0).div_ceil(period);
         self.next_sync = Micros(self.next_sync.0 + skipped * period);
         self.missed += skipped;
-        self.tell(None, Happening::Late(self.missed));
+        self.tell(None, EventKind::Late(self.missed));
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)
     }
 
     /// The first thing wrong with a member, causes before consequences.
     fn judge(&self) -> Result<(), MasterError> {
-        if self.phase != Phase::Running {
+        if self.phase != SessionState::Running {
             return Ok(());
         }
         let faults = self.members.iter().filter_map(|member| {
@@ -160,7 +160,7 @@ impl<L: Link> Group<L> {
     /// # Errors
     /// Only when the link itself fails.
     pub fn ramp_down(&mut self, patience_us: u64) -> Result<(), MasterError> {
-        self.set_phase(Phase::Stopping);
+        self.set_phase(SessionState::Stopping);
         self.set_target(None);
         let deadline = self.wire.now().0 + patience_us;
         if !self.paced {
@@ -180,7 +180,7 @@ impl<L: Link> Group<L> {
         let settle = Micros(self.wire.now().0 + self.period_us());
         self.listen(settle)?;
         self.end_sync()?;
-        self.set_phase(Phase::Idle);
+        self.set_phase(SessionState::Idle);
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateRep
 
 use super::Group;
 use crate::bus::link::Link;
-use crate::monitor::telemetry::Happening;
+use crate::monitor::telemetry::EventKind;
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.
@@ -25,7 +25,7 @@ impl<L: Link> Group<L> {
                 Some(member) => {
                     let changed = member.nmt.replace(state) != Some(state);
                     if changed {
-                        self.tell(Some(node), Happening::Nmt(state));
+                        self.tell(Some(node), EventKind::Nmt(state));
                     }
                 }
                 None => {
@@ -67,7 +67,7 @@ impl<L: Link> Group<L> {
             if id == cob::emergency(node) {
                 if let [low, high, ..] = data {
                     let code = u16::from_le_bytes([*low, *high]);
-                    events[0] = Some(Happening::Emergency(code));
+                    events[0] = Some(EventKind::Emergency(code));
                 }
                 from = Some(node);
                 break;
@@ -79,10 +79,10 @@ impl<L: Link> Group<L> {
                 if let Ok(status) = MemberStatus::try_from(data) {
                     let before = member.status.replace(status);
                     if before.map(|b| b.state) != Some(status.state) {
-                        events[0] = Some(Happening::State(status.state));
+                        events[0] = Some(EventKind::State(status.state));
                     }
                     if before.map_or(protocol::Code::None, |b| b.code) != status.code {
-                        events[1] = Some(Happening::Code(status.code));
+                        events[1] = Some(EventKind::Code(status.code));
                     }
                     member.silent_syncs = 0;
                     row.permitted_scale = Some(status.scale.factor());

@@ -56,7 +56,8 @@ use crate::bus::wire::{HubOwner, Wire};
 use crate::error::MasterError;
 use crate::monitor::rows::Recorder;
 use crate::monitor::telemetry::{
-    DEFAULT_CAPACITY, Event, Happening, Hub, Interest, Phase, Punctuality, Subscription, Telemetry,
+    DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, Punctuality, SessionState, Subscription,
+    Telemetry,
 };
 use crate::path::roller_transition;
 
@@ -99,7 +100,7 @@ pub struct Group<L> {
     /// The link sends SYNC by itself.
     paced: bool,
     missed: u64,
-    phase: Phase,
+    phase: SessionState,
     configured: bool,
     /// Whether losses are made up for, as the robots were told when they were configured.
     compensation: bool,
@@ -144,7 +145,7 @@ impl<L: Link> Group<L> {
             next_sync: now,
             paced: false,
             missed: 0,
-            phase: Phase::Idle,
+            phase: SessionState::Idle,
             configured: false,
             compensation: false,
             twist: Twist::default(),
@@ -179,7 +180,7 @@ impl<L: Link> Group<L> {
     fn find_members(&mut self) -> Result<(), MasterError> {
         let deadline = Micros(self.wire.now().0 + CONNECT_TIMEOUT_US);
         for index in 0..self.members.len() {
-            self.identify(index, deadline)?;
+            self.check_version(index, deadline)?;
         }
         Ok(())
     }
@@ -232,7 +233,7 @@ impl<L: Link> Group<L> {
 
     /// What the session is doing.
     #[must_use]
-    pub fn phase(&self) -> Phase {
+    pub fn phase(&self) -> SessionState {
         self.phase
     }
 
@@ -312,7 +313,7 @@ impl<L: Link> Group<L> {
         if !self.configured {
             self.configure(true)?;
         }
-        self.set_phase(Phase::Starting);
+        self.set_phase(SessionState::Starting);
         self.twist = Twist::default();
         let started = self.bring_up();
         if let Err(error) = &started {
@@ -340,7 +341,7 @@ impl<L: Link> Group<L> {
                 for member in &mut self.members {
                     member.nmt = Some(NmtState::Operational);
                 }
-                self.set_phase(Phase::Running);
+                self.set_phase(SessionState::Running);
                 return Ok(());
             };
             if self.wire.now().0 > deadline {
@@ -388,7 +389,7 @@ impl<L: Link> Group<L> {
     }
 
     pub(crate) fn check_started(&self) -> Result<(), MasterError> {
-        if self.phase == Phase::Running {
+        if self.phase == SessionState::Running {
             Ok(())
         } else {
             Err(MasterError::NotStarted)
@@ -403,19 +404,19 @@ impl<L: Link> Group<L> {
         self.ramp_down(STOP_PATIENCE_US)
     }
 
-    fn set_phase(&mut self, phase: Phase) {
+    fn set_phase(&mut self, phase: SessionState) {
         if self.phase != phase {
             self.phase = phase;
-            self.tell(None, Happening::Phase(phase));
+            self.tell(None, EventKind::SessionState(phase));
         }
     }
 
     /// Tells subscribers why the session ends.
     pub(crate) fn fail(&self, error: &MasterError) {
-        self.tell(None, Happening::Failed(error.to_string()));
+        self.tell(None, EventKind::Failed(error.to_string()));
     }
 
-    fn tell(&self, node: Option<u8>, what: Happening) {
+    fn tell(&self, node: Option<u8>, what: EventKind) {
         let t = self.wire.seconds(self.wire.now());
         let event = Event { t, node, what };
         self.wire.hub.0.publish(&Telemetry::Event(event));

@@ -9,7 +9,7 @@ use protocol::{Address, Fault, GroupTwist, address, cob};
 
 use crate::error::MasterError;
 use crate::fake::FakeBus;
-use crate::monitor::telemetry::{Happening, Phase, Subscription, Telemetry};
+use crate::monitor::telemetry::{EventKind, SessionState, Subscription, Telemetry};
 use crate::path::curve::Curve;
 use crate::session::Group;
 use crate::session::configure::{compensation_set, parameters};
@@ -372,7 +372,7 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     group.run(0.5).unwrap();
     group.stop().unwrap();
     assert_eq!(group.punctuality().unwrap().missed, 3);
-    let late = telemetry_until(&telemetry, |what| matches!(what, Happening::Late(3)));
+    let late = telemetry_until(&telemetry, |what| matches!(what, EventKind::Late(3)));
     assert!(late, "the miss was reported");
     drop(group);
     let syncs = bus.sent_as(cob::SYNC);
@@ -393,7 +393,7 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     assert_eq!(gap, 40_000);
 }
 
-fn telemetry_until(stream: &Subscription, wanted: impl Fn(&Happening) -> bool) -> bool {
+fn telemetry_until(stream: &Subscription, wanted: impl Fn(&EventKind) -> bool) -> bool {
     std::iter::from_fn(|| stream.try_next())
         .any(|item| matches!(&item, Telemetry::Event(event) if wanted(&event.what)))
 }
@@ -412,7 +412,7 @@ fn subscribers_get_one_snapshot_per_sync_with_what_members_said() {
     let Some(Telemetry::Snapshot(last)) = items.last() else {
         panic!("{items:?}");
     };
-    assert_eq!(last.phase, Phase::Running);
+    assert_eq!(last.phase, SessionState::Running);
     assert_eq!(last.command, Twist::new(0.25, 0.0, 0.0));
     assert_eq!(last.scale, Some(1.0));
     assert_eq!(last.strain, Some(0.0));

@@ -19,14 +19,14 @@ use crate::bus::address::BusAddress;
 use crate::bus::link::{Link, LinkError, Schedule};
 use crate::bus::punctuality::Lateness;
 use crate::monitor::telemetry::Punctuality;
-use trouble::Trouble;
+use diagnosis::Diagnosis;
 
+mod diagnosis;
 mod pace;
 pub mod slcan;
 #[cfg(target_os = "linux")]
 mod socket_can;
 pub mod socketcand;
-mod trouble;
 
 /// What a thread says: a frame on the bus, or why there will be no more.
 type Heard = io::Result<OnBus>;
@@ -52,7 +52,7 @@ pub struct AdapterLink {
     pacer: Option<pace::Pacer>,
     /// What the SYNC thread has sent.
     sent: VecDeque<(Micros, Frame)>,
-    trouble: Trouble,
+    diagnosis: Diagnosis,
     /// Asks the adapter how the bus is; the answer comes through the reading thread.
     inquiry: Option<Box<dyn FnMut() -> io::Result<()> + Send>>,
 }
@@ -89,7 +89,7 @@ impl AdapterLink {
             lateness: Arc::default(),
             pacer: None,
             sent: VecDeque::new(),
-            trouble: Trouble::default(),
+            diagnosis: Diagnosis::default(),
             inquiry: None,
         }
     }
@@ -98,8 +98,8 @@ impl AdapterLink {
         LinkError {
             bus: self.bus.clone(),
             problem: problem.to_string(),
-            remedy: if let Some(trouble) = self.trouble.read() {
-                trouble.into()
+            remedy: if let Some(diagnosis) = self.diagnosis.read() {
+                diagnosis.into()
             } else {
                 "check the adapter's plug, the termination, and that another node is on the bus \
                      to acknowledge frames"
@@ -143,13 +143,13 @@ impl Link for AdapterLink {
         self.sent.pop_front()
     }
 
-    fn trouble(&mut self) -> Option<String> {
+    fn diagnosis(&mut self) -> Option<String> {
         if let Some(inquire) = &mut self.inquiry
             && inquire().is_ok()
         {
             std::thread::sleep(INQUIRY);
         }
-        self.trouble.read().map(Into::into)
+        self.diagnosis.read().map(Into::into)
     }
 
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {

@@ -14,7 +14,7 @@ use std::time::Duration;
 use canopen::Frame;
 
 use super::AdapterLink;
-use super::trouble::{self, Trouble};
+use super::diagnosis::{self, Diagnosis};
 use crate::bus::address::BusAddress;
 
 /// Close, 1 Mbit/s, open.
@@ -59,7 +59,7 @@ struct Lines {
     line: String,
     /// Refusals since the last sign of success.
     bells: u32,
-    trouble: Trouble,
+    diagnosis: Diagnosis,
 }
 
 /// So many refusals in a row mean that the adapter takes no frames.
@@ -74,11 +74,11 @@ impl Lines {
                 if let Some(flags) = self.line.strip_prefix('F')
                     && let Ok(flags) = u8::from_str_radix(flags, 16)
                 {
-                    self.trouble.report(trouble::of_slcan_flags(flags));
+                    self.diagnosis.report(diagnosis::of_slcan_flags(flags));
                 }
                 if frame.is_some() || self.line == "z" {
                     self.bells = 0;
-                    self.trouble.report(None);
+                    self.diagnosis.report(None);
                 }
                 self.line.clear();
                 frame
@@ -88,7 +88,7 @@ impl Lines {
                 self.line.clear();
                 self.bells += 1;
                 if self.bells == BELLS {
-                    self.trouble.report(Some(trouble::REFUSES));
+                    self.diagnosis.report(Some(diagnosis::REFUSES));
                 }
                 None
             }
@@ -111,7 +111,7 @@ fn start(
 ) -> io::Result<AdapterLink> {
     output.write_all(OPEN)?;
     let mut lines = Lines::default();
-    let trouble = lines.trouble.clone();
+    let diagnosis = lines.diagnosis.clone();
     let (mut buffer, mut filled, mut taken) = ([0; 256], 0, 0);
     let read = move || {
         loop {
@@ -144,7 +144,7 @@ fn start(
         output.flush()
     };
     let mut link = AdapterLink::start(bus, read, write);
-    link.trouble = trouble;
+    link.diagnosis = diagnosis;
     link.inquiry = Some(Box::new(move || inquiry.write_all(b"F\r")));
     Ok(link)
 }
@@ -322,8 +322,8 @@ mod tests {
         link.send(&Frame::of(0x601, [1, 2, 3])).unwrap();
         let answer = link.receive(Micros(link.now().0 + 5_000_000)).unwrap();
         assert_eq!(answer.unwrap().1, Frame::of(0x602, [1, 2, 3]));
-        let trouble = link.trouble().unwrap();
-        assert!(trouble.contains("acknowledges"), "{trouble}");
+        let diagnosis = link.diagnosis().unwrap();
+        assert!(diagnosis.contains("acknowledges"), "{diagnosis}");
         drop(served.join().unwrap());
     }
 
@@ -333,12 +333,12 @@ mod tests {
         for _ in 0..BELLS - 1 {
             lines.push(7);
         }
-        assert_eq!(lines.trouble.read(), None);
+        assert_eq!(lines.diagnosis.read(), None);
         lines.push(7);
-        assert_eq!(lines.trouble.read(), Some(trouble::REFUSES));
+        assert_eq!(lines.diagnosis.read(), Some(diagnosis::REFUSES));
         for byte in b"z\r" {
             lines.push(*byte);
         }
-        assert_eq!(lines.trouble.read(), None);
+        assert_eq!(lines.diagnosis.read(), None);
     }
 }

@@ -12,7 +12,7 @@ use socketcan::{
 };
 
 use super::AdapterLink;
-use super::trouble::{self, Trouble};
+use super::diagnosis::{self, Diagnosis};
 use crate::bus::address::BusAddress;
 
 /// A frame of ours, if it is one that the bus carries: 11-bit data frames only.
@@ -31,14 +31,14 @@ pub fn open(bus: &BusAddress, interface: &str) -> io::Result<AdapterLink> {
     let reader = Arc::new(CanSocket::open(interface)?);
     // Virtual interfaces have no errors to report.
     let _ = reader.set_error_filter_accept_all();
-    let trouble = Trouble::default();
-    let report = trouble.clone();
+    let diagnosis = Diagnosis::default();
+    let report = diagnosis.clone();
     let writer = Arc::clone(&reader);
     let read = move || {
         loop {
             let frame = reader.read_frame()?;
             if let CanFrame::Error(error) = &frame {
-                report.report(trouble::of_error_frame(error.error_bits()));
+                report.report(diagnosis::of_error_frame(error.error_bits()));
             }
             if let Some(frame) = ours(&frame) {
                 report.report(None);
@@ -52,6 +52,6 @@ pub fn open(bus: &BusAddress, interface: &str) -> io::Result<AdapterLink> {
         writer.write_frame(&frame)
     };
     let mut link = AdapterLink::start(bus, read, write);
-    link.trouble = trouble;
+    link.diagnosis = diagnosis;
     Ok(link)
 }

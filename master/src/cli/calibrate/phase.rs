@@ -6,8 +6,8 @@ use group::GroupFile;
 use kinematics::{FourWheelGeometry, Rollers, VelocityCompensation};
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::commission::calibrate::drive::{self, Source};
 use omnibus::commission::calibrate::phase::{self, Phases, Residual};
+use omnibus::commission::calibrate::recorded_motions::{self, Source};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 #[cfg(feature = "simulation")]
@@ -147,12 +147,12 @@ fn calibrate<L: Link>(
     let Some(first) = geometries.first() else {
         bail!("{} has no robots", file.name);
     };
-    let twists = drive::motions(first, &file.limits, arguments.slip.repeats()?);
+    let twists = recorded_motions::motions(first, &file.limits, arguments.slip.repeats()?);
     let mut group = Group::connect(link, file)?;
     group.set_abort(abort_on_ctrl_c()?);
     group.configure(false)?;
     group.find_rollers()?;
-    let motions = drive::record(&mut group, &twists, source)?;
+    let motions = recorded_motions::record(&mut group, &twists, source)?;
     let mut outcomes = Vec::new();
     for ((robot, geometry), motions) in file.robots.iter().zip(&geometries).zip(&motions) {
         let count = robot

@@ -12,9 +12,9 @@ use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
 use omnibus::commission::calibrate::fit::Row;
-use omnibus::commission::calibrate::kept::{Held, Kept, rewrite, section};
 use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
 use omnibus::commission::calibrate::measure::{Subject, Witness};
+use omnibus::commission::calibrate::undo::{Held, UndoRecord, rewrite, section};
 use omnibus::commission::calibrate::{Calibration, calibrate, chart};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
@@ -357,12 +357,12 @@ fn write<L: Link>(
         _ => None,
     };
     let old = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let kept = Kept {
+    let record = UndoRecord {
         robots: before,
         group_file: new.is_some().then_some(old),
     };
     // First what would be lost.
-    kept.save(&kept_path(arguments, path))?;
+    record.save(&undo_path(arguments, path))?;
     if let Some(text) = &new {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
@@ -379,43 +379,43 @@ fn save<L: Link>(group: &mut Group<L>, file: &GroupFile) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn kept_path(arguments: &Arguments, group: &Path) -> PathBuf {
-    let kept = arguments.slip.kept.clone();
-    kept.unwrap_or_else(|| group.with_extension("calibration.json"))
+fn undo_path(arguments: &Arguments, group: &Path) -> PathBuf {
+    let path = arguments.slip.kept.clone();
+    path.unwrap_or_else(|| group.with_extension("calibration.json"))
 }
 
 fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
     let path = arguments.target.group_path()?;
-    let from = kept_path(arguments, path);
-    let kept = Kept::load(&from)?;
+    let from = undo_path(arguments, path);
+    let record = UndoRecord::load(&from)?;
     let mut group = Group::connect(arguments.target.link(file)?, file)?;
     group.command(NmtCommand::EnterPreOperational)?;
-    for held in &kept.robots {
+    for held in &record.robots {
         held.write(group.wire())?;
     }
     if arguments.slip.save {
         save(&mut group, file)?;
     }
-    if let Some(text) = &kept.group_file {
+    if let Some(text) = &record.group_file {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     std::fs::remove_file(&from).with_context(|| format!("cannot remove {}", from.display()))?;
     if json() {
-        let robots: Vec<Value> = kept
+        let robots: Vec<Value> = record
             .robots
             .iter()
             .map(|held| json!({"node": held.node, "version": held.version()}))
             .collect();
-        return print_json(&json!({"robots": robots, "group_file": kept.group_file.is_some()}));
+        return print_json(&json!({"robots": robots, "group_file": record.group_file.is_some()}));
     }
-    for held in &kept.robots {
+    for held in &record.robots {
         say(format!(
             "node {}: back to version {}",
             held.node,
             held.version()
         ))?;
     }
-    if kept.group_file.is_some() {
+    if record.group_file.is_some() {
         say(format!("{}: as it was", path.display()))?;
     }
     Ok(())

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use kinematics::Twist;
-use omnibus::monitor::telemetry::{Happening, Phase, Snapshot, Telemetry};
+use omnibus::monitor::telemetry::{EventKind, SessionState, Snapshot, Telemetry};
 use omnibus::pilot::{Order, Pilot};
 use ratatui::crossterm::event::{
     self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
@@ -227,7 +227,7 @@ fn show(
                     Telemetry::Snapshot(snapshot) => view.take(snapshot),
                     Telemetry::Event(event) => {
                         // Start and stop are shown by the phase.
-                        if !matches!(event.what, Happening::Phase(_)) {
+                        if !matches!(event.what, EventKind::SessionState(_)) {
                             view.tell(&event);
                         }
                     }
@@ -236,7 +236,7 @@ fn show(
             }
             let asked = hand.asks(now);
             if let Some(twist) = asked
-                && view.phase() == Phase::Running
+                && view.phase() == SessionState::Running
             {
                 pilot.order(Order::Twist(twist, GOOD_US));
             }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use canopen::NmtState;
 use kinematics::{Pose, Twist};
-use omnibus::monitor::telemetry::{Event, MemberSample, Phase, Snapshot};
+use omnibus::monitor::telemetry::{Event, MemberSample, SessionState, Snapshot};
 use protocol::Code;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -60,8 +60,10 @@ impl View {
     }
 
     /// What the session is doing, as last heard.
-    pub fn phase(&self) -> Phase {
-        self.now.as_ref().map_or(Phase::Idle, |now| now.phase)
+    pub fn phase(&self) -> SessionState {
+        self.now
+            .as_ref()
+            .map_or(SessionState::Idle, |now| now.phase)
     }
 
     /// Takes a snapshot.
@@ -72,13 +74,13 @@ impl View {
 
     /// Notes a happening.
     pub fn tell(&mut self, event: &Event) {
-        use omnibus::monitor::telemetry::Happening;
+        use omnibus::monitor::telemetry::EventKind;
         let who = event
             .node
             .map_or_else(|| "master".into(), |node| format!("node {node}"));
         let bad = matches!(
             event.what,
-            Happening::Failed(_) | Happening::Late(_) | Happening::Code(Code::Fault(_))
+            EventKind::Failed(_) | EventKind::Late(_) | EventKind::Code(Code::Fault(_))
         );
         if self.history.len() == HISTORY {
             self.history.pop_front();
@@ -113,11 +115,11 @@ impl View {
         let (phase, t) = self
             .now
             .as_ref()
-            .map_or((Phase::Idle, 0.0), |now| (now.phase, now.t));
+            .map_or((SessionState::Idle, 0.0), |now| (now.phase, now.t));
         let style = match phase {
-            Phase::Running => Style::new().fg(Color::Green).add_modifier(Modifier::BOLD),
-            Phase::Starting | Phase::Stopping => Style::new().fg(Color::Yellow),
-            Phase::Idle => Style::new(),
+            SessionState::Running => Style::new().fg(Color::Green).add_modifier(Modifier::BOLD),
+            SessionState::Starting | SessionState::Stopping => Style::new().fg(Color::Yellow),
+            SessionState::Idle => Style::new(),
         };
         let mut lines = vec![Line::from(vec![
             Span::styled(format!("{:<56.56}", self.title), bold()),
@@ -294,7 +296,7 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 mod tests {
     use super::*;
     use kinematics::WheelRates;
-    use omnibus::monitor::telemetry::{Happening, Punctuality};
+    use omnibus::monitor::telemetry::{EventKind, Punctuality};
     use protocol::{Fault, Limit, MemberState};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -327,7 +329,7 @@ mod tests {
         let mut view = View::new("tcc-2 on socketcan:can0".into(), false);
         view.take(Arc::new(Snapshot {
             t: 12.34,
-            phase: Phase::Running,
+            phase: SessionState::Running,
             command: Twist::new(0.2, -0.1, 0.3),
             measured: Some(Twist::new(0.16, -0.08, 0.24)),
             pose: Some(Pose::new(1.5, -0.25, 0.7)),
@@ -358,7 +360,7 @@ mod tests {
         view.tell(&Event {
             t: 12.3,
             node: Some(3),
-            what: Happening::Emergency(0xFF0F),
+            what: EventKind::Emergency(0xFF0F),
         });
         let text = screen(&view);
         let lines: Vec<&str> = text.lines().collect();
@@ -416,8 +418,8 @@ mod tests {
     fn long_happenings_go_on_in_the_next_line() {
         let mut view = view(vec![member(2, Code::None)]);
         for what in [
-            Happening::Code(Code::Limit(Limit::Acceleration)),
-            Happening::Code(Code::None),
+            EventKind::Code(Code::Limit(Limit::Acceleration)),
+            EventKind::Code(Code::None),
         ] {
             view.tell(&Event {
                 t: 1.0,

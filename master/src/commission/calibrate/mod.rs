@@ -10,13 +10,13 @@
 //! floor at rest; it is told apart and becomes a number of the group ([`crate::path::roller_transition`]), in force from the turns on.
 
 pub mod chart;
-pub mod drive;
 mod error;
 pub mod fit;
-pub mod kept;
 pub mod manoeuvre;
 pub mod measure;
 pub mod phase;
+pub mod recorded_motions;
+pub mod undo;
 
 pub use error::CalibrateError;
 

@@ -32,7 +32,7 @@ pub enum Telemetry {
 
 /// What the session is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Phase {
+pub enum SessionState {
     /// No SYNC is sent; robots are or are being configured.
     #[default]
     Idle,
@@ -44,7 +44,7 @@ pub enum Phase {
     Stopping,
 }
 
-impl Phase {
+impl SessionState {
     /// One word for people and for JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -63,7 +63,7 @@ pub struct Snapshot {
     /// Time of the SYNC since the session began, in s.
     pub t: f64,
     /// What the session is doing.
-    pub phase: Phase,
+    pub phase: SessionState,
     /// Sequence number of the group twist sent before the SYNC.
     pub sequence: u8,
     /// That group twist, in the group frame.
@@ -147,14 +147,14 @@ pub struct Event {
     /// The node concerned; `None` for the master itself or the bus.
     pub node: Option<u8>,
     /// What happened.
-    pub what: Happening,
+    pub what: EventKind,
 }
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Happening {
+pub enum EventKind {
     /// The session went into another phase.
-    Phase(Phase),
+    SessionState(SessionState),
     /// A robot's NMT state changed, or was heard for the first time.
     Nmt(NmtState),
     /// A member's state changed.
@@ -169,10 +169,10 @@ pub enum Happening {
     Failed(String),
 }
 
-impl std::fmt::Display for Happening {
+impl std::fmt::Display for EventKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Phase(phase) => f.write_str(phase.name()),
+            Self::SessionState(phase) => f.write_str(phase.name()),
             Self::Nmt(state) => write!(f, "NMT {state:?}"),
             Self::State(state) => write!(f, "{state:?}"),
             Self::Code(Code::None) => f.write_str("limit cleared"),

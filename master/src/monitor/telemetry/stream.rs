@@ -164,7 +164,7 @@ impl Iterator for Subscription {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BusFrame, Event, Happening, Phase};
+    use super::super::{BusFrame, Event, EventKind, SessionState};
     use super::*;
     use canopen::Frame;
 
@@ -172,7 +172,7 @@ mod tests {
         Telemetry::Event(Event {
             t,
             node: None,
-            what: Happening::Phase(Phase::Running),
+            what: EventKind::SessionState(SessionState::Running),
         })
     }
 

@@ -8,9 +8,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// The latest report, shared between the reading thread and the link.
 #[derive(Clone, Default)]
-pub(super) struct Trouble(Arc<Mutex<Option<&'static str>>>);
+pub(super) struct Diagnosis(Arc<Mutex<Option<&'static str>>>);
 
-impl Trouble {
+impl Diagnosis {
     pub fn report(&self, text: Option<&'static str>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = text;
     }

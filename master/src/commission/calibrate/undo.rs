@@ -70,15 +70,15 @@ impl Held {
 
 /// What a calibration replaced.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Kept {
+pub struct UndoRecord {
     /// The robots' sets.
     pub robots: Vec<Held>,
     /// The group file's text, where it was rewritten.
     pub group_file: Option<String>,
 }
 
-impl Kept {
-    /// Reads a file that [`Kept::save`] wrote.
+impl UndoRecord {
+    /// Reads a file that [`UndoRecord::save`] wrote.
     ///
     /// # Errors
     /// When there is none, or it is no such file.
