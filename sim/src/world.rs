@@ -375,6 +375,12 @@ impl World {
         self.worst_shape_error_mm = 0.0;
     }
 
+    /// Since when a robot's bridges have been off and its brake told to hold, ns, by its place in the group file.
+    #[must_use]
+    pub fn safe_since_ns(&self, robot: usize) -> Option<u64> {
+        self.units.get(robot)?.safe_since_ns
+    }
+
     /// Log lines of all robots since the last call, each with its robot's node.
     pub fn take_logs(&mut self) -> Vec<(u8, LogLine)> {
         let lines = |u: &mut Unit| {
@@ -424,7 +430,7 @@ impl World {
         self.run_robots(end_ns)?;
         for unit in self.units.iter_mut().filter(|u| u.is_due(end_ns)) {
             let node = unit.node;
-            if let Some(drives) = unit.look_at_bridges() {
+            if let Some(drives) = unit.look_at_bridges(end_ns) {
                 self.digest.bridges(end_ns, node, drives);
             }
             unit.has_run();

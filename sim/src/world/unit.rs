@@ -47,6 +47,8 @@ pub(super) struct Unit {
     half_play: f64,
     wheels: [f64; 4],
     drives: [Drive; 4],
+    /// Since when its bridges are off and its brake is told to hold, ns.
+    pub safe_since_ns: Option<u64>,
     /// Angles that the plant has been told.
     told: [f64; 4],
     /// What the plant adds to the wheels' angles: a plant outside may turn wheels itself.
@@ -99,6 +101,7 @@ impl Unit {
             trips_at: None,
             tripped: false,
             half_play: 0.5 * simulation.backlash,
+            safe_since_ns: Some(0),
             wheels: [0.0; 4],
             told: [0.0; 4],
             slipped: [0.0; 4],
@@ -215,8 +218,14 @@ impl Unit {
     }
 
     /// Looks at the bridges; what they do now, if anything changed.
-    pub fn look_at_bridges(&mut self) -> Option<&[Drive; 4]> {
+    pub fn look_at_bridges(&mut self, now_ns: u64) -> Option<&[Drive; 4]> {
         let drives = self.robot.drives();
+        let live = |drive: &Drive| drive.enabled || drive.brake_released;
+        if drives.iter().any(live) {
+            self.safe_since_ns = None;
+        } else {
+            self.safe_since_ns.get_or_insert(now_ns);
+        }
         let changed = std::mem::replace(&mut self.drives, drives) != drives;
         changed.then_some(&self.drives)
     }

@@ -38,6 +38,21 @@ pub enum Trial {
     Stored(super::power::Trial),
 }
 
+impl Trial {
+    /// Brings the cause about.
+    ///
+    /// # Errors
+    /// When a robot stops, or cannot be made to.
+    pub fn appear(self, rig: &mut Rig) -> Result<(), SimError> {
+        match self {
+            Self::Now(appear) => appear(rig),
+            Self::After(appear) => appear(rig)?,
+            Self::Stored(_) => {}
+        }
+        Ok(())
+    }
+}
+
 /// One trial.
 #[derive(Clone, Copy)]
 pub struct Case {
@@ -162,7 +177,13 @@ fn crash(rig: &mut Rig, how: Crash) -> Result<(), SimError> {
 
 /// A robot goes off the bus with its next frame.
 fn bus_off(rig: &mut Rig) -> Result<(), SimError> {
+    const PATIENCE_US: u64 = 1_000_000;
+    let begun = rig.world.now().0;
     while !rig.world.force_bus_off(WATCHED) {
+        if rig.world.now().0 > begun + PATIENCE_US {
+            let problem = "the robot has nothing to send".to_owned();
+            return Err(SimError::Plant { problem });
+        }
         let soon = canopen::Micros(rig.world.now().0 + 10);
         rig.world.run_until(soon)?;
     }

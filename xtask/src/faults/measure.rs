@@ -15,12 +15,13 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::{Fault, MemberState, Reaction, Value, address as at};
 use sim::rig::{Rig, STEP_US};
-use sim::{Backend, Options, RobotTruth, World};
+use sim::robot::Robot;
+use sim::{Backend, Options, RobotTruth, SimError, World};
 
 use super::causes::{Case, Trial, WATCHED};
 
 /// Speed ahead, m/s.
-const SPEED: f32 = 0.6;
+pub const SPEED: f32 = 0.6;
 /// What the robots are told about their supply of 24 V, V.
 const SUPPLY_MINIMUM: f32 = 18.0;
 /// Time to get ready after the start, and to reach the speed and settle, ms.
@@ -44,6 +45,38 @@ pub struct Measured {
     pub emergency_ms: f64,
     /// From the cause to drivers off and brake engaged, ms.
     pub rest_ms: f64,
+    /// Largest true rate of any wheel of the group after the cause, over what was asked before it.
+    pub wheel_rate: Option<f64>,
+    /// How far the body went from the cause to rest, m.
+    pub way: Option<f64>,
+}
+
+/// What the robots of a trial are.
+#[derive(Clone, Copy)]
+pub enum Robots<'a> {
+    /// The controller crate, all of them.
+    Native,
+    /// The image, all of them.
+    Emulated(&'a Firmware),
+    /// The image is the watched one, the others are native.
+    WatchedEmulated(&'a Firmware),
+}
+
+impl Robots<'_> {
+    fn build(self, group: &GroupFile) -> Result<Vec<Box<dyn Robot>>, SimError> {
+        let crystals = &group.simulation.crystal_ppm;
+        let robots = group.robots.iter().zip(crystals).enumerate();
+        let built = robots.map(|(place, (robot, ppm))| {
+            let image = match self {
+                Self::Emulated(image) => Some(image),
+                Self::WatchedEmulated(image) if place == WATCHED => Some(image),
+                Self::WatchedEmulated(_) | Self::Native => None,
+            };
+            let backend = image.map_or(Backend::Native, |image| Backend::Emulator(image.clone()));
+            backend.build(robot.node, *ppm)
+        });
+        built.collect()
+    }
 }
 
 /// Measures one cause, whose reaction must be of this kind and which must be announced so.
@@ -58,19 +91,17 @@ pub fn measure(
         return trial(firmware);
     }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
-    let mut rig = driving(group, firmware)?;
+    let mut rig = driving(group, Robots::Emulated(firmware), SPEED)?;
     rig.run_to_phase(100, 1)?;
     let mut before = f64::INFINITY;
     for _ in 0..BEFORE_MS * 1_000 / STEP_US {
         rig.step()?;
         before = before.min(effort(&watched(&rig)?));
     }
+    let (asked, from) = (fastest(&rig), rig.world.truth().group);
+    let mut wheel_rate: f64 = 0.0;
     let announced_before = rig.emergencies(node).count();
-    match case.trial {
-        Trial::Now(appear) => appear(&mut rig),
-        Trial::After(appear) => appear(&mut rig)?,
-        Trial::Stored(_) => {}
-    }
+    case.trial.appear(&mut rig)?;
     let began = rig.world.now().0;
     if case.settles_ms > 0 {
         rig.run(case.settles_ms)?;
@@ -100,7 +131,9 @@ pub fn measure(
             bail!("no rest within {} ms", REACTION_MS + REST_MS);
         }
         rig.step()?;
+        wheel_rate = wheel_rate.max(fastest(&rig) / asked);
     }
+    let to = rig.world.truth().group;
     let emergency = rig.emergencies(node).nth(announced_before);
     let (announced_at, code) = emergency.context("announces nothing")?;
     ensure!(code == announced.code(), "announces 0x{code:04X}");
@@ -108,16 +141,19 @@ pub fn measure(
         reaction_ms: reaction.context("no reaction")?,
         emergency_ms: announced_at.0.saturating_sub(began) as f64 / 1e3,
         rest_ms: rest.context("no rest")?,
+        wheel_rate: Some(wheel_rate),
+        way: Some((to.x - from.x).hypot(to.y - from.y)),
     })
 }
 
 /// Boots, configures and starts a group and brings it to speed.
-fn driving(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Rig> {
+pub fn driving(group: &GroupFile, robots: Robots<'_>, speed: f32) -> anyhow::Result<Rig> {
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
     };
-    let world = World::new(group, Backend::Emulator(firmware.clone()), options)?;
+    let plant = sim::plant::build(group, options.start)?;
+    let world = World::with_parts(group, robots.build(group)?, plant, options)?;
     let mut link = SimLink::new(world, "faults");
     let mut session = Group::connect(&mut link, group)?;
     session.configure(true)?;
@@ -132,7 +168,7 @@ fn driving(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Rig> {
     rig.run(READY_MS)?;
     rig.command(NmtCommand::Start, None);
     rig.run(READY_MS)?;
-    rig.twist = Some(Twist::new(SPEED, 0.0, 0.0));
+    rig.twist = Some(Twist::new(speed, 0.0, 0.0));
     rig.run(SETTLE_MS)?;
     ensure!(rig.all_are(MemberState::Moving), "the group does not drive");
     Ok(rig)
@@ -141,6 +177,15 @@ fn driving(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Rig> {
 fn watched(rig: &Rig) -> anyhow::Result<RobotTruth> {
     let truth = rig.world.truth();
     truth.robots.get(WATCHED).copied().context("no robots")
+}
+
+/// The largest rate of any wheel of the group, rad/s, either way.
+fn fastest(rig: &Rig) -> f64 {
+    let robots = rig.world.truth().robots;
+    let rates = robots
+        .iter()
+        .flat_map(|robot| <[f64; 4]>::from(robot.wheel_rates));
+    rates.fold(0.0, |most, rate| most.max(rate.abs()))
 }
 
 /// Mean duty of the wheels that do not fail.

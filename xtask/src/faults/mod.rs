@@ -1,17 +1,19 @@
 //! `cargo xtask faults`: lets every cause of a stop happen to emulated robots that run the release image, and
 //! compares what they do with `docs/safety.md`.
 //!
-//! [`promise`] reads the page, [`causes`] brings the causes about, [`measure`] drives and looks. Every trial is a
-//! world of its own, so they run side by side. A promise that is not kept is a failure, and so is one of the causes 1 to 22
-//! without a time or a trial.
+//! [`promise`] reads the page, [`causes`] brings the causes about, [`measure`] drives and looks, [`pairs`] does so with two
+//! causes at a time. Every trial is a world of its own, so they run side by side. A promise that is not kept is a failure,
+//! and so is one of the causes 1 to 22 without a time or a trial.
 
 mod causes;
 mod image;
 mod measure;
+mod pairs;
 mod power;
 mod promise;
 mod skew;
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -25,7 +27,8 @@ use serde_json::json;
 
 use crate::{cargo, firmware};
 use causes::{CASES, Case};
-use measure::Measured;
+use measure::{Measured, Robots};
+use pairs::Pair;
 use promise::Promise;
 
 /// Options of `cargo xtask faults`.
@@ -37,6 +40,27 @@ pub struct Arguments {
     /// Tries the cause with this number only.
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
+    /// Which pairs of causes to try: all of them with native robots and those that cut with the image, those that cut
+    /// only, or none.
+    #[arg(long, value_enum, default_value = "none")]
+    pairs: Pairs,
+    /// How many trials run side by side; as many as the machine has processors without this.
+    #[arg(long, value_name = "NUMBER")]
+    jobs: Option<NonZeroUsize>,
+    /// Takes this image instead of building one.
+    #[arg(long, value_name = "PATH")]
+    image: Option<PathBuf>,
+}
+
+/// Which pairs of causes to try.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Pairs {
+    /// All with native robots, and those of which one cuts with the image.
+    All,
+    /// Those of which one cuts, native and with the image.
+    Cuts,
+    /// None.
+    None,
 }
 
 /// The group whose robots are tried.
@@ -63,7 +87,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .with_context(|| format!("cannot read {}", page.display()))?;
     let promises = promise::read(&page)?;
     let group = GroupFile::load(cargo::root().join(GROUP))?;
-    let firmware = Firmware::load(firmware::build(Scalar::F32)?)?;
+    let image = match &arguments.image {
+        Some(path) => path.clone(),
+        None => firmware::build(Scalar::F32)?,
+    };
+    let firmware = Firmware::load(image)?;
+    let threads = match arguments.jobs {
+        Some(jobs) => jobs.get(),
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    };
 
     let jobs = jobs(&promises, arguments.only)?;
     let (lines, skew) = std::thread::scope(|scope| {
@@ -72,7 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .only
             .is_none()
             .then(|| scope.spawn(|| skew::measure(&group, &firmware)));
-        let lines = side_by_side(&jobs, |(promise, case)| Line {
+        let lines = side_by_side(threads, &jobs, |(promise, case)| Line {
             promise: (*promise).clone(),
             variant: case.variant,
             outcome: tried(&group, &firmware, promise, case),
@@ -81,8 +113,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     });
 
     println!(
-        "{:>2}  {:<70} {:<25} {:<5} {:>9} {:>9} {:>9} {:>8}",
-        "#", "cause", "code", "how", "promised", "measured", "emergency", "rest"
+        "{:>2}  {:<70} {:<25} {:<5} {:>9} {:>9} {:>9} {:>8} {:>6} {:>7}",
+        "#", "cause", "code", "how", "promised", "measured", "emergency", "rest", "wheel", "way"
     );
     for line in &lines {
         println!("{}", text(line));
@@ -105,11 +137,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             skew.changes
         );
     }
+    let tried = try_pairs(arguments, threads, &promises, &group, &firmware);
+    print_pairs(&tried);
     if let Some(path) = &arguments.json {
         let all: Vec<_> = lines.iter().map(to_json).collect();
+        let pairs: Vec<_> = tried.iter().map(pair_to_json).collect();
         let worst_us = skew.map(|skew| skew.worst_us);
         let text = serde_json::to_string_pretty(
-            &json!({ "faults": all, "pwm_skew_us": worst_us, "pwm_skew_limit_us": skew::LIMIT_US }),
+            &json!({ "faults": all, "pairs": pairs, "pwm_skew_us": worst_us, "pwm_skew_limit_us": skew::LIMIT_US }),
         )?;
         std::fs::write(path, text + "\n")
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -118,6 +153,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bad = lines.iter().filter(bad).count();
     if bad > 0 {
         bail!("{bad} of {} promises are not kept", lines.len());
+    }
+    let bad = tried.iter().filter(|tried| !tried.kept()).count();
+    if bad > 0 {
+        bail!("{bad} of {} pairs of causes break a promise", tried.len());
     }
     if skew.is_some_and(|skew| skew.worst_us > skew::LIMIT_US) {
         bail!("the robots change their PWM too far apart");
@@ -151,7 +190,12 @@ fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case)
             Reaction::Ramp => measured.reaction_ms,
             Reaction::Cut => measured.reaction_ms.max(measured.rest_ms),
         };
+        let within = |measured: Option<f64>, promised: Option<f64>| {
+            measured.zip(promised).is_none_or(|(m, p)| m <= p)
+        };
         promise.millis.is_some_and(|promised| time <= promised)
+            && within(measured.wheel_rate, promise.wheel_rate)
+            && within(measured.way, promise.way)
     };
     match measure::measure(group, firmware, case, announced, fault.reaction()) {
         Ok(measured) if kept(&measured) => Outcome::Kept(measured),
@@ -160,9 +204,120 @@ fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case)
     }
 }
 
-/// Does the jobs on as many threads as the machine has; the results in order.
-fn side_by_side<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+/// A pair of causes that has been tried.
+struct TriedPair<'a> {
+    pair: Pair<'a>,
+    image: bool,
+    outcome: anyhow::Result<pairs::Outcome>,
+}
+
+impl TriedPair<'_> {
+    fn kept(&self) -> bool {
+        self.outcome.as_ref().is_ok_and(pairs::Outcome::kept)
+    }
+}
+
+/// Tries the pairs that are asked for.
+fn try_pairs<'a>(
+    arguments: &Arguments,
+    threads: usize,
+    promises: &'a [Promise],
+    group: &GroupFile,
+    firmware: &Firmware,
+) -> Vec<TriedPair<'a>> {
+    let which = arguments.pairs;
+    if which == Pairs::None {
+        return Vec::new();
+    }
+    let concerned = |pair: &Pair<'_>| arguments.only.is_none_or(|only| pair.concerns(only));
+    let jobs = pairs::all(promises).into_iter().filter(concerned);
+    let mut jobs: Vec<_> = jobs
+        .flat_map(|pair| [(pair, true), (pair, false)])
+        .filter(|(pair, image)| match image {
+            true => pair.cuts(),
+            false => !pair.needs_image() && (pair.cuts() || which == Pairs::All),
+        })
+        .collect();
+    // The longest first, so that no thread is left with one at the end.
+    jobs.sort_by_key(|(_, image)| !image);
+    side_by_side(threads, &jobs, |(pair, image)| TriedPair {
+        pair: *pair,
+        image: *image,
+        outcome: pair.measure(
+            group,
+            if *image {
+                Robots::WatchedEmulated(firmware)
+            } else {
+                Robots::Native
+            },
+        ),
+    })
+}
+
+/// Prints how many pairs kept their promises, and those that did not.
+fn print_pairs(tried: &[TriedPair<'_>]) {
+    if tried.is_empty() {
+        return;
+    }
+    let image = tried.iter().filter(|tried| tried.image).count();
+    println!(
+        "\n{} pairs of causes, {:?} ms apart: {image} with the image, {} native",
+        tried.len(),
+        pairs::DELAYS_MS,
+        tried.len() - image
+    );
+    for bad in tried.iter().filter(|tried| !tried.kept()) {
+        let pair = &bad.pair;
+        let robots = if bad.image { "image" } else { "native" };
+        let name = |(promise, case): (&Promise, &Case)| {
+            format!(
+                "{} {} {}",
+                promise.number,
+                promise.fault.name(),
+                case.variant
+            )
+        };
+        let outcome = match &bad.outcome {
+            Ok(outcome) => {
+                let measured = outcome.measured_ms;
+                let measured = measured.map_or("not at all".to_owned(), |ms| format!("{ms:.1} ms"));
+                format!("off after {measured}, promised {} ms", outcome.promise_ms)
+            }
+            Err(error) => format!("{error:#}"),
+        };
+        println!(
+            "{}, then after {} ms {} ({robots}): {outcome}",
+            name(pair.first).trim(),
+            pair.delay_ms,
+            name(pair.second).trim()
+        );
+    }
+}
+
+fn pair_to_json(tried: &TriedPair<'_>) -> serde_json::Value {
+    let pair = &tried.pair;
+    let outcome = tried.outcome.as_ref();
+    json!({
+        "first": pair.first.0.number,
+        "first_variant": pair.first.1.variant,
+        "second": pair.second.0.number,
+        "second_variant": pair.second.1.variant,
+        "delay_ms": pair.delay_ms,
+        "cuts": pair.cuts(),
+        "robots": if tried.image { "image" } else { "native" },
+        "promise_ms": outcome.ok().map(|outcome| outcome.promise_ms),
+        "measured_ms": outcome.ok().and_then(|outcome| outcome.measured_ms),
+        "kept": tried.kept(),
+        "reason": outcome.err().map(|error| format!("{error:#}")),
+    })
+}
+
+/// Does the jobs on so many threads; the results in order.
+fn side_by_side<J: Sync, R: Send>(
+    threads: usize,
+    jobs: &[J],
+    work: impl Fn(&J) -> R + Sync,
+) -> Vec<R> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -216,10 +371,16 @@ fn text(line: &Line) -> String {
     );
     let figures = |measured: &Measured| {
         format!(
-            "{:>9} {:>9} {:>8}",
+            "{:>9} {:>9} {:>8} {:>6} {:>7}",
             ms(Some(measured.reaction_ms)),
             ms(Some(measured.emergency_ms)),
-            ms(Some(measured.rest_ms))
+            ms(Some(measured.rest_ms)),
+            measured
+                .wheel_rate
+                .map_or_else(|| "-".to_owned(), |rate| format!("{rate:.2}")),
+            measured
+                .way
+                .map_or_else(|| "-".to_owned(), |way| format!("{way:.3} m"))
         )
     };
     match &line.outcome {
@@ -246,6 +407,10 @@ fn to_json(line: &Line) -> serde_json::Value {
         "measured_ms": measured.map(|m| m.reaction_ms),
         "emergency_ms": measured.map(|m| m.emergency_ms),
         "rest_ms": measured.map(|m| m.rest_ms),
+        "promised_wheel_rate": promise.wheel_rate,
+        "wheel_rate": measured.and_then(|m| m.wheel_rate),
+        "promised_way_m": promise.way,
+        "way_m": measured.and_then(|m| m.way),
         "verdict": verdict,
         "reason": reason,
     })

@@ -142,6 +142,8 @@ fn measured(at_ns: u64) -> Measured {
         reaction_ms: ms,
         emergency_ms: ms,
         rest_ms: 0.0,
+        wheel_rate: None,
+        way: None,
     }
 }
 

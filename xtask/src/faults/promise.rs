@@ -16,23 +16,42 @@ pub struct Promise {
     pub reaction: String,
     /// Longest time to the beginning of the reaction, ms; not every row promises one.
     pub millis: Option<f64>,
+    /// Largest rate of any wheel after the cause, over what was asked before it.
+    pub wheel_rate: Option<f64>,
+    /// Longest way of the body from the cause to rest, m.
+    pub way: Option<f64>,
 }
 
 /// The promises on a page, by number.
 pub fn read(page: &str) -> anyhow::Result<Vec<Promise>> {
+    let cells = |line| str::split(line, '|').map(str::trim).collect::<Vec<_>>();
+    let headed = |title: &str| {
+        let places = page.lines().filter_map(|line| {
+            let mut titles = cells(line).into_iter();
+            titles.position(|cell| cell == title)
+        });
+        places.min()
+    };
+    let more = (headed("wheel rate at most"), headed("way at most"));
     let rows: Vec<Promise> = page
         .lines()
         .filter_map(|line| {
-            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let cells = cells(line);
             let number = cells.get(1)?.parse().ok()?;
-            Some(row(number, &cells).with_context(|| format!("row {number} of docs/safety.md")))
+            let row = row(number, &cells, more);
+            Some(row.with_context(|| format!("row {number} of docs/safety.md")))
         })
         .collect::<anyhow::Result<_>>()?;
     ensure!(!rows.is_empty(), "docs/safety.md has no table of causes");
     Ok(rows)
 }
 
-fn row(number: u8, cells: &[&str]) -> anyhow::Result<Promise> {
+/// A row; `more` says in which cells the wheel rate and the way are, where the table has them.
+fn row(
+    number: u8,
+    cells: &[&str],
+    more: (Option<usize>, Option<usize>),
+) -> anyhow::Result<Promise> {
     let cell = |n: usize| cells.get(n).copied().context("a cell is missing");
     let code = cell(3)?;
     let (digits, name) = code.split_once(' ').context("no code and name")?;
@@ -44,7 +63,16 @@ fn row(number: u8, cells: &[&str]) -> anyhow::Result<Promise> {
         Some(number) => Some(number.parse()?),
         None => None,
     };
+    let with_unit = |place: Option<usize>, unit: &str| -> anyhow::Result<Option<f64>> {
+        let text = place.map_or(Ok(""), cell)?;
+        let number = text.strip_suffix(unit).filter(|number| !number.is_empty());
+        let number = number.map(str::parse).transpose();
+        number.with_context(|| format!("{text} is no number of{unit}"))
+    };
+    let (wheel_rate, way) = (with_unit(more.0, "")?, with_unit(more.1, " m")?);
     Ok(Promise {
+        wheel_rate,
+        way,
         number,
         cause: cell(2)?.to_owned(),
         fault,
