@@ -2,8 +2,9 @@
 //!
 //! It owns the outputs. The bus side's [`Command`] is a wish: without a configuration of the same
 //! CRC, after a fault of its own, or when the bus side has gone silent, the wish is not granted. A
-//! tick does, in this order: measure the wheels, look for faults, shape the group twist (the same in
-//! every member), turn it into wheel references (this member's own), close the four loops.
+//! tick does, in this order: *measure* the wheels, *judge* what may be wrong, *grant* what is left of
+//! the wish, *follow*: shape the group twist (the same in every member), turn it into wheel references
+//! (this member's own), close the four loops.
 //!
 //! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults are
 //! latched until the bus side's next start, and cleared then only if their cause is gone.
@@ -22,7 +23,7 @@ use crate::rollers::{RollerState, Rollers};
 use crate::setpoint::{Input, Interpolator};
 use crate::threshold::{Hysteresis, Lasting};
 use crate::watch::Watch;
-use crate::wheel::{WheelLoop, WheelReference};
+use crate::wheel::{WheelLoop, WheelMeasurement, WheelReference};
 
 /// Nominal period of the tick, us: a millisecond, unless a build asks for another with the variable
 /// `OMNIBUS_TICK_US`, as `cargo xtask bench` does to find out how fast it may be.
@@ -53,6 +54,26 @@ const STANDING_RATE: f32 = 0.05;
 /// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed anyway.
 const SETTLE_US: u64 = 300_000;
 
+/// The instant a tick works for.
+#[derive(Clone, Copy)]
+struct Tick {
+    now: Micros,
+    /// Time since the last tick, s, bounded so that the observer's arithmetic stays sane after a long pause.
+    dt: f32,
+    /// The same as it was, us.
+    elapsed_us: u32,
+    /// Voltage at full duty, V.
+    supply: f32,
+}
+
+/// What the bridges of all wheels were given.
+#[derive(Clone, Copy)]
+struct Drive {
+    duty: [f32; 4],
+    /// The supply was too little for a wheel.
+    short: bool,
+}
+
 /// One wheel's measurement and loop.
 #[derive(Clone, Copy)]
 struct Wheel {
@@ -80,17 +101,15 @@ impl Wheel {
     #[inline(always)]
     fn drive(
         &mut self,
-        (rate_ref, acceleration): (f32, f32),
-        (rate, turned): (f32, f32),
-        supply: f32,
-        (now, dt): (Micros, f32),
+        reference: WheelReference,
+        measured: WheelMeasurement,
+        tick: &Tick,
     ) -> (f32, bool) {
-        let reference = WheelReference {
-            rate: rate_ref,
-            acceleration,
-        };
-        let (voltage, short) = self.drive.update(reference, rate, supply, dt);
-        self.watch.update((rate_ref, rate), voltage, turned, now);
+        let (voltage, short) = self
+            .drive
+            .update(reference, measured.rate, tick.supply, tick.dt);
+        self.watch
+            .update(reference.rate, measured, voltage, tick.now);
         (voltage * self.motor_sign, short)
     }
 }
@@ -112,6 +131,11 @@ struct Motion {
 /// The control side of one robot.
 pub struct ControlSide {
     motion: Option<Motion>,
+    supervision: Supervision,
+}
+
+/// What is kept from tick to tick besides the motion: causes that have to last, and what is said to the bus side.
+struct Supervision {
     counts: Option<[u16; 4]>,
     last: Option<Micros>,
     /// Since when the ramp's reference stands.
@@ -136,23 +160,25 @@ impl ControlSide {
     pub const fn new() -> Self {
         Self {
             motion: None,
-            counts: None,
-            last: None,
-            settling: None,
-            supply_low: Lasting::new(),
-            slip_limit: Hysteresis { active: false },
-            slip_fault: Lasting::new(),
-            identification: None,
-            outcome: None,
-            report: Report::NONE,
+            supervision: Supervision {
+                counts: None,
+                last: None,
+                settling: None,
+                supply_low: Lasting::new(),
+                slip_limit: Hysteresis { active: false },
+                slip_fault: Lasting::new(),
+                identification: None,
+                outcome: None,
+                report: Report::NONE,
+            },
         }
     }
 
     /// Takes over a configuration. The outputs go off with it, and the pose starts at zero.
     pub fn configure(&mut self, configuration: &Configuration) {
-        self.report.configuration = configuration.crc;
-        self.report.mode = Mode::Off;
-        self.identification = None;
+        self.supervision.report.configuration = configuration.crc;
+        self.supervision.report.mode = Mode::Off;
+        self.supervision.identification = None;
         // What the wheels' index has told stays true.
         let before = self
             .motion
@@ -161,8 +187,8 @@ impl ControlSide {
         let rollers = configuration
             .rollers
             .map(|configured| Rollers::new(configured, before));
-        self.report.roller_states = [RollerState::Constant; 4];
-        self.report.roller_sweeps = [0.0; 4];
+        self.supervision.report.roller_states = [RollerState::Constant; 4];
+        self.supervision.report.roller_sweeps = [0.0; 4];
         let [a, b, c, d] = &configuration.wheels;
         // Made where it stays: it takes two kilobytes, and on the stack it would come on top of everything else.
         self.motion = Some(Motion {
@@ -185,18 +211,55 @@ impl ControlSide {
     /// What it did and saw at the last tick.
     #[must_use]
     pub const fn report(&self) -> &Report {
-        &self.report
+        &self.supervision.report
     }
 
     /// What an identification came to, once, when it is over.
     pub const fn take_identification(&mut self) -> Option<Outcome> {
-        self.outcome.take()
+        self.supervision.outcome.take()
     }
 
     /// One tick.
     // Not inlined: in a caller that is built for size it would be built for size too.
     #[inline(never)]
     pub fn tick(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
+        let side = &mut self.supervision;
+        let elapsed_us = side.begin(now);
+        let previous = side.counts.replace(inputs.encoder_counts);
+        let previous = previous.unwrap_or(inputs.encoder_counts);
+        if command.start != side.report.start {
+            side.acknowledge(command.start, self.motion.as_mut());
+        }
+        side.report.obstacle = live_fault(inputs);
+        let Some(motion) = &mut self.motion else {
+            side.report.mode = Mode::Off;
+            return side.safe(command.mode == Mode::Ramp);
+        };
+        let tick = Tick {
+            now,
+            dt: elapsed_us.clamp(TICK_US / 4, OVERDUE_US) as f32 * 1e-6,
+            elapsed_us,
+            supply: side.supply(motion, inputs),
+        };
+        let turned = motion.measure(previous, inputs, tick.dt, &mut side.report);
+        if command.mode != Mode::Off {
+            side.judge(motion, command, &tick);
+        }
+        let mode = side.grant(motion, command);
+        if mode == Mode::Identify || side.identification.is_some() {
+            return side.identify(motion, command, turned, &tick);
+        }
+        if mode == Mode::Off {
+            return side.safe(command.mode == Mode::Ramp);
+        }
+        side.follow(motion, command, turned, &tick)
+    }
+}
+
+impl Supervision {
+    /// Begins a tick; returns the time since the last one, us.
+    #[inline]
+    fn begin(&mut self, now: Micros) -> u32 {
         let elapsed = self
             .last
             .replace(now)
@@ -204,71 +267,74 @@ impl ControlSide {
         if elapsed > LATE_US {
             self.report.late_ticks = self.report.late_ticks.wrapping_add(1);
         }
-        // Bounds keep the observer's arithmetic sane after a long pause; the fault below stops it.
-        let dt = elapsed.clamp(TICK_US / 4, OVERDUE_US) as f32 * 1e-6;
-        let previous = self.counts.replace(inputs.encoder_counts);
-        let previous = previous.unwrap_or(inputs.encoder_counts);
         self.report.at = now;
-        self.acknowledge(command.start);
+        elapsed
+    }
 
-        let live = live_fault(inputs);
-        self.report.obstacle = live;
-        let Some(motion) = &mut self.motion else {
-            self.report.mode = Mode::Off;
-            self.report.standstill = command.mode == Mode::Ramp;
-            return Outputs::SAFE;
-        };
+    /// A new start clears what is latched; what still holds is latched again in the same tick.
+    #[cold]
+    fn acknowledge(&mut self, start: u16, motion: Option<&mut Motion>) {
+        self.report.start = start;
+        self.report.fault = None;
+        self.supply_low.reset();
+        self.slip_fault.reset();
+        for wheel in motion.into_iter().flat_map(|motion| &mut motion.wheels) {
+            wheel.watch.reset();
+        }
+    }
+
+    /// Takes in the supply's voltage; returns what full duty is worth, V.
+    #[inline]
+    fn supply(&mut self, motion: &Motion, inputs: &Inputs) -> f32 {
         // Without a minimum nothing is connected: what the input shows is no voltage.
-        let measures = motion.configuration.thresholds.supply_minimum > 0.0;
-        self.report.supply = inputs.supply.filter(|_| measures);
-
-        // Measure.
-        let turned = motion.turned(previous, inputs.encoder_counts);
-        let expected = motion.accelerations;
-        let mut rates = [0.0; 4];
-        for (((wheel, turned), acceleration), rate) in motion
-            .wheels
-            .iter_mut()
-            .zip(turned)
-            .zip(expected)
-            .zip(&mut rates)
-        {
-            *rate = wheel.observer.update(turned, acceleration, dt);
+        let minimum = motion.configuration.thresholds.supply_minimum;
+        self.report.supply = inputs.supply.filter(|_| minimum > 0.0);
+        match self.report.supply {
+            Some(supply) if supply > minimum => supply,
+            Some(_) => minimum,
+            None => motion.configuration.supply_nominal,
         }
-        let rates = WheelRates::from(rates);
-        motion.measure(turned, (previous, inputs), &rates, &mut self.report);
+    }
 
-        // Faults of its own. They count only while it drives. The first is kept; only one that cuts replaces one that
-        // ramps, because a ramp with a shorted bridge or a reversed encoder is no way to rest.
-        if command.mode != Mode::Off {
-            let kept = self.report.fault;
-            let cut = live.or_else(|| motion.wheel_fault(Reaction::Cut));
-            self.report.fault = match kept.map(Fault::reaction) {
-                Some(Reaction::Cut) => kept,
-                Some(Reaction::Ramp) => cut.or(kept),
-                None => cut
-                    .or_else(|| motion.wheel_fault(Reaction::Ramp))
-                    .or_else(|| late(elapsed, now, command.alive))
-                    .or_else(|| {
-                        let minimum = motion.configuration.thresholds.supply_minimum;
-                        let low = self.report.supply.is_some_and(|supply| supply < minimum);
-                        self.supply_low
-                            .update(low, now, LASTING_US)
-                            .then_some(Fault::SupplyLow)
-                    })
-                    .or_else(|| {
-                        let bound = motion.configuration.thresholds.slip_fault;
-                        // Wheels that turn one by one do not roll on a floor.
-                        let rolls = command.mode != Mode::Identify;
-                        let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
-                        self.slip_fault
-                            .update(slips, now, LASTING_US)
-                            .then_some(Fault::SlipExcess)
-                    }),
-            };
+    /// Looks for faults while the robot drives. The first is kept; only one that cuts replaces one that ramps, because
+    /// a ramp with a shorted bridge or a reversed encoder is no way to rest.
+    #[inline]
+    fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
+        let kept = self.report.fault;
+        let cut = self
+            .report
+            .obstacle
+            .or_else(|| motion.wheel_fault(Reaction::Cut));
+        self.report.fault = match kept.map(Fault::reaction) {
+            Some(Reaction::Cut) => kept,
+            Some(Reaction::Ramp) => cut.or(kept),
+            None => cut
+                .or_else(|| motion.wheel_fault(Reaction::Ramp))
+                .or_else(|| late(tick.elapsed_us, tick.now, command.alive))
+                .or_else(|| self.lasting_fault(motion, command, tick.now)),
+        };
+    }
+
+    /// What has to last before it is a fault.
+    #[inline]
+    fn lasting_fault(&mut self, motion: &Motion, command: &Command, now: Micros) -> Option<Fault> {
+        let thresholds = &motion.configuration.thresholds;
+        let low = |supply| supply < thresholds.supply_minimum;
+        let low = self.report.supply.is_some_and(low);
+        if self.supply_low.update(low, now, LASTING_US) {
+            return Some(Fault::SupplyLow);
         }
+        let bound = thresholds.slip_fault;
+        // Wheels that turn one by one do not roll on a floor.
+        let rolls = command.mode != Mode::Identify;
+        let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
+        let lasts = self.slip_fault.update(slips, now, LASTING_US);
+        lasts.then_some(Fault::SlipExcess)
+    }
 
-        // What is granted of the wish.
+    /// What is granted of the bus side's wish.
+    #[inline]
+    fn grant(&mut self, motion: &mut Motion, command: &Command) -> Mode {
         let known = command.configuration == motion.configuration.crc;
         let mode = match (command.mode, self.report.fault.map(Fault::reaction)) {
             _ if !known => Mode::Off,
@@ -276,87 +342,75 @@ impl ControlSide {
             (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
             (mode, None | Some(Reaction::Ramp)) => mode,
         };
+        self.report.mode = mode;
         if mode == Mode::Off {
             motion.rest(command.update);
         }
-        self.report.mode = mode;
         if mode != Mode::Ramp {
             self.settling = None;
             self.report.standstill = false;
         }
+        mode
+    }
 
-        if mode == Mode::Identify || self.identification.is_some() {
-            return self.identify(mode, command, (turned, rates), dt);
-        }
+    /// The one way to be safe: no torque, drivers off, braked; `standstill` says that a ramp has come to its end.
+    #[inline(never)]
+    fn safe(&mut self, standstill: bool) -> Outputs {
+        self.report.standstill = standstill;
+        self.report.limit = None;
+        self.report.reference = Twist::ZERO;
+        self.report.rates_ref = WheelRates::ZERO;
+        Outputs::SAFE
+    }
 
-        // Shape.
-        let (input, limits) = match mode {
-            Mode::Off => {
-                self.report.limit = None;
-                self.report.standstill = command.mode == Mode::Ramp;
-                self.report.reference = Twist::ZERO;
-                self.report.rates_ref = WheelRates::ZERO;
-                return Outputs::SAFE;
-            }
-            Mode::Hold | Mode::Ramp | Mode::Identify => {
-                (Input::default(), motion.configuration.ramp)
-            }
-            Mode::Follow => {
-                self.report.sequence = command.sequence;
-                let input = motion
-                    .interpolator
-                    .at(now, command.target, command.update, command.at);
-                (input, motion.configuration.follow)
-            }
-        };
-        let limited = motion.limiter.step(input.twist, input.slope, dt, &limits);
-        if mode != Mode::Follow {
-            // Whatever is followed next begins from here.
-            motion
-                .interpolator
-                .restart(motion.limiter.velocity(), command.update);
-            if motion.limiter.stands() {
-                motion.limiter.reset();
-            }
+    /// Shapes the group's twist and drives the wheels after it.
+    #[inline]
+    fn follow(
+        &mut self,
+        motion: &mut Motion,
+        command: &Command,
+        turned: [f32; 4],
+        tick: &Tick,
+    ) -> Outputs {
+        let mode = self.report.mode;
+        if mode == Mode::Follow {
+            self.report.sequence = command.sequence;
         }
+        let limited = motion.shape(mode, command, tick);
         self.report.reference = motion.limiter.velocity();
-
         if mode == Mode::Ramp {
-            self.report.standstill = self.report.standstill
-                || settled(&mut self.settling, &motion.limiter, &self.report.rates, now);
-            if self.report.standstill {
+            let (limiter, rates) = (&motion.limiter, &self.report.rates);
+            let stands =
+                self.report.standstill || settled(&mut self.settling, limiter, rates, tick.now);
+            if stands {
                 motion.rest(command.update);
-                self.report.limit = None;
-                self.report.rates_ref = WheelRates::ZERO;
-                return Outputs::SAFE;
+                return self.safe(true);
             }
         }
+        let drive = motion.drive(&mut self.report, turned, tick);
+        self.report.limit = self.limit(motion, limited && mode == Mode::Follow, drive.short);
+        Outputs {
+            duty: drive.duty,
+            drivers_enabled: true,
+            brake_released: true,
+        }
+    }
 
-        // Drive.
-        let minimum = motion.configuration.thresholds.supply_minimum;
-        let supply = match self.report.supply {
-            Some(supply) if supply > minimum => supply,
-            Some(_) => minimum,
-            None => motion.configuration.supply_nominal,
-        };
-        let (duty, short) = motion.drive(&mut self.report, turned, supply, now, dt);
+    /// The most important limit that is active.
+    #[inline]
+    fn limit(&mut self, motion: &Motion, accelerates: bool, short: bool) -> Option<Limit> {
         let threshold = motion.configuration.thresholds.slip_limit;
         let slip = self.report.slip_residual.abs();
-        self.report.limit = if self.slip_limit.update(slip, threshold) {
+        if self.slip_limit.update(slip, threshold) {
             Some(Limit::Slip)
         } else if short {
             Some(Limit::Voltage)
-        } else if limited && mode == Mode::Follow {
+        } else if accelerates {
             Some(Limit::Acceleration)
         } else if motion.rollers.as_ref().is_some_and(Rollers::any_lost) {
             Some(Limit::RollerPhase)
         } else {
             None
-        };
-        Outputs {
-            duty,
-            drivers_enabled: true,
-            brake_released: true,
         }
     }
 
@@ -366,51 +420,24 @@ impl ControlSide {
     #[inline(never)]
     fn identify(
         &mut self,
-        mode: Mode,
+        motion: &mut Motion,
         command: &Command,
-        (turned, rates): ([f32; 4], WheelRates),
-        dt: f32,
+        turned: [f32; 4],
+        tick: &Tick,
     ) -> Outputs {
-        let Some(motion) = &mut self.motion else {
-            return Outputs::SAFE;
-        };
+        let mode = self.report.mode;
         self.report.limit = None;
         self.report.reference = Twist::ZERO;
         self.report.rates_ref = WheelRates::ZERO;
-        let nominal = motion.configuration.supply_nominal;
         motion.rest(command.update);
-        let run = self
-            .identification
-            .get_or_insert_with(|| Identification::new(command.bounds, nominal));
-        let voltage = if mode == Mode::Identify {
-            match run.tick(turned, rates.into(), dt) {
-                Step::Voltage(voltage) => voltage,
-                Step::Finished(outcome) => {
-                    run.end();
-                    self.outcome = Some(outcome);
-                    0.0
-                }
-                Step::Ended => 0.0,
-            }
-        } else {
-            if !run.has_ended() {
-                run.end();
-                let why = match self.report.fault {
-                    Some(_) => Stopped::Fault,
-                    None => Stopped::Asked,
-                };
-                self.outcome = Some(Err((why, None)));
-            }
-            0.0
-        };
+        let voltage = self.identification_voltage(motion, command, turned, tick.dt);
         let ramps = mode == Mode::Ramp && !self.report.standstill;
-        if mode == Mode::Off
-            || ramps && settled(&mut self.settling, &motion.limiter, &rates, self.report.at)
-        {
-            self.report.standstill = command.mode == Mode::Ramp;
+        let (limiter, rates) = (&motion.limiter, &self.report.rates);
+        if mode == Mode::Off || ramps && settled(&mut self.settling, limiter, rates, tick.now) {
             self.identification = None;
-            return Outputs::SAFE;
+            return self.safe(command.mode == Mode::Ramp);
         }
+        let nominal = motion.configuration.supply_nominal;
         let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
         let duty = voltage / supply;
         Outputs {
@@ -427,19 +454,38 @@ impl ControlSide {
         }
     }
 
-    /// A new start clears what is latched; what still holds is latched again in the same tick.
-    fn acknowledge(&mut self, start: u16) {
-        if start != self.report.start {
-            self.report.start = start;
-            self.report.fault = None;
-            self.supply_low.reset();
-            self.slip_fault.reset();
-            if let Some(motion) = &mut self.motion {
-                for wheel in &mut motion.wheels {
-                    wheel.watch.reset();
+    /// The voltage on all wheels, V; keeps what came of it when it is over.
+    fn identification_voltage(
+        &mut self,
+        motion: &Motion,
+        command: &Command,
+        turned: [f32; 4],
+        dt: f32,
+    ) -> f32 {
+        let nominal = motion.configuration.supply_nominal;
+        let run = self
+            .identification
+            .get_or_insert_with(|| Identification::new(command.bounds, nominal));
+        if self.report.mode == Mode::Identify {
+            return match run.tick(turned, self.report.rates.into(), dt) {
+                Step::Voltage(voltage) => voltage,
+                Step::Finished(outcome) => {
+                    run.end();
+                    self.outcome = Some(outcome);
+                    0.0
                 }
-            }
+                Step::Ended => 0.0,
+            };
         }
+        if !run.has_ended() {
+            run.end();
+            let why = match self.report.fault {
+                Some(_) => Stopped::Fault,
+                None => Stopped::Asked,
+            };
+            self.outcome = Some(Err((why, None)));
+        }
+        0.0
     }
 }
 
@@ -461,16 +507,42 @@ impl Motion {
         ]
     }
 
+    /// Works out what the wheels did since the last tick; returns how far each turned, rad.
     #[inline]
     fn measure(
         &mut self,
-        turned: [f32; 4],
-        (previous, inputs): ([u16; 4], &Inputs),
-        rates: &WheelRates,
+        previous: [u16; 4],
+        inputs: &Inputs,
+        dt: f32,
+        report: &mut Report,
+    ) -> [f32; 4] {
+        let turned = self.turned(previous, inputs.encoder_counts);
+        let mut rates = [0.0; 4];
+        for (((wheel, turned), acceleration), rate) in self
+            .wheels
+            .iter_mut()
+            .zip(turned)
+            .zip(self.accelerations)
+            .zip(&mut rates)
+        {
+            *rate = wheel.observer.update(turned, acceleration, dt);
+        }
+        report.rates = WheelRates::from(rates);
+        self.locate(previous, inputs, &WheelRates::from(turned), report);
+        turned
+    }
+
+    /// Twist, slip and pose from the wheels' rates and from how far they turned.
+    #[inline]
+    fn locate(
+        &mut self,
+        previous: [u16; 4],
+        inputs: &Inputs,
+        turned: &WheelRates,
         report: &mut Report,
     ) {
         let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
-        let turned = WheelRates::from(turned);
+        let rates = &report.rates;
         // Whole counts, not filtered rates: nothing is lost however slow it goes.
         let moved = if let Some(rollers) = &mut self.rollers {
             let passed = passed(previous, inputs.encoder_counts);
@@ -479,15 +551,36 @@ impl Motion {
                 drivetrain.achieved_at(rates, factors, rollers.secants());
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
-            drivetrain.displacement_at(&turned, factors, &middle)
+            drivetrain.displacement_at(turned, factors, &middle)
         } else {
             report.measured = drivetrain.achieved(rates, factors);
             report.slip_residual = drivetrain.slip_residual(rates);
-            drivetrain.displacement(&turned, factors)
+            drivetrain.displacement(turned, factors)
         };
         self.odometry.update(moved, 1.0);
         report.pose = self.odometry.pose();
-        report.rates = *rates;
+    }
+
+    /// The group's twist for this tick, within the limits of the mode; says whether they held it back.
+    #[inline]
+    fn shape(&mut self, mode: Mode, command: &Command, tick: &Tick) -> bool {
+        let (input, limits) = if mode == Mode::Follow {
+            let (target, at) = (command.target, command.at);
+            let input = self.interpolator.at(tick.now, target, command.update, at);
+            (input, &self.configuration.follow)
+        } else {
+            (Input::default(), &self.configuration.ramp)
+        };
+        let limited = self.limiter.step(input.twist, input.slope, tick.dt, limits);
+        if mode != Mode::Follow {
+            // Whatever is followed next begins from here.
+            self.interpolator
+                .restart(self.limiter.velocity(), command.update);
+            if self.limiter.stands() {
+                self.limiter.reset();
+            }
+        }
+        limited
     }
 
     /// What a wheel's watch is sure of, of the faults with this reaction.
@@ -496,16 +589,30 @@ impl Motion {
         found.find(|fault| fault.reaction() == reaction)
     }
 
+    /// Closes the four loops.
     #[inline]
-    fn drive(
-        &mut self,
-        report: &mut Report,
-        turned: [f32; 4],
-        supply: f32,
-        now: Micros,
-        dt: f32,
-    ) -> ([f32; 4], bool) {
-        let per_volt = 1.0 / supply;
+    fn drive(&mut self, report: &mut Report, turned: [f32; 4], tick: &Tick) -> Drive {
+        self.refer(report, tick.dt);
+        // Written out, not looped over: a quarter fewer instructions.
+        let [a, b, c, d] = &mut self.wheels;
+        let references: [f32; 4] = report.rates_ref.into();
+        let rates: [f32; 4] = report.rates.into();
+        let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
+        let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
+        let (a, short_a) = a.drive(ref_a, seen_a, tick);
+        let (b, short_b) = b.drive(ref_b, seen_b, tick);
+        let (c, short_c) = c.drive(ref_c, seen_c, tick);
+        let (d, short_d) = d.drive(ref_d, seen_d, tick);
+        let per_volt = 1.0 / tick.supply;
+        Drive {
+            duty: [a, b, c, d].map(|voltage| voltage * per_volt),
+            short: short_a | short_b | short_c | short_d,
+        }
+    }
+
+    /// What the wheels are asked for, from the group's twist and acceleration.
+    #[inline]
+    fn refer(&mut self, report: &mut Report, dt: f32) {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
         drivetrain.renew(&mut self.factors, velocity, report.measured);
         if let Some(rollers) = &self.rollers {
@@ -522,22 +629,6 @@ impl Motion {
             let acceleration = self.limiter.acceleration();
             self.accelerations = drivetrain.asked(acceleration, &self.factors).into();
         }
-        // Written out, not looped over: a quarter fewer instructions.
-        let [a, b, c, d] = &mut self.wheels;
-        let references: [f32; 4] = report.rates_ref.into();
-        let [ref_a, ref_b, ref_c, ref_d] = references;
-        let [acc_a, acc_b, acc_c, acc_d] = self.accelerations;
-        let rates: [f32; 4] = report.rates.into();
-        let [rate_a, rate_b, rate_c, rate_d] = rates;
-        let [turned_a, turned_b, turned_c, turned_d] = turned;
-        let at = (now, dt);
-        let (a, short_a) = a.drive((ref_a, acc_a), (rate_a, turned_a), supply, at);
-        let (b, short_b) = b.drive((ref_b, acc_b), (rate_b, turned_b), supply, at);
-        let (c, short_c) = c.drive((ref_c, acc_c), (rate_c, turned_c), supply, at);
-        let (d, short_d) = d.drive((ref_d, acc_d), (rate_d, turned_d), supply, at);
-        let any_short = short_a | short_b | short_c | short_d;
-        let duty = [a, b, c, d].map(|voltage| voltage * per_volt);
-        (duty, any_short)
     }
 
     /// Loops and reference at rest.
@@ -558,6 +649,24 @@ fn passed(from: [u16; 4], to: [u16; 4]) -> [i16; 4] {
     let [e, f, g, h] = to;
     let one = |from: u16, to: u16| to.wrapping_sub(from).cast_signed();
     [one(a, e), one(b, f), one(c, g), one(d, h)]
+}
+
+/// Two values of every wheel made one.
+#[inline(always)]
+fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4] {
+    let [a, b, c, d] = first;
+    let [e, f, g, h] = second;
+    [make(a, e), make(b, f), make(c, g), make(d, h)]
+}
+
+#[inline(always)]
+const fn reference(rate: f32, acceleration: f32) -> WheelReference {
+    WheelReference { rate, acceleration }
+}
+
+#[inline(always)]
+const fn measurement(rate: f32, turned: f32) -> WheelMeasurement {
+    WheelMeasurement { rate, turned }
 }
 
 /// Change per second over one step of `dt` s.

@@ -20,6 +20,7 @@ use canopen::Micros;
 use protocol::Fault;
 
 use crate::configuration::{Configuration, WheelConfiguration};
+use crate::wheel::WheelMeasurement;
 
 /// Inversion must last this fraction of the wheel fault time.
 const INVERTED_DIVISOR: u64 = 10;
@@ -80,17 +81,22 @@ impl Watch {
         self.fault = None;
     }
 
-    /// Looks at one tick: rates in rad/s, the voltage given in V, the angle counted in rad.
+    /// Looks at one tick: the rate asked for in rad/s, the voltage given in V.
     #[inline]
-    pub(crate) fn update(&mut self, rates: (f32, f32), voltage: f32, turned: f32, now: Micros) {
-        let (rate_ref, rate) = rates;
-        let behind = (rate_ref - rate).abs();
+    pub(crate) fn update(
+        &mut self,
+        rate_ref: f32,
+        measured: WheelMeasurement,
+        voltage: f32,
+        now: Micros,
+    ) {
+        let behind = (rate_ref - measured.rate).abs();
         let whole = behind > self.blocked_rate;
         let suspicious = whole || behind > 0.5 * rate_ref.abs() + WELL;
         if !suspicious || voltage.abs() < self.effort {
             self.suspicion = None;
         } else if self.blocked_rate > 0.0 {
-            self.suspect(rate_ref, voltage, (turned, whole), now);
+            self.suspect(rate_ref, voltage, (measured.turned, whole), now);
         }
     }
 

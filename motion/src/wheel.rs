@@ -41,6 +41,15 @@ pub struct WheelReference {
     pub acceleration: f32,
 }
 
+/// What a wheel does.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct WheelMeasurement {
+    /// The estimated rate, rad/s.
+    pub rate: f32,
+    /// What the encoder counted since the last tick, rad.
+    pub turned: f32,
+}
+
 /// The loop around one wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelLoop {
