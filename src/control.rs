@@ -46,7 +46,7 @@ pub async fn control(
             encoder_counts: encoders.counts(),
             emergency_stop: drive.emergency_stop(),
             driver_fault: driver_fault.is_low(),
-            supply: Some(supply.volts()),
+            supply_input: Some(supply.volts()),
         };
         let outputs = side.tick(begin, &COMMAND.get(), &inputs);
         drive.set(

@@ -4,16 +4,28 @@
 //! drives anything. What the control loop needs is worked out here: the folded kinematics, signed
 //! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
 
-use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Wheel};
+use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
+use motion::brake::BrakeTimes;
 pub use motion::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
+use motion::control::TICK_US;
 use motion::drivetrain::{Drivetrain, compensation};
 use motion::limiter::ChangeLimits;
 use motion::rollers::{RollerConfiguration, RollerWheel};
+use motion::supply::{FULL_SCALE, SupplyConfiguration};
 use motion::wheel::Gains;
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::{Address, MEMBER_MASK};
 
 use crate::parameters::Parameters;
+
+/// Longest ramp while the bus side is silent, s: the watchdog waits no longer.
+const RAMP_GRACE: f32 = 3.0;
+
+/// Longest time between two control ticks that is no fault, s.
+const LATEST_TICK: f32 = 0.020;
+
+/// Voltage beyond the back EMF where no largest current is given, as a share of the nominal supply.
+const TORQUE_SHARE: f32 = 0.25;
 
 /// Why a set of parameters is no configuration.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -84,9 +96,6 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     }
     let supply_nominal = real(at::SUPPLY_NOMINAL);
     let supply_minimum = real(at::SUPPLY_MINIMUM);
-    if supply_minimum >= supply_nominal {
-        return Err(bad(at::SUPPLY_MINIMUM));
-    }
     let ordered = |limit: Address, fault: Address| real(fault) == 0.0 || real(limit) <= real(fault);
     if !ordered(at::SLIP_LIMIT, at::SLIP_FAULT) {
         return Err(bad(at::SLIP_FAULT));
@@ -94,8 +103,17 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     if !ordered(at::STRAIN_LIMIT, at::STRAIN_FAULT) {
         return Err(bad(at::STRAIN_FAULT));
     }
+    check_stop(parameters, &drivetrain)?;
+    check_counts(parameters)?;
+    check_gains(parameters)?;
+    check_supply(parameters)?;
+    check_torque(parameters)?;
     let times = times(parameters);
     let period = u64::from(times.sync_period_us);
+    // Otherwise the control ticks could not keep in step with it.
+    if !times.sync_period_us.is_multiple_of(TICK_US) {
+        return Err(bad(at::SYNC_PERIOD));
+    }
     // Closer than that, the first late SYNC would be a stop.
     if times.sync_timeout_us < 2 * period {
         return Err(bad(at::SYNC_TIMEOUT));
@@ -127,14 +145,25 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         ),
         wheels: [0, 1, 2, 3].map(|wheel| wheel_configuration(parameters, wheel)),
         observer_bandwidth: real(at::OBSERVER_BANDWIDTH),
-        supply_nominal,
+        supply: SupplyConfiguration {
+            nominal: supply_nominal,
+            minimum: supply_minimum,
+            maximum: real(at::SUPPLY_MAXIMUM),
+            margin: real(at::SUPPLY_MARGIN),
+            divider: real(at::SUPPLY_DIVIDER),
+            duty_max: real(at::DUTY_MAX),
+        },
+        direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
+        brake: BrakeTimes {
+            release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
+            engage_us: u64::from(parameters.unsigned(at::BRAKE_ENGAGE)) * 1000,
+        },
         thresholds: Thresholds {
             slip_limit: real(at::SLIP_LIMIT),
             slip_fault: real(at::SLIP_FAULT),
             strain_limit: real(at::STRAIN_LIMIT),
             strain_fault: real(at::STRAIN_FAULT),
             blocked_rate: real(at::BLOCKED_RATE),
-            supply_minimum,
         },
         times,
     })
@@ -232,6 +261,104 @@ fn encoder_counts(parameters: &Parameters, place: u16) -> f32 {
     }
 }
 
+/// Largest voltage beyond the back EMF, V.
+fn torque(parameters: &Parameters) -> f32 {
+    let given = parameters.real(at::CURRENT_MAX) * parameters.real(at::WINDING_RESISTANCE);
+    if given > 0.0 {
+        given
+    } else {
+        TORQUE_SHARE * parameters.real(at::SUPPLY_NOMINAL)
+    }
+}
+
+/// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still waits for a ramp.
+fn check_stop(parameters: &Parameters, drivetrain: &Drivetrain) -> Result<(), ConfigurationError> {
+    let real = |address| parameters.real(address);
+    let axes = [
+        (Twist::new(1.0, 0.0, 0.0), at::DECELERATION, at::JERK),
+        (Twist::new(0.0, 1.0, 0.0), at::DECELERATION, at::JERK),
+        (
+            Twist::new(0.0, 0.0, 1.0),
+            at::DECELERATION_YAW,
+            at::JERK_YAW,
+        ),
+    ];
+    for (unit, deceleration, jerk) in axes {
+        let rates: [f32; 4] = drivetrain.fastest(unit).into();
+        let fastest = rates.into_iter().map(f32::abs).fold(0.0, f32::max);
+        let speed = real(at::WHEEL_RATE_MAX) / fastest;
+        let stop = speed / real(deceleration) + real(deceleration) / real(jerk);
+        if stop > RAMP_GRACE {
+            return Err(ConfigurationError::Inconsistent(deceleration));
+        }
+    }
+    Ok(())
+}
+
+/// A counter of 16 bits must not go half way round between two ticks, however late the second may be.
+fn check_counts(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    let rate = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO);
+    for place in 0..4 {
+        let counts = encoder_counts(parameters, place) / core::f32::consts::TAU;
+        if rate * counts * LATEST_TICK >= f32::from(i16::MAX) {
+            let own = wheel::encoder_counts(place);
+            let own_counts = parameters.real(own) > 0.0;
+            let at = if own_counts { own } else { at::ENCODER_COUNTS };
+            return Err(ConfigurationError::Inconsistent(at));
+        }
+    }
+    Ok(())
+}
+
+/// A wheel needs something that makes it follow.
+fn check_gains(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    let real = |address| parameters.real(address);
+    for wheel in 0..4 {
+        let gains = [
+            motor::speed(wheel),
+            motor::proportional(wheel),
+            motor::integral(wheel),
+        ];
+        if gains.into_iter().all(|gain| real(gain) == 0.0) {
+            return Err(ConfigurationError::Inconsistent(motor::proportional(wheel)));
+        }
+    }
+    Ok(())
+}
+
+/// The nominal supply lies between its bounds, and what the input can show reaches to the upper one.
+fn check_supply(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    let real = |address| parameters.real(address);
+    let (nominal, maximum) = (real(at::SUPPLY_NOMINAL), real(at::SUPPLY_MAXIMUM));
+    let bad = |address| Err(ConfigurationError::Inconsistent(address));
+    if real(at::SUPPLY_MINIMUM) >= nominal {
+        return bad(at::SUPPLY_MINIMUM);
+    }
+    if maximum > 0.0 && maximum <= nominal {
+        return bad(at::SUPPLY_MAXIMUM);
+    }
+    let highest = FULL_SCALE * real(at::SUPPLY_DIVIDER);
+    let measured = real(at::SUPPLY_MINIMUM) > 0.0;
+    if measured && (highest <= nominal || highest <= maximum) {
+        return bad(at::SUPPLY_DIVIDER);
+    }
+    Ok(())
+}
+
+/// A torque bound needs both of its parameters, and has to be enough to turn every wheel.
+fn check_torque(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    let given = |address| parameters.real(address) > 0.0;
+    if given(at::CURRENT_MAX) && !given(at::WINDING_RESISTANCE) {
+        return Err(ConfigurationError::Inconsistent(at::WINDING_RESISTANCE));
+    }
+    let bound = torque(parameters);
+    let turns = (0..4).all(|wheel| parameters.real(motor::static_friction(wheel)) < bound);
+    if given(at::WINDING_RESISTANCE) && !given(at::CURRENT_MAX) || !turns {
+        return Err(ConfigurationError::Inconsistent(at::CURRENT_MAX));
+    }
+    Ok(())
+}
+
 fn wheel_configuration(parameters: &Parameters, place: u16) -> WheelConfiguration {
     let real = |address| parameters.real(address);
     let sign = |mask: Address| {
@@ -252,5 +379,6 @@ fn wheel_configuration(parameters: &Parameters, place: u16) -> WheelConfiguratio
             proportional: real(motor::proportional(place)),
             integral: real(motor::integral(place)),
         },
+        torque: torque(parameters),
     }
 }

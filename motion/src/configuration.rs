@@ -5,9 +5,11 @@
 
 use kinematics::Mount;
 
+use crate::brake::BrakeTimes;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
 use crate::rollers::RollerConfiguration;
+use crate::supply::SupplyConfiguration;
 use crate::wheel::Gains;
 
 /// One wheel: encoder, motor, loop.
@@ -19,6 +21,8 @@ pub struct WheelConfiguration {
     pub motor_sign: f32,
     /// Feedforward and gains.
     pub gains: Gains,
+    /// Largest voltage beyond the back EMF, V: largest current times winding resistance.
+    pub torque: f32,
 }
 
 /// Times, all in microseconds.
@@ -49,8 +53,6 @@ pub struct Thresholds {
     pub strain_fault: f32,
     /// rad/s.
     pub blocked_rate: f32,
-    /// V.
-    pub supply_minimum: f32,
 }
 
 /// A complete and consistent configuration.
@@ -78,9 +80,13 @@ pub struct Configuration {
     pub wheels: [WheelConfiguration; 4],
     /// rad/s.
     pub observer_bandwidth: f32,
-    /// V.
-    pub supply_nominal: f32,
-    /// When something counts as slip, strain, blocked, low.
+    /// What feeds the bridges.
+    pub supply: SupplyConfiguration,
+    /// A bridge gets no duty for a tick before it changes its direction.
+    pub direction_pause: bool,
+    /// What the holding brake takes.
+    pub brake: BrakeTimes,
+    /// When something counts as slip, strain, blocked.
     pub thresholds: Thresholds,
     /// Time-outs.
     pub times: Times,

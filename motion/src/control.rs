@@ -13,7 +13,8 @@ use canopen::Micros;
 use kinematics::{Odometry, Twist, WheelRates};
 use protocol::{Fault, Limit, Reaction};
 
-use crate::configuration::{Configuration, WheelConfiguration};
+use crate::brake::Brake;
+use crate::configuration::Configuration;
 use crate::drivetrain::Factors;
 use crate::handover::{Command, Inputs, Mode, Outputs, Report};
 use crate::identification::{Identification, Outcome, Step, Stopped};
@@ -21,9 +22,11 @@ use crate::limiter::Limiter;
 use crate::observer::Observer;
 use crate::rollers::{RollerState, Rollers};
 use crate::setpoint::{Input, Interpolator};
+use crate::silence::{Silence, Trust};
+use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
 use crate::watch::Watch;
-use crate::wheel::{WheelLoop, WheelMeasurement, WheelReference};
+use crate::wheel::{Available, Held, WheelLoop, WheelMeasurement, WheelReference};
 
 /// Nominal period of the tick, us: a millisecond, unless a build asks for another with the variable
 /// `OMNIBUS_TICK_US`, as `cargo xtask bench` does to find out how fast it may be.
@@ -45,11 +48,17 @@ const OVERDUE_US: u32 = 20_000;
 /// side lets go hungry (34 ms on the reference board): the ramp must have begun by then.
 const BUS_SILENT_US: u32 = 25_000;
 
-/// How long a low supply or too much slip must last, us.
+/// How long too much slip must last, us.
 const LASTING_US: u64 = 100_000;
 
 /// Wheels slower than this stand, rad/s.
 const STANDING_RATE: f32 = 0.05;
+
+/// A wheel that is wrong by 1 rad/s and changes the slip residual by less than this cannot be found by it, rad/s.
+const LEAST_RESIDUAL: f32 = 0.1;
+
+/// Factor of the angles whose slip residual is taken.
+const RESIDUAL_SCALE: f32 = 1024.0;
 
 /// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed anyway.
 const SETTLE_US: u64 = 300_000;
@@ -64,14 +73,16 @@ struct Tick {
     elapsed_us: u32,
     /// Voltage at full duty, V.
     supply: f32,
+    /// Voltage at the largest duty, V.
+    available: f32,
 }
 
 /// What the bridges of all wheels were given.
 #[derive(Clone, Copy)]
 struct Drive {
     duty: [f32; 4],
-    /// The supply was too little for a wheel.
-    short: bool,
+    /// What held any wheel back.
+    held: Held,
 }
 
 /// One wheel's measurement and loop.
@@ -79,38 +90,93 @@ struct Drive {
 struct Wheel {
     step: f32,
     motor_sign: f32,
+    /// By how much it would have to be wrong for a slip residual of 1, if it alone were wrong, over
+    /// [`RESIDUAL_SCALE`]; 0 for a wheel that the residual does not tell of.
+    odd: f32,
+    /// Its bridge gets no duty for a tick before it changes its direction.
+    pauses: bool,
+    /// Voltage at the last tick, V, where it pauses.
+    given: f32,
     observer: Observer,
     drive: WheelLoop,
+    silence: Silence,
     watch: Watch,
 }
 
 impl Wheel {
     /// A wheel at rest. Not inlined: four times in a row it is two kilobytes.
     #[inline(never)]
-    fn new(configuration: &Configuration, wheel: &WheelConfiguration) -> Self {
+    fn new(configuration: &Configuration, place: usize) -> Self {
+        let [wheel, ..] = configuration.wheels;
+        let wheel = configuration.wheels.get(place).copied().unwrap_or(wheel);
+        // Turning alone, by 1 rad/s, it makes this residual.
+        let alone = [0, 1, 2, 3].map(|other| if other == place { 1.0 } else { 0.0 });
+        let residual = configuration.drivetrain.slip_residual(&alone.into());
+        let watches = configuration.thresholds.blocked_rate > 0.0;
+        let listens = watches && residual.abs() > LEAST_RESIDUAL;
         Self {
             step: wheel.step,
             motor_sign: wheel.motor_sign,
+            pauses: configuration.direction_pause,
+            given: 0.0,
+            odd: if listens {
+                1.0 / (residual * RESIDUAL_SCALE)
+            } else {
+                0.0
+            },
             observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
-            drive: WheelLoop::new(wheel.gains),
-            watch: Watch::new(configuration, wheel),
+            drive: WheelLoop::new(wheel.gains, wheel.torque),
+            silence: Silence::new(wheel.step.abs(), listens),
+            watch: Watch::new(configuration, &wheel),
         }
     }
 
-    /// One tick of a wheel: the voltage in its motor's direction, V, and whether the supply is too little for it.
+    /// One tick of a wheel: the voltage in its motor's direction, V, and what held it back.
     #[inline(always)]
     fn drive(
         &mut self,
         reference: WheelReference,
         measured: WheelMeasurement,
+        residual: f32,
         tick: &Tick,
-    ) -> (f32, bool) {
-        let (voltage, short) = self
-            .drive
-            .update(reference, measured.rate, tick.supply, tick.dt);
+    ) -> (f32, Held) {
+        let (rate, turned) = (measured.rate, measured.turned);
+        let implied = turned - residual * self.odd;
+        let trust = self
+            .silence
+            .update(reference.rate, implied, turned, tick.dt);
+        let available = Available {
+            voltage: tick.available,
+            dt: tick.dt,
+        };
+        let (voltage, held) = match trust {
+            Trust::Full => self.drive.update(reference, rate, available),
+            Trust::Suspected | Trust::None => self.drive.doubt(reference, rate, trust, available),
+        };
         self.watch
-            .update(reference.rate, measured, voltage, tick.now);
-        (voltage * self.motor_sign, short)
+            .update(reference.rate, measured, voltage, (tick.now, tick.dt));
+        let voltage = if self.pauses {
+            self.pause(voltage)
+        } else {
+            voltage
+        };
+        (voltage * self.motor_sign, held)
+    }
+
+    /// The same voltage, or none for one tick where its sign changes.
+    #[cold]
+    fn pause(&mut self, voltage: f32) -> f32 {
+        let turns = voltage * self.given < 0.0;
+        self.given = if turns { 0.0 } else { voltage };
+        self.given
+    }
+
+    /// What it is sure of, if a robot comes to rest by it like this.
+    fn fault(&self, reaction: Reaction) -> Option<Fault> {
+        let dead = self.silence.is_dead().then_some(Fault::EncoderDead);
+        let found = [dead, self.watch.fault()];
+        let mut found = found.into_iter().flatten();
+        found.find(|fault| fault.reaction() == reaction)
     }
 }
 
@@ -140,7 +206,8 @@ struct Supervision {
     last: Option<Micros>,
     /// Since when the ramp's reference stands.
     settling: Option<Micros>,
-    supply_low: Lasting,
+    supply: Supply,
+    brake: Brake,
     slip_limit: Hysteresis,
     slip_fault: Lasting,
     identification: Option<Identification>,
@@ -164,7 +231,8 @@ impl ControlSide {
                 counts: None,
                 last: None,
                 settling: None,
-                supply_low: Lasting::new(),
+                supply: Supply::new(),
+                brake: Brake::Engaged,
                 slip_limit: Hysteresis { active: false },
                 slip_fault: Lasting::new(),
                 identification: None,
@@ -178,6 +246,7 @@ impl ControlSide {
     pub fn configure(&mut self, configuration: &Configuration) {
         self.supervision.report.configuration = configuration.crc;
         self.supervision.report.mode = Mode::Off;
+        self.supervision.brake = Brake::Engaged;
         self.supervision.identification = None;
         // What the wheels' index has told stays true.
         let before = self
@@ -189,7 +258,6 @@ impl ControlSide {
             .map(|configured| Rollers::new(configured, before));
         self.supervision.report.roller_states = [RollerState::Constant; 4];
         self.supervision.report.roller_sweeps = [0.0; 4];
-        let [a, b, c, d] = &configuration.wheels;
         // Made where it stays: it takes two kilobytes, and on the stack it would come on top of everything else.
         self.motion = Some(Motion {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
@@ -197,10 +265,10 @@ impl ControlSide {
             odometry: Odometry::new(),
             accelerations: [0.0; 4],
             wheels: [
-                Wheel::new(configuration, a),
-                Wheel::new(configuration, b),
-                Wheel::new(configuration, c),
-                Wheel::new(configuration, d),
+                Wheel::new(configuration, 0),
+                Wheel::new(configuration, 1),
+                Wheel::new(configuration, 2),
+                Wheel::new(configuration, 3),
             ],
             factors: configuration.drivetrain.factors(),
             rollers,
@@ -235,14 +303,18 @@ impl ControlSide {
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
         };
+        let bounds = &motion.configuration.supply;
+        let supply = side.supply.update(inputs.supply_input, bounds);
         let tick = Tick {
             now,
             dt: elapsed_us.clamp(TICK_US / 4, OVERDUE_US) as f32 * 1e-6,
             elapsed_us,
-            supply: side.supply(motion, inputs),
+            supply,
+            available: supply * bounds.duty_max,
         };
+        side.report.supply = side.supply.voltage();
         let turned = motion.measure(previous, inputs, tick.dt, &mut side.report);
-        if command.mode != Mode::Off {
+        if command.mode != Mode::Off || side.holds(motion) {
             side.judge(motion, command, &tick);
         }
         let mode = side.grant(motion, command);
@@ -276,23 +348,11 @@ impl Supervision {
     fn acknowledge(&mut self, start: u16, motion: Option<&mut Motion>) {
         self.report.start = start;
         self.report.fault = None;
-        self.supply_low.reset();
+        self.supply.acknowledge();
         self.slip_fault.reset();
         for wheel in motion.into_iter().flat_map(|motion| &mut motion.wheels) {
             wheel.watch.reset();
-        }
-    }
-
-    /// Takes in the supply's voltage; returns what full duty is worth, V.
-    #[inline]
-    fn supply(&mut self, motion: &Motion, inputs: &Inputs) -> f32 {
-        // Without a minimum nothing is connected: what the input shows is no voltage.
-        let minimum = motion.configuration.thresholds.supply_minimum;
-        self.report.supply = inputs.supply.filter(|_| minimum > 0.0);
-        match self.report.supply {
-            Some(supply) if supply > minimum => supply,
-            Some(_) => minimum,
-            None => motion.configuration.supply_nominal,
+            wheel.silence.reset();
         }
     }
 
@@ -304,7 +364,8 @@ impl Supervision {
         let cut = self
             .report
             .obstacle
-            .or_else(|| motion.wheel_fault(Reaction::Cut));
+            .or_else(|| motion.wheel_fault(Reaction::Cut))
+            .or_else(|| self.supply.too_high(&motion.configuration.supply, tick.now));
         self.report.fault = match kept.map(Fault::reaction) {
             Some(Reaction::Cut) => kept,
             Some(Reaction::Ramp) => cut.or(kept),
@@ -318,13 +379,11 @@ impl Supervision {
     /// What has to last before it is a fault.
     #[inline]
     fn lasting_fault(&mut self, motion: &Motion, command: &Command, now: Micros) -> Option<Fault> {
-        let thresholds = &motion.configuration.thresholds;
-        let low = |supply| supply < thresholds.supply_minimum;
-        let low = self.report.supply.is_some_and(low);
-        if self.supply_low.update(low, now, LASTING_US) {
-            return Some(Fault::SupplyLow);
+        let low = self.supply.too_low(&motion.configuration.supply, now);
+        if low.is_some() {
+            return low;
         }
-        let bound = thresholds.slip_fault;
+        let bound = motion.configuration.thresholds.slip_fault;
         // Wheels that turn one by one do not roll on a floor.
         let rolls = command.mode != Mode::Identify;
         let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
@@ -340,6 +399,8 @@ impl Supervision {
             _ if !known => Mode::Off,
             (_, Some(Reaction::Cut)) => Mode::Off,
             (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
+            // The load hangs on the motors until the brake has it.
+            (Mode::Off, _) if self.holds(motion) => Mode::Ramp,
             (mode, None | Some(Reaction::Ramp)) => mode,
         };
         self.report.mode = mode;
@@ -353,9 +414,16 @@ impl Supervision {
         mode
     }
 
+    /// Whether the robot stands and its drivers hold what the brake is to hold.
+    fn holds(&self, motion: &Motion) -> bool {
+        let waits = motion.configuration.brake.engage_us > 0;
+        waits && self.brake.is_held_by_drivers() && motion.limiter.stands()
+    }
+
     /// The one way to be safe: no torque, drivers off, braked; `standstill` says that a ramp has come to its end.
     #[inline(never)]
     fn safe(&mut self, standstill: bool) -> Outputs {
+        self.brake = Brake::Engaged;
         self.report.standstill = standstill;
         self.report.limit = None;
         self.report.reference = Twist::ZERO;
@@ -372,8 +440,13 @@ impl Supervision {
         turned: [f32; 4],
         tick: &Tick,
     ) -> Outputs {
-        let mode = self.report.mode;
-        if mode == Mode::Follow {
+        let times = motion.configuration.brake;
+        let free = self.brake.release(tick.now, times);
+        let mode = match self.report.mode {
+            Mode::Follow if !free => Mode::Hold,
+            mode => mode,
+        };
+        if self.report.mode == Mode::Follow {
             self.report.sequence = command.sequence;
         }
         let limited = motion.shape(mode, command, tick);
@@ -382,29 +455,36 @@ impl Supervision {
             let (limiter, rates) = (&motion.limiter, &self.report.rates);
             let stands =
                 self.report.standstill || settled(&mut self.settling, limiter, rates, tick.now);
-            if stands {
+            if stands && self.brake.engage(tick.now, times) {
                 motion.rest(command.update);
                 return self.safe(true);
             }
         }
         let drive = motion.drive(&mut self.report, turned, tick);
-        self.report.limit = self.limit(motion, limited && mode == Mode::Follow, drive.short);
+        if !free {
+            motion.forgive();
+        }
+        self.report.limit = self.limit(motion, limited && mode == Mode::Follow, drive.held);
         Outputs {
             duty: drive.duty,
             drivers_enabled: true,
-            brake_released: true,
+            brake_released: self.brake.is_released(),
         }
     }
 
     /// The most important limit that is active.
     #[inline]
-    fn limit(&mut self, motion: &Motion, accelerates: bool, short: bool) -> Option<Limit> {
+    fn limit(&mut self, motion: &Motion, accelerates: bool, held: Held) -> Option<Limit> {
         let threshold = motion.configuration.thresholds.slip_limit;
         let slip = self.report.slip_residual.abs();
         if self.slip_limit.update(slip, threshold) {
             Some(Limit::Slip)
-        } else if short {
+        } else if held.torque {
+            Some(Limit::Torque)
+        } else if held.supply {
             Some(Limit::Voltage)
+        } else if self.supply.is_short(&motion.configuration.supply) {
+            Some(Limit::Supply)
         } else if accelerates {
             Some(Limit::Acceleration)
         } else if motion.rollers.as_ref().is_some_and(Rollers::any_lost) {
@@ -437,7 +517,7 @@ impl Supervision {
             self.identification = None;
             return self.safe(command.mode == Mode::Ramp);
         }
-        let nominal = motion.configuration.supply_nominal;
+        let nominal = motion.configuration.supply.nominal;
         let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
         let duty = voltage / supply;
         Outputs {
@@ -462,7 +542,7 @@ impl Supervision {
         turned: [f32; 4],
         dt: f32,
     ) -> f32 {
-        let nominal = motion.configuration.supply_nominal;
+        let nominal = motion.configuration.supply.nominal;
         let run = self
             .identification
             .get_or_insert_with(|| Identification::new(command.bounds, nominal));
@@ -585,8 +665,7 @@ impl Motion {
 
     /// What a wheel's watch is sure of, of the faults with this reaction.
     fn wheel_fault(&self, reaction: Reaction) -> Option<Fault> {
-        let mut found = self.wheels.iter().filter_map(|wheel| wheel.watch.fault());
-        found.find(|fault| fault.reaction() == reaction)
+        self.wheels.iter().find_map(|wheel| wheel.fault(reaction))
     }
 
     /// Closes the four loops.
@@ -599,14 +678,19 @@ impl Motion {
         let rates: [f32; 4] = report.rates.into();
         let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
         let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
-        let (a, short_a) = a.drive(ref_a, seen_a, tick);
-        let (b, short_b) = b.drive(ref_b, seen_b, tick);
-        let (c, short_c) = c.drive(ref_c, seen_c, tick);
-        let (d, short_d) = d.drive(ref_d, seen_d, tick);
+        // Of the counts, not of the rates: a wheel that stops is known to have stopped in the same tick.
+        let residual = self
+            .configuration
+            .drivetrain
+            .slip_residual(&turned.map(scaled).into());
+        let (a, held_a) = a.drive(ref_a, seen_a, residual, tick);
+        let (b, held_b) = b.drive(ref_b, seen_b, residual, tick);
+        let (c, held_c) = c.drive(ref_c, seen_c, residual, tick);
+        let (d, held_d) = d.drive(ref_d, seen_d, residual, tick);
         let per_volt = 1.0 / tick.supply;
         Drive {
             duty: [a, b, c, d].map(|voltage| voltage * per_volt),
-            short: short_a | short_b | short_c | short_d,
+            held: held_a | held_b | held_c | held_d,
         }
     }
 
@@ -628,6 +712,15 @@ impl Motion {
             report.rates_ref = drivetrain.asked(velocity, &self.factors);
             let acceleration = self.limiter.acceleration();
             self.accelerations = drivetrain.asked(acceleration, &self.factors).into();
+        }
+    }
+
+    /// Nothing that a wheel did or did not do until now counts against it.
+    #[cold]
+    fn forgive(&mut self) {
+        for wheel in &mut self.wheels {
+            wheel.watch.forgive();
+            wheel.silence.forgive();
         }
     }
 
@@ -657,6 +750,12 @@ fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4
     let [a, b, c, d] = first;
     let [e, f, g, h] = second;
     [make(a, e), make(b, f), make(c, g), make(d, h)]
+}
+
+/// An angle of one tick that fixed point can tell from another: as a rate it has more digits.
+#[inline(always)]
+fn scaled(turned: f32) -> f32 {
+    turned * RESIDUAL_SCALE
 }
 
 #[inline(always)]

@@ -80,8 +80,8 @@ pub struct Inputs {
     pub emergency_stop: bool,
     /// The motor driver reports a fault.
     pub driver_fault: bool,
-    /// Supply voltage, V, where it is measured.
-    pub supply: Option<f32>,
+    /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
+    pub supply_input: Option<f32>,
     /// The last index pulse of each encoder.
     pub index: [IndexPulse; 4],
 }
@@ -139,7 +139,7 @@ pub struct Report {
     pub rates: WheelRates,
     /// Pose of the group frame since the robot was configured.
     pub pose: Pose,
-    /// Supply voltage, V, where it is measured.
+    /// Supply voltage, V, where it is measured: the mean over some ticks.
     pub supply: Option<f32>,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,

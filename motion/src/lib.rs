@@ -18,6 +18,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod brake;
 pub mod clock;
 pub mod configuration;
 pub mod control;
@@ -29,6 +30,8 @@ pub mod math;
 pub mod observer;
 pub mod rollers;
 pub mod setpoint;
+mod silence;
+pub mod supply;
 pub mod threshold;
 mod watch;
 pub mod wheel;

@@ -20,13 +20,21 @@ use canopen::Micros;
 use protocol::Fault;
 
 use crate::configuration::{Configuration, WheelConfiguration};
-use crate::wheel::WheelMeasurement;
+use crate::silence::STRAY_COUNTS_PER_SECOND;
+use crate::wheel::{Gains, WheelMeasurement};
 
 /// Inversion must last this fraction of the wheel fault time.
 const INVERTED_DIVISOR: u64 = 10;
 
 /// How much longer a suspicion must last at a crawl.
 const CRAWL_FACTOR: u64 = 5;
+
+/// The voltage would have slowed a free wheel down by this part of its fastest rate
+const SLOWED_PART: f32 = 0.6;
+/// and this, rad/s,
+const SLOWED: f32 = 0.2;
+/// but it still has this part of its fastest rate.
+const UNSLOWED: f32 = 0.9;
 
 /// A wheel this close to its reference is well, rad/s.
 const WELL: f32 = 0.02;
@@ -38,16 +46,32 @@ struct Suspicion {
     whole: bool,
     /// What the encoder turned since then, rad.
     travel: f32,
+    /// Its fastest rate meanwhile, rad/s.
+    fastest: f32,
+    /// By how much the voltage against it would have slowed a free wheel down, rad/s.
+    slowed: f32,
+}
+
+/// When a suspicious tick is, and whether the wheel is behind by the whole threshold.
+#[derive(Clone, Copy)]
+struct Seen {
+    now: Micros,
+    /// Since the last tick, s.
+    dt: f32,
+    whole: bool,
 }
 
 /// Watches one wheel.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Watch {
+    gains: Gains,
     blocked_rate: f32,
     /// Voltage that turns a free wheel for sure.
     effort: f32,
     /// Two counts, rad: one may come from vibration at an edge.
     nothing: f32,
+    /// What an open input may count, rad/s.
+    stray: f32,
     /// What a wheel against its drive turns at least in the short time, rad.
     against: f32,
     time_us: u64,
@@ -61,9 +85,11 @@ impl Watch {
         let time_us = configuration.times.wheel_fault_us;
         let short_s = (time_us / INVERTED_DIVISOR) as f32 * 1e-6;
         Self {
+            gains: wheel.gains,
             blocked_rate,
-            effort: 1.5 * wheel.gains.static_friction + 0.25 * wheel.gains.speed * blocked_rate,
+            effort: 1.5 * wheel.gains.static_friction + 0.1 * wheel.gains.speed * blocked_rate,
             nothing: 2.0 * wheel.step.abs(),
+            stray: STRAY_COUNTS_PER_SECOND * wheel.step.abs(),
             against: 0.25 * blocked_rate * short_s,
             time_us,
             suspicion: None,
@@ -74,6 +100,11 @@ impl Watch {
     /// The fault it is sure of.
     pub(crate) const fn fault(&self) -> Option<Fault> {
         self.fault
+    }
+
+    /// Drops a suspicion, but no fault.
+    pub(crate) fn forgive(&mut self) {
+        self.suspicion = None;
     }
 
     pub(crate) fn reset(&mut self) {
@@ -88,7 +119,7 @@ impl Watch {
         rate_ref: f32,
         measured: WheelMeasurement,
         voltage: f32,
-        now: Micros,
+        (now, dt): (Micros, f32),
     ) {
         let behind = (rate_ref - measured.rate).abs();
         let whole = behind > self.blocked_rate;
@@ -96,50 +127,74 @@ impl Watch {
         if !suspicious || voltage.abs() < self.effort {
             self.suspicion = None;
         } else if self.blocked_rate > 0.0 {
-            self.suspect(rate_ref, voltage, (measured.turned, whole), now);
+            self.suspect(rate_ref, measured, voltage, Seen { now, dt, whole });
         }
     }
 
     #[cold]
-    fn suspect(&mut self, rate_ref: f32, voltage: f32, (turned, whole): (f32, bool), now: Micros) {
-        let fresh = Suspicion {
-            since: now,
-            whole,
-            travel: 0.0,
-        };
+    fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Seen) {
         // What was weak and is strong now begins anew; what was strong stays so.
-        if self.suspicion.is_some_and(|known| whole && !known.whole) {
+        if self
+            .suspicion
+            .is_some_and(|known| tick.whole && !known.whole)
+        {
             self.suspicion = None;
         }
-        let suspicion = self.suspicion.get_or_insert(fresh);
+        let suspicion = self.suspicion.get_or_insert(Suspicion {
+            since: tick.now,
+            whole: tick.whole,
+            travel: 0.0,
+            fastest: 0.0,
+            slowed: 0.0,
+        });
+        let rate = measured.rate.abs();
+        suspicion.travel += measured.turned;
+        suspicion.fastest = suspicion.fastest.max(rate);
+        let gains = &self.gains;
+        if gains.acceleration > 0.0 {
+            let against = voltage.abs() + gains.static_friction + gains.speed * rate;
+            suspicion.slowed += against / gains.acceleration * tick.dt;
+        }
+        let suspicion = *suspicion;
+        let lasted_us = tick.now.since(suspicion.since).0;
+        let lasted = lasted_us as f32 * 1e-6;
+        let stands = rate_ref.abs() < WELL;
+        if !suspicion.whole && !stands && self.acquits(suspicion.travel, rate_ref * lasted) {
+            self.suspicion = None;
+            return;
+        }
         let needed = if suspicion.whole {
             self.time_us
         } else {
             self.time_us * CRAWL_FACTOR
         };
-        suspicion.travel += turned;
         let travel = suspicion.travel;
-        if !suspicion.whole && travel.abs() > self.nothing {
-            self.suspicion = None;
-            return;
-        }
-        let lasted = now.since(suspicion.since).0;
         let against = |direction: f32| {
             direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
         };
-        let found =
-            if lasted >= self.time_us / INVERTED_DIVISOR && against(voltage) && against(rate_ref) {
-                Fault::EncoderInverted
-            } else if lasted < needed {
-                return;
-            } else if travel.abs() <= self.nothing {
-                Fault::EncoderDead
-            } else {
-                Fault::WheelBlocked
-            };
+        // A wheel that was pushed and is to stand turns against its voltage as well, but is slowed down by it.
+        let runs = stands
+            && suspicion.slowed > SLOWED_PART * suspicion.fastest + SLOWED
+            && rate > UNSLOWED * suspicion.fastest;
+        let reversed = against(voltage) && (against(rate_ref) || runs);
+        let found = if lasted_us >= self.time_us / INVERTED_DIVISOR && reversed {
+            Fault::EncoderInverted
+        } else if lasted_us < needed || stands && !suspicion.whole {
+            return;
+        } else if travel.abs() <= self.nothing + self.stray * lasted {
+            Fault::EncoderDead
+        } else {
+            Fault::WheelBlocked
+        };
         // What cuts replaces what ramps.
         if self.fault.is_none() || found == Fault::EncoderInverted {
             self.fault = Some(found);
         }
+    }
+
+    /// Whether so much travel, rad, shows that a wheel lives that is asked for so much. A wheel that its load turns
+    /// faster or slower than asked does; a few stray counts do not.
+    fn acquits(&self, travel: f32, asked: f32) -> bool {
+        travel.abs() > self.nothing && travel.abs() > 0.25 * asked.abs()
     }
 }

@@ -10,7 +10,14 @@
 //! feedforward alone asks for too much, plain back-calculation would wind the integral up the other
 //! way; here it just waits.
 //!
-//! Cost: about 40 instructions for one wheel.
+//! The *torque bound* keeps the voltage within `I_max R` of the back EMF `kV w`: that is the largest current, without
+//! a sensor. It holds against a kerb, against plugging, and against an encoder that lies. It is applied before the
+//! supply's, and the same anti-windup serves both. For as long as the rate estimate trails a wheel that is stopped
+//! short, about a tenth of a second, the current may be larger by `kV` times what it trails over `R`.
+//!
+//! Cost: about 45 instructions for one wheel.
+
+use crate::silence::Trust;
 
 /// Below this rate (rad/s) the static friction term fades out, so that a reference that jitters
 /// around zero does not make the motor buzz. A wheel that barely turns, as two of four do in oblique motion, has to
@@ -50,20 +57,52 @@ pub struct WheelMeasurement {
     pub turned: f32,
 }
 
+/// What a loop has in a tick.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Available {
+    /// Largest voltage, V.
+    pub voltage: f32,
+    /// Time since the last tick, s.
+    pub dt: f32,
+}
+
+/// What holds a wheel's voltage back.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Held {
+    /// The supply.
+    pub supply: bool,
+    /// The torque bound.
+    pub torque: bool,
+}
+
+impl core::ops::BitOr for Held {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self {
+            supply: self.supply | other.supply,
+            torque: self.torque | other.torque,
+        }
+    }
+}
+
 /// The loop around one wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelLoop {
     gains: Gains,
+    /// Largest voltage beyond the back EMF, V.
+    torque: f32,
     unwind: f32,
     integral: f32,
 }
 
 impl WheelLoop {
-    /// A loop at rest.
+    /// A loop at rest, with at most `torque` V beyond the back EMF.
     #[must_use]
-    pub fn new(gains: Gains) -> Self {
+    pub fn new(gains: Gains, torque: f32) -> Self {
         Self {
             gains,
+            torque,
             unwind: if gains.proportional > 0.0 {
                 gains.integral / gains.proportional
             } else {
@@ -73,18 +112,24 @@ impl WheelLoop {
         }
     }
 
-    /// The voltage for this `reference` when the wheel turns at `rate` rad/s, within +-`available` V.
-    /// The second value is true when the supply was not enough.
+    /// The voltage for this `reference` when the wheel turns at `rate` rad/s, within what is available and the torque
+    /// bound, and what held it back.
     #[inline]
-    pub fn update(
-        &mut self,
-        reference: WheelReference,
-        rate: f32,
-        available: f32,
-        dt: f32,
-    ) -> (f32, bool) {
-        let gains = &self.gains;
+    pub fn update(&mut self, reference: WheelReference, rate: f32, tick: Available) -> (f32, Held) {
         let error = reference.rate - rate;
+        let wanted = self.feedforward(reference) + self.gains.proportional * error + self.integral;
+        let effort = wanted - self.gains.speed * rate;
+        if wanted.abs() <= tick.voltage && effort.abs() <= self.torque {
+            self.integral += self.gains.integral * error * tick.dt;
+            return (wanted, Held::default());
+        }
+        self.hold(wanted, reference.rate, rate, tick)
+    }
+
+    /// What the motor needs by its model, V.
+    #[inline]
+    fn feedforward(&self, reference: WheelReference) -> f32 {
+        let gains = &self.gains;
         // Compared, not clamped: `clamp` on this target is two calls.
         let sign = if reference.rate > FRICTION_FADE {
             1.0
@@ -93,35 +138,66 @@ impl WheelLoop {
         } else {
             reference.rate * (1.0 / FRICTION_FADE)
         };
-        let wanted = gains.static_friction * sign
+        gains.static_friction * sign
             + gains.speed * reference.rate
             + gains.acceleration * reference.acceleration
-            + gains.proportional * error
-            + self.integral;
-        if wanted.abs() <= available {
-            self.integral += gains.integral * error * dt;
-            return (wanted, false);
-        }
-        self.short(wanted, error, available, dt)
     }
 
-    /// The supply is not enough for what is wanted.
+    /// More is wanted than the torque bound or the supply allows.
     #[cold]
-    fn short(&mut self, wanted: f32, error: f32, available: f32, dt: f32) -> (f32, bool) {
-        let given = if wanted > available {
-            available
-        } else if wanted < -available {
-            -available
-        } else {
-            wanted
-        };
-        let excess = wanted - given;
+    fn hold(&mut self, wanted: f32, rate_ref: f32, rate: f32, tick: Available) -> (f32, Held) {
+        let (given, held) = self.bound(wanted, rate, tick.voltage);
+        let (excess, error) = (wanted - given, rate_ref - rate);
         if excess * error <= 0.0 {
-            self.integral += self.gains.integral * error * dt;
+            self.integral += self.gains.integral * error * tick.dt;
         } else if excess * self.integral > 0.0 {
-            self.integral -= self.unwind * excess * dt;
+            self.integral -= self.unwind * excess * tick.dt;
         }
-        (given, excess != 0.0)
+        (given, held)
+    }
+
+    /// The part of a voltage that the torque bound leaves for a wheel at `rate`, and then the supply.
+    fn bound(&self, wanted: f32, rate: f32, available: f32) -> (f32, Held) {
+        let emf = self.gains.speed * rate;
+        let eased = wanted.max(emf - self.torque).min(emf + self.torque);
+        let given = eased.max(-available).min(available);
+        let held = Held {
+            supply: given != eased,
+            torque: eased != wanted,
+        };
+        (given, held)
+    }
+
+    /// The voltage while the encoder is in doubt. Suspected, error and integral together add no more than the static
+    /// friction to the feedforward, so that a sticky wheel still comes loose; dead, the feedforward is all there is.
+    /// The torque bound is about the rate asked for, because no other is known.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn doubt(
+        &mut self,
+        reference: WheelReference,
+        rate: f32,
+        trust: Trust,
+        tick: Available,
+    ) -> (f32, Held) {
+        let friction = self.gains.static_friction;
+        let correction = match trust {
+            Trust::Full | Trust::Suspected => {
+                let error = reference.rate - rate;
+                let half = 0.5 * friction;
+                let push = (self.gains.proportional * error).max(-half).min(half);
+                if (self.integral + push) * error.signum() < friction {
+                    self.integral += self.gains.integral * error * tick.dt;
+                }
+                self.integral + push
+            }
+            Trust::None => {
+                self.integral = 0.0;
+                0.0
+            }
+        };
+        let wanted = self.feedforward(reference) + correction;
+        self.bound(wanted, reference.rate, tick.voltage)
     }
 
     /// Forgets the past.
@@ -142,6 +218,13 @@ mod tests {
         proportional: 2.0,
         integral: 20.0,
     };
+
+    fn at(voltage: f32) -> Available {
+        Available { voltage, dt: DT }
+    }
+
+    /// A torque bound that is never met, V.
+    const PLENTY: f32 = 1e3;
 
     /// A motor that fits the gains: u = kS sign + kV w + kA w', times `mismatch`.
     struct Motor {
@@ -183,11 +266,14 @@ mod tests {
 
     #[test]
     fn feedforward_alone_tracks_a_ramp() {
-        let mut wheel = WheelLoop::new(Gains {
-            proportional: 0.0,
-            integral: 0.0,
-            ..GAINS
-        });
+        let mut wheel = WheelLoop::new(
+            Gains {
+                proportional: 0.0,
+                integral: 0.0,
+                ..GAINS
+            },
+            PLENTY,
+        );
         let mut motor = Motor {
             rate: 0.0,
             mismatch: 1.0,
@@ -195,8 +281,8 @@ mod tests {
         let mut worst = 0.0_f32;
         for tick in 0..2000_i16 {
             let reference = ramp(f32::from(tick) * DT);
-            let (voltage, short) = wheel.update(reference, motor.rate, 24.0, DT);
-            assert!(!short);
+            let (voltage, held) = wheel.update(reference, motor.rate, at(24.0));
+            assert_eq!(held, Held::default());
             motor.step(voltage);
             worst = worst.max((reference.rate - motor.rate).abs());
         }
@@ -206,13 +292,13 @@ mod tests {
 
     #[test]
     fn integral_removes_what_the_feedforward_misses() {
-        let mut wheel = WheelLoop::new(GAINS);
+        let mut wheel = WheelLoop::new(GAINS, PLENTY);
         let mut motor = Motor {
             rate: 0.0,
             mismatch: 1.3,
         };
         for tick in 0..3000_i16 {
-            let (voltage, _) = wheel.update(ramp(f32::from(tick) * DT), motor.rate, 24.0, DT);
+            let (voltage, _) = wheel.update(ramp(f32::from(tick) * DT), motor.rate, at(24.0));
             motor.step(voltage);
         }
         assert!((motor.rate - 6.0).abs() < 1e-3, "rate {}", motor.rate);
@@ -223,7 +309,7 @@ mod tests {
         // Asked for an impossible rate for a while, then for a possible one: how long it was
         // impossible must not show.
         let recover = |ticks: u32| {
-            let mut wheel = WheelLoop::new(GAINS);
+            let mut wheel = WheelLoop::new(GAINS, PLENTY);
             let mut motor = Motor {
                 rate: 0.0,
                 mismatch: 1.0,
@@ -233,13 +319,13 @@ mod tests {
                 acceleration: 0.0,
             };
             for _ in 0..ticks {
-                let (voltage, short) = wheel.update(constant(30.0), motor.rate, 12.0, DT);
-                assert!(voltage.abs() <= 12.0 && short);
+                let (voltage, held) = wheel.update(constant(30.0), motor.rate, at(12.0));
+                assert!(voltage.abs() <= 12.0 && held.supply);
                 motor.step(voltage);
             }
             let mut rates = std::vec::Vec::new();
             for _ in 0..1000 {
-                let (voltage, _) = wheel.update(constant(4.0), motor.rate, 12.0, DT);
+                let (voltage, _) = wheel.update(constant(4.0), motor.rate, at(12.0));
                 motor.step(voltage);
                 rates.push(motor.rate);
             }
@@ -254,27 +340,81 @@ mod tests {
 
     #[test]
     fn standing_still_needs_no_voltage() {
-        let mut wheel = WheelLoop::new(GAINS);
-        let (voltage, short) = wheel.update(WheelReference::default(), 0.0, 24.0, DT);
-        assert_eq!((voltage, short), (0.0, false));
+        let mut wheel = WheelLoop::new(GAINS, PLENTY);
+        let given = wheel.update(WheelReference::default(), 0.0, at(24.0));
+        assert_eq!(given, (0.0, Held::default()));
     }
 
     #[test]
     fn the_sign_of_every_term_is_forward_positive() {
-        let mut wheel = WheelLoop::new(GAINS);
+        let mut wheel = WheelLoop::new(GAINS, PLENTY);
         let reference = WheelReference {
             rate: 2.0,
             acceleration: 3.0,
         };
-        let (voltage, _) = wheel.update(reference, 1.5, 24.0, DT);
+        let (voltage, _) = wheel.update(reference, 1.5, at(24.0));
         // 0.6 + 1.2*2 + 0.12*3 + 2*0.5.
         assert!((voltage - 4.36).abs() < 1e-6);
-        let mut wheel = WheelLoop::new(GAINS);
+        let mut wheel = WheelLoop::new(GAINS, PLENTY);
         let backward = WheelReference {
             rate: -2.0,
             acceleration: -3.0,
         };
-        let (voltage, _) = wheel.update(backward, -1.5, 24.0, DT);
+        let (voltage, _) = wheel.update(backward, -1.5, at(24.0));
         assert!((voltage + 4.36).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_stalled_wheel_gets_the_bound_and_no_more_however_long() {
+        // 6 V beyond the back EMF: 20 A into 0.3 ohm.
+        let mut wheel = WheelLoop::new(GAINS, 6.0);
+        let reference = WheelReference {
+            rate: 4.0,
+            acceleration: 0.0,
+        };
+        for _ in 0..2_000 {
+            let (voltage, held) = wheel.update(reference, 0.0, at(24.0));
+            assert!(voltage <= 6.0);
+            assert!(held.torque == (voltage == 6.0) && !held.supply);
+        }
+        // It comes free: what it stood must not make it overshoot more than a step response does.
+        let mut motor = Motor {
+            rate: 0.0,
+            mismatch: 1.0,
+        };
+        let mut fastest = 0.0_f32;
+        for _ in 0..1_000 {
+            let (voltage, _) = wheel.update(reference, motor.rate, at(24.0));
+            motor.step(voltage);
+            fastest = fastest.max(motor.rate);
+        }
+        assert!(fastest < 1.25 * 4.0, "up to {fastest} rad/s");
+        assert!((motor.rate - 4.0).abs() < 0.01, "rate {}", motor.rate);
+    }
+
+    #[test]
+    fn plugging_is_bounded_too() {
+        let mut wheel = WheelLoop::new(GAINS, 6.0);
+        let (voltage, held) = wheel.update(WheelReference::default(), 10.0, at(24.0));
+        // The back EMF is 12 V; the loop alone would give -20 V, 107 A into 0.3 ohm.
+        assert!((voltage - 6.0).abs() < 1e-5 && held.torque);
+    }
+
+    #[test]
+    fn an_encoder_in_doubt_adds_no_more_than_the_friction() {
+        let mut wheel = WheelLoop::new(GAINS, 6.0);
+        let reference = WheelReference {
+            rate: 2.0,
+            acceleration: 0.0,
+        };
+        // 0.6 + 1.2*2 and once more 0.6, and what the integral gains in a tick, 20*2 mV; then the feedforward alone.
+        let mut most = 0.0_f32;
+        for _ in 0..1_000 {
+            let (voltage, _) = wheel.doubt(reference, 0.0, Trust::Suspected, at(24.0));
+            most = most.max(voltage);
+        }
+        assert!(most > 3.6 - 1e-5 && most < 3.64 + 1e-5, "{most}");
+        let (voltage, _) = wheel.doubt(reference, 0.0, Trust::None, at(24.0));
+        assert!((voltage - 3.0).abs() < 1e-6);
     }
 }

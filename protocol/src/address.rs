@@ -109,6 +109,24 @@ addresses! {
     SUPPLY_NOMINAL = 0x2025:1;
     /// Supply voltage below which the robot stops.
     SUPPLY_MINIMUM = 0x2025:2;
+    /// Supply voltage above which the robot stops.
+    SUPPLY_MAXIMUM = 0x2025:3;
+    /// Voltage above the minimum at which the supply is reported as low.
+    SUPPLY_MARGIN = 0x2025:4;
+    /// Supply voltage per voltage at the measuring input.
+    SUPPLY_DIVIDER = 0x2025:5;
+    /// Resistance of a motor's winding.
+    WINDING_RESISTANCE = 0x2026:1;
+    /// Largest current of a motor.
+    CURRENT_MAX = 0x2026:2;
+    /// Largest duty of a bridge.
+    DUTY_MAX = 0x2027:1;
+    /// Whether a bridge rests for a tick before it changes its direction.
+    DIRECTION_PAUSE = 0x2027:2;
+    /// How long the brake takes to let go.
+    BRAKE_RELEASE = 0x2027:3;
+    /// How long the brake takes to hold.
+    BRAKE_ENGAGE = 0x2027:4;
 
     /// Where the angle of the rollers comes from.
     ROLLER_REFERENCE = 0x202A:1;

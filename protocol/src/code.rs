@@ -95,6 +95,8 @@ codes! {
         Setpoint = 0x0008,
         /// A wheel's index came at an unexpected angle, or not at all; the wheel computes with the mean over its rollers.
         RollerPhase = 0x0009,
+        /// A wheel's controller asks for more than the torque bound allows.
+        Torque = 0x000A,
     }
 }
 
@@ -151,6 +153,8 @@ codes! {
         SlipExcess = 0xFF18,
         /// This robot's motion disagrees with another member's by more than the strain threshold.
         StrainExcess = 0xFF19,
+        /// The supply voltage is too high, or cannot be measured.
+        SupplyHigh = 0x3210,
         /// Another robot sends with this one's node number.
         DuplicateNode = 0xFF1C,
     }
@@ -164,6 +168,7 @@ impl Fault {
             Self::EncoderInverted
             | Self::DriverFault
             | Self::EmergencyStop
+            | Self::SupplyHigh
             | Self::Crash
             | Self::WatchdogReset
             | Self::StoreInterrupted

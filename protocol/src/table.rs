@@ -433,6 +433,75 @@ const SUPPLY: &[Object] = &[
         real(0.0, 100.0, 0.0),
         "Below this for 100 ms the robot comes to rest. 0 says that the supply is not measured: no check, and no correction of the duty.",
     ),
+    Object::parameter(
+        at::SUPPLY_MAXIMUM,
+        "Maximum supply",
+        "V",
+        real(0.0, 100.0, 0.0),
+        "Above this for 10 ms the drivers are switched off, because braking on would raise it further. 0 for no check. Not checked where the supply is not measured (0x2025:2 is 0).",
+    ),
+    Object::parameter(
+        at::SUPPLY_MARGIN,
+        "Supply margin",
+        "V",
+        real(0.0, 50.0, 1.0),
+        "Less than this above the minimum, the supply limit is reported.",
+    ),
+    Object::parameter(
+        at::SUPPLY_DIVIDER,
+        "Supply divider",
+        "",
+        real(1.0, 100.0, 11.0),
+        "Supply voltage per voltage at the measuring input; 11 is 100 kOhm and 10 kOhm, for at most 36 V at 3.3 V.",
+    ),
+];
+
+const TORQUE: &[Object] = &[
+    Object::parameter(
+        at::WINDING_RESISTANCE,
+        "Winding resistance",
+        "ohm",
+        real(0.0, 100.0, 0.0),
+        "Of a motor with its leads and bridge; 0 where it is not known.",
+    ),
+    Object::parameter(
+        at::CURRENT_MAX,
+        "Largest current",
+        "A",
+        real(0.0, 1000.0, 0.0),
+        "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With both 0 the bound is a quarter of the nominal supply; one without the other is refused.",
+    ),
+];
+
+const OUTPUT_STAGE: &[Object] = &[
+    Object::parameter(
+        at::DUTY_MAX,
+        "Largest duty",
+        "",
+        real(0.1, 1.0, 1.0),
+        "Less than 1 for bridges whose high side needs pauses to charge (bootstrap).",
+    ),
+    Object::parameter(
+        at::DIRECTION_PAUSE,
+        "Direction pause",
+        "",
+        byte(0, 1, 0),
+        "1: a bridge gets no duty for one tick before it changes its direction.",
+    ),
+    Object::parameter(
+        at::BRAKE_RELEASE,
+        "Brake release time",
+        "ms",
+        word(0, 1000, 0),
+        "What the brake takes to let go. So long after it was released nothing is followed and no wheel is judged; the loops hold.",
+    ),
+    Object::parameter(
+        at::BRAKE_ENGAGE,
+        "Brake engage time",
+        "ms",
+        word(0, 1000, 0),
+        "What the brake takes to hold. So long after it was engaged at standstill the drivers stay on and the loops hold. A cut does not wait.",
+    ),
 ];
 
 const LIMITS: &[Object] = &[
@@ -945,6 +1014,8 @@ const PARTS: &[&[Object]] = &[
     &motor_record(2),
     &motor_record(3),
     SUPPLY,
+    TORQUE,
+    OUTPUT_STAGE,
     &roller_record(false),
     &roller_record(true),
     ROLLER_REFERENCE,
@@ -993,6 +1064,8 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2023, "Motor rear left"),
     (0x2024, "Motor rear right"),
     (0x2025, "Supply"),
+    (0x2026, "Torque"),
+    (0x2027, "Output stage"),
     (0x2028, "Roller counts"),
     (0x2029, "Roller phases"),
     (0x202A, "Roller reference"),

@@ -117,7 +117,7 @@ impl Encoders {
     }
 }
 
-/// The supply voltage, at a divider of 100 kOhm and 10 kOhm.
+/// The supply voltage, behind a divider that the configuration knows.
 ///
 /// ADC1 converts its one channel over and over, every 21.9 us, and nobody waits for it: reading takes the last result.
 pub struct SupplyMeter {
@@ -126,8 +126,6 @@ pub struct SupplyMeter {
 }
 
 impl SupplyMeter {
-    /// Supply voltage per voltage at the pin.
-    const DIVIDER: f32 = 11.0;
     /// The board's analog reference, V, and steps of the converter.
     const REFERENCE: f32 = 3.3;
     const STEPS: f32 = 4096.0;
@@ -150,10 +148,10 @@ impl SupplyMeter {
         Self { _adc: adc }
     }
 
-    /// Volts at the last conversion.
+    /// Volts at the pin at the last conversion.
     pub fn volts(&self) -> f32 {
         let steps = f32::from(pac::ADC1.dr().read().data());
-        steps * (Self::REFERENCE / Self::STEPS * Self::DIVIDER)
+        steps * (Self::REFERENCE / Self::STEPS)
     }
 }
 

@@ -187,7 +187,7 @@ fn measured_supply_is_corrected_for() {
     world
         .write(2, at::SUPPLY_MINIMUM, Value::F32(15.0))
         .unwrap();
-    world.robots[0].inputs.supply = Some(20.0);
+    world.robots[0].set_supply(20.0);
     world.start();
     world.run(30);
     ask(&mut world).unwrap();

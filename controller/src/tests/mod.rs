@@ -1,9 +1,11 @@
 //! Whole robots on a bus, in virtual time.
 
 mod compensation;
+mod encoders;
 mod group_rules;
 mod identification;
 mod neighbours;
+mod output_stage;
 mod pairs;
 mod reaction;
 mod safety;

@@ -82,7 +82,7 @@ pub(super) const CASES: &[Case] = &[
     (
         |world| world.robots[0].encoder_sign = [0.0, 1.0, 1.0, 1.0],
         Fault::EncoderDead,
-        300,
+        50,
     ),
     (
         |world| world.robots[0].encoder_sign = [-1.0, 1.0, 1.0, 1.0],
@@ -105,9 +105,14 @@ pub(super) const CASES: &[Case] = &[
         1,
     ),
     (
-        |world| world.robots[0].inputs.supply = Some(17.0),
+        |world| world.robots[0].set_supply(17.0),
         Fault::SupplyLow,
         104,
+    ),
+    (
+        |world| world.robots[0].set_supply(31.0),
+        Fault::SupplyHigh,
+        12,
     ),
     (
         |world| {
@@ -137,7 +142,10 @@ pub(super) fn driving() -> World {
     world
         .write(2, at::SUPPLY_MINIMUM, Value::F32(18.0))
         .unwrap();
-    world.robots[0].inputs.supply = Some(24.0);
+    world
+        .write(2, at::SUPPLY_MAXIMUM, Value::F32(30.0))
+        .unwrap();
+    world.robots[0].set_supply(24.0);
     world.start();
     world.run(30);
     world.drive(FORWARD, 1000);
@@ -196,7 +204,7 @@ fn mend(world: &mut World, fault: Fault) {
         robot.inputs.emergency_stop = false;
         robot.inputs.driver_fault = false;
     }
-    world.robots[0].inputs.supply = Some(24.0);
+    world.robots[0].set_supply(24.0);
     if fault == Fault::BusOff {
         let now = Micros(world.now + world.robots[0].offset);
         world.robots[0].bus.on_bus_recovered(now);

@@ -181,11 +181,11 @@ fn a_low_supply_ramps_down() {
     world
         .write(2, at::SUPPLY_MINIMUM, Value::F32(18.0))
         .unwrap();
-    world.robots[0].inputs.supply = Some(24.0);
+    world.robots[0].set_supply(24.0);
     world.start();
     world.run(30);
     world.drive(FORWARD, 1000);
-    world.robots[0].inputs.supply = Some(17.0);
+    world.robots[0].set_supply(17.0);
     world.run(90);
     assert_eq!(
         world.robots[0].bus.state(),

@@ -16,6 +16,8 @@ pub const STATIC_FRICTION: f32 = 0.5;
 pub const SPEED: f32 = 1.5;
 pub const ACCELERATION: f32 = 0.15;
 pub const SUPPLY: f32 = 24.0;
+/// Of the measuring input, as a robot assumes it.
+pub const DIVIDER: f32 = 11.0;
 pub const COUNTS: f32 = 4096.0;
 pub const GROUP: u8 = 5;
 /// Group acceleration limits of the tests.
@@ -39,12 +41,16 @@ pub struct Robot {
     pub mute: bool,
     /// The encoder of this wheel is dead (0) or reversed (-1).
     pub encoder_sign: [f64; 4],
+    /// Counts that an encoder has made besides those of its wheel.
+    pub stray: [i64; 4],
     /// This wheel cannot turn.
     pub blocked: [bool; 4],
     /// Counts of its encoders in a wheel's revolution.
     pub counts: f64,
     /// This wheel drags: it turns, but hardly.
     pub drag: [bool; 4],
+    /// Where it is not [`SUPPLY`], V.
+    pub supply: Option<f32>,
     /// Control ticks happen.
     pub ticking: bool,
     /// The bus task runs.
@@ -70,13 +76,21 @@ impl Robot {
             deaf: false,
             mute: false,
             encoder_sign: [1.0; 4],
+            stray: [0; 4],
             blocked: [false; 4],
             counts: f64::from(COUNTS),
             drag: [false; 4],
+            supply: None,
             ticking: true,
             bus_runs: true,
             offset: u64::from(node) * 1_234_567,
         }
+    }
+
+    /// The supply is this, V, and measured.
+    pub fn set_supply(&mut self, volts: f32) {
+        self.supply = Some(volts);
+        self.inputs.supply_input = Some(volts / DIVIDER);
     }
 
     /// The group's velocity as its true wheel rates make it, if it drove alone.
@@ -89,7 +103,7 @@ impl Robot {
         let dt = 1e-3 / f64::from(STEPS);
         for wheel in 0..4 {
             let voltage = if self.outputs.drivers_enabled {
-                f64::from(self.outputs.duty[wheel] * self.inputs.supply.unwrap_or(SUPPLY))
+                f64::from(self.outputs.duty[wheel] * self.supply.unwrap_or(SUPPLY))
             } else {
                 0.0
             };
@@ -124,7 +138,7 @@ impl Robot {
                 self.angles[wheel] += *rate * self.encoder_sign[wheel] * dt;
             }
             let turns = self.angles[wheel] / core::f64::consts::TAU;
-            let counts = (turns * self.counts).floor() as i64;
+            let counts = (turns * self.counts).floor() as i64 + self.stray[wheel];
             self.inputs.encoder_counts[wheel] = counts as u16;
         }
     }

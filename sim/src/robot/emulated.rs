@@ -52,7 +52,7 @@ const EMERGENCY_STOP: u8 = 12;
 const EMERGENCY_STOP_A: u8 = 6;
 /// ADC input of the supply, and its divider.
 const SUPPLY_INPUT: usize = 4;
-const SUPPLY_DIVIDER: f64 = 11.0;
+pub(super) const SUPPLY_DIVIDER: f64 = 11.0;
 const DRIVER_FAULT: u8 = 13;
 /// Pins of port C: directions from 0, switches from here.
 const FIRST_SWITCH: u8 = 8;

@@ -392,7 +392,7 @@ impl Robot for NativeRobot {
     }
 
     fn set_supply(&mut self, volts: f64) {
-        self.inputs.supply = Some(volts as f32);
+        self.inputs.supply_input = Some((volts / super::emulated::SUPPLY_DIVIDER) as f32);
     }
 
     fn set_power(&mut self, on: bool) {

@@ -1,0 +1,270 @@
+//! What a wheel really does when its encoder lies: the true rate, not what the robot thinks.
+
+use kinematics::Twist;
+use protocol::address::{self as at, motor};
+use protocol::{Fault, Value};
+
+use super::world::{COUNTS, SPEED, World};
+use crate::state::State;
+
+/// No wheel may turn faster than this, times what is asked of it, while its encoder is dead.
+const OVERSPEED: f64 = 1.5;
+
+/// Counts on the open input of a dead encoder.
+#[derive(Clone, Copy, Debug)]
+enum Stray {
+    /// None.
+    Quiet,
+    /// Three at once, forward or back, every 150 to 300 ms.
+    Bunches,
+    /// One, forward or back, 20 times a second.
+    Hum,
+}
+
+const STRAYS: [Stray; 3] = [Stray::Quiet, Stray::Bunches, Stray::Hum];
+
+/// A generator of numbers that are the same in every run.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % bound
+    }
+
+    fn sign(&mut self) -> i64 {
+        if self.below(2) == 0 { 1 } else { -1 }
+    }
+}
+
+/// What came of a dead encoder.
+#[derive(Debug)]
+struct Course {
+    /// From its death to the ramp, ms.
+    noticed: Option<u32>,
+    /// Fastest true rate after it, rad/s.
+    fastest: f64,
+    fault: Option<Fault>,
+}
+
+/// Runs on with the encoder of a wheel dead, at most `millis`, to the end of the ramp.
+fn die(world: &mut World, wheel: usize, stray: Stray, seed: u64, millis: u32) -> Course {
+    world.robots[0].encoder_sign[wheel] = 0.0;
+    let mut random = Random(seed);
+    let mut next = 0;
+    let mut course = Course {
+        noticed: None,
+        fastest: 0.0,
+        fault: None,
+    };
+    for now in 0..millis {
+        if now == next {
+            let (counts, pause) = match stray {
+                Stray::Quiet => (0, 1_000),
+                Stray::Bunches => (3, 150 + random.below(151)),
+                Stray::Hum => (1, 25 + random.below(51)),
+            };
+            let counts = counts * random.sign();
+            if now > 0 {
+                world.robots[0].stray[wheel] += counts;
+            }
+            next = now + u32::try_from(pause).unwrap();
+        }
+        world.step();
+        let robot = &world.robots[0];
+        course.fastest = course.fastest.max(robot.rates[wheel].abs());
+        if course.noticed.is_none() && robot.bus.state() != State::Moving {
+            course.noticed = Some(now + 1);
+        }
+        course.fault = course.fault.or(robot.control.report().fault);
+        if !robot.outputs.drivers_enabled {
+            break;
+        }
+    }
+    course
+}
+
+/// At most so many milliseconds may pass until the ramp, at this speed in m/s.
+fn promised(speed: f32) -> u32 {
+    if speed >= 0.3 { 50 } else { 300 }
+}
+
+/// Forward, sideways, both, turning: each so that the wheels that turn roll at about this many m/s.
+fn directions(speed: f32) -> [Twist; 4] {
+    [
+        Twist::new(speed, 0.0, 0.0),
+        Twist::new(0.0, -speed, 0.0),
+        Twist::new(0.5 * speed, 0.5 * speed, 0.0),
+        // Half track and half wheelbase together are 0.72 m.
+        Twist::new(0.0, 0.0, speed / 0.72),
+    ]
+}
+
+#[test]
+fn a_dead_encoder_is_noticed_before_its_wheel_runs_away() {
+    for speed in [0.05, 0.1, 0.3, 0.6] {
+        for stray in STRAYS {
+            for (seed, twist) in (1..).zip(directions(speed)) {
+                for wheel in [0, 1] {
+                    let mut world = World::started(&[2]);
+                    world.drive(twist, 1_500);
+                    let asked = world.robots[0].rates[wheel].abs();
+                    if asked < 0.1 {
+                        // This one stands in oblique motion.
+                        continue;
+                    }
+                    let what = std::format!("{twist:?}, wheel {wheel}, {stray:?}");
+                    let course = die(&mut world, wheel, stray, seed, 4_000);
+                    let noticed = course.noticed.expect(&what);
+                    assert!(noticed <= promised(speed), "{what}: {course:?}");
+                    assert_eq!(course.fault, Some(Fault::EncoderDead), "{what}");
+                    let most = OVERSPEED * asked;
+                    let ran = speed < 0.1 || course.fastest <= most;
+                    assert!(ran, "{what}: {course:?}, asked for {asked}");
+                    assert_eq!(world.robots[0].rates, [0.0; 4], "{what}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_encoder_that_is_dead_from_the_start_lets_no_wheel_run_away() {
+    for speed in [0.1, 0.3, 0.6] {
+        let mut world = World::started(&[2]);
+        world.robots[0].encoder_sign[2] = 0.0;
+        world.twist = Some(Twist::new(speed, 0.0, 0.0));
+        world.until(100, |world| world.robots[0].bus.state() == State::Moving);
+        let course = die(&mut world, 2, Stray::Hum, 7, 4_000);
+        assert_eq!(course.fault, Some(Fault::EncoderDead), "{speed} m/s");
+        let asked = f64::from(speed) / 0.1524;
+        let most = OVERSPEED * asked;
+        assert!(course.fastest <= most, "{speed} m/s: {course:?}");
+    }
+}
+
+/// A robot whose feedforward is that of another motor, driving.
+fn mismatched(factor: f32, twist: Twist) -> World {
+    let mut world = World::new(&[2]);
+    world.configure();
+    for wheel in 0..4 {
+        let value = Value::F32(SPEED * factor);
+        world.write(2, motor::speed(wheel), value).unwrap();
+    }
+    world.start();
+    world.run(30);
+    world.drive(twist, 1_500);
+    world
+}
+
+#[test]
+fn a_model_that_is_wrong_by_a_third_is_no_dead_encoder_and_hides_none() {
+    for factor in [0.7, 1.3] {
+        for speed in [0.02, 0.1, 0.3, 0.6] {
+            let mut world = mismatched(factor, Twist::new(speed, 0.0, 0.0));
+            for twist in directions(speed) {
+                world.drive(twist, 1_000);
+                world.drive(twist * -1.0, 1_000);
+            }
+            assert_eq!(
+                world.robots[0].bus.state(),
+                State::Moving,
+                "{factor}, {speed}"
+            );
+        }
+        let mut world = mismatched(factor, Twist::new(0.3, 0.0, 0.0));
+        let course = die(&mut world, 1, Stray::Bunches, 3, 4_000);
+        assert!(course.noticed.unwrap() <= promised(0.3), "{course:?}");
+        assert!(course.fastest <= OVERSPEED * 0.3 / 0.1524, "{course:?}");
+    }
+}
+
+/// 50 counts a second are 0.077 rad/s, 12 mm/s: one count in 20 ticks.
+#[test]
+fn a_crawl_of_one_count_in_twenty_ticks_is_no_fault() {
+    let speed = 50.0 / COUNTS * core::f32::consts::TAU * 0.1524;
+    for twist in directions(speed) {
+        let mut world = World::started(&[2]);
+        world.drive(twist, 5_000);
+        world.drive(twist * -1.0, 5_000);
+        assert_eq!(world.robots[0].bus.state(), State::Moving, "{twist:?}");
+    }
+}
+
+/// One wheel needs twice the voltage to come loose that the model says, the others half of it.
+#[test]
+fn one_sticky_wheel_among_four_is_no_dead_encoder() {
+    for speed in [0.02, 0.1, 0.3] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        let friction = Value::F32(super::world::STATIC_FRICTION * 0.5);
+        world.write(2, motor::static_friction(1), friction).unwrap();
+        world.start();
+        world.run(30);
+        for _ in 0..5 {
+            world.drive(Twist::new(speed, 0.0, 0.0), 1_000);
+            world.drive(Twist::ZERO, 500);
+            world.drive(Twist::new(-speed, 0.0, 0.0), 1_000);
+        }
+        assert_eq!(world.robots[0].bus.state(), State::Moving, "{speed}");
+    }
+}
+
+/// The threshold that says what a blocked wheel is turns this off as well.
+#[test]
+fn without_a_wheel_check_nothing_is_noticed() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    world.write(2, at::BLOCKED_RATE, Value::F32(0.0)).unwrap();
+    world.start();
+    world.run(30);
+    world.drive(Twist::new(0.1, 0.0, 0.0), 1_000);
+    let course = die(&mut world, 0, Stray::Quiet, 1, 1_000);
+    assert_eq!((course.noticed, course.fault), (None, None));
+}
+
+/// Armed and standing, a wheel is given a push of this rate: whether it was cut, and when, ms; its fastest rate.
+fn push(rate: f64, sign: f64) -> (Option<(u32, Fault)>, f64) {
+    let mut world = World::started(&[2]);
+    world.run(300);
+    world.robots[0].encoder_sign[1] = sign;
+    world.robots[0].rates[1] = rate;
+    let mut fastest = 0.0_f64;
+    for now in 1..=600 {
+        world.step();
+        let robot = &world.robots[0];
+        fastest = fastest.max(robot.rates[1].abs());
+        if !robot.outputs.drivers_enabled {
+            return (Some((now, robot.control.report().fault.unwrap())), fastest);
+        }
+    }
+    (None, fastest)
+}
+
+#[test]
+fn a_reversed_encoder_is_cut_at_standstill_too() {
+    for rate in [-1.5, 1.5, 2.0] {
+        let (cut, _) = push(rate, -1.0);
+        let (took, fault) = cut.unwrap();
+        assert_eq!(fault, Fault::EncoderInverted, "{rate} rad/s");
+        assert!(took <= 60, "{rate} rad/s: {took} ms");
+    }
+    // A gentler push takes longer to tell from a load, a harder one meets the torque bound first: the wheel does not
+    // become faster than it was pushed.
+    for rate in [0.3, 0.5, 0.7, 1.0, 3.0, 4.0, 8.0] {
+        let (cut, fastest) = push(rate, -1.0);
+        assert!(fastest <= rate, "up to {fastest} rad/s from {rate}");
+        let known = cut.is_some_and(|(took, _)| took <= 300);
+        assert!(known || rate < 0.5, "{rate} rad/s: {cut:?}");
+    }
+}
+
+#[test]
+fn a_wheel_that_is_pushed_at_standstill_comes_back() {
+    for rate in [0.3, 0.5, -1.0, 2.0, 4.0, 8.0] {
+        assert_eq!(push(rate, 1.0).0, None, "{rate} rad/s");
+    }
+}

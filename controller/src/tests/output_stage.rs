@@ -1,0 +1,334 @@
+//! Torque, supply, bridge and brake: what a robot asks of its outputs, and what it refuses to be told.
+
+use kinematics::Twist;
+use protocol::address::{self as at, motor};
+use protocol::{Address, Fault, Limit, Value};
+
+use super::world::{SPEED, SUPPLY, World};
+use crate::Outputs;
+use crate::state::State;
+
+const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
+/// Of a motor of these tests.
+const RESISTANCE: f32 = 0.3;
+const CURRENT: f32 = 15.0;
+
+/// A robot with these parameters besides the usual ones, started.
+fn told(parameters: &[(Address, Value)]) -> World {
+    let mut world = World::new(&[2]);
+    world.configure();
+    for (address, value) in parameters {
+        assert_eq!(world.write(2, *address, *value), Ok(()), "{address:?}");
+    }
+    world
+}
+
+fn started(parameters: &[(Address, Value)]) -> World {
+    let mut world = told(parameters);
+    assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(0));
+    world.robots[0].set_supply(SUPPLY);
+    world.start();
+    world.run(30);
+    world
+}
+
+fn torque() -> [(Address, Value); 2] {
+    [
+        (at::WINDING_RESISTANCE, Value::F32(RESISTANCE)),
+        (at::CURRENT_MAX, Value::F32(CURRENT)),
+    ]
+}
+
+/// Current of a wheel's motor, A: what is left of the voltage beside the back EMF, over the resistance.
+fn current(world: &World, wheel: usize) -> f64 {
+    let robot = &world.robots[0];
+    let voltage = f64::from(robot.outputs.duty[wheel] * SUPPLY);
+    (voltage - f64::from(SPEED) * robot.rates[wheel]) / f64::from(RESISTANCE)
+}
+
+/// A kerb stops all four wheels at once, so that the slip residual tells nothing: only the torque bound helps.
+#[test]
+fn a_stall_is_no_more_than_the_largest_current() {
+    let mut world = started(&torque());
+    world.drive(FORWARD, 1_000);
+    let rate = world.robots[0].rates[0];
+    world.robots[0].blocked = [true; 4];
+    let mut limited = false;
+    for millis in 0..1_500 {
+        world.step();
+        if !world.robots[0].outputs.drivers_enabled {
+            break;
+        }
+        let amperes = current(&world, 0);
+        // The rate estimate trails a wheel that is stopped short.
+        let trail = if millis < 120 {
+            f64::from(SPEED) * rate / f64::from(RESISTANCE)
+        } else {
+            0.1 * f64::from(CURRENT)
+        };
+        let most = f64::from(CURRENT) + trail;
+        assert!(amperes.abs() <= most, "{amperes} A after {millis} ms");
+        let code = world.robots[0].control.report().limit;
+        limited |= code == Some(Limit::Torque);
+    }
+    assert!(limited, "the limit is reported");
+    assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+}
+
+#[test]
+fn without_a_largest_current_the_bound_is_a_quarter_of_the_supply() {
+    let mut world = started(&[]);
+    world.drive(FORWARD, 1_000);
+    world.robots[0].blocked = [true; 4];
+    world.run(60);
+    assert!(world.robots[0].outputs.drivers_enabled);
+    for duty in world.robots[0].outputs.duty {
+        assert!(duty.abs() <= 0.25 + 0.01, "{duty}");
+    }
+}
+
+/// Both motions of a group's day stay below the bound: it must not cost tracking.
+#[test]
+fn the_bound_is_not_met_in_ordinary_motion() {
+    let mut world = started(&torque());
+    for twist in [FORWARD, FORWARD * -1.0, Twist::new(0.0, 0.5, 0.3)] {
+        world.twist = Some(twist);
+        for _ in 0..2_000 {
+            world.step();
+            let limit = world.robots[0].control.report().limit;
+            assert_ne!(limit, Some(Limit::Torque), "{twist:?}");
+        }
+    }
+}
+
+fn measured() -> [(Address, Value); 3] {
+    [
+        (at::SUPPLY_MINIMUM, Value::F32(18.0)),
+        (at::SUPPLY_MAXIMUM, Value::F32(30.0)),
+        (at::SUPPLY_MARGIN, Value::F32(1.0)),
+    ]
+}
+
+#[test]
+fn a_high_supply_cuts() {
+    for volts in [30.5, 36.3] {
+        let mut world = started(&measured());
+        world.drive(FORWARD, 1_000);
+        world.robots[0].set_supply(volts);
+        let took = world.until(50, |world| !world.robots[0].outputs.drivers_enabled);
+        assert!((10..=12).contains(&took), "{took} ms");
+        world.run(5);
+        let state = world.robots[0].bus.state();
+        assert_eq!(state, State::Faulted(Fault::SupplyHigh));
+        assert_eq!(world.emergencies(2), [0x3210]);
+    }
+}
+
+/// The divider's ground is open: the input shows the end of its range, whatever is allowed.
+#[test]
+fn an_input_at_the_end_of_its_range_cuts_without_a_maximum() {
+    let mut world = started(&[(at::SUPPLY_MINIMUM, Value::F32(18.0))]);
+    world.drive(FORWARD, 1_000);
+    world.robots[0].set_supply(36.29);
+    world.until(50, |world| !world.robots[0].outputs.drivers_enabled);
+    let fault = world.robots[0].control.report().fault;
+    assert_eq!(fault, Some(Fault::SupplyHigh));
+}
+
+#[test]
+fn a_supply_close_to_its_minimum_is_reported() {
+    let mut world = started(&measured());
+    world.drive(FORWARD, 1_000);
+    assert_eq!(world.status(2).code, protocol::Code::None);
+    world.robots[0].set_supply(18.5);
+    world.run(50);
+    let low = protocol::Code::Limit(Limit::Supply);
+    assert_eq!(world.status(2).code, low);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+}
+
+#[test]
+fn another_divider_measures_another_supply() {
+    let mut world = told(&[
+        (at::SUPPLY_NOMINAL, Value::F32(48.0)),
+        (at::SUPPLY_MINIMUM, Value::F32(40.0)),
+        (at::SUPPLY_DIVIDER, Value::F32(22.0)),
+    ]);
+    assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(0));
+    world.robots[0].inputs.supply_input = Some(48.0 / 22.0);
+    world.start();
+    world.run(50);
+    let volts = f32::from_bits(world.read(2, at::SUPPLY).unwrap());
+    assert!((volts - 48.0).abs() < 1e-3, "{volts} V");
+}
+
+#[test]
+fn no_duty_is_larger_than_the_largest() {
+    let mut world = started(&[(at::DUTY_MAX, Value::F32(0.3))]);
+    // 24 V * 0.3 are good for 4.5 rad/s.
+    world.twist = Some(Twist::new(0.9, 0.0, 0.0));
+    let mut most = 0.0_f32;
+    for _ in 0..2_000 {
+        world.step();
+        let duty = world.robots[0].outputs.duty[0];
+        most = most.max(duty);
+        assert!(duty <= 0.3 + 1e-6, "{duty}");
+    }
+    assert!(most > 0.299, "{most}");
+    assert_eq!(world.robots[0].control.report().limit, Some(Limit::Voltage));
+}
+
+#[test]
+fn a_bridge_rests_before_it_changes_its_direction_if_asked() {
+    for (pause, wanted) in [(0, false), (1, true)] {
+        let mut world = started(&[(at::DIRECTION_PAUSE, Value::U8(pause))]);
+        let mut last = [0.0_f32; 4];
+        let mut straight = 0;
+        for period in 0..6 {
+            let sign = if period % 2 == 0 { 1.0 } else { -1.0 };
+            world.twist = Some(FORWARD * sign);
+            for _ in 0..1_000 {
+                world.step();
+                let duty = world.robots[0].outputs.duty;
+                for (now, before) in duty.iter().zip(last) {
+                    straight += u32::from(now * before < 0.0);
+                }
+                last = duty;
+            }
+        }
+        assert_eq!(straight == 0, wanted, "{straight} changes without a pause");
+        let vx = world.robots[0].moves().vx;
+        assert!((vx + 0.6).abs() < 0.01, "{vx}");
+    }
+}
+
+/// A brake that takes 80 ms to let go and 120 ms to hold.
+fn braked() -> World {
+    started(&[
+        (at::BRAKE_RELEASE, Value::U16(80)),
+        (at::BRAKE_ENGAGE, Value::U16(120)),
+        // Any wheel that is judged against a closed brake shows.
+        (at::BLOCKED_RATE, Value::F32(0.5)),
+        (at::WHEEL_FAULT_TIME, Value::U16(20)),
+    ])
+}
+
+#[test]
+fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
+    let mut world = braked();
+    // Stopped, and started anew with a master that streams.
+    world.nmt(canopen::NmtCommand::EnterPreOperational, 0);
+    world.run(300);
+    assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+    world.twist = Some(FORWARD);
+    world.start();
+    let released = world.until(50, |world| world.robots[0].outputs.brake_released);
+    // The brake is still closed.
+    world.robots[0].blocked = [true; 4];
+    for _ in released..released + 78 {
+        world.step();
+        let report = *world.robots[0].control.report();
+        assert_eq!(report.reference, Twist::ZERO);
+        assert!(world.robots[0].outputs.drivers_enabled);
+    }
+    world.robots[0].blocked = [false; 4];
+    world.run(1_500);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    assert!((world.robots[0].moves().vx - 0.6).abs() < 0.01);
+}
+
+/// After a ramp, and when it is told to leave while it stands, the drivers hold until the brake does.
+#[test]
+fn the_drivers_hold_until_the_brake_does() {
+    for ramps in [true, false] {
+        let mut world = braked();
+        world.run(200);
+        if ramps {
+            world.drive(FORWARD, 1_000);
+        }
+        world.nmt(canopen::NmtCommand::EnterPreOperational, 0);
+        world.until(2_000, |world| !world.robots[0].outputs.brake_released);
+        let outputs = world.robots[0].outputs;
+        assert!(outputs.drivers_enabled, "{outputs:?}");
+        let held = world.until(200, |world| !world.robots[0].outputs.drivers_enabled);
+        assert!((119..=121).contains(&held), "{held} ms");
+        world.run(20);
+        assert_eq!(world.robots[0].bus.state(), State::Ready);
+        assert_eq!(world.robots[0].outputs, Outputs::SAFE);
+    }
+}
+
+/// A cut waits for nothing: not while the robot moves, not while the brake engages.
+#[test]
+fn a_cut_does_not_wait_for_the_brake() {
+    for engaging in [false, true] {
+        let mut world = braked();
+        world.run(200);
+        if engaging {
+            world.nmt(canopen::NmtCommand::EnterPreOperational, 0);
+            world.until(100, |world| !world.robots[0].outputs.brake_released);
+            world.run(50);
+            assert!(world.robots[0].outputs.drivers_enabled);
+        } else {
+            world.drive(FORWARD, 1_000);
+        }
+        world.robots[0].inputs.emergency_stop = true;
+        world.step();
+        assert_eq!(world.robots[0].outputs, Outputs::SAFE, "{engaging}");
+    }
+}
+
+#[test]
+fn parameters_that_do_not_fit_are_refused_by_name() {
+    let real = Value::F32;
+    let cases: &[(&[(Address, Value)], Address)] = &[
+        (&[(at::CURRENT_MAX, real(20.0))], at::WINDING_RESISTANCE),
+        (&[(at::WINDING_RESISTANCE, real(0.3))], at::CURRENT_MAX),
+        // 0.3 V do not turn a wheel that needs 0.5 V.
+        (
+            &[
+                (at::WINDING_RESISTANCE, real(0.3)),
+                (at::CURRENT_MAX, real(1.0)),
+            ],
+            at::CURRENT_MAX,
+        ),
+        (&[(at::SUPPLY_MAXIMUM, real(23.0))], at::SUPPLY_MAXIMUM),
+        (
+            &[
+                (at::SUPPLY_MINIMUM, real(18.0)),
+                (at::SUPPLY_DIVIDER, real(6.0)),
+            ],
+            at::SUPPLY_DIVIDER,
+        ),
+        // 1.5 m/s and 0.4 m/s^2: 3.8 s; the watchdog waits for 3 s.
+        (&[(at::DECELERATION, real(0.4))], at::DECELERATION),
+        // 0.89 rad/s about a point 1 m away, and 0.25 rad/s^2: 3.5 s.
+        (&[(at::DECELERATION_YAW, real(0.25))], at::DECELERATION_YAW),
+        // 11 rad/s, a million counts: 35 000 counts in 20 ms.
+        (
+            &[
+                (at::WHEEL_RATE_MAX, real(11.0)),
+                (at::ENCODER_COUNTS, real(40_000.0)),
+                (at::GEAR_RATIO, real(25.0)),
+            ],
+            at::ENCODER_COUNTS,
+        ),
+        (
+            &[
+                (motor::speed(2), real(0.0)),
+                (motor::proportional(2), real(0.0)),
+                (motor::integral(2), real(0.0)),
+            ],
+            motor::proportional(2),
+        ),
+        (&[(at::SYNC_PERIOD, Value::U32(10_500))], at::SYNC_PERIOD),
+    ];
+    for (parameters, blamed) in cases {
+        let mut world = told(parameters);
+        let status = world.read(2, at::CONFIGURATION_STATUS);
+        assert_eq!(status, Ok(blamed.packed() << 8 | 2), "{parameters:?}");
+        world.start();
+        world.run(50);
+        assert_eq!(world.robots[0].outputs, Outputs::SAFE, "{parameters:?}");
+    }
+}

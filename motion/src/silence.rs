@@ -1,0 +1,249 @@
+//! Notices an encoder that has fallen silent, by what the other three wheels say.
+//!
+//! Four wheels measure three degrees of freedom. What is left over, the slip residual, tells how far a wheel has to
+//! have turned for the other three to be right (what they *imply*): no model of the motor, the load or the slope is
+//! needed. Half of what is asked for, less what the encoder counts in that direction, adds up to an angle *missed*,
+//! never below zero, and half of what is implied to another; the smaller of the two counts. An encoder that counts more
+//! than half of either never misses anything for long. A kerb that stops all four wheels implies nothing.
+//!
+//! | missed (with the rate w asked for) | counted meanwhile | then |
+//! |---|---|---|
+//! | 10 ms w and three counts | next to nothing | *suspected*: the loop stops trusting the encoder |
+//! | 15 ms w and 0.05 rad | next to nothing | *dead*: a fault; the wheel gets its feedforward alone |
+//! | either | more | not silent: [`crate::watch`] decides whether the wheel is blocked |
+//!
+//! In time: 28 ms at 4 rad/s, 40 ms at 2 rad/s, 167 ms at 0.33 rad/s. *Next to nothing* is the net of four counts and
+//! twenty a second, which an open input beside motor leads may collect; so few counts acquit nobody.
+//!
+//! What it cannot do: tell a dead encoder from a wheel that is held fast while the other three go on, which takes the
+//! same reaction; and see two wheels whose errors cancel in the residual, or four that fall silent together. Those are
+//! left to [`crate::watch`] and to the torque bound.
+//!
+//! Cost: about 15 instructions a wheel.
+
+/// A suspicion takes this time at the expected rate, s,
+const SUSPECTED_TIME: f32 = 0.010;
+/// and as many counts.
+const SUSPECTED_COUNTS: f32 = 3.0;
+/// Certainty takes this time at the expected rate, s,
+const DEAD_TIME: f32 = 0.015;
+/// and this angle, rad: more than the play between motor and wheel,
+const DEAD_ANGLE: f32 = 0.05;
+/// and at least as many counts.
+const DEAD_COUNTS: f32 = 8.0;
+
+/// Counts that come in a bunch on an open input,
+const STRAY_COUNTS: f32 = 4.0;
+/// and a second.
+pub(crate) const STRAY_COUNTS_PER_SECOND: f32 = 20.0;
+
+/// A wheel that is expected to be slower stands, rad/s.
+const STANDS: f32 = 0.02;
+
+/// How far an encoder is to be trusted.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Trust {
+    /// It counts.
+    Full,
+    /// It has counted far too little for a moment.
+    Suspected,
+    /// It is dead.
+    None,
+}
+
+/// Listens to one encoder.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Silence {
+    /// rad a count.
+    step: f32,
+    /// Half of what the counts and the angle above are, rad.
+    suspected_angle: f32,
+    dead_angle: f32,
+    /// Of half the angle asked for, and of half the angle implied, rad.
+    missed_asked: f32,
+    missed_implied: f32,
+    /// Net of the counts since the suspicion, rad, and how long that is, s.
+    counted: f32,
+    lasted: f32,
+    /// Latched until [`Silence::reset`].
+    dead: bool,
+}
+
+impl Silence {
+    /// For an encoder whose count is `step` rad, positive. One that does not listen never suspects anything.
+    pub(crate) const fn new(step: f32, listens: bool) -> Self {
+        let counts = DEAD_COUNTS * step;
+        Self {
+            step,
+            suspected_angle: if listens {
+                0.5 * SUSPECTED_COUNTS * step
+            } else {
+                f32::INFINITY
+            },
+            dead_angle: 0.5
+                * if counts > DEAD_ANGLE {
+                    counts
+                } else {
+                    DEAD_ANGLE
+                },
+            missed_asked: 0.0,
+            missed_implied: 0.0,
+            counted: 0.0,
+            lasted: 0.0,
+            dead: false,
+        }
+    }
+
+    /// Whether it is sure.
+    pub(crate) const fn is_dead(&self) -> bool {
+        self.dead
+    }
+
+    /// Drops a suspicion, but no fault.
+    pub(crate) fn forgive(&mut self) {
+        self.missed_asked = 0.0;
+    }
+
+    /// Forgets the past.
+    pub(crate) fn reset(&mut self) {
+        self.dead = false;
+        self.missed_asked = 0.0;
+    }
+
+    /// Listens for one tick of `dt` s: the rate asked for, rad/s; what the other three wheels imply that this one
+    /// turned, and what its encoder says, rad.
+    #[inline(always)]
+    pub(crate) fn update(&mut self, rate_ref: f32, implied: f32, turned: f32, dt: f32) -> Trust {
+        // Along the reference everything is positive.
+        let (asked, implied, counted) = if rate_ref < 0.0 {
+            (-rate_ref, -implied, -turned)
+        } else {
+            (rate_ref, implied, turned)
+        };
+        let missed = self.missed_implied + 0.5 * implied - counted;
+        self.missed_implied = if missed > 0.0 { missed } else { 0.0 };
+        let before = self.missed_asked;
+        let missed = before + 0.5 * asked * dt - counted;
+        self.missed_asked = if missed > 0.0 { missed } else { 0.0 };
+        if missed > self.suspected_angle || self.dead {
+            if before <= self.suspected_angle {
+                self.counted = 0.0;
+                self.lasted = 0.0;
+            }
+            return self.suspect(asked, counted, dt);
+        }
+        Trust::Full
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn suspect(&mut self, asked: f32, counted: f32, dt: f32) -> Trust {
+        if self.dead {
+            return Trust::None;
+        }
+        if asked < STANDS {
+            self.missed_asked = 0.0;
+            return Trust::Full;
+        }
+        self.counted += counted;
+        self.lasted += dt;
+        let missed = self.missed_asked.min(self.missed_implied);
+        let half = 0.5 * asked;
+        if missed <= self.suspected_angle + half * SUSPECTED_TIME {
+            return Trust::Full;
+        }
+        let stray = self.step * (STRAY_COUNTS + STRAY_COUNTS_PER_SECOND * self.lasted);
+        if self.counted.abs() > stray {
+            // It is alive, and the wheel does not do what it should: not a matter of the encoder.
+            return Trust::Full;
+        }
+        self.dead = missed > self.dead_angle + half * DEAD_TIME;
+        if self.dead {
+            Trust::None
+        } else {
+            Trust::Suspected
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f32 = 1e-3;
+    /// 4096 counts a turn.
+    const STEP: f32 = core::f32::consts::TAU / 4096.0;
+
+    /// Milliseconds until an encoder is known dead that counts `turned(ms)` rad while `rate` is expected.
+    fn dead_after(rate: f32, turned: impl Fn(u32) -> f32) -> Option<u32> {
+        let mut silence = Silence::new(STEP, true);
+        (1..=5_000).find(|tick| silence.update(rate, rate * DT, turned(*tick), DT) == Trust::None)
+    }
+
+    /// What a wheel that turns at `rate` counts in the tick that ends at `ms`, rad.
+    fn counts(rate: f32, ms: u32) -> f32 {
+        let at = |ms: u32| (f64::from(rate) * f64::from(ms) * 1e-3 / f64::from(STEP)).floor();
+        (at(ms) - at(ms - 1)) as f32 * STEP
+    }
+
+    /// `15 ms + 0.05 rad / w`, by the table above.
+    #[test]
+    fn silence_is_certain_after_the_time_of_the_closed_form() {
+        for rate in [0.131, 0.33, 0.66, 1.97, 3.94, -3.94, 15.0_f32] {
+            let want = 1e3 * (DEAD_TIME + DEAD_ANGLE / rate.abs());
+            let took = dead_after(rate, |_| 0.0).unwrap();
+            assert!((took as f32 - want).abs() <= 1.5, "{took} ms, not {want}");
+        }
+    }
+
+    #[test]
+    fn stray_counts_acquit_nobody() {
+        // Three in a bunch every 150 ms, always forward: 20 a second.
+        let bunches = |ms: u32| {
+            if ms.is_multiple_of(150) {
+                3.0 * STEP
+            } else {
+                0.0
+            }
+        };
+        let evenly = |ms: u32| if ms.is_multiple_of(50) { STEP } else { 0.0 };
+        for rate in [0.33, 0.66, 1.97] {
+            for stray in [bunches, evenly] {
+                let quiet = dead_after(rate, |_| 0.0).unwrap();
+                let noisy = dead_after(rate, stray).unwrap();
+                assert!(
+                    noisy <= quiet + quiet / 3 + 1,
+                    "{noisy} ms, {quiet} without"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_wheel_that_counts_most_of_it_is_well_at_any_rate() {
+        for rate in [0.021, 0.077, 0.131, 0.66, 3.94, 15.0] {
+            for share in [0.55, 0.8, 1.0, 1.5] {
+                assert_eq!(
+                    dead_after(rate, |ms| counts(rate * share, ms)),
+                    None,
+                    "{rate}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_wheel_that_turns_slowly_is_not_silent() {
+        // A quarter of what is asked, 160 counts a second; an eighth of four times as much.
+        assert_eq!(dead_after(0.98, |ms| counts(0.98 / 4.0, ms)), None);
+        assert_eq!(dead_after(3.94, |ms| counts(3.94 / 8.0, ms)), None);
+    }
+
+    #[test]
+    fn nothing_is_expected_of_a_wheel_whose_neighbours_stand() {
+        let mut silence = Silence::new(STEP, true);
+        for _ in 0..5_000 {
+            assert_eq!(silence.update(2.0, 0.0, 0.0, DT), Trust::Full);
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! The supply: what full duty is worth, and when there is too little or too much of it.
+//!
+//! The board gives the voltage at its measuring input, behind a divider. What the duty is computed with is the mean over
+//! some ticks, because one sample carries the ripple of four bridges. What has to *last* before it is a fault is the
+//! sample itself: one sample on the other side of the threshold starts the time anew.
+//!
+//! Too much is dangerous at once: a full battery that has disconnected itself, or a bench supply, is pumped up by
+//! whatever brakes. A ramp would brake on; so the fault cuts, and the holding brake takes the energy. An input at the
+//! end of its range says that the divider's ground is open, or that there is even more than it can show: the same.
+
+use canopen::Micros;
+use protocol::Fault;
+
+use crate::threshold::Lasting;
+
+/// Part of a new sample in the mean: it follows with a time constant of four ticks.
+const FRESH: f32 = 0.25;
+
+/// Voltage at the input above which the converter is at its end, V: three steps of 4096 below its reference of 3.3 V.
+pub const FULL_SCALE: f32 = 3.2975;
+
+/// How long a low supply must last, us.
+const LOW_US: u64 = 100_000;
+
+/// How long a high supply must last, us.
+const HIGH_US: u64 = 10_000;
+
+/// What a robot is told about its supply.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct SupplyConfiguration {
+    /// Where it is not measured, V.
+    pub nominal: f32,
+    /// Below this the robot comes to rest, V; 0 where the supply is not measured.
+    pub minimum: f32,
+    /// Above this the drivers go off, V; 0 for no check.
+    pub maximum: f32,
+    /// Less than this above the minimum is reported, V.
+    pub margin: f32,
+    /// Supply voltage per voltage at the input.
+    pub divider: f32,
+    /// Largest duty.
+    pub duty_max: f32,
+}
+
+/// Follows the supply of one robot.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub(crate) struct Supply {
+    /// Of the last ticks, V; `None` where it is not measured.
+    mean: Option<f32>,
+    /// Of this tick, V.
+    sample: f32,
+    /// The input is at the end of its range.
+    at_end: bool,
+    low: Lasting,
+    high: Lasting,
+}
+
+impl Supply {
+    pub(crate) const fn new() -> Self {
+        Self {
+            mean: None,
+            sample: 0.0,
+            at_end: false,
+            low: Lasting::new(),
+            high: Lasting::new(),
+        }
+    }
+
+    /// Takes in the voltage at the input, V; returns what full duty is worth, V.
+    #[inline]
+    pub(crate) fn update(&mut self, input: Option<f32>, supply: &SupplyConfiguration) -> f32 {
+        let measured = match input {
+            Some(input) if supply.minimum > 0.0 => input,
+            // Without a minimum nothing is connected: what the input shows is no voltage.
+            Some(_) | None => {
+                self.mean = None;
+                return supply.nominal;
+            }
+        };
+        self.at_end = measured > FULL_SCALE;
+        self.sample = measured * supply.divider;
+        let mean = self.mean.unwrap_or(self.sample);
+        let mean = mean + FRESH * (self.sample - mean);
+        self.mean = Some(mean);
+        if mean > supply.minimum {
+            mean
+        } else {
+            supply.minimum
+        }
+    }
+
+    /// The mean, V, where it is measured.
+    pub(crate) const fn voltage(&self) -> Option<f32> {
+        self.mean
+    }
+
+    /// Whether there is not much more than the minimum.
+    #[inline]
+    pub(crate) fn is_short(&self, supply: &SupplyConfiguration) -> bool {
+        self.mean
+            .is_some_and(|mean| mean < supply.minimum + supply.margin)
+    }
+
+    /// Whether it has been too high for too long.
+    #[inline]
+    pub(crate) fn too_high(&mut self, supply: &SupplyConfiguration, now: Micros) -> Option<Fault> {
+        let above = supply.maximum > 0.0 && self.sample > supply.maximum;
+        let high = self.mean.is_some() && (above || self.at_end);
+        let lasts = self.high.update(high, now, HIGH_US);
+        lasts.then_some(Fault::SupplyHigh)
+    }
+
+    /// Whether it has been too low for too long.
+    #[inline]
+    pub(crate) fn too_low(&mut self, supply: &SupplyConfiguration, now: Micros) -> Option<Fault> {
+        let low = self.mean.is_some() && self.sample < supply.minimum;
+        let lasts = self.low.update(low, now, LOW_US);
+        lasts.then_some(Fault::SupplyLow)
+    }
+
+    /// The times begin anew.
+    pub(crate) fn acknowledge(&mut self) {
+        self.low.reset();
+        self.high.reset();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SUPPLY: SupplyConfiguration = SupplyConfiguration {
+        nominal: 24.0,
+        minimum: 18.0,
+        maximum: 30.0,
+        margin: 1.0,
+        divider: 11.0,
+        duty_max: 1.0,
+    };
+
+    /// Runs `volts(ms)` for so long; the first fault with its time.
+    fn run(millis: u64, volts: impl Fn(u64) -> f32) -> Option<(u64, Fault)> {
+        let mut supply = Supply::new();
+        (0..millis).find_map(|ms| {
+            supply.update(Some(volts(ms) / SUPPLY.divider), &SUPPLY);
+            let now = Micros(ms * 1_000);
+            let fault = supply.too_high(&SUPPLY, now);
+            let fault = fault.or(supply.too_low(&SUPPLY, now));
+            fault.map(|fault| (ms, fault))
+        })
+    }
+
+    #[test]
+    fn faults_come_after_their_time_and_not_for_a_spike() {
+        assert_eq!(run(500, |_| 31.0), Some((10, Fault::SupplyHigh)));
+        assert_eq!(run(500, |_| 17.0), Some((100, Fault::SupplyLow)));
+        // Nine milliseconds in ten above.
+        assert_eq!(run(500, |ms| if ms % 10 < 9 { 31.0 } else { 29.0 }), None);
+        assert_eq!(run(500, |_| 18.01), None);
+    }
+
+    #[test]
+    fn the_end_of_the_range_is_too_high_without_a_maximum() {
+        let open = SupplyConfiguration {
+            maximum: 0.0,
+            ..SUPPLY
+        };
+        let mut supply = Supply::new();
+        let found = (0..100_u64).find(|ms| {
+            supply.update(Some(3.3), &open);
+            supply.too_high(&open, Micros(ms * 1_000)).is_some()
+        });
+        assert_eq!(found, Some(10));
+    }
+
+    #[test]
+    fn the_duty_is_worth_the_mean_and_at_least_the_minimum() {
+        let mut supply = Supply::new();
+        assert_eq!(supply.update(None, &SUPPLY), 24.0);
+        let mut worth = 0.0;
+        for ms in 0..200 {
+            // Ripple of 2 V in every tick.
+            let volts = if ms % 2 == 0 { 25.0 } else { 23.0 };
+            worth = supply.update(Some(volts / 11.0), &SUPPLY);
+        }
+        // A step of 2 V leaves 2 V * 0.25 / 1.75 from tick to tick, half of it to either side.
+        assert!(
+            (worth - 24.0).abs() < 0.5 * 2.0 * 0.25 / 1.75 + 1e-3,
+            "{worth}"
+        );
+        assert!(!supply.is_short(&SUPPLY));
+        for _ in 0..200 {
+            worth = supply.update(Some(5.0 / 11.0), &SUPPLY);
+        }
+        assert_eq!(worth, 18.0);
+        assert!(supply.is_short(&SUPPLY));
+    }
+}
