@@ -45,6 +45,7 @@ pub(crate) struct Shared {
     pub(crate) flash_acr: AtomicU32,
     flash_waits: bool,
     cpu: OnceLock<Weak<ArmV7m>>,
+    nmi: AtomicBool,
     lines: Mutex<IrqLines>,
 }
 
@@ -65,6 +66,7 @@ impl Shared {
             flash_acr: AtomicU32::new(0),
             flash_waits,
             cpu: OnceLock::new(),
+            nmi: AtomicBool::new(false),
             lines: Mutex::new([0; 4]),
         }
     }
@@ -108,6 +110,12 @@ impl Shared {
             || soc.flash.busy_until().is_some()
         {
             self.attention.store(true, Relaxed);
+        }
+        if soc.rcc.nmi() != self.nmi.swap(soc.rcc.nmi(), Relaxed)
+            && let Some(cpu) = self.cpu.get().and_then(Weak::upgrade)
+        {
+            cpu.set_nmi(soc.rcc.nmi());
+            self.lines_changed.store(true, Relaxed);
         }
         let mut lines = lock(&self.lines);
         if *lines != soc.irq

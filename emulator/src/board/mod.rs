@@ -52,6 +52,8 @@ pub struct BoardConfig {
     pub reference_core: bool,
     /// Lets wait states of the flash cost nothing, as if it were RAM.
     pub ideal_flash: bool,
+    /// The option bytes at power-on, in the places of FLASH_OPTCR.
+    pub option_bytes: u32,
 }
 
 impl Default for BoardConfig {
@@ -64,6 +66,7 @@ impl Default for BoardConfig {
             stop_on_hard_fault: false,
             reference_core: false,
             ideal_flash: false,
+            option_bytes: flash::OPTIONS_ON_A_ROBOT,
         }
     }
 }
@@ -79,6 +82,8 @@ pub enum ResetCause {
     Software,
     /// Independent watchdog.
     Watchdog,
+    /// The chip's supply was too low.
+    BrownOut,
 }
 
 /// Core cycles between two looks at the log buffer: 1 ms at 180 MHz.
@@ -98,6 +103,8 @@ pub struct Board {
     now: u64,
     asleep: bool,
     halted: bool,
+    /// Held in reset by the brown-out detector.
+    browned_out: bool,
     next_log: u64,
     instructions: u64,
     slept: u64,
@@ -130,12 +137,13 @@ impl Board {
             .write_at(0, content)
             .expect("the content fits into the flash");
         let ram = Arc::new(RamStore::new(bus::RAM_SIZE));
-        let soc = Soc::new(
+        let mut soc = Soc::new(
             Arc::clone(&flash),
             config.crystal_ppm,
             config.hse_hz,
             config.lsi_hz,
         );
+        soc.flash.set_options(config.option_bytes);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
         let space = bus::address_space(&shared, &flash, &ram, config.uid)
             .expect("the address map is valid");
@@ -156,6 +164,7 @@ impl Board {
             now: 0,
             asleep: false,
             halted: false,
+            browned_out: false,
             next_log: 0,
             instructions: 0,
             slept: 0,
@@ -200,6 +209,7 @@ impl Board {
         self.last_cause = match causes {
             rcc::cause::IWDG => ResetCause::Watchdog,
             rcc::cause::SOFTWARE => ResetCause::Software,
+            rcc::cause::BOR => ResetCause::BrownOut,
             _ => ResetCause::Pin,
         };
         self.shared.attention.store(true, Relaxed);
@@ -261,6 +271,32 @@ impl Board {
     /// Connects a pin to a level outside. Until this is called, a pin is open.
     pub fn set_input(&mut self, port: Port, pin: u8, high: bool) {
         self.shared.with(|soc| soc.set_input(port, pin & 15, high));
+    }
+
+    /// Lets the clock at the HSE input stop, or begin again. It runs from power-on until this is called.
+    pub fn set_hse(&mut self, runs: bool) {
+        self.shared.with(|soc| soc.set_hse(runs));
+    }
+
+    /// Sets the supply of the chip in V: 3.3 until this is called. Below the level of the brown-out reset, which the option
+    /// bytes set, the chip is held in reset; above it and below what its clock needs, the run ends.
+    pub fn set_vdd(&mut self, volts: f64) {
+        let (falls, rises) = self.shared.look(|soc| soc.flash.brown_out());
+        if self.browned_out {
+            self.browned_out = volts < rises;
+            self.halted = self.browned_out;
+        } else if volts < falls {
+            self.system_reset(rcc::cause::BOR);
+            self.browned_out = true;
+            self.halted = true;
+        }
+        self.shared.with(|soc| soc.set_vdd(volts));
+    }
+
+    /// The option bytes as they are now, in the places of FLASH_OPTCR.
+    #[must_use]
+    pub fn option_bytes(&self) -> u32 {
+        self.shared.look(|soc| soc.flash.options())
     }
 
     /// Connects an external input of ADC1 (0..=15) to a voltage. Until this is called it is at 0 V.

@@ -99,7 +99,7 @@ impl Soc {
     pub(crate) fn system_reset(&mut self, causes: u32) {
         let now = self.now;
         self.rcc.reset(causes | cause::PIN);
-        self.pwr = Pwr::default();
+        self.pwr.reset();
         self.flash.reset();
         self.gpio.iter_mut().for_each(Gpio::reset);
         self.exti.reset();
@@ -275,7 +275,12 @@ impl Soc {
                 self.apply_clocks();
                 Ok(())
             }
-            Unit::Pwr => self.pwr.write(now_ps, offset, value).ok_or(""),
+            Unit::Pwr => {
+                let before = self.pwr.is_low();
+                self.pwr.write(now_ps, offset, value).ok_or("")?;
+                self.detected(before);
+                Ok(())
+            }
             Unit::Flash => {
                 self.flash.write(now_ps, offset, value).ok_or("")?;
                 self.check_power();
@@ -319,7 +324,7 @@ impl Soc {
                     self.pins_changed(port, before);
                 }
                 Unit::Can1 => self.can.reset(),
-                Unit::Pwr => self.pwr = Pwr::default(),
+                Unit::Pwr => self.pwr.reset(),
                 Unit::Adc => self.adc.reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
                 _ => {}
@@ -355,8 +360,8 @@ impl Soc {
             [
                 (
                     clocks.hclk,
-                    self.flash.max_hclk(),
-                    "HCLK with these flash wait states (RM0390 table 6)",
+                    self.flash.max_hclk(self.pwr.vdd()),
+                    "HCLK with these flash wait states and this VDD (RM0390 table 6)",
                 ),
                 (
                     clocks.hclk,

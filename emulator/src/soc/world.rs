@@ -1,8 +1,11 @@
 //! What the world sees of the chip: pins, PWM outputs, encoder inputs, the CAN connector.
 
 use super::Soc;
+use crate::stop::StopKind;
+use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};
 use crate::system::pins::{self, Route};
+use crate::system::rcc::HseFailure;
 use crate::timer::PwmState;
 use crate::trace::{Change, PWM_TIMERS, Trace};
 
@@ -16,6 +19,42 @@ impl Soc {
         self.gpio[port as usize].set_external(pin, level);
         self.pins_changed(port, before);
         self.settle();
+    }
+
+    /// Lets the clock at the HSE input begin or stop.
+    pub(crate) fn set_hse(&mut self, runs: bool) {
+        match self.rcc.set_hse(self.now_ps(), runs) {
+            HseFailure::None => {}
+            HseFailure::Seen => {
+                for timer in [1, 8] {
+                    self.timers[timer].clock_failure(self.now);
+                }
+            }
+            HseFailure::Unseen => {
+                let what =
+                    "HSE has stopped under the system clock, and CSS is off (RM0390 section 6.2.7)";
+                self.stop.get_or_insert(StopKind::Clock(what.to_owned()));
+            }
+        }
+        self.apply_clocks();
+        self.settle();
+    }
+
+    /// Sets the supply of the chip, V.
+    pub(crate) fn set_vdd(&mut self, volts: f64) {
+        let before = self.pwr.is_low();
+        self.pwr.set_vdd(volts);
+        self.detected(before);
+        self.check_clocks();
+        self.settle();
+    }
+
+    /// Passes a change of the voltage detector's output on to its interrupt line.
+    pub(super) fn detected(&mut self, before: bool) {
+        let low = self.pwr.is_low();
+        if low != before {
+            self.exti.internal_edge(exti::PVD_LINE, low);
+        }
     }
 
     /// Connects a voltage to an input of the ADC.

@@ -18,6 +18,9 @@ pub struct Exti {
 /// Lines 0..=15 are pins; up to 22 there are internal ones.
 const LINES: u32 = 0x007F_FFFF;
 
+/// The line of the programmable voltage detector.
+pub const PVD_LINE: u8 = 16;
+
 impl Exti {
     /// Resets EXTI (it has no reset bit of its own: system reset only).
     pub fn reset(&mut self) {
@@ -47,6 +50,12 @@ impl Exti {
         if self.port(pin) == Some(port) && wanted >> pin & 1 != 0 {
             self.pr |= 1 << pin;
         }
+    }
+
+    /// Tells of an edge on an internal line.
+    pub fn internal_edge(&mut self, line: u8, rising: bool) {
+        let wanted = if rising { self.rtsr } else { self.ftsr };
+        self.pr |= wanted & 1 << line;
     }
 
     /// Reads an EXTI register; `None` for an offset without one.
@@ -107,6 +116,7 @@ impl Exti {
         let on = self.pr & self.imr;
         let single = (0..5).map(move |line| (irq::EXTI[line], on >> line & 1 != 0));
         single.chain([
+            (irq::PVD, on >> PVD_LINE & 1 != 0),
             (irq::EXTI9_5, on & 0x03E0 != 0),
             (irq::EXTI15_10, on & 0xFC00 != 0),
         ])

@@ -30,6 +30,8 @@ pub const SECTORS: [(u64, u64); 8] = [
 ];
 
 const MS: u64 = 1_000_000_000; // ps
+/// Time to erase and program the option bytes: that of a sector of 16 KiB at 32 bits; the data sheet gives none.
+const OPTIONS_MS: u64 = 250;
 /// Typical time of one program operation, any width: 16 us.
 const PROGRAM_PS: u64 = 16_000_000;
 
@@ -39,6 +41,13 @@ const SR_WRPERR: u32 = 1 << 4;
 const SR_PGPERR: u32 = 1 << 6;
 const SR_PGSERR: u32 = 1 << 7;
 const SR_BSY: u32 = 1 << 16;
+/// OPTCR: locked, begin to program.
+const OPTLOCK: u32 = 1;
+const OPTSTRT: u32 = 1 << 1;
+/// Option bytes of a chip as it comes from the factory (3.6, table 8): brown-out reset off.
+pub const OPTIONS_FROM_FACTORY: u32 = 0x0FFF_AAEC;
+/// The same after a robot's first start: brown-out reset at level 3.
+pub const OPTIONS_ON_A_ROBOT: u32 = 0x0FFF_AAE0;
 const CR_PG: u32 = 1;
 const CR_SER: u32 = 1 << 1;
 const CR_MER: u32 = 1 << 2;
@@ -62,10 +71,15 @@ pub struct Flash {
     cr: u32,
     sr: u32,
     optcr: u32,
+    /// What the option bytes hold, and where the sequence of their keys stands.
+    options: u32,
+    option_keys: u8,
     keys: u8,
     locked_out: bool,
     busy_until: u64,
     erase: Option<Erase>,
+    /// Option bytes under way.
+    option_write: Option<u32>,
     operations: Operations,
     /// What each operation would leave if the power failed in it, while that is recorded.
     cuts: Option<Vec<Vec<u8>>>,
@@ -106,11 +120,14 @@ impl Flash {
             acr: 0,
             cr: CR_LOCK,
             sr: 0,
-            optcr: 0x0FFF_AAED,
+            optcr: OPTIONS_ON_A_ROBOT | OPTLOCK,
+            options: OPTIONS_ON_A_ROBOT,
+            option_keys: 0,
             keys: 0,
             locked_out: false,
             busy_until: 0,
             erase: None,
+            option_write: None,
             operations: Operations::default(),
             cuts: None,
         }
@@ -163,6 +180,8 @@ impl Flash {
             let _ = self.array.fill(erase.start, erase.length / 2, 0xFF);
         }
         *self = Self {
+            options: self.options,
+            optcr: self.options | OPTLOCK,
             operations: self.operations,
             cuts: self.cuts.take(),
             ..Self::new(Arc::clone(&self.array))
@@ -179,6 +198,10 @@ impl Flash {
             }
             if let Some(erase) = self.erase.take() {
                 let _ = self.array.fill(erase.start, erase.length, 0xFF);
+            }
+            if let Some(options) = self.option_write.take() {
+                self.options = options;
+                self.optcr &= !OPTSTRT;
             }
         }
     }
@@ -208,10 +231,40 @@ impl Flash {
         self.acr & 0xF
     }
 
-    /// The highest core clock in Hz that the wait states allow at 2.7 to 3.6 V (3.4.1, table 6).
+    /// The highest core clock in Hz that the wait states allow at a supply in V (3.4.1, table 6).
     #[must_use]
-    pub fn max_hclk(&self) -> u64 {
-        30_000_000 * u64::from(self.wait_states() + 1)
+    pub fn max_hclk(&self, vdd: f64) -> u64 {
+        let step = match vdd {
+            2.7.. => 30_000_000,
+            2.4.. => 24_000_000,
+            2.1.. => 22_000_000,
+            _ => 20_000_000,
+        };
+        step * u64::from(self.wait_states() + 1)
+    }
+
+    /// Sets what the option bytes hold, as a programmer does before power-on.
+    pub fn set_options(&mut self, options: u32) {
+        self.options = options & !(OPTLOCK | OPTSTRT);
+        self.optcr = self.options | OPTLOCK;
+    }
+
+    /// What the option bytes hold, in the places of OPTCR.
+    #[must_use]
+    pub fn options(&self) -> u32 {
+        self.options
+    }
+
+    /// Supply in V below which the brown-out reset comes, and above which it ends: typical by BOR_LEV (data sheet DS10693
+    /// rev 10, table 24). Power-down reset where it is off.
+    #[must_use]
+    pub fn brown_out(&self) -> (f64, f64) {
+        match self.options >> 2 & 3 {
+            0 => (2.83, 2.92),
+            1 => (2.50, 2.59),
+            2 => (2.19, 2.29),
+            _ => (1.68, 1.72),
+        }
     }
 
     /// Reads a register; `None` for an offset without one.
@@ -227,7 +280,7 @@ impl Flash {
         })
     }
 
-    /// Writes a register; `None` for an offset without one, or option byte programming, which is not modelled.
+    /// Writes a register; `None` for an offset without one.
     pub fn write(&mut self, now_ps: u64, offset: u32, value: u32) -> Option<()> {
         self.sync(now_ps);
         match offset {
@@ -235,7 +288,9 @@ impl Flash {
             0x04 => self.write_key(value),
             // Flags are cleared by writing one.
             0x0C => self.sr &= !(value & 0x1F3),
+            0x08 => self.write_option_key(value),
             0x10 => self.write_cr(now_ps, value),
+            0x14 => self.write_optcr(now_ps, value),
             _ => return None,
         }
         Some(())
@@ -254,6 +309,31 @@ impl Flash {
                 0
             }
         };
+    }
+
+    fn write_option_key(&mut self, key: u32) {
+        self.option_keys = match (self.option_keys, key) {
+            (0, 0x0819_2A3B) => 1,
+            (1, 0x4C5D_6E7F) => {
+                self.optcr &= !OPTLOCK;
+                0
+            }
+            _ => 0,
+        };
+    }
+
+    /// 3.6.2: what is written is programmed when OPTSTRT is set. A reset before the end of it is taken to leave what was
+    /// there, which is the kind one of the outcomes that real option bytes have.
+    fn write_optcr(&mut self, now_ps: u64, value: u32) {
+        if self.optcr & OPTLOCK != 0 || self.sr & SR_BSY != 0 {
+            return;
+        }
+        self.optcr = value & 0x0FFF_FFEF;
+        if value & OPTSTRT != 0 {
+            self.option_write = Some(value & 0x0FFF_FFEC);
+            self.sr |= SR_BSY;
+            self.busy_until = now_ps + OPTIONS_MS * MS;
+        }
     }
 
     fn write_cr(&mut self, now_ps: u64, value: u32) {
@@ -360,6 +440,24 @@ mod tests {
     }
 
     const ERASE_SECTOR_1_X32: u32 = CR_SER | 1 << 3 | 2 << 8 | CR_STRT;
+
+    #[test]
+    fn option_bytes_are_programmed_behind_their_own_keys() {
+        let (mut flash, _) = flash();
+        flash.set_options(OPTIONS_FROM_FACTORY);
+        assert_eq!(flash.read(0, 0x14), Some(0x0FFF_AAED));
+        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT | OPTSTRT).unwrap();
+        assert_eq!(flash.busy_until(), None, "locked");
+        flash.write(0, 8, 0x0819_2A3B).unwrap();
+        flash.write(0, 8, 0x4C5D_6E7F).unwrap();
+        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT).unwrap();
+        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT | OPTSTRT).unwrap();
+        let done = flash.busy_until().expect("it takes its time");
+        assert_eq!(flash.options(), OPTIONS_FROM_FACTORY);
+        assert_eq!(flash.read(done, 0x0C), Some(0));
+        assert_eq!(flash.options(), OPTIONS_ON_A_ROBOT);
+        assert_eq!(flash.brown_out().0, 2.83);
+    }
 
     #[test]
     fn erases_one_sector_in_its_time() {

@@ -159,6 +159,7 @@ pub fn find(address: u32) -> Option<&'static Entry> {
 /// Interrupt numbers (RM0390 rev 6, section 10.2, table 38).
 pub mod irq {
     #![allow(missing_docs)]
+    pub const PVD: u16 = 1;
     pub const FLASH: u16 = 4;
     pub const EXTI: [u16; 5] = [6, 7, 8, 9, 10];
     pub const CAN1_TX: u16 = 19;

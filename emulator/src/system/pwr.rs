@@ -1,12 +1,30 @@
 //! Power control (RM0390 rev 6, section 5): voltage scaling and over-drive, without which the chip must not be
-//! clocked at 180 MHz, and the write protection of the backup domain.
+//! clocked at 180 MHz, the write protection of the backup domain, and the programmable voltage detector (5.2.3).
 
 /// Over-drive and its switch are ready within some 10 us each; the regulator's voltage follows in 40 us (data
 /// sheet DS10693 rev 10, table 23).
 const OVER_DRIVE_PS: u64 = 10_000_000;
 
+/// Supply of the chip on the board, V.
+pub const NOMINAL_VDD: f64 = 3.3;
+
 const ODEN: u32 = 1 << 16;
 const ODSWEN: u32 = 1 << 17;
+/// The voltage detector is on.
+const PVDE: u32 = 1 << 4;
+/// Its output in CSR: VDD is below the threshold.
+const PVDO: u32 = 1 << 2;
+/// Thresholds by PLS for a falling and a rising VDD, typical, mV (data sheet DS10693 rev 10, table 24).
+const PVD_LEVELS: [(f64, f64); 8] = [
+    (2040.0, 2140.0),
+    (2190.0, 2300.0),
+    (2350.0, 2450.0),
+    (2510.0, 2600.0),
+    (2660.0, 2760.0),
+    (2820.0, 2930.0),
+    (2930.0, 3030.0),
+    (3030.0, 3140.0),
+];
 
 /// PWR.
 #[derive(Debug, Clone)]
@@ -14,6 +32,9 @@ pub struct Pwr {
     cr: u32,
     over_drive_at: Option<u64>,
     switched_at: Option<u64>,
+    /// V, and whether the detector finds that too little.
+    vdd: f64,
+    low: bool,
 }
 
 impl Default for Pwr {
@@ -22,6 +43,8 @@ impl Default for Pwr {
             cr: 0xC000,
             over_drive_at: None,
             switched_at: None,
+            vdd: NOMINAL_VDD,
+            low: false,
         }
     }
 }
@@ -35,7 +58,10 @@ impl Pwr {
             4 => {
                 let ready = |at: Option<u64>| u32::from(at.is_some_and(|at| now_ps >= at));
                 // VOSRDY (14) is modelled as always reached: the scale is written before the clock is raised.
-                Some(1 << 14 | ready(self.over_drive_at) << 16 | ready(self.switched_at) << 17)
+                let low = if self.is_low() { PVDO } else { 0 };
+                Some(
+                    low | 1 << 14 | ready(self.over_drive_at) << 16 | ready(self.switched_at) << 17,
+                )
             }
             _ => None,
         }
@@ -52,11 +78,43 @@ impl Pwr {
                 let ready = self.over_drive_at.is_some_and(|at| now_ps >= at);
                 self.switched_at = set(value & ODSWEN != 0 && ready, self.switched_at);
                 self.cr = value & 0x003F_FFF3;
+                self.compare();
                 Some(())
             }
             4 => Some(()),
             _ => None,
         }
+    }
+
+    /// Resets it; the supply stays.
+    pub fn reset(&mut self) {
+        *self = Self {
+            vdd: self.vdd,
+            ..Self::default()
+        };
+    }
+
+    /// Sets the chip's supply, V.
+    pub fn set_vdd(&mut self, volts: f64) {
+        self.vdd = volts;
+        self.compare();
+    }
+
+    /// The chip's supply, V.
+    #[must_use]
+    pub fn vdd(&self) -> f64 {
+        self.vdd
+    }
+
+    fn compare(&mut self) {
+        let (falling, rising) = PVD_LEVELS[(self.cr >> 5 & 7) as usize];
+        self.low = self.vdd * 1e3 < if self.low { rising } else { falling };
+    }
+
+    /// Whether the voltage detector is on and finds VDD below its threshold: EXTI line 16.
+    #[must_use]
+    pub fn is_low(&self) -> bool {
+        self.cr & PVDE != 0 && self.low
     }
 
     /// Whether the backup domain may be written (DBP).
@@ -81,6 +139,19 @@ impl Pwr {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_detector_has_hysteresis() {
+        let mut pwr = Pwr::default();
+        pwr.set_vdd(2.9);
+        assert!(!pwr.is_low(), "off");
+        pwr.write(0, 0, PVDE | 6 << 5).unwrap();
+        assert!(pwr.is_low());
+        for (volts, low) in [(3.0, true), (3.04, false), (2.95, false), (2.92, true)] {
+            pwr.set_vdd(volts);
+            assert_eq!(pwr.read(0, 4).unwrap() & PVDO != 0, low, "{volts} V");
+        }
+    }
 
     #[test]
     fn over_drive_before_180_mhz() {

@@ -38,6 +38,17 @@ pub mod cause {
     pub const IWDG: u32 = 1 << 29;
 }
 
+/// CR: HSE is a clock from outside.
+const HSEBYP: u32 = 1 << 18;
+/// CR: HSE on, clock security system on, main PLL on.
+const HSEON: u32 = 1 << 16;
+const CSSON: u32 = 1 << 19;
+const PLLON: u32 = 1 << 24;
+/// PLLCFGR: the PLLs' source is HSE.
+const PLLSRC: u32 = 1 << 22;
+/// CIR: the clock security system's flag, and what clears it.
+const CSSF: u32 = 1 << 7;
+const CSSC: u32 = 1 << 23;
 const RMVF: u32 = 1 << 24;
 const CAUSES: u32 = 0xFE00_0000;
 
@@ -93,10 +104,25 @@ impl Source {
     }
 }
 
+/// What a change at the HSE input does to the chip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HseFailure {
+    /// Nothing fails.
+    None,
+    /// HSE fails, and the clock security system sees it.
+    Seen,
+    /// HSE fails under the system clock, and nothing sees it.
+    Unseen,
+}
+
 /// RCC.
 #[derive(Debug, Clone)]
 pub struct Rcc {
     hse_hz: u64,
+    /// Whether there is a clock at the HSE input.
+    hse_runs: bool,
+    /// CSSF: the clock security system has seen HSE fail.
+    hse_failed: bool,
     cr: u32,
     pllcfgr: u32,
     cfgr: u32,
@@ -118,6 +144,8 @@ impl Rcc {
     pub fn new(hse_hz: u64) -> Self {
         let mut rcc = Self {
             hse_hz,
+            hse_runs: hse_hz != 0,
+            hse_failed: false,
             cr: 0,
             pllcfgr: 0,
             cfgr: 0,
@@ -141,6 +169,7 @@ impl Rcc {
         self.pllcfgr = 0x2400_3010;
         self.cfgr = 0;
         self.cir = 0;
+        self.hse_failed = false;
         self.banks = [0; 0x28];
         self.banks[0x30 / 4] = 0x0010_0000;
         self.banks[0x50 / 4] = 0x7E67_91FF;
@@ -212,7 +241,7 @@ impl Rcc {
             }
             reg::PLLCFGR => self.pllcfgr,
             reg::CFGR => (self.cfgr & !0xC) | (self.switched(now_ps) << 2),
-            reg::CIR => self.cir,
+            reg::CIR => self.cir | if self.hse_failed { CSSF } else { 0 },
             reg::BDCR => self.bdcr | u32::from(self.lse.ready(now_ps)) << 1,
             reg::CSR => self.csr | u32::from(self.lsi.ready(now_ps)) << 1,
             0x10..=0x18
@@ -246,7 +275,10 @@ impl Rcc {
                 }
             }
             reg::CFGR => self.cfgr = value & 0xFFFF_FFF3 & !0x300,
-            reg::CIR => self.cir = value & 0x7F00,
+            reg::CIR => {
+                self.cir = value & 0x7F00;
+                self.hse_failed &= value & CSSC == 0;
+            }
             reg::BDCR => {
                 if backup_access {
                     self.bdcr = if value & 1 << 16 != 0 {
@@ -283,7 +315,6 @@ impl Rcc {
     }
 
     fn write_cr(&mut self, now_ps: u64, value: u32) {
-        const HSEBYP: u32 = 1 << 18;
         let mut value = value & 0x150D_00F9;
         // A clock that feeds the system cannot be switched off (6.3.1).
         match self.switched(now_ps) {
@@ -292,10 +323,16 @@ impl Rcc {
             _ => value |= 1 << 24,
         }
         self.cr = value;
+        self.switch_sources(now_ps);
+    }
+
+    /// Starts and stops the oscillators and PLLs as CR says.
+    fn switch_sources(&mut self, now_ps: u64) {
+        let value = self.cr;
         self.hsi.switch(value & 1 != 0, now_ps, HSI_START_PS);
         let delay = if value & HSEBYP != 0 { 0 } else { HSE_START_PS };
         self.hse
-            .switch(value & 1 << 16 != 0 && self.hse_hz != 0, now_ps, delay);
+            .switch(value & HSEON != 0 && self.hse_runs, now_ps, delay);
         let fed = if self.pllcfgr & 1 << 22 != 0 {
             self.hse
         } else {
@@ -309,6 +346,43 @@ impl Rcc {
                 None => pll.switch(false, now_ps, 0),
             }
         }
+    }
+
+    /// The clock at the HSE input begins or stops (6.2.7). A failure that the clock security system sees switches HSE, and
+    /// the PLL that it feeds, off and the system clock to HSI.
+    pub fn set_hse(&mut self, now_ps: u64, runs: bool) -> HseFailure {
+        let runs = runs && self.hse_hz != 0;
+        let fails = !runs && self.hse.ready(now_ps);
+        let feeds = match self.switched(now_ps) {
+            1 => true,
+            2 => self.pllcfgr & PLLSRC != 0,
+            _ => false,
+        };
+        self.hse_runs = runs;
+        let seen = fails && self.cr & CSSON != 0;
+        if seen {
+            self.cr &= !HSEON;
+            if self.pllcfgr & PLLSRC != 0 {
+                self.cr &= !PLLON;
+            }
+            if feeds {
+                self.cfgr &= !3;
+                self.cr |= 1;
+            }
+            self.hse_failed = true;
+        }
+        self.switch_sources(now_ps);
+        match (seen, fails && feeds) {
+            (true, _) => HseFailure::Seen,
+            (false, true) => HseFailure::Unseen,
+            (false, false) => HseFailure::None,
+        }
+    }
+
+    /// Whether the clock security system asks for an NMI.
+    #[must_use]
+    pub fn nmi(&self) -> bool {
+        self.hse_failed
     }
 
     /// The system clock in use (SWS): what SW asks for, if it is ready.
@@ -416,8 +490,7 @@ impl Rcc {
 mod tests {
     use super::*;
 
-    const HSEON_BYP: u32 = 1 << 16 | 1 << 18;
-    const PLLON: u32 = 1 << 24;
+    const HSEON_BYP: u32 = HSEON | HSEBYP;
 
     /// 8 MHz / `m` x `n` / 2 as the system clock, APB1 by 4, APB2 by 2.
     fn running_from_pll(m: u32, n: u32) -> Rcc {
@@ -477,6 +550,34 @@ mod tests {
         assert_eq!(rcc.read(late, reg::CR).unwrap() & (1 << 17 | 1 << 25), 0);
         assert_eq!(rcc.read(late, reg::CFGR).unwrap() & 0xC, 0);
         assert_eq!(rcc.clocks(late).hclk, 16_000_000);
+    }
+
+    #[test]
+    fn a_clock_that_stops_is_seen_with_css_only() {
+        let late = 2 * PLL_LOCK_PS;
+        let mut rcc = running_from_pll(4, 180);
+        assert_eq!(rcc.set_hse(late, false), HseFailure::Unseen);
+
+        let mut rcc = running_from_pll(4, 180);
+        let on = rcc.read(late, reg::CR).unwrap() | CSSON;
+        rcc.write(late, reg::CR, on, false).unwrap();
+        assert_eq!(rcc.set_hse(late, false), HseFailure::Seen);
+        assert_eq!(rcc.clocks(late).sysclk, HSI_HZ);
+        let off = rcc.read(late, reg::CR).unwrap() & (HSEON | PLLON | 1 << 17 | 1 << 25);
+        assert_eq!(off, 0);
+        assert!(rcc.nmi() && rcc.read(late, reg::CIR).unwrap() & CSSF != 0);
+        rcc.write(late, reg::CIR, CSSC, false).unwrap();
+        assert!(!rcc.nmi());
+    }
+
+    #[test]
+    fn a_clock_that_begins_late_is_ready_late() {
+        let mut rcc = Rcc::new(8_000_000);
+        assert_eq!(rcc.set_hse(0, false), HseFailure::None);
+        rcc.write(0, reg::CR, 0x83 | HSEON_BYP, false).unwrap();
+        assert_eq!(rcc.read(5 * US, reg::CR).unwrap() & 1 << 17, 0);
+        rcc.set_hse(5 * US, true);
+        assert_ne!(rcc.read(5 * US, reg::CR).unwrap() & 1 << 17, 0);
     }
 
     #[test]

@@ -375,6 +375,15 @@ impl Timer {
         self.check_break();
     }
 
+    /// The clock security system has seen HSE fail: a break like that of the input (17.3.12).
+    pub fn clock_failure(&mut self, now: u64) {
+        self.sync(now);
+        if self.kind.advanced && self.bdtr & bdtr::BKE != 0 {
+            self.bdtr &= !bdtr::MOE;
+            self.sr |= flag::BREAK;
+        }
+    }
+
     /// Whether the break input asks for the outputs to be off.
     fn break_active(&self) -> bool {
         self.kind.advanced
