@@ -122,6 +122,8 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         return Err(bad(at::SETPOINT_TIMEOUT));
     }
 
+    let encoder_filter = encoder_filter(parameters)?;
+
     let jerk = (real(at::JERK), real(at::JERK_YAW));
     Ok(Configuration {
         crc: parameters.crc().max(1),
@@ -129,6 +131,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         members,
         drivetrain,
         rollers,
+        encoder_filter,
         mount,
         wheel_rate_max: real(at::WHEEL_RATE_MAX),
         follow: ChangeLimits::new(
@@ -199,6 +202,29 @@ fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, Confi
         u16::from_le_bytes([tolerance, high]),
     );
     Ok((!configuration.is_ideal()).then_some(configuration))
+}
+
+/// Clocks of 90 MHz for which a channel must keep its level to get through its filter, by 0x202B:1 (RM0390 18.4.7).
+const FILTER_CLOCKS: [f32; 16] = [
+    0.0, 2.0, 4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 80.0, 96.0, 128.0, 160.0, 192.0, 256.0,
+];
+const FILTER_HZ: f32 = 90e6;
+
+/// The filter of the encoder channels. A level lasts two counts; uneven channels may take one of them away.
+fn encoder_filter(parameters: &Parameters) -> Result<u8, ConfigurationError> {
+    let [filter, ..] = parameters.unsigned(at::ENCODER_FILTER).to_le_bytes();
+    let clocks = FILTER_CLOCKS.get(usize::from(filter)).copied();
+    let turns = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO)
+        / core::f32::consts::TAU;
+    let fits = |place| {
+        let counts = turns * encoder_counts(parameters, place);
+        clocks.is_some_and(|clocks| counts * clocks <= FILTER_HZ)
+    };
+    if (0..4).all(fits) {
+        Ok(filter)
+    } else {
+        Err(ConfigurationError::Inconsistent(at::ENCODER_FILTER))
+    }
 }
 
 /// The usual four wheels.

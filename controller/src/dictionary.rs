@@ -58,6 +58,8 @@ pub(crate) struct Device {
     pub firmware: u32,
     pub reset_cause: u8,
     pub node_switches: u8,
+    pub clock_wait_ms: u16,
+    pub brown_out_level: u8,
     pub storage: bool,
 }
 
@@ -138,6 +140,8 @@ impl Dictionary {
             at::FIRMWARE_VERSION => Value::U32(self.device.firmware),
             at::RESET_CAUSE => Value::U8(self.device.reset_cause),
             at::NODE_SWITCHES => Value::U8(self.device.node_switches),
+            at::CLOCK_WAIT => Value::U16(self.device.clock_wait_ms),
+            at::BROWN_OUT_LEVEL => Value::U8(self.device.brown_out_level),
             at::NODE_STORED => Value::U8(self.store.node()),
             at::CONFIGURATION_STATUS => Value::U32(match self.store.corrupt {
                 Some(address) => address.packed() << 8 | 3,

@@ -17,6 +17,10 @@ pub struct Identity {
     pub firmware: u32,
     /// Why the processor started, object 0x2001:3.
     pub reset_cause: u8,
+    /// How long the start waited for clock and supply, ms, object 0x2127:1.
+    pub clock_wait_ms: u16,
+    /// Level of the brown-out reset, object 0x2127:2.
+    pub brown_out_level: u8,
     /// Whether the platform stores images, see [`crate::BusSide::image_to_store`]. Without that
     /// there are no objects 0x1010 and 0x1011.
     pub storage: bool,
@@ -32,6 +36,8 @@ impl Identity {
             serial,
             firmware: 0x0001_0000,
             reset_cause: 0,
+            clock_wait_ms: 0,
+            brown_out_level: 3,
             storage: false,
         }
     }
@@ -123,6 +129,8 @@ pub(crate) const fn device(identity: &Identity) -> Device {
         firmware: identity.firmware,
         reset_cause: identity.reset_cause,
         node_switches: identity.node_switches,
+        clock_wait_ms: identity.clock_wait_ms,
+        brown_out_level: identity.brown_out_level,
         storage: identity.storage,
     }
 }

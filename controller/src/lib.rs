@@ -45,7 +45,6 @@ mod dictionary;
 mod history;
 mod identity;
 pub mod parameters;
-pub mod record_store;
 pub mod sequence;
 pub mod state;
 mod store;

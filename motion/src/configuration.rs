@@ -68,6 +68,8 @@ pub struct Configuration {
     pub drivetrain: Drivetrain,
     /// The wheels' rollers; `None` where all are ideal.
     pub rollers: Option<RollerConfiguration>,
+    /// Filter of the encoder channels, for the board: ICxF of the timers.
+    pub encoder_filter: u8,
     /// Where this robot stands in the group.
     pub mount: Mount,
     /// Fastest wheel rate, rad/s.

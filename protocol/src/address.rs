@@ -132,6 +132,8 @@ addresses! {
     ROLLER_REFERENCE = 0x202A:1;
     /// Counts by which an index may be off.
     INDEX_TOLERANCE = 0x202A:2;
+    /// Filter of the encoder inputs.
+    ENCODER_FILTER = 0x202B:1;
     /// Fastest wheel rate.
     WHEEL_RATE_MAX = 0x2030:1;
     /// Group acceleration, linear.
@@ -270,6 +272,10 @@ addresses! {
     ERASES = 0x2126:2;
     /// Saves that a loss of power cut off.
     CUT_SAVES = 0x2126:3;
+    /// How long the start waited for clock and supply.
+    CLOCK_WAIT = 0x2127:1;
+    /// Level of the brown-out reset.
+    BROWN_OUT_LEVEL = 0x2127:2;
 }
 
 /// The motor of one wheel, at 0x2021 to 0x2024 in the order front left, front right, rear left,

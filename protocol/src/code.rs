@@ -157,6 +157,10 @@ codes! {
         SupplyHigh = 0x3210,
         /// Another robot sends with this one's node number.
         DuplicateNode = 0xFF1C,
+        /// The processor's clock failed and it was restarted.
+        ClockLost = 0xFF1E,
+        /// The processor's supply sank below what it needs and it was restarted.
+        SupplyCollapse = 0xFF1F,
     }
 }
 
@@ -173,7 +177,9 @@ impl Fault {
             | Self::WatchdogReset
             | Self::StoreInterrupted
             | Self::ParametersCorrupt
-            | Self::Unconfigured => Reaction::Cut,
+            | Self::Unconfigured
+            | Self::ClockLost
+            | Self::SupplyCollapse => Reaction::Cut,
             Self::MasterSilent
             | Self::SyncLost
             | Self::SetpointOverdue

@@ -332,6 +332,14 @@ const fn roller_record(phase: bool) -> [Object; 4] {
     ]
 }
 
+const ENCODER_INPUTS: &[Object] = &[Object::parameter(
+    at::ENCODER_FILTER,
+    "Filter",
+    "",
+    byte(0, 15, 3),
+    "Digital filter of the encoder channels, ICxF of RM0390 18.4.7 at 90 MHz: a level counts once it has lasted 0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192 or 256 clocks of 11.1 ns; 3 is 89 ns. Refused where the counts at the maximum wheel rate come faster than one in that time.",
+)];
+
 const ROLLER_REFERENCE: &[Object] = &[
     Object::parameter(
         at::ROLLER_REFERENCE,
@@ -950,6 +958,23 @@ const STORE: &[Object] = &[
     ),
 ];
 
+const POWER: &[Object] = &[
+    Object::state(
+        at::CLOCK_WAIT,
+        "Wait at start",
+        "ms",
+        Kind::U16,
+        "How long the last start waited for the clock from outside and for the processor's supply.",
+    ),
+    Object::state(
+        at::BROWN_OUT_LEVEL,
+        "Brown-out reset",
+        "",
+        Kind::U8,
+        "Level of the processor's brown-out reset: 3, programmed at the first start, resets below 2.8 V. Below 2.7 V the processor is not reliable; 0 is off.",
+    ),
+];
+
 const fn history_record(index: u16) -> [Object; history::DEPTH as usize] {
     const NAMES: [&str; 8] = [
         "Newest", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth",
@@ -1019,6 +1044,7 @@ const PARTS: &[&[Object]] = &[
     &roller_record(false),
     &roller_record(true),
     ROLLER_REFERENCE,
+    ENCODER_INPUTS,
     LIMITS,
     GROUP,
     COMMISSIONING,
@@ -1042,6 +1068,7 @@ const PARTS: &[&[Object]] = &[
     &history_record(0x2124),
     &history_record(0x2125),
     STORE,
+    POWER,
 ];
 
 /// Name of the object or record at an index, for the EDS and the protocol page.
@@ -1069,6 +1096,7 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2028, "Roller counts"),
     (0x2029, "Roller phases"),
     (0x202A, "Roller reference"),
+    (0x202B, "Encoder inputs"),
     (0x2030, "Limits"),
     (0x2031, "Thresholds"),
     (0x2040, "Group"),
@@ -1095,6 +1123,7 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2124, "Limit codes"),
     (0x2125, "Limit times"),
     (0x2126, "Store"),
+    (0x2127, "Clock and supply"),
 ];
 
 /// How many objects there are.
