@@ -37,7 +37,7 @@ pub async fn control(
     loop {
         let begin = timer.until(due).await;
         if CONFIGURATION.is_there() {
-            take_over(&mut side, &mut phase, &mut indexes);
+            take_over(&mut side, &mut phase, &encoders, &mut indexes);
         }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
@@ -82,10 +82,16 @@ pub async fn control(
 
 /// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
-fn take_over(side: &mut ControlSide, phase: &mut TickPhase, indexes: &mut Indexes) {
+fn take_over(
+    side: &mut ControlSide,
+    phase: &mut TickPhase,
+    encoders: &Encoders,
+    indexes: &mut Indexes,
+) {
     CONFIGURATION.take_with(|configuration| {
         *phase = TickPhase::with_period(configuration.times.sync_period_us);
         let rollers = configuration.rollers.as_ref();
+        encoders.set_filter(configuration.encoder_filter);
         indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));
         side.configure(configuration);
     });

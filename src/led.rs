@@ -10,6 +10,7 @@
 //! | on | | OPERATIONAL, no fault |
 //! | double flash | two of 0.2 s, 1 s off | emergency stop |
 //! | triple flash | three of 0.2 s, 1 s off | another fault, latched: NMT start clears it when the cause is gone |
+//! | four flashes | four of 0.2 s, 1 s off | at start, before this task: no clock from outside, or the chip's supply is too low |
 //! | flickering | 50 ms on, 50 ms off | off the bus |
 //! | five short flashes | five of 50 ms, 0.6 s off | somebody asks which robot this is (object 0x2059) |
 

@@ -41,6 +41,8 @@ mod led;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]
+mod store;
+#[cfg(target_os = "none")]
 mod wake;
 #[cfg(target_os = "none")]
 mod watchdog;

@@ -5,8 +5,9 @@
 
 mod common;
 
-use common::{board, firmware, nmt, register, run};
-use emulator::Port;
+use common::{board, board_with, firmware, frames, nmt, register, run};
+use emulator::system::flash::{OPTIONS_FROM_FACTORY, OPTIONS_ON_A_ROBOT};
+use emulator::{BoardConfig, CanFrame, PinLevel, Port, ResetCause};
 
 const START: u8 = 1;
 const STOP: u8 = 2;
@@ -51,4 +52,164 @@ fn a_program_gone_astray_cannot_take_the_break_inputs_away() {
     for at in BDTR {
         assert_eq!(register(&board, at) & MOE, 0);
     }
+}
+
+/// Driver enable and brake release on port B, the LED on port A.
+const GATES: [u8; 2] = [0, 1];
+const LED: u8 = 5;
+
+/// Heartbeat of node 2; with a zero in it, its boot-up.
+const BOOT_UP: (u16, &[u8]) = (0x702, &[0]);
+/// Emergency of node 2.
+const EMERGENCY: u16 = 0x82;
+
+/// Error codes of the emergencies among these frames.
+fn emergencies(frames: &[(u64, CanFrame)]) -> Vec<u16> {
+    frames
+        .iter()
+        .filter(|(_, frame)| frame.standard_id() == Some(EMERGENCY))
+        .map(|(_, frame)| u16::from_le_bytes([frame.data()[0], frame.data()[1]]))
+        .collect()
+}
+
+/// When the boot-up came, ns.
+fn booted(frames: &[(u64, CanFrame)]) -> Option<u64> {
+    let is_boot_up =
+        |frame: &CanFrame| frame.standard_id() == Some(BOOT_UP.0) && frame.data() == BOOT_UP.1;
+    frames
+        .iter()
+        .find(|(_, frame)| is_boot_up(frame))
+        .map(|(at, _)| *at)
+}
+
+#[test]
+fn without_its_clock_the_robot_stays_safe_says_so_and_comes_up_when_there_is_one() {
+    let mut board = board(&firmware());
+    board.set_hse(false);
+    let mut light = Vec::new();
+    for ms in 1..1_800 {
+        assert!(
+            frames(&mut board, ms * MS).is_empty(),
+            "no frame without a clock"
+        );
+        // The pins are inputs as after reset for the first instants only.
+        for pin in GATES {
+            assert_eq!(
+                board.output(Port::B, pin),
+                PinLevel::Low,
+                "PB{pin} at {ms} ms"
+            );
+        }
+        for pin in 8..12 {
+            assert_eq!(
+                board.output(Port::A, pin),
+                PinLevel::Low,
+                "PA{pin} at {ms} ms"
+            );
+        }
+        light.push(board.output(Port::A, LED) == PinLevel::High);
+    }
+    assert_eq!(board.resets(), 0);
+    // Four flashes, then nothing for a second.
+    let begins: Vec<usize> = (1..light.len())
+        .filter(|at| light[*at] && !light[*at - 1])
+        .collect();
+    println!("the LED lights at {begins:?} ms");
+    // And then a second without.
+    assert_eq!(begins.len(), 4);
+    let between: Vec<usize> = begins.windows(2).map(|two| two[1] - two[0]).collect();
+    for (between, expected) in between.iter().zip([400, 400, 400]) {
+        // The internal oscillator's loop is a little longer than what it counts.
+        assert!(between.abs_diff(expected) <= expected / 20, "{between} ms");
+    }
+
+    board.set_hse(true);
+    let at = board.now_ns();
+    let heard = frames(&mut board, at + 100 * MS);
+    let took = booted(&heard).expect("it boots") - at;
+    println!("on the bus {} ms after the clock", took / MS);
+    assert!(emergencies(&heard).is_empty());
+}
+
+#[test]
+fn a_clock_that_comes_late_is_waited_for() {
+    let mut board = board(&firmware());
+    board.set_hse(false);
+    run(&mut board, 150 * MS);
+    board.set_hse(true);
+    let heard = frames(&mut board, 300 * MS);
+    assert!(booted(&heard).is_some());
+    assert_eq!(board.resets(), 0);
+}
+
+#[test]
+fn a_clock_that_stops_cuts_the_outputs_at_once_and_is_announced() {
+    const MOE: u32 = 1 << 15;
+    let mut board = board(&firmware());
+    run(&mut board, 100 * MS);
+    for at in BDTR {
+        board.write_register(at, MOE | register(&board, at));
+    }
+    board.set_hse(false);
+    for at in BDTR {
+        assert_eq!(register(&board, at) & MOE, 0, "cut without the program");
+    }
+    let stopped = board.now_ns();
+    while board.resets() == 0 {
+        let now = board.now_ns();
+        run(&mut board, now + MS);
+        assert!(board.now_ns() < stopped + 100 * MS, "no reset");
+    }
+    println!(
+        "reset {} ms after the clock stopped",
+        (board.now_ns() - stopped) / MS
+    );
+    board.set_hse(true);
+    let from = board.now_ns();
+    let heard = frames(&mut board, from + 200 * MS);
+    let up = booted(&heard).expect("it boots") - from;
+    println!("on the bus {} ms later", up / MS);
+    assert_eq!(emergencies(&heard), [0xFF1E]);
+}
+
+#[test]
+fn a_supply_that_sinks_resets_is_announced_and_never_leaves_the_specification() {
+    // A chip from the factory has no brown-out reset before its first start.
+    let config = BoardConfig {
+        option_bytes: OPTIONS_FROM_FACTORY,
+        ..BoardConfig::default()
+    };
+    let mut board = board_with(&firmware(), config);
+    run(&mut board, 400 * MS);
+    // 3.3 V to 2.0 V and back, 10 mV a millisecond. The run would end where the chip is not made for its clock.
+    let mut heard = Vec::new();
+    for step in 0..400_u32 {
+        let volts = if step < 130 {
+            3.3 - 0.01 * f64::from(step)
+        } else {
+            (2.0 + 0.01 * f64::from(step - 130)).min(3.3)
+        };
+        board.set_vdd(volts);
+        let now = board.now_ns();
+        heard.extend(frames(&mut board, now + MS));
+    }
+    assert_eq!(board.reset_cause(), ResetCause::BrownOut);
+    let now = board.now_ns();
+    heard.extend(frames(&mut board, now + 300 * MS));
+    assert!(booted(&heard).is_some());
+    assert_eq!(emergencies(&heard), [0xFF1F]);
+}
+
+#[test]
+fn a_chip_from_the_factory_gets_its_brown_out_reset_once() {
+    let config = BoardConfig {
+        option_bytes: OPTIONS_FROM_FACTORY,
+        ..BoardConfig::default()
+    };
+    let mut board = board_with(&firmware(), config);
+    let heard = frames(&mut board, 1_000 * MS);
+    assert!(booted(&heard).is_some());
+    assert_eq!(board.resets(), 0);
+    assert_eq!(board.option_bytes(), OPTIONS_ON_A_ROBOT);
+    assert_eq!(board.flash_operations().erases, 0);
 }

@@ -6,10 +6,8 @@
 //! are never read back to be restored. The first count after the start is the longest there is, so the start ends with
 //! a feeding, too.
 
-use embassy_stm32::Peri;
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::peripherals::IWDG;
 
 /// A time without feeding after which the chip is reset.
 #[derive(Clone, Copy)]
@@ -42,8 +40,8 @@ pub struct Stuck;
 pub struct Watchdog(());
 
 impl Watchdog {
-    /// Starts it with the normal setting.
-    pub fn start(_iwdg: Peri<'static, IWDG>) -> Self {
+    /// Starts it with the normal setting. Needs no clock but its own, so it can be the first thing.
+    pub fn start() -> Self {
         pac::IWDG.kr().write(|w| w.set_key(Key::START));
         log(set(NORMAL));
         Self(())
@@ -68,7 +66,8 @@ pub fn patiently<T>(f: impl FnOnce() -> T) -> Result<T, Stuck> {
     Ok(result)
 }
 
-fn feed() {
+/// Feeds it; for the start, before there are tasks.
+pub fn feed() {
     pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
 }
 

@@ -13,6 +13,7 @@ pub mod iwdg;
 mod memory;
 mod nucleo_f446re;
 pub mod post_mortem;
+pub mod power;
 mod safe_state;
 pub mod stack;
 pub mod tick;

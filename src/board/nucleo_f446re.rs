@@ -18,10 +18,16 @@
 //!
 //! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
+#![expect(
+    unsafe_code,
+    reason = "the first instructions after reset are assembly"
+)]
+
 use canopen::Micros;
 use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
 use embassy_stm32::pac::adc::vals::SampleTime;
+use embassy_stm32::pac::timer::vals::FilterValue;
 use embassy_stm32::peripherals::{ADC1, PA4, TIM2, TIM3, TIM4, TIM5};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
@@ -37,6 +43,7 @@ use super::executors;
 use super::flash::ParameterFlash;
 use super::index::Indexes;
 use super::iwdg::Watchdog;
+use super::power;
 use super::tick::TickTimer;
 
 /// Bit of port B that enables the motor drivers.
@@ -45,6 +52,12 @@ pub const DRIVER_ENABLE_PB: usize = 0;
 pub const BRAKE_RELEASE_PB: usize = 1;
 /// First of the four bits of port C that say which way the wheels turn.
 pub const FIRST_DIRECTION_PC: usize = 0;
+
+/// Filter of the encoder channels until there is a configuration, the same as its default.
+const ENCODER_FILTER: u8 = 3;
+
+/// Bit of port A with the LED.
+pub const LED_PA: usize = 5;
 
 /// Everything the tasks use.
 pub struct Board {
@@ -70,6 +83,10 @@ pub struct Board {
     pub flash: ParameterFlash,
     /// Value of the four switches, 0..=15.
     pub node_switches: u8,
+    /// How long the start waited for clock and supply, ms.
+    pub clock_wait_ms: u16,
+    /// Level of the brown-out reset, 0 (off) to 3.
+    pub brown_out_level: u8,
     /// The chip's unique number, folded to 32 bits.
     pub serial: u32,
     /// Why the chip was reset.
@@ -105,6 +122,23 @@ pub struct Encoders {
 }
 
 impl Encoders {
+    /// Sets the digital filter of all channels, 0 to 15: ICxF of RM0390 18.4.7, at the timers' 90 MHz. The HAL leaves it off,
+    /// and then every glitch of 11 ns is an edge.
+    pub fn set_filter(&self, filter: u8) {
+        let filter = FilterValue::from_bits(filter);
+        for channels in [
+            pac::TIM2.ccmr_input(0),
+            pac::TIM3.ccmr_input(0),
+            pac::TIM4.ccmr_input(0),
+            pac::TIM5.ccmr_input(0),
+        ] {
+            channels.modify(|w| {
+                w.set_icf(0, filter);
+                w.set_icf(1, filter);
+            });
+        }
+    }
+
     /// Returns the counts front left, front right, rear left, rear right; they wrap at 16 bits and go up when the
     /// wheel rolls the base forward.
     pub fn counts(&self) -> [u16; 4] {
@@ -156,9 +190,12 @@ impl SupplyMeter {
 }
 
 impl Board {
-    /// Sets up clocks, pins and peripherals. Outputs are safe from the first statements on; the watchdog runs
-    /// when this returns. To be called once.
+    /// Sets up clocks, pins and peripherals. Outputs are safe since the first instructions; the watchdog runs before
+    /// clock and supply are waited for. To be called once.
     pub fn new() -> Self {
+        let watchdog = Watchdog::start();
+        let clock_wait_ms = power::wait();
+        // Resets the ports; they are safe again in the next statements, a millisecond later.
         let p = embassy_stm32::init(clocks());
         let gate = [Flex::new(p.PB0), Flex::new(p.PB1)].map(|mut pin| {
             pin.set_low();
@@ -171,7 +208,7 @@ impl Board {
             Output::new(p.PC2, Level::High, Speed::Low),
             Output::new(p.PC3, Level::High, Speed::Low),
         ];
-        let watchdog = Watchdog::start(p.IWDG);
+        power::watch();
 
         // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them costs 5 cycles.
         pac::FLASH.acr().modify(|w| {
@@ -207,6 +244,8 @@ impl Board {
             rear_right: Qei::new(p.TIM5, p.PA0, p.PA1, encoder),
         };
 
+        encoders.set_filter(ENCODER_FILTER);
+
         let indexes = Indexes::new(p.PB10, p.PA12, p.PB14, p.PB15);
 
         let switches = [
@@ -224,6 +263,7 @@ impl Board {
 
         let driver_fault = Input::new(p.PB13, Pull::Up);
         let led = Output::new(p.PA5, Level::Low, Speed::Low);
+        power::program_brown_out();
         executors::set_priorities();
         let can = Can::new(p.CAN1, p.PB8, p.PB9);
 
@@ -239,10 +279,56 @@ impl Board {
             watchdog,
             flash: ParameterFlash::new(p.FLASH),
             node_switches,
+            clock_wait_ms: u16::try_from(clock_wait_ms).unwrap_or(u16::MAX),
+            brown_out_level: power::brown_out_level(),
             serial: fold(&uid::uid()),
             reset_cause: reset_cause(),
         }
     }
+}
+
+/// The first instructions after reset: PWM, driver enable and brake release become outputs, which are low. Painting the stack
+/// and setting up the variables takes milliseconds on the internal oscillator, waiting for clock and supply longer. In
+/// assembly, because there are no variables yet.
+#[unsafe(naked)]
+#[unsafe(export_name = "__pre_init")]
+extern "C" fn make_outputs_safe() {
+    core::arch::naked_asm!(
+        "ldr r0, ={ahb1enr}",
+        "ldr r1, [r0]",
+        "orr r1, r1, #{ports}",
+        "str r1, [r0]",
+        // RM0390 6.2.14: two cycles until the ports have their clock; this reads back.
+        "ldr r1, [r0]",
+        "ldr r0, ={gpioa}",
+        "ldr r1, [r0]",
+        "ldr r2, ={outputs_a}",
+        "orr r1, r1, r2",
+        "str r1, [r0]",
+        "ldr r0, ={gpiob}",
+        "ldr r1, [r0]",
+        "ldr r2, ={outputs_b}",
+        "orr r1, r1, r2",
+        "str r1, [r0]",
+        "bx lr",
+        ahb1enr = const 0x4002_3830_u32,
+        ports = const 3,
+        // MODER is the first register of a port; what it sets is 0 after reset, and so are the outputs.
+        gpioa = const 0x4002_0000_u32,
+        outputs_a = const outputs(&[LED_PA, 8, 9, 10, 11]),
+        gpiob = const 0x4002_0400_u32,
+        outputs_b = const outputs(&[DRIVER_ENABLE_PB, BRAKE_RELEASE_PB]),
+    )
+}
+
+/// MODER with these pins as outputs.
+const fn outputs(pins: &[usize]) -> u32 {
+    let (mut word, mut at) = (0, 0);
+    while at < pins.len() {
+        word |= 1 << (2 * pins[at]);
+        at += 1;
+    }
+    word
 }
 
 /// FNV-1a over the 96 bits (wafer, lot, position): different chips give different numbers, but for one pair in 4e9.

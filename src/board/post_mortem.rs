@@ -31,6 +31,10 @@ pub enum Failure {
     },
     /// The bus side went silent while driving, and the control side brought the robot to rest.
     BusStarved,
+    /// HSE stopped.
+    ClockLost,
+    /// The supply of the chip sank below the voltage detector's threshold.
+    SupplyCollapse,
     /// An interrupt without a handler; its number counts from 0, exceptions are negative.
     UnhandledInterrupt(i16),
 }
@@ -61,7 +65,7 @@ pub fn count_watchdog_reset(is_one: bool) -> u32 {
     }
 }
 
-/// Keeps `failure` for the next start. Interrupts must be masked.
+/// Keeps `failure` for the next start. Interrupts must be masked, or whoever calls never returns.
 pub fn write(failure: Failure) {
     let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];
     match failure {
@@ -80,9 +84,12 @@ pub fn write(failure: Failure) {
             words[2] = u32::from(number.cast_unsigned());
         }
         Failure::BusStarved => words[1] = 4,
+        Failure::ClockLost => words[1] = 5,
+        Failure::SupplyCollapse => words[1] = 6,
     }
     words[0] = MAGIC ^ fold(&words);
-    // SAFETY: interrupts are masked and there is one core, so nothing else accesses the record.
+    // SAFETY: there is one core, and either interrupts are masked or this is an exception that never returns to what it has
+    // interrupted, so nothing else accesses the record.
     unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
 }
 
@@ -115,6 +122,8 @@ pub fn take() -> Option<Failure> {
         }),
         3 => Some(Failure::UnhandledInterrupt(words[2] as u16 as i16)),
         4 => Some(Failure::BusStarved),
+        5 => Some(Failure::ClockLost),
+        6 => Some(Failure::SupplyCollapse),
         _ => None,
     }
 }

@@ -1,4 +1,5 @@
-//! What happens when the program is wrong: panic, HardFault, an interrupt nobody handles, stack overflow.
+//! What happens when the program is wrong (panic, HardFault, an interrupt without a handler, stack overflow), and when
+//! clock or supply of the chip fail.
 //!
 //! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line in the log. Then
 //! nothing: interrupts stay masked, the watchdog is no longer fed, and resets the chip. The robot comes back disabled.
@@ -12,18 +13,33 @@
 )]
 
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
+use embassy_stm32::{interrupt, pac};
 
 use super::post_mortem::{self, Failure};
 use super::{drive, stack};
+
+/// Set by the first failure. What fails on the way from there, the log above all, must not replace its record.
+static FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Whether this is the first failure since the start.
+fn is_first() -> bool {
+    // No other failure can come in between that would go on here.
+    let failed = FAILED.load(Ordering::Relaxed);
+    FAILED.store(true, Ordering::Relaxed);
+    !failed
+}
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     drive::cut();
-    if let Some(location) = info.location() {
+    if is_first()
+        && let Some(location) = info.location()
+    {
         post_mortem::write(Failure::Panic {
             file: post_mortem::tail(location.file()),
             line: location.line(),
@@ -69,9 +85,45 @@ extern "C" fn hard_fault(sp: u32) -> ! {
     // SAFETY: reading the fault status changes nothing.
     let scb = unsafe { &*SCB::PTR };
     let (cfsr, bfar) = (scb.cfsr.read(), scb.bfar.read());
-    let failure = Failure::HardFault { pc, sp, cfsr, bfar };
-    post_mortem::write(failure);
-    defmt::error!("{}", failure);
+    record(Failure::HardFault { pc, sp, cfsr, bfar });
+    wait_for_reset()
+}
+
+/// Keeps and logs the first failure.
+fn record(failure: Failure) {
+    if is_first() {
+        post_mortem::write(failure);
+        defmt::error!("{}", failure);
+    }
+}
+
+/// Clock security system: HSE has stopped. TIM1 and TIM8 have switched their outputs off by themselves. Nothing is logged:
+/// this can come in the middle of a line.
+#[exception]
+unsafe fn NonMaskableInt() -> ! {
+    drive::cut();
+    let failure = if pac::RCC.cir().read().cssf() {
+        Failure::ClockLost
+    } else {
+        Failure::UnhandledInterrupt(NMI)
+    };
+    if is_first() {
+        post_mortem::write(failure);
+    }
+    wait_for_reset()
+}
+
+/// Number of the NMI as `DefaultHandler` counts.
+const NMI: i16 = -14;
+
+/// Voltage detector: the chip's supply sinks. Comes above every other interrupt, so nothing is logged here either.
+#[interrupt]
+fn PVD() {
+    cortex_m::interrupt::disable();
+    drive::cut();
+    if is_first() {
+        post_mortem::write(Failure::SupplyCollapse);
+    }
     wait_for_reset()
 }
 
@@ -79,9 +131,7 @@ extern "C" fn hard_fault(sp: u32) -> ! {
 unsafe fn DefaultHandler(interrupt: i16) {
     cortex_m::interrupt::disable();
     drive::cut();
-    let failure = Failure::UnhandledInterrupt(interrupt);
-    post_mortem::write(failure);
-    defmt::error!("{}", failure);
+    record(Failure::UnhandledInterrupt(interrupt));
     wait_for_reset()
 }
 

@@ -158,7 +158,26 @@ pub const CASES: &[Case] = &[
         rig.world.send(boot_up);
     }),
     stored(22, "a value out of its limits", super::power::corrupt),
+    now(30, "a gap", |rig| {
+        on_board(rig, |board| {
+            board.set_hse(false);
+            board.set_hse(true);
+        });
+    }),
+    now(31, "a dip to 2.9 V", |rig| {
+        on_board(rig, |board| {
+            board.set_vdd(2.9);
+            board.set_vdd(3.3);
+        });
+    }),
 ];
+
+/// Does something to the watched robot's board.
+fn on_board(rig: &mut Rig, what: fn(&mut emulator::Board)) {
+    if let Some(board) = rig.world.board(WATCHED_NODE) {
+        what(board);
+    }
+}
 
 /// The program goes wrong as soon as it is where it can.
 fn crash(rig: &mut Rig, how: Crash) -> Result<(), SimError> {

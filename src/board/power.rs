@@ -1,0 +1,158 @@
+//! Clock and supply of the chip: what has to be there before anything starts, and what happens when it goes.
+//!
+//! HSE is the 8 MHz that the debugger's microcontroller feeds in. It may come late or never, so [`wait`] runs on the
+//! internal oscillator with safe outputs and the watchdog running, shows a code on the LED while HSE or supply are missing,
+//! and tries again and again. Without HSE there is no CAN: the internal oscillator is off by up to 1 % (DS10693 rev 10,
+//! table 41), and the bus stands 0.5 %.
+//!
+//! When HSE stops later, the clock security system (RM0390 6.2.7) takes the outputs of TIM1 and TIM8 away through their
+//! break, which needs no program, and the NMI leaves a record (`safe_state`). When the supply of the chip sinks below 3.0 V
+//! the voltage detector's interrupt does the same; below 2.8 V the brown-out reset holds the chip, which is not made for
+//! 180 MHz below 2.7 V. The brown-out level is in the option bytes, off in a fresh chip, and is programmed once.
+
+use cortex_m::peripheral::SYST;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::{interrupt, pac};
+
+use super::iwdg;
+use super::nucleo_f446re::LED_PA;
+
+/// Core cycles of a millisecond on the internal oscillator, which runs after reset.
+const CYCLES_PER_MS: u32 = 16_000;
+
+/// How long HSE may take before the LED says so.
+const PATIENCE_MS: u32 = 200;
+
+/// The code on the LED: four flashes of 0.2 s, 1 s off.
+const FLASHES: u32 = 4;
+const FLASH_MS: u32 = 200;
+const CODE_MS: u32 = 2 * FLASH_MS * FLASHES + 800;
+
+/// Line of the voltage detector (RM0390 10.2.5).
+const DETECTOR_LINE: usize = 16;
+/// Its threshold, PLS: 2.95 to 3.09 V falling (DS10693 rev 10, table 24). The board's regulator gives 3.23 V at least, and
+/// the brown-out reset comes at 2.88 V at most.
+const DETECTOR_LEVEL: u8 = 7;
+
+/// BOR_LEV (RM0390 3.6.1): 0 is level 3, 2.75 to 2.88 V falling; 3 is off.
+const BROWN_OUT_LEVEL_3: u8 = 0;
+const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
+
+/// Waits for HSE and for the supply, feeding the watchdog. Returns how long that took, ms. To be called before the HAL is
+/// initialised, which waits for HSE for ever; the ports are clocked and the LED's pin is an output.
+pub fn wait() -> u32 {
+    pac::RCC.apb1enr().modify(|w| w.set_pwren(true));
+    detect();
+    start_hse();
+    let mut ms: u32 = 0;
+    while !pac::RCC.cr().read().hserdy() || is_low() {
+        millisecond();
+        iwdg::feed();
+        ms += 1;
+        if let Some(late) = ms.checked_sub(PATIENCE_MS) {
+            let at = late % CODE_MS;
+            if at == 0 {
+                pac::RCC.cr().modify(|w| w.set_hseon(false));
+                start_hse();
+            }
+            let flash = at / FLASH_MS;
+            light(flash.is_multiple_of(2) && flash / 2 < FLASHES);
+        }
+    }
+    light(false);
+    ms
+}
+
+/// Waits for a millisecond by the core's own timer, which nothing else uses.
+#[expect(unsafe_code, reason = "the core's timer is taken from nobody")]
+fn millisecond() {
+    const ENABLE_FROM_CORE: u32 = 0b101;
+    const COUNTFLAG: u32 = 1 << 16;
+    // SAFETY: nothing else runs yet, and nothing uses this timer later.
+    let timer = unsafe { &*SYST::PTR };
+    // SAFETY: no interrupt is enabled; any reload value is valid.
+    unsafe {
+        timer.rvr.write(CYCLES_PER_MS - 1);
+        timer.cvr.write(0);
+        timer.csr.write(ENABLE_FROM_CORE);
+    }
+    while timer.csr.read() & COUNTFLAG == 0 {}
+    // SAFETY: as above.
+    unsafe { timer.csr.write(0) };
+}
+
+fn start_hse() {
+    pac::RCC.cr().modify(|w| w.set_hsebyp(true));
+    pac::RCC.cr().modify(|w| w.set_hseon(true));
+}
+
+fn light(on: bool) {
+    pac::GPIOA.bsrr().write(|w| {
+        w.set_bs(LED_PA, on);
+        w.set_br(LED_PA, !on);
+    });
+}
+
+/// Switches the voltage detector on.
+fn detect() {
+    pac::PWR.cr1().modify(|w| {
+        w.set_pls(DETECTOR_LEVEL);
+        w.set_pvde(true);
+    });
+}
+
+fn is_low() -> bool {
+    pac::PWR.csr1().read().pvdo()
+}
+
+/// From now on clock and supply are watched. To be called after the HAL is initialised, which resets PWR.
+#[expect(
+    unsafe_code,
+    reason = "enabling an interrupt can break a critical section"
+)]
+pub fn watch() {
+    pac::RCC.cr().modify(|w| w.set_csson(true));
+    detect();
+    pac::EXTI
+        .rtsr(0)
+        .modify(|w| w.set_line(DETECTOR_LINE, true));
+    pac::EXTI.imr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
+    interrupt::PVD.set_priority(Priority::P0);
+    // SAFETY: the handler never returns, so what it interrupts does not matter.
+    unsafe { interrupt::PVD.enable() };
+    if is_low() {
+        interrupt::PVD.pend();
+    }
+}
+
+/// Level of the brown-out reset as the option bytes have it: 3 is the highest, 0 is off.
+pub fn brown_out_level() -> u8 {
+    3 - pac::FLASH.optcr().read().bor_lev()
+}
+
+/// Programs the brown-out reset to its highest level where it is not. With the outputs off, the supply at its nominal
+/// value and the watchdog patient; takes as long as the erase of a sector, once in the chip's life.
+pub fn program_brown_out() {
+    let flash = pac::FLASH;
+    if brown_out_level() == 3 - BROWN_OUT_LEVEL_3 || is_low() {
+        return;
+    }
+    defmt::warn!(
+        "brown-out reset: level {=u8}, programming level 3",
+        brown_out_level()
+    );
+    let done = iwdg::patiently(|| {
+        // RM0390 3.6.2.
+        for key in OPTION_KEYS {
+            flash.optkeyr().write_value(key);
+        }
+        while flash.sr().read().bsy() {}
+        flash.optcr().modify(|w| w.set_bor_lev(BROWN_OUT_LEVEL_3));
+        flash.optcr().modify(|w| w.set_optstrt(true));
+        while flash.sr().read().bsy() {}
+        flash.optcr().modify(|w| w.set_optlock(true));
+    });
+    if done.is_err() || brown_out_level() != 3 {
+        defmt::error!("brown-out reset: cannot be programmed");
+    }
+}
