@@ -257,6 +257,10 @@ impl Checker<'_> {
                 raw.robot_mass.as_ref().map(|v| v.span().start),
             ),
             (
+                "wheel_inertia",
+                raw.wheel_inertia.as_ref().map(|v| v.span().start),
+            ),
+            (
                 "scattered_rollers",
                 raw.scattered_rollers.as_ref().map(|v| v.span().start),
             ),
@@ -280,6 +284,7 @@ impl Checker<'_> {
         Ok(Contact {
             friction: positive("friction", raw.friction.as_ref())?,
             robot_mass: positive("robot_mass", raw.robot_mass.as_ref())?,
+            wheel_inertia: positive("wheel_inertia", raw.wheel_inertia.as_ref())?,
             scattered: raw.scattered_rollers.as_ref().is_some_and(|s| *s.get_ref()),
             payload: raw
                 .payload

@@ -198,6 +198,7 @@ pub struct Simulation {
     pub backlash_deg: Option<At<f64>>,
     pub friction: Option<At<f64>>,
     pub robot_mass: Option<At<f64>>,
+    pub wheel_inertia: Option<At<f64>>,
     pub scattered_rollers: Option<At<bool>>,
     pub battery: Option<At<Battery>>,
     #[serde(default)]

@@ -137,6 +137,9 @@ pub struct Contact {
     pub friction: Option<f64>,
     /// Mass of a robot, kg.
     pub robot_mass: Option<f64>,
+    /// The floor's forces act on the motors, and this is what turns with a wheel, kg m²; `None` turns every
+    /// wheel as its motor alone would, with the motor's own inertia.
+    pub wheel_inertia: Option<f64>,
     /// Every wheel begins at a roller phase of its own, from the seed.
     pub scattered: bool,
     /// What the robots carry.

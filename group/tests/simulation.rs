@@ -55,6 +55,7 @@ fn every_value_arrives_in_si_units() {
 backlash_deg = 0.9
 friction = 0.5
 robot_mass = 150
+wheel_inertia = 0.05
 scattered_rollers = true
 battery = { resistance = 0.05, capacity_ah = 20, charge = 0.5, curve = [[0, 21], [1, 25.2]] }
 encoder = { lost = 0.01, extra_per_s = 3 }
@@ -119,8 +120,8 @@ friction = 0.1
     );
     let contact = simulation.contact;
     assert_eq!(
-        (contact.friction, contact.robot_mass),
-        (Some(0.5), Some(150.0))
+        (contact.friction, contact.robot_mass, contact.wheel_inertia),
+        (Some(0.5), Some(150.0), Some(0.05))
     );
     assert!(contact.scattered);
     assert_eq!(

@@ -170,13 +170,17 @@ impl World {
             );
             return Err(SimError::Plant { problem });
         }
-        let units: Vec<Unit> = group
+        let mut units: Vec<Unit> = group
             .robots
             .iter()
             .zip(robots)
             .enumerate()
             .map(|(place, (data, robot))| Unit::new(place, data, robot, &group.simulation))
             .collect();
+        if let Some(inertia) = plant.wheel_inertia() {
+            let motors = units.iter_mut().flat_map(|unit| &mut unit.motors);
+            motors.for_each(|motor| motor.set_inertia(inertia));
+        }
         let threads = match options.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
@@ -523,7 +527,11 @@ impl World {
         }
         self.plant.step(dt, &self.turned)?;
         self.plant_at_ns = self.now_ns;
+        let coupled = self.plant.wheel_inertia().is_some();
         for (robot, unit) in self.units.iter_mut().enumerate() {
+            if coupled {
+                unit.push_wheels(self.plant.floor_torques(robot));
+            }
             if let Some(angles) = self.plant.wheel_angles(robot) {
                 unit.correct(angles);
             }

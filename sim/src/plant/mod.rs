@@ -48,6 +48,18 @@ pub trait Plant: Send {
         None
     }
 
+    /// What turns with each wheel, kg m², if the floor's forces act on the motors; `None` when the motors' inertia
+    /// contains the robot's.
+    fn wheel_inertia(&self) -> Option<f64> {
+        None
+    }
+
+    /// What the floor has done to a robot's wheels in the last step, N·m, positive rolls the base forward.
+    fn floor_torques(&self, robot: usize) -> [f64; 4] {
+        let _ = robot;
+        [0.0; 4]
+    }
+
     /// The period it wants to be stepped with, ns.
     fn period_ns(&self) -> u64 {
         250_000

@@ -236,6 +236,13 @@ impl Unit {
         std::array::from_fn(|n| self.wheels[n] - told[n])
     }
 
+    /// What the floor does to the wheels from now on, N·m.
+    pub fn push_wheels(&mut self, torques: [f64; 4]) {
+        for (motor, torque) in self.motors.iter_mut().zip(torques) {
+            motor.set_floor(torque);
+        }
+    }
+
     /// The plant says where the wheels really are.
     pub fn correct(&mut self, angles: [f64; 4]) {
         self.slipped = std::array::from_fn(|n| angles[n] - self.wheels[n]);

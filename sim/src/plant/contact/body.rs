@@ -96,6 +96,15 @@ impl Body {
         self.velocity
     }
 
+    /// What the floor does to a robot's wheels, N·m.
+    pub fn floor_torques(&self, robot: usize) -> [f64; 4] {
+        let mut torques = [0.0; 4];
+        for wheel in self.wheels.iter().filter(|wheel| wheel.robot == robot) {
+            torques[wheel.index] = wheel.floor_torque;
+        }
+        torques
+    }
+
     /// See [`velocity`](Self::velocity).
     pub fn set_velocity(&mut self, velocity: [f64; 3]) {
         self.velocity = velocity;
@@ -127,6 +136,14 @@ impl Body {
         let mut forces = self.pushes.iter().map(|[_, across]| across.force(after));
         for wheel in &mut self.wheels {
             wheel.turn_rollers(forces.by_ref(), dt);
+        }
+        let mut pushes = self.pushes.iter();
+        for wheel in &mut self.wheels {
+            let own = pushes.by_ref().take(wheel.feet_down());
+            wheel.floor_torque = own
+                .flatten()
+                .map(|push| push.lever * push.force(after))
+                .sum();
         }
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
@@ -307,6 +324,7 @@ mod tests {
         let push = Push {
             row: [1.0, 0.0, 0.0],
             rest: 1.0,
+            lever: 0.0,
             limit: 3.0,
             stiffness: 90.0,
         };

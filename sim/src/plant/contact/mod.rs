@@ -15,8 +15,12 @@
 //! brings it up to speed is a jolt ([`roller`]). A payload shifts the centre of mass and loads the wheels
 //! as equal springs would share it; parts of the floor may have a friction of their own.
 //!
-//! The motors are velocity sources here: their inertia already contains the robot's. What it cannot do:
-//! wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
+//! The motors are velocity sources here: their inertia already contains the robot's. With a `wheel_inertia`
+//! they are not: each wheel then turns under its motor and the floor, so that one that runs away pushes the
+//! body and, through it, all other wheels. Motors and floor take turns: a motor turns for a step under the
+//! floor's force of the step before, and that force is worked out with what the wheel gives way in a step,
+//! `1 / (1 / k + r^2 dt / J)` in place of a contact's stiffness `k`, which keeps the two from chattering
+//! whatever `k` is. What it cannot do: wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
 //! one limit of friction for both directions together.
 
 mod body;
@@ -59,6 +63,8 @@ pub struct Contact {
     pub settling: f64,
     /// Mass of a robot, kg, spread evenly over the rectangle of its wheels.
     pub mass: f64,
+    /// What turns with a wheel, kg m^2, where the floor's forces act on the motors.
+    pub wheel_inertia: Option<f64>,
     /// Each wheel begins at a roller phase of its own, from the seed; else all begin on a roller.
     pub scattered: bool,
 }
@@ -79,6 +85,7 @@ impl Default for Contact {
             creep: 0.016,
             settling: 0.0022,
             mass: 200.0,
+            wheel_inertia: None,
             scattered: false,
         }
     }
@@ -94,6 +101,7 @@ impl Contact {
             rollers,
             friction: given.friction.unwrap_or(default.friction),
             mass: given.robot_mass.unwrap_or(default.mass),
+            wheel_inertia: given.wheel_inertia,
             scattered: given.scattered,
             ..default
         }
@@ -104,6 +112,7 @@ impl Contact {
 #[derive(Debug)]
 pub struct ContactPlant {
     formation: Formation,
+    wheel_inertia: Option<f64>,
     /// The load with all robots, when they are connected.
     joined: Option<Body>,
     /// Every robot for itself: what it does when free, and what its wheels would do when not.
@@ -157,6 +166,7 @@ impl ContactPlant {
             .rigid
             .then(|| Body::new(&contact, &parts, payload, floor, start));
         Ok(Self {
+            wheel_inertia: contact.wheel_inertia,
             single: single.collect::<Result<_, _>>()?,
             joined: joined.transpose()?,
             formation,
@@ -215,6 +225,15 @@ impl Plant for ContactPlant {
 
     fn group(&self) -> Pose<f64> {
         self.group
+    }
+
+    fn wheel_inertia(&self) -> Option<f64> {
+        self.wheel_inertia
+    }
+
+    fn floor_torques(&self, robot: usize) -> [f64; 4] {
+        let body = self.joined.as_ref().or(self.single.get(robot));
+        body.map_or([0.0; 4], |body| body.floor_torques(robot))
     }
 
     fn shape_error_mm(&self) -> f64 {

@@ -35,6 +35,10 @@ pub(super) struct Wheel {
     footprint: Footprint,
     feet: (Foot, Option<Foot>),
     rollers: Rollers,
+    /// What turns with it, kg m^2, if its rate is not its motor's alone.
+    inertia: Option<f64>,
+    /// What the floor did to it in the last step, N·m.
+    pub floor_torque: f64,
 }
 
 /// One direction in which the floor pushes a body through a wheel.
@@ -44,6 +48,8 @@ pub(super) struct Push {
     pub row: [f64; 3],
     /// Velocity along it at which the contact would rest, m/s.
     pub rest: f64,
+    /// Over what lever the force turns the wheel, m.
+    pub lever: f64,
     /// Largest force, N.
     pub limit: f64,
     /// Force over slip velocity below the limit, N s/m.
@@ -93,6 +99,8 @@ impl Wheel {
                 feet: footprint.feet(0.0),
                 footprint,
                 rollers: Rollers::new(contact, geometry),
+                inertia: contact.wheel_inertia,
+                floor_torque: 0.0,
             }
         })
     }
@@ -128,11 +136,17 @@ impl Wheel {
         let push = |ahead: f64, left: f64, rest: f64, stiffness: f64| {
             let dx = self.cos * ahead - self.sin * left;
             let dy = self.sin * ahead + self.cos * left;
+            let lever = self.radius * ahead;
+            // By what the wheel gives way to a newton in this step, as far as it stands on this foot.
+            let gives = self
+                .inertia
+                .map_or(0.0, |inertia| lever * lever * dt / (inertia * foot.share));
             Push {
                 row: [dx, dy, x * dy - y * dx],
-                rest: rate * self.radius * ahead + rest,
+                rest: rate * lever + rest,
+                lever,
                 limit,
-                stiffness,
+                stiffness: stiffness / (1.0 + stiffness * gives),
             }
         };
         let grip = (limit / self.creep).min(STIFFEST);
@@ -142,6 +156,11 @@ impl Wheel {
             push(ahead, left, 0.0, grip),
             push(-left, ahead, rest, resistance),
         ]
+    }
+
+    /// Rollers that carry it.
+    pub fn feet_down(&self) -> usize {
+        1 + usize::from(self.feet.1.is_some())
     }
 
     /// Turns the rollers on the floor for `dt`, each by what the floor did across its axle, N.
