@@ -15,12 +15,10 @@ use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
 
 use crate::firmware::FLASH_BASE;
+use crate::ram::{self, Ram};
 use crate::rtt::RAM_BASE;
 use crate::soc::{DBGMCU, IrqLines, Soc};
 use crate::system::flash;
-
-/// Bytes of RAM: SRAM1 of 112 KiB and SRAM2 of 16 KiB behind it (RM0390 section 2.2.3).
-pub(crate) const RAM_SIZE: u64 = 128 * 1024;
 
 /// First address and size of system memory, where ST keeps the unique number and the flash size.
 const SYSTEM_MEMORY: (u32, usize) = (0x1FFF_0000, 0x8000);
@@ -193,7 +191,7 @@ impl MemOps for FlashWrites {
 pub(crate) fn address_space(
     shared: &Arc<Shared>,
     flash: &Arc<RamStore>,
-    ram: &Arc<RamStore>,
+    ram: &Arc<Ram>,
     uid: [u8; 12],
 ) -> Result<AddressSpace, rsemu::core::Error> {
     // Nearly every access is to flash or RAM: a table of 64 KiB pages finds it without a search.
@@ -220,7 +218,8 @@ pub(crate) fn address_space(
         }),
     );
     map.map_with(Mapping::new(writes, u64::from(FLASH_BASE)).with_perms(Perms::WRITE))?;
-    map.map(Region::ram("ram", Arc::clone(ram)), u64::from(RAM_BASE))?;
+    let ram_region = Region::io("ram", ram::SIZE, Arc::clone(ram) as Arc<dyn MemOps>);
+    map.map(ram_region, u64::from(RAM_BASE))?;
 
     let mut system = vec![0xFF; SYSTEM_MEMORY.1];
     system[UID..UID + 12].copy_from_slice(&uid);

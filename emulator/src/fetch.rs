@@ -15,6 +15,15 @@ const LINE: u32 = 4;
 /// Lines in the whole flash.
 const LINES: usize = (crate::system::flash::SIZE >> LINE) as usize;
 
+/// No line: where an instruction is that reaches into another.
+pub(crate) const TWO_LINES: u32 = u32::MAX - 1;
+
+/// The line that an instruction is in, or [`TWO_LINES`].
+pub(crate) fn line_of(offset: u32, length: u32) -> u32 {
+    let (first, last) = (offset >> LINE, (offset + length - 1) >> LINE);
+    if first == last { first } else { TWO_LINES }
+}
+
 /// ACR: wait states, and the three enable bits.
 const LATENCY: u32 = 0xF;
 const PRFTEN: u32 = 1 << 8;
@@ -57,7 +66,9 @@ impl<const N: usize> Cache<N> {
         if slot == 0 || !self.enabled {
             return false;
         }
-        self.touch(slot - 1);
+        if self.before[N] != slot - 1 {
+            self.touch(slot - 1);
+        }
         true
     }
 
@@ -74,6 +85,7 @@ impl<const N: usize> Cache<N> {
         (self.before[at], self.after[at]) = (latest, N as u8);
     }
 
+    #[inline(never)]
     fn insert(&mut self, line: u32) {
         if !self.enabled || line as usize >= LINES {
             return;
@@ -106,8 +118,9 @@ pub(crate) struct Fetch {
     wait_states: u64,
     /// The line that instructions come from.
     line: u32,
-    /// The line that is being prefetched, and when it is there.
-    prefetched: Option<(u32, u64)>,
+    /// The line that is being prefetched, `u32::MAX` for none, and when it is there.
+    prefetched: u32,
+    ready: u64,
     code: Cache<64>,
     data: Cache<8>,
     /// Cycles that the core has waited in all.
@@ -122,7 +135,8 @@ impl Fetch {
             version: 0,
             wait_states: 0,
             line: u32::MAX,
-            prefetched: None,
+            prefetched: u32::MAX,
+            ready: 0,
             code: Cache::new(),
             data: Cache::new(),
             waited: 0,
@@ -146,51 +160,61 @@ impl Fetch {
         self.code.clear();
         self.data.clear();
         self.line = u32::MAX;
-        self.prefetched = None;
+        self.prefetched = u32::MAX;
+    }
+
+    /// The line that instructions come from.
+    #[inline(always)]
+    pub(crate) fn line(&self) -> u32 {
+        self.line
     }
 
     /// Cycles that the core waits for an instruction of `length` bytes.
     #[inline]
     pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
-        let (first, last) = (offset >> LINE, (offset + length - 1) >> LINE);
-        if first == self.line && last == self.line {
-            return 0;
+        if line_of(offset, length) == self.line {
+            0
+        } else {
+            self.lines(offset, length, now)
         }
-        self.lines(first, last, now)
     }
 
-    /// The same from lines that are not all in use.
+    /// The same for one that is not in the line in use alone.
     #[inline(never)]
-    fn lines(&mut self, first: u32, last: u32, now: u64) -> u64 {
+    pub(crate) fn lines(&mut self, offset: u32, length: u32, now: u64) -> u64 {
         if self.wait_states == 0 {
             return 0;
         }
         let mut waited = 0;
-        for line in first..=last {
-            if line != self.line {
-                waited += self.enter(line, now + waited);
-            }
+        let (first, last) = (offset >> LINE, offset.wrapping_add(length - 1) >> LINE);
+        if first != self.line {
+            waited = self.enter(first, now);
+        }
+        if last != first {
+            waited += self.enter(last, now + waited);
         }
         self.waited += waited;
         waited
     }
 
     /// Goes on with instructions of another line.
+    #[inline(always)]
     fn enter(&mut self, line: u32, now: u64) -> u64 {
         self.line = line;
         let waited = if self.code.hit(line) {
             0
+        } else if self.prefetched == line {
+            self.ready.saturating_sub(now)
         } else {
-            match self.prefetched {
-                Some((prefetched, ready)) if prefetched == line => ready.saturating_sub(now),
-                _ => {
-                    self.code.insert(line);
-                    self.wait_states
-                }
-            }
+            self.code.insert(line);
+            self.wait_states
         };
-        self.prefetched =
-            (self.acr & PRFTEN != 0).then_some((line + 1, now + waited + self.wait_states + 1));
+        if self.acr & PRFTEN != 0 {
+            self.prefetched = line.wrapping_add(1);
+            self.ready = now + waited + self.wait_states + 1;
+        } else {
+            self.prefetched = u32::MAX;
+        }
         waited
     }
 

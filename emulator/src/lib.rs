@@ -57,6 +57,7 @@ mod fast;
 mod fetch;
 mod firmware;
 pub mod profile;
+mod ram;
 mod rtt;
 mod soc;
 mod stop;

@@ -7,8 +7,8 @@
 use std::fmt;
 use std::sync::Arc;
 
+use crate::ram::Ram;
 use defmt_decoder::{DecodeError, Encoding};
-use rsemu::core::space::RamStore;
 
 use crate::firmware::Firmware;
 
@@ -60,7 +60,7 @@ impl fmt::Display for LogLine {
 /// Reads one board's log.
 #[derive(Debug)]
 pub(crate) struct Log {
-    ram: Arc<RamStore>,
+    ram: Arc<Ram>,
     control: Option<u32>,
     bytes: Vec<u8>,
     lines: Vec<LogLine>,
@@ -75,7 +75,7 @@ const MODE_MASK: u32 = 3;
 const BLOCK_IF_FULL: u32 = 2;
 
 impl Log {
-    pub(crate) fn new(ram: Arc<RamStore>, firmware: &Firmware) -> Self {
+    pub(crate) fn new(ram: Arc<Ram>, firmware: &Firmware) -> Self {
         let control = firmware
             .variable("_SEGGER_RTT")
             .map(|symbol| symbol.address);

@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering::Relaxed;
 
-use rsemu::core::space::RamStore;
+use crate::ram::Ram;
 use rsemu::cpu::arm::v7m::Regs;
 
 use super::Board;
@@ -43,7 +43,7 @@ impl Debugger {
     }
 
     /// An instruction, or the entry into a handler, is done.
-    pub(super) fn done(&mut self, ram: &RamStore) -> bool {
+    pub(super) fn done(&mut self, ram: &Ram) -> bool {
         self.stopped |= std::mem::take(&mut self.single);
         for ((address, _), last) in &mut self.watched {
             let mut now = vec![0; last.len()];

@@ -26,7 +26,8 @@ use crate::can::{Can, CanFrame, CanPort};
 use crate::fast::Fast;
 use crate::firmware::{FLASH_BASE, Firmware};
 use crate::profile::Profile;
-use crate::rtt::{Log, LogLine};
+use crate::ram::Ram;
+use crate::rtt::{Log, LogLine, RAM_BASE};
 use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
 use crate::system::flash::FlashOperations;
@@ -96,7 +97,7 @@ pub struct Board {
     config: BoardConfig,
     cpu: Arc<ArmV7m>,
     shared: Arc<Shared>,
-    ram: Arc<RamStore>,
+    ram: Arc<Ram>,
     flash: Arc<RamStore>,
     log: Log,
     fast: Fast,
@@ -136,7 +137,7 @@ impl Board {
         flash
             .write_at(0, content)
             .expect("the content fits into the flash");
-        let ram = Arc::new(RamStore::new(bus::RAM_SIZE));
+        let ram = Arc::new(Ram::new());
         let mut soc = Soc::new(
             Arc::clone(&flash),
             config.crystal_ppm,
@@ -424,12 +425,12 @@ impl Board {
 
     /// Reads RAM or flash, as a debugger would.
     pub fn read_memory(&self, address: u32, to: &mut [u8]) -> Option<()> {
-        let (store, base) = match address {
-            0x2000_0000.. => (&self.ram, 0x2000_0000),
-            0x0800_0000.. => (&self.flash, FLASH_BASE),
-            _ => (&self.flash, 0),
-        };
-        store.read_at(u64::from(address - base), to).ok()
+        match address {
+            RAM_BASE.. => self.ram.read_at(u64::from(address - RAM_BASE), to),
+            FLASH_BASE.. => self.flash.read_at(u64::from(address - FLASH_BASE), to),
+            _ => self.flash.read_at(u64::from(address), to),
+        }
+        .ok()
     }
 
     /// Content of the whole flash: what a power cycle leaves.

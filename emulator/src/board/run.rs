@@ -6,7 +6,7 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
-use rsemu::core::value::{Endian, Width};
+use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::xpsr;
 
 use super::Board;
@@ -23,7 +23,7 @@ const LOOK_CYCLES: u64 = 2_000;
 /// EXC_RETURN: the frame lies on the process stack.
 const EXC_RETURN_PSP: u32 = 1 << 2;
 /// Where xPSR lies in the frame of an exception.
-const STACKED_XPSR: u64 = 28;
+const STACKED_XPSR: u32 = 28;
 /// SCR: sleep means stop or standby mode.
 const SLEEPDEEP: u32 = 1 << 2;
 
@@ -139,11 +139,10 @@ impl Board {
             let regs = self.cpu.regs();
             let on_psp = regs.r[14] & EXC_RETURN_PSP != 0;
             let frame = if on_psp { regs.psp } else { regs.msp };
-            let at = u64::from(frame.wrapping_sub(RAM_BASE)) + STACKED_XPSR;
+            let at = frame.wrapping_sub(RAM_BASE).saturating_add(STACKED_XPSR);
             // A frame outside RAM has not been stacked in the first place.
-            if let Ok(word) = self.ram.read_value(at, Width::U32, Endian::Little) {
-                let word = word | u64::from(left);
-                let _ = self.ram.write_value(at, Width::U32, word, Endian::Little);
+            if let Some(word) = self.ram.read(at, Width::U32) {
+                let _ = self.ram.write(at, Width::U32, word | left);
             }
         }
         (cycles, entered)

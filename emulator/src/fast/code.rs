@@ -1,4 +1,5 @@
-//! The decoded code: each instruction of the flash as it was when code near it was first executed.
+//! The decoded code: each instruction of the flash as it was when code near it was first executed, as it is and as a
+//! micro-operation.
 //!
 //! Pages whose content is the image's are decoded once for all boards that run it: several boards then share what the
 //! host's caches hold.
@@ -9,6 +10,9 @@ use rsemu::core::space::RamStore;
 use rsemu::cpu::arm::v7m::isa::{Insn, decode, is_32bit};
 
 use super::Leave;
+use super::micro::Op;
+use super::translate::{Place, translate};
+use crate::fetch;
 use crate::firmware::FLASH_BASE;
 use crate::system::flash;
 
@@ -19,13 +23,48 @@ pub(super) struct Entry {
     pub(super) length: u32,
 }
 
+/// The same as a micro-operation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Slot {
+    pub(super) op: Op,
+    /// Address of the instruction behind it.
+    pub(super) next: u32,
+    /// The line of the flash that it is in; [`crate::fetch::TWO_LINES`] when it reaches into another.
+    pub(super) line: u32,
+}
+
 /// Bytes of code per page.
-const PAGE: usize = 4096;
+pub(super) const PAGE: usize = 4096;
+/// Halfwords of a page, a power of two so that an index needs no check.
+const HALVES: usize = PAGE / 2;
 /// Pages of the flash.
 const PAGES: usize = flash::SIZE as usize / PAGE;
 
-/// One entry per halfword; none where the flash ends in the middle of an instruction.
-type Page = [Option<Entry>; PAGE / 2];
+/// A page of code, by halfwords.
+pub(super) struct Page {
+    slots: Box<[Slot; HALVES]>,
+    /// What the instructions are in an IT block.
+    in_it: Box<[Op; HALVES]>,
+    /// None where the flash ends in the middle of an instruction.
+    entries: Box<[Option<Entry>; HALVES]>,
+}
+
+impl Page {
+    #[inline(always)]
+    pub(super) fn slot(&self, pc: u32) -> &Slot {
+        &self.slots[pc as usize / 2 % HALVES]
+    }
+
+    #[inline(always)]
+    pub(super) fn in_it(&self, pc: u32) -> &Op {
+        &self.in_it[pc as usize / 2 % HALVES]
+    }
+
+    #[inline(always)]
+    pub(super) fn entry(&self, pc: u32) -> Result<&Entry, Leave> {
+        self.entries[pc as usize / 2 % HALVES].as_ref().ok_or(Leave)
+    }
+}
 
 /// An image with what has been decoded of it.
 pub(crate) struct Programmed {
@@ -77,16 +116,20 @@ impl Code {
         }
     }
 
-    /// The instruction at an address.
+    /// The page that an address is in.
     #[inline]
-    pub(super) fn at(&mut self, pc: u32, flash: &RamStore) -> Result<&Entry, Leave> {
-        let offset = pc.wrapping_sub(FLASH_BASE) as usize;
-        let page = self.pages.get_mut(offset / PAGE).ok_or(Leave)?;
-        let page = match page {
+    pub(super) fn page(&mut self, pc: u32, flash: &RamStore) -> Result<&Page, Leave> {
+        let number = pc.wrapping_sub(FLASH_BASE) as usize / PAGE;
+        let page = self.pages.get_mut(number).ok_or(Leave)?;
+        Ok(match page {
             Some(page) => page,
-            None => page.insert(decoded(&self.image, offset / PAGE, flash)?),
-        };
-        page[offset % PAGE / 2].as_ref().ok_or(Leave)
+            None => page.insert(decoded(&self.image, number, flash)?),
+        })
+    }
+
+    /// The instruction at an address.
+    pub(super) fn at(&mut self, pc: u32, flash: &RamStore) -> Result<&Entry, Leave> {
+        self.page(pc, flash)?.entry(pc)
     }
 }
 
@@ -97,16 +140,17 @@ fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Pa
     let begin = number * PAGE;
     let mut bytes = vec![0; (PAGE + 2).min(flash::SIZE as usize - begin)];
     flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
+    let address = FLASH_BASE + begin as u32;
     if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {
-        let page = image.pages[number].get_or_init(|| Arc::new(decode_page(&bytes)));
+        let page = image.pages[number].get_or_init(|| Arc::new(decode_page(address, &bytes)));
         return Ok(Arc::clone(page));
     }
-    Ok(Arc::new(decode_page(&bytes)))
+    Ok(Arc::new(decode_page(address, &bytes)))
 }
 
-fn decode_page(bytes: &[u8]) -> Page {
+fn decode_page(address: u32, bytes: &[u8]) -> Page {
     let half = |at: usize| Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
-    std::array::from_fn(|index| {
+    let entry = |index: usize| {
         let first = half(2 * index)?;
         let (second, length) = if is_32bit(first) {
             (half(2 * index + 2)?, 4)
@@ -115,5 +159,41 @@ fn decode_page(bytes: &[u8]) -> Page {
         };
         let insn = decode(first, second);
         Some(Entry { insn, length })
-    })
+    };
+    let entries: Box<[Option<Entry>; HALVES]> = boxed(entry);
+    let op = |index: usize, in_it| match entries[index] {
+        // After an instruction that is not a micro-operation the page is looked up anew.
+        Some(Entry { insn, length }) if 2 * index + (length as usize) < PAGE => {
+            let place = Place {
+                address: address + 2 * index as u32,
+                length,
+                in_it,
+                page: bytes,
+            };
+            translate(&insn, place)
+        }
+        _ => Op::Other,
+    };
+    let slot = |index: usize| {
+        let length = entries[index].map_or(2, |entry| entry.length);
+        let address = address + 2 * index as u32;
+        Slot {
+            op: op(index, false),
+            next: address.wrapping_add(length),
+            line: fetch::line_of(address - FLASH_BASE, length),
+        }
+    };
+    Page {
+        slots: boxed(slot),
+        in_it: boxed(|index| op(index, true)),
+        entries,
+    }
+}
+
+fn boxed<T, const N: usize>(make: impl FnMut(usize) -> T) -> Box<[T; N]> {
+    let all: Box<[T]> = (0..N).map(make).collect();
+    match all.try_into() {
+        Ok(all) => all,
+        Err(_) => unreachable!("as many as were made"),
+    }
 }

@@ -12,8 +12,8 @@ use rsemu::cpu::arm::v7m::{ArmV7m, xpsr};
 
 use super::{Core, Done, Leave, Memory, exchangeable};
 
-/// PRIMASK's number for MRS.
-const PRIMASK: u8 = 16;
+/// PRIMASK's number for MRS and MSR.
+pub(super) const PRIMASK: u8 = 16;
 
 fn width(size: Size) -> Width {
     match size {
@@ -54,28 +54,68 @@ fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
 
 impl Core {
     fn carry(&self) -> bool {
-        self.psr & xpsr::C != 0
+        self.c
     }
 
-    fn set_nz(&mut self, result: u32) {
-        let zero = if result == 0 { xpsr::Z } else { 0 };
-        self.psr = self.psr & !(xpsr::N | xpsr::Z) | result & xpsr::N | zero;
+    /// The flags as in xPSR and FPSCR.
+    pub(super) fn flags(&self) -> u32 {
+        let zero = if self.z == 0 { xpsr::Z } else { 0 };
+        let carry = if self.c { xpsr::C } else { 0 };
+        let overflow = if self.v >> 31 != 0 { xpsr::V } else { 0 };
+        self.n & xpsr::N | zero | carry | overflow
     }
 
-    fn set_c(&mut self, carry: bool) {
-        self.psr = self.psr & !xpsr::C | if carry { xpsr::C } else { 0 };
+    /// Takes them over from there.
+    pub(super) fn set_flags(&mut self, from: u32) {
+        self.n = from;
+        self.z = !from & xpsr::Z;
+        self.c = from & xpsr::C != 0;
+        self.v = from << 3;
     }
 
-    fn set_v(&mut self, overflow: bool) {
-        self.psr = self.psr & !xpsr::V | if overflow { xpsr::V } else { 0 };
+    /// Whether a condition holds (ARMv7-M ARM, A7.3); 14 and 15 always do.
+    #[inline(always)]
+    pub(super) fn passes(&self, cond: u8) -> bool {
+        let holds = match cond >> 1 {
+            0 => self.z == 0,
+            1 => self.c,
+            2 => self.n >> 31 != 0,
+            3 => self.v >> 31 != 0,
+            4 => self.c && self.z != 0,
+            5 => (self.n ^ self.v) >> 31 == 0,
+            6 => (self.n ^ self.v) >> 31 == 0 && self.z != 0,
+            _ => return true,
+        };
+        holds != (cond & 1 != 0)
     }
 
-    #[inline]
+    #[inline(always)]
+    pub(super) fn set_nz(&mut self, result: u32) {
+        (self.n, self.z) = (result, result);
+    }
+
+    #[inline(always)]
+    pub(super) fn set_c(&mut self, carry: bool) {
+        self.c = carry;
+    }
+
+    /// A sum with all its flags (A2.2.1, AddWithCarry).
+    #[inline(always)]
+    pub(super) fn sum_with_flags(&mut self, x: u32, y: u32, carry: bool) -> u32 {
+        let wide = u64::from(x) + u64::from(y) + u64::from(carry);
+        let result = wide as u32;
+        self.set_nz(result);
+        self.c = wide >> 32 != 0;
+        self.v = (x ^ result) & (y ^ result);
+        result
+    }
+
+    #[inline(always)]
     pub(super) fn set(&mut self, register: u8, value: u32) {
         self.r[usize::from(register & 15)] = value;
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn get(&self, register: u8) -> u32 {
         self.r[usize::from(register & 15)]
     }
@@ -125,7 +165,7 @@ impl Core {
                 );
             }
             Insn::Branch { cond, offset } => {
-                if cond.is_none_or(|cond: Cond| cond.passes(self.psr)) {
+                if cond.is_none_or(|cond: Cond| self.passes(cond.0)) {
                     self.branch(self.r[15].wrapping_add(offset as u32));
                 }
             }
@@ -403,13 +443,18 @@ impl Core {
                 plain(&[rd])?;
                 self.set(rd, u32::from(self.primask));
             }
+            Insn::Msr {
+                rn, sysm: PRIMASK, ..
+            } => {
+                plain(&[rn])?;
+                self.set_primask(self.get(rn) & 1 != 0);
+            }
             Insn::Cps {
                 enable,
                 i: true,
                 f: false,
             } => {
-                self.primask = !enable;
-                self.unmasked |= enable;
+                self.set_primask(!enable);
             }
             // Accesses happen one at a time and in order.
             Insn::Barrier { .. } => {}
@@ -425,6 +470,12 @@ impl Core {
             _ => return Err(Leave),
         }
         Ok(())
+    }
+
+    #[inline(always)]
+    pub(super) fn set_primask(&mut self, masked: bool) {
+        self.primask = masked;
+        self.unmasked |= !masked;
     }
 
     fn start_it(&mut self, cond: Cond, mask: u8) {
@@ -472,7 +523,7 @@ impl Core {
         if flags {
             self.set_nz(result);
             self.set_c(wide >> 32 != 0);
-            self.set_v((x ^ result) & (y ^ result) & 1 << 31 != 0);
+            self.v = (x ^ result) & (y ^ result);
         }
         Ok(())
     }

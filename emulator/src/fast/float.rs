@@ -1,14 +1,13 @@
 //! The plain floating-point instructions: single precision as the FPv4-SP unit computes it.
 //!
-//! The arithmetic is the reference core's own, so that rounding, NaN and the flags in FPSCR are the same. Only sums,
-//! differences and products of ordinary numbers are computed by the host, and only when the flag "inexact", the one
-//! they can raise, is set already.
+//! The arithmetic is the reference core's own, so that rounding, NaN and the flags in FPSCR are the same. What can raise
+//! no flag but "inexact" is computed by the host, once that flag is set: IEEE 754 leaves one result only.
 
 use rsemu::core::value::Width;
+use rsemu::cpu::arm::v7m::ArmV7m;
 use rsemu::cpu::arm::v7m::fp::{self, fpscr};
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
-use rsemu::cpu::arm::v7m::{ArmV7m, xpsr};
-use rsemu::float::Round;
+use rsemu::float::{Env, Flags, Round};
 
 use super::{Core, Done, Leave, Memory};
 
@@ -16,10 +15,26 @@ use super::{Core, Done, Leave, Memory};
 const IXC: u32 = 1 << 4;
 const MODES: u32 = 0x07C0_0000;
 
-/// A number whose exponent is far from both ends, so that no single operation on two of them leaves the normal
-/// range unnoticed; zero does not count.
-fn ordinary(bits: u32) -> bool {
-    (1..255).contains(&(bits >> 23 & 0xFF))
+/// FPSCR: numbers below the normal range count as zero.
+const FZ: u32 = 1 << 24;
+const EXPONENT: u32 = 0xFF << 23;
+const SIGN: u32 = 1 << 31;
+
+/// Neither infinite nor NaN.
+#[inline(always)]
+fn finite(bits: u32) -> bool {
+    bits & EXPONENT != EXPONENT
+}
+
+/// Finite and in the normal range, which zero is not.
+#[inline(always)]
+fn normal(bits: u32) -> bool {
+    finite(bits) && bits & EXPONENT != 0
+}
+
+#[inline(always)]
+fn zero(bits: u32) -> bool {
+    bits & !SIGN == 0
 }
 
 impl Core {
@@ -47,29 +62,107 @@ impl Core {
         }
     }
 
-    /// The host's result of an operation, if it is certain to be the unit's.
-    fn by_host(&self, a: u32, b: u32, operation: impl FnOnce(f32, f32) -> f32) -> Option<u32> {
-        if self.fpu.fpscr & (MODES | IXC) != IXC || !ordinary(a) || !ordinary(b) {
-            return None;
+    /// Whether the host computes as the unit does: it rounds to nearest, keeps small numbers, and of the flags that
+    /// ordinary numbers can raise "inexact" is set already.
+    #[inline(always)]
+    fn like_host(&self) -> bool {
+        self.fpu.fpscr & (MODES | IXC) == IXC
+    }
+
+    /// A sum or a difference. Between finite numbers whose result is finite it can only be inexact: what is below the
+    /// normal range is exact.
+    #[inline(always)]
+    fn sum_by_host(&self, a: u32, b: u32, result: f32) -> Option<u32> {
+        let result = result.to_bits();
+        (self.like_host() && finite(a) && finite(b) && finite(result)).then_some(result)
+    }
+
+    #[inline(always)]
+    pub(super) fn sum(&mut self, a: u32, b: u32) -> u32 {
+        let result = f32::from_bits(a) + f32::from_bits(b);
+        self.sum_by_host(a, b, result)
+            .unwrap_or_else(|| self.by_unit(a, b, fp::add))
+    }
+
+    #[inline(always)]
+    pub(super) fn difference(&mut self, a: u32, b: u32) -> u32 {
+        let result = f32::from_bits(a) - f32::from_bits(b);
+        self.sum_by_host(a, b, result)
+            .unwrap_or_else(|| self.by_unit(a, b, fp::sub))
+    }
+
+    #[inline(always)]
+    pub(super) fn product(&mut self, a: u32, b: u32) -> u32 {
+        let result = (f32::from_bits(a) * f32::from_bits(b)).to_bits();
+        let certain = normal(result) || (zero(a) || zero(b));
+        if self.like_host() && finite(a) && finite(b) && certain {
+            result
+        } else {
+            self.by_unit(a, b, fp::mul)
         }
-        let result = operation(f32::from_bits(a), f32::from_bits(b)).to_bits();
-        ordinary(result).then_some(result)
     }
 
-    fn sum(&mut self, a: u32, b: u32) -> u32 {
-        self.by_host(a, b, |a, b| a + b).unwrap_or_else(|| {
-            let (value, flags) = fp::add(a, b, self.fpu.env());
-            fp::accumulate(&mut self.fpu.fpscr, flags);
-            value
-        })
+    fn quotient(&mut self, a: u32, b: u32) -> u32 {
+        let result = (f32::from_bits(a) / f32::from_bits(b)).to_bits();
+        if self.like_host() && normal(a) && normal(b) && normal(result) {
+            result
+        } else {
+            self.by_unit(a, b, fp::div)
+        }
     }
 
-    fn product(&mut self, a: u32, b: u32) -> u32 {
-        self.by_host(a, b, |a, b| a * b).unwrap_or_else(|| {
-            let (value, flags) = fp::mul(a, b, self.fpu.env());
+    fn square_root(&mut self, a: u32) -> u32 {
+        if self.like_host() && normal(a) && a & SIGN == 0 {
+            return f32::from_bits(a).sqrt().to_bits();
+        }
+        let (value, flags) = fp::sqrt(a, self.fpu.env());
+        fp::accumulate(&mut self.fpu.fpscr, flags);
+        value
+    }
+
+    /// An operation as the reference core computes it.
+    #[inline(never)]
+    fn by_unit(
+        &mut self,
+        a: u32,
+        b: u32,
+        operation: impl Fn(u32, u32, Env) -> (u32, Flags),
+    ) -> u32 {
+        let (value, flags) = operation(a, b, self.fpu.env());
+        fp::accumulate(&mut self.fpu.fpscr, flags);
+        value
+    }
+
+    /// A comparison; between numbers it raises nothing.
+    #[inline(always)]
+    pub(super) fn compare(&mut self, a: u32, b: u32, signal_all: bool) {
+        let (x, y) = (f32::from_bits(a), f32::from_bits(b));
+        let nzcv = if self.fpu.fpscr & FZ != 0 || x.is_nan() || y.is_nan() {
+            let (nzcv, flags) = fp::compare(a, b, signal_all, self.fpu.env());
             fp::accumulate(&mut self.fpu.fpscr, flags);
-            value
-        })
+            nzcv
+        } else if x == y {
+            fpscr::Z | fpscr::C
+        } else if x < y {
+            fpscr::N
+        } else {
+            fpscr::C
+        };
+        self.fpu.fpscr = self.fpu.fpscr & !fpscr::FLAGS | nzcv;
+    }
+
+    /// An integer of a number towards zero, if that is in range.
+    fn integer_by_host(&self, a: u32, signed: bool) -> Option<u32> {
+        let x = f32::from_bits(a);
+        if !self.like_host() {
+            None
+        } else if signed {
+            (-2_147_483_648.0..2_147_483_648.0)
+                .contains(&x)
+                .then_some(x as i32 as u32)
+        } else {
+            (0.0..4_294_967_296.0).contains(&x).then_some(x as u32)
+        }
     }
 
     pub(super) fn float(&mut self, memory: Memory<'_>, insn: FpInsn) -> Done {
@@ -86,8 +179,8 @@ impl Core {
                     UnaryOp::Abs => self.fpu.set_s(d, fp::abs(a)),
                     UnaryOp::Neg => self.fpu.set_s(d, fp::neg(a)),
                     UnaryOp::Sqrt => {
-                        let (value, flags) = fp::sqrt(a, env);
-                        self.fpu.finish(d, value, flags);
+                        let value = self.square_root(a);
+                        self.fpu.set_s(d, value);
                         self.cycles += 13;
                     }
                     _ => return Err(Leave),
@@ -101,9 +194,7 @@ impl Core {
                 signal_all,
             } => {
                 let b = if with_zero { 0 } else { self.fpu.s(m) };
-                let (nzcv, flags) = fp::compare(self.fpu.s(d), b, signal_all, env);
-                self.fpu.fpscr = self.fpu.fpscr & !fpscr::FLAGS | nzcv;
-                fp::accumulate(&mut self.fpu.fpscr, flags);
+                self.compare(self.fpu.s(d), b, signal_all);
             }
             FpInsn::CvtInt {
                 d,
@@ -113,6 +204,16 @@ impl Core {
                 round_zero,
             } => {
                 let a = self.fpu.s(m);
+                let by_host = match (to_int, round_zero) {
+                    (true, true) => self.integer_by_host(a, signed),
+                    (false, _) if self.like_host() && signed => Some((a as i32 as f32).to_bits()),
+                    (false, _) if self.like_host() => Some((a as f32).to_bits()),
+                    _ => None,
+                };
+                if let Some(value) = by_host {
+                    self.fpu.set_s(d, value);
+                    return Ok(());
+                }
                 let (value, flags) = match (to_int, round_zero) {
                     (true, true) => fp::to_fixed(a, 32, !signed, 0, env.round(Round::TowardZero)),
                     (true, false) => fp::to_fixed(a, 32, !signed, 0, env),
@@ -146,8 +247,7 @@ impl Core {
                 rt: 15,
                 reg: 1,
             } => {
-                let nzcv = xpsr::N | xpsr::Z | xpsr::C | xpsr::V;
-                self.psr = self.psr & !nzcv | self.fpu.fpscr & nzcv;
+                self.set_flags(self.fpu.fpscr);
             }
             FpInsn::Mem {
                 load,
@@ -194,21 +294,12 @@ impl Core {
         let (a, b, c) = (self.fpu.s(d), self.fpu.s(n), self.fpu.s(m));
         let value = match op {
             DataOp::Add => self.sum(b, c),
-            DataOp::Sub => match self.by_host(b, c, |b, c| b - c) {
-                Some(value) => value,
-                None => {
-                    let (value, flags) = fp::sub(b, c, self.fpu.env());
-                    fp::accumulate(&mut self.fpu.fpscr, flags);
-                    value
-                }
-            },
+            DataOp::Sub => self.difference(b, c),
             DataOp::Mul => self.product(b, c),
             DataOp::Nmul => fp::neg(self.product(b, c)),
             DataOp::Div => {
-                let (value, flags) = fp::div(b, c, self.fpu.env());
-                fp::accumulate(&mut self.fpu.fpscr, flags);
                 self.cycles += 13;
-                value
+                self.quotient(b, c)
             }
             // Two operations, each rounded.
             DataOp::Mla | DataOp::Mls | DataOp::Nmla | DataOp::Nmls => {
@@ -240,17 +331,32 @@ impl Core {
         Ok(())
     }
 
-    fn float_words(&mut self, memory: Memory<'_>, load: bool, d: u8, at: u32, count: u32) -> Done {
-        self.words(memory, at, count, load)?;
+    pub(super) fn float_words(
+        &mut self,
+        memory: Memory<'_>,
+        load: bool,
+        d: u8,
+        at: u32,
+        count: u32,
+    ) -> Done {
+        let Some(offset) = Self::in_ram(at, count) else {
+            // Loads from flash: words() lets nothing else pass.
+            self.words(memory, at, count, load)?;
+            for index in 0..count {
+                let value = self.read(memory, at.wrapping_add(4 * index), Width::U32)?;
+                self.fpu.set_s(d.wrapping_add(index as u8), value);
+            }
+            return Ok(());
+        };
         for index in 0..count {
-            let (at, register) = (at.wrapping_add(4 * index), d.wrapping_add(index as u8));
+            let (offset, register) = (offset + 4 * index, d.wrapping_add(index as u8));
             if load {
-                let value = self.read(memory, at, Width::U32)?;
-                self.fpu.set_s(register, value);
+                self.fpu.set_s(register, memory.ram.word(offset));
             } else {
-                self.write(memory, at, Width::U32, self.fpu.s(register))?;
+                memory.ram.set_word(offset, self.fpu.s(register));
             }
         }
+        self.cycles += u64::from(count);
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! A fast path for the core: plain instructions, decoded once and executed here.
+//! A fast path for the core: plain instructions, decoded once into micro-operations and executed here.
 //!
 //! The reference core ([`rsemu`]) knows everything about an ARMv7E-M processor and takes some 80 ns for an
 //! instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating point. Those
@@ -14,9 +14,12 @@
 mod code;
 mod execute;
 mod float;
+mod micro;
+mod run;
 #[cfg(test)]
 mod tests;
 mod transfer;
+mod translate;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -24,13 +27,14 @@ use std::sync::atomic::Ordering::Relaxed;
 use rsemu::core::space::RamStore;
 use rsemu::core::value::{Endian, Width};
 use rsemu::cpu::arm::v7m::fp::Fpu;
-use rsemu::cpu::arm::v7m::isa::{Cond, Insn};
+use rsemu::cpu::arm::v7m::isa::Insn;
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::bus::Shared;
 use crate::fetch::Fetch;
 use crate::firmware::FLASH_BASE;
+use crate::ram::Ram;
 use crate::rtt::RAM_BASE;
 use crate::system::flash;
 pub(crate) use code::Programmed;
@@ -54,7 +58,7 @@ enum End {
 /// What a session can reach.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Memory<'a> {
-    pub(crate) ram: &'a RamStore,
+    pub(crate) ram: &'a Ram,
     pub(crate) flash: &'a RamStore,
     pub(crate) shared: &'a Shared,
 }
@@ -79,8 +83,13 @@ pub(crate) struct Fast {
 #[derive(Debug)]
 struct Core {
     r: [u32; 16],
-    /// xPSR without ITSTATE.
+    /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is zero, whether it is
+    /// set, bit 31. So an instruction leaves its result where both N and Z are, and works out neither.
     psr: u32,
+    n: u32,
+    z: u32,
+    c: bool,
+    v: u32,
     it: u8,
     primask: bool,
     fetch: Fetch,
@@ -172,6 +181,10 @@ impl Core {
         Self {
             r: [0; 16],
             psr: 0,
+            n: 0,
+            z: 1,
+            c: false,
+            v: 0,
             it: 0,
             primask: false,
             fetch: Fetch::new(),
@@ -233,7 +246,8 @@ impl Core {
             return false;
         }
         self.r = regs.r;
-        self.psr = regs.xpsr & !xpsr::IT_MASK;
+        self.psr = regs.xpsr & !(xpsr::IT_MASK | FLAGS);
+        self.set_flags(regs.xpsr);
         self.it = ((regs.xpsr >> 10 & 0x3F) << 2 | regs.xpsr >> 25 & 3) as u8;
         self.primask = regs.primask;
         self.unmasked = false;
@@ -251,14 +265,13 @@ impl Core {
     ) -> (u64, End) {
         let mut instructions = 0;
         while self.now < limit {
-            let entry = code.at(self.r[15], memory.flash);
-            if entry
-                .and_then(|entry| self.step(cpu, memory, entry))
-                .is_err()
-            {
+            let page = code.page(self.r[15], memory.flash);
+            let left = page
+                .and_then(|page| self.run_in(page, cpu, memory, limit, &mut instructions))
+                .is_err();
+            if left {
                 return (instructions, End::ToOthers);
             }
-            instructions += 1;
             if self.io {
                 self.io = false;
                 self.configure_fetch(memory.shared);
@@ -283,7 +296,7 @@ impl Core {
         let it = u32::from(self.it);
         let mut regs = Regs {
             r: self.r,
-            xpsr: self.psr | (it >> 2) << 10 | (it & 3) << 25,
+            xpsr: self.psr | self.flags() | (it >> 2) << 10 | (it & 3) << 25,
             primask: self.primask,
             ..before
         };
@@ -311,7 +324,7 @@ impl Core {
         if it != 0 && matches!(insn, Insn::It { .. }) {
             return Err(Leave); // a block in a block: unpredictable
         }
-        if it == 0 || Cond(it >> 4).passes(self.psr) {
+        if it == 0 || self.passes(it >> 4) {
             // The program counter reads as the instruction's address plus four.
             self.r[15] = pc.wrapping_add(4);
             if self
@@ -323,11 +336,7 @@ impl Core {
             }
         }
         if it != 0 {
-            self.it = if it & 7 == 0 {
-                0
-            } else {
-                it & 0xE0 | it << 1 & 0x1F
-            };
+            self.it = advanced(it);
         }
         if !self.branched {
             self.r[15] = pc.wrapping_add(length);
@@ -363,13 +372,15 @@ impl Core {
     /// Reads RAM or flash, without counting the cycle.
     #[inline]
     fn read_plain(&self, memory: Memory<'_>, address: u32, width: Width) -> Result<u32, Leave> {
-        let (store, offset) = match address {
-            0x2000_0000..=0x2FFF_FFFF => (memory.ram, address - RAM_BASE),
-            0x0800_0000..=0x0FFF_FFFF => (memory.flash, address - FLASH_BASE),
-            _ => return Err(Leave),
-        };
-        let value = store.read_value(u64::from(offset), width, Endian::Little);
-        value.map(|value| value as u32).map_err(|_| Leave)
+        match address {
+            RAM_BASE..0x3000_0000 => memory.ram.read(address - RAM_BASE, width).ok_or(Leave),
+            FLASH_BASE..0x1000_0000 => {
+                let offset = u64::from(address - FLASH_BASE);
+                let value = memory.flash.read_value(offset, width, Endian::Little);
+                value.map(|value| value as u32).map_err(|_| Leave)
+            }
+            _ => Err(Leave),
+        }
     }
 
     /// Writes RAM or a peripheral.
@@ -396,14 +407,8 @@ impl Core {
     /// Writes RAM, without counting the cycle.
     #[inline]
     fn write_plain(&self, memory: Memory<'_>, address: u32, width: Width, value: u32) -> Done {
-        if !(0x2000_0000..0x3000_0000).contains(&address) {
-            return Err(Leave);
-        }
-        let offset = u64::from(address - RAM_BASE);
-        memory
-            .ram
-            .write_value(offset, width, u64::from(value), Endian::Little)
-            .map_err(|_| Leave)
+        let offset = address.wrapping_sub(RAM_BASE);
+        memory.ram.write(offset, width, value).ok_or(Leave)
     }
 
     fn branch(&mut self, target: u32) {
@@ -418,6 +423,18 @@ impl Core {
         exchangeable(target)?;
         self.branch(target);
         Ok(())
+    }
+}
+
+/// The flags of xPSR.
+const FLAGS: u32 = xpsr::N | xpsr::Z | xpsr::C | xpsr::V;
+
+/// ITSTATE after an instruction in a block (ARMv7-M ARM, A7.3.3).
+fn advanced(it: u8) -> u8 {
+    if it & 7 == 0 {
+        0
+    } else {
+        it & 0xE0 | it << 1 & 0x1F
     }
 }
 

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::bus;
 use crate::soc::Soc;
+use crate::{bus, ram};
 
 /// A small generator of even quality and fixed seed (xorshift64*).
 struct Random(u64);
@@ -51,7 +51,7 @@ impl Random {
 
 struct Machine {
     flash: Arc<RamStore>,
-    ram: Arc<RamStore>,
+    ram: Arc<Ram>,
     shared: Arc<Shared>,
     cpu: Arc<ArmV7m>,
 }
@@ -78,10 +78,9 @@ impl Machine {
                 at += 2;
             }
         }
-        let ram = Arc::new(RamStore::new(bus::RAM_SIZE));
-        for at in (0..bus::RAM_SIZE).step_by(4) {
-            ram.write_value(at, Width::U32, u64::from(random.next()), Endian::Little)
-                .unwrap();
+        let ram = Arc::new(Ram::new());
+        for at in (0..ram::SIZE as u32).step_by(4) {
+            ram.write(at, Width::U32, random.next()).unwrap();
         }
         let shared = Arc::new(Shared::new(
             Soc::new(Arc::clone(&flash), 0.0, 0, 32_000),

@@ -1,8 +1,10 @@
-//! Transfers of several words.
+//! Transfers of several words, and what is not an aligned access to RAM.
 
 use rsemu::core::value::Width;
 
 use super::{Core, Done, Leave, Memory, exchangeable};
+use crate::ram;
+use crate::rtt::RAM_BASE;
 
 impl Core {
     /// Whether `count` words can be transferred at an address: aligned, in RAM or (for loads) flash.
@@ -14,6 +16,13 @@ impl Core {
         self.read_plain(memory, at, Width::U32)?;
         self.read_plain(memory, last, Width::U32)?;
         Ok(())
+    }
+
+    /// Whether `count` words lie in RAM; and if so, the offset of the first.
+    #[inline]
+    pub(super) fn in_ram(at: u32, count: u32) -> Option<u32> {
+        let offset = at.wrapping_sub(RAM_BASE);
+        (offset & 3 == 0 && offset <= ram::SIZE as u32 - 4 * count).then_some(offset)
     }
 
     pub(super) fn multiple(
@@ -39,8 +48,11 @@ impl Core {
         } else {
             base.wrapping_add(4 * count)
         };
-        self.words(memory, start, count, load)?;
-        let target = if load && list >> 15 != 0 {
+        let in_ram = Self::in_ram(start, count);
+        if in_ram.is_none() {
+            self.words(memory, start, count, load)?;
+        }
+        let target = if list >> 15 != 0 {
             let target = self.read_plain(memory, start.wrapping_add(4 * count - 4), Width::U32)?;
             exchangeable(target)?;
             Some(target)
@@ -50,18 +62,28 @@ impl Core {
         if load && wback {
             self.set(rn, moved);
         }
-        let mut at = start;
-        for register in 0..15 {
-            if list >> register & 1 == 0 {
-                continue;
+        let mut left = list & 0x7FFF;
+        if let Some(mut offset) = in_ram {
+            self.cycles += u64::from(left.count_ones());
+            while left != 0 {
+                let register = left.trailing_zeros() as u8;
+                left &= left - 1;
+                if load {
+                    self.set(register, memory.ram.word(offset));
+                } else {
+                    memory.ram.set_word(offset, self.get(register));
+                }
+                offset = offset.wrapping_add(4);
             }
-            if load {
+        } else {
+            // Loads from flash: words() lets nothing else pass.
+            let mut at = start;
+            while left != 0 {
                 let value = self.read(memory, at, Width::U32)?;
-                self.set(register, value);
-            } else {
-                self.write(memory, at, Width::U32, self.get(register))?;
+                self.set(left.trailing_zeros() as u8, value);
+                left &= left - 1;
+                at = at.wrapping_add(4);
             }
-            at = at.wrapping_add(4);
         }
         if !load && wback {
             self.set(rn, moved);
@@ -71,5 +93,47 @@ impl Core {
             self.branch(target);
         }
         Ok(())
+    }
+
+    /// Reads anything but aligned RAM, for an instruction that begins at `now`.
+    #[inline(never)]
+    pub(super) fn read_slowly(
+        &mut self,
+        memory: Memory<'_>,
+        at: u32,
+        width: Width,
+        now: u64,
+    ) -> Result<u32, Leave> {
+        (self.cycles, self.now) = (0, now);
+        self.read(memory, at, width)
+    }
+
+    /// Writes anything but aligned RAM, for an instruction that begins at `now`.
+    #[inline(never)]
+    pub(super) fn write_slowly(
+        &mut self,
+        memory: Memory<'_>,
+        at: u32,
+        width: Width,
+        value: u32,
+        now: u64,
+    ) -> Done {
+        (self.cycles, self.now) = (0, now);
+        self.write(memory, at, width, value)
+    }
+
+    /// Two words of RAM or flash.
+    #[inline]
+    pub(super) fn two(
+        &mut self,
+        memory: Memory<'_>,
+        at: u32,
+        now: u64,
+    ) -> Result<(u32, u32), Leave> {
+        (self.cycles, self.now) = (0, now);
+        self.words(memory, at, 2, true)?;
+        let low = self.read(memory, at, Width::U32)?;
+        let high = self.read(memory, at.wrapping_add(4), Width::U32)?;
+        Ok((low, high))
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! [`code::Code`] knows the handful of encodings that are used (ARMv7-M Architecture Reference Manual, section A7.7).
 
+mod blocks;
 mod code;
 mod core;
 mod peripherals;
