@@ -40,7 +40,8 @@ def main(channel, shown):
     configure(node, robot["parameters"])
     group = int(next(e["value"] for e in robot["parameters"] if e["object"] == "2040:1"))
     due = time.monotonic()
-    for k in range(300):  # 1 s to start, 1 s ahead at 0.2 m/s, 1 s to stop
+    # 1 s at standstill, without which no robot would follow after its start; 1 s ahead at 0.2 m/s; 1 s to stop.
+    for k in range(300):
         if k == 20:
             node.nmt.state = "OPERATIONAL"
         speed = 2000 if 100 <= k < 200 else 0  # 0.1 mm/s

@@ -9,12 +9,11 @@
 
 use controller::rollers::RollerConfiguration;
 use controller::{ControlSide, Inputs, TickPhase};
-use embassy_stm32::gpio::Input;
 
 use crate::board::drive::Drive;
 use crate::board::index::Indexes;
 use crate::board::tick::TickTimer;
-use crate::board::{Encoders, SupplyMeter, now};
+use crate::board::{Encoders, Lines, SupplyMeter, now};
 use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
@@ -25,7 +24,7 @@ pub async fn control(
     mut drive: Drive,
     encoders: Encoders,
     mut indexes: Indexes,
-    driver_fault: Input<'static>,
+    lines: Lines,
     supply: SupplyMeter,
     mut timer: TickTimer,
     mut guard: Guard,
@@ -45,7 +44,8 @@ pub async fn control(
             index,
             encoder_counts: encoders.counts(),
             emergency_stop: drive.emergency_stop(),
-            driver_fault: driver_fault.is_low(),
+            driver_fault: lines.driver_fault.is_low(),
+            protective_stop: lines.protective_stop.is_high(),
             supply_input: Some(supply.volts()),
         };
         let outputs = side.tick(begin, &COMMAND.get(), &inputs);

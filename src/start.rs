@@ -122,7 +122,7 @@ fn prepare() -> Parts {
         board.drive,
         board.encoders,
         board.indexes,
-        board.driver_fault,
+        board.lines,
         board.supply,
         board.tick,
         Guard::new(board.watchdog)

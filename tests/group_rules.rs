@@ -49,7 +49,7 @@ fn start(rig: &mut Rig, twist: Twist, millis: u64) {
     rig.run(60).unwrap();
     rig.command(NmtCommand::Start, None);
     rig.run(60).unwrap();
-    assert!(rig.all_are(MemberState::Moving) || rig.all_are(MemberState::Armed));
+    assert!(rig.all_are(MemberState::Moving));
     rig.twist = Some(twist);
     rig.run(millis).unwrap();
 }
@@ -219,7 +219,7 @@ fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp(backend: &Ba
 
 fn rule_3_a_member_in_fault_stops_the_others_by_ramp(backend: &Backend) {
     let happen = |rig: &mut Rig| rig.world.set_driver_fault(2, true);
-    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 21.0);
+    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_3_a_member_with_another_sequence_stops_the_others_by_ramp(backend: &Backend) {
@@ -233,7 +233,7 @@ fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp(backend
         rig.run(1).unwrap();
         assert!(is_safe(&robots(rig)[2]), "cut in the next tick");
     };
-    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 21.0);
+    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp(backend: &Backend) {
@@ -243,7 +243,7 @@ fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp(backend: &Backend) {
 
 fn rule_4_loss_of_sync_is_the_same_ramp(backend: &Backend) {
     let happen = |rig: &mut Rig| rig.sync = false;
-    ramps_down(backend, happen, &[0, 1, 2], Fault::SyncLost, 51.0);
+    ramps_down(backend, happen, &[0, 1, 2], Fault::SyncLost, 24.0);
 }
 
 fn rule_4_an_overdue_setpoint_is_the_same_ramp(backend: &Backend) {
@@ -262,7 +262,72 @@ fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
     assert!(robots(&rig).iter().all(is_safe));
     rig.command(NmtCommand::Start, None);
     rig.run(100).unwrap();
+    // Started, but it waits for standstill first.
+    assert!(rig.all_are(MemberState::Armed));
+    for node in NODES {
+        assert_eq!(code(&rig, node), Code::Limit(Limit::AwaitingStandstill));
+    }
+    for robot in robots(&rig) {
+        assert_eq!(rates(&robot), [0.0; 4]);
+    }
+    rig.twist = Some(Twist::ZERO);
+    rig.run(60).unwrap();
+    rig.twist = Some(FORWARD);
+    rig.run(100).unwrap();
     assert!(rig.all_are(MemberState::Moving));
+}
+
+/// One robot of three has another acceleration limit: nothing moves, and all say why.
+fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backend) {
+    let file = common::group("tcc-3");
+    let mut rig = configured(backend, &file, &[]);
+    let [low, high] = at::ACCELERATION.index.to_le_bytes();
+    let [a, b, c, d] = 0.3_f32.to_le_bytes();
+    let write = [0x23, low, high, at::ACCELERATION.sub, a, b, c, d];
+    let frame = canopen::Frame::new(cob::sdo_request(3), &write).unwrap();
+    rig.world.send(frame);
+    rig.run(20).unwrap();
+    rig.command(NmtCommand::Start, None);
+    rig.run(200).unwrap();
+    rig.twist = Some(FORWARD);
+    rig.run(200).unwrap();
+    for (node, robot) in NODES.into_iter().zip(robots(&rig)) {
+        assert_eq!(codes(&rig, node), [Fault::PlanMismatch.code()]);
+        assert!(is_safe(&robot) && rates(&robot) == [0.0; 4]);
+    }
+}
+
+/// The protective stop of one: it ramps down like all others, who hear of it by its emergency message.
+fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
+    let file = common::group("tcc-3");
+    let mut rig = configured(backend, &file, &[]);
+    let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
+    let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
+    let frame = canopen::Frame::new(cob::sdo_request(4), &write).unwrap();
+    rig.world.send(frame);
+    rig.run(20).unwrap();
+    start(&mut rig, FORWARD, 600);
+    rig.run_to_phase(100, 1).unwrap();
+    rig.world.set_protective_stop(2, true);
+    let before = rig.world.now();
+    rig.run(50).unwrap();
+    // All wheels turn more slowly, with the drivers on, by the same amount.
+    for robot in robots(&rig) {
+        assert!(robot.drivers_enabled && robot.brake_released);
+        for rate in rates(&robot) {
+            assert!(rate < 0.95 * f64::from(0.6 / RADIUS), "{rate}");
+        }
+    }
+    rig.run(500).unwrap();
+    assert!(robots(&rig).iter().all(is_safe));
+    assert_eq!(codes(&rig, 4), [Fault::ProtectiveStop.code()]);
+    assert_eq!(codes(&rig, 2), [Fault::MemberStopped.code()]);
+    let heard = rig.emergencies(2).next().unwrap().0;
+    assert!(heard.since(before).0 < 3_000, "{heard:?} {before:?}");
+    // Release starts nothing.
+    rig.world.set_protective_stop(2, false);
+    rig.run(200).unwrap();
+    assert!(rig.all_are(MemberState::Faulted));
 }
 
 fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
@@ -278,6 +343,7 @@ fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
         assert_eq!(rates(&robot), [0.0; 4]);
     }
     rig.counts = true;
+    rig.twist = Some(Twist::ZERO);
     rig.run(100).unwrap();
     assert!(rig.all_are(MemberState::Moving));
 }
@@ -446,6 +512,8 @@ rules! {
     rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp
     rule_3_a_member_in_fault_stops_the_others_by_ramp
     rule_3_a_member_with_another_sequence_stops_the_others_by_ramp
+    rule_3_a_member_that_would_do_something_else_stops_the_group
+    rule_3_a_protective_stop_of_one_is_a_ramp_of_all
     rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp
     rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp
     rule_4_loss_of_sync_is_the_same_ramp

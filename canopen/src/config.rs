@@ -118,6 +118,9 @@ pub struct Config {
     pub error_behaviour: u8,
     /// Object 0x1F80, bit 2 clear: goes to OPERATIONAL by itself after boot-up. Other bits must be 0.
     pub startup: u32,
+    /// Whether what a group relies on, the objects of communication, can be written in PRE-OPERATIONAL only: SYNC, emergency
+    /// message, heartbeats, error behaviour, start-up and PDOs. CiA 301 permits writing them in OPERATIONAL as well.
+    pub fixed_in_operation: bool,
     /// Whether there is a [`Storage`](crate::Storage): objects 0x1010 and 0x1011.
     pub storage: bool,
     /// Objects 0x1400 and 0x1600 on. Their number cannot change at run time; those past
@@ -154,6 +157,7 @@ impl Config {
         emergency_inhibit_100us: 0,
         error_behaviour: 0,
         startup: Self::STARTUP_BY_MASTER,
+        fixed_in_operation: false,
         storage: false,
         rpdos: &[],
         tpdos: &[],

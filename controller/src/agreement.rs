@@ -3,8 +3,9 @@
 //! 1. At SYNC *k* every member latches the twist received before it, works out the scale at which
 //!    its own wheels could follow, and publishes it with the sequence it latched.
 //! 2. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
-//! 3. A member that was not heard since SYNC *k*, is in no state to follow, or echoes another
-//!    sequence, counts as scale 0, and scale 0 is a stop.
+//! 3. A member that was not heard since SYNC *k*, is in no state to follow, echoes another sequence,
+//!    or would do something else with it (see [`protocol::Plan`]), counts as scale 0, and scale 0 is a
+//!    stop.
 //!
 //! Every member runs this on the same frames in the same order and compares the same integers, its
 //! own published scale included, so all of them decide the same. No member leads.
@@ -15,8 +16,29 @@ use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS, MemberStatus, Scale};
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Vote {
     sequence: u8,
+    plan: u8,
     scale: Scale,
     follows: bool,
+}
+
+/// What a member publishes about the setpoint it latched.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Own {
+    /// Its sequence.
+    pub sequence: u8,
+    /// Checksum over what the member would do with it.
+    pub plan: u8,
+    /// The scale at which its own wheels can follow.
+    pub scale: Scale,
+}
+
+impl Own {
+    /// Nothing is permitted.
+    pub const NONE: Self = Self {
+        sequence: 0,
+        plan: 0,
+        scale: Scale::ZERO,
+    };
 }
 
 /// What the members came to.
@@ -60,20 +82,28 @@ impl Agreement {
         if let Some(vote) = self.votes.get_mut(place) {
             *vote = Some(Vote {
                 sequence: status.sequence,
+                plan: status.plan,
                 scale: status.scale,
                 follows: status.state.can_follow(),
             });
         }
     }
 
-    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint `sequence`, which this
-    /// `node` published with its `own` scale? The votes are used up by that.
-    pub fn decide(&mut self, members: u32, node: u8, sequence: u8, own: Scale) -> Verdict {
+    /// Whether every one of `members` (a mask of nodes) but this `node` was heard since the last SYNC.
+    #[must_use]
+    pub fn is_complete(&self, members: u32, node: u8) -> bool {
+        let mut votes = (FIRST_ROBOT..).zip(&self.votes);
+        votes.all(|(other, vote)| other == node || members >> other & 1 == 0 || vote.is_some())
+    }
+
+    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint about which this `node`
+    /// published its `own`? The votes are used up by that.
+    pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
         let votes = core::mem::replace(&mut self.votes, [None; MAX_ROBOTS]);
-        if own == Scale::ZERO {
+        if own.scale == Scale::ZERO {
             return Verdict::Stop(Fault::MemberStopped);
         }
-        let mut smallest = own;
+        let mut smallest = own.scale;
         for (other, vote) in (FIRST_ROBOT..).zip(votes) {
             if other == node || members >> other & 1 == 0 {
                 continue;
@@ -84,8 +114,11 @@ impl Agreement {
             if !vote.follows {
                 return Verdict::Stop(Fault::MemberStopped);
             }
-            if vote.sequence != sequence {
+            if vote.sequence != own.sequence {
                 return Verdict::Stop(Fault::SequenceMismatch);
+            }
+            if vote.plan != own.plan {
+                return Verdict::Stop(Fault::PlanMismatch);
             }
             if vote.scale == Scale::ZERO {
                 return Verdict::Stop(Fault::MemberStopped);
@@ -94,7 +127,7 @@ impl Agreement {
         }
         Verdict::Go {
             scale: smallest,
-            own: smallest == own,
+            own: smallest == own.scale,
         }
     }
 }
@@ -106,6 +139,15 @@ mod tests {
 
     const MEMBERS: u32 = 0b11100;
 
+    /// What this member says; of the others only the scale differs.
+    const fn own(scale: Scale) -> Own {
+        Own {
+            sequence: 7,
+            plan: 0x5A,
+            scale,
+        }
+    }
+
     fn status(state: MemberState, sequence: u8, scale: u16) -> MemberStatus {
         MemberStatus {
             state,
@@ -113,6 +155,7 @@ mod tests {
             scale: Scale(scale),
             slip_residual: None,
             code: Code::None,
+            plan: 0x5A,
         }
     }
 
@@ -121,7 +164,7 @@ mod tests {
         for (node, status) in heard {
             agreement.hear(*node, status);
         }
-        agreement.decide(MEMBERS, 2, 7, Scale(50_000))
+        agreement.decide(MEMBERS, 2, own(Scale(50_000)))
     }
 
     use MemberState::{Armed, Faulted, Moving, Ramping};
@@ -181,6 +224,32 @@ mod tests {
     }
 
     #[test]
+    fn member_with_another_plan_is_scale_zero() {
+        let other = MemberStatus {
+            plan: 0x5B,
+            ..status(Moving, 7, 60_000)
+        };
+        assert_eq!(
+            after(&[(3, status(Moving, 7, 60_000)), (4, other)]),
+            Verdict::Stop(Fault::PlanMismatch)
+        );
+    }
+
+    #[test]
+    fn votes_are_complete_when_all_others_were_heard() {
+        let mut agreement = Agreement::new();
+        assert!(agreement.is_complete(0b100, 2));
+        agreement.hear(3, &status(Moving, 7, 9));
+        assert!(!agreement.is_complete(MEMBERS, 2));
+        agreement.hear(5, &status(Moving, 7, 9));
+        assert!(!agreement.is_complete(MEMBERS, 2));
+        agreement.hear(4, &status(Moving, 7, 9));
+        assert!(agreement.is_complete(MEMBERS, 2));
+        agreement.decide(MEMBERS, 2, own(Scale::ONE));
+        assert!(!agreement.is_complete(MEMBERS, 2));
+    }
+
+    #[test]
     fn scale_zero_of_any_member_is_a_stop() {
         assert_eq!(
             after(&[(3, status(Moving, 7, 0)), (4, status(Moving, 7, 60_000))]),
@@ -188,7 +257,7 @@ mod tests {
         );
         let mut agreement = Agreement::new();
         assert_eq!(
-            agreement.decide(0b100, 2, 7, Scale::ZERO),
+            agreement.decide(0b100, 2, own(Scale::ZERO)),
             Verdict::Stop(Fault::MemberStopped)
         );
     }
@@ -199,11 +268,11 @@ mod tests {
         agreement.hear(3, &status(Moving, 7, 9));
         agreement.hear(4, &status(Moving, 7, 9));
         assert!(matches!(
-            agreement.decide(MEMBERS, 2, 7, Scale::ONE),
+            agreement.decide(MEMBERS, 2, own(Scale::ONE)),
             Verdict::Go { .. }
         ));
         assert_eq!(
-            agreement.decide(MEMBERS, 2, 7, Scale::ONE),
+            agreement.decide(MEMBERS, 2, own(Scale::ONE)),
             Verdict::Stop(Fault::MemberSilent)
         );
     }
@@ -211,7 +280,7 @@ mod tests {
     #[test]
     fn a_robot_alone_is_a_group_of_one() {
         let mut agreement = Agreement::new();
-        let verdict = agreement.decide(0b100, 2, 7, Scale(9));
+        let verdict = agreement.decide(0b100, 2, own(Scale(9)));
         assert_eq!(
             verdict,
             Verdict::Go {
@@ -228,7 +297,7 @@ mod tests {
         agreement.hear(1, &status(Faulted, 9, 0));
         agreement.hear(18, &status(Faulted, 9, 0));
         assert!(matches!(
-            agreement.decide(0b100, 2, 7, Scale::ONE),
+            agreement.decide(0b100, 2, own(Scale::ONE)),
             Verdict::Go { .. }
         ));
     }

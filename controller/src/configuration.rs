@@ -129,6 +129,9 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         crc: parameters.crc().max(1),
         group: parameters.unsigned(at::GROUP_ID).to_le_bytes()[0],
         members,
+        standstill_syncs: parameters.unsigned(at::STANDSTILL_SYNCS).to_le_bytes()[0],
+        protective_stop: parameters.unsigned(at::PROTECTIVE_STOP) == 1,
+        cuts_together: parameters.unsigned(at::CUTS_TOGETHER) == 1,
         drivetrain,
         rollers,
         encoder_filter,
@@ -268,9 +271,14 @@ fn wheels(parameters: &Parameters) -> Result<([Wheel; 4], Address), Configuratio
 
 fn times(parameters: &Parameters) -> Times {
     let ms = |address| u64::from(parameters.unsigned(address)) * 1000;
+    let sync_period_us = parameters.unsigned(at::SYNC_PERIOD);
     Times {
-        sync_period_us: parameters.unsigned(at::SYNC_PERIOD),
-        sync_timeout_us: ms(at::SYNC_TIMEOUT),
+        sync_period_us,
+        sync_timeout_us: match ms(at::SYNC_TIMEOUT) {
+            // Two periods, so that one lost SYNC is forgiven, and what the next may be late.
+            0 => u64::from(sync_period_us) * 9 / 4,
+            timeout => timeout,
+        },
         setpoint_timeout_us: ms(at::SETPOINT_TIMEOUT),
         heartbeat_timeout_us: ms(at::HEARTBEAT_TIMEOUT),
         wheel_fault_us: ms(at::WHEEL_FAULT_TIME),

@@ -81,6 +81,8 @@ pub(crate) struct Dictionary {
     pub roller_states: [u8; 4],
     pub roller_sweeps: [f32; 4],
     pub supply: Option<f32>,
+    /// Signed and in full, rad/s.
+    pub slip: f32,
     pub counters: Counters,
     /// Faults.
     pub history: History,
@@ -109,6 +111,7 @@ impl Dictionary {
             roller_states: [0; 4],
             roller_sweeps: [0.0; 4],
             supply: None,
+            slip: 0.0,
             counters: Counters::default(),
             history: History::new(),
             limits: History::new(),
@@ -169,6 +172,7 @@ impl Dictionary {
             at::IDENTIFY_WHEELS => Value::U8(self.identification.bounds.wheels),
             at::BLINK => Value::U8(self.blinks),
             at::SUPPLY => Value::F32(self.supply.unwrap_or(0.0)),
+            at::SLIP => Value::F32(self.slip),
             at::LATE_TICKS => Value::U32(counters.late_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
             at::IGNORED_SETPOINTS => Value::U32(counters.ignored_setpoints),

@@ -44,7 +44,6 @@ impl Identity {
 }
 
 const TWIST_BITS: [u8; 5] = [16, 16, 16, 8, 8];
-const STATUS_BITS: [u8; 5] = [8, 8, 16, 16, 16];
 
 const fn five(index: u16, bits: [u8; 5]) -> [Mapping; 5] {
     let [a, b, c, d, e] = bits;
@@ -59,7 +58,14 @@ const fn five(index: u16, bits: [u8; 5]) -> [Mapping; 5] {
 
 static SETPOINT: [Mapping; 5] = five(0x2100, TWIST_BITS);
 static ALONE: [Mapping; 5] = five(0x2101, TWIST_BITS);
-static STATUS: [Mapping; 5] = five(0x2110, STATUS_BITS);
+static STATUS: [Mapping; 6] = [
+    Mapping::new(0x2110, 1, 8),
+    Mapping::new(0x2110, 2, 8),
+    Mapping::new(0x2110, 3, 16),
+    Mapping::new(0x2110, 4, 8),
+    Mapping::new(0x2110, 5, 16),
+    Mapping::new(0x2110, 6, 8),
+];
 static MEASURED: [Mapping; 5] = five(0x2111, TWIST_BITS);
 static POSE: [Mapping; 3] = [
     Mapping::new(0x2112, 1, 24),
@@ -115,6 +121,7 @@ pub(crate) fn config(identity: &Identity) -> Config {
         name: "Omnibus robot",
         heartbeat_ms: HEARTBEAT_MS,
         sync_overflow: SYNC_OVERFLOW,
+        fixed_in_operation: true,
         storage: identity.storage,
         rpdos: &RPDOS,
         tpdos: &TPDOS,

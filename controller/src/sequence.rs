@@ -5,13 +5,16 @@
 //! resets the time-out, so a master that got stuck, or a frame from the past, stops the group. After
 //! a start any sequence is taken but the one that was in force before: that could be an old frame.
 //!
-//! One master sends one setpoint per SYNC and its sequence goes up. More than one between two SYNCs,
-//! sequences that jump back and forth, or SYNC counters that do, mean that two masters speak. Each
-//! such disorder adds two to a score, each orderly setpoint takes one away, so that a single lost
-//! frame is forgiven and two masters are found out within six SYNCs.
+//! One master sends one setpoint per SYNC and its sequence goes up. More than one in a SYNC period,
+//! sequences that jump back and forth, or SYNC counters that run backwards or repeat, mean that two
+//! masters speak. Each such disorder adds two to a score, each orderly setpoint takes one away, so that
+//! a single doubled frame is forgiven and two masters are found out within six SYNCs. SYNCs that are
+//! lost are no disorder: see [`crate::rhythm`].
 
 use canopen::Micros;
 use protocol::{DecodeError, GroupTwist};
+
+use crate::rhythm::Beat;
 
 /// Disorder at which it must be two masters.
 const TWO_MASTERS: u8 = 6;
@@ -124,13 +127,22 @@ impl Setpoints {
     }
 
     /// Something was out of order.
-    pub const fn note_disorder(&mut self) {
+    const fn note_disorder(&mut self) {
         self.disorder = self.disorder.saturating_add(2);
     }
 
     /// A SYNC at `at` latches what was `received` since the last one, for `group`.
-    pub fn on_sync(&mut self, at: Micros, received: Option<&[u8; 8]>, group: u8) -> Reception {
-        if core::mem::take(&mut self.frames) > 1 {
+    pub fn on_sync(
+        &mut self,
+        at: Micros,
+        beat: Beat,
+        received: Option<&[u8; 8]>,
+        group: u8,
+    ) -> Reception {
+        if core::mem::take(&mut self.frames) > beat.periods {
+            self.note_disorder();
+        }
+        if beat.disorder {
             self.note_disorder();
         }
         let reception = match received.map(|bytes| GroupTwist::try_from(&bytes[..])) {
@@ -190,6 +202,11 @@ mod tests {
     use kinematics::Twist;
 
     const GROUP: u8 = 3;
+    const BEAT: Beat = Beat {
+        periods: 1,
+        disorder: false,
+        off_period: false,
+    };
 
     fn bytes(vx: f32, sequence: u8) -> [u8; 8] {
         GroupTwist {
@@ -202,7 +219,7 @@ mod tests {
 
     fn sync(setpoints: &mut Setpoints, at: u64, vx: f32, sequence: u8) -> Reception {
         setpoints.note_frame();
-        setpoints.on_sync(Micros(at), Some(&bytes(vx, sequence)), GROUP)
+        setpoints.on_sync(Micros(at), BEAT, Some(&bytes(vx, sequence)), GROUP)
     }
 
     #[test]
@@ -247,7 +264,7 @@ mod tests {
     #[test]
     fn another_group_is_not_listened_to() {
         let mut setpoints = Setpoints::new();
-        let reception = setpoints.on_sync(Micros(1), Some(&bytes(1.0, 1)), GROUP + 1);
+        let reception = setpoints.on_sync(Micros(1), BEAT, Some(&bytes(1.0, 1)), GROUP + 1);
         assert_eq!(reception, Reception::Nothing);
         assert_eq!(setpoints.latched(), None);
         assert_eq!(setpoints.ignored(), 0);

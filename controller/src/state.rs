@@ -3,7 +3,7 @@
 //! Terms: *started* is an accepted NMT start; *ready* is stopped and well; *armed* is started, with
 //! drivers on, standing; *ramping* is on the way to standstill; *faulted* is at rest with the cause
 //! kept. The function knows no time and no messages: whoever watches timers, members and wheels
-//! turns what it sees into one of seven [`Happening`]s. There are two ways out of a standstill, and
+//! turns what it sees into one of eight [`Happening`]s. There are two ways out of a standstill, and
 //! both begin with a start from the master.
 
 use protocol::{Fault, MemberState, Reaction};
@@ -49,6 +49,8 @@ pub enum Happening {
     OwnSetpoint,
     /// Something went wrong.
     Failed(Fault),
+    /// The same, and whatever it is, it is no time for a ramp: another member was cut.
+    Cut(Fault),
     /// The ramp is over: reference and wheels stand.
     Standstill,
 }
@@ -95,7 +97,10 @@ impl State {
                 (Reaction::Ramp, After::Ready) => Self::Ramping(After::Faulted(fault)),
                 (Reaction::Ramp, After::Faulted(_)) => self,
             },
-            (Self::Ready | Self::Faulted(_), H::Failed(_)) => self,
+            (Self::Ready | Self::Faulted(_), H::Failed(_) | H::Cut(_)) => self,
+            (Self::Armed | Self::Moving | Self::Alone | Self::Ramping(_), H::Cut(fault)) => {
+                Self::Faulted(fault)
+            }
 
             (Self::Ramping(After::Ready), H::Standstill) => Self::Ready,
             (Self::Ramping(After::Faulted(fault)), H::Standstill) => Self::Faulted(fault),
@@ -168,6 +173,7 @@ mod tests {
         ];
         for fault in Fault::ALL {
             all.push(Happening::Failed(*fault));
+            all.push(Happening::Cut(*fault));
             all.push(Happening::StartRefused(*fault));
         }
         all
@@ -280,6 +286,18 @@ mod tests {
                 ],
             ),
             (
+                H::Cut(RAMP_TOO),
+                [
+                    S::Ready,
+                    S::Faulted(RAMP_TOO),
+                    S::Faulted(RAMP_TOO),
+                    S::Faulted(RAMP_TOO),
+                    S::Faulted(RAMP_TOO),
+                    S::Faulted(RAMP_TOO),
+                    faulted,
+                ],
+            ),
+            (
                 H::Standstill,
                 [
                     S::Ready,
@@ -324,6 +342,7 @@ mod tests {
     fn a_fault_that_cuts_is_at_rest_at_once() {
         for state in states() {
             for fault in Fault::ALL {
+                assert!(is_at_rest(state.after(Happening::Cut(*fault))));
                 if fault.reaction() == Reaction::Cut {
                     assert!(is_at_rest(state.after(Happening::Failed(*fault))));
                 }
@@ -352,6 +371,7 @@ mod tests {
                     (State::Faulted(_), Happening::Started | Happening::StartRefused(_)) => {}
                     (State::Ramping(_), Happening::Failed(fault))
                         if fault.reaction() == Reaction::Cut => {}
+                    (State::Ramping(_), Happening::Cut(_)) => {}
                     _ => assert_eq!(state.after(happening).fault(), Some(first)),
                 }
             }

@@ -193,6 +193,10 @@ impl Checker<'_> {
                 "limits.command_timeout_ms",
                 default::COMMAND_TIMEOUT_MS,
             )?,
+            sync_timeout_us: match &raw.sync_timeout_ms {
+                None => 0,
+                set => self.milliseconds(set.as_ref(), "limits.sync_timeout_ms", 0.0)?,
+            },
         })
     }
 

@@ -51,6 +51,8 @@ pub struct Limits {
     pub yaw_jerk: f32,
     /// A setpoint older than this stops the group, microseconds.
     pub command_timeout_us: u32,
+    /// So long without SYNC stops a member, microseconds; 0 for two and a quarter periods.
+    pub sync_timeout_us: u32,
 }
 
 /// By how much the group's motion trails what its wheels turn, s, in the group frame.

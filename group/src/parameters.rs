@@ -127,7 +127,7 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
         (address::SYNC_PERIOD, Value::U32(file.sync_period_us)),
         (
             address::SYNC_TIMEOUT,
-            Value::U16(millis(file.sync_period_us.saturating_mul(5))),
+            Value::U16(millis(limits.sync_timeout_us)),
         ),
         (
             address::SETPOINT_TIMEOUT,

@@ -39,6 +39,7 @@ pub struct Limits {
     pub linear_jerk: Option<At<f64>>,
     pub yaw_jerk: Option<At<f64>>,
     pub command_timeout_ms: Option<At<f64>>,
+    pub sync_timeout_ms: Option<At<f64>>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -212,11 +212,12 @@ impl FakeBus {
                     _ => Code::None,
                 };
                 let status = MemberStatus {
-                    state: MemberState::Armed,
+                    state: MemberState::Moving,
                     sequence: robot.sequence,
                     scale: Scale::ONE,
                     slip_residual: Some(0.0),
                     code,
+                    plan: 0,
                 };
                 say(cob::member_status(robot.node), &status.encode());
                 let measured = MeasuredTwist {

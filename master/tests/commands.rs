@@ -106,17 +106,17 @@ fn param_dump_diff_and_load() {
     assert!(output.status.success());
     let text = std::fs::read_to_string(&file).unwrap();
     assert!(
-        text.contains("\"2041:2\" = 50  # SYNC timeout, ms"),
+        text.contains("\"2041:2\" = 0  # SYNC timeout, ms"),
         "{text}"
     );
     let same = omnibus(&["param", "diff", &name, "--bus", BUS]);
     assert_eq!(same.status.code(), Some(0));
-    std::fs::write(&file, text.replace("\"2041:2\" = 50", "\"2041:2\" = 70")).unwrap();
+    std::fs::write(&file, text.replace("\"2041:2\" = 0 ", "\"2041:2\" = 70 ")).unwrap();
     let other = omnibus(&["param", "diff", &name, "--bus", BUS]);
     assert_eq!(other.status.code(), Some(6));
     let said = String::from_utf8(other.stdout).unwrap();
     assert!(
-        said.contains("SYNC timeout (2041:2) is 50, the file has 70"),
+        said.contains("SYNC timeout (2041:2) is 0, the file has 70"),
         "{said}"
     );
     let loaded = json(&[

@@ -40,6 +40,14 @@ pub struct Times {
     pub wheel_fault_us: u64,
 }
 
+impl Times {
+    /// How long after a SYNC the next one is overdue: a quarter of a period more than one.
+    #[must_use]
+    pub const fn silence_us(&self) -> u64 {
+        self.sync_period_us as u64 * 5 / 4
+    }
+}
+
 /// Thresholds; 0 turns one off.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Thresholds {
@@ -64,6 +72,12 @@ pub struct Configuration {
     pub group: u8,
     /// Bit n stands for node n.
     pub members: u32,
+    /// SYNCs near standstill after a start, before anything moves.
+    pub standstill_syncs: u8,
+    /// A protective stop is connected.
+    pub protective_stop: bool,
+    /// An emergency stop of one member cuts all.
+    pub cuts_together: bool,
     /// Group twist to wheel rates and back.
     pub drivetrain: Drivetrain,
     /// The wheels' rollers; `None` where all are ideal.

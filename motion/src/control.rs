@@ -60,6 +60,10 @@ const LEAST_RESIDUAL: f32 = 0.1;
 /// Factor of the angles whose slip residual is taken.
 const RESIDUAL_SCALE: f32 = 1024.0;
 
+/// A robot whose wheels turn faster is not started, rad/s: well above what a step of a coarse encoder leaves behind, and
+/// slow enough that the loops bring it to rest without full voltage.
+const TURNING_RATE: f32 = 0.2;
+
 /// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed anyway.
 const SETTLE_US: u64 = 300_000;
 
@@ -299,6 +303,7 @@ impl ControlSide {
             side.acknowledge(command.start, self.motion.as_mut());
         }
         side.report.obstacle = live_fault(inputs);
+        side.report.protective_stop = inputs.protective_stop;
         let Some(motion) = &mut self.motion else {
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
@@ -316,6 +321,10 @@ impl ControlSide {
         let turned = motion.measure(previous, inputs, tick.dt, &mut side.report);
         if command.mode != Mode::Off || side.holds(motion) {
             side.judge(motion, command, &tick);
+        }
+        if command.mode == Mode::Off && side.report.obstacle.is_none() && turns(&side.report.rates)
+        {
+            side.report.obstacle = Some(Fault::WheelsTurn);
         }
         let mode = side.grant(motion, command);
         if mode == Mode::Identify || side.identification.is_some() {
@@ -370,6 +379,10 @@ impl Supervision {
             Some(Reaction::Cut) => kept,
             Some(Reaction::Ramp) => cut.or(kept),
             None => cut
+                .or_else(|| {
+                    let asked = self.report.protective_stop && motion.configuration.protective_stop;
+                    asked.then_some(Fault::ProtectiveStop)
+                })
                 .or_else(|| motion.wheel_fault(Reaction::Ramp))
                 .or_else(|| late(tick.elapsed_us, tick.now, command.alive))
                 .or_else(|| self.lasting_fault(motion, command, tick.now)),
@@ -789,6 +802,12 @@ const fn live_fault(inputs: &Inputs) -> Option<Fault> {
     } else {
         None
     }
+}
+
+/// Whether any wheel turns too fast for a start.
+fn turns(rates: &WheelRates) -> bool {
+    let rates: [f32; 4] = (*rates).into();
+    rates.iter().any(|rate| rate.abs() > TURNING_RATE)
 }
 
 /// Time between two instants in 32 bits: what is more than an hour apart is so long ago either way.

@@ -80,6 +80,8 @@ pub struct Inputs {
     pub emergency_stop: bool,
     /// The motor driver reports a fault.
     pub driver_fault: bool,
+    /// The protective stop asks for standstill, or its wire is broken; means something only where one is configured.
+    pub protective_stop: bool,
     /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
     pub supply_input: Option<f32>,
     /// The last index pulse of each encoder.
@@ -123,6 +125,8 @@ pub struct Report {
     pub fault: Option<Fault>,
     /// What speaks against a start right now.
     pub obstacle: Option<Fault>,
+    /// The input of the protective stop is open.
+    pub protective_stop: bool,
     /// The most important limit that is active.
     pub limit: Option<Limit>,
     /// Sequence of the setpoint it follows.
@@ -159,6 +163,7 @@ impl Report {
         standstill: false,
         fault: None,
         obstacle: None,
+        protective_stop: false,
         limit: None,
         sequence: 0,
         reference: Twist::ZERO,

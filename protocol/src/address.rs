@@ -174,6 +174,13 @@ addresses! {
     /// How long without the master's heartbeat.
     HEARTBEAT_TIMEOUT = 0x2041:4;
 
+    /// How many SYNCs near standstill come before motion.
+    STANDSTILL_SYNCS = 0x2042:1;
+    /// Whether a protective stop is connected.
+    PROTECTIVE_STOP = 0x2042:2;
+    /// Whether an emergency stop of one member cuts all.
+    CUTS_TOGETHER = 0x2042:3;
+
     /// Permission to move this robot alone.
     COMMISSIONING = 0x2050:1;
     /// Begins and stops the identification of the motors.
@@ -225,6 +232,8 @@ addresses! {
     STATUS_SLIP = 0x2110:4;
     /// Limit or fault code.
     STATUS_CODE = 0x2110:5;
+    /// Checksum over what it is about to do.
+    STATUS_PLAN = 0x2110:6;
     /// Measured group twist: vx.
     MEASURED_VX = 0x2111:1;
     /// Measured group twist: vy.
@@ -252,6 +261,8 @@ addresses! {
 
     /// Supply voltage.
     SUPPLY = 0x2120:1;
+    /// Wheel rates that no rigid motion explains.
+    SLIP = 0x2120:2;
     /// Control ticks that came late.
     LATE_TICKS = 0x2121:1;
     /// SYNCs that did not come.

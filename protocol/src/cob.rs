@@ -90,6 +90,15 @@ const fn function_bit(cob_id: u16) -> u16 {
     1 << (cob_id >> 7 & 0xF)
 }
 
+/// The robot whose emergency message a frame with this identifier carries, if it is one.
+#[must_use]
+pub const fn emergency_sender(cob_id: u16) -> Option<u8> {
+    match cob_id.checked_add(0x100) {
+        Some(status) => status_sender(status),
+        None => None,
+    }
+}
+
 /// The robot whose status a frame with this identifier carries, if it is one.
 #[must_use]
 pub const fn status_sender(cob_id: u16) -> Option<u8> {
@@ -143,5 +152,11 @@ mod tests {
         assert_eq!(measured_sender(0x282), Some(2));
         assert_eq!(measured_sender(0x182), None);
         assert_eq!(measured_sender(0x082), None);
+        assert_eq!(emergency_sender(0x082), Some(2));
+        assert_eq!(emergency_sender(0x091), Some(17));
+        assert_eq!(emergency_sender(0x080), None);
+        assert_eq!(emergency_sender(0x081), None, "the master's own");
+        assert_eq!(emergency_sender(0x092), None);
+        assert_eq!(emergency_sender(0xFFFF), None);
     }
 }

@@ -97,6 +97,10 @@ codes! {
         RollerPhase = 0x0009,
         /// A wheel's controller asks for more than the torque bound allows.
         Torque = 0x000A,
+        /// Started, but setpoints ask for motion: first they must stay near standstill, see 0x2042:1.
+        AwaitingStandstill = 0x000C,
+        /// SYNC comes at another period than object 0x2041:1 says; the robot does not follow.
+        SyncPeriod = 0x000D,
     }
 }
 
@@ -155,12 +159,18 @@ codes! {
         StrainExcess = 0xFF19,
         /// The supply voltage is too high, or cannot be measured.
         SupplyHigh = 0x3210,
+        /// Members would not do the same: twist understood, group parameters or communication objects differ.
+        PlanMismatch = 0xFF1B,
         /// Another robot sends with this one's node number.
         DuplicateNode = 0xFF1C,
+        /// The protective stop asks for standstill, or its wire is broken.
+        ProtectiveStop = 0xFF1D,
         /// The processor's clock failed and it was restarted.
         ClockLost = 0xFF1E,
         /// The processor's supply sank below what it needs and it was restarted.
         SupplyCollapse = 0xFF1F,
+        /// Wheels turn, so that the robot cannot be started.
+        WheelsTurn = 0xFF22,
     }
 }
 
@@ -179,7 +189,8 @@ impl Fault {
             | Self::ParametersCorrupt
             | Self::Unconfigured
             | Self::ClockLost
-            | Self::SupplyCollapse => Reaction::Cut,
+            | Self::SupplyCollapse
+            | Self::WheelsTurn => Reaction::Cut,
             Self::MasterSilent
             | Self::SyncLost
             | Self::SetpointOverdue
@@ -197,7 +208,9 @@ impl Fault {
             | Self::BusStarved
             | Self::SlipExcess
             | Self::StrainExcess
-            | Self::DuplicateNode => Reaction::Ramp,
+            | Self::DuplicateNode
+            | Self::PlanMismatch
+            | Self::ProtectiveStop => Reaction::Ramp,
         }
     }
 

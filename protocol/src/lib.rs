@@ -34,6 +34,7 @@ pub mod generate;
 pub mod object;
 pub mod pdo;
 pub mod pdos;
+mod plan;
 pub mod scaling;
 pub mod table;
 
@@ -46,11 +47,12 @@ pub use pdo::{
     DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,
     WheelRateReport,
 };
+pub use plan::Plan;
 pub use table::{ENTRIES, OBJECTS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any
 /// change that would make an older master or robot misread a frame.
-pub const WIRE_VERSION: u16 = 2;
+pub const WIRE_VERSION: u16 = 3;
 
 /// How long after the SYNC that puts a setpoint in force the robots act on it, us.
 ///

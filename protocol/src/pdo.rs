@@ -15,8 +15,9 @@ use kinematics::{Pose, Twist, WheelRates};
 
 use crate::code::Code;
 use crate::scaling::{
-    HEADING_STEPS, POSITION_STEPS, VELOCITY_STEPS, WHEEL_RATE_STEPS, YAW_RATE_STEPS, decode_i16,
-    decode_i24, encode_i16, encode_i24, i24_from_bytes, i24_to_bytes,
+    HEADING_STEPS, POSITION_STEPS, SLIP_STEPS, VELOCITY_STEPS, WHEEL_RATE_STEPS, YAW_RATE_STEPS,
+    decode_i16, decode_i24, decode_magnitude, encode_i16, encode_i24, encode_magnitude,
+    i24_from_bytes, i24_to_bytes,
 };
 
 /// Why eight bytes are not the frame they should be.
@@ -235,10 +236,12 @@ pub struct MemberStatus {
     pub sequence: u8,
     /// The scale at which its own wheels can follow that setpoint; zero stops the group.
     pub scale: Scale,
-    /// Wheel rates that no rigid motion explains, rad/s; `None` when not measured.
+    /// Magnitude of the wheel rates that no rigid motion explains, rad/s; `None` when not measured.
     pub slip_residual: Option<f32>,
     /// The most important limit or fault.
     pub code: Code,
+    /// Checksum over what this member is about to do, see [`crate::Plan`]; members that differ stop the group.
+    pub plan: u8,
 }
 
 impl MemberStatus {
@@ -246,18 +249,16 @@ impl MemberStatus {
     #[must_use]
     pub fn encode(&self) -> [u8; 8] {
         let [scale_low, scale_high] = self.scale.0.to_le_bytes();
-        let slip = encode_i16(self.slip_residual.unwrap_or(f32::NAN), WHEEL_RATE_STEPS);
-        let [slip_low, slip_high] = slip.to_le_bytes();
         let [code_low, code_high] = self.code.code().to_le_bytes();
         [
             self.state as u8,
             self.sequence,
             scale_low,
             scale_high,
-            slip_low,
-            slip_high,
+            encode_magnitude(self.slip_residual.unwrap_or(f32::NAN), SLIP_STEPS),
             code_low,
             code_high,
+            self.plan,
         ]
     }
 }
@@ -266,14 +267,15 @@ impl TryFrom<&[u8]> for MemberStatus {
     type Error = DecodeError;
 
     fn try_from(data: &[u8]) -> Result<Self, DecodeError> {
-        let [state, sequence, a, b, c, d, e, f] = eight(data)?;
-        let code = u16::from_le_bytes([e, f]);
+        let [state, sequence, a, b, slip, c, d, plan] = eight(data)?;
+        let code = u16::from_le_bytes([c, d]);
         Ok(Self {
             state: MemberState::try_from(state)?,
             sequence,
             scale: Scale(u16::from_le_bytes([a, b])),
-            slip_residual: decode_i16(i16::from_le_bytes([c, d]), WHEEL_RATE_STEPS),
+            slip_residual: decode_magnitude(slip, SLIP_STEPS),
             code: Code::from_code(code).ok_or(DecodeError::Code(code))?,
+            plan,
         })
     }
 }
@@ -383,15 +385,16 @@ mod tests {
 
     #[test]
     fn golden_member_status() {
-        // Half scale: 0.5 * 65535 = 32767.5 -> 32768. Slip -0.25 rad/s = -125 = 0xFF83.
+        // Half scale: 0.5 * 65535 = 32767.5 -> 32768. Slip 0.26 rad/s = 13 = 0x0D.
         let frame = MemberStatus {
             state: MemberState::Ramping,
             sequence: 9,
             scale: Scale::new(0.5),
-            slip_residual: Some(-0.25),
+            slip_residual: Some(0.26),
             code: Code::Fault(Fault::MasterSilent),
+            plan: 0xA5,
         };
-        let bytes = [0x05, 0x09, 0x00, 0x80, 0x83, 0xFF, 0x30, 0x81];
+        let bytes = [0x05, 0x09, 0x00, 0x80, 0x0D, 0x30, 0x81, 0xA5];
         assert_eq!(frame.encode(), bytes);
         assert_eq!(MemberStatus::try_from(&bytes[..]), Ok(frame));
     }
@@ -404,8 +407,9 @@ mod tests {
             scale: Scale::ONE,
             slip_residual: None,
             code: Code::Limit(Limit::WheelRate),
+            plan: 0,
         };
-        let bytes = [0x03, 0xFF, 0xFF, 0xFF, 0x00, 0x80, 0x01, 0x00];
+        let bytes = [0x03, 0xFF, 0xFF, 0xFF, 0xFF, 0x01, 0x00, 0x00];
         assert_eq!(frame.encode(), bytes);
         assert_eq!(MemberStatus::try_from(&bytes[..]), Ok(frame));
     }
@@ -491,7 +495,7 @@ mod tests {
             Err(DecodeError::State(7))
         );
         bytes[0] = 6;
-        bytes[7] = 0x12;
+        bytes[6] = 0x12;
         assert_eq!(
             MemberStatus::try_from(&bytes[..]),
             Err(DecodeError::Code(0x1200))

@@ -14,14 +14,20 @@ pub const VELOCITY_STEPS: f32 = 10_000.0;
 /// Steps per rad/s in a twist field: one LSB is 0.1 mrad/s, the range is +-3.2767 rad/s.
 pub const YAW_RATE_STEPS: f32 = 10_000.0;
 
-/// Steps per rad/s of a wheel rate or slip residual: one LSB is 2 mrad/s, the range +-65.534 rad/s.
+/// Steps per rad/s of a wheel rate: one LSB is 2 mrad/s, the range +-65.534 rad/s.
 pub const WHEEL_RATE_STEPS: f32 = 500.0;
+
+/// Steps per rad/s of the magnitude of a slip residual: one LSB is 20 mrad/s, the range 0 to 5.08 rad/s.
+pub const SLIP_STEPS: f32 = 50.0;
 
 /// Steps per metre of a pose field: one LSB is 0.1 mm, the range is +-838.8607 m.
 pub const POSITION_STEPS: f32 = 10_000.0;
 
 /// Steps per radian of a heading: one LSB is 0.1 mrad. A heading in (-pi, pi] always fits.
 pub const HEADING_STEPS: f32 = 10_000.0;
+
+/// The bit pattern of an invalid magnitude of 8 bits.
+pub const INVALID_U8: u8 = u8::MAX;
 
 /// The bit pattern of an invalid 16-bit field.
 pub const INVALID_I16: i16 = i16::MIN;
@@ -50,6 +56,21 @@ fn nearest(value: f32, limit: i32) -> i32 {
     } else {
         whole
     }
+}
+
+/// The magnitude of `value` in steps, rounded to nearest and saturated to 254; NaN becomes [`INVALID_U8`].
+#[must_use]
+pub fn encode_magnitude(value: f32, steps: f32) -> u8 {
+    if value.is_nan() {
+        return INVALID_U8;
+    }
+    u8::try_from(nearest(value.abs() * steps, i32::from(INVALID_U8) - 1)).unwrap_or(INVALID_U8)
+}
+
+/// `raw` steps as a number, or `None` when the field is marked invalid.
+#[must_use]
+pub fn decode_magnitude(raw: u8, steps: f32) -> Option<f32> {
+    (raw != INVALID_U8).then(|| f32::from(raw) / steps)
 }
 
 /// `value` in steps, rounded to nearest and saturated to +-32767; NaN becomes [`INVALID_I16`].

@@ -89,7 +89,7 @@ const IDENTITY: &[Object] = &[
         "Group CRC",
         "",
         Kind::U32,
-        "The same over the parameters that must be equal in all members of a group: acceleration, jerk, deceleration, group, members and times. Members that differ here would not move as one.",
+        "The same over the parameters that must be equal in all members of a group: acceleration, jerk, deceleration, group, members, times, restart and stops of the group. Members that differ here would not move as one.",
     ),
 ];
 
@@ -107,6 +107,8 @@ pub const COMMON: &[Address] = &[
     at::SYNC_TIMEOUT,
     at::SETPOINT_TIMEOUT,
     at::HEARTBEAT_TIMEOUT,
+    at::STANDSTILL_SYNCS,
+    at::CUTS_TOGETHER,
 ];
 
 const fn wire_version() -> Object {
@@ -632,8 +634,8 @@ const GROUP: &[Object] = &[
         at::SYNC_TIMEOUT,
         "SYNC timeout",
         "ms",
-        word(4, 1000, 50),
-        "Moving, without SYNC for this long: ramp down.",
+        word(0, 1000, 0),
+        "Moving, without SYNC for this long: ramp down; 0 for two and a quarter periods. When a member's status is missing, too, a period and a quarter is enough.",
     ),
     Object::parameter(
         at::SETPOINT_TIMEOUT,
@@ -647,7 +649,28 @@ const GROUP: &[Object] = &[
         "Master heartbeat timeout",
         "ms",
         word(10, 10_000, 500),
-        "Armed or moving, without the master's heartbeat for this long: ramp down.",
+        "Armed or moving, without the master's heartbeat for this long: ramp down. Only one that says OPERATIONAL counts; a boot-up message is a stop.",
+    ),
+    Object::parameter(
+        at::STANDSTILL_SYNCS,
+        "Standstill before motion",
+        "SYNCs",
+        byte(1, 250, 3),
+        "After a start, so many SYNCs in a row must bring a setpoint of less than 0.01 m/s and 0.01 rad/s that all members agree on; until then any other is a scale of 0.",
+    ),
+    Object::parameter(
+        at::PROTECTIVE_STOP,
+        "Protective stop",
+        "",
+        byte(0, 1, 0),
+        "1: a normally closed contact is connected to the protective stop input; open is a ramp, then outputs off.",
+    ),
+    Object::parameter(
+        at::CUTS_TOGETHER,
+        "Cut together",
+        "",
+        byte(0, 1, 0),
+        "1: the emergency stop of one member is a cut for all, announced by its emergency message; 0: the others ramp.",
     ),
 ];
 
@@ -832,9 +855,9 @@ const STATUS: &[Object] = &[
     Object::state(
         at::STATUS_SLIP,
         "Slip residual",
-        "2 mrad/s",
-        Kind::I16,
-        "Wheel rates that no rigid motion explains; -32768 when not measured.",
+        "20 mrad/s",
+        Kind::U8,
+        "Magnitude of the wheel rates that no rigid motion explains; 254 is this or more, 255 not measured. With its sign and in full: 0x2120:2.",
     )
     .mapped(),
     Object::state(
@@ -843,6 +866,14 @@ const STATUS: &[Object] = &[
         "",
         Kind::U16,
         "0 nothing, below 0x1000 a limit, else a fault; the number is that of the emergency message.",
+    )
+    .mapped(),
+    Object::state(
+        at::STATUS_PLAN,
+        "Plan checksum",
+        "",
+        Kind::U8,
+        "Over what this robot is about to do: the setpoint as it understood it, its group parameters, its communication objects. Members that differ stop the group.",
     )
     .mapped(),
 ];
@@ -910,6 +941,13 @@ const DIAGNOSTICS: &[Object] = &[
         "V",
         Kind::F32,
         "As measured; 0 where it is not.",
+    ),
+    Object::state(
+        at::SLIP,
+        "Slip residual",
+        "rad/s",
+        Kind::F32,
+        "Wheel rates that no rigid motion explains; 0 when not measured.",
     ),
     counter(
         at::LATE_TICKS,
@@ -1101,6 +1139,7 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2031, "Thresholds"),
     (0x2040, "Group"),
     (0x2041, "Times"),
+    (0x2042, "Restart and stops"),
     (0x2050, "Commissioning"),
     (0x2051, "Identification"),
     (0x2052, "Identified front left"),

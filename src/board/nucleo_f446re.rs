@@ -12,6 +12,7 @@
 //! | emergency stop, normally closed to ground; high stops | TIM1 BKIN, TIM8 BKIN | PB12 and PA6, wired together |
 //! | supply voltage, divided by 11 | ADC1 IN4 | PA4 |
 //! | driver fault, low is a fault | GPIO | PB13 |
+//! | protective stop, normally closed to ground; high asks for standstill | GPIO | PC12 |
 //! | node id switches, closed to ground is 1 | GPIO | PC8 (bit 0) PC9 PC10 PC11 |
 //! | LED LD2 | GPIO | PA5 |
 //! | user button | GPIO | PC13 |
@@ -59,6 +60,14 @@ const ENCODER_FILTER: u8 = 3;
 /// Bit of port A with the LED.
 pub const LED_PA: usize = 5;
 
+/// Inputs that the control tick reads as levels.
+pub struct Lines {
+    /// Low when a motor driver reports a fault.
+    pub driver_fault: Input<'static>,
+    /// High when the protective stop is open.
+    pub protective_stop: Input<'static>,
+}
+
 /// Everything the tasks use.
 pub struct Board {
     /// CAN controller.
@@ -69,8 +78,8 @@ pub struct Board {
     pub encoders: Encoders,
     /// Encoder index inputs.
     pub indexes: Indexes,
-    /// Low when a motor driver reports a fault.
-    pub driver_fault: Input<'static>,
+    /// Inputs whose level counts.
+    pub lines: Lines,
     /// Supply voltage.
     pub supply: SupplyMeter,
     /// LED LD2.
@@ -261,7 +270,10 @@ impl Board {
             .rev()
             .fold(0, |value, switch| value << 1 | u8::from(switch.is_low()));
 
-        let driver_fault = Input::new(p.PB13, Pull::Up);
+        let lines = Lines {
+            driver_fault: Input::new(p.PB13, Pull::Up),
+            protective_stop: Input::new(p.PC12, Pull::Up),
+        };
         let led = Output::new(p.PA5, Level::Low, Speed::Low);
         power::program_brown_out();
         executors::set_priorities();
@@ -272,7 +284,7 @@ impl Board {
             drive,
             encoders,
             indexes,
-            driver_fault,
+            lines,
             supply: SupplyMeter::new(p.ADC1, p.PA4),
             led,
             tick: TickTimer::new(p.TIM7),

@@ -124,7 +124,7 @@ class Robot(unittest.TestCase):
     def configure(self):
         """Writes every parameter: the default of the EDS, but for the group."""
         for variable in variables(self.node.object_dictionary):
-            if 0x2010 <= variable.index <= 0x2041 and variable.writable:
+            if 0x2010 <= variable.index <= 0x204F and variable.writable:
                 if variable.data_type == canopen.objectdictionary.datatypes.DOMAIN:
                     continue
                 value = eds_sections[section(variable)]["DefaultValue"]

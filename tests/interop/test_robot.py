@@ -151,7 +151,7 @@ class Compensation(Robot):
 
 class Sdo(Robot):
     def test_expedited(self):
-        self.assertEqual(self.node.sdo[0x2000].raw, 2)
+        self.assertEqual(self.node.sdo[0x2000].raw, 3)
         self.assertEqual(self.node.sdo[0x1018][2].raw, 0x4F4D4E49)
         self.node.sdo[0x2011][1].raw = -1.5
         self.assertEqual(self.node.sdo[0x2011][1].raw, -1.5)
@@ -218,7 +218,7 @@ class Pdo(Robot):
         self.assertEqual([self.node.rpdo[n].cob_id for n in (1, 2)], [0x181, 0x202])
         tpdos = [self.node.tpdo[n] for n in (1, 2, 3, 4)]
         self.assertEqual([pdo.cob_id for pdo in tpdos], [0x182, 0x282, 0x382, 0x482])
-        self.assertEqual([len(pdo) for pdo in tpdos], [5, 5, 3, 4])
+        self.assertEqual([len(pdo) for pdo in tpdos], [6, 5, 3, 4])
         self.assertTrue(all(pdo.trans_type == 1 and pdo.enabled for pdo in tpdos))
 
     def test_a_tpdo_mapped_anew(self):

@@ -74,6 +74,12 @@ impl Core {
             Some(Ok(_) | Err(AbortCode::NoData)) => return Err(AbortCode::ReadOnly),
             Some(Err(code)) => return Err(code),
         };
+        if self.config.fixed_in_operation
+            && self.state == NmtState::Operational
+            && is_communication(index)
+        {
+            return Err(AbortCode::DeviceState);
+        }
         let mut bytes = [0; 4];
         for (to, from) in bytes.iter_mut().zip(data) {
             *to = *from;
@@ -282,6 +288,11 @@ impl Core {
         }
         Ok(())
     }
+}
+
+/// Whether an object says how the device communicates; saving, and clearing the error history, do not.
+const fn is_communication(index: u16) -> bool {
+    matches!(index, 0x1005..=0x1007 | 0x1014..=0x1017 | 0x1019 | 0x1029 | 0x1400..=0x1BFF | 0x1F80)
 }
 
 const CONSUMERS: u32 = 17;

@@ -14,7 +14,7 @@ impl BusSide {
     pub(super) fn timers(
         &self,
         configuration: &Configuration,
-    ) -> [Option<(Micros, u64, Fault)>; 3] {
+    ) -> [Option<(Micros, u64, Fault)>; 4] {
         let times = &configuration.times;
         let heartbeat = Some((
             self.last_heartbeat,
@@ -22,6 +22,12 @@ impl BusSide {
             Fault::MasterSilent,
         ));
         let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
+        // Whoever misses a status at the next SYNC stops there; without a SYNC it is as certain a moment later.
+        let members = (!self.has_heard_members(configuration)).then_some((
+            self.last_sync,
+            configuration.times.silence_us(),
+            Fault::MemberSilent,
+        ));
         let setpoint = |setpoints: &Setpoints| {
             let fault = if setpoints.is_invalid() {
                 Fault::SetpointInvalid
@@ -31,11 +37,11 @@ impl BusSide {
             Some((setpoints.fresh_at(), times.setpoint_timeout_us, fault))
         };
         match self.state {
-            State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 3],
-            State::Armed => [heartbeat, None, None],
-            State::Moving => [heartbeat, sync, setpoint(&self.setpoints)],
-            State::Alone if self.identifying => [heartbeat, sync, None],
-            State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints)],
+            State::Ready | State::Ramping(_) | State::Faulted(_) => [None; 4],
+            State::Armed => [heartbeat, None, None, None],
+            State::Moving => [heartbeat, sync, setpoint(&self.setpoints), members],
+            State::Alone if self.identifying => [heartbeat, sync, None, None],
+            State::Alone => [heartbeat, sync, setpoint(&self.own_setpoints), None],
         }
     }
 
@@ -91,7 +97,10 @@ impl BusSide {
 }
 
 /// The bit of a fault in [`BusSide::announced`].
-fn announced_bit(fault: Fault) -> u32 {
+fn announced_bit(fault: Fault) -> u64 {
     let place = Fault::ALL.iter().position(|one| *one == fault);
-    place.map_or(0, |place| 1 << (place % 32))
+    place.map_or(0, |place| 1 << place)
 }
+
+/// Every fault has a bit of its own.
+const _: () = assert!(Fault::ALL.len() <= u64::BITS as usize);

@@ -15,6 +15,7 @@
 
 mod faults;
 mod identify;
+mod members;
 mod publish;
 mod storage;
 
@@ -22,21 +23,24 @@ pub(crate) use identify::Record;
 
 use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
 use heapless::Deque;
-use kinematics::{Twist, desaturate};
+use kinematics::Twist;
 use protocol::address::SYNC_PERIOD;
-use protocol::{APPLY_DELAY_US, Fault, MeasuredTwist, MemberStatus, Scale, cob};
+use protocol::{APPLY_DELAY_US, Fault, Limit, Plan, Scale, cob};
 
-use crate::agreement::{Agreement, Verdict};
+use crate::agreement::{Agreement, Own};
 use crate::clock::SyncClock;
 use crate::configuration::{self, Configuration};
 use crate::dictionary::{Counters, Dictionary};
 use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
+use crate::interlock::Interlock;
 use crate::math::sqrt;
 use crate::parameters::Parameters;
+use crate::rhythm::{Beat, Rhythm};
 use crate::sequence::{Reception, Setpoints};
 use crate::state::{Happening, State};
 use crate::strain::Strain;
+use members::permitted;
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 10_000;
@@ -88,15 +92,21 @@ pub struct BusSide {
     /// The control side has not been given the configuration yet.
     to_hand: bool,
     agreement: Agreement,
+    /// Published about the setpoint that is latched.
+    own: Own,
+    /// What is part of every checksum of `own`.
+    plan: Plan,
+    interlock: Interlock,
     clock: SyncClock,
+    rhythm: Rhythm,
     strain: Strain,
     setpoints: Setpoints,
     own_setpoints: Setpoints,
-    /// Published with the latched sequence.
-    own: Scale,
     /// In force.
     scale: Scale,
     scale_is_own: bool,
+    /// Why this member, though started, permits no motion.
+    waits: Option<Limit>,
     last_sync: Micros,
     last_heartbeat: Micros,
     /// Nothing runs out before. Signs of life only move that further off, so it need not follow them at once.
@@ -116,7 +126,7 @@ pub struct BusSide {
     /// Code of the limit that was active at the last SYNC; 0 for none.
     limit: u16,
     /// Faults announced and not yet declared over, one bit each.
-    announced: u32,
+    announced: u64,
     events: Deque<Event, 8>,
 }
 
@@ -133,13 +143,17 @@ impl BusSide {
             configuration: None,
             to_hand: false,
             clock: SyncClock::new(),
+            rhythm: Rhythm::new(),
             strain: Strain::new(),
             agreement: Agreement::new(),
+            own: Own::NONE,
+            plan: Plan::NONE,
+            interlock: Interlock::new(u8::MAX),
             setpoints: Setpoints::new(),
             own_setpoints: Setpoints::new(),
-            own: Scale::ZERO,
             scale: Scale::ZERO,
             scale_is_own: false,
+            waits: None,
             last_sync: Micros::ZERO,
             last_heartbeat: Micros::ZERO,
             runs_out: Micros::ZERO,
@@ -170,19 +184,9 @@ impl BusSide {
             return;
         }
         if id == cob::MASTER_HEARTBEAT {
-            self.last_heartbeat = at;
+            self.hear_master(at, frame.data());
         } else if self.device.state() == NmtState::Operational {
-            if id == cob::GROUP_TWIST {
-                self.setpoints.note_frame();
-            } else if let Some(node) = cob::status_sender(id)
-                && let Ok(status) = MemberStatus::try_from(frame.data())
-            {
-                self.agreement.hear(node, &status);
-            } else if let Some(node) = cob::measured_sender(id)
-                && let Ok(measured) = MeasuredTwist::try_from(frame.data())
-            {
-                self.strain.hear(node, measured.twist);
-            }
+            self.hear_member(at, frame);
         }
         self.device.on_frame(at, frame, &mut self.dictionary);
         self.drain(at);
@@ -208,6 +212,7 @@ impl BusSide {
     #[must_use]
     pub fn function_codes(&self) -> u16 {
         [
+            cob::emergency(0),
             cob::member_status(0),
             cob::measured_twist(0),
             cob::GROUP_TWIST,
@@ -223,6 +228,7 @@ impl BusSide {
     pub fn on_report(&mut self, report: &Report) {
         self.report = *report;
         self.dictionary.supply = report.supply;
+        self.dictionary.slip = report.slip_residual;
         self.dictionary.roller_states = report.roller_states.map(|state| state as u8);
         self.dictionary.roller_sweeps = report.roller_sweeps;
         self.dictionary.counters.late_ticks = report.late_ticks;
@@ -376,14 +382,13 @@ impl BusSide {
                     self.tell(Event::Nmt(to));
                 }
                 canopen::Event::Sync { counter, at, .. } => {
-                    self.on_sync(at);
+                    self.on_sync(at, counter);
                     self.device.on_sync_done(at, &mut self.dictionary);
                     self.tell(Event::Sync { counter, at });
                 }
                 canopen::Event::SyncGap { .. } => {
                     let lost = &mut self.dictionary.counters.lost_syncs;
                     *lost = lost.wrapping_add(1);
-                    self.setpoints.note_disorder();
                 }
                 canopen::Event::RecoverBus => self.tell(Event::RecoverBus),
                 _ => {}
@@ -422,7 +427,9 @@ impl BusSide {
         if now < self.doubled_until {
             return self.happen(Happening::StartRefused(Fault::DuplicateNode), now);
         }
-        if let Some(fault) = self.report.obstacle {
+        let protective = configuration.protective_stop && self.report.protective_stop;
+        let obstacle = self.report.obstacle;
+        if let Some(fault) = obstacle.or(protective.then_some(Fault::ProtectiveStop)) {
             return self.happen(Happening::StartRefused(fault), now);
         }
         if self.configuration.as_ref() != Some(configuration) {
@@ -436,26 +443,33 @@ impl BusSide {
         self.setpoints.restart();
         self.own_setpoints.restart();
         self.strain.restart();
-        self.own = Scale::ZERO;
+        self.own = Own::NONE;
         self.agreement = Agreement::new();
+        self.interlock = Interlock::new(configuration.standstill_syncs);
+        self.plan = self.make_plan();
         self.happen(Happening::Started, now);
     }
 
     /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
     #[inline(never)]
-    fn on_sync(&mut self, at: Micros) {
+    fn on_sync(&mut self, at: Micros, counter: Option<u8>) {
         self.last_sync = at;
         let period_us = self.dictionary.parameters.unsigned(SYNC_PERIOD);
         self.clock.on_sync(at, period_us as f32);
+        let beat = self.rhythm.on_sync(at, counter, period_us);
         let Some(configuration) = &self.configuration else {
             return self.publish(at);
         };
         let (members, group) = (configuration.members, configuration.group);
+        // From now on the votes of this SYNC are missing.
+        self.runs_out = self
+            .runs_out
+            .min(at + Micros(configuration.times.silence_us()));
         self.decide(at, members);
         let before = self.setpoints.ignored();
         let received =
             core::mem::take(&mut self.dictionary.setpoint.1).then_some(self.dictionary.setpoint.0);
-        let reception = self.setpoints.on_sync(at, received.as_ref(), group);
+        let reception = self.setpoints.on_sync(at, beat, received.as_ref(), group);
         let ignored = self.setpoints.ignored().wrapping_sub(before);
         let counter = &mut self.dictionary.counters.ignored_setpoints;
         *counter = counter.wrapping_add(ignored);
@@ -468,51 +482,9 @@ impl BusSide {
         {
             self.happen(Happening::Failed(fault), at);
         }
-        self.vote();
-        self.follow_alone(at);
+        self.vote(beat);
+        self.follow_alone(at, beat);
         self.publish(at);
-    }
-
-    /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
-    fn decide(&mut self, at: Micros, members: u32) {
-        let latched = match self.state {
-            State::Armed | State::Moving => self.setpoints.latched(),
-            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
-        };
-        let Some(latched) = latched else {
-            self.agreement = Agreement::new();
-            return;
-        };
-        let node = self.identity.node.get();
-        let verdict = self
-            .agreement
-            .decide(members, node, latched.sequence, self.own);
-        match verdict {
-            Verdict::Go { scale, own } => {
-                self.scale = scale;
-                self.scale_is_own = own;
-                if self.state == State::Armed {
-                    self.setpoints.touch(at);
-                }
-                self.happen(Happening::GroupSetpoint, at);
-                self.aim(at, latched.twist * scale.factor(), latched.sequence);
-            }
-            Verdict::Stop(fault) => {
-                if self.state == State::Moving {
-                    self.happen(Happening::Failed(fault), at);
-                }
-            }
-        }
-    }
-
-    /// Rule 1: the scale at which this robot's own wheels could follow what it just latched.
-    fn vote(&mut self) {
-        self.own = match (self.state, self.setpoints.latched(), self.able()) {
-            (State::Armed | State::Moving, Some(latched), Some(configuration)) => {
-                permitted(configuration, latched.twist)
-            }
-            _ => Scale::ZERO,
-        };
     }
 
     /// The configuration with which the control side does what it is asked; `None` if it does not.
@@ -529,7 +501,7 @@ impl BusSide {
     /// The commissioning twist: nobody else to agree with, so it takes effect at once.
     ///
     /// It is for tests with a person near the robot, so it is slow whatever is asked for.
-    fn follow_alone(&mut self, at: Micros) {
+    fn follow_alone(&mut self, at: Micros, beat: Beat) {
         let received =
             core::mem::take(&mut self.dictionary.alone.1).then_some(self.dictionary.alone.0);
         let permitted_now = self.dictionary.commissioning
@@ -542,9 +514,9 @@ impl BusSide {
         let Some(configuration) = configuration.filter(alone) else {
             return;
         };
-        let reception = self
-            .own_setpoints
-            .on_sync(at, received.as_ref(), configuration.group);
+        let reception =
+            self.own_setpoints
+                .on_sync(at, beat, received.as_ref(), configuration.group);
         let (Reception::Fresh, Some(latched)) = (reception, self.own_setpoints.latched()) else {
             return;
         };
@@ -603,16 +575,4 @@ fn slowly(twist: Twist) -> Twist {
     let speed = sqrt(twist.vx * twist.vx + twist.vy * twist.vy);
     let over = (speed / ALONE_SPEED).max(twist.omega.abs() / ALONE_YAW_RATE);
     twist * (1.0 / over.max(1.0))
-}
-
-/// The scale at which this robot's wheels can make the group move like that.
-fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
-    let drivetrain = &configuration.drivetrain;
-    let scale = |twist| desaturate(drivetrain.fastest(twist), configuration.wheel_rate_max).1;
-    let first = scale(twist);
-    if drivetrain.is_constant() {
-        return Scale::new(first);
-    }
-    // At the smaller speed the compensation asks for a little more or less.
-    Scale::new(first * scale(twist * first))
 }

@@ -18,9 +18,10 @@ impl BusSide {
         self.dictionary.status = MemberStatus {
             state: self.state.reported(configuration.is_some()),
             sequence,
-            scale: self.own,
+            scale: self.own.scale,
             slip_residual: (report.configuration != 0).then_some(report.slip_residual),
             code,
+            plan: self.own.plan,
         }
         .encode();
         self.dictionary.measured = MeasuredTwist {
@@ -55,7 +56,7 @@ impl BusSide {
             return Code::Fault(fault);
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
-        let limit = self.report.limit.or_else(|| {
+        let limit = self.waits.or(self.report.limit).or_else(|| {
             if moving && self.strain.is_limit() {
                 Some(Limit::Strain)
             } else if self.setpoints.is_disturbed() {

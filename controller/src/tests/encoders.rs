@@ -136,8 +136,9 @@ fn an_encoder_that_is_dead_from_the_start_lets_no_wheel_run_away() {
     for speed in [0.1, 0.3, 0.6] {
         let mut world = World::started(&[2]);
         world.robots[0].encoder_sign[2] = 0.0;
+        world.release();
         world.twist = Some(Twist::new(speed, 0.0, 0.0));
-        world.until(100, |world| world.robots[0].bus.state() == State::Moving);
+        assert_eq!(world.robots[0].bus.state(), State::Moving);
         let course = die(&mut world, 2, Stray::Hum, 7, 4_000);
         assert_eq!(course.fault, Some(Fault::EncoderDead), "{speed} m/s");
         let asked = f64::from(speed) / 0.1524;

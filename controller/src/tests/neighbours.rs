@@ -88,16 +88,17 @@ fn nothing_moves_before_a_double_had_time_to_be_heard() {
     world.run(300);
     world.nmt(NmtCommand::ResetCommunication, 2);
     world.start();
-    world.twist = Some(FORWARD);
+    world.twist = Some(Twist::ZERO);
     let took = world.until(500, |world| world.robots[0].bus.state() == State::Moving);
     assert!(took >= 100, "moves after {took} ms");
 }
 
-/// Sends a twist for each of two groups in every period, the second after the first.
-fn drive_two_groups(world: &mut World, first: u8, second: u8, sequences: &mut [u8; 2]) {
-    for (group, sequence) in [first, second].into_iter().zip(sequences) {
+/// Sends a twist for each of two groups in every period, the second after the first; standstill for the first 10.
+fn drive_two_groups(world: &mut World, groups: [u8; 2], sequences: &mut [u8; 2], period: u32) {
+    for (group, sequence) in groups.into_iter().zip(sequences) {
         *sequence = sequence.wrapping_add(1);
-        let twist = Twist::new(if group == GROUP { 0.3 } else { -0.2 }, 0.0, 0.0);
+        let speed = if group == GROUP { 0.3 } else { -0.2 };
+        let twist = Twist::new(if period < 10 { 0.0 } else { speed }, 0.0, 0.0);
         let frame = GroupTwist {
             twist,
             sequence: *sequence,
@@ -126,11 +127,12 @@ fn two_groups_share_a_bus_and_its_sync() {
         world.run(150);
         // The sequences of the two have nothing to do with each other.
         let mut sequences = [7, 200];
-        for _ in 0..100 {
-            drive_two_groups(&mut world, first, second, &mut sequences);
+        let groups = [first, second];
+        for period in 0..100 {
+            drive_two_groups(&mut world, groups, &mut sequences, period);
         }
-        for period in 0..1000 {
-            drive_two_groups(&mut world, first, second, &mut sequences);
+        for period in 100..1100 {
+            drive_two_groups(&mut world, groups, &mut sequences, period);
             for robot in &world.robots {
                 let state = robot.bus.state();
                 assert_eq!(state, State::Moving, "node {} period {period}", robot.node);
@@ -141,8 +143,8 @@ fn two_groups_share_a_bus_and_its_sync() {
         }
         // A fault in one group is none of the other's.
         world.robots[3].inputs.driver_fault = true;
-        for _ in 0..100 {
-            drive_two_groups(&mut world, first, second, &mut sequences);
+        for period in 100..200 {
+            drive_two_groups(&mut world, groups, &mut sequences, period);
         }
         let states: std::vec::Vec<State> =
             world.robots.iter().map(|robot| robot.bus.state()).collect();

@@ -165,6 +165,7 @@ fn another_divider_measures_another_supply() {
 #[test]
 fn no_duty_is_larger_than_the_largest() {
     let mut world = started(&[(at::DUTY_MAX, Value::F32(0.3))]);
+    world.release();
     // 24 V * 0.3 are good for 4.5 rad/s.
     world.twist = Some(Twist::new(0.9, 0.0, 0.0));
     let mut most = 0.0_f32;
@@ -182,6 +183,7 @@ fn no_duty_is_larger_than_the_largest() {
 fn a_bridge_rests_before_it_changes_its_direction_if_asked() {
     for (pause, wanted) in [(0, false), (1, true)] {
         let mut world = started(&[(at::DIRECTION_PAUSE, Value::U8(pause))]);
+        world.release();
         let mut last = [0.0_f32; 4];
         let mut straight = 0;
         for period in 0..6 {
@@ -216,21 +218,25 @@ fn braked() -> World {
 #[test]
 fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
     let mut world = braked();
-    // Stopped, and started anew with a master that streams.
+    // Stopped, and started anew with a master that asks for motion as soon as the robot follows.
     world.nmt(canopen::NmtCommand::EnterPreOperational, 0);
     world.run(300);
     assert_eq!(world.robots[0].outputs, Outputs::SAFE);
-    world.twist = Some(FORWARD);
+    world.twist = Some(Twist::ZERO);
     world.start();
     let released = world.until(50, |world| world.robots[0].outputs.brake_released);
     // The brake is still closed.
     world.robots[0].blocked = [true; 4];
     for _ in released..released + 78 {
+        if world.robots[0].bus.state() == State::Moving {
+            world.twist = Some(FORWARD);
+        }
         world.step();
         let report = *world.robots[0].control.report();
         assert_eq!(report.reference, Twist::ZERO);
         assert!(world.robots[0].outputs.drivers_enabled);
     }
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
     world.robots[0].blocked = [false; 4];
     world.run(1_500);
     assert_eq!(world.robots[0].bus.state(), State::Moving);

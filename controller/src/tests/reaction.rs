@@ -32,13 +32,13 @@ pub(super) fn keep(world: &mut World, fault: Fault) {
 
 pub(super) const CASES: &[Case] = &[
     (|world| world.heartbeat = false, Fault::MasterSilent, 501),
-    (|world| world.sync = false, Fault::SyncLost, 51),
+    (|world| world.sync = false, Fault::SyncLost, 24),
     (|world| world.twist = None, Fault::SetpointOverdue, 101),
     (|world| world.robots[2].mute = true, Fault::MemberSilent, 21),
     (
         |world| world.robots[2].inputs.emergency_stop = true,
         Fault::MemberStopped,
-        21,
+        3,
     ),
     (
         |world| {
@@ -55,6 +55,33 @@ pub(super) const CASES: &[Case] = &[
             world.twist = None;
         },
         Fault::SequenceMismatch,
+        21,
+    ),
+    (
+        |world| {
+            // Robot 4 hears another twist with the same sequence.
+            let frame = |twist, sequence| GroupTwist {
+                twist,
+                sequence,
+                group: GROUP,
+            };
+            world.sequence = world.sequence.wrapping_add(1);
+            world.passes = |_, to| to != 4;
+            world.send(
+                1,
+                cob::GROUP_TWIST,
+                &frame(FORWARD, world.sequence).encode(),
+            );
+            world.passes = |_, to| to == 4;
+            world.send(
+                1,
+                cob::GROUP_TWIST,
+                &frame(Twist::ZERO, world.sequence).encode(),
+            );
+            world.passes = |_, _| true;
+            world.twist = None;
+        },
+        Fault::PlanMismatch,
         21,
     ),
     (|_| (), Fault::TwoMasters, 61),
@@ -105,6 +132,11 @@ pub(super) const CASES: &[Case] = &[
         1,
     ),
     (
+        |world| world.robots[0].inputs.protective_stop = true,
+        Fault::ProtectiveStop,
+        1,
+    ),
+    (
         |world| world.robots[0].set_supply(17.0),
         Fault::SupplyLow,
         104,
@@ -145,6 +177,7 @@ pub(super) fn driving() -> World {
     world
         .write(2, at::SUPPLY_MAXIMUM, Value::F32(30.0))
         .unwrap();
+    world.write(2, at::PROTECTIVE_STOP, Value::U8(1)).unwrap();
     world.robots[0].set_supply(24.0);
     world.start();
     world.run(30);
@@ -203,6 +236,7 @@ fn mend(world: &mut World, fault: Fault) {
         robot.bus_runs = true;
         robot.inputs.emergency_stop = false;
         robot.inputs.driver_fault = false;
+        robot.inputs.protective_stop = false;
     }
     world.robots[0].set_supply(24.0);
     if fault == Fault::BusOff {

@@ -60,7 +60,7 @@ fn start_is_refused_while_the_emergency_stop_is_pressed() {
     world.robots[0].inputs.emergency_stop = false;
     world.run(5);
     world.start();
-    world.run(100);
+    world.drive(FORWARD, 100);
     assert_eq!(world.robots[0].bus.state(), State::Moving);
 }
 
@@ -153,6 +153,7 @@ fn a_dead_encoder_ramps_down() {
 #[test]
 fn an_inverted_encoder_cuts() {
     let mut world = World::started(&[2]);
+    world.release();
     world.robots[0].encoder_sign[2] = -1.0;
     world.twist = Some(FORWARD);
     let mut fastest = 0.0_f64;
@@ -224,7 +225,8 @@ fn history_keeps_the_faults_with_their_times() {
     world.robots[0].inputs.emergency_stop = true;
     world.run(20);
     world.robots[0].inputs.emergency_stop = false;
-    world.run(5);
+    // Until the wheels are measured to stand.
+    world.run(200);
     world.start();
     world.drive(FORWARD, 300);
     world.sync = false;

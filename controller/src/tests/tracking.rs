@@ -20,6 +20,7 @@ fn fast(nodes: &[u8]) -> World {
     }
     world.start();
     world.run(30);
+    world.release();
     world
 }
 

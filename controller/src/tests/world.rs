@@ -176,6 +176,8 @@ pub struct World {
     pub log: Vec<(u64, Frame)>,
     /// All events but SYNC, with the node of the robot.
     pub events: Vec<(u8, Event)>,
+    /// Whether a frame from one node reaches another; a parted bus lets some not.
+    pub passes: fn(u8, u8) -> bool,
     wire: VecDeque<(u8, Frame)>,
 }
 
@@ -192,6 +194,7 @@ impl World {
             counter: 0,
             log: Vec::new(),
             events: Vec::new(),
+            passes: |_, _| true,
             wire: VecDeque::new(),
         };
         // Powered and heard for long enough to be allowed to move.
@@ -315,7 +318,8 @@ impl World {
             };
             self.log.push((self.now, frame));
             for robot in &mut self.robots {
-                if robot.node != from && !robot.deaf && robot.bus_runs {
+                let passes = (self.passes)(from, robot.node);
+                if robot.node != from && passes && !robot.deaf && robot.bus_runs {
                     robot.bus.on_frame(Micros(self.now + robot.offset), &frame);
                 }
             }
@@ -372,8 +376,21 @@ impl World {
         }
     }
 
-    /// Gives every robot this twist to follow from now on, for a while.
+    /// Asks for standstill until robots that have just been started follow.
+    pub fn release(&mut self) {
+        let armed = |robot: &Robot| robot.bus.state() == crate::State::Armed;
+        for _ in 0..100 {
+            if !self.robots.iter().any(armed) {
+                break;
+            }
+            self.twist = Some(Twist::ZERO);
+            self.step();
+        }
+    }
+
+    /// Gives every robot this twist to follow from now on, for a while, after standstill if they have just been started.
     pub fn drive(&mut self, twist: Twist, millis: u32) {
+        self.release();
         self.twist = Some(twist);
         self.run(millis);
     }

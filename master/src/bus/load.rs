@@ -70,6 +70,7 @@ pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
         scale: Scale::ONE,
         slip_residual: None,
         code: protocol::Code::None,
+        plan: 0,
     };
     let measured = MeasuredTwist {
         twist: nothing,

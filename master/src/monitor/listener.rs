@@ -312,6 +312,7 @@ mod tests {
             scale: Scale::new(scale),
             slip_residual: Some(0.5),
             code,
+            plan: 0,
         };
         Frame::of(cob::member_status(node), status.encode())
     }

@@ -253,6 +253,7 @@ mod tests {
         linear_jerk: 100.0,
         yaw_jerk: 80.0,
         command_timeout_us: 100_000,
+        sync_timeout_us: 0,
     };
 
     #[test]

@@ -60,7 +60,7 @@ pub fn robot() -> Value {
         "code": {"type": "integer", "description": "limit or fault, 0 for none"},
         "code_name": {"type": "string"},
         "permitted_scale": number("scale its own wheels could follow, 0 to 1"),
-        "slip_residual": number("rad/s that no rigid motion explains"),
+        "slip_residual": number("magnitude, rad/s, of what no rigid motion explains"),
         "measured": twist(), "pose": pose(), "wheel_rates": wheels(),
     }))
 }

@@ -268,6 +268,7 @@ mod tests {
         linear_jerk: 1.0,
         yaw_jerk: 1.0,
         command_timeout_us: 100_000,
+        sync_timeout_us: 0,
     };
 
     fn drive(press: u32, vx: f32, clock: u64) -> ClientMessage {

@@ -64,7 +64,7 @@ use crate::path::roller_transition;
 /// How long robots may take to answer after the master came, in µs: a reset robot boots in far less.
 const CONNECT_TIMEOUT_US: u64 = 3_000_000;
 /// How long members may take from NMT start until all are ready, in µs.
-const START_TIMEOUT_US: u64 = 2_000_000;
+const START_TIMEOUT_US: u64 = 4_000_000;
 /// How long the group may take to come to rest when it is stopped, in µs.
 pub const STOP_PATIENCE_US: u64 = 5_000_000;
 /// The twist goes out this long before its SYNC at most, in µs.
@@ -357,11 +357,11 @@ impl<L: Link> Group<L> {
         }
     }
 
-    /// Whether a member followed the setpoint before the last and can follow another. (The answer to
-    /// the SYNC just sent is still on its way.)
+    /// Whether a member follows, and followed the setpoint before the last: it does so once the group has agreed on standstill
+    /// often enough (object 0x2042:1). (The answer to the SYNC just sent is still on its way.)
     fn is_ready(&self, member: &Member) -> bool {
         member.status.is_some_and(|status| {
-            status.state.can_follow() && status.sequence == self.sequence.wrapping_sub(1)
+            status.state == MemberState::Moving && status.sequence == self.sequence.wrapping_sub(1)
         })
     }
 

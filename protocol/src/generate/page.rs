@@ -27,15 +27,21 @@ when they are stale. Frames and units are REP-103: x forward, y left, heading co
 ## What happens to a group twist
 
 At SYNC *k* every member latches the twist received before it and publishes the scale at which its own wheels can
-follow, with the sequence it latched. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
-A member that is not heard, is in no state to follow, echoes another sequence or permits 0, stops the group: all ramp
-down along the direction of motion with the common deceleration. The same ramp follows a silent master, a missing
-SYNC and an overdue setpoint. Only an NMT start and a new sequence end that.
+follow, with the sequence it latched and a checksum of what it is about to do. At SYNC *k+1* all apply twist(*k*) times
+the smallest scale of all members. A member that is not heard, is in no state to follow, echoes another sequence, has
+another checksum or permits 0, stops the group: all ramp down along the direction of motion with the common
+deceleration. The same ramp follows a member's emergency message with the code of a fault, at once; a silent master, a
+missing SYNC and an overdue setpoint. Of the master's heartbeats only those count that say OPERATIONAL (one byte, 05);
+its boot-up message is a stop.
+
+Only an NMT start, standstill and a new sequence end that: after a start, setpoints of less than 0.01 m/s and 0.01 rad/s
+must come, and be agreed on, at three SYNCs in a row (0x2042:1). Until then a member permits 0 for every other setpoint
+and reports limit 0x000C. A master therefore begins with setpoints of zero until all members are *moving*.
 ";
 
 const PROCESS_DATA: &str = "\
 All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to nearest and
-saturate; the most negative value (-32768, or -8388608 in 24 bits) means *invalid*. A setpoint's sequence must lie 1 to
+saturate; the most negative value (-32768, or -8388608 in 24 bits; of an unsigned magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to
 127 ahead of the last one, wrapping; what repeats or lies behind is not followed and does not reset the time-out.
 ";
 
@@ -50,6 +56,23 @@ Access: *const* never changes, *ro* is written by the robot only, *rw* at any ti
 OPERATIONAL (abort 0x08000022). **Required** parameters must be written before the drivers can be enabled. A value out
 of its limits is refused with 0x06090031 (too high), 0x06090032 (too low) or 0x06090030 (not a number), and nothing
 changes. Sub-index 0 of a record reads its highest sub-index.
+";
+
+const PLAN: &str = "\
+## The plan checksum
+
+The last byte of a status (0x2110:6) is the top byte of a 32-bit hash over sixteen bytes, all little-endian:
+
+1. 4 bytes: the group CRC, 0x2002:3;
+2. 4 bytes: CRC-32 (IEEE 802.3) over the communication objects of the group, four bytes each: 0x1005, 0x1006, 0x1007,
+   0x1014 *; 0x1400:1, :2, :5, 0x1600:0 and its entries; 0x1800:1 *, :2, :3, :5, :6, 0x1A00:0 and its entries; 0x1801:1 *,
+   :2, :3, :5, :6, 0x1A01:0 and its entries. The node number is subtracted from those with a star;
+3. 8 bytes: the setpoint latched at this SYNC as the robot understood it, laid out as GroupTwist.
+
+The hash is FNV-1a, `h = 0x811C9DC5`, then for each byte `h = (h ^ byte) * 0x01000193`; and at the end `h ^= h >> 16`,
+`h *= 0x85EBCA6B`, `h ^= h >> 13`, `h *= 0xC2B2AE35`, `h ^= h >> 16`, all modulo 2^32. Before the first setpoint of a start
+the byte is 0. Items 1 and 2 are taken at the NMT start; neither parameters nor objects 0x1005 to 0x1007, 0x1014 to 0x1017,
+0x1019, 0x1029, 0x1400 to 0x1BFF and 0x1F80 can be written while OPERATIONAL (abort 0x08000022).
 ";
 
 const COMPENSATION: &str = "\
@@ -110,6 +133,7 @@ pub fn page<W: Write>(out: &mut W) -> Result {
     identifiers(out)?;
     process_data(out)?;
     codes(out)?;
+    writeln!(out, "{PLAN}")?;
     writeln!(out, "{COMPENSATION}")?;
     objects(out)
 }

@@ -31,6 +31,8 @@ pub enum RobotAction {
     EmergencyStop(bool),
     /// The motor driver's fault line.
     DriverFault(bool),
+    /// The contact of the protective stop: open or closed.
+    ProtectiveStop(bool),
     /// CAN connector pulled or plugged.
     BusCut(bool),
     /// The cable before the robot is broken.
@@ -130,6 +132,7 @@ impl RobotAction {
             Self::Power(on) => world.set_power(robot, on),
             Self::EmergencyStop(pressed) => world.set_emergency_stop(robot, pressed),
             Self::DriverFault(fault) => world.set_driver_fault(robot, fault),
+            Self::ProtectiveStop(open) => world.set_protective_stop(robot, open),
             Self::BusCut(cut) => world.set_connected(robot, !cut),
             Self::BusParts(parts) => world.set_partition(parts.then_some(robot)),
             // A robot without power has nothing to send, ever.
@@ -171,6 +174,7 @@ impl RobotAction {
             Self::Power(on) => Self::Power(!on),
             Self::EmergencyStop(pressed) => Self::EmergencyStop(!pressed),
             Self::DriverFault(fault) => Self::DriverFault(!fault),
+            Self::ProtectiveStop(open) => Self::ProtectiveStop(!open),
             Self::BusCut(cut) => Self::BusCut(!cut),
             Self::BusParts(parts) => Self::BusParts(!parts),
             Self::Halt(halted) => Self::Halt(!halted),
@@ -266,6 +270,7 @@ impl fmt::Display for RobotAction {
             Self::Power(false) => f.write_str("power-off"),
             Self::EmergencyStop(pressed) => write!(f, "emergency-stop{}", on(pressed)),
             Self::DriverFault(fault) => write!(f, "driver-fault{}", on(fault)),
+            Self::ProtectiveStop(open) => write!(f, "protective-stop{}", on(open)),
             Self::BusCut(cut) => write!(f, "bus-cut{}", on(cut)),
             Self::BusParts(parts) => write!(f, "bus-parts{}", on(parts)),
             Self::BusOff => f.write_str("bus-off"),

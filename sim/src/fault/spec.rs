@@ -40,6 +40,7 @@ pub const ACTIONS: &[(&str, &str)] = &[
     ("power-on", "power"),
     ("emergency-stop", "pressed; `=off` releases it"),
     ("driver-fault", "the motor driver says so; `=off` clears it"),
+    ("protective-stop", "its contact opens; `=off` closes it"),
     ("bus-cut", "CAN connector pulled; `=off` plugs it"),
     (
         "bus-parts",
@@ -330,6 +331,7 @@ fn robot_action(
     Ok(match name {
         "emergency-stop" => RobotAction::EmergencyStop(switch()?),
         "driver-fault" => RobotAction::DriverFault(switch()?),
+        "protective-stop" => RobotAction::ProtectiveStop(switch()?),
         "bus-cut" => RobotAction::BusCut(switch()?),
         "bus-parts" => RobotAction::BusParts(switch()?),
         "corrupt" => RobotAction::BadReceiver(parts.share(name, value)?),

@@ -43,6 +43,7 @@ fn what_is_read_can_be_read_again() {
         "emergency-stop",
         "emergency-stop=off",
         "driver-fault",
+        "protective-stop",
         "bus-cut=off",
         "bus-parts",
         "bus-off",

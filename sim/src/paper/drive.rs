@@ -11,7 +11,7 @@ use canopen::NmtCommand;
 use group::GroupFile;
 use kinematics::trajectory::Trajectory;
 use kinematics::{Pose, Twist};
-use protocol::Code;
+use protocol::{Code, MemberState};
 
 use crate::configure::configure;
 use crate::error::SimError;
@@ -104,7 +104,10 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
 
 /// Waits until all robots can follow.
 fn start(rig: &mut Rig, file: &GroupFile, period_ms: u64) -> Result<(), SimError> {
-    let ready = |rig: &Rig, node| rig.status(node).is_some_and(|s| s.state.can_follow());
+    let ready = |rig: &Rig, node| {
+        rig.status(node)
+            .is_some_and(|s| s.state == MemberState::Moving)
+    };
     for _ in 0..START_SYNCS {
         rig.run(period_ms)?;
         if file.robots.iter().all(|robot| ready(rig, robot.node)) {

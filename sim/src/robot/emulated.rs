@@ -8,7 +8,7 @@
 //! | rear right | TIM1 CH4 | PC3 | TIM5 |
 //!
 //! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed contact pulls them low),
-//! driver fault PB13 (low is a fault), node switches PC8..PC11 (closed pulls low and is 1; node = 2 +
+//! driver fault PB13 (low is a fault), protective stop PC12 (low is closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 +
 //! value), supply PA4 (ADC input 4, divided by 11). A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
 //! floats is a bridge that is off.
 //!
@@ -54,6 +54,8 @@ const EMERGENCY_STOP_A: u8 = 6;
 const SUPPLY_INPUT: usize = 4;
 pub(super) const SUPPLY_DIVIDER: f64 = 11.0;
 const DRIVER_FAULT: u8 = 13;
+/// Pin of port C.
+const PROTECTIVE_STOP: u8 = 12;
 /// Pins of port C: directions from 0, switches from here.
 const FIRST_SWITCH: u8 = 8;
 const FIRST_NODE: u8 = 2;
@@ -72,6 +74,7 @@ pub struct EmulatedRobot {
     powered: bool,
     emergency_stop: bool,
     driver_fault: bool,
+    protective_stop: bool,
     /// V.
     supply: f64,
     /// Instructions and log of the boards before this one.
@@ -122,6 +125,7 @@ impl EmulatedRobot {
             powered: true,
             emergency_stop: false,
             driver_fault: false,
+            protective_stop: false,
             supply: 0.0,
             instructions_before: 0,
             log_before: Vec::new(),
@@ -157,6 +161,8 @@ impl EmulatedRobot {
             .set_analog(SUPPLY_INPUT, self.supply / SUPPLY_DIVIDER);
         self.board
             .set_input(Port::B, DRIVER_FAULT, !self.driver_fault);
+        self.board
+            .set_input(Port::C, PROTECTIVE_STOP, self.protective_stop);
         for (pins, levels) in ENCODER_PINS.into_iter().zip(self.encoder_levels) {
             for ((port, pin), level) in pins.into_iter().zip(levels) {
                 self.board.set_input(port, pin, level);
@@ -452,6 +458,14 @@ impl Robot for EmulatedRobot {
         self.board.set_input(Port::A, EMERGENCY_STOP_A, pressed);
         // The break input acts without the processor, which may be asleep or halted.
         self.look_at_bridges();
+    }
+
+    fn set_protective_stop(&mut self, open: bool) {
+        self.protective_stop = open;
+        if self.powered {
+            self.catch_up();
+            self.board.set_input(Port::C, PROTECTIVE_STOP, open);
+        }
     }
 
     fn set_driver_fault(&mut self, fault: bool) {

@@ -125,6 +125,11 @@ pub trait Robot: Send {
     /// Presses or releases the emergency stop.
     fn set_emergency_stop(&mut self, pressed: bool);
 
+    /// Opens or closes the contact of the protective stop.
+    fn set_protective_stop(&mut self, open: bool) {
+        let _ = open;
+    }
+
     /// Raises or clears the motor driver's fault line.
     fn set_driver_fault(&mut self, fault: bool);
 

@@ -387,6 +387,10 @@ impl Robot for NativeRobot {
         self.inputs.emergency_stop = pressed;
     }
 
+    fn set_protective_stop(&mut self, open: bool) {
+        self.inputs.protective_stop = open;
+    }
+
     fn set_driver_fault(&mut self, fault: bool) {
         self.inputs.driver_fault = fault;
     }

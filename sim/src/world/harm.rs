@@ -54,6 +54,13 @@ impl World {
         }
     }
 
+    /// Opens or closes the protective stop of a robot, by its place in the group file.
+    pub fn set_protective_stop(&mut self, robot: usize, open: bool) {
+        if let Some(unit) = self.touched(robot) {
+            unit.robot.set_protective_stop(open);
+        }
+    }
+
     /// Raises or clears the driver fault of a robot.
     pub fn set_driver_fault(&mut self, robot: usize, fault: bool) {
         if let Some(unit) = self.touched(robot) {

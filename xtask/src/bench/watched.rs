@@ -110,6 +110,10 @@ impl Robot for Watched {
         self.lock().robot.set_emergency_stop(pressed);
     }
 
+    fn set_protective_stop(&mut self, open: bool) {
+        self.lock().robot.set_protective_stop(open);
+    }
+
     fn set_driver_fault(&mut self, fault: bool) {
         self.lock().robot.set_driver_fault(fault);
     }

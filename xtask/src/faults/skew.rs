@@ -26,6 +26,8 @@ pub const LIMIT_US: f64 = 50.0;
 
 const PERIOD_US: u64 = 10_000;
 /// SYNCs until the clocks are in step.
+/// SYNCs at standstill, the start among them.
+const STANDS: u64 = 30;
 const SETTLE: u64 = 200;
 /// A setpoint goes out this long before its SYNC is due; the earliest comes 2.5 ms after it.
 const LEAD_US: u64 = 4_000;
@@ -74,7 +76,8 @@ pub fn measure(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Skew> {
         if k == SETTLE {
             world.start_trace();
         }
-        let t = k as f32 * 0.01;
+        // Standstill until the robots follow.
+        let t = k.saturating_sub(STANDS) as f32 * 0.01;
         let setpoint = GroupTwist {
             twist: Twist::new(0.5 * t.sin(), 0.4 * (1.3 * t).sin(), 0.0),
             sequence: (k % 256) as u8,

@@ -1,0 +1,183 @@
+//! What a robot hears from the master and the other members, and what it decides with them.
+//!
+//! The rules themselves are in [`crate::agreement`] and [`crate::interlock`]; here they meet the frames.
+
+use canopen::{Frame, Micros, NmtState};
+use kinematics::{Twist, desaturate};
+use protocol::{Fault, Limit, MeasuredTwist, MemberStatus, Plan, Scale, cob};
+
+use super::BusSide;
+use crate::agreement::{Agreement, Own, Verdict};
+use crate::configuration::Configuration;
+use crate::interlock::is_standstill;
+use crate::rhythm::Beat;
+use crate::state::{Happening, State};
+
+/// Most words of the communication objects that are part of a plan: see [`BusSide::make_plan`].
+const WORDS: usize = 44;
+
+impl BusSide {
+    /// The master's heartbeat. Only one that says OPERATIONAL is a sign of life; one that says boot-up means that the
+    /// master has been restarted and does not know what it was doing.
+    pub(super) fn hear_master(&mut self, at: Micros, data: &[u8]) {
+        match data {
+            [state] if *state == NmtState::Operational.code() => self.last_heartbeat = at,
+            [state] if *state == NmtState::Initialising.code() => {
+                self.happen(Happening::Failed(Fault::MasterSilent), at);
+            }
+            _ => {}
+        }
+    }
+
+    /// A frame while OPERATIONAL that may be another member's, or a setpoint.
+    pub(super) fn hear_member(&mut self, at: Micros, frame: &Frame) {
+        let (id, data) = (frame.id(), frame.data());
+        if id == cob::GROUP_TWIST {
+            self.setpoints.note_frame();
+        } else if let Some(node) = cob::status_sender(id) {
+            if let Ok(status) = MemberStatus::try_from(data) {
+                self.agreement.hear(node, &status);
+            }
+        } else if let Some(node) = cob::measured_sender(id) {
+            if let Ok(measured) = MeasuredTwist::try_from(data) {
+                self.strain.hear(node, measured.twist);
+            }
+        } else if let Some(node) = cob::emergency_sender(id)
+            && let [low, high, _, _, _, _, _, _] = data
+            && let Some(fault) = Fault::from_code(u16::from_le_bytes([*low, *high]))
+        {
+            self.hear_fault(at, node, fault);
+        }
+    }
+
+    /// Another robot has announced a fault. One of a member stops the group at once: its vote would say the same, up to
+    /// two SYNCs later.
+    fn hear_fault(&mut self, at: Micros, node: u8, fault: Fault) {
+        let Some(configuration) = &self.configuration else {
+            return;
+        };
+        if !configuration.is_member(node) {
+            return;
+        }
+        if fault == Fault::EmergencyStop && configuration.cuts_together {
+            self.happen(Happening::Cut(Fault::MemberStopped), at);
+        } else if self.state == State::Moving {
+            self.happen(Happening::Failed(Fault::MemberStopped), at);
+        }
+    }
+
+    /// Whether every other member has voted since the last SYNC.
+    pub(super) fn has_heard_members(&self, configuration: &Configuration) -> bool {
+        let node = self.identity.node.get();
+        self.agreement.is_complete(configuration.members, node)
+    }
+
+    /// What is part of every checksum from this start on: group parameters, and what the frames of the group are and carry.
+    #[inline(never)]
+    pub(super) fn make_plan(&self) -> Plan {
+        let node = u32::from(self.identity.node.get());
+        let mut words = heapless::Vec::<u32, WORDS>::new();
+        let mut take = |index: u16, sub: u8, own: bool| {
+            let mut bytes = [0; 4];
+            let read = self.device.read(index, sub, &mut bytes, &self.dictionary);
+            let word = read.map_or(0, |_| u32::from_le_bytes(bytes));
+            let _ = words.push(word.wrapping_sub(if own { node } else { 0 }));
+            word
+        };
+        for index in [0x1005, 0x1006, 0x1007] {
+            take(index, 0, false);
+        }
+        take(0x1014, 0, true);
+        // The group twist, the status and the measured twist; every other PDO is a member's own matter.
+        let pdos: [(u16, &[u8]); 3] = [
+            (0x1400, &[2, 5]),
+            (0x1800, &[2, 3, 5, 6]),
+            (0x1801, &[2, 3, 5, 6]),
+        ];
+        for (index, subs) in pdos {
+            take(index, 1, index >= 0x1800);
+            for sub in subs {
+                take(index, *sub, false);
+            }
+            let mapped = take(index + 0x200, 0, false);
+            for sub in 1..=mapped.to_le_bytes()[0] {
+                take(index + 0x200, sub, false);
+            }
+        }
+        Plan::new(self.dictionary.parameters.group_crc(), words.into_iter())
+    }
+
+    /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
+    pub(super) fn decide(&mut self, at: Micros, members: u32) {
+        let latched = match self.state {
+            State::Armed | State::Moving => self.setpoints.latched(),
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
+        };
+        let Some(latched) = latched else {
+            self.agreement = Agreement::new();
+            self.interlock.disagree();
+            return;
+        };
+        let node = self.identity.node.get();
+        match self.agreement.decide(members, node, self.own) {
+            Verdict::Go { scale, own } => {
+                if self.state == State::Armed {
+                    if !self.interlock.agree() {
+                        return;
+                    }
+                    self.setpoints.touch(at);
+                }
+                self.scale = scale;
+                self.scale_is_own = own;
+                self.happen(Happening::GroupSetpoint, at);
+                self.aim(at, latched.twist * scale.factor(), latched.sequence);
+            }
+            Verdict::Stop(fault) => {
+                self.interlock.disagree();
+                // Before motion everything else may be over at the next SYNC.
+                if self.state == State::Moving || fault == Fault::PlanMismatch {
+                    self.happen(Happening::Failed(fault), at);
+                }
+            }
+        }
+    }
+
+    /// Rule 1: what this robot would do with what it just latched, and the scale at which its own wheels could follow.
+    pub(super) fn vote(&mut self, beat: Beat) {
+        self.own = Own {
+            sequence: self.setpoints.sequence(),
+            ..Own::NONE
+        };
+        let armed = self.state == State::Armed;
+        let standstill = armed && self.interlock.permits_standstill() && !beat.off_period;
+        self.waits = (armed && self.rhythm.is_off()).then_some(Limit::SyncPeriod);
+        let Some(latched) = self.setpoints.latched() else {
+            return;
+        };
+        self.own.plan = self.plan.checksum(&latched.encode());
+        let permits = match self.state {
+            State::Moving => true,
+            State::Armed if is_standstill(latched.twist) => standstill,
+            State::Armed => {
+                self.waits = self.waits.or(Some(Limit::AwaitingStandstill));
+                false
+            }
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
+        };
+        if let Some(configuration) = self.able().filter(|_| permits) {
+            self.own.scale = permitted(configuration, latched.twist);
+        }
+    }
+}
+
+/// The scale at which this robot's wheels can make the group move like that.
+pub(super) fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
+    let drivetrain = &configuration.drivetrain;
+    let scale = |twist| desaturate(drivetrain.fastest(twist), configuration.wheel_rate_max).1;
+    let first = scale(twist);
+    if drivetrain.is_constant() {
+        return Scale::new(first);
+    }
+    // At the smaller speed the compensation asks for a little more or less.
+    Scale::new(first * scale(twist * first))
+}
