@@ -93,6 +93,8 @@ pub struct Robot {
     pub encoder: Encoder,
     /// The wheel's motor with its gear.
     pub motor: Motor,
+    /// What its motors' drivers and brakes stand and take.
+    pub output: OutputStage,
     /// Gains of the wheel-rate loop.
     pub control: Control,
 }
@@ -169,6 +171,19 @@ pub struct Motor {
     pub friction: f32,
     /// Viscous friction, N·m·s/rad.
     pub viscous: f32,
+}
+
+/// Motor drivers and holding brake of a robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutputStage {
+    /// Largest current of a motor, A; without it the robot's own bound holds.
+    pub largest_current: Option<f32>,
+    /// Largest duty of a bridge, 0.1..=1.
+    pub largest_duty: f32,
+    /// What the brake takes to let go, ms.
+    pub brake_release_ms: u16,
+    /// What the brake takes to hold, ms.
+    pub brake_engage_ms: u16,
 }
 
 /// Gains of the wheel-rate loop.

@@ -112,8 +112,22 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     if let Some(counts) = robot.rollers.and_then(|rollers| rollers.index_tolerance) {
         out.push((address::INDEX_TOLERANCE, Value::U16(counts)));
     }
+    // A bound needs both its parameters or none.
+    let current = robot.output.largest_current;
+    let resistance = current.map_or(0.0, |_| robot.motor.resistance);
     let limits = &file.limits;
     out.extend([
+        real(address::WINDING_RESISTANCE, resistance),
+        real(address::CURRENT_MAX, current.unwrap_or(0.0)),
+        real(address::DUTY_MAX, robot.output.largest_duty),
+        (
+            address::BRAKE_RELEASE,
+            Value::U16(robot.output.brake_release_ms),
+        ),
+        (
+            address::BRAKE_ENGAGE,
+            Value::U16(robot.output.brake_engage_ms),
+        ),
         real(address::SUPPLY_NOMINAL, supply),
         real(address::WHEEL_RATE_MAX, robot.max_wheel_rate),
         real(address::ACCELERATION, limits.linear_acceleration),

@@ -176,6 +176,10 @@ pub struct Motor {
     pub inertia: Option<At<f64>>,
     pub friction: Option<At<f64>>,
     pub viscous: Option<At<f64>>,
+    pub largest_current: Option<At<f64>>,
+    pub largest_duty: Option<At<f64>>,
+    pub brake_release_ms: Option<At<f64>>,
+    pub brake_engage_ms: Option<At<f64>>,
 }
 
 #[derive(Debug, Default, Deserialize)]

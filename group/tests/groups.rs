@@ -160,3 +160,29 @@ fn a_compensation_table_is_the_robots_own_or_the_shared_one() {
     let plain = GroupFile::parse("tcc-3.toml", &text).unwrap();
     assert_eq!(plain.robots[0].compensation_table.version, 0);
 }
+
+/// 0x2026 and 0x2027: both halves of the torque bound or none, so that a robot that had one before forgets it.
+#[test]
+fn the_output_stage_is_written_whole() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let start = text.find("largest_current").unwrap();
+    let end = start + text[start..].find('\n').unwrap();
+    let stage = "largest_duty = 0.95\nbrake_release_ms = 80\nbrake_engage_ms = 120";
+    for (given, bound) in [(&text[start..end], (0.3, 20.0)), ("", (0.0, 0.0))] {
+        let text = text.replace(&text[start..end], &format!("{given}\n{stage}"));
+        let file = GroupFile::parse("single.toml", &text).unwrap();
+        let all = omnibus_group::parameters(&file, &file.robots[0], true);
+        let written = |index, sub| {
+            let found = all
+                .iter()
+                .find(|(at, _)| (at.index, at.sub) == (index, sub));
+            found.map(|(_, value)| *value)
+        };
+        assert_eq!(written(0x2026, 1), Some(Value::F32(bound.0)));
+        assert_eq!(written(0x2026, 2), Some(Value::F32(bound.1)));
+        assert_eq!(written(0x2027, 1), Some(Value::F32(0.95)));
+        assert_eq!(written(0x2027, 3), Some(Value::U16(80)));
+        assert_eq!(written(0x2027, 4), Some(Value::U16(120)));
+    }
+}

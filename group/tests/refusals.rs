@@ -396,3 +396,20 @@ fn compensation_table_without_a_version() {
     let text = refusal("compensation = { lateral = 1.033 }", with);
     assert!(text.contains("version"), "{text}");
 }
+
+#[test]
+fn an_output_stage_that_is_none_is_refused() {
+    let told = |key: &str| refusal("inertia = 0.4", &format!("inertia = 0.4, {key}"));
+    assert_eq!(
+        told("largest_duty = 1.1"),
+        "pair.toml:15: robot.motor.largest_duty: is 1.1; give 0.1 to 1"
+    );
+    assert_eq!(
+        told("brake_engage_ms = 1001"),
+        "pair.toml:15: robot.motor.brake_engage_ms: is 1001; give whole milliseconds, 0 to 1000"
+    );
+    assert_eq!(
+        told("largest_current = 0"),
+        "pair.toml:15: robot.motor.largest_current: is 0; give a number greater than 0"
+    );
+}

@@ -25,7 +25,7 @@ const DRAG: f64 = 32.0;
 /// Supply at which it is too low, V; the robots have 24 V otherwise, and 18 V as their minimum.
 const LOW_SUPPLY: f64 = 17.0;
 /// After the supply has changed the duty does, for the same voltage at the motors; ms until it has.
-const SUPPLY_SETTLES_MS: u64 = 10;
+const SUPPLY_SETTLES_MS: u64 = 30;
 
 /// What is done about a cause.
 #[derive(Clone, Copy)]
