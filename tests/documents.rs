@@ -425,7 +425,8 @@ fn the_bit_timing_is_that_of_the_code() {
 #[test]
 fn interrupt_priorities_are_those_of_the_code() {
     /// How the table names the vectors.
-    const NAMES: [(&str, &[&str]); 5] = [
+    const NAMES: [(&str, &[&str]); 6] = [
+        ("PVD", &["PVD"]),
         ("TIM9", &["TIM1_BRK_TIM9"]),
         ("EXTI15_10", &["EXTI15_10"]),
         ("CAN1 receive", &["CAN1_RX0"]),

@@ -6,6 +6,7 @@
 //!
 //! | priority | interrupt | why |
 //! |---|---|---|
+//! | 0 | PVD (supply of the chip) | cuts the outputs and does not return |
 //! | 1 | TIM9 (time) | counts on, wakes the slow tasks; a few microseconds at most |
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
