@@ -9,7 +9,7 @@ use kinematics::{
     MemberKinematics, Mount, Odometry, PhaseMember, Pose, RollerAngle, Secant, SpeedCompensation,
     Twist, VelocityCompensation, WheelRates, desaturate,
 };
-use motion::wheel::{Gains, WheelLoop, WheelReference};
+use motion::wheel::{Available, Gains, WheelLoop, WheelReference};
 
 /// Inputs of every function.
 const INPUTS: u32 = 64;
@@ -44,7 +44,11 @@ fn forward_odometry(k: &MemberKinematics, angles: &WheelRates, odometry: &mut Od
 
 #[inline(never)]
 fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: f32, out: &mut f32) {
-    *out = wheel.update(*reference, rate, 24.0, 1e-3).0;
+    let tick = Available {
+        voltage: 24.0,
+        dt: 1e-3,
+    };
+    *out = wheel.update(*reference, rate, tick).0;
 }
 
 #[inline(never)]
@@ -175,13 +179,16 @@ fn calls() -> Option<()> {
     }));
     let mut odometry = black_box(Odometry::new());
     let rollers = Rollers::new(&geometry, &mount, &slip)?;
-    let mut wheel = black_box(WheelLoop::new(Gains {
-        static_friction: 0.4,
-        speed: 0.8,
-        acceleration: 0.15,
-        proportional: 1.0,
-        integral: 10.0,
-    }));
+    let mut wheel = black_box(WheelLoop::new(
+        Gains {
+            static_friction: 0.4,
+            speed: 0.8,
+            acceleration: 0.15,
+            proportional: 1.0,
+            integral: 10.0,
+        },
+        6.0,
+    ));
     let mut spread = Spread(1);
     for _ in 0..INPUTS {
         let twist = black_box(spread.twist());
