@@ -59,11 +59,11 @@ impl<const N: usize> Cache<N> {
         cache
     }
 
-    /// Whether a line is there; it then counts as used.
-    #[inline]
+    /// Whether a line is there; it then counts as used. One that is switched off is empty.
+    #[inline(always)]
     fn hit(&mut self, line: u32) -> bool {
-        let slot = self.slot_of.get(line as usize).copied().unwrap_or(0);
-        if slot == 0 || !self.enabled {
+        let slot = self.slot_of[line as usize % LINES];
+        if slot == 0 {
             return false;
         }
         if self.before[N] != slot - 1 {
@@ -73,7 +73,7 @@ impl<const N: usize> Cache<N> {
     }
 
     /// Makes a slot the latest.
-    #[inline]
+    #[inline(always)]
     fn touch(&mut self, slot: u8) {
         const MASK: usize = SLOTS - 1;
         let at = usize::from(slot) & MASK;
@@ -185,15 +185,14 @@ impl Fetch {
         if self.wait_states == 0 {
             return 0;
         }
-        let mut waited = 0;
         let (first, last) = (offset >> LINE, offset.wrapping_add(length - 1) >> LINE);
+        let mut waited = 0;
         if first != self.line {
             waited = self.enter(first, now);
         }
         if last != first {
             waited += self.enter(last, now + waited);
         }
-        self.waited += waited;
         waited
     }
 
@@ -201,20 +200,30 @@ impl Fetch {
     #[inline(always)]
     fn enter(&mut self, line: u32, now: u64) -> u64 {
         self.line = line;
-        let waited = if self.code.hit(line) {
-            0
-        } else if self.prefetched == line {
+        let mut waited = 0;
+        if !self.code.hit(line) {
+            waited = self.miss(line, now);
+        }
+        // Far beyond what a run lasts: nothing here overflows.
+        let ready = now.wrapping_add(waited).wrapping_add(self.wait_states);
+        (self.prefetched, self.ready) = if self.acr & PRFTEN != 0 {
+            (line.wrapping_add(1), ready.wrapping_add(1))
+        } else {
+            (u32::MAX, 0)
+        };
+        waited
+    }
+
+    /// Cycles that the core waits for a line that is not in the cache.
+    #[inline(never)]
+    fn miss(&mut self, line: u32, now: u64) -> u64 {
+        let waited = if self.prefetched == line {
             self.ready.saturating_sub(now)
         } else {
             self.code.insert(line);
             self.wait_states
         };
-        if self.acr & PRFTEN != 0 {
-            self.prefetched = line.wrapping_add(1);
-            self.ready = now + waited + self.wait_states + 1;
-        } else {
-            self.prefetched = u32::MAX;
-        }
+        self.waited += waited;
         waited
     }
 

@@ -444,6 +444,9 @@ impl Soc {
         };
         let mut next = u64::MAX;
         for (number, timer) in self.timers.iter().enumerate().skip(1) {
+            if timer.is_quiet() {
+                continue;
+            }
             let on = timer.lines();
             let any = on.update || on.compare || on.trigger || on.breaking;
             match number {

@@ -290,6 +290,13 @@ impl Timer {
         }
     }
 
+    /// Whether no interrupt is enabled and no edge is on its way: no line is up, and there is no next event.
+    #[must_use]
+    #[inline]
+    pub fn is_quiet(&self) -> bool {
+        self.dier == 0 && self.encoder.next.is_none()
+    }
+
     /// Cycle of the next interrupt, of a preload that has to be looked at before it can be told, or of an edge
     /// that leaves its filter. To be asked after [`Timer::sync`].
     #[must_use]
