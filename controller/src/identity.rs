@@ -114,7 +114,7 @@ pub(crate) fn config(identity: &Identity) -> Config {
         node_ids: (protocol::FIRST_ROBOT, protocol::LAST_ROBOT),
         identity: canopen::Identity {
             vendor: 0,
-            product: 0x4F4D_4E49,
+            product: protocol::PRODUCT,
             revision: u32::from(protocol::WIRE_VERSION) << 16,
             serial: identity.serial,
         },

@@ -54,6 +54,9 @@ pub use table::{ENTRIES, OBJECTS, entry};
 /// change that would make an older master or robot misread a frame.
 pub const WIRE_VERSION: u16 = 3;
 
+/// Product code of a robot, object 0x1018:2: "INMO" as bytes from the lowest.
+pub const PRODUCT: u32 = 0x4F4D_4E49;
+
 /// How long after the SYNC that puts a setpoint in force the robots act on it, us.
 ///
 /// Longer than SYNC may jitter, so that all robots have it by then. A setpoint latched at SYNC *k* is

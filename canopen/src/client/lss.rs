@@ -66,6 +66,20 @@ pub fn lss_select(identity: &Identity) -> [Frame; 4] {
     ]
 }
 
+/// Asks whether there is a slave with this vendor, product and revision and a serial number from `serials.0` to
+/// `serials.1`: six frames, in this order. All that match answer with the same frame, and nothing changes in them.
+#[must_use]
+pub fn lss_identify(identity: &Identity, serials: (u32, u32)) -> [Frame; 6] {
+    [
+        request(0x46, identity.vendor),
+        request(0x47, identity.product),
+        request(0x48, identity.revision),
+        request(0x49, identity.revision),
+        request(0x4A, serials.0),
+        request(0x4B, serials.1),
+    ]
+}
+
 /// Gives a node-ID to the slaves in configuration, or takes it away.
 #[must_use]
 pub fn lss_set_node(node: Option<NodeId>) -> Frame {

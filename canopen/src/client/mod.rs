@@ -8,8 +8,8 @@ mod messages;
 mod sdo;
 
 pub use lss::{
-    FastScan, LssAnswer, Scanned, lss_inquire_node, lss_select, lss_set_node, lss_store,
-    lss_switch_all, parse_lss,
+    FastScan, LssAnswer, Scanned, lss_identify, lss_inquire_node, lss_select, lss_set_node,
+    lss_store, lss_switch_all, parse_lss,
 };
 pub use messages::{heartbeat, nmt, parse_heartbeat, parse_nmt, sync};
 pub use sdo::{Busy, Outcome, SdoClient, SdoError};

@@ -1,7 +1,11 @@
 //! Who is on a bus: every robot that answers, what it says about itself, and what contradicts what.
 //!
-//! A survey only reads and does not claim to be the master, so a running group is not disturbed. All sixteen
-//! robots are asked for their wire version at once; two answers from one node are two robots with one node id.
+//! A survey only reads and does not claim to be the master, so a running group is not disturbed.
+//!
+//! All sixteen robots are asked for their serial number at once. Robots that are one node by mistake answer with
+//! different bits: on the wire the answers destroy each other until both robots are error passive, then they come one
+//! after the other. What would be the same in both, like a version, comes as one frame and shows nothing. Then robots
+//! are asked by LSS whether there is anybody else, which needs no node id.
 
 use std::collections::BTreeMap;
 
@@ -11,6 +15,7 @@ use protocol::{Code, Kind, MemberState, Value, address, cob};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
+use crate::commission::lss;
 use crate::error::MasterError;
 
 /// How long heartbeats are listened for before robots are asked, in µs.
@@ -25,6 +30,8 @@ pub struct Found {
     pub node: u8,
     /// Robots that answered under this node id.
     pub answers: u32,
+    /// Serial numbers of those robots, as far as they are known.
+    pub serials: Vec<u32>,
     /// NMT state from its heartbeat.
     pub nmt: Option<NmtState>,
     /// Version of the bytes on the bus; this and what follows is 0 where several robots answered.
@@ -41,10 +48,11 @@ pub struct Found {
 
 impl Found {
     /// A robot about which nothing more is known.
-    const fn unread(node: u8, answers: u32) -> Self {
+    fn unread(node: u8, answers: u32, serials: Vec<u32>) -> Self {
         Self {
             node,
             answers,
+            serials,
             nmt: None,
             wire_version: 0,
             serial: 0,
@@ -100,11 +108,21 @@ impl Survey {
                 heard.insert(node.get(), state);
             }
         }
+        let mut answered = ask_all(wire)?;
+        let mut known: Vec<u32> = answered.values().flatten().copied().collect();
+        known.sort_unstable();
+        known.dedup();
+        for (serial, node) in lss::unknown(wire, &known)? {
+            if let Some(node) = node {
+                answered.entry(node.get()).or_default().push(serial);
+            }
+        }
         let mut found = Vec::new();
-        for (node, answers) in ask_all(wire)? {
+        for (node, serials) in answered {
+            let answers = u32::try_from(serials.len()).unwrap_or(u32::MAX);
             if answers > 1 {
                 // Their answers cannot be told apart.
-                found.push(Found::unread(node, answers));
+                found.push(Found::unread(node, answers, serials));
                 continue;
             }
             let mut read =
@@ -114,6 +132,7 @@ impl Survey {
             found.push(Found {
                 node,
                 answers,
+                serials,
                 nmt: heard.get(&node).copied(),
                 wire_version: read(address::WIRE_VERSION, Kind::U16)?,
                 serial: read(address::SERIAL_NUMBER, Kind::U32)?,
@@ -138,24 +157,26 @@ impl Survey {
     }
 }
 
-/// How often each robot answers when all are asked for their wire version.
-fn ask_all<L: Link>(wire: &mut Wire<L>) -> Result<BTreeMap<u8, u32>, MasterError> {
-    let at = address::WIRE_VERSION;
+/// The serial numbers that come from each node when all are asked for theirs.
+fn ask_all<L: Link>(wire: &mut Wire<L>) -> Result<BTreeMap<u8, Vec<u32>>, MasterError> {
+    let at = address::SERIAL_NUMBER;
     let [low, high] = at.index.to_le_bytes();
     for node in protocol::FIRST_ROBOT..=protocol::LAST_ROBOT {
         let request = [0x40, low, high, at.sub, 0, 0, 0, 0];
         wire.send(&Frame::of(cob::sdo_request(node), request))?;
     }
-    let mut answers = BTreeMap::new();
+    let mut answers: BTreeMap<u8, Vec<u32>> = BTreeMap::new();
     let until = wire.now() + Micros(ANSWERS_US);
     while let Some((_, frame)) = wire.next(until)? {
         let node = (protocol::FIRST_ROBOT..=protocol::LAST_ROBOT)
             .find(|node| frame.id() == cob::sdo_response(*node));
         // Somebody else's conversation with the robot is about another object.
-        if let (Some(node), [_, a, b, c, ..]) = (node, frame.data())
+        if let (Some(node), [_, a, b, c, serial @ ..]) = (node, frame.data())
             && [*a, *b, *c] == [low, high, at.sub]
+            && let Ok(serial) = serial.try_into()
         {
-            *answers.entry(node).or_insert(0) += 1;
+            let serials = answers.entry(node).or_default();
+            serials.push(u32::from_le_bytes(serial));
         }
     }
     Ok(answers)
@@ -166,10 +187,14 @@ fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
     for robot in found {
         let node = robot.node;
         if robot.answers > 1 {
+            let serials = robot.serials.iter().map(|serial| format!("{serial:08X}"));
+            let serials: Vec<String> = serials.collect();
             out.push(format!(
-                "{} robots answer as node {node}; give each its own id, by its node switches or with \
-                 `omnibus lss`",
-                robot.answers
+                "{} robots answer as node {node}, serial numbers {}; set the node switches of all but one to \
+                 another number (docs/bring-up.md says which switch counts what), or use `omnibus lss`, and \
+                 switch them off and on",
+                robot.answers,
+                serials.join(", ")
             ));
             continue;
         }
@@ -252,8 +277,14 @@ mod tests {
         let requests = bus
             .sent
             .iter()
-            .all(|(_, frame)| (0x600..0x680).contains(&frame.id()) && frame.data()[0] == 0x40);
-        assert!(requests, "a survey sends nothing but SDO reads");
+            .all(|(_, frame)| match (frame.id(), frame.data()[0]) {
+                (0x600..0x680, 0x40) | (0x7E5, 0x46..=0x4B) => true,
+                _ => false,
+            });
+        assert!(
+            requests,
+            "a survey sends nothing but SDO reads and LSS identify"
+        );
     }
 
     #[test]
@@ -269,7 +300,7 @@ mod tests {
         let text = survey.conflicts.join("\n");
         for part in [
             "node 2 speaks wire version 9",
-            "2 robots answer as node 3",
+            "2 robots answer as node 3, serial numbers",
             "node 5 is not in the group file",
             "nodes 2 and 5 have the same serial number",
         ] {
