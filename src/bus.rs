@@ -44,6 +44,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
         }
+        side.on_can_errors(now(), &can.errors());
         side.poll(now());
         if supervise(&can, &mut health, side) {
             can.discard();
@@ -170,6 +171,7 @@ fn pattern(side: &BusSide, bus_off: bool) -> Pattern {
     }
     match (side.state().fault(), side.nmt_state()) {
         (Some(Fault::EmergencyStop), _) => Pattern::DoubleFlash,
+        (Some(fault), _) if fault.is_consequence() => Pattern::LongFlash,
         (Some(_), _) => Pattern::TripleFlash,
         (None, NmtState::Operational) => Pattern::On,
         (None, NmtState::Stopped) => Pattern::SingleFlash,

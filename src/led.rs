@@ -9,7 +9,8 @@
 //! | single flash | 0.2 s on, 1 s off | STOPPED |
 //! | on | | OPERATIONAL, no fault |
 //! | double flash | two of 0.2 s, 1 s off | emergency stop |
-//! | triple flash | three of 0.2 s, 1 s off | another fault, latched: NMT start clears it when the cause is gone |
+//! | triple flash | three of 0.2 s, 1 s off | another fault of its own, latched: NMT start clears it when the cause is gone |
+//! | long flashes | 1 s on, 0.2 s off | stopped because another robot did; the cause is there |
 //! | four flashes | four of 0.2 s, 1 s off | at start, before this task: no clock from outside, or the chip's supply is too low |
 //! | flickering | 50 ms on, 50 ms off | off the bus |
 //! | five short flashes | five of 50 ms, 0.6 s off | somebody asks which robot this is (object 0x2059) |
@@ -33,6 +34,8 @@ pub enum Pattern {
     DoubleFlash,
     /// Fault.
     TripleFlash,
+    /// Another robot's fault.
+    LongFlash,
     /// Bus-off.
     Flickering,
     /// Asked for by object 0x2059.
@@ -40,12 +43,13 @@ pub enum Pattern {
 }
 
 impl Pattern {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 8] = [
         Self::Blinking,
         Self::SingleFlash,
         Self::On,
         Self::DoubleFlash,
         Self::TripleFlash,
+        Self::LongFlash,
         Self::Flickering,
         Self::Here,
     ];
@@ -58,6 +62,7 @@ impl Pattern {
             Self::On => (1, 200, 0),
             Self::DoubleFlash => (2, 200, 1000),
             Self::TripleFlash => (3, 200, 1000),
+            Self::LongFlash => (1, 1000, 200),
             Self::Flickering => (1, 50, 50),
             Self::Here => (5, 50, 600),
         }

@@ -40,6 +40,8 @@ pub struct Emergency {
 impl Emergency {
     /// CAN overrun: frames could not be sent.
     pub const CAN_OVERRUN: u16 = 0x8110;
+    /// The CAN controller is error passive.
+    pub const CAN_PASSIVE: u16 = 0x8120;
     /// A heartbeat did not come in time.
     pub const HEARTBEAT_LOST: u16 = 0x8130;
     /// Recovered from bus-off.

@@ -11,7 +11,7 @@ use protocol::compensation::{CompensationSet, SetError};
 use protocol::object::ValueError;
 use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highest_sub};
 
-use crate::bus::Record;
+use crate::bus::{CanRecord, Record};
 use crate::configuration;
 use crate::history::History;
 use crate::parameters::Parameters;
@@ -84,6 +84,7 @@ pub(crate) struct Dictionary {
     /// Signed and in full, rad/s.
     pub slip: f32,
     pub counters: Counters,
+    pub can: CanRecord,
     /// Faults.
     pub history: History,
     pub limits: History,
@@ -113,6 +114,7 @@ impl Dictionary {
             supply: None,
             slip: 0.0,
             counters: Counters::default(),
+            can: CanRecord::default(),
             history: History::new(),
             limits: History::new(),
             store: Store::new(),
@@ -180,6 +182,11 @@ impl Dictionary {
             at::STOPS => Value::U32(counters.stops),
             at::WATCHDOG_RESETS => Value::U32(counters.watchdog_resets),
             at::CAN_ERRORS => Value::U32(counters.can_errors),
+            at::CAN_TRANSMIT_ERRORS => Value::U8(self.can.errors.transmit),
+            at::CAN_RECEIVE_ERRORS => Value::U8(self.can.errors.receive),
+            at::CAN_LAST_ERROR => Value::U8(self.can.errors.last),
+            at::CAN_PASSIVES => Value::U32(self.can.passives),
+            at::CAN_BUS_OFFS => Value::U32(self.can.bus_offs),
             at::SAVES => Value::U32(counters.store.saves),
             at::ERASES => Value::U32(counters.store.erases),
             at::CUT_SAVES => Value::U32(counters.store.cut),

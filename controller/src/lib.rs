@@ -52,7 +52,7 @@ pub mod state;
 mod store;
 mod strain;
 
-pub use bus::{BusSide, Event};
+pub use bus::{BusSide, CanErrors, Event};
 pub use clock::{SyncClock, TickPhase};
 pub use configuration::{Configuration, ConfigurationError};
 pub use dictionary::{Counters, StoreWear};

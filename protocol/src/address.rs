@@ -277,6 +277,16 @@ addresses! {
     WATCHDOG_RESETS = 0x2121:6;
     /// CAN frames lost or in error.
     CAN_ERRORS = 0x2121:7;
+    /// Transmit error counter of the CAN controller.
+    CAN_TRANSMIT_ERRORS = 0x2130:1;
+    /// Receive error counter of the CAN controller.
+    CAN_RECEIVE_ERRORS = 0x2130:2;
+    /// The last error on the bus.
+    CAN_LAST_ERROR = 0x2130:3;
+    /// Times the CAN controller became error passive.
+    CAN_PASSIVES = 0x2130:4;
+    /// Times the CAN controller went off the bus.
+    CAN_BUS_OFFS = 0x2130:5;
     /// Saves since the store was new.
     SAVES = 0x2126:1;
     /// Sectors erased since the store was new.

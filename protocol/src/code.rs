@@ -97,6 +97,8 @@ codes! {
         RollerPhase = 0x0009,
         /// A wheel's controller asks for more than the torque bound allows.
         Torque = 0x000A,
+        /// The CAN controller is error passive, or was and its error counters are still above 95; see 0x2130.
+        BusErrors = 0x000B,
         /// Started, but setpoints ask for motion: first they must stay near standstill, see 0x2042:1.
         AwaitingStandstill = 0x000C,
         /// SYNC comes at another period than object 0x2041:1 says; the robot does not follow.
@@ -212,6 +214,15 @@ impl Fault {
             | Self::PlanMismatch
             | Self::ProtectiveStop => Reaction::Ramp,
         }
+    }
+
+    /// Whether it is another robot's doing as a rule: the cause is to be looked for there.
+    #[must_use]
+    pub const fn is_consequence(self) -> bool {
+        matches!(
+            self,
+            Self::MemberStopped | Self::MemberSilent | Self::SequenceMismatch
+        )
     }
 
     /// Which bit of the error register (object 0x1001, CiA 301 7.5.2.2) this fault sets.

@@ -575,8 +575,8 @@ const LIMITS: &[Object] = &[
         at::SLIP_FAULT,
         "Slip fault",
         "rad/s",
-        real(0.0, 60.0, 0.0),
-        "Slip residual above which, for 100 ms, the robot comes to rest; 0 for never.",
+        real(0.0, 60.0, 2.5),
+        "Slip residual above which, for 100 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.1 for that long; one wheel that stands still while the others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
     ),
     Object::parameter(
         at::STRAIN_LIMIT,
@@ -589,8 +589,8 @@ const LIMITS: &[Object] = &[
         at::STRAIN_FAULT,
         "Strain fault",
         "m/s",
-        real(0.0, 5.0, 0.0),
-        "The same, above which, for 100 ms, the robot comes to rest; 0 for never.",
+        real(0.0, 5.0, 0.3),
+        "The same, above which, for 100 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.",
     ),
     Object::parameter(
         at::BLOCKED_RATE,
@@ -978,6 +978,36 @@ const DIAGNOSTICS: &[Object] = &[
     ),
 ];
 
+const CAN: &[Object] = &[
+    Object::state(
+        at::CAN_TRANSMIT_ERRORS,
+        "Transmit errors",
+        "",
+        Kind::U8,
+        "Transmit error counter (ISO 11898-1): 8 up with a frame that failed, 1 down with one that did not; from 128 on the controller is error passive, above 255 it is off the bus.",
+    ),
+    Object::state(
+        at::CAN_RECEIVE_ERRORS,
+        "Receive errors",
+        "",
+        Kind::U8,
+        "Receive error counter: 1 to 9 up with a frame that was broken, 1 down with a good one; from 128 on error passive.",
+    ),
+    Object::state(
+        at::CAN_LAST_ERROR,
+        "Last error",
+        "",
+        Kind::U8,
+        "0 none since the start, 1 stuffing, 2 form, 3 not acknowledged, 4 recessive bit read as dominant, 5 dominant bit read as recessive, 6 checksum. Looked at every few ms, so one of several may be missed.",
+    ),
+    counter(
+        at::CAN_PASSIVES,
+        "Times error passive",
+        "Since power came. Each is announced by emergency message 0x8120 and taken back once both error counters are below 96.",
+    ),
+    counter(at::CAN_BUS_OFFS, "Times bus-off", "Since power came."),
+];
+
 const STORE: &[Object] = &[
     counter(
         at::SAVES,
@@ -1107,6 +1137,7 @@ const PARTS: &[&[Object]] = &[
     &history_record(0x2125),
     STORE,
     POWER,
+    CAN,
 ];
 
 /// Name of the object or record at an index, for the EDS and the protocol page.
@@ -1163,6 +1194,7 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2125, "Limit times"),
     (0x2126, "Store"),
     (0x2127, "Clock and supply"),
+    (0x2130, "CAN"),
 ];
 
 /// How many objects there are.

@@ -75,7 +75,8 @@ fn a_lost_acknowledge_makes_the_sender_passive_and_the_receivers_get_it_again() 
     assert!((load - f64::from(busy) / 2_000.0).abs() < 1e-9, "{load}");
 }
 
-/// 16 failures to error passive, 32 to bus-off; then silence, 128 times 11 bits, and an announcement.
+/// 16 failures to error passive, of which it tells the others, and 17 more to bus-off, because what it told was a good
+/// frame; then silence, 128 times 11 bits, and an announcement.
 #[test]
 fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
     let mut world = world("single");
@@ -91,12 +92,15 @@ fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
     let wanted = [
         (ErrorState::Active, 0),
         (ErrorState::Passive, 128),
-        (ErrorState::BusOff, 256),
+        (ErrorState::Active, 127),
+        (ErrorState::Passive, 135),
+        (ErrorState::BusOff, 263),
     ];
     assert_eq!(states, wanted);
-    assert_eq!(world.error_frames(), 32);
+    assert_eq!(world.error_frames(), 33);
     assert_eq!(world.port_errors(MASTER).1, counters(0, 32));
-    assert_eq!(heard(&mut world), []);
+    let told: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    assert_eq!(told, [0x082]);
     world.set_corruption(Share::NONE);
     run(&mut world, 1_000_000);
     assert_eq!(world.robot_errors(0), Default::default());
@@ -117,7 +121,8 @@ fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
 }
 
 /// The bad receiver counts 9 for every frame it destroys and is error passive after 15; from then on it can only fail
-/// to hear, and counts 1. The others count 1 each time and take that back with the good frame, the sender 8.
+/// to hear, and counts 1. The others count 1 each time and take that back with a good frame, the sender 8. The second good frame is the
+/// emergency message that the bad receiver is error passive.
 #[test]
 fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
     let mut world = world("tcc-2");
@@ -131,8 +136,18 @@ fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
         world.robot_errors(1),
         (ErrorState::Passive, counters(0, 136))
     );
-    assert_eq!(world.robot_errors(0), (ErrorState::Active, counters(0, 14)));
+    assert_eq!(world.robot_errors(0), (ErrorState::Active, counters(0, 13)));
     assert_eq!(world.port_errors(MASTER).1, counters(119, 0));
+    assert_eq!(passives(&mut world), [0x8120], "it says so, once");
+}
+
+/// Codes of the emergency messages of node 3.
+fn passives(world: &mut World) -> Vec<u16> {
+    let frames = std::iter::from_fn(|| world.take_received(MASTER));
+    frames
+        .filter(|(_, frame)| frame.id() == 0x083)
+        .map(|(_, frame)| u16::from_le_bytes([frame.data()[0], frame.data()[1]]))
+        .collect()
 }
 
 #[test]
@@ -190,10 +205,12 @@ fn a_connector_pulled_in_the_middle_of_a_frame_destroys_it() {
     );
     world.set_connected(0, true);
     run(&mut world, 21_000);
-    assert_eq!(heard(&mut world).len(), 1);
+    // And the emergency message that it was error passive.
+    let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    assert_eq!(ids, [0x082, 0x702]);
     assert_eq!(
         world.robot_errors(0),
-        (ErrorState::Active, counters(127, 0))
+        (ErrorState::Active, counters(126, 0))
     );
 }
 

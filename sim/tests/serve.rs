@@ -321,7 +321,7 @@ fn a_log_is_played_frame_by_frame() {
     let said = serve(&[
         "--log", &second, "--replay", &first, "--fault", off[0], "--fault", off[1],
     ]);
-    assert_eq!(said, format!("replay {first}: 10 frames\nserving tcc-2\n"));
+    assert_eq!(said, format!("replay {first}: 12 frames\nserving tcc-2\n"));
     let [first, second] = [first, second].map(|path| std::fs::read_to_string(path).unwrap());
     let frames = |log: &str| -> Vec<String> {
         let words = log
@@ -329,8 +329,8 @@ fn a_log_is_played_frame_by_frame() {
             .map(|line| line.split(' ').nth(2).unwrap().to_owned());
         words.collect()
     };
-    // Boot-up and a heartbeat every 100 ms of two robots.
-    assert_eq!(frames(&first).len(), 10, "{first}");
+    // Boot-up, a first heartbeat after 50 to 100 ms and one every 100 ms, of two robots.
+    assert_eq!(frames(&first).len(), 12, "{first}");
     assert_eq!(frames(&first), frames(&second));
 }
 

@@ -24,6 +24,7 @@
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use canopen::{Frame, Micros};
+use controller::CanErrors;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::interrupt::typelevel::{self, Handler};
@@ -58,8 +59,6 @@ pub struct Health {
     pub queue_overflows: u32,
     /// Whether the controller is off the bus at the moment.
     pub bus_off: bool,
-    /// Whether it is error passive at the moment.
-    pub error_passive: bool,
 }
 
 impl Health {
@@ -226,6 +225,17 @@ impl Can {
         can.mcr().modify(|w| w.set_inrq(false));
     }
 
+    /// Returns the error counters.
+    pub fn errors(&self) -> CanErrors {
+        let error = pac::CAN1.esr().read();
+        CanErrors {
+            transmit: error.tec(),
+            receive: error.rec(),
+            // RM0390 30.9.2: 7 is what software writes; a good frame sets 0.
+            last: error.lec().to_bits() % 7,
+        }
+    }
+
     /// Returns the error counts and states.
     pub fn health(&self) -> Health {
         let error = pac::CAN1.esr().read();
@@ -233,7 +243,6 @@ impl Can {
             overruns: OVERRUNS.load(Ordering::Relaxed),
             queue_overflows: QUEUE_OVERFLOWS.load(Ordering::Relaxed),
             bus_off: error.boff(),
-            error_passive: error.epvf(),
         }
     }
 }

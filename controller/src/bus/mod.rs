@@ -13,12 +13,15 @@
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
+mod can;
 mod faults;
 mod identify;
 mod members;
 mod publish;
 mod storage;
 
+pub use can::CanErrors;
+pub(crate) use can::CanRecord;
 pub(crate) use identify::Record;
 
 use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
@@ -260,6 +263,7 @@ impl BusSide {
     pub fn on_bus_off(&mut self, now: Micros) {
         self.on_fault(now, Fault::BusOff);
         self.device.on_bus_off(now);
+        self.dictionary.can.bus_offs = self.device.counters().bus_off;
         self.drain(now);
     }
 
@@ -377,6 +381,7 @@ impl BusSide {
                     }
                     if from == NmtState::Initialising {
                         self.listened = now + Micros(LISTEN_US);
+                        self.announce_passive(now);
                     }
                     self.follow_node();
                     self.tell(Event::Nmt(to));

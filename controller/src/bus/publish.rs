@@ -57,7 +57,9 @@ impl BusSide {
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
         let limit = self.waits.or(self.report.limit).or_else(|| {
-            if moving && self.strain.is_limit() {
+            if self.dictionary.can.passive {
+                Some(Limit::BusErrors)
+            } else if moving && self.strain.is_limit() {
                 Some(Limit::Strain)
             } else if self.setpoints.is_disturbed() {
                 Some(Limit::Setpoint)

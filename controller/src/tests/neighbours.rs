@@ -306,3 +306,54 @@ fn an_nmt_reset_in_motion_is_a_ramp() {
         }
     }
 }
+
+/// Error passive is told once each time, by emergency message and limit, and taken back once it is over.
+#[test]
+fn an_error_passive_controller_is_announced_and_taken_back() {
+    let mut world = moving(&[2, 3]);
+    let tell = |world: &mut World, transmit, receive, last| {
+        let errors = crate::CanErrors {
+            transmit,
+            receive,
+            last,
+        };
+        let now = canopen::Micros(world.now + world.robots[0].offset);
+        world.robots[0].bus.on_can_errors(now, &errors);
+        world.run(10);
+    };
+    let limit = |world: &World| world.status(2).code;
+    let bus_errors = protocol::Code::Limit(protocol::Limit::BusErrors);
+    for round in 1..=3 {
+        tell(&mut world, 127, 0, 3);
+        assert_eq!(limit(&world), protocol::Code::None);
+        // Around the border, and long after it.
+        for transmit in [128, 127, 136, 100, 128, 96] {
+            tell(&mut world, transmit, 0, 0);
+            assert_eq!(limit(&world), bus_errors);
+        }
+        assert_eq!(world.emergencies(2).last(), Some(&0x8120));
+        tell(&mut world, 0, 95, 0);
+        world.run(10);
+        assert_eq!(limit(&world), protocol::Code::None);
+        // Announced and taken back, once each.
+        assert_eq!(world.emergencies(2).len(), 2 * round);
+        assert_eq!(world.emergencies(2).last(), Some(&0));
+        let passives = u32::try_from(round).unwrap();
+        assert_eq!(world.read(2, at::CAN_PASSIVES), Ok(passives));
+    }
+    assert_eq!(
+        world
+            .read(2, at::CAN_RECEIVE_ERRORS)
+            .map(|word| word & 0xFF),
+        Ok(95)
+    );
+    assert_eq!(
+        world.read(2, at::CAN_LAST_ERROR).map(|word| word & 0xFF),
+        Ok(3)
+    );
+    let all_move = world
+        .robots
+        .iter()
+        .all(|robot| robot.bus.state() == State::Moving);
+    assert!(all_move, "it stops nobody");
+}

@@ -4,7 +4,7 @@ use canopen::{Frame, Micros, NmtCommand, NmtState, client};
 use kinematics::Twist;
 use protocol::{Code, GroupTwist, cob};
 
-use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW, is_consequence};
+use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW};
 use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
 use crate::monitor::telemetry::{EventKind, SessionState};
@@ -127,7 +127,7 @@ impl<L: Link> Group<L> {
             let Code::Fault(fault) = member.status?.code else {
                 return None;
             };
-            Some((is_consequence(fault), member.node, fault))
+            Some((fault.is_consequence(), member.node, fault))
         });
         if let Some((_, node, fault)) = faults.min_by_key(|(consequence, ..)| *consequence) {
             return Err(MasterError::MemberFault { node, fault });

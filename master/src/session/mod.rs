@@ -476,14 +476,6 @@ pub fn check_twist(twist: Twist, limits: &group::Limits) -> Result<(), MasterErr
     Ok(())
 }
 
-/// Whether a fault usually is another node's doing.
-fn is_consequence(fault: Fault) -> bool {
-    matches!(
-        fault,
-        Fault::MemberStopped | Fault::MemberSilent | Fault::SequenceMismatch
-    )
-}
-
 /// A limit or fault in words.
 #[must_use]
 pub fn describe(code: Code) -> String {

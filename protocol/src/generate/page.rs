@@ -106,7 +106,17 @@ A robot without tables reads a set without rows, version 0.
 
 The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the one, 0x2001:5 the
 other. A node given by LSS takes effect at the next reset; LSS `store` keeps it (nodes 2 to 17), LSS node 255 and `store`
-forgets it. Saving and restoring parameters leaves it alone.
+forgets it. Saving and restoring parameters leaves it alone. Both are refused (error 0xFF) while the robot is OPERATIONAL
+or not at rest, and when it was addressed together with other robots that it has heard. Configure bit timing (0x13) is
+answered with error 1: the bit rate is 1 Mbit/s.
+
+Two robots with one number are a fault of both (0xFF1C, DuplicateNode): each hears an identifier that only it should send.
+
+## Several groups on one bus
+
+One master sends SYNC, the heartbeat of node 1 and, in every period, one 0x181 for each group; byte 7 is the group's number
+(0x2040:1). A robot neither takes nor counts a twist for another group. Node numbers are those of the bus: all groups on it
+have sixteen robots together.
 
 ## Saving
 

@@ -16,8 +16,8 @@
 
 use canopen::{Frame, Micros, NodeId};
 use controller::{
-    BusSide, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, StoreWear, Stored, TICK_US,
-    TickPhase, stored_node,
+    BusSide, CanErrors, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, StoreWear,
+    Stored, TICK_US, TickPhase, stored_node,
 };
 use protocol::Fault;
 
@@ -93,6 +93,8 @@ struct Live {
     mailboxes: Vec<Frame>,
     sending: Option<Frame>,
     errors: Confinement,
+    /// What its program knows of them.
+    told: CanErrors,
     /// World time at which it is back on the bus, ns, once it has begun to come back.
     back_ns: Option<u64>,
 }
@@ -123,6 +125,7 @@ impl Live {
             mailboxes: Vec::with_capacity(MAILBOXES),
             sending: None,
             errors: Confinement::default(),
+            told: CanErrors::default(),
             back_ns: None,
         }
     }
@@ -179,6 +182,23 @@ impl NativeRobot {
 
     fn is_on_bus(&self) -> bool {
         self.is_running() && self.live.errors.state() != ErrorState::BusOff
+    }
+
+    /// Tells the program the error counters, as the firmware reads them out of its controller.
+    fn tell_errors(&mut self, last: u8) {
+        let ErrorCounters { transmit, receive } = self.live.errors.counters();
+        let byte = |count: u32| u8::try_from(count).unwrap_or(u8::MAX);
+        let errors = CanErrors {
+            transmit: byte(transmit),
+            receive: byte(receive),
+            last,
+        };
+        if self.is_running() && (errors != self.live.told || last != 0) {
+            self.live.told = errors;
+            let now = self.live.clock.local(self.now_ns);
+            self.live.bus.on_can_errors(now, &errors);
+            self.pump(now);
+        }
     }
 
     /// What the firmware does when its controller has gone off the bus.
@@ -317,6 +337,7 @@ impl Robot for NativeRobot {
 
     fn transmitted(&mut self) {
         self.live.errors.transmitted();
+        self.tell_errors(0);
         if let Some(sent) = self.live.sending.take()
             && let Some(place) = self.live.mailboxes.iter().position(|frame| *frame == sent)
         {
@@ -332,11 +353,18 @@ impl Robot for NativeRobot {
         if self.is_running() && self.live.errors.transmit_failed(error) {
             self.go_off();
         }
+        // As ESR.LEC has it (RM0390 30.9.2).
+        self.tell_errors(match error {
+            TransmitError::Form => 2,
+            TransmitError::Acknowledge => 3,
+            TransmitError::Bit => 4,
+        });
     }
 
     fn receive_failed(&mut self, first: bool) {
         if self.is_on_bus() {
             self.live.errors.receive_failed(first);
+            self.tell_errors(1);
         }
     }
 
@@ -349,6 +377,7 @@ impl Robot for NativeRobot {
             return;
         }
         self.live.errors.received();
+        self.tell_errors(0);
         // As the firmware's interrupt does.
         let codes = self.live.bus.function_codes();
         let own = frame.id() & 0x7F == u16::from(self.live.bus.node());
