@@ -274,13 +274,12 @@ mod tests {
         assert_eq!(survey.found.len(), 3);
         assert_eq!(survey.found[1].firmware_text(), "1.2.3");
         assert_eq!(survey.found[1].state, Some(MemberState::Ready));
-        let requests = bus
-            .sent
-            .iter()
-            .all(|(_, frame)| match (frame.id(), frame.data()[0]) {
-                (0x600..0x680, 0x40) | (0x7E5, 0x46..=0x4B) => true,
-                _ => false,
-            });
+        let requests = bus.sent.iter().all(|(_, frame)| {
+            matches!(
+                (frame.id(), frame.data()[0]),
+                (0x600..0x680, 0x40) | (0x7E5, 0x46..=0x4B)
+            )
+        });
         assert!(
             requests,
             "a survey sends nothing but SDO reads and LSS identify"

@@ -48,7 +48,7 @@ use std::sync::Arc;
 use canopen::{Micros, NmtCommand, NmtState, NmtTarget, client};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
-use protocol::{Code, Fault, MemberState, MemberStatus};
+use protocol::{Code, MemberState, MemberStatus};
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
