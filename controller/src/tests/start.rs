@@ -70,6 +70,27 @@ fn a_robot_that_is_no_member_of_its_own_group_is_refused() {
     );
 }
 
+/// 477 000 counts a second at most. RM0390 18.4.7 at 90 MHz: filter 13 takes levels of 160 clocks, 562 500 a second,
+/// filter 14 of 192, 468 750 a second.
+#[test]
+fn counts_that_come_too_fast_for_the_filter_are_refused() {
+    for (filter, fits) in [(0, true), (3, true), (13, true), (14, false), (15, false)] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        for (address, value) in [
+            (at::GEAR_RATIO, Value::F32(1.0)),
+            (at::WHEEL_RATE_MAX, Value::F32(10.0)),
+            (at::ENCODER_COUNTS, Value::F32(300_000.0)),
+            (at::ENCODER_FILTER, Value::U8(filter)),
+        ] {
+            world.write(2, address, value).unwrap();
+        }
+        let status = world.read(2, at::CONFIGURATION_STATUS).unwrap();
+        let refused = at::ENCODER_FILTER.packed() << 8 | 2;
+        assert_eq!(status, if fits { 0 } else { refused }, "filter {filter}");
+    }
+}
+
 #[test]
 fn a_configuration_written_later_mends_a_refused_start() {
     let mut world = World::new(&[2]);
