@@ -44,7 +44,8 @@ pub async fn control(
             index,
             encoder_counts: encoders.counts(),
             emergency_stop: drive.emergency_stop(),
-            driver_fault: lines.driver_fault.is_low(),
+            // What a bench image may not drive is a driver in fault, so an NMT start is refused.
+            driver_fault: lines.driver_fault.is_low() || cfg!(feature = "bench"),
             protective_stop: lines.protective_stop.is_high(),
             supply_input: Some(supply.volts()),
         };

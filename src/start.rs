@@ -22,6 +22,9 @@ use crate::{bus, control, health, led};
 /// Node id with all switches open.
 const FIRST_NODE: u8 = 2;
 
+/// Bit of the firmware version that says it is a bench image.
+const BENCH: u32 = 1 << 31;
+
 /// A few kilobytes that are better never moved over the stack.
 static BUS_SIDE: StaticCell<BusSide> = StaticCell::new();
 
@@ -89,6 +92,9 @@ fn prepare() -> Parts {
         switches.get(),
         board.serial
     );
+    if cfg!(feature = "bench") {
+        defmt::warn!("bench image: no output is ever switched on");
+    }
     let crash = post_mortem::take();
     if let Some(failure) = crash {
         defmt::error!("the last run ended with {}", failure);
@@ -99,6 +105,11 @@ fn prepare() -> Parts {
         reset_cause: board.reset_cause as u8,
         storage: true,
         node_switches: switches.get(),
+        firmware: if cfg!(feature = "bench") {
+            BENCH | Identity::FIRMWARE
+        } else {
+            Identity::FIRMWARE
+        },
         clock_wait_ms: board.clock_wait_ms,
         brown_out_level: board.brown_out_level,
         ..Identity::new(node, board.serial)

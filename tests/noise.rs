@@ -1,4 +1,5 @@
-//! Wires that pick up what they should not, with the release image on an emulated board.
+//! Wires that pick up what they should not, with the release image on an emulated board; and the bench image, which must
+//! not drive.
 
 mod common;
 
@@ -19,19 +20,26 @@ const INDEX_PINS: [(emulator::Port, u8); 4] = [
     (emulator::Port::B, 15),
 ];
 
-fn image() -> emulator::Firmware {
-    let path = std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names a release image");
+fn image(variable: &str) -> emulator::Firmware {
+    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
     emulator::Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 /// An emulated robot with this group file that holds still.
 fn armed(file: &GroupFile) -> Rig {
+    let rig = started(file, "OMNIBUS_ELF");
+    assert!(rig.all_are(MemberState::Armed) || rig.all_are(MemberState::Moving));
+    rig
+}
+
+/// An emulated robot with this group file and the image that a variable names, configured and told to start.
+fn started(file: &GroupFile, variable: &str) -> Rig {
     let options = Options {
         truth_period_ns: 0,
         threads: 1,
         ..Options::default()
     };
-    let world = World::new(file, Backend::Emulator(image()), options).unwrap();
+    let world = World::new(file, Backend::Emulator(image(variable)), options).unwrap();
     let mut link = SimLink::new(world, "test");
     let mut session = Group::connect(&mut link, file).unwrap();
     session.configure(true).unwrap();
@@ -39,7 +47,6 @@ fn armed(file: &GroupFile) -> Rig {
     rig.run(60).unwrap();
     rig.command(NmtCommand::Start, None);
     rig.run(100).unwrap();
-    assert!(rig.all_are(MemberState::Armed) || rig.all_are(MemberState::Moving));
     rig
 }
 
@@ -86,4 +93,14 @@ fn noise_on_an_index_that_is_used_leaves_the_control_tick_its_time() {
     let added = load_of_chatter(&file);
     println!("1 MHz on four index inputs that are used: {added:.2} % more load");
     assert!(added < 1.0, "{added} %");
+}
+
+#[test]
+fn a_bench_image_refuses_to_start_because_of_its_drivers() {
+    let file = common::group("single");
+    let node = file.robots[0].node;
+    let rig = started(&file, "OMNIBUS_ELF_BENCH");
+    assert!(!rig.all_are(MemberState::Armed) && !rig.all_are(MemberState::Moving));
+    let said: Vec<u16> = rig.emergencies(node).map(|(_, code)| code).collect();
+    assert_eq!(said, [protocol::Fault::DriverFault.code()]);
 }

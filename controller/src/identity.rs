@@ -27,6 +27,9 @@ pub struct Identity {
 }
 
 impl Identity {
+    /// This version, as object 0x2001:2 has it.
+    pub const FIRMWARE: u32 = 0x0001_0000;
+
     /// A robot with this node and serial number, after power-on.
     #[must_use]
     pub const fn new(node: NodeId, serial: u32) -> Self {
@@ -34,7 +37,7 @@ impl Identity {
             node,
             node_switches: node.get(),
             serial,
-            firmware: 0x0001_0000,
+            firmware: Self::FIRMWARE,
             reset_cause: 0,
             clock_wait_ms: 0,
             brown_out_level: 3,

@@ -17,16 +17,16 @@
 //!
 //! | modelled | RM0390 | not modelled (an access stops the run unless noted) |
 //! |---|---|---|
-//! | RCC: clock tree with lock times, gating, resets, reset causes | 6 | LPENR has no effect, CSS |
-//! | PWR: over-drive, voltage scale, limits of HCLK | 5 | stop and standby mode |
-//! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | option bytes, stale cache lines |
+//! | RCC: clock tree with lock times, gating, resets, reset causes, CSS | 6 | LPENR has no effect |
+//! | PWR: over-drive, voltage scale, limits of HCLK, voltage detector, brown-out | 5 | stop and standby mode |
+//! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | stale cache lines; of the option bytes only the brown-out level does something |
 //! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
 //! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, wakes nobody), memory remap |
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
 //! | CAN1: modes, mailboxes, filters, FIFOs, time stamps, errors, bus-off, loop-back | 30 | CAN2, TGT (no effect) |
 //! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
-//! | unique number, flash size, DBGMCU | 33, 34 | freezing peripherals while halted |
+//! | unique number, flash size, DBGMCU | 33, 34 | of what can be frozen while halted only timers and IWDG are |
 //! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
 //! | log over RTT with defmt | | other RTT channels |
 //!

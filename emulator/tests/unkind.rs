@@ -7,7 +7,7 @@ mod common;
 
 use common::{board, board_with, firmware, frames, nmt, register, run};
 use emulator::system::flash::{OPTIONS_FROM_FACTORY, OPTIONS_ON_A_ROBOT};
-use emulator::{BoardConfig, CanFrame, PinLevel, Port, ResetCause};
+use emulator::{BoardConfig, CanFrame, Firmware, PinLevel, Port, ResetCause};
 
 const START: u8 = 1;
 const STOP: u8 = 2;
@@ -212,4 +212,93 @@ fn a_chip_from_the_factory_gets_its_brown_out_reset_once() {
     assert_eq!(board.resets(), 0);
     assert_eq!(board.option_bytes(), OPTIONS_ON_A_ROBOT);
     assert_eq!(board.flash_operations().erases, 0);
+}
+
+/// Pins of the encoders' channels A and B, and their counters.
+const ENCODERS: [([(Port, u8); 2], u32); 4] = [
+    ([(Port::A, 15), (Port::B, 3)], 0x4000_0024),
+    ([(Port::C, 6), (Port::C, 7)], 0x4000_0424),
+    ([(Port::B, 6), (Port::B, 7)], 0x4000_0824),
+    ([(Port::A, 0), (Port::A, 1)], 0x4000_0C24),
+];
+
+/// A glitch on A while B changes: without a filter it turns one count back into three counts on.
+#[test]
+fn glitches_on_an_encoder_channel_do_not_count() {
+    let mut board = board(&firmware());
+    for (channels, _) in ENCODERS {
+        for (port, pin) in channels {
+            board.set_input(port, pin, false);
+        }
+    }
+    run(&mut board, 60 * MS);
+    let mut at = 60 * MS;
+    for ([a, b], counter) in ENCODERS {
+        for width_ns in [20, 40, 60] {
+            let before = register(&board, counter) as u16;
+            for (rises, expected) in [(true, -1), (false, 0)] {
+                board.set_input(a.0, a.1, true);
+                run(&mut board, at + width_ns / 2);
+                board.set_input(b.0, b.1, rises);
+                run(&mut board, at + width_ns);
+                board.set_input(a.0, a.1, false);
+                at += 1_000;
+                run(&mut board, at);
+                let counts = (register(&board, counter) as u16).wrapping_sub(before) as i16;
+                assert_eq!(counts, expected, "{width_ns} ns at {counter:#010x}");
+            }
+        }
+    }
+}
+
+/// The image that is built with the feature `bench`.
+fn bench_image() -> Firmware {
+    let path = std::env::var("OMNIBUS_ELF_BENCH").expect("OMNIBUS_ELF_BENCH names a bench image");
+    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+#[test]
+fn a_bench_image_stands_at_a_breakpoint_and_a_release_image_is_reset() {
+    for (image, resets) in [(bench_image(), 0), (firmware(), 1)] {
+        let mut board = board(&image);
+        run(&mut board, 100 * MS);
+        board.debug_stop();
+        board.run_until(600 * MS).unwrap();
+        assert_eq!(board.resets(), resets);
+        if resets == 0 {
+            let timer = board.pwm(1, 1);
+            assert!(!timer.active);
+            board.debug_resume(false);
+            let heard = frames(&mut board, 1_000 * MS);
+            assert_eq!(board.resets(), 0);
+            assert!(!heard.is_empty(), "it goes on");
+        }
+    }
+}
+
+#[test]
+fn a_bench_image_does_not_arm_and_says_so() {
+    const MOE: u32 = 1 << 15;
+    let mut board = board(&bench_image());
+    run(&mut board, 100 * MS);
+    assert!(
+        board
+            .take_log()
+            .iter()
+            .any(|line| line.text.contains("bench"))
+    );
+    nmt(&mut board, START);
+    run(&mut board, 200 * MS);
+    for at in BDTR {
+        assert_eq!(register(&board, at) & MOE, 0);
+    }
+    // Upload of 0x2001:2, the firmware's version: the highest bit says that it is a bench image.
+    let request = CanFrame::new(0x602, &[0x40, 0x01, 0x20, 2, 0, 0, 0, 0]);
+    board.can().receive(&request.expect("a frame"));
+    let heard = frames(&mut board, 250 * MS);
+    let answer = heard
+        .iter()
+        .find(|(_, frame)| frame.standard_id() == Some(0x582))
+        .expect("an answer");
+    assert_eq!(answer.1.data()[7] >> 7, 1);
 }

@@ -129,6 +129,8 @@ impl Drive {
     /// `duty` per wheel is -1..=1, positive rolls the base forward. After the drivers were disabled, or cut by the
     /// break input, they come back only when `drivers_enabled` goes from `false` to `true`.
     pub fn set(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
+        // A bench image is made to be halted with whatever its outputs are.
+        let drivers_enabled = drivers_enabled && !cfg!(feature = "bench");
         if !drivers_enabled {
             pac::TIM8.bdtr().modify(|w| w.set_moe(false));
             self.timer.set_moe(false);

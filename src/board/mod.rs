@@ -8,6 +8,8 @@ pub mod can;
 pub mod drive;
 pub mod executors;
 pub mod flash;
+#[cfg(feature = "bench")]
+mod freeze;
 pub mod index;
 pub mod iwdg;
 mod memory;

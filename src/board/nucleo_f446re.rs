@@ -218,6 +218,8 @@ impl Board {
             Output::new(p.PC3, Level::High, Speed::Low),
         ];
         power::watch();
+        #[cfg(feature = "bench")]
+        super::freeze::in_debug_halt();
 
         // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them costs 5 cycles.
         pac::FLASH.acr().modify(|w| {

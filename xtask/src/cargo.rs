@@ -88,13 +88,17 @@ pub fn ensure_target() -> anyhow::Result<()> {
 /// control side in fixed point.
 pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let elf = crate::firmware::build(Scalar::F32)?;
+    // Each variant replaces the one before it in the same folder; a copy stays.
+    let bench = crate::firmware::build_bench()?.with_extension("bench");
+    std::fs::copy(bench.with_extension(""), &bench)?;
     let fixed = crate::firmware::build(Scalar::Fixed)?;
     let mut command = command();
     command
         .args(["test", "--workspace", "--features", IMAGE_TESTS])
         .args(rest)
         .env("OMNIBUS_ELF", elf)
-        .env("OMNIBUS_ELF_FIXED", fixed);
+        .env("OMNIBUS_ELF_FIXED", fixed)
+        .env("OMNIBUS_ELF_BENCH", bench);
     run(&mut command)?;
     if rest.is_empty() {
         run(self::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;

@@ -30,6 +30,13 @@ pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     }
 }
 
+/// Builds the image for a desk with a debugger, which never drives.
+pub fn build_bench() -> anyhow::Result<PathBuf> {
+    build_variant(|command| {
+        command.args(["--features", "bench"]);
+    })
+}
+
 /// Builds an image whose control tick has another period than a millisecond, to measure with.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {

@@ -76,7 +76,11 @@ impl Board {
             match stall.filter(|until| *until > self.now) {
                 // The core fetches from the flash that is busy: it waits, interrupts too.
                 Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
-                _ if self.halted || self.debugger.stopped => self.skip_to(limit),
+                _ if self.halted || self.debugger.stopped => {
+                    let stood = limit - self.now;
+                    self.skip_to(limit);
+                    self.shared.with(|soc| soc.stood(stood));
+                }
                 _ if self.asleep && !self.shared.lines_changed.swap(false, Relaxed) => {
                     self.sleep_to(limit)?
                 }

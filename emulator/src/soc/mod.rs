@@ -409,6 +409,30 @@ impl Soc {
         self.rcc.enabled(gate)
     }
 
+    /// A debugger has held the core for some cycles up to now: what its freeze bits name has stood still (33.16.4 and
+    /// 33.16.5).
+    pub(crate) fn stood(&mut self, cycles: u64) {
+        const IWDG: u32 = 1 << 12;
+        let [_, _, apb1, apb2] = self.dbgmcu;
+        if apb1 & IWDG != 0 {
+            let ps = self.now_ps() - self.clock.local_ps(self.now - cycles);
+            self.iwdg.stood(ps);
+        }
+        for number in 1..self.timers.len() {
+            let frozen = match number {
+                1 => apb2,
+                8 => apb2 >> 1,
+                9..=11 => apb2 >> (16 + number - 9),
+                2..=7 => apb1 >> (number - 2),
+                _ => apb1 >> (6 + number - 12),
+            };
+            if frozen & 1 != 0 {
+                self.timers[number].stood(cycles);
+            }
+        }
+        self.settle();
+    }
+
     /// Whether a watchdog will reset the chip in the end.
     pub(crate) fn watchdog_running(&self) -> bool {
         self.iwdg.expires_at().is_some()

@@ -144,6 +144,12 @@ impl Iwdg {
         self.expires_at
     }
 
+    /// The counter has stood still for so long, ps.
+    pub fn stood(&mut self, ps: u64) {
+        self.count = self.count.map(|(count, at)| (count, at + ps));
+        self.expires_at = self.expires_at.map(|at| at + ps);
+    }
+
     /// Takes over what has arrived.
     fn sync(&mut self, now_ps: u64) {
         if let Some((_, Some(at))) = self.prescaler.pending

@@ -375,6 +375,11 @@ impl Timer {
         self.check_break();
     }
 
+    /// The counter has stood still for so many cycles.
+    pub fn stood(&mut self, cycles: u64) {
+        self.anchor += cycles;
+    }
+
     /// The clock security system has seen HSE fail: a break like that of the input (17.3.12).
     pub fn clock_failure(&mut self, now: u64) {
         self.sync(now);
