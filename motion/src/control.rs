@@ -155,7 +155,11 @@ impl Wheel {
         };
         let (voltage, held) = match trust {
             Trust::Full => self.drive.update(reference, rate, available),
-            Trust::Suspected | Trust::None => self.drive.doubt(reference, rate, trust, available),
+            Trust::Suspected => self.drive.doubt(reference, rate, trust, available),
+            Trust::None => {
+                self.watch.note_dead();
+                self.drive.doubt(reference, rate, trust, available)
+            }
         };
         self.watch
             .update(reference.rate, measured, voltage, (tick.now, tick.dt));
@@ -173,14 +177,6 @@ impl Wheel {
         let turns = voltage * self.given < 0.0;
         self.given = if turns { 0.0 } else { voltage };
         self.given
-    }
-
-    /// What it is sure of, if a robot comes to rest by it like this.
-    fn fault(&self, reaction: Reaction) -> Option<Fault> {
-        let dead = self.silence.is_dead().then_some(Fault::EncoderDead);
-        let found = [dead, self.watch.fault()];
-        let mut found = found.into_iter().flatten();
-        found.find(|fault| fault.reaction() == reaction)
     }
 }
 
@@ -370,10 +366,11 @@ impl Supervision {
     #[inline]
     fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
         let kept = self.report.fault;
+        let wheel = motion.wheel_fault();
         let cut = self
             .report
             .obstacle
-            .or_else(|| motion.wheel_fault(Reaction::Cut))
+            .or_else(|| wheel.filter(|fault| fault.reaction() == Reaction::Cut))
             .or_else(|| self.supply.too_high(&motion.configuration.supply, tick.now));
         self.report.fault = match kept.map(Fault::reaction) {
             Some(Reaction::Cut) => kept,
@@ -383,7 +380,7 @@ impl Supervision {
                     let asked = self.report.protective_stop && motion.configuration.protective_stop;
                     asked.then_some(Fault::ProtectiveStop)
                 })
-                .or_else(|| motion.wheel_fault(Reaction::Ramp))
+                .or(wheel)
                 .or_else(|| late(tick.elapsed_us, tick.now, command.alive))
                 .or_else(|| self.lasting_fault(motion, command, tick.now)),
         };
@@ -676,9 +673,18 @@ impl Motion {
         limited
     }
 
-    /// What a wheel's watch is sure of, of the faults with this reaction.
-    fn wheel_fault(&self, reaction: Reaction) -> Option<Fault> {
-        self.wheels.iter().find_map(|wheel| wheel.fault(reaction))
+    /// What the wheels' watches are sure of; what cuts comes first.
+    #[inline]
+    fn wheel_fault(&self) -> Option<Fault> {
+        let [a, b, c, d] = &self.wheels;
+        let faults = [a, b, c, d].map(|wheel| wheel.watch.fault());
+        if faults.iter().all(Option::is_none) {
+            return None;
+        }
+        let cuts = |fault: &Fault| fault.reaction() == Reaction::Cut;
+        let mut found = faults.iter().flatten().copied();
+        let cut = found.find(cuts);
+        cut.or_else(|| faults.iter().flatten().copied().next())
     }
 
     /// Closes the four loops.

@@ -94,11 +94,6 @@ impl Silence {
         }
     }
 
-    /// Whether it is sure.
-    pub(crate) const fn is_dead(&self) -> bool {
-        self.dead
-    }
-
     /// Drops a suspicion, but no fault.
     pub(crate) fn forgive(&mut self) {
         self.missed_asked = 0.0;

@@ -102,6 +102,12 @@ impl Watch {
         self.fault
     }
 
+    /// The encoder is dead, as others know.
+    #[cold]
+    pub(crate) fn note_dead(&mut self) {
+        self.fault.get_or_insert(Fault::EncoderDead);
+    }
+
     /// Drops a suspicion, but no fault.
     pub(crate) fn forgive(&mut self) {
         self.suspicion = None;
