@@ -122,7 +122,8 @@ impl Silence {
         self.missed_asked = if missed > 0.0 { missed } else { 0.0 };
         if missed > self.suspected_angle || self.dead {
             if before <= self.suspected_angle {
-                self.counted = 0.0;
+                // Not those of this tick: it may have fallen silent in the middle of it.
+                self.counted = -counted;
                 self.lasted = 0.0;
             }
             return self.suspect(asked, counted, dt);
@@ -188,6 +189,21 @@ mod tests {
             let want = 1e3 * (DEAD_TIME + DEAD_ANGLE / rate.abs());
             let took = dead_after(rate, |_| 0.0).unwrap();
             assert!((took as f32 - want).abs() <= 1.5, "{took} ms, not {want}");
+        }
+    }
+
+    /// 40 000 counts a turn are 25 in a tick at 3.94 rad/s: a fifth of a tick is more than stray counts.
+    #[test]
+    fn the_counts_of_the_tick_in_which_it_falls_silent_acquit_nobody() {
+        const FINE: f32 = core::f32::consts::TAU / 40_000.0;
+        let (rate, dt) = (3.94, DT);
+        for share in [0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.9] {
+            let mut silence = Silence::new(FINE, true);
+            silence.update(rate, rate * dt, share * rate * dt, dt);
+            let wanted = (1..=1_000)
+                .find(|_| silence.update(rate, rate * dt, 0.0, dt) == Trust::None)
+                .unwrap();
+            assert!(wanted <= 29, "{share}: {wanted} ms");
         }
     }
 
