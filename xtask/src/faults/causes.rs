@@ -15,6 +15,8 @@ pub const WATCHED: usize = 0;
 const WATCHED_NODE: u8 = 2;
 /// The member that lets the others down.
 const OTHER: usize = 2;
+/// Speed ahead, m/s, unless a case has its own.
+pub const SPEED: f32 = 0.6;
 /// The wheel that fails.
 const WHEEL: usize = 0;
 
@@ -24,6 +26,10 @@ const DRAG: f64 = 32.0;
 
 /// Supply at which it is too low, V; the robots have 24 V otherwise, and 18 V as their minimum.
 const LOW_SUPPLY: f64 = 17.0;
+/// Supply that is too high for a maximum of 30 V, V.
+const HIGH_SUPPLY: f64 = 32.0;
+/// A current that the driver does not bear, A: less than the 1.4 A with which the motors overcome friction.
+const TRIPS_AT: f64 = 1.0;
 /// After the supply has changed the duty does, for the same voltage at the motors; ms until it has.
 const SUPPLY_SETTLES_MS: u64 = 30;
 
@@ -66,6 +72,12 @@ pub struct Case {
     pub announced: Option<Fault>,
     /// How long the duty is not looked at, ms: the cause itself changes it.
     pub settles_ms: u64,
+    /// Speed of the group, m/s.
+    pub speed: f32,
+    /// What is promised at this speed, ms, if not the time of the page's table.
+    pub millis: Option<f64>,
+    /// Not for a pair with another.
+    pub alone: bool,
 }
 
 impl Case {
@@ -76,6 +88,9 @@ impl Case {
             trial,
             announced: None,
             settles_ms: 0,
+            speed: SPEED,
+            millis: None,
+            alone: false,
         }
     }
 }
@@ -120,6 +135,28 @@ pub const CASES: &[Case] = &[
     now(11, "", |rig| {
         rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
     }),
+    // The same with so many stray counts a second, and slowly: what the page's text promises.
+    Case {
+        alone: true,
+        ..now(11, "15 stray counts a second", |rig| {
+            dead_and_noisy(rig, 15.0)
+        })
+    },
+    Case {
+        alone: true,
+        speed: 0.3,
+        ..now(11, "0.3 m/s, 15 stray counts a second", |rig| {
+            dead_and_noisy(rig, 15.0);
+        })
+    },
+    Case {
+        alone: true,
+        speed: 0.1,
+        millis: Some(300.0),
+        ..now(11, "0.1 m/s, 15 stray counts a second", |rig| {
+            dead_and_noisy(rig, 15.0);
+        })
+    },
     now(12, "", |rig| {
         rig.world
             .set_encoder(WATCHED, WHEEL, EncoderState::Reversed);
@@ -128,6 +165,12 @@ pub const CASES: &[Case] = &[
         rig.world.set_wheel_drag(WATCHED, WHEEL, DRAG);
     }),
     now(14, "", |rig| rig.world.set_driver_fault(WATCHED, true)),
+    Case {
+        alone: true,
+        ..now(14, "trips at a current", |rig| {
+            rig.world.set_driver_trip(WATCHED, Some(TRIPS_AT));
+        })
+    },
     now(15, "", |rig| rig.world.set_emergency_stop(WATCHED, true)),
     // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which announces that.
     Case {
@@ -152,12 +195,13 @@ pub const CASES: &[Case] = &[
         _ = rig.world.halt(WATCHED, true);
     }),
     stored(21, "in any of its operations", super::power::interrupted),
-    // Another robot switched on whose node switches are set to the same number.
-    now(28, "boot-up", |rig| {
-        let boot_up = Frame::of(cob::heartbeat(WATCHED_NODE), [0]);
-        rig.world.send(boot_up);
-    }),
     stored(22, "a value out of its limits", super::power::corrupt),
+    Case {
+        settles_ms: SUPPLY_SETTLES_MS,
+        ..now(26, "", |rig| rig.world.set_supply(WATCHED, HIGH_SUPPLY))
+    },
+    // Another robot switched on whose node switches are set to the same number.
+    after(28, "boot-up", boot_up),
     now(30, "a gap", |rig| {
         on_board(rig, |board| {
             board.set_hse(false);
@@ -177,6 +221,23 @@ fn on_board(rig: &mut Rig, what: fn(&mut emulator::Board)) {
     if let Some(board) = rig.world.board(WATCHED_NODE) {
         what(board);
     }
+}
+
+/// A boot-up with the watched robot's number, while the bus is idle; the time counts from its end.
+fn boot_up(rig: &mut Rig) -> Result<(), SimError> {
+    const IDLE_MS: u64 = 5;
+    const FRAME_US: u64 = 80;
+    rig.run(IDLE_MS)?;
+    let boot_up = Frame::of(cob::heartbeat(WATCHED_NODE), [0]);
+    rig.world.send(boot_up);
+    let end = rig.world.now().0 + FRAME_US;
+    rig.world.run_until(canopen::Micros(end))
+}
+
+/// An encoder whose wires are open, with so many strikes of noise a second on them.
+fn dead_and_noisy(rig: &mut Rig, hz: f64) {
+    rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
+    rig.world.set_encoder_noise(WATCHED, WHEEL, hz);
 }
 
 /// The program goes wrong as soon as it is where it can.

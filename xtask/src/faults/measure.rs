@@ -1,6 +1,6 @@
 //! One cause, from driving to standstill, with a group of three emulated robots.
 //!
-//! The group drives straight ahead at [`SPEED`]. The cause appears 1 ms after a SYNC and the heartbeat: the worst
+//! The group drives straight ahead at the speed of the case. The cause appears 1 ms after a SYNC and the heartbeat: the worst
 //! moment for a time-out. From then on the outputs of the watched robot are looked at every [`STEP_US`]: a cut is the
 //! moment the bridges are off; a ramp is the moment the mean duty of three wheels falls below everything it was in
 //! the [`BEFORE_MS`] before, by [`VISIBLE`]. (The fourth wheel is the one that fails, in some causes.) Then the robot
@@ -20,10 +20,9 @@ use sim::{Backend, Options, RobotTruth, SimError, World};
 
 use super::causes::{Case, Trial, WATCHED};
 
-/// Speed ahead, m/s.
-pub const SPEED: f32 = 0.6;
 /// What the robots are told about their supply of 24 V, V.
 const SUPPLY_MINIMUM: f32 = 18.0;
+const SUPPLY_MAXIMUM: f32 = 30.0;
 /// Time to get ready after the start, and to reach the speed and settle, ms.
 const READY_MS: u64 = 60;
 const SETTLE_MS: u64 = 600;
@@ -91,7 +90,7 @@ pub fn measure(
         return trial(firmware);
     }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
-    let mut rig = driving(group, Robots::Emulated(firmware), SPEED)?;
+    let mut rig = driving(group, Robots::Emulated(firmware), case.speed)?;
     rig.run_to_phase(100, 1)?;
     let mut before = f64::INFINITY;
     for _ in 0..BEFORE_MS * 1_000 / STEP_US {
@@ -103,13 +102,16 @@ pub fn measure(
     let announced_before = rig.emergencies(node).count();
     case.trial.appear(&mut rig)?;
     let began = rig.world.now().0;
-    if case.settles_ms > 0 {
+    let cuts = reaction == Reaction::Cut;
+    if case.settles_ms > 0 && cuts {
+        // A cut is seen whatever the duty does.
+        before = f64::NEG_INFINITY;
+    } else if case.settles_ms > 0 {
         rig.run(case.settles_ms)?;
         before = effort(&watched(&rig)?);
     }
     let since = |rig: &Rig| (rig.world.now().0 - began) as f64 / 1e3;
 
-    let cuts = reaction == Reaction::Cut;
     let (mut reaction, mut rest) = (None, None);
     while rest.is_none() || since(&rig) < reaction.unwrap_or(0.0) + REST_MS as f64 {
         let robot = watched(&rig)?;
@@ -158,10 +160,13 @@ pub fn driving(group: &GroupFile, robots: Robots<'_>, speed: f32) -> anyhow::Res
     let mut session = Group::connect(&mut link, group)?;
     session.configure(true)?;
     for robot in &group.robots {
-        let minimum = Value::F32(SUPPLY_MINIMUM);
-        session
-            .wire()
-            .write(robot.node, at::SUPPLY_MINIMUM, minimum)?;
+        for (address, volts) in [
+            (at::SUPPLY_MINIMUM, SUPPLY_MINIMUM),
+            (at::SUPPLY_MAXIMUM, SUPPLY_MAXIMUM),
+        ] {
+            let volts = Value::F32(volts);
+            session.wire().write(robot.node, address, volts)?;
+        }
     }
     drop(session);
     let mut rig = Rig::new(link.world, group);

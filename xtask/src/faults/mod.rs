@@ -68,6 +68,7 @@ const GROUP: &str = "groups/tcc-3.toml";
 
 /// One line of the result.
 struct Line {
+    /// With the time of the case, where it has its own.
     promise: Promise,
     variant: &'static str,
     outcome: Outcome,
@@ -105,7 +106,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .is_none()
             .then(|| scope.spawn(|| skew::measure(&group, &firmware)));
         let lines = side_by_side(threads, &jobs, |(promise, case)| Line {
-            promise: (*promise).clone(),
+            promise: Promise {
+                millis: case.millis.or(promise.millis),
+                ..(*promise).clone()
+            },
             variant: case.variant,
             outcome: tried(&group, &firmware, promise, case),
         });
@@ -193,7 +197,8 @@ fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case)
         let within = |measured: Option<f64>, promised: Option<f64>| {
             measured.zip(promised).is_none_or(|(m, p)| m <= p)
         };
-        promise.millis.is_some_and(|promised| time <= promised)
+        let millis = case.millis.or(promise.millis);
+        millis.is_some_and(|promised| time <= promised)
             && within(measured.wheel_rate, promise.wheel_rate)
             && within(measured.way, promise.way)
     };

@@ -18,8 +18,8 @@ use sim::rig::Rig;
 
 use protocol::Reaction;
 
-use super::causes::{CASES, Case, Trial, WATCHED};
-use super::measure::{self, Robots, SPEED};
+use super::causes::{CASES, Case, SPEED, Trial, WATCHED};
+use super::measure::{self, Robots};
 use super::promise::Promise;
 
 /// How long after the first the second appears, ms.
@@ -63,7 +63,7 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
     };
     let causes: Vec<_> = CASES
         .iter()
-        .filter(|case| !matches!(case.trial, Trial::Stored(_)))
+        .filter(|case| !case.alone && !matches!(case.trial, Trial::Stored(_)))
         .filter_map(promised)
         .collect();
     let mut pairs = Vec::new();
@@ -83,13 +83,15 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
 }
 
 fn is_of_processor(case: &Case) -> bool {
-    OF_PROCESSOR.contains(&case.number) || case.variant == "processor halted"
+    OF_PROCESSOR.contains(&case.number)
+        || [30, 31].contains(&case.number)
+        || case.variant == "processor halted"
 }
 
 /// Whether both can be brought about: not when they do something else to the same thing.
 fn go_together(first: &Case, second: &Case) -> bool {
-    /// The front left encoder; the setpoints that the master sends.
-    const SAME: [&[u8]; 2] = [&[11, 12], &[3, 7, 8]];
+    /// The front left encoder; the setpoints that the master sends; the supply.
+    const SAME: [&[u8]; 3] = [&[11, 12], &[3, 7, 8], &[16, 26]];
     let both =
         |numbers: &&[u8]| numbers.contains(&first.number) && numbers.contains(&second.number);
     let of_processor = (is_of_processor(first), is_of_processor(second));
