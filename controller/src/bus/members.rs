@@ -13,8 +13,44 @@ use crate::interlock::is_standstill;
 use crate::rhythm::Beat;
 use crate::state::{Happening, State};
 
-/// Most words of the communication objects that are part of a plan: see [`BusSide::make_plan`].
-const WORDS: usize = 44;
+/// What of an object is part of a plan.
+#[derive(Clone, Copy)]
+enum Part {
+    /// Its value, the same in all members.
+    Same,
+    /// An identifier of the robot's own: its value less the node number.
+    OwnIdentifier,
+    /// The number of a PDO's entries, and then these.
+    Map,
+}
+
+/// The communication objects that are part of a plan: SYNC, emergency message, and the PDOs that carry group twist, status
+/// and measured twist. Every other PDO is a member's own matter.
+static PARTS: [(u16, u8, Part); 20] = [
+    (0x1005, 0, Part::Same),
+    (0x1006, 0, Part::Same),
+    (0x1007, 0, Part::Same),
+    (0x1014, 0, Part::OwnIdentifier),
+    (0x1400, 1, Part::Same),
+    (0x1400, 2, Part::Same),
+    (0x1400, 5, Part::Same),
+    (0x1600, 0, Part::Map),
+    (0x1800, 1, Part::OwnIdentifier),
+    (0x1800, 2, Part::Same),
+    (0x1800, 3, Part::Same),
+    (0x1800, 5, Part::Same),
+    (0x1800, 6, Part::Same),
+    (0x1A00, 0, Part::Map),
+    (0x1801, 1, Part::OwnIdentifier),
+    (0x1801, 2, Part::Same),
+    (0x1801, 3, Part::Same),
+    (0x1801, 5, Part::Same),
+    (0x1801, 6, Part::Same),
+    (0x1A01, 0, Part::Map),
+];
+
+/// Most words that they have: eight entries a map.
+const WORDS: usize = PARTS.len() + 3 * canopen::MAX_MAPPED;
 
 impl BusSide {
     /// The master's heartbeat. Only one that says OPERATIONAL is a sign of life; one that says boot-up means that the
@@ -77,34 +113,29 @@ impl BusSide {
     pub(super) fn make_plan(&self) -> Plan {
         let node = u32::from(self.identity.node.get());
         let mut words = heapless::Vec::<u32, WORDS>::new();
-        let mut take = |index: u16, sub: u8, own: bool| {
-            let mut bytes = [0; 4];
-            let read = self.device.read(index, sub, &mut bytes, &self.dictionary);
-            let word = read.map_or(0, |_| u32::from_le_bytes(bytes));
-            let _ = words.push(word.wrapping_sub(if own { node } else { 0 }));
-            word
-        };
-        for index in [0x1005, 0x1006, 0x1007] {
-            take(index, 0, false);
-        }
-        take(0x1014, 0, true);
-        // The group twist, the status and the measured twist; every other PDO is a member's own matter.
-        let pdos: [(u16, &[u8]); 3] = [
-            (0x1400, &[2, 5]),
-            (0x1800, &[2, 3, 5, 6]),
-            (0x1801, &[2, 3, 5, 6]),
-        ];
-        for (index, subs) in pdos {
-            take(index, 1, index >= 0x1800);
-            for sub in subs {
-                take(index, *sub, false);
-            }
-            let mapped = take(index + 0x200, 0, false);
-            for sub in 1..=mapped.to_le_bytes()[0] {
-                take(index + 0x200, sub, false);
+        for (index, sub, part) in PARTS.iter().copied() {
+            let word = self.object(index, sub);
+            let _ = words.push(match part {
+                Part::OwnIdentifier => word.wrapping_sub(node),
+                Part::Same | Part::Map => word,
+            });
+            let mapped = match part {
+                Part::Map => word.to_le_bytes()[0],
+                Part::Same | Part::OwnIdentifier => 0,
+            };
+            for sub in 1..=mapped {
+                let _ = words.push(self.object(index, sub));
             }
         }
         Plan::new(self.dictionary.parameters.group_crc(), words.into_iter())
+    }
+
+    /// An object of the device, as a number; 0 for none.
+    #[inline(never)]
+    fn object(&self, index: u16, sub: u8) -> u32 {
+        let mut bytes = [0; 4];
+        let read = self.device.read(index, sub, &mut bytes, &self.dictionary);
+        read.map_or(0, |_| u32::from_le_bytes(bytes))
     }
 
     /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.

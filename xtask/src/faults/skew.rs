@@ -25,9 +25,9 @@ pub const SECONDS: u64 = 60;
 pub const LIMIT_US: f64 = 50.0;
 
 const PERIOD_US: u64 = 10_000;
-/// SYNCs until the clocks are in step.
 /// SYNCs at standstill, the start among them.
 const STANDS: u64 = 30;
+/// SYNCs until the clocks are in step.
 const SETTLE: u64 = 200;
 /// A setpoint goes out this long before its SYNC is due; the earliest comes 2.5 ms after it.
 const LEAD_US: u64 = 4_000;
