@@ -10,11 +10,12 @@
 //! the bus side, which also says when to come back from bus-off. Events are logged; nothing is decided here.
 //!
 //! It also stores the parameters when the bus side hands out an image, which it does only while the outputs are off.
-//! Until that is done no other task runs here: 2 ms as a rule, up to a second when a sector has to be erased. Frames lost
+//! Until that is done no other task runs here: 3 ms as a rule, a quarter of a second when a sector has to be erased. Frames lost
 //! meanwhile are counted, but no fault.
 
 use canopen::{Frame, Micros, NmtState};
-use controller::{BusSide, Event, State, Stored};
+use controller::record_store::{RecordStore, StoreError};
+use controller::{BusSide, Event, IMAGE_MAX, State, Stored};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
@@ -23,7 +24,6 @@ use crate::board::iwdg::patiently;
 use crate::board::now;
 use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
-use crate::store::{self, Store};
 use crate::wake;
 
 /// Longest time between two turns. The watchdog is fed every 10 ms, if there has been one.
@@ -31,7 +31,7 @@ const LONGEST_WAIT: Micros = Micros(5_000);
 
 /// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
-pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<ParameterFlash>) {
+pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStore<ParameterFlash>) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
@@ -88,7 +88,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: Store<Para
 
 /// Stores an image if there is one to store. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
-fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
+fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
     let Some(image) = side.image_to_store() else {
         return false;
     };
@@ -100,11 +100,11 @@ fn save(side: &mut BusSide, store: &mut Store<ParameterFlash>) -> bool {
         return true;
     }
     defmt::error!("storing failed");
-    let mut buffer = [0; store::BUFFER];
-    side.finish_store(Err(match patiently(|| store.load(&mut buffer)) {
-        Ok(Ok(Some(image))) => Stored::Image(image),
-        Ok(Ok(None)) => Stored::Nothing,
-        Ok(Err(_)) | Err(_) => Stored::Unreadable,
+    let mut buffer = [0; IMAGE_MAX];
+    side.finish_store(Err(match store.image(&mut buffer) {
+        Ok(Some(image)) => Stored::Image(image),
+        Ok(None) => Stored::Nothing,
+        Err(StoreError) => Stored::Unreadable,
     }));
     true
 }

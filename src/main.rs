@@ -41,8 +41,6 @@ mod led;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]
-mod store;
-#[cfg(target_os = "none")]
 mod wake;
 #[cfg(target_os = "none")]
 mod watchdog;

@@ -3,6 +3,7 @@
 use core::mem::MaybeUninit;
 
 use canopen::NodeId;
+use controller::record_store::RecordStore;
 use controller::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use defmt::unwrap;
 use embassy_executor::Spawner;
@@ -11,11 +12,9 @@ use protocol::Fault;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::can::Can;
-use crate::board::flash::{PARAMETERS, ParameterFlash};
-use crate::board::iwdg::patiently;
+use crate::board::flash::ParameterFlash;
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, ResetCause, executors, now};
-use crate::store::{self, Store};
 use crate::watchdog::Guard;
 use crate::{bus, control, health, led};
 
@@ -39,12 +38,12 @@ fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'stat
 
 /// Brings the stored parameters back. Not inlined, for the same reason.
 #[inline(never)]
-fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
-    let mut buffer = [0; store::BUFFER];
-    let stored = match patiently(|| store.load(&mut buffer)) {
-        Ok(Ok(Some(image))) => Stored::Image(image),
-        Ok(Ok(None)) => Stored::Nothing,
-        Ok(Err(_)) | Err(_) => Stored::Unreadable,
+fn load(side: &mut BusSide, store: &RecordStore<ParameterFlash>) {
+    let mut buffer = [0; IMAGE_MAX];
+    let stored = match store.image(&mut buffer) {
+        Ok(Some(image)) => Stored::Image(image),
+        Ok(None) => Stored::Nothing,
+        Err(_) => Stored::Unreadable,
     };
     side.load(now(), IMAGE.take(), stored);
     side.counters_mut().store = store.wear();
@@ -52,9 +51,9 @@ fn load(side: &mut BusSide, store: &mut Store<ParameterFlash>) {
 
 /// The node-ID stored by LSS, if there is one. Not inlined, for the same reason.
 #[inline(never)]
-fn node_stored(store: &mut Store<ParameterFlash>) -> Option<NodeId> {
-    let mut buffer = [0; store::BUFFER];
-    let image = patiently(|| store.load(&mut buffer)).ok()?.ok()??;
+fn node_stored(store: &RecordStore<ParameterFlash>) -> Option<NodeId> {
+    let mut buffer = [0; IMAGE_MAX];
+    let image = store.image(&mut buffer).ok()??;
     stored_node(image)
 }
 
@@ -72,7 +71,7 @@ pub fn start() -> ! {
 struct Parts {
     can: Can,
     side: &'static mut BusSide,
-    store: Store<ParameterFlash>,
+    store: RecordStore<ParameterFlash>,
     led: Output<'static>,
 }
 
@@ -81,10 +80,8 @@ struct Parts {
 fn prepare() -> Parts {
     let board = Board::new();
     let switches = unwrap!(NodeId::new(FIRST_NODE + board.node_switches));
-    let mut store = Store::new(board.flash, PARAMETERS);
-    // What cannot be read now cannot be read later either, and is reported then.
-    let save_was_cut = matches!(patiently(|| store.open()), Ok(Ok(true)));
-    let node = node_stored(&mut store).unwrap_or(switches);
+    let store = RecordStore::open(board.flash);
+    let node = node_stored(&store).unwrap_or(switches);
     defmt::info!(
         "reset: {}, node {=u8} (switches {=u8}), serial {=u32:#010x}",
         board.reset_cause,
@@ -116,8 +113,8 @@ fn prepare() -> Parts {
     };
     let side = place(BUS_SIDE.uninit(), identity);
     side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
-    load(side, &mut store);
-    if save_was_cut {
+    load(side, &store);
+    if store.was_cut() {
         side.on_fault(now(), Fault::StoreInterrupted);
     }
     match (crash, by_watchdog) {

@@ -291,6 +291,68 @@ fn paths_of_code_named_in_the_documents_exist() {
     nothing(&complaints);
 }
 
+/// Commands of a program, from the variants of its `clap` enum.
+fn commands(source: &str) -> BTreeSet<String> {
+    let text = read(source);
+    let body = text
+        .split_once("#[derive(Subcommand)]")
+        .map(|(_, rest)| rest)
+        .and_then(|rest| rest.split("\n}").next())
+        .unwrap_or_else(|| panic!("{source} has no commands"));
+    let variants = body
+        .lines()
+        .filter_map(|line| line.strip_prefix("    "))
+        .filter(|line| line.starts_with(|first: char| first.is_ascii_uppercase()));
+    variants
+        .map(|line| {
+            let end = line.find(|letter: char| !letter.is_alphanumeric());
+            let mut command = String::new();
+            for letter in line[..end.unwrap_or(line.len())].chars() {
+                if letter.is_uppercase() && !command.is_empty() {
+                    command.push('-');
+                }
+                command.extend(letter.to_lowercase());
+            }
+            command
+        })
+        .collect()
+}
+
+#[test]
+fn commands_named_in_the_documents_exist() {
+    let programs = [
+        ("omnibus", commands("master/src/main.rs")),
+        ("omnibus-sim", commands("sim/src/bin/omnibus-sim/main.rs")),
+        ("xtask", commands("xtask/src/main.rs")),
+    ];
+    let mut complaints = Vec::new();
+    // The glossary also names what is going to be.
+    let pages = files("md")
+        .into_iter()
+        .filter(|page| !page.ends_with("glossary.md"));
+    for page in pages {
+        let text = read(&page).replace(" -- ", " ");
+        let words: Vec<&str> = text
+            .split_whitespace()
+            .map(|word| word.trim_start_matches(['`', '(']))
+            .collect();
+        for pair in words.windows(2) {
+            let name = pair[1].trim_end_matches(['`', ')', ',', '.', ';', ':', '?']);
+            let command = !name.is_empty()
+                && !name.starts_with('-')
+                && name
+                    .chars()
+                    .all(|letter| letter == '-' || letter.is_ascii_lowercase());
+            for (program, commands) in &programs {
+                if pair[0] == *program && command && !commands.contains(name) {
+                    complaints.push(format!("{}: {program} has no {name}", page.display()));
+                }
+            }
+        }
+    }
+    nothing(&complaints);
+}
+
 /// Port and number of every pin in a text, in order.
 fn pins(text: &str) -> Vec<String> {
     let bytes = text.as_bytes();

@@ -47,6 +47,7 @@ mod identity;
 mod interlock;
 pub mod parameters;
 pub mod rhythm;
+pub mod record_store;
 pub mod sequence;
 pub mod state;
 mod store;

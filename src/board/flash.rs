@@ -1,61 +1,71 @@
 //! The two flash sectors that belong to the parameters (RM0390 rev 6 section 3; `memory.x` has the map).
 //!
-//! The chip has one bank: while a word is programmed (16 us) or a sector erased (16 KiB: 250 ms typically, 800 ms at
-//! most at 8 bits parallelism, data sheet DS10693 rev 10 table 49) it executes nothing. For that long no interrupt is
-//! served, and frames that do not fit into the CAN controller's FIFO are lost; during an erase the local time stands
-//! still. Between the operations interrupts are served, but no other task of the bus executor runs, and
-//! clearing up a full sector takes the store up to 400 ms of computing. So this may be used only while the outputs are
-//! off, and the watchdog, which cannot be stopped, is given more time by
-//! [`patiently`](super::iwdg::patiently).
+//! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased (16 KiB: 250 ms typically,
+//! 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10 table 49) it executes nothing. For that long no
+//! interrupt is served, and frames that do not fit into the CAN controller's FIFO are lost; during an erase the local
+//! time stands still. Between the operations interrupts are served, but no other task of the bus executor runs. So writing
+//! may be done only while the outputs are off, and the watchdog, which cannot be stopped, is given more time by
+//! [`patiently`](super::iwdg::patiently). Reading takes no longer than reading RAM.
 
+#![expect(
+    unsafe_code,
+    reason = "flash is memory that is read and written by address"
+)]
+
+use controller::record_store::{Flash, StoreError};
 use embassy_stm32::Peri;
-use embassy_stm32::flash::{Bank1Region1, Blocking, Error, Flash};
 use embassy_stm32::pac;
+use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::peripherals::FLASH;
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
-/// Offset of the first of the two sectors; `__parameters_start` in `memory.x`.
-pub const PARAMETERS: u32 = 0x4000;
+/// First sector of the two, and its address; `__parameters_start` in `memory.x`.
+const FIRST: u8 = 1;
+const ADDRESS: u32 = 0x0800_4000;
 
-/// Flash sectors 0 to 3.
-pub struct ParameterFlash(Bank1Region1<'static, Blocking>);
+/// Flash sectors 1 and 2.
+pub struct ParameterFlash(());
 
 impl ParameterFlash {
     /// Takes the flash interface.
-    pub fn new(flash: Peri<'static, FLASH>) -> Self {
-        Self(
-            Flash::new_blocking(flash)
-                .into_blocking_regions()
-                .bank1_region1,
-        )
+    pub fn new(_flash: Peri<'static, FLASH>) -> Self {
+        Self(())
     }
 }
 
-impl ErrorType for ParameterFlash {
-    type Error = Error;
-}
+impl Flash for ParameterFlash {
+    const SECTOR: u32 = 0x4000;
 
-impl ReadNorFlash for ParameterFlash {
-    const READ_SIZE: usize = 1;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
-        self.0.blocking_read(offset, bytes)
+    fn word(&self, at: u32) -> u32 {
+        // SAFETY: the address is a word of one of the two sectors, which are always readable.
+        address(at).map_or(u32::MAX, |from| unsafe { from.read_volatile() })
     }
 
-    fn capacity(&self) -> usize {
-        0x1_0000
+    fn program(&mut self, at: u32, word: u32) -> Result<(), StoreError> {
+        let to = address(at).ok_or(StoreError)?;
+        unlock();
+        pac::FLASH.cr().write(|w| {
+            w.set_psize(Psize::PSIZE32);
+            w.set_pg(true);
+        });
+        // SAFETY: the address is a word of one of the two sectors, where neither code nor constants lie. With PG set the
+        // write programs it, and the core waits where it needs the flash.
+        unsafe { to.write_volatile(word) };
+        finish()
     }
-}
 
-impl NorFlash for ParameterFlash {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = 0x4000;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
+    fn erase(&mut self, at: u32) -> Result<(), StoreError> {
+        let sector = FIRST + u8::from(at >= Self::SECTOR);
+        unlock();
+        pac::FLASH.cr().write(|w| {
+            w.set_psize(Psize::PSIZE32);
+            w.set_ser(true);
+            w.set_snb(sector);
+        });
         // The local time counts this timer's overflows in an interrupt. If it missed some, the time and the timer would
         // be half a period apart for ever after, and every alarm 33 ms off; so the time stands still.
         pac::TIM9.cr1().modify(|w| w.set_cen(false));
-        let result = self.0.blocking_erase(from, to);
+        pac::FLASH.cr().modify(|w| w.set_strt(true));
+        let result = finish();
         pac::TIM9.cr1().modify(|w| w.set_cen(true));
         // 3.4.2: the data cache does not notice an erase.
         pac::FLASH.acr().modify(|w| w.set_dcen(false));
@@ -64,8 +74,33 @@ impl NorFlash for ParameterFlash {
         pac::FLASH.acr().modify(|w| w.set_dcen(true));
         result
     }
+}
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        self.0.blocking_write(offset, bytes)
+/// Where a word of the two sectors is; none for what is not in them.
+fn address(at: u32) -> Option<*mut u32> {
+    let is_inside = at < 2 * ParameterFlash::SECTOR && at.is_multiple_of(4);
+    is_inside.then_some((ADDRESS + at) as *mut u32)
+}
+
+/// Permits an operation (3.5.1), with the error flags of the last one cleared.
+fn unlock() {
+    if pac::FLASH.cr().read().lock() {
+        pac::FLASH.keyr().write_value(0x4567_0123);
+        pac::FLASH.keyr().write_value(0xCDEF_89AB);
     }
+    // Flags are cleared by writing one.
+    pac::FLASH.sr().modify(|_| {});
+}
+
+/// Waits for the end of an operation and permits no other.
+fn finish() -> Result<(), StoreError> {
+    // What was written last has reached the interface when BSY is looked at.
+    cortex_m::asm::dsb();
+    while pac::FLASH.sr().read().bsy() {}
+    let status = pac::FLASH.sr().read();
+    pac::FLASH.cr().write(|w| w.set_lock(true));
+    if status.pgserr() || status.pgperr() || status.pgaerr() || status.wrperr() {
+        return Err(StoreError);
+    }
+    Ok(())
 }

@@ -1,14 +1,11 @@
 //! Images as the firmware stores them, made on the host by the firmware's own store.
 
 use std::cell::RefCell;
+use std::rc::Rc;
 
 use anyhow::anyhow;
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use controller::record_store::{Flash, RecordStore, StoreError};
 use protocol::Address;
-
-#[path = "../../../src/store.rs"]
-#[expect(dead_code, reason = "only saving is wanted")]
-mod store;
 
 /// One parameter, with the CRC that it should have: format 2 as `controller/src/store.rs` describes it.
 pub fn with(address: Address, value: f32) -> Vec<u8> {
@@ -31,45 +28,35 @@ fn crc32(bytes: &[u8]) -> u32 {
 
 /// The two sectors with this image stored.
 pub fn sectors(image: &[u8]) -> anyhow::Result<Vec<u8>> {
-    let memory = RefCell::new(vec![0xFF; 2 * Memory::ERASE_SIZE]);
-    store::Store::new(Memory(&memory), 0)
+    let memory = Memory(Rc::new(RefCell::new(vec![
+        u32::MAX;
+        2 * Memory::SECTOR as usize / 4
+    ])));
+    RecordStore::open(memory.clone())
         .save(image)
         .map_err(|_| anyhow!("the image cannot be stored"))?;
-    Ok(memory.into_inner())
+    let words = memory.0.borrow();
+    Ok(words.iter().flat_map(|word| word.to_le_bytes()).collect())
 }
 
-struct Memory<'a>(&'a RefCell<Vec<u8>>);
+#[derive(Clone)]
+struct Memory(Rc<RefCell<Vec<u32>>>);
 
-impl ErrorType for Memory<'_> {
-    type Error = core::convert::Infallible;
-}
+impl Flash for Memory {
+    const SECTOR: u32 = 0x4000;
 
-impl ReadNorFlash for Memory<'_> {
-    const READ_SIZE: usize = 1;
+    fn word(&self, at: u32) -> u32 {
+        self.0.borrow()[at as usize / 4]
+    }
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-        let from = offset as usize;
-        bytes.copy_from_slice(&self.0.borrow()[from..from + bytes.len()]);
+    fn program(&mut self, at: u32, word: u32) -> Result<(), StoreError> {
+        self.0.borrow_mut()[at as usize / 4] &= word;
         Ok(())
     }
 
-    fn capacity(&self) -> usize {
-        2 * Self::ERASE_SIZE
-    }
-}
-
-impl NorFlash for Memory<'_> {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = 0x4000;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
-        self.0.borrow_mut()[from as usize..to as usize].fill(0xFF);
-        Ok(())
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        let from = offset as usize;
-        self.0.borrow_mut()[from..from + bytes.len()].copy_from_slice(bytes);
+    fn erase(&mut self, at: u32) -> Result<(), StoreError> {
+        let from = at as usize / 4;
+        self.0.borrow_mut()[from..from + Self::SECTOR as usize / 4].fill(u32::MAX);
         Ok(())
     }
 }
