@@ -9,13 +9,13 @@
 //! full the bus side counts what it drops. What only the CAN controller can see, bus-off and lost frames, is reported to
 //! the bus side, which also says when to come back from bus-off. Events are logged; nothing is decided here.
 //!
-//! It also stores the parameters when the bus side hands out an image, which it does only while the outputs are off.
+//! It also stores faults and the parameters, the latter when the bus side hands out an image, which it does only while the outputs are off.
 //! Until that is done no other task runs here: 3 ms as a rule, a quarter of a second when a sector has to be erased. Frames lost
 //! meanwhile are counted, but no fault.
 
 use canopen::{Frame, Micros, NmtState};
 use controller::record_store::{RecordStore, StoreError};
-use controller::{BusSide, Event, IMAGE_MAX, State, Stored};
+use controller::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 use protocol::Fault;
 
 use crate::board::can::{Can, Health};
@@ -55,7 +55,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
             CONFIGURATION.leave(configuration);
         }
         COMMAND.put(side.command());
-        if save(side, &mut store) {
+        if save(side, &mut store) || remember(side, &mut store) {
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()
@@ -106,6 +106,29 @@ fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
         Ok(None) => Stored::Nothing,
         Err(StoreError) => Stored::Unreadable,
     }));
+    true
+}
+
+/// Writes to the fault memory what is to be kept there. Not inlined, for the same reason.
+#[inline(never)]
+fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
+    let at = now();
+    if side.to_remember(at).is_none() {
+        return false;
+    }
+    let written = patiently(|| {
+        while let Some(next) = side.to_remember(at) {
+            let stored = match next {
+                Memorable::Start => store.add_start(),
+                Memorable::Fault(fault) => store.add_fault(&fault),
+            };
+            side.remembered(at, stored.is_ok());
+        }
+    });
+    if written.is_err() {
+        side.remembered(at, false);
+    }
+    side.counters_mut().store = store.wear();
     true
 }
 

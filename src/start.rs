@@ -36,7 +36,7 @@ fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'stat
     place.write(BusSide::new(identity))
 }
 
-/// Brings the stored parameters back. Not inlined, for the same reason.
+/// Brings the stored parameters and faults back. Not inlined, for the same reason.
 #[inline(never)]
 fn load(side: &mut BusSide, store: &RecordStore<ParameterFlash>) {
     let mut buffer = [0; IMAGE_MAX];
@@ -47,6 +47,7 @@ fn load(side: &mut BusSide, store: &RecordStore<ParameterFlash>) {
     };
     side.load(now(), IMAGE.take(), stored);
     side.counters_mut().store = store.wear();
+    side.recall(store.starts(), store.faults());
 }
 
 /// The node-ID stored by LSS, if there is one. Not inlined, for the same reason.

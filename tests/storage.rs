@@ -6,7 +6,7 @@
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Port, Stop, StopKind};
 use protocol::address::{self as at, history};
 use protocol::compensation::{LENGTH_MAX, Tables};
-use protocol::{Access, Address, ENTRIES, Fault, Kind};
+use protocol::{Access, Address, ENTRIES, Fault, Kind, StoredFault};
 
 const NODE: u16 = 2;
 /// Longest time for an answer: an erase at 250 ms, and what is programmed. Two erases over a store of the version before.
@@ -154,6 +154,38 @@ impl Robot {
         assert_eq!(command & 0xE3, 0x43, "{from:?}: expedited, with its length");
         let length = 4 - u32::from(command >> 2 & 3);
         u32::from_le_bytes([a, b, c, d]) & (u32::MAX >> (32 - 8 * length))
+    }
+
+    /// Reads in segments.
+    fn read_block(&mut self, from: Address) -> Vec<u8> {
+        let [low, high] = from.index.to_le_bytes();
+        let answer = self.request([0x40, low, high, from.sub, 0, 0, 0, 0]);
+        let [command, _, _, _, a, b, c, d] = answer.unwrap();
+        if command == 0x42 {
+            return Vec::new();
+        }
+        assert_eq!(command, 0x41, "{from:?}: with its length");
+        let length = u32::from_le_bytes([a, b, c, d]) as usize;
+        let mut bytes = Vec::new();
+        for nth in 0_u8.. {
+            let toggle = (nth & 1) << 4;
+            let answer = self.request([0x60 | toggle, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+            let unused = usize::from(answer[0] >> 1 & 7);
+            bytes.extend(&answer[1..8 - unused]);
+            if answer[0] & 1 != 0 {
+                break;
+            }
+        }
+        assert_eq!(bytes.len(), length);
+        bytes
+    }
+
+    /// The fault memory, the newest first.
+    fn stored_faults(&mut self) -> Vec<StoredFault> {
+        let bytes = self.read_block(at::STORED_FAULTS);
+        let (faults, rest) = bytes.as_chunks();
+        assert!(rest.is_empty());
+        faults.iter().map(StoredFault::decode).collect()
     }
 
     fn set(&mut self, set: Set) {
@@ -559,4 +591,72 @@ fn three_hundred_random_saves_and_power_cuts() {
     }
     println!("{cuts} cuts, slowest start {} us", slowest_ns / 1_000);
     assert!(cuts > 50);
+}
+
+/// A start that is refused is a fault: it is in flash a second after power-on, and nothing is before.
+#[test]
+fn faults_outlive_a_power_cycle() {
+    let firmware = firmware();
+    let blank = Board::new(&firmware, BoardConfig::default()).flash();
+    let mut robot = Robot::power_on(&firmware, &blank);
+    robot.wait_ms(100);
+    robot.send(0, &[1, 0]);
+    robot.wait_ms(10);
+    let unconfigured = Fault::Unconfigured.code();
+    assert_eq!(robot.stored_faults()[0].code, unconfigured);
+    assert_eq!(robot.read(at::UNSTORED_FAULTS), 1);
+    let now_ms = robot.board.now_ns() / 1_000_000;
+    robot.wait_ms(990 - now_ms);
+    assert_eq!(robot.board.flash_operations(), FlashOperations::default());
+    robot.wait_ms(50);
+    assert_eq!(robot.read(at::UNSTORED_FAULTS), 0);
+    let stored = robot.stored_faults();
+
+    let mut robot = Robot::power_on(&firmware, &robot.board.flash());
+    assert_eq!(robot.stored_faults(), stored);
+    let [fault] = stored[..] else {
+        panic!("{stored:?}");
+    };
+    assert_eq!((fault.code, fault.start), (unconfigured, 1));
+    assert!((90..130).contains(&fault.time_ms), "{fault:?}");
+    assert_eq!((fault.supply, fault.rates), (None, [0.0; 4]));
+    assert_eq!(robot.read(at::START_NUMBER), 2);
+    // A robot that is switched off within the second has not counted that start.
+    let mut robot = Robot::power_on(&firmware, &robot.board.flash());
+    assert_eq!(robot.read(at::START_NUMBER), 2);
+}
+
+/// Every way to lose power while a start and a fault are written: a robot that boots, with the set it had.
+#[test]
+fn a_power_cut_while_faults_are_written_costs_those_faults_only() {
+    let firmware = firmware();
+    let flash = with_first_set(&firmware);
+    let mut robot = Robot::power_on(&firmware, &flash);
+    robot.set(Set(1));
+    robot
+        .write(at::HALF_TRACK, &0.0_f32.to_le_bytes())
+        .unwrap()
+        .unwrap_err();
+    robot.send(0, &[1, 0]);
+    robot.wait_ms(500);
+    robot.board.record_power_cuts();
+    robot.wait_ms(1_000);
+    let left = robot.board.take_power_cuts();
+    println!("{} operations", left.len());
+    assert!(left.len() >= 3 + 11, "a start and a fault");
+    let whole = robot.stored_faults();
+    for (nth, flash) in left.iter().enumerate() {
+        let mut robot = Robot::power_on(&firmware, flash);
+        assert_eq!(robot.found(), Some(Set(1)), "cut {nth}");
+        let stored = robot.stored_faults();
+        assert!(
+            stored.is_empty() || stored == whole,
+            "cut {nth}: {stored:?}"
+        );
+        // It goes on remembering.
+        robot.send(0, &[1, 0]);
+        robot.wait_ms(1_600);
+        assert_eq!(robot.read(at::UNSTORED_FAULTS), 0, "cut {nth}");
+        assert_eq!(robot.board.resets(), 0);
+    }
 }

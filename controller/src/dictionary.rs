@@ -13,6 +13,7 @@ use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highe
 
 use crate::bus::{CanRecord, Record};
 use crate::configuration;
+use crate::fault_memory::FaultMemory;
 use crate::history::History;
 use crate::parameters::Parameters;
 use crate::store::Store;
@@ -88,6 +89,7 @@ pub(crate) struct Dictionary {
     /// Faults.
     pub history: History,
     pub limits: History,
+    pub memory: FaultMemory,
     pub store: Store,
     pub identification: Record,
     /// Seconds for which the LED shall blink, until it is looked at, and those that are left.
@@ -117,6 +119,7 @@ impl Dictionary {
             can: CanRecord::default(),
             history: History::new(),
             limits: History::new(),
+            memory: FaultMemory::new(),
             store: Store::new(),
             identification: Record::new(),
             blink_asked: None,
@@ -190,6 +193,8 @@ impl Dictionary {
             at::SAVES => Value::U32(counters.store.saves),
             at::ERASES => Value::U32(counters.store.erases),
             at::CUT_SAVES => Value::U32(counters.store.cut),
+            at::START_NUMBER => Value::U32(self.memory.start),
+            at::UNSTORED_FAULTS => Value::U8(self.memory.unstored()),
             Address { index, sub } if index == history::code(1).index => {
                 Value::U16(self.history.nth(sub).0)
             }
@@ -361,7 +366,10 @@ impl ObjectDictionary for Dictionary {
         }
         let entry = find(Address::new(index, sub))?;
         if entry.kind == Kind::Domain {
-            let set = self.parameters.set_bytes();
+            let set = match entry.address {
+                at::STORED_FAULTS => self.memory.bytes(),
+                _ => self.parameters.set_bytes(),
+            };
             let to = out.get_mut(..set.len()).ok_or(AbortCode::OutOfMemory)?;
             to.copy_from_slice(set);
             return Ok(set.len());

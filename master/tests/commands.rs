@@ -44,6 +44,11 @@ fn status() {
         json(&["status", "--json", "--bus", BUS])["robots"][0]["state"],
         "Unconfigured"
     );
+    let arguments = ["status", "--history", "--bus", BUS];
+    check("status-history", &transcript(&arguments));
+    let found = json(&[&arguments[..], &["--json"]].concat());
+    let history = &found["robots"][1]["history"];
+    assert_eq!(*history, serde_json::json!({"start": 1, "faults": []}));
 }
 
 #[test]

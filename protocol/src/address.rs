@@ -297,6 +297,12 @@ addresses! {
     CLOCK_WAIT = 0x2127:1;
     /// Level of the brown-out reset.
     BROWN_OUT_LEVEL = 0x2127:2;
+    /// The last faults, over power losses.
+    STORED_FAULTS = 0x2128:1;
+    /// Number of this start.
+    START_NUMBER = 0x2129:1;
+    /// Faults that are not in flash yet.
+    UNSTORED_FAULTS = 0x2129:2;
 }
 
 /// The motor of one wheel, at 0x2021 to 0x2024 in the order front left, front right, rear left,

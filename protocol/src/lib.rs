@@ -36,6 +36,7 @@ pub mod pdo;
 pub mod pdos;
 mod plan;
 pub mod scaling;
+mod stored_fault;
 pub mod table;
 
 pub use address::Address;
@@ -48,6 +49,7 @@ pub use pdo::{
     WheelRateReport,
 };
 pub use plan::Plan;
+pub use stored_fault::StoredFault;
 pub use table::{ENTRIES, OBJECTS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any

@@ -1043,6 +1043,28 @@ const POWER: &[Object] = &[
     ),
 ];
 
+const FAULT_MEMORY: &[Object] = &[
+    Object::state(
+        at::STORED_FAULTS,
+        "Stored faults",
+        "",
+        Kind::Domain,
+        "The last eight faults, kept over power losses, the newest first: 32 bytes each, layout above. Shorter while there have been fewer.",
+    ),
+    counter(
+        at::START_NUMBER,
+        "Start",
+        "Number of this start, from 1; starts that do not last a second are not counted.",
+    ),
+    Object::state(
+        at::UNSTORED_FAULTS,
+        "Unstored",
+        "",
+        Kind::U8,
+        "How many of these faults are not in flash yet: they are written at rest, at most eight every 10 s.",
+    ),
+];
+
 const fn history_record(index: u16) -> [Object; history::DEPTH as usize] {
     const NAMES: [&str; 8] = [
         "Newest", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth",
@@ -1137,6 +1159,7 @@ const PARTS: &[&[Object]] = &[
     &history_record(0x2125),
     STORE,
     POWER,
+    FAULT_MEMORY,
     CAN,
 ];
 
@@ -1194,6 +1217,8 @@ pub const RECORDS: &[(u16, &str)] = &[
     (0x2125, "Limit times"),
     (0x2126, "Store"),
     (0x2127, "Clock and supply"),
+    (0x2128, "Fault memory"),
+    (0x2129, "State of the fault memory"),
     (0x2130, "CAN"),
 ];
 

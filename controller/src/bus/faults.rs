@@ -67,6 +67,9 @@ impl BusSide {
     pub(super) fn record(&mut self, fault: Fault, now: Micros) {
         let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
         self.dictionary.history.push(fault.code(), time_ms);
+        let (supply, rates) = (self.report.supply, self.report.rates.into());
+        let memory = &mut self.dictionary.memory;
+        memory.push(fault.code(), time_ms, supply, rates);
         let class = match fault.error_class() {
             FaultClass::Generic => ErrorClass::Generic,
             FaultClass::Voltage => ErrorClass::Voltage,

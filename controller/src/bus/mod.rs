@@ -245,6 +245,8 @@ impl BusSide {
         if report.standstill && matches!(self.state, State::Ramping(_)) {
             self.happen(Happening::Standstill, report.at);
         }
+        let is_off = self.is_off();
+        self.dictionary.memory.note_off(report.at, is_off);
     }
 
     /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this start.

@@ -1,9 +1,10 @@
 //! The way between the bus side and the platform's memory.
 
 use canopen::{AbortCode, Micros, NmtState};
-use protocol::Fault;
+use protocol::{Fault, StoredFault};
 
 use super::BusSide;
+use crate::fault_memory::Memorable;
 use crate::handover::Mode;
 use crate::state::{Happening, State};
 use crate::store::{IMAGE_MAX, Stored};
@@ -47,11 +48,34 @@ impl BusSide {
         self.device.finish_store(answer);
     }
 
-    /// Whether the outputs are off and nothing has been asked that would change that.
-    pub(super) fn is_at_rest(&self) -> bool {
-        self.device.state() != NmtState::Operational
-            && matches!(self.state, State::Ready | State::Faulted(_))
+    /// Takes in the starts that the platform has counted and the faults that it has stored, the newest last; at start,
+    /// before there is a new one.
+    pub fn recall(&mut self, starts: u32, faults: impl Iterator<Item = [u8; StoredFault::LENGTH]>) {
+        self.dictionary.memory.recall(starts, faults);
+    }
+
+    /// What the platform is to add to its fault memory now; then it calls [`BusSide::remembered`] and asks again. Outputs
+    /// are off. It may take half a second; a start that comes meanwhile takes effect after that.
+    #[must_use]
+    pub fn to_remember(&self, now: Micros) -> Option<Memorable> {
+        let may_write = self.is_off() && !self.dictionary.store.asked;
+        self.dictionary.memory.next(now).filter(|_| may_write)
+    }
+
+    /// What was to be remembered is stored, or cannot be.
+    pub fn remembered(&mut self, now: Micros, is_stored: bool) {
+        self.dictionary.memory.stored(now, is_stored);
+    }
+
+    /// Whether the outputs are off, by both sides.
+    pub(super) fn is_off(&self) -> bool {
+        matches!(self.state, State::Ready | State::Faulted(_))
             && self.report.mode == Mode::Off
             && self.report.start == self.command.start
+    }
+
+    /// Whether the outputs are off and nothing has been asked that would change that.
+    pub(super) fn is_at_rest(&self) -> bool {
+        self.device.state() != NmtState::Operational && self.is_off()
     }
 }

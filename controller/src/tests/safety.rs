@@ -1,10 +1,11 @@
 //! What brings one robot to rest, and what keeps it there.
 
+use canopen::Micros;
 use kinematics::Twist;
 use protocol::address::{self as at, history};
-use protocol::{Fault, Value, cob};
+use protocol::{Fault, StoredFault, Value, cob};
 
-use super::world::World;
+use super::world::{SUPPLY, World};
 use crate::Outputs;
 use crate::state::State;
 
@@ -245,6 +246,65 @@ fn history_keeps_the_faults_with_their_times() {
         world.emergencies(2),
         [Fault::EmergencyStop.code(), 0, Fault::SyncLost.code()]
     );
+}
+
+/// Never while the robot moves or ramps, and with what it was like when the fault appeared.
+#[test]
+fn faults_are_written_at_the_next_rest() {
+    let mut world = World::new(&[2]);
+    world.configure();
+    let minimum = Value::F32(18.0);
+    world.write(2, at::SUPPLY_MINIMUM, minimum).unwrap();
+    world.robots[0].set_supply(SUPPLY);
+    world.run(20);
+    world.start();
+    world.drive(FORWARD, 2_500);
+    let due = |world: &World| {
+        let robot = &world.robots[0];
+        let now = Micros(world.now + robot.offset);
+        robot.bus.to_remember(now).is_some()
+    };
+    assert!(!due(&world), "not even the start, while it moves");
+    world.sync = false;
+    world.run(60);
+    let mut off_ms = 0;
+    for _ in 0..3_000 {
+        world.run(1);
+        off_ms = if world.robots[0].outputs.drivers_enabled {
+            0
+        } else {
+            off_ms + 1
+        };
+        if due(&world) {
+            break;
+        }
+    }
+    assert!((500..=510).contains(&off_ms), "outputs off for {off_ms} ms");
+    let bytes = world.read_block(2, at::STORED_FAULTS).unwrap();
+    let (faults, _) = bytes.as_chunks();
+    let [fault] = faults else {
+        panic!("{bytes:?}");
+    };
+    let fault = StoredFault::decode(fault);
+    assert_eq!(fault.code, Fault::SyncLost.code());
+    assert_eq!(Ok(fault.time_ms), world.read(2, history::time(1)));
+    let supply = fault.supply.unwrap();
+    assert!((supply - SUPPLY).abs() < 0.1, "{fault:?}");
+    // At the speed it was asked for, straight ahead.
+    let rate = fault.rates[0];
+    assert!(rate > 0.5, "{fault:?}");
+    assert!(
+        fault
+            .rates
+            .iter()
+            .all(|one| (one - rate).abs() < 0.1 * rate)
+    );
+    // A start takes precedence: nothing is due once it is accepted.
+    world.sync = true;
+    world.run(50);
+    world.start();
+    world.run(20);
+    assert!(!due(&world));
 }
 
 #[test]

@@ -5,7 +5,8 @@ use canopen::NmtState;
 use comfy_table::{Table, presets};
 use omnibus::bus::wire::Wire;
 use omnibus::commission::survey::{Survey, ask};
-use protocol::{Kind, address};
+use omnibus::error::MasterError;
+use protocol::{Fault, Kind, StoredFault, address};
 use serde_json::json;
 
 use super::output::Found;
@@ -17,8 +18,12 @@ const SCAN_EXAMPLES: &str = "Examples:
   omnibus scan --bus slcan:/dev/ttyACM0 --group groups/tcc-2.toml
 
 With a group file it also says who is missing and who does not belong; then exit code 6.";
-const STATUS_EXAMPLES: &str = "Example:
-  omnibus status --bus socketcan:can0 --group groups/tcc-2.toml";
+const STATUS_EXAMPLES: &str = "Examples:
+  omnibus status --bus socketcan:can0 --group groups/tcc-2.toml
+  omnibus status --history --bus socketcan:can0
+
+--history also reads each robot's last eight faults, which it keeps over a power loss: when the fault appeared, and the
+supply voltage and the wheel rates at that moment.";
 
 #[derive(clap::Args)]
 #[command(after_help = SCAN_EXAMPLES)]
@@ -32,6 +37,69 @@ pub struct Scan {
 pub struct Status {
     #[command(flatten)]
     target: Target,
+    /// Also show each robot's last faults, with those from before it was switched off
+    #[arg(long)]
+    history: bool,
+}
+
+/// The faults a robot remembers, the newest first, and the number of its present start.
+struct History {
+    start: u32,
+    faults: Vec<StoredFault>,
+}
+
+impl History {
+    fn read(
+        wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>,
+        node: u8,
+    ) -> Result<Self, MasterError> {
+        let start = wire.read(node, address::START_NUMBER, Kind::U32)?.to_bits();
+        let bytes = wire.read_block(node, address::STORED_FAULTS)?;
+        let faults = bytes.as_chunks().0.iter().map(StoredFault::decode);
+        Ok(Self {
+            start,
+            faults: faults.collect(),
+        })
+    }
+
+    fn json(&self) -> serde_json::Value {
+        let fault = |fault: &StoredFault| {
+            json!({"code": fault.code, "name": fault_name(fault.code), "start": fault.start,
+                   "starts_ago": self.start.saturating_sub(fault.start),
+                   "time_s": f64::from(fault.time_ms) / 1e3, "supply_v": fault.supply,
+                   "wheel_rates_rad_s": fault.rates})
+        };
+        json!({"start": self.start, "faults": self.faults.iter().map(fault).collect::<Vec<_>>()})
+    }
+
+    /// A line for each fault: node, fault, start, time, supply, wheel rates.
+    fn rows(&self, node: u8) -> impl Iterator<Item = [String; 6]> {
+        self.faults.iter().map(move |fault| {
+            let start = match self.start.saturating_sub(fault.start) {
+                0 => "this one".into(),
+                1 => "the last one".into(),
+                ago => format!("{ago} ago"),
+            };
+            let rates = fault.rates.map(|rate| format!("{rate:.1}"));
+            [
+                node.to_string(),
+                fault_name(fault.code),
+                start,
+                format!("{:.1} s", f64::from(fault.time_ms) / 1e3),
+                fault
+                    .supply
+                    .map_or_else(|| "-".into(), |supply| format!("{supply:.1} V")),
+                rates.join(" "),
+            ]
+        })
+    }
+}
+
+fn fault_name(code: u16) -> String {
+    Fault::from_code(code).map_or_else(
+        || format!("unknown {code:#06x}"),
+        |fault| fault.name().into(),
+    )
 }
 
 fn state_name(state: Option<NmtState>) -> String {
@@ -138,6 +206,16 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(["node", "NMT", "state", "limit or fault", "supply", "stops"]);
     let mut rows = Vec::new();
+    let mut faults = Table::new();
+    faults.load_style(presets::UTF8_FULL_CONDENSED);
+    faults.set_header([
+        "node",
+        "fault",
+        "start",
+        "after",
+        "supply",
+        "wheel rates FL FR RL RR, rad/s",
+    ]);
     for robot in &survey.found {
         let node = robot.node;
         let mut read = |at, kind| -> anyhow::Result<String> {
@@ -149,11 +227,15 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         let state = robot
             .state
             .map_or_else(|| "unknown".into(), |state| format!("{state:?}"));
-        rows.push(
-            json!({"node": node, "answers": true, "nmt": state_name(robot.nmt), "state": state,
+        let mut row = json!({"node": node, "answers": true, "nmt": state_name(robot.nmt), "state": state,
                    "code": robot.code, "text": robot.code_text(),
-                   "supply_v": supply.parse::<f32>().ok(), "stops": stops.parse::<u32>().ok()}),
-        );
+                   "supply_v": supply.parse::<f32>().ok(), "stops": stops.parse::<u32>().ok()});
+        if arguments.history {
+            let history = History::read(&mut wire, node)?;
+            row["history"] = history.json();
+            faults.add_rows(history.rows(node));
+        }
+        rows.push(row);
         table.add_row([
             node.to_string(),
             state_name(robot.nmt),
@@ -176,5 +258,49 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         return print_json(&json!({"group": group.map(|group| group.name), "robots": rows}));
     }
     say(&table)?;
+    if arguments.history && faults.is_empty() {
+        say("no robot remembers a fault")?;
+    } else if arguments.history {
+        say(&faults)?;
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_is_told_by_name_with_the_start_it_appeared_in() {
+        let fault = |start, supply| StoredFault {
+            code: Fault::EncoderDead.code(),
+            start,
+            time_ms: 83_260,
+            supply,
+            rates: [3.94, 0.0, 3.9, 4.0],
+        };
+        let history = History {
+            start: 7,
+            faults: vec![fault(7, Some(23.46)), fault(6, None), fault(2, None)],
+        };
+        let rows: Vec<_> = history.rows(3).collect();
+        let first = [
+            "3",
+            "EncoderDead",
+            "this one",
+            "83.3 s",
+            "23.5 V",
+            "3.9 0.0 3.9 4.0",
+        ];
+        assert_eq!(rows[0], first);
+        assert_eq!((&*rows[1][2], &*rows[1][4]), ("the last one", "-"));
+        assert_eq!(rows[2][2], "5 ago");
+        let json = history.json();
+        assert_eq!(json["start"], 7);
+        assert_eq!(json["faults"][0]["name"], "EncoderDead");
+        assert_eq!(json["faults"][0]["time_s"], 83.26);
+        assert_eq!(json["faults"][2]["starts_ago"], 5);
+        assert_eq!(json["faults"][1]["supply_v"], serde_json::Value::Null);
+        assert_eq!(fault_name(0x1234), "unknown 0x1234");
+    }
 }

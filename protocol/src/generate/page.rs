@@ -125,6 +125,21 @@ has to be erased, after up to 2 s, in which the robot sends nothing. If power is
 finds the old set or the new one, whole, and says so by fault 0xFF15.
 ";
 
+const STORED_FAULTS: &str = "\
+## Stored faults
+
+Object 0x2128:1 is read in one SDO transfer. All numbers are little-endian; each of up to eight faults has 32 bytes:
+
+| bytes | |
+|---|---|
+| 0-1 | fault code |
+| 2-3 | 0 |
+| 4-7 | number of the start in which it appeared; 0x2129:1 is that of this start |
+| 8-11 | time since that start, ms |
+| 12-15 | supply voltage, V, FLOAT32; not a number where it is not measured |
+| 16-31 | wheel rates front left, front right, rear left, rear right, rad/s, FLOAT32 |
+";
+
 /// Writes the page.
 ///
 /// # Errors
@@ -145,6 +160,7 @@ pub fn page<W: Write>(out: &mut W) -> Result {
     codes(out)?;
     writeln!(out, "{PLAN}")?;
     writeln!(out, "{COMPENSATION}")?;
+    writeln!(out, "{STORED_FAULTS}")?;
     objects(out)
 }
 

@@ -9,17 +9,17 @@
 //! Its error counters are those of [`Confinement`]; what waits in the mailboxes when it goes off the bus is
 //! discarded, as the firmware does.
 //!
-//! Its parameter store is memory that takes no time to write. It outlives a power cycle; a power failure in
+//! Its stores of parameters and faults are memory that takes no time to write. They outlive a power cycle; a power failure in
 //! the middle of a save is for emulated robots.
 //!
 //! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
 
 use canopen::{Frame, Micros, NodeId};
 use controller::{
-    BusSide, CanErrors, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Outputs, StoreWear,
-    Stored, TICK_US, TickPhase, stored_node,
+    BusSide, CanErrors, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Memorable, Outputs,
+    StoreWear, Stored, TICK_US, TickPhase, stored_node,
 };
-use protocol::Fault;
+use protocol::{Fault, StoredFault};
 
 use super::{LogLine, Robot, Wake};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
@@ -72,12 +72,20 @@ pub struct NativeRobot {
     /// What its flash holds, and what it has been through.
     flash: Option<Vec<u8>>,
     wear: StoreWear,
+    memory: Memory,
     powered: bool,
     now_ns: u64,
     inputs: Inputs,
     /// What power brings to life and takes away again.
     live: Live,
     log: Vec<LogLine>,
+}
+
+/// Its fault memory.
+#[derive(Default)]
+struct Memory {
+    starts: u32,
+    faults: Vec<[u8; StoredFault::LENGTH]>,
 }
 
 /// A running program and the CAN controller beside it.
@@ -155,6 +163,7 @@ impl NativeRobot {
             crystal_ppm,
             flash: None,
             wear: StoreWear::default(),
+            memory: Memory::default(),
             powered: true,
             now_ns: 0,
             inputs: Inputs::default(),
@@ -238,6 +247,13 @@ impl NativeRobot {
             self.wear.saves += 1;
             self.live.bus.counters_mut().store = self.wear;
             self.live.bus.finish_store(Ok(()));
+        }
+        while let Some(next) = self.live.bus.to_remember(now) {
+            match next {
+                Memorable::Start => self.memory.starts += 1,
+                Memorable::Fault(fault) => self.memory.faults.push(fault),
+            }
+            self.live.bus.remembered(now, true);
         }
         while self.live.mailboxes.len() < MAILBOXES {
             let Some(frame) = self.live.bus.pop_frame() else {
@@ -438,6 +454,8 @@ impl Robot for NativeRobot {
             self.flash.as_deref(),
             self.wear,
         );
+        let faults = self.memory.faults.iter().copied();
+        self.live.bus.recall(self.memory.starts, faults);
         // The counters are the microcontroller's; emergency stop and driver fault are wires from outside.
         self.inputs.encoder_counts = Default::default();
     }
