@@ -59,6 +59,9 @@ pub(crate) struct Silence {
     /// Half of what the counts and the angle above are, rad.
     suspected_angle: f32,
     dead_angle: f32,
+    /// What is missed of the angle asked for is compared with it: the first of the two, or less than anything once
+    /// the encoder is dead, which saves a test of the flag.
+    alarm: f32,
     /// Of half the angle asked for, and of half the angle implied, rad.
     missed_asked: f32,
     missed_implied: f32,
@@ -73,13 +76,15 @@ impl Silence {
     /// For an encoder whose count is `step` rad, positive. One that does not listen never suspects anything.
     pub(crate) const fn new(step: f32, listens: bool) -> Self {
         let counts = DEAD_COUNTS * step;
+        let suspected_angle = if listens {
+            0.5 * SUSPECTED_COUNTS * step
+        } else {
+            f32::INFINITY
+        };
         Self {
             step,
-            suspected_angle: if listens {
-                0.5 * SUSPECTED_COUNTS * step
-            } else {
-                f32::INFINITY
-            },
+            suspected_angle,
+            alarm: suspected_angle,
             dead_angle: 0.5
                 * if counts > DEAD_ANGLE {
                     counts
@@ -102,6 +107,7 @@ impl Silence {
     /// Forgets the past.
     pub(crate) fn reset(&mut self) {
         self.dead = false;
+        self.alarm = self.suspected_angle;
         self.missed_asked = 0.0;
     }
 
@@ -109,24 +115,21 @@ impl Silence {
     /// turned, and what its encoder says, rad.
     #[inline(always)]
     pub(crate) fn update(&mut self, rate_ref: f32, implied: f32, turned: f32, dt: f32) -> Trust {
-        // Along the reference everything is positive.
-        let (asked, implied, counted) = if rate_ref < 0.0 {
-            (-rate_ref, -implied, -turned)
-        } else {
-            (rate_ref, implied, turned)
-        };
-        let missed = self.missed_implied + 0.5 * implied - counted;
+        // Along the reference everything is positive. Half of a difference costs less than the difference of halves.
+        let half = if rate_ref < 0.0 { -0.5 } else { 0.5 };
+        let twice = turned + turned;
+        let missed = self.missed_implied + half * (implied - twice);
         self.missed_implied = if missed > 0.0 { missed } else { 0.0 };
         let before = self.missed_asked;
-        let missed = before + 0.5 * asked * dt - counted;
+        let missed = before + half * (rate_ref * dt - twice);
         self.missed_asked = if missed > 0.0 { missed } else { 0.0 };
-        if missed > self.suspected_angle || self.dead {
+        if missed > self.alarm {
             if before <= self.suspected_angle {
                 // Not those of this tick: it may have fallen silent in the middle of it.
-                self.counted = -counted;
+                self.counted = -half * twice;
                 self.lasted = 0.0;
             }
-            return self.suspect(asked, counted, dt);
+            return self.suspect(rate_ref.abs(), half * twice, dt);
         }
         Trust::Full
     }
@@ -155,6 +158,7 @@ impl Silence {
         }
         self.dead = missed > self.dead_angle + half * DEAD_TIME;
         if self.dead {
+            self.alarm = f32::NEG_INFINITY;
             Trust::None
         } else {
             Trust::Suspected
