@@ -58,7 +58,11 @@ const STANDING_RATE: f32 = 0.05;
 const LEAST_RESIDUAL: f32 = 0.1;
 
 /// Factor of the angles whose slip residual is taken.
-const RESIDUAL_SCALE: f32 = 1024.0;
+const RESIDUAL_SCALE: f32 = if cfg!(feature = "fixed-point") {
+    1024.0
+} else {
+    1.0
+};
 
 /// A robot whose wheels turn faster is not started, rad/s: well above what a step of a coarse encoder leaves behind, and
 /// slow enough that the loops bring it to rest without full voltage.
@@ -132,7 +136,7 @@ impl Wheel {
         }
     }
 
-    /// One tick of a wheel: the voltage in its motor's direction, V, and what held it back.
+    /// One tick of a wheel: its voltage, V; what held it back is added to `held`.
     #[inline(always)]
     fn drive(
         &mut self,
@@ -140,7 +144,8 @@ impl Wheel {
         measured: WheelMeasurement,
         residual: f32,
         tick: &Tick,
-    ) -> (f32, Held) {
+        held: &mut Held,
+    ) -> f32 {
         let (rate, turned) = (measured.rate, measured.turned);
         let implied = turned - residual * self.odd;
         let trust = self
@@ -150,17 +155,19 @@ impl Wheel {
             voltage: tick.available,
             dt: tick.dt,
         };
-        let (voltage, held) = match trust {
-            Trust::Full => self.drive.update(reference, rate, available),
-            Trust::Suspected => self.drive.doubt(reference, rate, trust, available),
-            Trust::None => {
+        let voltage = if trust == Trust::Full {
+            self.drive.command(reference, rate, available, held)
+        } else {
+            if trust == Trust::None {
                 self.watch.note_dead();
-                self.drive.doubt(reference, rate, trust, available)
             }
+            let (voltage, by) = self.drive.doubt(reference, rate, trust, available);
+            *held = *held | by;
+            voltage
         };
         self.watch
             .update(reference.rate, measured, voltage, (tick.now, tick.dt));
-        (voltage, held)
+        voltage
     }
 
     /// The same voltage, or none for one tick where its sign changes.
@@ -711,10 +718,11 @@ impl Motion {
             .configuration
             .drivetrain
             .slip_residual(&turned.map(scaled).into());
-        let (a, held_a) = a.drive(ref_a, seen_a, residual, tick);
-        let (b, held_b) = b.drive(ref_b, seen_b, residual, tick);
-        let (c, held_c) = c.drive(ref_c, seen_c, residual, tick);
-        let (d, held_d) = d.drive(ref_d, seen_d, residual, tick);
+        let mut held = Held::default();
+        let a = a.drive(ref_a, seen_a, residual, tick, &mut held);
+        let b = b.drive(ref_b, seen_b, residual, tick, &mut held);
+        let c = c.drive(ref_c, seen_c, residual, tick, &mut held);
+        let d = d.drive(ref_d, seen_d, residual, tick, &mut held);
         let mut voltages = [a, b, c, d];
         if self.configuration.direction_pause {
             voltages = self.pause(voltages);
@@ -722,7 +730,7 @@ impl Motion {
         let per_volt = 1.0 / tick.supply;
         Drive {
             duty: pairs(voltages, signs, |voltage, sign| voltage * sign).map(|voltage| voltage * per_volt),
-            held: held_a | held_b | held_c | held_d,
+            held,
         }
     }
 

@@ -116,14 +116,30 @@ impl WheelLoop {
     /// bound, and what held it back.
     #[inline]
     pub fn update(&mut self, reference: WheelReference, rate: f32, tick: Available) -> (f32, Held) {
+        let mut held = Held::default();
+        let voltage = self.command(reference, rate, tick, &mut held);
+        (voltage, held)
+    }
+
+    /// The same voltage; what held it back is added to `held`, which is left alone where nothing did.
+    #[inline]
+    pub(crate) fn command(
+        &mut self,
+        reference: WheelReference,
+        rate: f32,
+        tick: Available,
+        held: &mut Held,
+    ) -> f32 {
         let error = reference.rate - rate;
         let wanted = self.feedforward(reference) + self.gains.proportional * error + self.integral;
         let effort = wanted - self.gains.speed * rate;
         if wanted.abs() <= tick.voltage && effort.abs() <= self.torque {
             self.integral += self.gains.integral * error * tick.dt;
-            return (wanted, Held::default());
+            return wanted;
         }
-        self.hold(wanted, reference.rate, rate, tick)
+        let (given, by) = self.hold(wanted, reference.rate, rate, tick);
+        *held = *held | by;
+        given
     }
 
     /// What the motor needs by its model, V.
