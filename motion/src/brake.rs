@@ -31,6 +31,15 @@ impl Brake {
     /// Asks for the brake to be released, which one that is engaging ignores; says whether it has let go.
     #[inline]
     pub(crate) fn release(&mut self, now: Micros, times: BrakeTimes) -> bool {
+        if times.release_us == 0 && matches!(self, Self::Released(_)) {
+            return true;
+        }
+        self.waits_to_release(now, times)
+    }
+
+    /// The same, for a brake that takes time or was not released before.
+    #[cold]
+    fn waits_to_release(&mut self, now: Micros, times: BrakeTimes) -> bool {
         let since = match *self {
             Self::Released(since) => since,
             Self::Engaged => {

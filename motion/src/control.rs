@@ -387,7 +387,7 @@ impl Supervision {
             .obstacle
             .or_else(|| wheel.filter(|fault| fault.reaction() == Reaction::Cut))
             .or_else(|| self.supply.too_high(&motion.configuration.supply, tick.now));
-        self.report.fault = match kept.map(Fault::reaction) {
+        self.report.fault = match kept.map(reaction) {
             Some(Reaction::Cut) => kept,
             Some(Reaction::Ramp) => cut.or(kept),
             None => cut
@@ -420,7 +420,7 @@ impl Supervision {
     #[inline]
     fn grant(&mut self, motion: &mut Motion, command: &Command) -> Mode {
         let known = command.configuration == motion.configuration.crc;
-        let mode = match (command.mode, self.report.fault.map(Fault::reaction)) {
+        let mode = match (command.mode, self.report.fault.map(reaction)) {
             _ if !known => Mode::Off,
             (_, Some(Reaction::Cut)) => Mode::Off,
             (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
@@ -827,6 +827,13 @@ fn per_second(from: &WheelRates, to: &WheelRates, dt: f32) -> [f32; 4] {
         (to.rear_left - from.rear_left) * per_second,
         (to.rear_right - from.rear_right) * per_second,
     ]
+}
+
+/// What a fault asks for. In most ticks there is none.
+#[cold]
+#[inline(never)]
+fn reaction(fault: Fault) -> Reaction {
+    fault.reaction()
 }
 
 /// A fault that is there right now, whatever the robot does.

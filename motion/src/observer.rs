@@ -65,7 +65,8 @@ impl Observer {
         } else {
             0.0
         };
-        let ahead = WITHIN * lead + (1.0 - WITHIN) * beyond;
+        // Its weight is a factor of the time below.
+        let ahead = lead + (1.0 - WITHIN) / WITHIN * beyond;
         let edges = rate.abs() * self.edges_per_radian;
         let bandwidth = if edges > self.bandwidth_max {
             self.bandwidth_max
@@ -75,7 +76,7 @@ impl Observer {
             BANDWIDTH_MIN
         };
         // Critically damped: 2 w and w^2.
-        let pull = ahead * bandwidth * dt;
+        let pull = ahead * bandwidth * (WITHIN * dt);
         self.lead = lead - 2.0 * pull;
         self.rate = rate - pull * bandwidth;
         self.rate

@@ -21,6 +21,8 @@
 //!
 //! Cost: about 15 instructions a wheel.
 
+use crate::math::not_below_zero;
+
 /// A suspicion takes this time at the expected rate, s,
 const SUSPECTED_TIME: f32 = 0.010;
 /// and as many counts.
@@ -119,10 +121,10 @@ impl Silence {
         let half = if rate_ref < 0.0 { -0.5 } else { 0.5 };
         let twice = turned + turned;
         let missed = self.missed_implied + half * (implied - twice);
-        self.missed_implied = if missed > 0.0 { missed } else { 0.0 };
+        self.missed_implied = not_below_zero(missed);
         let before = self.missed_asked;
         let missed = before + half * (rate_ref * dt - twice);
-        self.missed_asked = if missed > 0.0 { missed } else { 0.0 };
+        self.missed_asked = not_below_zero(missed);
         if missed > self.alarm {
             if before <= self.suspected_angle {
                 // Not those of this tick: it may have fallen silent in the middle of it.
