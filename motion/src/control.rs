@@ -729,7 +729,8 @@ impl Motion {
         }
         let per_volt = 1.0 / tick.supply;
         Drive {
-            duty: pairs(voltages, signs, |voltage, sign| voltage * sign).map(|voltage| voltage * per_volt),
+            duty: pairs(voltages, signs, |voltage, sign| voltage * sign)
+                .map(|voltage| voltage * per_volt),
             held,
         }
     }

@@ -136,15 +136,15 @@ impl Drive {
             self.timer.set_moe(false);
         }
         let duty = if drivers_enabled { duty } else { [0.0; 4] };
-        let mut directions = Bsrr(0);
+        let mut directions = 0;
         for (wheel, duty) in duty.into_iter().enumerate() {
-            let forward = duty >= 0.0;
-            directions.set_bs(FIRST_DIRECTION_PC + wheel, forward);
-            directions.set_br(FIRST_DIRECTION_PC + wheel, !forward);
+            // The lower half of the register sets a pin, the upper half resets it.
+            let forward = if duty >= 0.0 { 1_u32 } else { 1 << 16 };
+            directions |= forward << (FIRST_DIRECTION_PC + wheel);
             let high = compare(duty, self.period);
             pac::TIM1.ccr(wheel).write(|w| w.set_ccr(high));
         }
-        pac::GPIOC.bsrr().write_value(directions);
+        pac::GPIOC.bsrr().write_value(Bsrr(directions));
         force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
             pac::TIM8.bdtr().modify(|w| w.set_moe(true));
@@ -196,7 +196,8 @@ fn compare(duty: f32, period: f32) -> u16 {
     let share = duty.abs();
     // Not `min`: that is a function of the library, and makes a whole of what is no number.
     let share = if share > 1.0 { 1.0 } else { share };
-    (share * period + 0.5) as u16
+    // By way of 32 bits, which the core converts to in one instruction.
+    ((share * period + 0.5) as u32).min(0xFFFF) as u16
 }
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
