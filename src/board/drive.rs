@@ -136,14 +136,17 @@ impl Drive {
             self.timer.set_moe(false);
         }
         let duty = if drivers_enabled { duty } else { [0.0; 4] };
-        let mut directions = 0;
-        for (wheel, duty) in duty.into_iter().enumerate() {
+        let set = |wheel: usize, duty: f32| {
+            pac::TIM1
+                .ccr(wheel)
+                .write(|w| w.set_ccr(compare(duty, self.period)));
             // The lower half of the register sets a pin, the upper half resets it.
             let forward = if duty >= 0.0 { 1_u32 } else { 1 << 16 };
-            directions |= forward << (FIRST_DIRECTION_PC + wheel);
-            let high = compare(duty, self.period);
-            pac::TIM1.ccr(wheel).write(|w| w.set_ccr(high));
-        }
+            forward << (FIRST_DIRECTION_PC + wheel)
+        };
+        // Written out, not looped over: 39 instructions fewer.
+        let [a, b, c, d] = duty;
+        let directions = set(0, a) | set(1, b) | set(2, c) | set(3, d);
         pac::GPIOC.bsrr().write_value(Bsrr(directions));
         force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
