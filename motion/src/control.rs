@@ -304,7 +304,7 @@ impl ControlSide {
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
         };
-        side.run(motion, command, inputs, previous, elapsed_us)
+        side.run(motion, command, inputs, &previous, elapsed_us)
     }
 }
 
@@ -317,7 +317,7 @@ impl Supervision {
         motion: &mut Motion,
         command: &Command,
         inputs: &Inputs,
-        previous: [u16; 4],
+        previous: &[u16; 4],
         elapsed_us: u32,
     ) -> Outputs {
         let side = self;
@@ -597,10 +597,10 @@ impl Supervision {
 impl Motion {
     /// How far each wheel turned, rad, a whole number of counts.
     #[inline]
-    fn turned(&self, previous: [u16; 4], counts: [u16; 4]) -> [f32; 4] {
+    fn turned(&self, previous: &[u16; 4], counts: &[u16; 4]) -> [f32; 4] {
         let [a, b, c, d] = &self.wheels;
-        let [pa, pb, pc, pd] = previous;
-        let [na, nb, nc, nd] = counts;
+        let [pa, pb, pc, pd] = *previous;
+        let [na, nb, nc, nd] = *counts;
         let one = |wheel: &Wheel, from: u16, to: u16| {
             f32::from(to.wrapping_sub(from).cast_signed()) * wheel.step
         };
@@ -616,12 +616,12 @@ impl Motion {
     #[inline]
     fn measure(
         &mut self,
-        previous: [u16; 4],
+        previous: &[u16; 4],
         inputs: &Inputs,
         dt: f32,
         report: &mut Report,
     ) -> [f32; 4] {
-        let turned = self.turned(previous, inputs.encoder_counts);
+        let turned = self.turned(previous, &inputs.encoder_counts);
         let mut rates = [0.0; 4];
         for (((wheel, turned), acceleration), rate) in self
             .wheels
@@ -641,7 +641,7 @@ impl Motion {
     #[inline]
     fn locate(
         &mut self,
-        previous: [u16; 4],
+        previous: &[u16; 4],
         inputs: &Inputs,
         turned: &WheelRates,
         report: &mut Report,
@@ -650,7 +650,7 @@ impl Motion {
         let rates = &report.rates;
         // Whole counts, not filtered rates: nothing is lost however slow it goes.
         let moved = if let Some(rollers) = &mut self.rollers {
-            let passed = passed(previous, inputs.encoder_counts);
+            let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, &inputs.index);
             (report.measured, report.slip_residual) =
                 drivetrain.achieved_at(rates, factors, rollers.secants());
@@ -787,9 +787,9 @@ impl Motion {
 
 /// Counts each encoder went on by.
 #[inline]
-fn passed(from: [u16; 4], to: [u16; 4]) -> [i16; 4] {
-    let [a, b, c, d] = from;
-    let [e, f, g, h] = to;
+fn passed(from: &[u16; 4], to: &[u16; 4]) -> [i16; 4] {
+    let [a, b, c, d] = *from;
+    let [e, f, g, h] = *to;
     let one = |from: u16, to: u16| to.wrapping_sub(from).cast_signed();
     [one(a, e), one(b, f), one(c, g), one(d, h)]
 }

@@ -53,14 +53,23 @@ impl Interpolator {
     /// before it goes on.
     #[inline]
     pub fn at(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) -> Input {
-        if update != self.update && now >= begin {
+        if update != self.update {
+            self.renew(now, target, update, begin);
+        }
+        self.input(now)
+    }
+
+    /// Takes the target over if its instant has come, once a SYNC. Not inlined, so that the other ticks do not wait for
+    /// a comparison of times.
+    #[inline(never)]
+    fn renew(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) {
+        if now >= begin {
             self.from = self.input(begin).twist;
             self.to = target;
             self.slope = (target - self.from) * (self.per_period * 1e6);
             self.begin = begin;
             self.update = update;
         }
-        self.input(now)
     }
 
     #[inline]
