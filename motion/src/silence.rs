@@ -127,8 +127,9 @@ impl Silence {
         self.missed_asked = not_below_zero(missed);
         if missed > self.alarm {
             if before <= self.suspected_angle {
-                // Not those of this tick: it may have fallen silent in the middle of it.
-                self.counted = -half * twice;
+                // Not those of this tick: it may have fallen silent in the middle of it. Those against the reference
+                // are of one that lives.
+                self.counted = -not_below_zero(half * twice);
                 self.lasted = 0.0;
             }
             return self.suspect(rate_ref.abs(), half * twice, dt);
@@ -261,6 +262,23 @@ mod tests {
         let mut silence = Silence::new(STEP, true);
         for _ in 0..5_000 {
             assert_eq!(silence.update(2.0, 0.0, 0.0, DT), Trust::Full);
+        }
+    }
+
+    /// A processor that stood still for 22 ms sees all of it in one tick: what counted backwards meanwhile is alive.
+    #[test]
+    fn a_long_tick_against_the_reference_is_not_silent() {
+        let mut silence = Silence::new(STEP, true);
+        let (rate, long) = (4.0, 0.022);
+        for _ in 0..100 {
+            let trust = silence.update(rate, rate * DT, rate * DT, DT);
+            assert_eq!(trust, Trust::Full);
+        }
+        let trust = silence.update(rate, rate * long, -rate * long, long);
+        assert_eq!(trust, Trust::Full);
+        for _ in 0..20 {
+            let trust = silence.update(rate, rate * DT, -rate * DT, DT);
+            assert_eq!(trust, Trust::Full);
         }
     }
 }
