@@ -330,6 +330,26 @@ fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
     assert!(rig.all_are(MemberState::Faulted));
 }
 
+/// The cable breaks behind the first robot, in every millisecond of the SYNC period: two halves, one without the master.
+/// Nothing holds the robots together but their ramps; the shape error in mm is theirs. The half without SYNC begins T/4
+/// later, 1.5 mm at 0.6 m/s, and one tick more is 0.6 mm; the ramps themselves keep the shape within a millimetre.
+fn a_bus_that_comes_apart_keeps_the_shape_within_three_millimetres(backend: &Backend) {
+    let mut worst = 0.0_f64;
+    for phase in [1, 4, 7, 9] {
+        let mut file = common::group("tcc-3");
+        file.simulation.rigid = false;
+        let mut rig = configured(backend, &file, &[]);
+        start(&mut rig, FORWARD, 600);
+        rig.run_to_phase(10, phase).unwrap();
+        rig.world.set_partition(Some(1));
+        rig.run(1_000).unwrap();
+        assert!(robots(&rig).iter().all(is_safe), "cut in phase {phase} ms");
+        worst = worst.max(rig.world.worst_shape_error_mm());
+    }
+    println!("a bus that comes apart: shape error {worst:.2} mm");
+    assert!(worst < 3.0, "{worst} mm");
+}
+
 fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
     let mut rig = moving(backend, FORWARD);
     rig.twist = None;
@@ -518,6 +538,7 @@ rules! {
     rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp
     rule_4_loss_of_sync_is_the_same_ramp
     rule_4_an_overdue_setpoint_is_the_same_ramp
+    a_bus_that_comes_apart_keeps_the_shape_within_three_millimetres
     rule_4_restart_needs_an_nmt_start
     rule_4_restart_needs_a_new_sequence
     rule_5_disagreement_of_the_members_is_a_limit_then_a_fault

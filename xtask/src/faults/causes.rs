@@ -5,7 +5,7 @@
 
 use canopen::Frame;
 use kinematics::Twist;
-use protocol::{Fault, cob};
+use protocol::{Fault, address as at, cob};
 use sim::rig::Rig;
 use sim::{Crash, EncoderState, SimError};
 
@@ -78,6 +78,8 @@ pub struct Case {
     pub millis: Option<f64>,
     /// Not for a pair with another.
     pub alone: bool,
+    /// What is done before the start.
+    pub prepare: Option<fn(&mut Rig)>,
 }
 
 impl Case {
@@ -91,6 +93,7 @@ impl Case {
             speed: SPEED,
             millis: None,
             alone: false,
+            prepare: None,
         }
     }
 }
@@ -200,8 +203,13 @@ pub const CASES: &[Case] = &[
         settles_ms: SUPPLY_SETTLES_MS,
         ..now(26, "", |rig| rig.world.set_supply(WATCHED, HIGH_SUPPLY))
     },
+    after(27, "another twist understood", another_twist),
     // Another robot switched on whose node switches are set to the same number.
     after(28, "boot-up", boot_up),
+    Case {
+        prepare: Some(connect_protective_stop),
+        ..now(29, "", |rig| rig.world.set_protective_stop(WATCHED, true))
+    },
     now(30, "a gap", |rig| {
         on_board(rig, |board| {
             board.set_hse(false);
@@ -216,11 +224,49 @@ pub const CASES: &[Case] = &[
     }),
 ];
 
+/// Rows of the page of which nothing is tried here, because they promise no time, and where they are tried.
+#[cfg(test)]
+pub const ELSEWHERE: &[(u8, &str)] = &[
+    (23, "refuses a start: controller/src/tests/start.rs"),
+    (24, "a threshold: controller/src/tests/safety.rs"),
+    (25, "a threshold: tests/group_rules.rs"),
+    (34, "refuses a start: controller/src/tests/interlock.rs"),
+];
+
 /// Does something to the watched robot's board.
 fn on_board(rig: &mut Rig, what: fn(&mut emulator::Board)) {
     if let Some(board) = rig.world.board(WATCHED_NODE) {
         what(board);
     }
+}
+
+/// Says to the watched robot that a protective stop is connected.
+fn connect_protective_stop(rig: &mut Rig) {
+    let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
+    let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
+    rig.world
+        .send(Frame::of(cob::sdo_request(WATCHED_NODE), write));
+}
+
+/// One member misses a setpoint and hears another one aside, with the same sequence. The time counts from the SYNC that
+/// latches both.
+fn another_twist(rig: &mut Rig) -> Result<(), SimError> {
+    const PERIOD_MS: u64 = 10;
+    let others = [WATCHED, WATCHED + 1];
+    // The regular one goes out 2 ms before SYNC.
+    rig.run_to_phase(PERIOD_MS, PERIOD_MS - 3)?;
+    rig.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
+    rig.run(2)?;
+    rig.world.set_misses(OTHER, None);
+    for other in others {
+        rig.world.set_misses(other, Some(cob::GROUP_TWIST));
+    }
+    rig.send_setpoint(Twist::new(0.5, 0.0, 0.0), 0);
+    rig.run(1)?;
+    for other in others {
+        rig.world.set_misses(other, None);
+    }
+    Ok(())
 }
 
 /// A boot-up with the watched robot's number, while the bus is idle; the time counts from its end.

@@ -90,7 +90,7 @@ pub fn measure(
         return trial(firmware);
     }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
-    let mut rig = driving(group, Robots::Emulated(firmware), case.speed)?;
+    let mut rig = driving(group, Robots::Emulated(firmware), case.speed, &[case])?;
     rig.run_to_phase(100, 1)?;
     let mut before = f64::INFINITY;
     for _ in 0..BEFORE_MS * 1_000 / STEP_US {
@@ -148,8 +148,13 @@ pub fn measure(
     })
 }
 
-/// Boots, configures and starts a group and brings it to speed.
-pub fn driving(group: &GroupFile, robots: Robots<'_>, speed: f32) -> anyhow::Result<Rig> {
+/// Boots, configures and starts a group, for what is going to happen, and brings it to speed.
+pub fn driving(
+    group: &GroupFile,
+    robots: Robots<'_>,
+    speed: f32,
+    cases: &[&Case],
+) -> anyhow::Result<Rig> {
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
@@ -170,6 +175,9 @@ pub fn driving(group: &GroupFile, robots: Robots<'_>, speed: f32) -> anyhow::Res
     }
     drop(session);
     let mut rig = Rig::new(link.world, group);
+    for prepare in cases.iter().filter_map(|case| case.prepare) {
+        prepare(&mut rig);
+    }
     rig.run(READY_MS)?;
     rig.command(NmtCommand::Start, None);
     rig.run(READY_MS)?;

@@ -10,8 +10,11 @@
 //! - None cuts: from the first cause, within the time of whichever row is due first, the ramp, and [`HOLD_MS`] until
 //!   the brake.
 //!
-//! A processor that stands still cuts nothing that it has to cut by program: then the time of the standstill, or of the
-//! watchdog that ends it, is added ([`Case`] 17 and 20).
+//! A processor that stands still cuts nothing that it has to cut by program ([`Case`] 17 and 20). A cause that is not yet
+//! due when that begins has its time from the moment when the processor goes on, or is reset by its watchdog.
+//!
+//! Of a reversed encoder (12) the page promises more time where the wheel is slow already, and in return that it does not
+//! become faster: [`Slow`].
 
 use group::GroupFile;
 use sim::rig::Rig;
@@ -20,7 +23,7 @@ use protocol::Reaction;
 
 use super::causes::{CASES, Case, SPEED, Trial, WATCHED};
 use super::measure::{self, Robots};
-use super::promise::Promise;
+use super::promise::{Promise, Slow};
 
 /// How long after the first the second appears, ms.
 pub const DELAYS_MS: [u64; 3] = [0, 20, 200];
@@ -30,6 +33,10 @@ const HOLD_MS: f64 = 300.0;
 const MARGIN_MS: f64 = 30.0;
 /// How long a standstill of the processor lasts, ms: cause 17 as it is brought about.
 const STANDSTILL_MS: f64 = 22.0;
+/// The cause of a reversed encoder.
+const REVERSED: u8 = 12;
+/// What a rate may be larger than promised, rad/s: as fine as the table of the page.
+const RESOLUTION: f64 = 0.01;
 /// Causes that stop or upset the processor; one at a time.
 const OF_PROCESSOR: std::ops::RangeInclusive<u8> = 17..=20;
 
@@ -47,11 +54,13 @@ pub struct Outcome {
     pub promise_ms: f64,
     /// `None`: not within the time that was looked.
     pub measured_ms: Option<f64>,
+    /// The wheel with the reversed encoder became faster than it may.
+    pub faster: bool,
 }
 
 impl Outcome {
     pub fn kept(&self) -> bool {
-        self.measured_ms.is_some_and(|ms| ms <= self.promise_ms)
+        !self.faster && self.measured_ms.is_some_and(|ms| ms <= self.promise_ms)
     }
 }
 
@@ -91,7 +100,7 @@ fn is_of_processor(case: &Case) -> bool {
 /// Whether both can be brought about: not when they do something else to the same thing.
 fn go_together(first: &Case, second: &Case) -> bool {
     /// The front left encoder; the setpoints that the master sends; the supply.
-    const SAME: [&[u8]; 3] = [&[11, 12], &[3, 7, 8], &[16, 26]];
+    const SAME: [&[u8]; 3] = [&[11, 12], &[3, 7, 8, 27], &[16, 26]];
     let both =
         |numbers: &&[u8]| numbers.contains(&first.number) && numbers.contains(&second.number);
     let of_processor = (is_of_processor(first), is_of_processor(second));
@@ -119,24 +128,42 @@ impl Pair<'_> {
     }
 
     /// Tries it; `Err` when it could not be brought about or a robot stopped.
-    pub fn measure(&self, group: &GroupFile, robots: Robots<'_>) -> anyhow::Result<Outcome> {
-        let mut rig = measure::driving(group, robots, SPEED)?;
+    pub fn measure(
+        &self,
+        group: &GroupFile,
+        slow: Slow,
+        robots: Robots<'_>,
+    ) -> anyhow::Result<Outcome> {
+        let mut rig = measure::driving(group, robots, SPEED, &[self.first.1, self.second.1])?;
         rig.run_to_phase(100, 1)?;
+        let mut wheel = Wheel::default();
+        let at_first = wheel.rate(&rig);
         self.first.1.trial.appear(&mut rig)?;
         let first_ns = rig.world.now_ns();
-        run_to(&mut rig, first_ns + self.delay_ms * 1_000_000)?;
+        wheel.run_to(&mut rig, first_ns + self.delay_ms * 1_000_000)?;
+        let at_second = wheel.rate(&rig);
         self.second.1.trial.appear(&mut rig)?;
         let second_ns = rig.world.now_ns();
-        let promises = self.promises(group, first_ns, second_ns);
+        let reversed = [(self.first.1, at_first), (self.second.1, at_second)]
+            .into_iter()
+            .find_map(|(case, rate)| (case.number == REVERSED).then_some(rate));
+        let is_slow = reversed.filter(|rate| *rate < slow.below);
+        if self.second.1.number == REVERSED {
+            wheel.fastest = at_second;
+        }
+        let slow_ms = is_slow.map(|_| slow.millis);
+        let promises = self.promises(group, (first_ns, second_ns), slow_ms);
         let ends = promises
             .iter()
             .map(|(from_ns, ms)| *from_ns as f64 + ms * 1e6);
         let last = ends.fold(0.0, f64::max) + MARGIN_MS * 1e6;
-        run_to(&mut rig, last as u64)?;
+        wheel.run_to(&mut rig, last as u64)?;
+        let faster = is_slow.is_some_and(|rate| wheel.fastest > slow.factor * rate + RESOLUTION);
         let safe_ns = rig.world.safe_since_ns(WATCHED);
         let outcome = |(from_ns, promise_ms): (u64, f64)| Outcome {
             promise_ms,
             measured_ms: safe_ns.map(|at| at.saturating_sub(from_ns) as f64 / 1e6),
+            faster,
         };
         let spare = |o: &Outcome| {
             o.measured_ms
@@ -147,26 +174,38 @@ impl Pair<'_> {
         worst.ok_or_else(|| anyhow::anyhow!("nothing is promised"))
     }
 
-    /// What has to hold: from when, ns, and within what, ms.
-    fn promises(&self, group: &GroupFile, first_ns: u64, second_ns: u64) -> Vec<(u64, f64)> {
+    /// What has to hold: from when, ns, and within what, ms. `slow_ms` is for a reversed encoder of a slow wheel.
+    fn promises(
+        &self,
+        group: &GroupFile,
+        (first_ns, second_ns): (u64, u64),
+        slow_ms: Option<f64>,
+    ) -> Vec<(u64, f64)> {
         let both = [(self.first, first_ns), (self.second, second_ns)];
-        let millis = |promise: &Promise| promise.millis.unwrap_or(0.0);
+        let millis = |promise: &Promise| {
+            let slow_ms = slow_ms.filter(|_| promise.number == REVERSED);
+            slow_ms.or(promise.millis).unwrap_or(0.0)
+        };
         if self.cuts() {
-            let other_ms = |cause: &Case| {
-                let other = if std::ptr::eq(cause, self.first.1) {
-                    self.second
-                } else {
-                    self.first
-                };
-                match other.1.number {
-                    17 => STANDSTILL_MS,
-                    20 => millis(other.0),
-                    _ => 0.0,
+            // What the program had seen of a wheel is void after a standstill, so its time begins anew.
+            let stands = both.iter().find_map(|((promise, case), at)| {
+                let at_ns = *at as f64;
+                match case.number {
+                    17 => Some((at_ns - STANDSTILL_MS * 1e6, at_ns)),
+                    20 => Some((at_ns, at_ns + millis(promise) * 1e6)),
+                    _ => None,
                 }
+            });
+            let within = |promise: &Promise, at: u64| {
+                let (at_ns, ms) = (at as f64, millis(promise));
+                let meets = |(begin, end): &(f64, f64)| *begin < at_ns + ms * 1e6 && at_ns < *end;
+                ms + stands
+                    .filter(meets)
+                    .map_or(0.0, |(_, end)| (end - at_ns) / 1e6)
             };
             let cutting = both.into_iter().filter(|((promise, _), _)| cuts(promise));
             return cutting
-                .map(|((promise, case), at)| (at, millis(promise) + other_ms(case)))
+                .map(|((promise, _), at)| (at, within(promise, at)))
                 .collect();
         }
         let (v, d, j) = (
@@ -185,10 +224,57 @@ fn cuts(promise: &Promise) -> bool {
     promise.fault.reaction() == Reaction::Cut
 }
 
-/// Goes on to a time, ns, by the steps of the master.
-fn run_to(rig: &mut Rig, end_ns: u64) -> anyhow::Result<()> {
-    while rig.world.now_ns() < end_ns {
-        rig.step()?;
+/// The wheel that fails, of the watched robot.
+#[derive(Default)]
+struct Wheel {
+    /// Its largest true rate since it was looked at, rad/s.
+    fastest: f64,
+}
+
+impl Wheel {
+    /// Its true rate now, rad/s, either way.
+    fn rate(&mut self, rig: &Rig) -> f64 {
+        let truth = rig.world.truth();
+        let robot = truth.robots.get(WATCHED);
+        let rate = robot.map_or(0.0, |robot| robot.wheel_rates.front_left.abs());
+        self.fastest = self.fastest.max(rate);
+        rate
     }
-    Ok(())
+
+    /// Goes on to a time, ns, by the steps of the master.
+    fn run_to(&mut self, rig: &mut Rig, end_ns: u64) -> anyhow::Result<()> {
+        while rig.world.now_ns() < end_ns {
+            rig.step()?;
+            self.rate(rig);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::promise;
+    use protocol::address as at;
+
+    /// A reversed encoder doubles what a wheel stays behind its reference. Half of the threshold is enough for that, if
+    /// the reference still has it at the end of the 60 ms, with the deceleration of the group.
+    #[test]
+    fn the_page_says_from_which_rate_on_a_reversed_encoder_is_seen() {
+        let page = include_str!("../../../docs/safety.md");
+        let slow = promise::slow(page).unwrap();
+        let group = group::GroupFile::load(crate::cargo::root().join(super::super::GROUP)).unwrap();
+        let mut objects = protocol::OBJECTS.iter();
+        let object = objects.find(|o| o.address == at::BLOCKED_RATE);
+        let protocol::Value::F32(blocked) = object.unwrap().default else {
+            panic!("a rate is a real number");
+        };
+        let reversed = promise::read(page).unwrap();
+        let reversed = reversed.iter().find(|p| p.number == super::REVERSED);
+        let seconds = reversed.unwrap().millis.unwrap() / 1e3;
+        let limits = &group.limits;
+        let radius = f64::from(group.robots[0].geometry.wheel_radius());
+        let fall = f64::from(limits.linear_acceleration) / radius;
+        let least = 0.5 * f64::from(blocked) + fall * seconds;
+        assert!((slow.below - least).abs() < 0.01, "{least} rad/s");
+    }
 }

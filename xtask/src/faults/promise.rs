@@ -22,6 +22,33 @@ pub struct Promise {
     pub way: Option<f64>,
 }
 
+/// What is promised of a reversed encoder where its wheel is slow already.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slow {
+    /// Slower than this, rad/s.
+    pub below: f64,
+    /// It is off within this, ms,
+    pub millis: f64,
+    /// and never turns faster than this times the rate that it had.
+    pub factor: f64,
+}
+
+/// Reads that from the line of a page that says `below N rad/s`.
+pub fn slow(page: &str) -> anyhow::Result<Slow> {
+    let found = page.lines().find_map(|line| {
+        let mut cells = line.split('|').map(str::trim).skip(1);
+        let below = cells.next()?.strip_prefix("below ")?;
+        let (below, _) = below.split_once(" rad/s")?;
+        let millis = cells.next()?.strip_suffix(" ms")?;
+        Some(Slow {
+            below: below.parse().ok()?,
+            millis: millis.parse().ok()?,
+            factor: cells.next()?.parse().ok()?,
+        })
+    });
+    found.context("docs/safety.md does not say what holds for a slow wheel")
+}
+
 /// The promises on a page, by number.
 pub fn read(page: &str) -> anyhow::Result<Vec<Promise>> {
     let cells = |line| str::split(line, '|').map(str::trim).collect::<Vec<_>>();
