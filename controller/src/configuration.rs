@@ -11,6 +11,7 @@ use motion::control::TICK_US;
 use motion::drivetrain::{Drivetrain, compensation};
 use motion::limiter::ChangeLimits;
 use motion::rollers::{RollerConfiguration, RollerWheel};
+use motion::current::CurrentConfiguration;
 use motion::supply::{FULL_SCALE, SupplyConfiguration};
 use motion::wheel::Gains;
 use protocol::address::{self as at, motor, rollers, wheel};
@@ -108,6 +109,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     check_gains(parameters)?;
     check_supply(parameters)?;
     check_torque(parameters)?;
+    let current = current(parameters)?;
     let times = times(parameters);
     let period = u64::from(times.sync_period_us);
     // Otherwise the control ticks could not keep in step with it.
@@ -159,6 +161,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
             divider: real(at::SUPPLY_DIVIDER),
             duty_max: real(at::DUTY_MAX),
         },
+        current,
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {
             release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
@@ -303,6 +306,30 @@ fn torque(parameters: &Parameters) -> f32 {
     } else {
         TORQUE_SHARE * parameters.real(at::SUPPLY_NOMINAL)
     }
+}
+
+/// What four motors may take at most, over what [`torque`] allows them: no sensor and no resistance is exact.
+const CURRENT_MARGIN: f32 = 1.25;
+
+/// The sensors of the motors' current, if there are any. They must be able to show more than is allowed.
+fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, ConfigurationError> {
+    let scale = parameters.real(at::CURRENT_SCALE);
+    if scale == 0.0 {
+        return Ok(None);
+    }
+    let [inputs, ..] = parameters.unsigned(at::CURRENT_INPUTS).to_le_bytes();
+    let offset = parameters.real(at::CURRENT_OFFSET);
+    let bound = 4.0 * CURRENT_MARGIN * parameters.real(at::CURRENT_MAX);
+    let reach = (FULL_SCALE - offset) * scale * f32::from(inputs);
+    if bound == 0.0 || reach <= bound {
+        return Err(ConfigurationError::Inconsistent(at::CURRENT_SCALE));
+    }
+    Ok(Some(CurrentConfiguration {
+        scale,
+        offset,
+        inputs,
+        bound,
+    }))
 }
 
 /// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still waits for a ramp.

@@ -82,6 +82,8 @@ pub(crate) struct Dictionary {
     pub roller_states: [u8; 4],
     pub roller_sweeps: [f32; 4],
     pub supply: Option<f32>,
+    /// Of the motors, A; 0 where it is not measured.
+    pub current: f32,
     /// Signed and in full, rad/s.
     pub slip: f32,
     pub counters: Counters,
@@ -114,6 +116,7 @@ impl Dictionary {
             roller_states: [0; 4],
             roller_sweeps: [0.0; 4],
             supply: None,
+            current: 0.0,
             slip: 0.0,
             counters: Counters::default(),
             can: CanRecord::default(),
@@ -178,6 +181,7 @@ impl Dictionary {
             at::BLINK => Value::U8(self.blinks),
             at::SUPPLY => Value::F32(self.supply.unwrap_or(0.0)),
             at::SLIP => Value::F32(self.slip),
+            at::CURRENT => Value::F32(self.current),
             at::LATE_TICKS => Value::U32(counters.late_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
             at::IGNORED_SETPOINTS => Value::U32(counters.ignored_setpoints),

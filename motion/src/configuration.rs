@@ -5,6 +5,7 @@
 
 use kinematics::Mount;
 
+use crate::current::CurrentConfiguration;
 use crate::brake::BrakeTimes;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
@@ -98,6 +99,8 @@ pub struct Configuration {
     pub observer_bandwidth: f32,
     /// What feeds the bridges.
     pub supply: SupplyConfiguration,
+    /// Sensors of the motors' current; `None` where there are none.
+    pub current: Option<CurrentConfiguration>,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
     /// What the holding brake takes.

@@ -15,6 +15,7 @@ use protocol::{Fault, Limit, Reaction};
 
 use crate::brake::Brake;
 use crate::configuration::Configuration;
+use crate::current::Current;
 use crate::drivetrain::Factors;
 use crate::handover::{Command, Inputs, Mode, Outputs, Report};
 use crate::identification::{Identification, Outcome, Step, Stopped};
@@ -207,6 +208,7 @@ struct Supervision {
     /// Since when the ramp's reference stands.
     settling: Option<Micros>,
     supply: Supply,
+    current: Current,
     brake: Brake,
     slip_limit: Hysteresis,
     slip_fault: Lasting,
@@ -232,6 +234,7 @@ impl ControlSide {
                 last: None,
                 settling: None,
                 supply: Supply::new(),
+                current: Current::new(),
                 brake: Brake::Engaged,
                 slip_limit: Hysteresis { active: false },
                 slip_fault: Lasting::new(),
@@ -246,6 +249,7 @@ impl ControlSide {
     pub fn configure(&mut self, configuration: &Configuration) {
         self.supervision.report.configuration = configuration.crc;
         self.supervision.report.mode = Mode::Off;
+        self.supervision.report.current = 0.0;
         self.supervision.brake = Brake::Engaged;
         self.supervision.identification = None;
         // What the wheels' index has told stays true.
@@ -331,6 +335,14 @@ impl Supervision {
             available: supply * bounds.duty_max,
         };
         side.report.supply = side.supply.voltage();
+        if let (Some(sensor), Some(volts)) = (&motion.configuration.current, inputs.current_inputs)
+        {
+            let (current, over) = side.current.update(volts, sensor, tick.now);
+            side.report.current = current;
+            if over && side.report.obstacle.is_none() {
+                side.report.obstacle = Some(Fault::OverCurrent);
+            }
+        }
         let turned = motion.measure(previous, inputs, tick.dt, &mut side.report);
         if command.mode != Mode::Off || side.holds(motion) {
             side.judge(motion, command, &tick);

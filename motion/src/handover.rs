@@ -84,6 +84,8 @@ pub struct Inputs {
     pub protective_stop: bool,
     /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
     pub supply_input: Option<f32>,
+    /// Voltages at the current sensors' inputs, V, where sensors are configured and the board has such inputs.
+    pub current_inputs: Option<[f32; 3]>,
     /// The last index pulse of each encoder.
     pub index: [IndexPulse; 4],
 }
@@ -145,6 +147,8 @@ pub struct Report {
     pub pose: Pose,
     /// Supply voltage, V, where it is measured: the mean over some ticks.
     pub supply: Option<f32>,
+    /// Current of the motors, A, as the sensors see it; 0 where it is not measured.
+    pub current: f32,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
     /// What each wheel computes with.
@@ -173,6 +177,7 @@ impl Report {
         rates: WheelRates::ZERO,
         pose: Pose::ZERO,
         supply: None,
+        current: 0.0,
         late_ticks: 0,
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [0.0; 4],

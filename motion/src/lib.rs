@@ -22,6 +22,7 @@ pub mod brake;
 pub mod clock;
 pub mod configuration;
 pub mod control;
+pub mod current;
 pub mod drivetrain;
 pub mod handover;
 pub mod identification;

@@ -119,6 +119,12 @@ addresses! {
     WINDING_RESISTANCE = 0x2026:1;
     /// Largest current of a motor.
     CURRENT_MAX = 0x2026:2;
+    /// Current per voltage at a sensor's input.
+    CURRENT_SCALE = 0x2026:3;
+    /// Voltage at a sensor's input without current.
+    CURRENT_OFFSET = 0x2026:4;
+    /// How many sensors are added up.
+    CURRENT_INPUTS = 0x2026:5;
     /// Largest duty of a bridge.
     DUTY_MAX = 0x2027:1;
     /// Whether a bridge rests for a tick before it changes its direction.
@@ -263,6 +269,8 @@ addresses! {
     SUPPLY = 0x2120:1;
     /// Wheel rates that no rigid motion explains.
     SLIP = 0x2120:2;
+    /// Current of the motors.
+    CURRENT = 0x2120:3;
     /// Control ticks that came late.
     LATE_TICKS = 0x2121:1;
     /// SYNCs that did not come.

@@ -171,6 +171,8 @@ codes! {
         ClockLost = 0xFF1E,
         /// The processor's supply sank below what it needs and it was restarted.
         SupplyCollapse = 0xFF1F,
+        /// The motors take more current than they may, or it cannot be measured.
+        OverCurrent = 0xFF20,
         /// Wheels turn, so that the robot cannot be started.
         WheelsTurn = 0xFF22,
     }
@@ -192,6 +194,7 @@ impl Fault {
             | Self::Unconfigured
             | Self::ClockLost
             | Self::SupplyCollapse
+            | Self::OverCurrent
             | Self::WheelsTurn => Reaction::Cut,
             Self::MasterSilent
             | Self::SyncLost

@@ -481,6 +481,27 @@ const TORQUE: &[Object] = &[
         real(0.0, 1000.0, 0.0),
         "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With both 0 the bound is a quarter of the nominal supply; one without the other is refused.",
     ),
+    Object::parameter(
+        at::CURRENT_SCALE,
+        "Current scale",
+        "A/V",
+        real(0.0, 1000.0, 0.0),
+        "Current per voltage at a current sensor's input; 0: none is connected. More than 1.25 times what four motors may take (0x2026:2), or an input at the end of its range, for 20 ms is fault OverCurrent. The range must reach that far.",
+    ),
+    Object::parameter(
+        at::CURRENT_OFFSET,
+        "Current offset",
+        "V",
+        real(0.0, 3.3, 0.0),
+        "Voltage at the input without current: 0 for a shunt, half of the range for most Hall sensors.",
+    ),
+    Object::parameter(
+        at::CURRENT_INPUTS,
+        "Current inputs",
+        "",
+        byte(1, 3, 1),
+        "How many inputs are added up, from the first: 1 for one sensor that sees all motors, 2 or 3 for sensors that each see some of them. They have the same scale and offset.",
+    ),
 ];
 
 const OUTPUT_STAGE: &[Object] = &[
@@ -948,6 +969,13 @@ const DIAGNOSTICS: &[Object] = &[
         "rad/s",
         Kind::F32,
         "Wheel rates that no rigid motion explains; 0 when not measured.",
+    ),
+    Object::state(
+        at::CURRENT,
+        "Motor current",
+        "A",
+        Kind::F32,
+        "As the sensors of 0x2026:3 see it, with its sign; 0 where it is not measured.",
     ),
     counter(
         at::LATE_TICKS,

@@ -231,6 +231,7 @@ impl BusSide {
     pub fn on_report(&mut self, report: &Report) {
         self.report = *report;
         self.dictionary.supply = report.supply;
+        self.dictionary.current = report.current;
         self.dictionary.slip = report.slip_residual;
         self.dictionary.roller_states = report.roller_states.map(|state| state as u8);
         self.dictionary.roller_sweeps = report.roller_sweeps;

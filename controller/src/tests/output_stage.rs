@@ -147,6 +147,72 @@ fn a_supply_close_to_its_minimum_is_reported() {
     assert_eq!(world.robots[0].bus.state(), State::Moving);
 }
 
+/// One Hall sensor of 40 A/V around 1.65 V that sees all motors: 4 x 15 A x 1.25 are 75 A, and it shows 65.9 A. Two
+/// branches show 131.8 A.
+fn sensed() -> [(Address, Value); 5] {
+    let [resistance, largest] = torque();
+    [
+        resistance,
+        largest,
+        (at::CURRENT_SCALE, Value::F32(40.0)),
+        (at::CURRENT_OFFSET, Value::F32(1.65)),
+        (at::CURRENT_INPUTS, Value::U8(2)),
+    ]
+}
+
+/// What two sensors show, V, when each sees this, A; nothing is connected to the third input.
+fn shown(amperes: f32) -> Option<[f32; 3]> {
+    let volts = 1.65 + amperes / 40.0;
+    Some([volts, volts, 0.0])
+}
+
+#[test]
+fn too_much_current_cuts_after_20_ms_and_not_before() {
+    for amperes in [38.0, -38.0] {
+        let mut world = started(&sensed());
+        world.robots[0].inputs.current_inputs = shown(37.0);
+        world.drive(FORWARD, 1_000);
+        assert_eq!(world.robots[0].bus.state(), State::Moving, "74 of 75 A");
+        let read = f32::from_bits(world.read(2, at::CURRENT).unwrap());
+        assert!((read - 74.0).abs() < 1e-3, "{read} A");
+        world.robots[0].inputs.current_inputs = shown(amperes);
+        world.run(19);
+        assert!(world.robots[0].outputs.drivers_enabled);
+        world.robots[0].inputs.current_inputs = shown(0.0);
+        world.run(1);
+        world.robots[0].inputs.current_inputs = shown(amperes);
+        let took = world.until(50, |world| !world.robots[0].outputs.drivers_enabled);
+        assert!((20..=22).contains(&took), "{took} ms");
+        world.run(5);
+        let state = world.robots[0].bus.state();
+        assert_eq!(state, State::Faulted(Fault::OverCurrent));
+        assert_eq!(world.emergencies(2), [0xFF20]);
+    }
+}
+
+/// A wire that is off or shorted refuses a start, too: what is not measured is not bounded.
+#[test]
+fn a_current_sensor_at_the_end_of_its_range_refuses_a_start() {
+    for volts in [0.0, 3.3] {
+        let mut world = told(&sensed());
+        world.robots[0].inputs.current_inputs = Some([1.65, volts, 0.0]);
+        world.run(30);
+        world.start();
+        world.run(30);
+        assert_eq!(world.robots[0].outputs, Outputs::SAFE, "{volts} V");
+        assert_eq!(world.emergencies(2), [0xFF20]);
+    }
+}
+
+#[test]
+fn without_a_scale_no_current_is_too_much() {
+    let mut world = started(&torque());
+    world.robots[0].inputs.current_inputs = Some([3.3; 3]);
+    world.drive(FORWARD, 1_000);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    assert_eq!(world.read(2, at::CURRENT), Ok(0));
+}
+
 #[test]
 fn another_divider_measures_another_supply() {
     let mut world = told(&[
@@ -299,6 +365,17 @@ fn parameters_that_do_not_fit_are_refused_by_name() {
             at::CURRENT_MAX,
         ),
         (&[(at::SUPPLY_MAXIMUM, real(23.0))], at::SUPPLY_MAXIMUM),
+        // A bound is needed, and a sensor that shows more: 65.9 A are less than 75 A.
+        (&[(at::CURRENT_SCALE, real(40.0))], at::CURRENT_SCALE),
+        (
+            &[
+                (at::WINDING_RESISTANCE, real(RESISTANCE)),
+                (at::CURRENT_MAX, real(CURRENT)),
+                (at::CURRENT_SCALE, real(40.0)),
+                (at::CURRENT_OFFSET, real(1.65)),
+            ],
+            at::CURRENT_SCALE,
+        ),
         (
             &[
                 (at::SUPPLY_MINIMUM, real(18.0)),

@@ -147,6 +147,11 @@ pub(super) const CASES: &[Case] = &[
         12,
     ),
     (
+        |world| world.robots[0].inputs.current_inputs = Some([3.3, 0.0, 0.0]),
+        Fault::OverCurrent,
+        22,
+    ),
+    (
         |world| {
             world.robots[0].ticking = false;
             world.run(21);
@@ -178,6 +183,14 @@ pub(super) fn driving() -> World {
         .write(2, at::SUPPLY_MAXIMUM, Value::F32(30.0))
         .unwrap();
     world.write(2, at::PROTECTIVE_STOP, Value::U8(1)).unwrap();
+    for (address, value) in [
+        (at::WINDING_RESISTANCE, 0.3),
+        (at::CURRENT_MAX, 20.0),
+        (at::CURRENT_SCALE, 40.0),
+    ] {
+        world.write(2, address, Value::F32(value)).unwrap();
+    }
+    world.robots[0].inputs.current_inputs = Some([0.0; 3]);
     world.robots[0].set_supply(24.0);
     world.start();
     world.run(30);
@@ -237,6 +250,7 @@ fn mend(world: &mut World, fault: Fault) {
         robot.inputs.emergency_stop = false;
         robot.inputs.driver_fault = false;
         robot.inputs.protective_stop = false;
+        robot.inputs.current_inputs = Some([0.0; 3]);
     }
     world.robots[0].set_supply(24.0);
     if fault == Fault::BusOff {
