@@ -13,7 +13,7 @@ use controller::{ControlSide, Inputs, TickPhase};
 use crate::board::drive::Drive;
 use crate::board::index::Indexes;
 use crate::board::tick::TickTimer;
-use crate::board::{Encoders, Lines, SupplyMeter, now};
+use crate::board::{Encoders, Lines, Meters, now};
 use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
@@ -25,18 +25,19 @@ pub async fn control(
     encoders: Encoders,
     mut indexes: Indexes,
     lines: Lines,
-    supply: SupplyMeter,
+    meters: Meters,
     mut timer: TickTimer,
     mut guard: Guard,
 ) {
     let mut side = ControlSide::new();
     let mut phase = TickPhase::new();
+    let mut senses = false;
     let mut due = phase.next(now());
     let mut announced = (None, false);
     loop {
         let begin = timer.until(due).await;
         if CONFIGURATION.is_there() {
-            take_over(&mut side, &mut phase, &encoders, &mut indexes);
+            senses = take_over(&mut side, &mut phase, &encoders, &mut indexes);
         }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
@@ -47,7 +48,8 @@ pub async fn control(
             // What a bench image may not drive is a driver in fault, so an NMT start is refused.
             driver_fault: lines.driver_fault.is_low() || cfg!(feature = "bench"),
             protective_stop: lines.protective_stop.is_high(),
-            supply_input: Some(supply.volts()),
+            supply_input: Some(meters.supply()),
+            current_inputs: senses.then(|| meters.currents()),
         };
         let outputs = side.tick(begin, &COMMAND.get(), &inputs);
         drive.set(
@@ -81,19 +83,22 @@ pub async fn control(
     }
 }
 
-/// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
+/// Takes over a new configuration; returns whether it knows of current sensors. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
 fn take_over(
     side: &mut ControlSide,
     phase: &mut TickPhase,
     encoders: &Encoders,
     indexes: &mut Indexes,
-) {
+) -> bool {
+    let mut senses = false;
     CONFIGURATION.take_with(|configuration| {
         *phase = TickPhase::with_period(configuration.times.sync_period_us);
         let rollers = configuration.rollers.as_ref();
         encoders.set_filter(configuration.encoder_filter);
         indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));
         side.configure(configuration);
+        senses = configuration.current.is_some();
     });
+    senses
 }

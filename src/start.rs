@@ -132,7 +132,7 @@ fn prepare() -> Parts {
         board.encoders,
         board.indexes,
         board.lines,
-        board.supply,
+        board.meters,
         board.tick,
         Guard::new(board.watchdog)
     )));

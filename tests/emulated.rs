@@ -11,6 +11,8 @@ use omnibus::commission::motors;
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
+use protocol::address::{self, history};
+use protocol::{Fault, Kind, Value};
 use sim::{Backend, Options, World};
 
 /// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
@@ -190,6 +192,55 @@ fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
     );
     assert!(peak > 5.0, "{peak} rad/s is no figure-eight");
     assert!(rms < 0.01 * peak, "{rms} of {peak} rad/s");
+}
+
+/// The board measures what its motors take, by the sensor that it is told of, and is cut when the sensor's wire comes off
+/// and the input goes to the end of its range.
+#[test]
+fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
+    for backend in [Backend::Native, Backend::Emulator(image())] {
+        let group = common::group("single");
+        let mut world = World::new(&group, backend, Options::default()).unwrap();
+        world.set_current_sensor(0, Some((80.0, 1.65)));
+        let mut link = SimLink::new(world, "test");
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        for (at, value) in [
+            (address::CURRENT_SCALE, 80.0),
+            (address::CURRENT_OFFSET, 1.65),
+        ] {
+            session.wire().write(2, at, Value::F32(value)).unwrap();
+        }
+        session.start().unwrap();
+        let read = |session: &mut Group<&mut SimLink>| {
+            let value = session.wire().read(2, address::CURRENT, Kind::F32).unwrap();
+            let Value::F32(amperes) = value else {
+                panic!("{value:?}")
+            };
+            amperes
+        };
+        // A step of the converter is 0.064 A; it rounds down.
+        let still = read(&mut session);
+        assert!((-0.07..=0.001).contains(&still), "{still} A");
+        let sees = Some((80.0, 2.05));
+        session.link().world.set_current_sensor(0, sees);
+        let now = session.link().world.now().0;
+        let soon = canopen::Micros(now + 15_000);
+        session.link().world.run_until(soon).unwrap();
+        let more = read(&mut session);
+        assert!((more - 32.0).abs() < 0.1, "{more} A");
+        assert!(session.link().world.truth().robots[0].drivers_enabled);
+        // Open: pulled up to the reference.
+        session
+            .link()
+            .world
+            .set_current_sensor(0, Some((80.0, 3.3)));
+        let soon = canopen::Micros(session.link().world.now().0 + 25_000);
+        session.link().world.run_until(soon).unwrap();
+        assert!(!session.link().world.truth().robots[0].drivers_enabled);
+        let fault = session.wire().read(2, history::code(1), Kind::U16).unwrap();
+        assert_eq!(fault, Value::U16(Fault::OverCurrent.code()));
+    }
 }
 
 /// The release image finds the constants of the simulated motors, and gains that drive them.

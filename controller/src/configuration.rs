@@ -8,10 +8,10 @@ use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose
 use motion::brake::BrakeTimes;
 pub use motion::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use motion::control::TICK_US;
+use motion::current::CurrentConfiguration;
 use motion::drivetrain::{Drivetrain, compensation};
 use motion::limiter::ChangeLimits;
 use motion::rollers::{RollerConfiguration, RollerWheel};
-use motion::current::CurrentConfiguration;
 use motion::supply::{FULL_SCALE, SupplyConfiguration};
 use motion::wheel::Gains;
 use protocol::address::{self as at, motor, rollers, wheel};

@@ -5,8 +5,8 @@
 
 use kinematics::Mount;
 
-use crate::current::CurrentConfiguration;
 use crate::brake::BrakeTimes;
+use crate::current::CurrentConfiguration;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
 use crate::rollers::RollerConfiguration;

@@ -20,4 +20,4 @@ mod safe_state;
 pub mod stack;
 pub mod tick;
 
-pub use nucleo_f446re::{Board, Encoders, Lines, ResetCause, SupplyMeter, now};
+pub use nucleo_f446re::{Board, Encoders, Lines, Meters, ResetCause, now};

@@ -11,6 +11,7 @@
 //! | holding brake, high is released | TIM8 CH3N | PB1 |
 //! | emergency stop, normally closed to ground; high stops | TIM1 BKIN, TIM8 BKIN | PB12 and PA6, wired together |
 //! | supply voltage, divided by 11 | ADC1 IN4 | PA4 |
+//! | motor current, optional, up to three sensors | ADC1 IN7 IN14 IN15 | PA7 PC4 PC5 |
 //! | driver fault, low is a fault | GPIO | PB13 |
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PC12 |
 //! | node id switches, closed to ground is 1 | GPIO | PC8 (bit 0) PC9 PC10 PC11 |
@@ -29,7 +30,7 @@ use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
 use embassy_stm32::pac::adc::vals::SampleTime;
 use embassy_stm32::pac::timer::vals::FilterValue;
-use embassy_stm32::peripherals::{ADC1, PA4, TIM2, TIM3, TIM4, TIM5};
+use embassy_stm32::peripherals::{ADC1, TIM2, TIM3, TIM4, TIM5};
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllSource, Sysclk,
 };
@@ -80,8 +81,8 @@ pub struct Board {
     pub indexes: Indexes,
     /// Inputs whose level counts.
     pub lines: Lines,
-    /// Supply voltage.
-    pub supply: SupplyMeter,
+    /// Supply voltage and motor current.
+    pub meters: Meters,
     /// LED LD2.
     pub led: Output<'static>,
     /// Timer of the control tick.
@@ -160,41 +161,70 @@ impl Encoders {
     }
 }
 
-/// The supply voltage, behind a divider that the configuration knows.
+/// The supply voltage, behind a divider, and the current sensors' outputs; the configuration knows both.
 ///
-/// ADC1 converts its one channel over and over, every 21.9 us, and nobody waits for it: reading takes the last result.
-pub struct SupplyMeter {
+/// ADC1 converts its four channels over and over, every 87.5 us, and nobody waits for it: reading takes the last result.
+/// The sensors' are injected channels, which have result registers of their own (RM0390 13.3.9, auto-injection).
+pub struct Meters {
     /// Kept: it is switched off when dropped.
     _adc: Adc<'static, ADC1>,
 }
 
-impl SupplyMeter {
+impl Meters {
     /// The board's analog reference, V, and steps of the converter.
     const REFERENCE: f32 = 3.3;
     const STEPS: f32 = 4096.0;
     /// PA4 is ADC12_IN4 (DS10693 rev 10, table 10).
     const CHANNEL: u8 = 4;
+    /// PA7, PC4 and PC5 are ADC12_IN7, IN14 and IN15 (the same table).
+    const CURRENT_CHANNELS: [u8; 3] = [7, 14, 15];
 
-    fn new(adc: Peri<'static, ADC1>, pin: Peri<'static, PA4>) -> Self {
-        let mut pin = Flex::new(pin);
-        pin.set_as_analog();
-        // Stays analog.
-        core::mem::forget(pin);
+    fn new(adc: Peri<'static, ADC1>, pins: [Flex<'static>; 4]) -> Self {
+        for mut pin in pins {
+            pin.set_as_analog();
+            // Stays analog.
+            core::mem::forget(pin);
+        }
         let adc = Adc::new(adc);
         // The source has 9.1 kOhm. RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it may have 500 kOhm.
-        pac::ADC1
-            .smpr2()
-            .write(|w| w.set_smp(Self::CHANNEL.into(), SampleTime::CYCLES480));
+        let [first, second, third] = Self::CURRENT_CHANNELS;
+        pac::ADC1.smpr2().write(|w| {
+            w.set_smp(Self::CHANNEL.into(), SampleTime::CYCLES480);
+            w.set_smp(first.into(), SampleTime::CYCLES480);
+        });
+        pac::ADC1.smpr1().write(|w| {
+            w.set_smp(usize::from(second) - 10, SampleTime::CYCLES480);
+            w.set_smp(usize::from(third) - 10, SampleTime::CYCLES480);
+        });
         pac::ADC1.sqr3().write(|w| w.set_sq(0, Self::CHANNEL));
+        // RM0390 13.13.12: a sequence of three begins with JSQ2.
+        pac::ADC1.jsqr().write(|w| {
+            w.set_jl(2);
+            w.set_jsq(1, first);
+            w.set_jsq(2, second);
+            w.set_jsq(3, third);
+        });
+        pac::ADC1.cr1().modify(|w| {
+            w.set_scan(true);
+            w.set_jauto(true);
+        });
         pac::ADC1.cr2().modify(|w| w.set_cont(true));
         pac::ADC1.cr2().modify(|w| w.set_swstart(true));
         Self { _adc: adc }
     }
 
-    /// Volts at the pin at the last conversion.
-    pub fn volts(&self) -> f32 {
-        let steps = f32::from(pac::ADC1.dr().read().data());
-        steps * (Self::REFERENCE / Self::STEPS)
+    /// Volts at the supply's pin at the last conversion.
+    pub fn supply(&self) -> f32 {
+        Self::volts(pac::ADC1.dr().read().data())
+    }
+
+    /// Volts at the current sensors' pins at their last conversions.
+    pub fn currents(&self) -> [f32; 3] {
+        [0, 1, 2].map(|n| Self::volts(pac::ADC1.jdr(n).read().jdata()))
+    }
+
+    fn volts(steps: u16) -> f32 {
+        f32::from(steps) * (Self::REFERENCE / Self::STEPS)
     }
 }
 
@@ -272,6 +302,12 @@ impl Board {
             .rev()
             .fold(0, |value, switch| value << 1 | u8::from(switch.is_low()));
 
+        let analog = [
+            Flex::new(p.PA4),
+            Flex::new(p.PA7),
+            Flex::new(p.PC4),
+            Flex::new(p.PC5),
+        ];
         let lines = Lines {
             driver_fault: Input::new(p.PB13, Pull::Up),
             protective_stop: Input::new(p.PC12, Pull::Up),
@@ -287,7 +323,7 @@ impl Board {
             encoders,
             indexes,
             lines,
-            supply: SupplyMeter::new(p.ADC1, p.PA4),
+            meters: Meters::new(p.ADC1, analog),
             led,
             tick: TickTimer::new(p.TIM7),
             watchdog,

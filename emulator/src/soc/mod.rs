@@ -240,7 +240,7 @@ impl Soc {
             Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
             Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
             Unit::Adc => {
-                let analog = self.adc.pin().is_some_and(|(port, pin)| {
+                let analog = self.adc.pin(offset).is_some_and(|(port, pin)| {
                     self.gpio.get(port).map(|gpio| gpio.mode(pin)) == Some(Mode::Analog)
                 });
                 self.adc.read(now_ps, offset, analog).ok_or("")

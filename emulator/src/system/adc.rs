@@ -1,17 +1,20 @@
-//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and over.
+//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and over, and injected
+//! channels after it.
 //!
 //! | register | section | modelled |
 //! |---|---|---|
-//! | SR | 13.13.1 | EOC, STRT |
-//! | CR1 | 13.13.2 | RES at 12 bits; everything else is refused |
+//! | SR | 13.13.1 | EOC, STRT; the flags of injected channels read as 0 |
+//! | CR1 | 13.13.2 | RES at 12 bits; JAUTO with SCAN; everything else is refused |
 //! | CR2 | 13.13.3 | ADON, CONT, SWSTART, ALIGN to the right; triggers and DMA are refused |
 //! | SMPR1, SMPR2 | 13.13.4, 13.13.5 | sampling times |
 //! | SQR1..3 | 13.13.9 to 13.13.11 | a sequence of one |
+//! | JSQR | 13.13.12 | the injected sequence, converted after the regular channel each time |
+//! | JDR1..4 | 13.13.13 | the last results of the injected channels |
 //! | DR | 13.13.14 | the last result; reading clears EOC |
 //! | CCR | 13.13.16 | ADCPRE |
 //!
 //! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when sampling ended. The
-//! result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, injected channels, the watchdog and the
+//! result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, the watchdog and the
 //! internal channels are not modelled.
 
 use std::cell::Cell;
@@ -26,6 +29,11 @@ const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const DIVIDERS: [u64; 4] = [2, 4, 6, 8];
 /// Fastest clock by the data sheet, Hz.
 const MAX_HZ: u64 = 36_000_000;
+
+mod cr1 {
+    pub const SCAN: u32 = 1 << 8;
+    pub const JAUTO: u32 = 1 << 10;
+}
 
 mod cr2 {
     pub const ADON: u32 = 1;
@@ -49,9 +57,11 @@ struct Input {
 /// ADC1.
 #[derive(Debug, Clone, Default)]
 pub struct Adc {
+    cr1: u32,
     cr2: u32,
     smpr: [u32; 2],
     sqr: [u32; 3],
+    jsqr: u32,
     ccr: u32,
     pclk2: u64,
     /// Local time at which the first conversion began, ps.
@@ -93,13 +103,28 @@ impl Adc {
         1_000_000_000_000 * divider / self.pclk2.max(1)
     }
 
-    fn channel(&self) -> usize {
-        (self.sqr[2] & 31) as usize
+    /// How many injected channels follow the regular one.
+    fn injected(&self) -> usize {
+        if self.cr1 & cr1::JAUTO == 0 {
+            0
+        } else {
+            (self.jsqr >> 20 & 3) as usize + 1
+        }
+    }
+
+    /// The channel with this place in a round of conversions: 0 is the regular one.
+    fn channel(&self, place: usize) -> usize {
+        if place == 0 {
+            return (self.sqr[2] & 31) as usize;
+        }
+        // The sequence ends with JSQ4 (13.13.12).
+        let field = 4 - self.injected() + place - 1;
+        (self.jsqr >> (5 * field) & 31) as usize
     }
 
     /// Sampling time and length of a conversion, ps.
-    fn times_ps(&self) -> (u64, u64) {
-        let channel = self.channel() as u32;
+    fn times_ps(&self, place: usize) -> (u64, u64) {
+        let channel = self.channel(place) as u32;
         let smp = match channel.checked_sub(10) {
             Some(place) => self.smpr[0] >> (3 * place),
             None => self.smpr[1] >> (3 * channel),
@@ -111,27 +136,33 @@ impl Adc {
         )
     }
 
-    /// Conversions that are complete.
-    fn complete(&self, now_ps: u64) -> u64 {
-        let Some(started) = self.started else {
-            return 0;
-        };
-        let done = (now_ps - started) / self.times_ps().1;
-        if self.cr2 & cr2::CONT != 0 {
-            done
+    /// When the last complete conversion at this place began, ps, and how many are complete.
+    fn last(&self, now_ps: u64, place: usize) -> Option<(u64, u64)> {
+        let length = |places| (0..places).map(|n| self.times_ps(n).1).sum::<u64>();
+        let first = self.started? + length(place);
+        let since = now_ps.checked_sub(first + self.times_ps(place).1)?;
+        let round = length(self.injected() + 1);
+        let again = if self.cr2 & cr2::CONT == 0 {
+            0
         } else {
-            done.min(1)
-        }
+            since / round
+        };
+        Some((first + again * round, again + 1))
     }
 
-    /// The result of the last conversion.
-    fn result(&self, now_ps: u64, analog: bool) -> u32 {
-        let (Some(started), done @ 1..) = (self.started, self.complete(now_ps)) else {
+    /// Regular conversions that are complete.
+    fn complete(&self, now_ps: u64) -> u64 {
+        self.last(now_ps, 0).map_or(0, |(_, complete)| complete)
+    }
+
+    /// The result of the last conversion at this place.
+    fn result(&self, now_ps: u64, place: usize, analog: bool) -> u32 {
+        let Some((began, _)) = self.last(now_ps, place) else {
             return 0;
         };
-        let (sampling, length) = self.times_ps();
-        let sampled = started + (done - 1) * length + sampling;
-        let input = self.inputs.get(self.channel()).copied().unwrap_or_default();
+        let sampled = began + self.times_ps(place).0;
+        let input = self.inputs.get(self.channel(place));
+        let input = input.copied().unwrap_or_default();
         let volts = if sampled < input.since_ps {
             input.before
         } else {
@@ -144,11 +175,20 @@ impl Adc {
         }
     }
 
-    /// The pin of the channel that is converted: port by number, and pin.
+    /// The place whose result this register holds.
+    fn place(&self, offset: u32) -> Option<usize> {
+        let place = match offset {
+            0x3C..0x4C => (offset - 0x3C) as usize / 4 + 1,
+            _ => 0,
+        };
+        (place <= self.injected()).then_some(place)
+    }
+
+    /// The pin whose voltage the register at `offset` shows: port by number, and pin.
     #[must_use]
-    pub fn pin(&self) -> Option<(usize, u8)> {
+    pub fn pin(&self, offset: u32) -> Option<(usize, u8)> {
         // Data sheet DS10693 rev 10, table 10: IN0..7 are PA0..7, IN8 and 9 PB0 and 1, IN10..15 PC0..5.
-        match self.channel() as u8 {
+        match self.channel(self.place(offset)?) as u8 {
             channel @ 0..=7 => Some((0, channel)),
             channel @ 8..=9 => Some((1, channel - 8)),
             channel @ 10..=15 => Some((2, channel - 10)),
@@ -164,16 +204,21 @@ impl Adc {
                 let done = self.complete(now_ps) > self.seen.get();
                 (u32::from(done) * sr::EOC) | (u32::from(self.strt) * sr::STRT)
             }
-            0x04 => 0,
+            0x04 => self.cr1,
             0x08 => self.cr2,
             0x0C => self.smpr[0],
             0x10 => self.smpr[1],
             0x2C => self.sqr[0],
             0x30 => self.sqr[1],
             0x34 => self.sqr[2],
+            0x38 => self.jsqr,
+            0x3C..0x4C if offset.is_multiple_of(4) => {
+                let place = self.place(offset);
+                place.map_or(0, |place| self.result(now_ps, place, analog))
+            }
             0x4C => {
                 self.seen.set(self.complete(now_ps));
-                self.result(now_ps, analog)
+                self.result(now_ps, 0, analog)
             }
             0x304 => self.ccr,
             _ => return None,
@@ -193,8 +238,10 @@ impl Adc {
                 }
                 self.strt &= value & sr::STRT != 0;
             }
-            0x04 if value == 0 => {}
-            0x04 => return Err("anything but 12 bits without interrupts"),
+            0x04 if value != 0 && value != cr1::SCAN | cr1::JAUTO => {
+                return Err("anything but 12 bits without interrupts");
+            }
+            0x04 => self.cr1 = value,
             0x08 => {
                 if value & !(cr2::ADON | cr2::CONT | cr2::SWSTART) != 0 {
                     return Err("triggers, DMA, alignment to the left");
@@ -217,6 +264,7 @@ impl Adc {
             0x2C => self.sqr[0] = value,
             0x30 => self.sqr[1] = value,
             0x34 => self.sqr[2] = value,
+            0x38 => self.jsqr = value,
             0x304 if value & !(3 << 16) != 0 => return Err("multi mode, internal channels"),
             0x304 => self.ccr = value,
             _ => return Err(""),
@@ -269,11 +317,41 @@ mod tests {
         assert_eq!(adc.read(43_800_000, 0x4C, true), Some(4095));
     }
 
+    /// Channels 7, 14 and 15 after channel 4, 480 clocks each: a round is 87.5 us.
+    #[test]
+    fn injected_channels_follow_the_regular_one_in_the_order_of_their_sequence() {
+        let mut adc = running();
+        let jsqr = 2 << 20 | 15 << 15 | 14 << 10 | 7 << 5;
+        for (offset, value) in [
+            (0x0C, 7 << 12 | 7 << 15),
+            (0x10, 7 << 12 | 7 << 21),
+            (0x38, jsqr),
+            (0x04, cr1::SCAN | cr1::JAUTO),
+        ] {
+            adc.write(0, offset, value).unwrap();
+        }
+        for (channel, volts) in [(7, 0.825), (14, 2.475), (15, 3.3)] {
+            adc.set_input(0, channel, volts);
+        }
+        let at = |ps, offset| adc.read(ps, offset, true).unwrap();
+        assert_eq!([0x3C, 0x40, 0x44].map(|n| at(43_700_000, n)), [0; 3]);
+        let last = 87_500_000;
+        assert_eq!([0x3C, 0x40, 0x44].map(|n| at(last, n)), [1024, 3072, 4095]);
+        assert_eq!((at(last, 0x48), at(last, 0x4C)), (0, 2048));
+        let pins = [0x3C, 0x40, 0x44, 0x48, 0x4C].map(|n| adc.pin(n));
+        let (a7, c4, c5) = (Some((0, 7)), Some((2, 4)), Some((2, 5)));
+        assert_eq!(pins, [a7, c4, c5, None, Some((0, 4))]);
+        // Read at 87.5 us, the regular channel has its second result 21.9 us later.
+        assert_eq!(at(109_000_000, 0x00), sr::STRT);
+        assert_eq!(at(109_500_000, 0x00), sr::EOC | sr::STRT);
+    }
+
     #[test]
     fn what_is_not_modelled_is_refused() {
         let mut adc = running();
         assert!(adc.write(0, 0x2C, 1 << 20).is_err());
         assert!(adc.write(0, 0x08, 1 << 8).is_err());
-        assert_eq!(adc.read(0, 0x38, true), None);
+        assert!(adc.write(0, 0x04, 1 << 10).is_err(), "JAUTO without SCAN");
+        assert_eq!(adc.read(0, 0x14, true), None);
     }
 }

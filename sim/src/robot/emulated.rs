@@ -9,7 +9,7 @@
 //!
 //! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed contact pulls them low),
 //! driver fault PB13 (low is a fault), protective stop PC12 (low is closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 +
-//! value), supply PA4 (ADC input 4, divided by 11). A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
+//! value), supply PA4 (ADC input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
 //! floats is a bridge that is off.
 //!
 //! A power cycle is a new board with the flash of the old one, whose time begins when its power comes.
@@ -52,6 +52,8 @@ const EMERGENCY_STOP: u8 = 12;
 const EMERGENCY_STOP_A: u8 = 6;
 /// ADC input of the supply, and its divider.
 const SUPPLY_INPUT: usize = 4;
+/// ADC inputs of the current sensors: PA7, PC4, PC5.
+const CURRENT_INPUTS: [usize; 3] = [7, 14, 15];
 pub(super) const SUPPLY_DIVIDER: f64 = 11.0;
 const DRIVER_FAULT: u8 = 13;
 /// Pin of port C.
@@ -503,6 +505,15 @@ impl Robot for EmulatedRobot {
         if self.powered {
             self.catch_up();
             self.board.set_analog(SUPPLY_INPUT, volts / SUPPLY_DIVIDER);
+        }
+    }
+
+    fn set_current_inputs(&mut self, volts: [f64; 3]) {
+        if self.powered {
+            self.catch_up();
+            for (channel, volts) in CURRENT_INPUTS.into_iter().zip(volts) {
+                self.board.set_analog(channel, volts);
+            }
         }
     }
 

@@ -138,6 +138,11 @@ pub trait Robot: Send {
         let _ = volts;
     }
 
+    /// Changes the voltages at its current sensors' inputs, V.
+    fn set_current_inputs(&mut self, volts: [f64; 3]) {
+        let _ = volts;
+    }
+
     /// Takes its power away or gives it back. Without power it neither speaks nor hears, its bridges are off
     /// and its brake is engaged; with it, it starts like a robot that has just been switched on, with what its
     /// flash holds. What is pressed or pulled stays so.

@@ -444,6 +444,10 @@ impl Robot for NativeRobot {
         self.inputs.supply_input = Some((volts / super::emulated::SUPPLY_DIVIDER) as f32);
     }
 
+    fn set_current_inputs(&mut self, volts: [f64; 3]) {
+        self.inputs.current_inputs = Some(volts.map(|volts| volts.clamp(0.0, 3.3) as f32));
+    }
+
     fn set_power(&mut self, on: bool) {
         self.powered = on;
         let clock = Clock::new(self.crystal_ppm, self.now_ns);

@@ -243,6 +243,17 @@ impl World {
         }
     }
 
+    /// Connects a sensor that sees the current of all of a robot's motors to its first input (PA7), or nothing: `scale`
+    /// in A/V, `offset` the voltage without current, V.
+    pub fn set_current_sensor(&mut self, robot: usize, sensor: Option<(f64, f64)>) {
+        if let Some(unit) = self.touched(robot) {
+            unit.current_sensor = sensor;
+            if sensor.is_none() {
+                unit.robot.set_current_inputs([0.0; 3]);
+            }
+        }
+    }
+
     /// Lets a robot's supply take no charge any more: what its motors send back goes into this capacitance, F. `None`
     /// lets it take charge again.
     pub fn block_charge(&mut self, robot: usize, capacitance: Option<f64>) {

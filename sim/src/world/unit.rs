@@ -43,6 +43,8 @@ pub(super) struct Unit {
     /// The current of a motor at which the driver trips, A, and whether it has.
     trips_at: Option<f64>,
     tripped: bool,
+    /// A sensor of all motors' current: its scale, A/V, and its voltage without current, V.
+    pub current_sensor: Option<(f64, f64)>,
     /// Half of the play between motor and wheel, rad, and the wheels' angles.
     half_play: f64,
     wheels: [f64; 4],
@@ -100,6 +102,7 @@ impl Unit {
             supply: Supply::new(simulation.battery.as_ref().map(Battery::new)),
             trips_at: None,
             tripped: false,
+            current_sensor: None,
             half_play: 0.5 * simulation.backlash,
             safe_since_ns: Some(0),
             wheels: [0.0; 4],
@@ -174,6 +177,11 @@ impl Unit {
             self.robot.set_supply(volts);
         } else if before.is_some() {
             self.robot.set_supply(self.motors[0].supply());
+        }
+        if let Some((scale, offset)) = self.current_sensor {
+            let sum: f64 = self.motors.iter().map(Motor::current).sum();
+            self.robot
+                .set_current_inputs([offset + sum / scale, 0.0, 0.0]);
         }
         let mut pulses = [None; 4];
         let counts: [i32; 4] = std::array::from_fn(|wheel| {
