@@ -1,6 +1,6 @@
 //! Robots whose node switches are set alike, on a bus that treats their frames as copper does.
 
-use canopen::{Frame, Micros, NmtCommand, NmtTarget, NodeId, client};
+use canopen::{Emergency, Frame, Micros, NmtCommand, NmtTarget, NodeId, client};
 use group::GroupFile;
 use omnibus_sim::robot::Robot;
 use omnibus_sim::robot::native::NativeRobot;
@@ -64,8 +64,9 @@ fn robots_switched_on_together_notice_that_they_are_one_node() {
     }
 }
 
-/// Answers of two robots that differ (their serial numbers) destroy each other sixteen times, until both are
-/// error passive; then the dominant bit wins, and the other follows.
+/// Answers of two robots that differ (their serial numbers) destroy each other sixteen times, 8 each, until both are
+/// error passive. Both announce that in the same bits: one frame that stands, which takes 1 off and makes them error
+/// active again, 127. So the answers destroy each other once more; then the dominant bit wins, and the other follows.
 #[test]
 fn answers_that_differ_collide_on_the_wire() {
     let mut world = world([2, 3, 3]);
@@ -76,12 +77,13 @@ fn answers_that_differ_collide_on_the_wire() {
         cob::sdo_request(3),
         [0x40, 0x01, 0x20, 1, 0, 0, 0, 0],
     ));
-    let answers = run(&mut world, 20);
-    let answers: Vec<&Frame> = answers
+    let frames = run(&mut world, 20);
+    let answers: Vec<&Frame> = frames
         .iter()
         .filter(|f| f.id() == cob::sdo_response(3))
         .collect();
-    assert_eq!(world.error_frames() - before, 16);
+    assert_eq!(emergencies(&frames, 3), [Emergency::CAN_PASSIVE]);
+    assert_eq!(world.error_frames() - before, 16 + 1);
     let serials: Vec<u8> = answers.iter().map(|f| f.data()[4]).collect();
     assert_eq!(serials, [0x01, 0x02], "the one with the dominant bit first");
 }
