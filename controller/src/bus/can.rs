@@ -34,6 +34,11 @@ impl BusSide {
             last => last,
         };
         record.errors = CanErrors { last, ..*errors };
+        if record.off {
+            // A controller begins at zero when it comes back, which is not an error that went away by itself.
+            // Back on the bus, 0x8140 says so first.
+            return;
+        }
         let worst = errors.transmit.max(errors.receive);
         if worst >= PASSIVE && !record.passive {
             record.passive = true;
@@ -63,5 +68,7 @@ pub(crate) struct CanRecord {
     /// Error passive, or not yet well again.
     pub passive: bool,
     pub passives: u32,
+    /// Bus-off, and not back yet.
+    pub off: bool,
     pub bus_offs: u32,
 }

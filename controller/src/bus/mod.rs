@@ -266,12 +266,14 @@ impl BusSide {
     pub fn on_bus_off(&mut self, now: Micros) {
         self.on_fault(now, Fault::BusOff);
         self.device.on_bus_off(now);
+        self.dictionary.can.off = true;
         self.dictionary.can.bus_offs = self.device.counters().bus_off;
         self.drain(now);
     }
 
     /// The CAN controller is back on the bus.
     pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.dictionary.can.off = false;
         self.device.on_bus_recovered(now);
         self.drain(now);
     }

@@ -357,3 +357,28 @@ fn an_error_passive_controller_is_announced_and_taken_back() {
         .all(|robot| robot.bus.state() == State::Moving);
     assert!(all_move, "it stops nobody");
 }
+
+/// A controller comes back from bus-off with counters at zero, which it may show before it says that it is back. What
+/// is told first is that it was off the bus, and only then that it is error passive no more.
+#[test]
+fn bus_off_is_announced_before_error_passive_is_taken_back() {
+    let mut world = moving(&[2, 3]);
+    let offset = world.robots[0].offset;
+    let told = |transmit| crate::CanErrors {
+        transmit,
+        receive: 0,
+        last: 0,
+    };
+    let now = canopen::Micros(world.now + offset);
+    let bus = &mut world.robots[0].bus;
+    bus.on_can_errors(now, &told(255));
+    bus.on_bus_off(now);
+    world.run(200);
+    let now = canopen::Micros(world.now + offset);
+    let bus = &mut world.robots[0].bus;
+    bus.on_can_errors(now, &told(0));
+    bus.on_bus_recovered(now);
+    bus.on_can_errors(now, &told(0));
+    world.run(20);
+    assert_eq!(world.emergencies(2), [0x8140, 0]);
+}
