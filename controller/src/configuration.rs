@@ -26,7 +26,7 @@ const RAMP_GRACE: f32 = 3.0;
 const LATEST_TICK: f32 = 0.020;
 
 /// Voltage beyond the back EMF where no largest current is given, as a share of the nominal supply.
-const TORQUE_SHARE: f32 = 0.25;
+const TORQUE_SHARE: f32 = 0.5;
 
 /// Why a set of parameters is no configuration.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -479,7 +479,7 @@ const TORQUE: &[Object] = &[
         "Largest current",
         "A",
         real(0.0, 1000.0, 0.0),
-        "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With both 0 the bound is a quarter of the nominal supply; one without the other is refused.",
+        "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With both 0 the bound is half of the nominal supply; one without the other is refused.",
     ),
     Object::parameter(
         at::CURRENT_SCALE,
