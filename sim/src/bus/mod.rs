@@ -2,7 +2,7 @@
 //!
 //! One frame at a time. When the wire has been free for the intermission, every node that has something
 //! to send takes part in arbitration and the lowest identifier wins, as on the wire. The winner's frame
-//! then occupies the bus for its exact number of bits, see [`bits`]; everybody hears it when it ends. A frame
+//! then occupies the bus for its exact number of bits, see [`canopen::bits`]; everybody hears it when it ends. A frame
 //! that goes wrong ends early, with an error frame ([`Fate`]); who counts what is told in [`errors`].
 //!
 //! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as in
