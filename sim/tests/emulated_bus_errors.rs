@@ -83,15 +83,16 @@ fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
 fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     let mut world = world("single");
     world.set_lost_acknowledge(all(0x702));
-    // The firmware is on the bus some 6 ms after power-on; a repetition takes 0.08 ms.
-    run(&mut world, 15_000);
+    // The firmware is on the bus some 9 ms after power-on; a repetition takes 0.08 ms. It looks at the error counters
+    // every 5 ms at the latest when nothing else happens.
+    run(&mut world, 20_000);
     assert_eq!(world.error_frames(), 16);
     let passive = (ErrorState::Passive, counters(128, 0));
     assert_eq!(world.robot_errors(0), passive);
     let again = heard(&mut world);
     assert!(again.len() > 50 && again.iter().all(|(_, id)| *id == 0x702));
     world.set_lost_acknowledge(Share::NONE);
-    run(&mut world, 25_000);
+    run(&mut world, 30_000);
     // The repetition under way when acknowledges came back, still lost or not, one that stands, which takes one off, and
     // the emergency message that it was error passive, which takes another off.
     let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
