@@ -13,8 +13,9 @@ use crate::configuration::Configuration;
 use crate::math::sqrt;
 use crate::threshold::{Hysteresis, Lasting};
 
-/// How long the fault threshold must be exceeded, us.
-const FAULT_US: u64 = 100_000;
+/// How long the fault threshold must be exceeded, us. A wheel that is blocked strains the load at once, and the wheel
+/// watch of its robot needs 200 ms by default to name it: a consequence must not be announced before its cause.
+const FAULT_US: u64 = 300_000;
 
 /// Compares measured twists at every SYNC.
 #[derive(Clone, Copy, PartialEq, Debug)]

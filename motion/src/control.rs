@@ -49,8 +49,8 @@ const OVERDUE_US: u32 = 20_000;
 /// side lets go hungry (34 ms on the reference board): the ramp must have begun by then.
 const BUS_SILENT_US: u32 = 25_000;
 
-/// How long too much slip must last, us.
-const LASTING_US: u64 = 100_000;
+/// How long too much slip must last, us: longer than the wheel watch needs by default, which names what made it.
+const LASTING_US: u64 = 300_000;
 
 /// Wheels slower than this stand, rad/s.
 const STANDING_RATE: f32 = 0.05;

@@ -597,7 +597,7 @@ const LIMITS: &[Object] = &[
         "Slip fault",
         "rad/s",
         real(0.0, 60.0, 2.5),
-        "Slip residual above which, for 100 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.1 for that long; one wheel that stands still while the others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
+        "Slip residual above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.1 for that long; one wheel that stands still while the others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
     ),
     Object::parameter(
         at::STRAIN_LIMIT,
@@ -611,7 +611,7 @@ const LIMITS: &[Object] = &[
         "Strain fault",
         "m/s",
         real(0.0, 5.0, 0.3),
-        "The same, above which, for 100 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.",
+        "The same, above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.",
     ),
     Object::parameter(
         at::BLOCKED_RATE,

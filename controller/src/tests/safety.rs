@@ -367,7 +367,7 @@ fn members_that_disagree_report_strain_then_stop() {
         protocol::Code::Limit(protocol::Limit::Strain)
     );
     assert_eq!(world.robots[0].bus.state(), State::Moving);
-    slipping(&mut world, 0.3, 200);
+    slipping(&mut world, 0.3, 400);
     world.run(1200);
     assert_eq!(faulted(&world), Some(Fault::StrainExcess));
 }
