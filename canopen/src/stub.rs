@@ -5,8 +5,8 @@
 //! device's. It is no CANopen device and must not be on a bus.
 
 use crate::{
-    AbortCode, Config, ErrorClass, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary,
-    PdoDirection, ResetScope, StoreScope,
+    AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtState, NodeId,
+    ObjectDictionary, PdoDirection, ResetScope, StoreScope,
 };
 
 /// As the device has it.
@@ -148,6 +148,26 @@ impl Device {
     #[must_use]
     pub const fn next_deadline(&self) -> Option<Micros> {
         None
+    }
+
+    /// The application's objects only.
+    ///
+    /// # Errors
+    /// Those of [`ObjectDictionary::read`].
+    pub fn read<O: ObjectDictionary>(
+        &self,
+        index: u16,
+        sub: u8,
+        out: &mut [u8],
+        od: &O,
+    ) -> Result<usize, AbortCode> {
+        od.read(index, sub, out)
+    }
+
+    /// Counts nothing.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        Counters::default()
     }
 
     /// Tells nobody.

@@ -92,7 +92,7 @@ pub fn figures(file: &GroupFile) -> anyhow::Result<Vec<Figure>> {
             );
             let budgeted = robots == 8 && rate_hz == 100;
             figures.push(if budgeted {
-                figure.budget(37.0).ceiling(45.0)
+                figure.budget(41.0).ceiling(45.0)
             } else {
                 figure
             });

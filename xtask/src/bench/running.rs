@@ -93,8 +93,8 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let [least, mean, most] = spread("tick", ticks)?;
     let mut figures = vec![
         least,
-        mean.budget(1_200.0)
-            .ceiling(1_200.0)
+        mean.budget(1_400.0)
+            .ceiling(1_400.0)
             .peer(6_000.0, "linorobot2"),
         most,
     ];
@@ -128,8 +128,8 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let per_cent = |cycles: f64| 100.0 * cycles / span;
     figures.extend([
         Figure::new("load", per_cent(busy), "%")
-            .budget(3.0)
-            .ceiling(4.0),
+            .budget(4.0)
+            .ceiling(4.1),
         Figure::new("load.bus_side", per_cent(thread as f64), "%"),
         Figure::new("load.control_side", per_cent(control as f64), "%"),
     ]);
