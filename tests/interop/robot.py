@@ -122,7 +122,7 @@ class Robot(unittest.TestCase):
         self.assertIsNotNone(self.node.emcy.wait(code, PATIENCE), f"no emergency 0x{code:04X}")
 
     def configure(self):
-        """Writes every parameter: the default of the EDS, but for the group."""
+        """Writes every parameter: the default of the EDS, but for the group and the loops' gains."""
         for variable in variables(self.node.object_dictionary):
             if 0x2010 <= variable.index <= 0x204F and variable.writable:
                 if variable.data_type == canopen.objectdictionary.datatypes.DOMAIN:
@@ -131,6 +131,10 @@ class Robot(unittest.TestCase):
                 is_real = variable.data_type == canopen.objectdictionary.datatypes.REAL32
                 data = variable.encode_raw(float(value) if is_real else int(value, 0))
                 self.node.sdo.download(variable.index, variable.subindex, data)
+        # Without gains nothing turns a wheel, and the robot refuses that.
+        for wheel in range(0x2021, 0x2025):
+            self.node.sdo[wheel][2].raw = 1.2  # V s/rad
+            self.node.sdo[wheel][4].raw = 2.0  # V s/rad
         self.node.sdo[0x2040][1].raw = GROUP
         self.assertEqual(f"{self.node.sdo[0x2002][1].raw:08X}", "00000000")
 

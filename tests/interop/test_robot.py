@@ -6,7 +6,7 @@ import canopen
 
 from robot import DEVICE_STATE, NODE, PATIENCE, READ_ONLY, Robot, compensation_set, twist
 
-IDENTITY = (0, 0x4F4D4E49, 0x00020000)
+IDENTITY = (0, 0x4F4D4E49, 0x00030000)
 """Vendor, product, revision."""
 
 
@@ -331,7 +331,7 @@ class Lss(Robot):
         with self.assertRaises(canopen.lss.LssError):
             lss.configure_node_id(128)
         lss.send_switch_state_global(lss.WAITING_STATE)
-        self.assertEqual(self.node.sdo[0x2000].raw, 2)
+        self.assertEqual(self.node.sdo[0x2000].raw, 3)
 
 
 if __name__ == "__main__":
