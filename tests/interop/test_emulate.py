@@ -136,10 +136,11 @@ class Trace(unittest.TestCase):
             self.assertEqual(self.at(f"pwm_{wheel}_duty", 15 * 10**7), 0)
 
     def test_pins_of_the_drivers(self):
-        """Driver and brake follow the state of the robot, which the master has operational from 0.18 s on."""
+        """Low from the first instructions on; then they follow the state of the robot, which the master has operational
+        from 0.18 s on."""
         for pin in ("driver_enable", "brake_release"):
             values = [self.at(pin, ms * 10**6) for ms in (1, 100, 500, 900)]
-            self.assertEqual(values, ["z", "0", "1", "1"], pin)
+            self.assertEqual(values, ["0", "0", "1", "1"], pin)
 
     def test_frames_are_those_of_the_bus(self):
         """Every frame of the bus, in its order: sent ones a mailbox earlier than on the wire, others as they arrive."""

@@ -130,6 +130,21 @@ impl BusSide {
         Plan::new(self.dictionary.parameters.group_crc(), words.into_iter())
     }
 
+    /// Which byte of a frame with the group twist is the group, by the mapping of RPDO1 (0x1600).
+    pub(super) fn group_byte(&self) -> Option<usize> {
+        const GROUP: u32 = 0x2100_0508;
+        let mut bits = 0;
+        let [mapped, ..] = self.object(0x1600, 0).to_le_bytes();
+        for sub in 1..=mapped {
+            let entry = self.object(0x1600, sub);
+            if entry == GROUP && bits % 8 == 0 {
+                return Some(bits / 8);
+            }
+            bits += (entry & 0xFF) as usize;
+        }
+        None
+    }
+
     /// An object of the device, as a number; 0 for none.
     #[inline(never)]
     fn object(&self, index: u16, sub: u8) -> u32 {

@@ -124,6 +124,8 @@ pub struct BusSide {
     listened: Micros,
     /// Until when a robot of the same node counts as there.
     doubled_until: Micros,
+    /// Which byte of a group twist names its group, as RPDO1 is mapped; fixed while OPERATIONAL.
+    group_byte: Option<usize>,
     /// Until when it may move alone.
     permitted_until: Micros,
     /// Code of the limit that was active at the last SYNC; 0 for none.
@@ -166,6 +168,7 @@ impl BusSide {
             blinks_until: Micros::ZERO,
             listened: Micros::MAX,
             doubled_until: Micros::ZERO,
+            group_byte: None,
             permitted_until: Micros::ZERO,
             limit: 0,
             announced: 0,
@@ -366,7 +369,8 @@ impl BusSide {
     /// counted.
     fn is_for_another_group(&self, frame: &Frame) -> bool {
         let group = self.configuration.as_ref().map(|known| known.group);
-        let (Some(group), Some(addressed)) = (group, frame.data().get(7)) else {
+        let addressed = self.group_byte.and_then(|byte| frame.data().get(byte));
+        let (Some(group), Some(addressed)) = (group, addressed) else {
             return false;
         };
         *addressed != group
@@ -447,6 +451,7 @@ impl BusSide {
             self.to_hand = true;
         }
         self.command.configuration = configuration.crc;
+        self.group_byte = self.group_byte();
         self.command.start = self.command.start.wrapping_add(1);
         self.last_heartbeat = now;
         self.runs_out = now;

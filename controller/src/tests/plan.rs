@@ -4,7 +4,7 @@ use kinematics::Twist;
 use protocol::address as at;
 use protocol::{Fault, Value, cob};
 
-use super::world::World;
+use super::world::{GROUP, World};
 use crate::state::State;
 
 const FORWARD: Twist = Twist::new(0.5, 0.0, 0.0);
@@ -159,6 +159,34 @@ fn communication_objects_change_in_pre_operational_only() {
         assert_eq!(write(&mut world, 2, object), refused, "{object:04x?}");
         world.run(100);
         assert_eq!(world.robots[0].bus.state(), State::Moving, "{object:04x?}");
+    }
+}
+
+/// Group and sequence first, then omega, vy, vx: all members are mapped so, and the master sends so.
+#[test]
+fn a_group_twist_is_for_the_group_that_its_mapping_names() {
+    let reversed = [
+        (0x1400, 1, 0x8000_0181, 4),
+        (0x1600, 0, 0, 1),
+        (0x1600, 1, 0x2100_0508, 4),
+        (0x1600, 2, 0x2100_0408, 4),
+        (0x1600, 3, 0x2100_0310, 4),
+        (0x1600, 4, 0x2100_0210, 4),
+        (0x1600, 5, 0x2100_0110, 4),
+        (0x1600, 0, 5, 1),
+        (0x1400, 1, 0x181, 4),
+    ];
+    let mut world = World::new(&[2]);
+    world.configure();
+    for object in reversed {
+        write(&mut world, 2, object).unwrap();
+    }
+    world.start();
+    for (group, echoed) in [(GROUP, 7), (GROUP + 1, 7), (GROUP, 9)] {
+        let sequence = if group == GROUP { echoed } else { 8 };
+        world.send(1, cob::GROUP_TWIST, &[group, sequence, 0, 0, 0, 0, 0, 0]);
+        world.run(20);
+        assert_eq!(world.status(2).sequence, echoed);
     }
 }
 
