@@ -14,7 +14,7 @@
 //! due when that begins has its time from the moment when the processor goes on, or is reset by its watchdog.
 //!
 //! Of a reversed encoder (12) the page promises more time where the wheel is slow already, and in return that it does not
-//! become faster: [`Slow`].
+//! become faster: [`Slow`]. One that stands shows nothing, and is off at the end of the ramp.
 
 use group::GroupFile;
 use sim::rig::Rig;
@@ -37,6 +37,8 @@ const STANDSTILL_MS: f64 = 22.0;
 const REVERSED: u8 = 12;
 /// What a rate may be larger than promised, rad/s: as fine as the table of the page.
 const RESOLUTION: f64 = 0.01;
+/// A wheel that is slower stands, rad/s.
+const STANDS: f64 = 0.05;
 /// Causes that stop or upset the processor; one at a time.
 const OF_PROCESSOR: std::ops::RangeInclusive<u8> = 17..=20;
 
@@ -151,7 +153,14 @@ impl Pair<'_> {
         if self.second.1.number == REVERSED {
             wheel.fastest = at_second;
         }
-        let slow_ms = is_slow.map(|_| slow.millis);
+        let slow_ms = is_slow.map(|rate| {
+            if rate > STANDS {
+                return slow.millis;
+            }
+            // It shows nothing, so what holds is the end of the ramp of the first cause.
+            let due = self.first.0.millis.unwrap_or(0.0) - self.delay_ms as f64;
+            due + ramp_ms(group) + HOLD_MS
+        });
         let promises = self.promises(group, (first_ns, second_ns), slow_ms);
         let ends = promises
             .iter()
@@ -208,16 +217,20 @@ impl Pair<'_> {
                 .map(|((promise, _), at)| (at, within(promise, at)))
                 .collect();
         }
-        let (v, d, j) = (
-            f64::from(SPEED),
-            f64::from(group.limits.linear_acceleration),
-            f64::from(group.limits.linear_jerk),
-        );
-        let ramp_ms = (v / d + d / j) * 1e3;
         let later_ms = second_ns.saturating_sub(first_ns) as f64 / 1e6;
         let due = millis(self.first.0).min(later_ms + millis(self.second.0));
-        vec![(first_ns, due + ramp_ms + HOLD_MS)]
+        vec![(first_ns, due + ramp_ms(group) + HOLD_MS)]
     }
+}
+
+/// How long the ramp from the speed of the trials lasts, ms.
+fn ramp_ms(group: &GroupFile) -> f64 {
+    let (v, d, j) = (
+        f64::from(SPEED),
+        f64::from(group.limits.linear_acceleration),
+        f64::from(group.limits.linear_jerk),
+    );
+    (v / d + d / j) * 1e3
 }
 
 fn cuts(promise: &Promise) -> bool {
