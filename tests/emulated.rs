@@ -201,12 +201,12 @@ fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
     for backend in [Backend::Native, Backend::Emulator(image())] {
         let group = common::group("single");
         let mut world = World::new(&group, backend, Options::default()).unwrap();
-        world.set_current_sensor(0, Some((80.0, 1.65)));
+        world.set_current_sensor(0, Some((160.0, 1.65)));
         let mut link = SimLink::new(world, "test");
         let mut session = Group::connect(&mut link, &group).unwrap();
         session.configure(true).unwrap();
         for (at, value) in [
-            (address::CURRENT_SCALE, 80.0),
+            (address::CURRENT_SCALE, 160.0),
             (address::CURRENT_OFFSET, 1.65),
         ] {
             session.wire().write(2, at, Value::F32(value)).unwrap();
@@ -219,22 +219,22 @@ fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
             };
             amperes
         };
-        // A step of the converter is 0.064 A; it rounds down.
+        // Four motors of 40 A and a quarter are 200 A; a step of the converter is 0.13 A, and it rounds down.
         let still = read(&mut session);
-        assert!((-0.07..=0.001).contains(&still), "{still} A");
-        let sees = Some((80.0, 2.05));
+        assert!((-0.14..=0.001).contains(&still), "{still} A");
+        let sees = Some((160.0, 1.85));
         session.link().world.set_current_sensor(0, sees);
         let now = session.link().world.now().0;
         let soon = canopen::Micros(now + 15_000);
         session.link().world.run_until(soon).unwrap();
         let more = read(&mut session);
-        assert!((more - 32.0).abs() < 0.1, "{more} A");
+        assert!((more - 32.0).abs() < 0.15, "{more} A");
         assert!(session.link().world.truth().robots[0].drivers_enabled);
         // Open: pulled up to the reference.
         session
             .link()
             .world
-            .set_current_sensor(0, Some((80.0, 3.3)));
+            .set_current_sensor(0, Some((160.0, 3.3)));
         let soon = canopen::Micros(session.link().world.now().0 + 25_000);
         session.link().world.run_until(soon).unwrap();
         assert!(!session.link().world.truth().robots[0].drivers_enabled);

@@ -169,7 +169,7 @@ fn the_output_stage_is_written_whole() {
     let start = text.find("largest_current").unwrap();
     let end = start + text[start..].find('\n').unwrap();
     let stage = "largest_duty = 0.95\nbrake_release_ms = 80\nbrake_engage_ms = 120";
-    for (given, bound) in [(&text[start..end], (0.3, 20.0)), ("", (0.0, 0.0))] {
+    for (given, bound) in [(&text[start..end], (0.3, 40.0)), ("", (0.0, 0.0))] {
         let text = text.replace(&text[start..end], &format!("{given}\n{stage}"));
         let file = GroupFile::parse("single.toml", &text).unwrap();
         let all = omnibus_group::parameters(&file, &file.robots[0], true);

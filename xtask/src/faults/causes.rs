@@ -114,6 +114,9 @@ const fn stored(number: u8, variant: &'static str, trial: super::power::Trial) -
     Case::new(number, variant, Trial::Stored(trial))
 }
 
+/// The current sensor of cause 32: A/V, and V at no current.
+const CURRENT_SENSOR: (f64, f64) = (160.0, 1.65);
+
 /// All of them, by number.
 pub const CASES: &[Case] = &[
     now(1, "", |rig| rig.heartbeat = false),
@@ -207,6 +210,13 @@ pub const CASES: &[Case] = &[
     // Another robot switched on whose node switches are set to the same number.
     after(28, "boot-up", boot_up),
     Case {
+        prepare: Some(connect_current_sensor),
+        ..now(32, "its wire comes off, the input is pulled up", |rig| {
+            let (scale, _) = CURRENT_SENSOR;
+            rig.world.set_current_sensor(WATCHED, Some((scale, 3.3)));
+        })
+    },
+    Case {
         prepare: Some(connect_protective_stop),
         ..now(29, "", |rig| rig.world.set_protective_stop(WATCHED, true))
     },
@@ -246,6 +256,19 @@ fn connect_protective_stop(rig: &mut Rig) {
     let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
     rig.world
         .send(Frame::of(cob::sdo_request(WATCHED_NODE), write));
+}
+
+/// Gives the watched robot a current sensor of 160 A/V about 1.65 V, and says so.
+fn connect_current_sensor(rig: &mut Rig) {
+    rig.world.set_current_sensor(WATCHED, Some(CURRENT_SENSOR));
+    let (scale, offset) = CURRENT_SENSOR;
+    for (address, value) in [(at::CURRENT_SCALE, scale), (at::CURRENT_OFFSET, offset)] {
+        let [low, high] = address.index.to_le_bytes();
+        let [a, b, c, d] = (value as f32).to_le_bytes();
+        let write = [0x23, low, high, address.sub, a, b, c, d];
+        rig.world
+            .send(Frame::of(cob::sdo_request(WATCHED_NODE), write));
+    }
 }
 
 /// One member misses a setpoint and hears another one aside, with the same sequence. The time counts from the SYNC that
