@@ -14,9 +14,9 @@
 //! meanwhile are counted, but no fault.
 
 use canopen::{Frame, Micros, NmtState};
-use controller::record_store::{RecordStore, StoreError};
-use controller::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 use protocol::Fault;
+use robot::record_store::{RecordStore, StoreError};
+use robot::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 
 use crate::board::can::{Can, Health};
 use crate::board::flash::ParameterFlash;

@@ -7,8 +7,8 @@
 //! the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. A tick that
 //! cannot start in time starts late, and the lateness is noted; ticks that were missed are not made up for.
 
-use controller::rollers::RollerConfiguration;
-use controller::{ControlSide, Inputs, TickPhase};
+use robot::rollers::RollerConfiguration;
+use robot::{ControlSide, Inputs, TickPhase};
 
 use crate::board::drive::Drive;
 use crate::board::index::Indexes;

@@ -1,7 +1,7 @@
-//! The firmware of one robot: tasks that connect a board to the `controller`.
+//! The firmware of one robot: tasks that connect a board to the `robot`.
 //!
 //! Two executors. The bus side shares one in thread mode; the control side has its own in an interrupt and preempts
-//! all of it (`board::executors` has the priorities). Every decision is made in `controller`; every register is in
+//! all of it (`board::executors` has the priorities). Every decision is made in `robot`; every register is in
 //! `board`; here is only what wakes when, and what passes between.
 //!
 //! | task | executor | wakes | does |
@@ -14,7 +14,7 @@
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
 //! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
-//! | bus | CAN mailboxes | one frame waiting, then the queues of `controller` | those, yes | newest dropped, counted |
+//! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |
 //! | bus | control | [`handover`]: command, configuration, SYNC time | no, the latest wins | |
 //! | control | bus | [`handover`]: report | no, the latest wins | |
 //! | CAN interrupts, control | bus | [`wake`]: a bell | no, rung is rung | |

@@ -3,12 +3,12 @@
 use core::mem::MaybeUninit;
 
 use canopen::NodeId;
-use controller::record_store::RecordStore;
-use controller::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use defmt::unwrap;
 use embassy_executor::Spawner;
 use embassy_stm32::gpio::Output;
 use protocol::Fault;
+use robot::record_store::RecordStore;
+use robot::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::can::Can;

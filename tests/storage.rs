@@ -489,30 +489,27 @@ fn a_store_full_of_small_images_is_no_different() {
     Robot::power_on(&firmware, &flash);
 }
 
-/// Flashes as the version before left them (`controller/tests/data`), the last of them on a robot that did not start
+/// Flashes as the version before left them (`robot/tests/data`), the last of them on a robot that did not start
 /// any more; the name of the set they hold.
 #[test]
 fn a_robot_with_the_store_of_the_version_before_has_its_parameters() {
     let firmware = firmware();
     let blank = Board::new(&firmware, BoardConfig::default()).flash();
     let before: [(&[u8], Set); 5] = [
+        (include_bytes!("../robot/tests/data/one-image.bin"), Set(1)),
         (
-            include_bytes!("../controller/tests/data/one-image.bin"),
-            Set(1),
-        ),
-        (
-            include_bytes!("../controller/tests/data/second-sector.bin"),
+            include_bytes!("../robot/tests/data/second-sector.bin"),
             Set(2),
         ),
         (
-            include_bytes!("../controller/tests/data/cut-in-the-copy.bin"),
+            include_bytes!("../robot/tests/data/cut-in-the-copy.bin"),
             Set(1),
         ),
         (
-            include_bytes!("../controller/tests/data/cut-in-the-record.bin"),
+            include_bytes!("../robot/tests/data/cut-in-the-record.bin"),
             Set(1),
         ),
-        (include_bytes!("../controller/tests/data/stuck.bin"), Set(1)),
+        (include_bytes!("../robot/tests/data/stuck.bin"), Set(1)),
     ];
     for (bytes, set) in before {
         let mut flash = blank.clone();

@@ -2,6 +2,7 @@
 
 use core::hint::black_box;
 
+use control::wheel::{Available, Gains, WheelLoop, WheelReference};
 use fixed::types::I16F16;
 use kinematics::arithmetic::sin_cos;
 use kinematics::{
@@ -9,7 +10,6 @@ use kinematics::{
     MemberKinematics, Mount, Odometry, PhaseMember, Pose, RollerAngle, Secant, SpeedCompensation,
     Twist, VelocityCompensation, WheelRates, desaturate,
 };
-use motion::wheel::{Available, Gains, WheelLoop, WheelReference};
 
 /// Inputs of every function.
 const INPUTS: u32 = 64;

@@ -1,7 +1,7 @@
 //! Every object of a robot beyond the communication profile: type, access, limits, default, text. The pages, the EDS
 //! and the DBC are generated from this table.
 //!
-//! A new object also needs its address and name in `address`; if it is not a plain parameter, `controller::dictionary`
+//! A new object also needs its address and name in `address`; if it is not a plain parameter, `robot::dictionary`
 //! has to answer it.
 //!
 //! A parameter marked *required* has a default only so that it can be read: the robot refuses to

@@ -24,7 +24,6 @@
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use canopen::{Frame, Micros};
-use controller::CanErrors;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::interrupt::typelevel::{self, Handler};
@@ -34,6 +33,7 @@ use embassy_stm32::peripherals::{CAN1, PB8, PB9};
 use embassy_stm32::{Peri, bind_interrupts, interrupt, pac, rcc};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
+use robot::CanErrors;
 
 use super::now;
 use crate::wake;

@@ -12,11 +12,11 @@
     reason = "flash is memory that is read and written by address"
 )]
 
-use controller::record_store::{Flash, StoreError};
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::peripherals::FLASH;
+use robot::record_store::{Flash, StoreError};
 
 /// First sector of the two, and its address; `__parameters_start` in `memory.x`.
 const FIRST: u8 = 1;

@@ -17,10 +17,10 @@ const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibu
 
 /// The libraries whose tests are run once more in fixed point.
 const FIXED_TESTS: [&str; 6] = [
-    "--package=omnibus-motion",
-    "--package=omnibus-controller",
+    "--package=omnibus-control",
+    "--package=omnibus-robot",
     "--features",
-    "omnibus-controller/fixed-point",
+    "omnibus-robot/fixed-point",
     "--lib",
     "--tests",
 ];

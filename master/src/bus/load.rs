@@ -15,7 +15,7 @@ use protocol::{
 
 /// Bits a second on the wire.
 pub const BIT_RATE: f64 = 1e6;
-/// Heartbeats a second of each robot; see `controller`'s identity.
+/// Heartbeats a second of each robot; see `robot`'s identity.
 const HEARTBEATS: f64 = 10.0;
 /// Share of the bus beyond which frames of low priority wait noticeably.
 pub const BUSY: f64 = 0.70;

@@ -1,6 +1,6 @@
 //! A robot as the world sees it: something with a CAN connection, four encoders and four motors.
 //!
-//! Two kinds. A *native* robot is the controller crate compiled for this machine; an *emulated* one is
+//! Two kinds. A *native* robot is the crate `robot` compiled for this machine; an *emulated* one is
 //! the firmware's release image on an emulated processor. The world does not know which it has: it
 //! delivers frames, turns encoders, reads the bridges, and lets time pass. Each robot has a clock of its
 //! own behind this trait; all times here are bus time.
@@ -201,7 +201,7 @@ pub trait Robot: Send {
 /// What the robots of a world are.
 #[derive(Debug, Clone)]
 pub enum Backend {
-    /// The controller crate, compiled for this machine.
+    /// The crate `robot`, compiled for this machine.
     Native,
     /// This image, on an emulated processor each.
     Emulator(emulator::Firmware),

@@ -1,4 +1,4 @@
-//! A native robot: the controller crate on this machine, where the firmware has it on a microcontroller.
+//! A native robot: the crate `robot` on this machine, where the firmware has it on a microcontroller.
 //!
 //! What the firmware's two tasks do around the controller is done here in virtual time: the bus side gets
 //! frames when they end and is polled when it asks to be; the control side ticks every millisecond, in
@@ -15,11 +15,11 @@
 //! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
 
 use canopen::{Frame, Micros, NodeId};
-use controller::{
+use protocol::{Fault, StoredFault};
+use robot::{
     BusSide, CanErrors, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Memorable, Outputs,
     StoreWear, Stored, TICK_US, TickPhase, stored_node,
 };
-use protocol::{Fault, StoredFault};
 
 use super::{LogLine, Robot, Wake};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
@@ -180,7 +180,7 @@ impl NativeRobot {
 
     /// What the control side last reported.
     #[must_use]
-    pub fn report(&self) -> controller::Report {
+    pub fn report(&self) -> robot::Report {
         *self.live.control.report()
     }
 

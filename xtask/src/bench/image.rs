@@ -94,12 +94,12 @@ mod tests {
     #[test]
     fn a_function_belongs_to_the_crate_its_path_begins_with() {
         assert_eq!(
-            crate_of("omnibus_motion::control::ControlSide::tick"),
-            "omnibus_motion"
+            crate_of("omnibus_control::control::ControlSide::tick"),
+            "omnibus_control"
         );
         assert_eq!(
-            crate_of("<omnibus_controller::D as canopen::od::O>::read"),
-            "omnibus_controller"
+            crate_of("<omnibus_robot::D as canopen::od::O>::read"),
+            "omnibus_robot"
         );
         assert_eq!(crate_of("__aeabi_memcpy"), "other");
     }

@@ -237,10 +237,10 @@ pub const CASES: &[Case] = &[
 /// Rows of the page of which nothing is tried here, because they promise no time, and where they are tried.
 #[cfg(test)]
 pub const ELSEWHERE: &[(u8, &str)] = &[
-    (23, "refuses a start: controller/src/tests/start.rs"),
-    (24, "a threshold: controller/src/tests/safety.rs"),
+    (23, "refuses a start: robot/src/tests/start.rs"),
+    (24, "a threshold: robot/src/tests/safety.rs"),
     (25, "a threshold: tests/group_rules.rs"),
-    (34, "refuses a start: controller/src/tests/interlock.rs"),
+    (34, "refuses a start: robot/src/tests/interlock.rs"),
 ];
 
 /// Does something to the watched robot's board.

@@ -4,10 +4,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use anyhow::anyhow;
-use controller::record_store::{Flash, RecordStore, StoreError};
 use protocol::Address;
+use robot::record_store::{Flash, RecordStore, StoreError};
 
-/// One parameter, with the CRC that it should have: format 2 as `controller/src/store.rs` describes it.
+/// One parameter, with the CRC that it should have: format 2 as `robot/src/store.rs` describes it.
 pub fn with(address: Address, value: f32) -> Vec<u8> {
     let [low, high] = address.index.to_le_bytes();
     let mut body = vec![2, 7, 0, 0, low, high, address.sub];

@@ -53,7 +53,7 @@ pub struct Measured {
 /// What the robots of a trial are.
 #[derive(Clone, Copy)]
 pub enum Robots<'a> {
-    /// The controller crate, all of them.
+    /// The crate `robot`, all of them.
     Native,
     /// The image, all of them.
     Emulated(&'a Firmware),

@@ -36,7 +36,7 @@
 #[cfg(test)]
 extern crate std;
 
-use motion::{math, threshold};
+use control::{math, threshold};
 
 pub mod agreement;
 mod bus;
@@ -57,14 +57,14 @@ mod strain;
 pub use bus::{BusSide, CanErrors, Event};
 pub use clock::{SyncClock, TickPhase};
 pub use configuration::{Configuration, ConfigurationError};
+pub use control::control::{ControlSide, TICK_US};
+pub use control::{
+    clock, drivetrain, handover, identification, limiter, observer, rollers, setpoint, wheel,
+};
 pub use dictionary::{Counters, StoreWear};
 pub use fault_memory::Memorable;
 pub use handover::{Command, Inputs, Mode, Outputs, Report};
 pub use identity::{Identity, SYNC_OVERFLOW};
-pub use motion::control::{ControlSide, TICK_US};
-pub use motion::{
-    clock, drivetrain, handover, identification, limiter, observer, rollers, setpoint, wheel,
-};
 pub use parameters::Parameters;
 pub use state::State;
 pub use store::{IMAGE_MAX, Stored, stored_node};

@@ -17,7 +17,7 @@ use crate::fault_memory::FaultMemory;
 use crate::history::History;
 use crate::parameters::Parameters;
 use crate::store::Store;
-use motion::drivetrain::compensation;
+use control::drivetrain::compensation;
 
 /// What the robot counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

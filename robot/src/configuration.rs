@@ -4,16 +4,16 @@
 //! drives anything. What the control loop needs is worked out here: the folded kinematics, signed
 //! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
 
+use control::brake::BrakeTimes;
+pub use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
+use control::control::TICK_US;
+use control::current::CurrentConfiguration;
+use control::drivetrain::{Drivetrain, compensation};
+use control::limiter::ChangeLimits;
+use control::rollers::{RollerConfiguration, RollerWheel};
+use control::supply::{FULL_SCALE, SupplyConfiguration};
+use control::wheel::Gains;
 use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
-use motion::brake::BrakeTimes;
-pub use motion::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
-use motion::control::TICK_US;
-use motion::current::CurrentConfiguration;
-use motion::drivetrain::{Drivetrain, compensation};
-use motion::limiter::ChangeLimits;
-use motion::rollers::{RollerConfiguration, RollerWheel};
-use motion::supply::{FULL_SCALE, SupplyConfiguration};
-use motion::wheel::Gains;
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::{Address, MEMBER_MASK};
 

@@ -5,8 +5,8 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use omnibus_controller::record_store::{Flash, RecordStore, StoreError};
-use omnibus_controller::{IMAGE_MAX, StoreWear};
+use omnibus_robot::record_store::{Flash, RecordStore, StoreError};
+use omnibus_robot::{IMAGE_MAX, StoreWear};
 use protocol::crc32;
 
 /// Bytes of a sector on the robot, and of one that fills up sooner.
