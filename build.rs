@@ -1,8 +1,9 @@
 //! Linker arguments of the firmware.
 //!
-//! They are here and not in `.cargo/config.toml`, because an environment `RUSTFLAGS` replaces the flags from
-//! there without a word and leaves an image without a vector table. They apply to the robot's target only:
-//! the same package also compiles on the host, where the firmware is an empty program.
+//! They are here and not in `.cargo/config.toml`, because an environment `RUSTFLAGS` replaces the
+//! flags from there without a word and leaves an image without a vector table. They apply to the
+//! robot's target only: the same package also compiles on the host, where the firmware is an empty
+//! program.
 
 use std::{env, fs, path::PathBuf};
 
@@ -18,8 +19,8 @@ fn main() {
     fs::copy("memory.x", out.join("memory.x")).expect("memory.x can be copied to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
 
-    // `--nmagic`: sections are not padded to pages. `link.x`: vector table and start-up of cortex-m-rt.
-    // `defmt.x`: the table of log strings, which stays in the ELF file.
+    // `--nmagic`: sections are not padded to pages. `link.x`: vector table and start-up of
+    // cortex-m-rt. `defmt.x`: the table of log strings, which stays in the ELF file.
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
     }

@@ -1,4 +1,5 @@
-//! Linker arguments of the counting image, for a bare-metal target only: see the firmware's own build script.
+//! Linker arguments of the counting image, for a bare-metal target only: see the firmware's own
+//! build script.
 
 use std::{env, fs, path::PathBuf};
 

@@ -1,11 +1,13 @@
 //! The control task: a thousand times a second from encoders to PWM.
 //!
-//! It runs on the control executor: above the bus side, below the short interrupts of `board::executors`' table. It is
-//! the only task that touches the motor outputs and the brake. Each tick reads the encoders and the stop and fault
-//! inputs, takes the bus side's latest command, lets the controller decide, sets the outputs, leaves a report, feeds
-//! the watchdog and wakes the bus task when it is due or has a fault to announce. Then it sleeps until the tick that
-//! the controller wants next, which is in step with SYNC. It never waits for the bus side and never logs. A tick that
-//! cannot start in time starts late, and the lateness is noted; ticks that were missed are not made up for.
+//! It runs on the control executor: above the bus side, below the short interrupts of
+//! `board::executors`' table. It is the only task that touches the motor outputs and the brake.
+//! Each tick reads the encoders and the stop and fault inputs, takes the bus side's latest command,
+//! lets the controller decide, sets the outputs, leaves a report, feeds the watchdog and wakes the
+//! bus task when it is due or has a fault to announce. Then it sleeps until the tick that the
+//! controller wants next, which is in step with SYNC. It never waits for the bus side and never
+//! logs. A tick that cannot start in time starts late, and the lateness is noted; ticks that were
+//! missed are not made up for.
 
 use robot::rollers::RollerConfiguration;
 use robot::{ControlSide, Inputs, TickPhase};
@@ -83,7 +85,8 @@ pub async fn control(
     }
 }
 
-/// Takes over a new configuration; returns whether it knows of current sensors. Not inlined, so that the stack it takes is given back.
+/// Takes over a new configuration; returns whether it knows of current sensors. Not inlined, so
+/// that the stack it takes is given back.
 #[inline(never)]
 fn take_over(
     side: &mut ControlSide,

@@ -10,9 +10,10 @@
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
-//! A cell is copied with interrupts masked. That takes a microsecond for what passes every tick, and some twenty while a
-//! new configuration is taken over, with the outputs off: less than a frame on the bus (50 us at least), so it can delay
-//! a receive time stamp but never lose a frame. What wakes the bus task is in [`wake`](crate::wake).
+//! A cell is copied with interrupts masked. That takes a microsecond for what passes every tick,
+//! and some twenty while a new configuration is taken over, with the outputs off: less than a frame
+//! on the bus (50 us at least), so it can delay a receive time stamp but never lose a frame. What
+//! wakes the bus task is in [`wake`](crate::wake).
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -65,7 +66,8 @@ impl<T: Copy> Parcel<T> {
         self.0.lock(RefCell::take)
     }
 
-    /// Takes the value if there is one, and uses it where it is: for what is too large to be copied onto the stack.
+    /// Takes the value if there is one, and uses it where it is: for what is too large to be copied
+    /// onto the stack.
     pub fn take_with(&self, mut use_it: impl FnMut(&T)) {
         self.0.lock(|cell| {
             let mut cell = cell.borrow_mut();

@@ -1,5 +1,5 @@
-//! The health task: once a second it compares how the robot's own machinery is doing with the worst so far, and logs
-//! what got worse. Silent when nothing did.
+//! The health task: once a second it compares how the robot's own machinery is doing with the worst
+//! so far, and logs what got worse. Silent when nothing did.
 
 use embassy_time::{Duration, Ticker};
 

@@ -1,7 +1,7 @@
 //! The LED task: shows on LD2 what the robot is doing, in the blink codes of CiA 303-3.
 //!
-//! The bus task sets the pattern, the latest wins; a pattern is shown to its end before the next one starts, so a
-//! state shorter than a second may not be seen.
+//! The bus task sets the pattern, the latest wins; a pattern is shown to its end before the next
+//! one starts, so a state shorter than a second may not be seen.
 //!
 //! | pattern | what it looks like | meaning |
 //! |---|---|---|

@@ -1,8 +1,8 @@
 //! The firmware of one robot: tasks that connect a board to the `robot`.
 //!
-//! Two executors. The bus side shares one in thread mode; the control side has its own in an interrupt and preempts
-//! all of it (`board::executors` has the priorities). Every decision is made in `robot`; every register is in
-//! `board`; here is only what wakes when, and what passes between.
+//! Two executors. The bus side shares one in thread mode; the control side has its own in an
+//! interrupt and preempts all of it (`board::executors` has the priorities). Every decision is made
+//! in `robot`; every register is in `board`; here is only what wakes when, and what passes between.
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|

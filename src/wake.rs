@@ -1,8 +1,8 @@
 //! What wakes the bus task: a frame, a deadline, a free mailbox, a fault of the control side.
 //!
-//! One bell for all of them, because each further thing to wait for costs every turn of the task. The control task looks
-//! after what can wait for its next tick: it wakes every millisecond anyway, and a comparison there is all that a
-//! deadline costs.
+//! One bell for all of them, because each further thing to wait for costs every turn of the task.
+//! The control task looks after what can wait for its next tick: it wakes every millisecond anyway,
+//! and a comparison there is all that a deadline costs.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -15,7 +15,8 @@ pub static BUS: Bell = Bell::new();
 
 /// Wakes one task: at once, at the next tick, or at a time.
 pub struct Bell {
-    /// The lower half of the time in microseconds: deadlines lie far less than half of its range away.
+    /// The lower half of the time in microseconds: deadlines lie far less than half of its range
+    /// away.
     due: AtomicU32,
     soon: AtomicBool,
     rung: Signal<CriticalSectionRawMutex, ()>,
@@ -40,7 +41,8 @@ impl Bell {
         self.soon.store(true, Ordering::Relaxed);
     }
 
-    /// Asks to be woken at the first tick from `at` on; before the first such call, that is the first tick of all.
+    /// Asks to be woken at the first tick from `at` on; before the first such call, that is the
+    /// first tick of all.
     pub fn ring_at(&self, at: Micros) {
         self.due.store(low(at), Ordering::Relaxed);
     }
@@ -54,7 +56,8 @@ impl Bell {
         }
     }
 
-    /// Waits until it has been rung since the last time. Whatever asked for that has happened before this returns.
+    /// Waits until it has been rung since the last time. Whatever asked for that has happened
+    /// before this returns.
     pub async fn rung(&self) {
         self.rung.wait().await;
         self.soon.store(false, Ordering::Relaxed);

@@ -1,15 +1,17 @@
 //! Who feeds the independent watchdog, and when.
 //!
-//! The control task does, from its tick, and so proves its own progress; it feeds only if the bus task has come round
-//! since the last time. The bus task comes round at least every 5 ms and lives in thread mode, where it is the first
-//! to starve. So a control task that hangs, an interrupt storm, or a task that never yields resets
-//! the chip 50 ms after the last feeding (34 to 94 ms over the LSI's tolerance). Only a change of the watchdog's own
-//! setting feeds besides, at start-up and around what writes flash (`board::iwdg`): twice each time, with the outputs off, and
-//! with a bound on the time in between.
+//! The control task does, from its tick, and so proves its own progress; it feeds only if the bus
+//! task has come round since the last time. The bus task comes round at least every 5 ms and lives
+//! in thread mode, where it is the first to starve. So a control task that hangs, an interrupt
+//! storm, or a task that never yields resets the chip 50 ms after the last feeding (34 to 94 ms
+//! over the LSI's tolerance). Only a change of the watchdog's own setting feeds besides, at
+//! start-up and around what writes flash (`board::iwdg`): twice each time, with the outputs off,
+//! and with a bound on the time in between.
 //!
-//! One exception, because a reset is a hard stop of one robot under a common load: when the bus side has gone silent
-//! while the wheels turn, the control side notices after 25 ms, which is earlier than any reset, and ramps down. While it
-//! does, its own progress is enough, for [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
+//! One exception, because a reset is a hard stop of one robot under a common load: when the bus
+//! side has gone silent while the wheels turn, the control side notices after 25 ms, which is
+//! earlier than any reset, and ramps down. While it does, its own progress is enough, for
+//! [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
 
 use protocol::Fault;
 use robot::{Mode, Report, TICK_US};

@@ -1,7 +1,7 @@
 //! Native robots and emulated ones do the same: how close they are is measured here.
 //!
-//! The emulated ones run the release image that `OMNIBUS_ELF` names (`cargo xtask test` builds it and
-//! says so). Both are driven by the same master over the same kind of bus.
+//! The emulated ones run the release image that `OMNIBUS_ELF` names (`cargo xtask test` builds it
+//! and says so). Both are driven by the same master over the same kind of bus.
 
 mod common;
 
@@ -15,8 +15,9 @@ use protocol::address::{self, history};
 use protocol::{Fault, Kind, Value};
 use sim::{Backend, Options, World};
 
-/// Largest distance between the two groups at any SYNC over the first eight seconds of the circle, 5 m
-/// of way. The emulated robots answer later within a tick and see their encoders at other moments.
+/// Largest distance between the two groups at any SYNC over the first eight seconds of the circle,
+/// 5 m of way. The emulated robots answer later within a tick and see their encoders at other
+/// moments.
 const POSITION_MM: f64 = 0.5;
 /// Largest difference in heading.
 const HEADING_MRAD: f64 = 0.3;
@@ -25,7 +26,8 @@ const MEAN_RATE: f64 = 0.002;
 /// Largest strain either may put on the load; 70 ppm lie between the robots' crystals.
 const SHAPE_MM: f64 = 1.0;
 
-/// Largest difference in displacement between f32 and fixed-point kinematics: 0.05 % of the farthest point.
+/// Largest difference in displacement between f32 and fixed-point kinematics: 0.05 % of the
+/// farthest point.
 const SCALAR_SHARE: f64 = 5e-4;
 
 fn image() -> emulator::Firmware {
@@ -121,7 +123,8 @@ fn fixed_point_and_f32_agree() {
     assert!(apart < SCALAR_SHARE * far, "{apart} m of {far} m");
 }
 
-/// The same bytes at the same times, and the same bridges, on one thread and on two, of robots that drive.
+/// The same bytes at the same times, and the same bridges, on one thread and on two, of robots that
+/// drive.
 #[test]
 fn emulated_robots_do_not_notice_threads() {
     let image = image();
@@ -146,7 +149,8 @@ fn emulated_robots_do_not_notice_threads() {
     assert_eq!(digest(1), digest(2));
 }
 
-/// The paper's figure-eight, its first seconds with the peak of all wheel rates in them, wheel by wheel.
+/// The paper's figure-eight, its first seconds with the peak of all wheel rates in them, wheel by
+/// wheel.
 #[test]
 fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
     let group = common::group("tcc-3");
@@ -194,8 +198,8 @@ fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
     assert!(rms < 0.01 * peak, "{rms} of {peak} rad/s");
 }
 
-/// The board measures what its motors take, by the sensor that it is told of, and is cut when the sensor's wire comes off
-/// and the input goes to the end of its range.
+/// The board measures what its motors take, by the sensor that it is told of, and is cut when the
+/// sensor's wire comes off and the input goes to the end of its range.
 #[test]
 fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
     for backend in [Backend::Native, Backend::Emulator(image())] {
@@ -219,7 +223,8 @@ fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
             };
             amperes
         };
-        // Four motors of 40 A and a quarter are 200 A; a step of the converter is 0.13 A, and it rounds down.
+        // Four motors of 40 A and a quarter are 200 A; a step of the converter is 0.13 A, and it
+        // rounds down.
         let still = read(&mut session);
         assert!((-0.14..=0.001).contains(&still), "{still} A");
         let sees = Some((160.0, 1.85));

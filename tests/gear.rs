@@ -1,5 +1,5 @@
-//! Rollers behind a gear: the encoder on the motor's shaft, the index on the wheel, a turn of the wheel no whole number
-//! of counts.
+//! Rollers behind a gear: the encoder on the motor's shaft, the index on the wheel, a turn of the
+//! wheel no whole number of counts.
 
 mod common;
 
@@ -22,7 +22,8 @@ const GEAR: f32 = 26.85;
 /// Standard deviation of the lateral speed, per cent.
 const RIPPLE: f64 = 0.6;
 
-/// A robot with such an encoder on the contact plant, eight rollers at random phases, half a degree of play in the gear.
+/// A robot with such an encoder on the contact plant, eight rollers at random phases, half a degree
+/// of play in the gear.
 fn geared() -> GroupFile {
     let mut group = common::group("single");
     for robot in &mut group.robots {
@@ -52,8 +53,8 @@ fn ripple(group: &GroupFile, elf: Option<&std::path::Path>) -> f64 {
     run.evenness.ripple_percent
 }
 
-/// How the wheels stand with their references after a course, and whether a reference was ever lost: the robot is told
-/// what `told` says, the world is what `truth` says.
+/// How the wheels stand with their references after a course, and whether a reference was ever
+/// lost: the robot is told what `told` says, the world is what `truth` says.
 fn after(
     truth: &GroupFile,
     told: &GroupFile,

@@ -1,7 +1,8 @@
 //! The group rules, one test for each sentence, with whole robots on a bus with bit times.
 //!
-//! Every rule is tried with native robots and, with the feature `emulated`, with three that run the release image
-//! (`OMNIBUS_ELF` names it). What robots do is seen from outside only: their frames, their bridges, their wheels.
+//! Every rule is tried with native robots and, with the feature `emulated`, with three that run the
+//! release image (`OMNIBUS_ELF` names it). What robots do is seen from outside only: their frames,
+//! their bridges, their wheels.
 
 mod common;
 
@@ -126,7 +127,8 @@ fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
             assert_eq!(robot.duties, [0.0; 4], "{} us", rig.world.now().0);
         }
     }
-    // SYNC k+1, at the end of this millisecond's step. Feedforward against friction alone is 0.0156.
+    // SYNC k+1, at the end of this millisecond's step. Feedforward against friction alone is
+    // 0.0156.
     rig.run(5).unwrap();
     for robot in robots(&rig) {
         assert!(robot.duties.iter().all(|duty| *duty > 0.005));
@@ -149,8 +151,8 @@ fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(back
     assert_eq!(code(&rig, 2), Code::Limit(Limit::GroupScale));
 }
 
-/// Drives, lets something happen, and checks that all that still drive ramp down together, along the direction of
-/// motion, with the common deceleration, and hold.
+/// Drives, lets something happen, and checks that all that still drive ramp down together, along
+/// the direction of motion, with the common deceleration, and hold.
 fn ramps_down(
     backend: &Backend,
     happen: impl Fn(&mut Rig),
@@ -171,7 +173,8 @@ fn ramps_down(
         let now = robots(&rig);
         let all = still_drive.iter().map(|n| share(&before[*n], &now[*n]));
         let all: Vec<f64> = all.collect();
-        // Whoever notices one SYNC later is one period of deceleration behind, and what wheels follow worse.
+        // Whoever notices one SYNC later is one period of deceleration behind, and what wheels
+        // follow worse.
         let spread = all.iter().fold(f64::MIN, |a, b| a.max(*b))
             - all.iter().fold(f64::MAX, |a, b| a.min(*b));
         assert!(spread * speed < DECELERATION * 0.010 + 0.01, "{spread}");
@@ -184,8 +187,8 @@ fn ramps_down(
     let hardest = deceleration.fold(0.0, f64::max);
     assert!(hardest < 1.1 * DECELERATION, "{hardest} m/s^2");
     assert!(hardest > 0.9 * DECELERATION, "{hardest} m/s^2");
-    // At a jerk of 100 m/s^3 a hundredth of 0.671 m/s is gone after sqrt(2 * 0.00671 / 100) s, 11.6 ms; the wheels
-    // lag by a little more, and it is looked at every millisecond.
+    // At a jerk of 100 m/s^3 a hundredth of 0.671 m/s is gone after sqrt(2 * 0.00671 / 100) s, 11.6
+    // ms; the wheels lag by a little more, and it is looked at every millisecond.
     let fell = fell.expect("a ramp");
     assert!(fell < within_ms + 15.0, "{fell} ms");
     for place in still_drive {
@@ -297,7 +300,8 @@ fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backen
     }
 }
 
-/// The protective stop of one: it ramps down like all others, who hear of it by its emergency message.
+/// The protective stop of one: it ramps down like all others, who hear of it by its emergency
+/// message.
 fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
     let file = common::group("tcc-3");
     let mut rig = configured(backend, &file, &[]);
@@ -330,9 +334,10 @@ fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
     assert!(rig.all_are(MemberState::Faulted));
 }
 
-/// The cable breaks behind the first robot, in every millisecond of the SYNC period: two halves, one without the master.
-/// Nothing holds the robots together but their ramps; the shape error in mm is theirs. The half without SYNC begins T/4
-/// later, 1.5 mm at 0.6 m/s, and one tick more is 0.6 mm; the ramps themselves keep the shape within a millimetre.
+/// The cable breaks behind the first robot, in every millisecond of the SYNC period: two halves,
+/// one without the master. Nothing holds the robots together but their ramps; the shape error in mm
+/// is theirs. The half without SYNC begins T/4 later, 1.5 mm at 0.6 m/s, and one tick more is 0.6
+/// mm; the ramps themselves keep the shape within a millimetre.
 fn a_bus_that_comes_apart_keeps_the_shape_within_three_millimetres(backend: &Backend) {
     let mut worst = 0.0_f64;
     for phase in [1, 4, 7, 9] {
@@ -368,9 +373,10 @@ fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
     assert!(rig.all_are(MemberState::Moving));
 }
 
-/// Something drags at the wheels of robot 4. Its loop and the motor's own back-EMF hold against it with
-/// (P + K) K / R = (0.96 + 0.8) * 0.8 / 0.3 = 4.7 N m a rad/s: 3 N m take off 0.64 rad/s or 0.097 m/s at most, and then the
-/// integral makes up for it, with P + K over I = 0.18 s. 30 N m hold the wheels until it has.
+/// Something drags at the wheels of robot 4. Its loop and the motor's own back-EMF hold against it
+/// with (P + K) K / R = (0.96 + 0.8) * 0.8 / 0.3 = 4.7 N m a rad/s: 3 N m take off 0.64 rad/s or
+/// 0.097 m/s at most, and then the integral makes up for it, with P + K over I = 0.18 s. 30 N m
+/// hold the wheels until it has.
 fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend) {
     let file = common::group("tcc-3");
     let thresholds = [
@@ -413,8 +419,9 @@ fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backen
     assert!(robots(&rig).iter().all(is_safe));
 }
 
-/// Three robots that are not bolted together, the last of which can do half of what is asked; `one_by_one` makes
-/// each of them a group of its own, which scales by its own wheels alone. The shape error in mm after 2 s.
+/// Three robots that are not bolted together, the last of which can do half of what is asked;
+/// `one_by_one` makes each of them a group of its own, which scales by its own wheels alone. The
+/// shape error in mm after 2 s.
 fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
     let mut file = common::group("tcc-3");
     file.simulation.rigid = false;
@@ -436,8 +443,9 @@ fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
     rig.world.worst_shape_error_mm()
 }
 
-/// The group scale keeps the shape within 2 mm though nothing holds the robots together. Clipping at each robot's own
-/// wheels instead lets the slow one fall back by 0.3 m/s for 2 s less the start: a load between them would be torn.
+/// The group scale keeps the shape within 2 mm though nothing holds the robots together. Clipping
+/// at each robot's own wheels instead lets the slow one fall back by 0.3 m/s for 2 s less the
+/// start: a load between them would be torn.
 fn rule_2_keeps_free_robots_in_shape_where_clipping_tears_the_load(backend: &Backend) {
     let scaled = free_robots_with_a_slow_one(backend, false);
     let clipped = free_robots_with_a_slow_one(backend, true);
@@ -445,12 +453,14 @@ fn rule_2_keeps_free_robots_in_shape_where_clipping_tears_the_load(backend: &Bac
         "a member at half speed: shape error {scaled:.2} mm by group scale, {clipped:.0} mm by clipping"
     );
     assert!(scaled < 2.0, "{scaled} mm");
-    // Distances are from the middle of the three: two thirds of what the last one falls back, 0.5 m at least.
+    // Distances are from the middle of the three: two thirds of what the last one falls back, 0.5 m
+    // at least.
     assert!(clipped > 300.0, "{clipped} mm");
 }
 
-/// 20 mm/s with 2048 counts a revolution: what the robots say about their wheels, against the truth, and the truth against
-/// what was asked. Wheel rates travel in steps of 2 mrad/s, 0.44 % rms of 0.131 rad/s; the rest is the observer's.
+/// 20 mm/s with 2048 counts a revolution: what the robots say about their wheels, against the
+/// truth, and the truth against what was asked. Wheel rates travel in steps of 2 mrad/s, 0.44 % rms
+/// of 0.131 rad/s; the rest is the observer's.
 fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
     let mut file = common::group("tcc-3");
     for robot in &mut file.robots {

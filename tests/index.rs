@@ -1,5 +1,5 @@
-//! A wheel's index that breaks on the way: its robot notices, says so, goes on with the mean of that wheel, and ends where
-//! it should.
+//! A wheel's index that breaks on the way: its robot notices, says so, goes on with the mean of
+//! that wheel, and ends where it should.
 
 mod common;
 
@@ -16,9 +16,10 @@ use sim::{Backend, Options, World};
 /// The rear left one's breaks.
 const BROKEN: usize = 2;
 
-/// Eight rollers at random phases. To the left for 4 m, four turns of every wheel, with indexes that work; then the same
-/// again with one that does not. A wheel with the mean of its rollers is off by 3.3 % at most at any instant, and by nothing
-/// in the mean; the 0.5 % that rollers lose besides are not compensated for here.
+/// Eight rollers at random phases. To the left for 4 m, four turns of every wheel, with indexes
+/// that work; then the same again with one that does not. A wheel with the mean of its rollers is
+/// off by 3.3 % at most at any instant, and by nothing in the mean; the 0.5 % that rollers lose
+/// besides are not compensated for here.
 fn a_broken_index_is_noticed(backend: &Backend) {
     let group = contact::with_phases(&contact::on_contact(&common::group("single"), 8));
     let node = group.robots[0].node;

@@ -1,6 +1,7 @@
 //! A group of three native robots, from the master's setpoints to the motion of the load.
 //!
-//! Everything the assertions look at came about through frames on the bus, duties, motors and the floor.
+//! Everything the assertions look at came about through frames on the bus, duties, motors and the
+//! floor.
 
 mod common;
 
@@ -8,8 +9,8 @@ use common::quick_drive;
 use omnibus::path::curve::Curve;
 use sim::Backend;
 
-/// What a group's path is over what was asked, per axis: the ratio of the distances covered up to the
-/// sample at which it is farthest along that axis.
+/// What a group's path is over what was asked, per axis: the ratio of the distances covered up to
+/// the sample at which it is farthest along that axis.
 fn ratio(
     drive: &common::Drive,
     asked: impl Fn(f64) -> f64,
@@ -46,8 +47,8 @@ fn an_uncompensated_group_loses_what_the_tables_say() {
     );
 }
 
-/// With the coefficients of the group file both axes come out right to 0.3 %, and the robots hold their
-/// places in the load although their crystals differ by 70 ppm.
+/// With the coefficients of the group file both axes come out right to 0.3 %, and the robots hold
+/// their places in the load although their crystals differ by 70 ppm.
 #[test]
 fn a_compensated_group_goes_where_it_is_sent() {
     let group = common::group("tcc-3");

@@ -1,5 +1,5 @@
-//! Wires that pick up what they should not, with the release image on an emulated board; and the bench image, which must
-//! not drive.
+//! Wires that pick up what they should not, with the release image on an emulated board; and the
+//! bench image, which must not drive.
 
 mod common;
 
@@ -32,7 +32,8 @@ fn armed(file: &GroupFile) -> Rig {
     rig
 }
 
-/// An emulated robot with this group file and the image that a variable names, configured and told to start.
+/// An emulated robot with this group file and the image that a variable names, configured and told
+/// to start.
 fn started(file: &GroupFile, variable: &str) -> Rig {
     let options = Options {
         truth_period_ns: 0,
@@ -56,8 +57,8 @@ fn load(board: &emulator::Board, before: (u64, u64)) -> f64 {
     1.0 - (slept - before.1) as f64 / (cycles - before.0) as f64
 }
 
-/// The load of 100 ms in per cent of the processor, with a million edges a second on every index input or with none. The
-/// master is silent meanwhile.
+/// The load of 100 ms in per cent of the processor, with a million edges a second on every index
+/// input or with none. The master is silent meanwhile.
 fn load_with(file: &GroupFile, chatter: bool) -> f64 {
     let mut rig = armed(file);
     let board = rig.world.board(file.robots[0].node).unwrap();

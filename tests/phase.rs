@@ -1,5 +1,5 @@
-//! Roller-phase kinematics on the contact plant with random phases: what is asked of the emulated firmware, and the
-//! same of native robots.
+//! Roller-phase kinematics on the contact plant with random phases: what is asked of the emulated
+//! firmware, and the same of native robots.
 //!
 //! The bounds are those the project set itself before anything was built; every figure is printed.
 
@@ -22,8 +22,8 @@ const MEAN: f64 = 0.15;
 const RIPPLE: f64 = 0.6;
 /// Heading error after eight seconds of oblique motion, degrees.
 const HEADING: f64 = 0.1;
-/// Share of the rms tracking error with constant C that phase + C may reach on the figure-eight. Both lead by the lag of
-/// the contacts, so that it is not the lag that is compared.
+/// Share of the rms tracking error with constant C that phase + C may reach on the figure-eight.
+/// Both lead by the lag of the contacts, so that it is not the lag that is compared.
 const TRACKING: f64 = 1.0 / 3.0;
 
 /// The groups: constant C, and phase + C, both calibrated on their plant.

@@ -1,7 +1,8 @@
-//! Parameters over a power loss: the release image on an emulated board, spoken to by SDO as a master would.
+//! Parameters over a power loss: the release image on an emulated board, spoken to by SDO as a
+//! master would.
 //!
-//! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so). A power cycle is a new board with the flash
-//! of the old one; the power can fail in the middle of any flash operation.
+//! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so). A power cycle is a new
+//! board with the flash of the old one; the power can fail in the middle of any flash operation.
 
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Port, Stop, StopKind};
 use protocol::address::{self as at, history};
@@ -9,7 +10,8 @@ use protocol::compensation::{LENGTH_MAX, Tables};
 use protocol::{Access, Address, ENTRIES, Fault, Kind, StoredFault};
 
 const NODE: u16 = 2;
-/// Longest time for an answer: an erase at 250 ms, and what is programmed. Two erases over a store of the version before.
+/// Longest time for an answer: an erase at 250 ms, and what is programmed. Two erases over a store
+/// of the version before.
 const ANSWER_NS: u64 = 600_000_000;
 /// Longest time from power to the boot-up, whatever the store holds.
 const BOOT_NS: u64 = 60_000_000;
@@ -223,8 +225,8 @@ impl Id for CanFrame {
     }
 }
 
-/// Values that differ from each other and from the defaults in every object: a parameter near the beginning, one near
-/// the end of the table, and a communication object.
+/// Values that differ from each other and from the defaults in every object: a parameter near the
+/// beginning, one near the end of the table, and a communication object.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Set(u16);
 
@@ -265,7 +267,8 @@ fn longest_set() -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// The flash with the first set saved, and every other parameter too, so that the image is as long as it gets.
+/// The flash with the first set saved, and every other parameter too, so that the image is as long
+/// as it gets.
 fn with_first_set(firmware: &Firmware) -> Vec<u8> {
     let blank = Board::new(firmware, BoardConfig::default()).flash();
     let mut robot = Robot::power_on(firmware, &blank);
@@ -343,11 +346,12 @@ fn an_image_that_has_decayed_is_not_used() {
     assert_eq!(Robot::power_on(&firmware, &flash).found(), Some(Set(2)));
 }
 
-/// What the robot finds after each way to lose power in the save of the second set over `flash`, which holds the first:
-/// one way for each operation. Returns how many there are, and how often it was the old set.
+/// What the robot finds after each way to lose power in the save of the second set over `flash`,
+/// which holds the first: one way for each operation. Returns how many there are, and how often it
+/// was the old set.
 ///
-/// The save runs once, and the emulator notes what each operation would leave; that this is what a cut leaves is tried
-/// for some of them.
+/// The save runs once, and the emulator notes what each operation would leave; that this is what a
+/// cut leaves is tried for some of them.
 fn cut_everywhere(firmware: &Firmware, flash: &[u8]) -> (usize, usize) {
     let mut robot = Robot::power_on(firmware, flash);
     robot.set(Set(2));
@@ -376,7 +380,8 @@ fn cut_everywhere(firmware: &Firmware, flash: &[u8]) -> (usize, usize) {
     (left.len(), found.iter().filter(|set| **set == 1).count())
 }
 
-/// Which set robots find that are switched on with these flashes; each says so if its save was cut off, once.
+/// Which set robots find that are switched on with these flashes; each says so if its save was cut
+/// off, once.
 fn find(firmware: &Firmware, flashes: &[Vec<u8>]) -> Vec<u16> {
     let mut found = Vec::new();
     for (nth, flash) in flashes.iter().enumerate() {
@@ -421,7 +426,8 @@ fn a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set() {
     assert!(old > 0 && cuts > 50);
 }
 
-/// The same for the save that finds its sector full, copies what is stored to the other one and erases.
+/// The same for the save that finds its sector full, copies what is stored to the other one and
+/// erases.
 #[test]
 fn a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set() {
     let firmware = firmware();
@@ -448,7 +454,8 @@ fn a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_
     assert!(old > 0 && cuts > 100);
 }
 
-/// A node-ID given by LSS is stored, comes before the switches at the next power-on, and can be taken away again.
+/// A node-ID given by LSS is stored, comes before the switches at the next power-on, and can be
+/// taken away again.
 #[test]
 fn a_node_stored_by_lss_outlives_a_power_cycle() {
     let firmware = firmware();
@@ -489,8 +496,8 @@ fn a_store_full_of_small_images_is_no_different() {
     Robot::power_on(&firmware, &flash);
 }
 
-/// Flashes as the version before left them (`robot/tests/data`), the last of them on a robot that did not start
-/// any more; the name of the set they hold.
+/// Flashes as the version before left them (`robot/tests/data`), the last of them on a robot that
+/// did not start any more; the name of the set they hold.
 #[test]
 fn a_robot_with_the_store_of_the_version_before_has_its_parameters() {
     let firmware = firmware();
@@ -535,8 +542,8 @@ fn random(state: &mut u64) -> u64 {
     *state >> 16
 }
 
-/// Saves of images short and long, and power that fails in the middle of some: the robot always starts, within
-/// the same time, answers on the bus and has the set before or the new one.
+/// Saves of images short and long, and power that fails in the middle of some: the robot always
+/// starts, within the same time, answers on the bus and has the set before or the new one.
 #[test]
 fn three_hundred_random_saves_and_power_cuts() {
     let firmware = firmware();
@@ -590,7 +597,8 @@ fn three_hundred_random_saves_and_power_cuts() {
     assert!(cuts > 50);
 }
 
-/// A start that is refused is a fault: it is in flash a second after power-on, and nothing is before.
+/// A start that is refused is a fault: it is in flash a second after power-on, and nothing is
+/// before.
 #[test]
 fn faults_outlive_a_power_cycle() {
     let firmware = firmware();
@@ -623,7 +631,8 @@ fn faults_outlive_a_power_cycle() {
     assert_eq!(robot.read(at::START_NUMBER), 2);
 }
 
-/// Every way to lose power while a start and a fault are written: a robot that boots, with the set it had.
+/// Every way to lose power while a start and a fault are written: a robot that boots, with the set
+/// it had.
 #[test]
 fn a_power_cut_while_faults_are_written_costs_those_faults_only() {
     let firmware = firmware();

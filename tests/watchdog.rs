@@ -1,5 +1,5 @@
-//! How long a robot whose program has stopped goes on: the release image on an emulated board, over the whole
-//! range of the watchdog's oscillator.
+//! How long a robot whose program has stopped goes on: the release image on an emulated board, over
+//! the whole range of the watchdog's oscillator.
 //!
 //! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so).
 
@@ -61,8 +61,9 @@ fn to_reset(board: &mut Board) -> u64 {
 fn a_halted_core_is_reset_within_the_promise_on_any_oscillator() {
     let firmware = firmware();
     for lsi_hz in LSI_HZ {
-        // At moments that differ in their distance from the last feeding, the first of them during start-up. In the first
-        // five milliseconds the stack is painted and the clocks start; it is not running yet, and nothing is switched on.
+        // At moments that differ in their distance from the last feeding, the first of them during
+        // start-up. In the first five milliseconds the stack is painted and the clocks start; it is
+        // not running yet, and nothing is switched on.
         for ms in [6, 7, 8, 60, 63, 66, 400] {
             let mut board = robot(&firmware, lsi_hz, ms);
             board.halt(true);

@@ -1,10 +1,11 @@
 //! Our master's side against a foreign device: `sdo ADDRESS NODE`.
 //!
-//! Waits for the device's bus (slcan over TCP), then reads commands from standard input, one a line,
-//! and answers each with one line: `read INDEX SUB`, `read-block INDEX SUB`, `write INDEX SUB BYTES`,
-//! `write-block INDEX SUB BYTES`, all in hexadecimal. The answer is the bytes, `ok` or why not.
-//! `nmt COMMAND` (start, stop, pre-operational, reset) sends a NMT command; `state` waits for the next boot-up or
-//! heartbeat and answers with it, or with `silent` after three seconds without one.
+//! Waits for the device's bus (slcan over TCP), then reads commands from standard input, one a
+//! line, and answers each with one line: `read INDEX SUB`, `read-block INDEX SUB`, `write INDEX SUB
+//! BYTES`, `write-block INDEX SUB BYTES`, all in hexadecimal. The answer is the bytes, `ok` or why
+//! not. `nmt COMMAND` (start, stop, pre-operational, reset) sends a NMT command; `state` waits for
+//! the next boot-up or heartbeat and answers with it, or with `silent` after three seconds without
+//! one.
 
 mod slcan;
 

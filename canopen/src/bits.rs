@@ -1,13 +1,14 @@
 //! How long a frame is on the wire, in bits.
 //!
-//! A classic base frame (ISO 11898-1): start, 11 identifier bits, RTR, IDE, reserved, 4 length bits, data,
-//! 15 CRC bits; all of this is stuffed: after five equal bits one opposite bit is inserted, and the
-//! inserted bit counts for what follows. Then CRC delimiter, acknowledge slot and delimiter, and seven
-//! end-of-frame bits, unstuffed. Three bits of intermission separate frames. The count is exact, not a
-//! worst case: bus load follows the data that was really sent.
+//! A classic base frame (ISO 11898-1): start, 11 identifier bits, RTR, IDE, reserved, 4 length
+//! bits, data, 15 CRC bits; all of this is stuffed: after five equal bits one opposite bit is
+//! inserted, and the inserted bit counts for what follows. Then CRC delimiter, acknowledge slot and
+//! delimiter, and seven end-of-frame bits, unstuffed. Three bits of intermission separate frames.
+//! The count is exact, not a worst case: bus load follows the data that was really sent.
 //!
-//! A frame that goes wrong ends with an error flag of six equal bits, which breaks the stuffing rule for
-//! whoever has not seen the error yet; then those send their flags. Eight bits of delimiter end it.
+//! A frame that goes wrong ends with an error flag of six equal bits, which breaks the stuffing
+//! rule for whoever has not seen the error yet; then those send their flags. Eight bits of
+//! delimiter end it.
 
 use crate::frame::Frame;
 
@@ -74,17 +75,17 @@ impl Wire {
         self.stuffed + TAIL
     }
 
-    /// Bits up to the end of the error delimiter when bit `n`, counted from 0, is inverted. `active`: the
-    /// sender's flag is dominant. It begins with the bit after; the others notice at the sixth equal bit
-    /// and send theirs.
+    /// Bits up to the end of the error delimiter when bit `n`, counted from 0, is inverted.
+    /// `active`: the sender's flag is dominant. It begins with the bit after; the others notice at
+    /// the sixth equal bit and send theirs.
     #[must_use]
     pub fn bits_when_corrupt(&self, n: u32, active: bool) -> u32 {
         // Recessive is 1.
         Self::bits_with_flags(n, |at| (self.level(at) != (at == n)) != active)
     }
 
-    /// Bits up to the end of the error delimiter when another sender of the same identifier, whose bit `n` is
-    /// recessive where this one is dominant, begins its dominant flag after it.
+    /// Bits up to the end of the error delimiter when another sender of the same identifier, whose
+    /// bit `n` is recessive where this one is dominant, begins its dominant flag after it.
     #[must_use]
     pub fn bits_when_collided(&self, n: u32) -> u32 {
         Self::bits_with_flags(n, |at| !self.level(at))
@@ -97,8 +98,8 @@ impl Wire {
         n + 1 + (FLAG - seen) + FLAG + ERROR_DELIMITER
     }
 
-    /// Bit `n`, counted from 0, of those up to the end of the CRC; recessive is `true`, and what follows is
-    /// recessive.
+    /// Bit `n`, counted from 0, of those up to the end of the CRC; recessive is `true`, and what
+    /// follows is recessive.
     #[must_use]
     pub fn level(&self, n: u32) -> bool {
         let from_end = self.stuffed.checked_sub(n + 1);
@@ -111,16 +112,18 @@ impl Wire {
         (0..self.stuffed.max(other.stuffed)).find(|n| self.level(*n) != other.level(*n))
     }
 
-    /// Bits up to the end of the error delimiter when the acknowledge is missing and the sender's flag begins
-    /// with the acknowledge delimiter. The others see at its first bit that the form is wrong.
+    /// Bits up to the end of the error delimiter when the acknowledge is missing and the sender's
+    /// flag begins with the acknowledge delimiter. The others see at its first bit that the form is
+    /// wrong.
     #[must_use]
     pub fn bits_when_unacknowledged(&self) -> u32 {
         let acknowledge = self.stuffed + 2;
         acknowledge + 1 + FLAG + ERROR_DELIMITER
     }
 
-    /// Bits up to the end of the error delimiter when one receiver refuses the checksum: its flag begins
-    /// after the acknowledge delimiter, the others see at its first bit that the form is wrong.
+    /// Bits up to the end of the error delimiter when one receiver refuses the checksum: its flag
+    /// begins after the acknowledge delimiter, the others see at its first bit that the form is
+    /// wrong.
     #[must_use]
     pub fn bits_when_refused(&self) -> u32 {
         let delimiter = self.stuffed + 3;
@@ -183,8 +186,8 @@ mod tests {
         assert_eq!(crc, 0x059E);
     }
 
-    /// Identifier 0, no data: 19 dominant bits, and the CRC of zeros is zero, so 34 dominant bits in a
-    /// row; a stuff bit after every fifth makes 6.
+    /// Identifier 0, no data: 19 dominant bits, and the CRC of zeros is zero, so 34 dominant bits
+    /// in a row; a stuff bit after every fifth makes 6.
     #[test]
     fn nothing_but_dominant_bits() {
         assert_eq!(bits(0, &[]), 34 + 6 + 10);
@@ -192,8 +195,8 @@ mod tests {
 
     /// Frames written out bit by bit, the CRC by long division of the bit string.
     ///
-    /// 0x555: `0 10101010101 000 0000`, CRC `110011101001100`. Five dominant bits end at the second bit
-    /// of the length: one stuff bit, three dominant follow. One stuff bit in all.
+    /// 0x555: `0 10101010101 000 0000`, CRC `110011101001100`. Five dominant bits end at the second
+    /// bit of the length: one stuff bit, three dominant follow. One stuff bit in all.
     ///
     /// 0x080 with 01: `0 00010000000 000 0001 00000001`, CRC `000011000000001`; stuffed
     /// `00001000001000001000100000100100001100000(1)0001`: four.
@@ -212,21 +215,23 @@ mod tests {
         }
     }
 
-    /// Identifier 0 without data: five dominant bits and a recessive stuff bit, six times, then four dominant.
-    /// So bits 5, 11, 17 .. are recessive.
+    /// Identifier 0 without data: five dominant bits and a recessive stuff bit, six times, then
+    /// four dominant. So bits 5, 11, 17 .. are recessive.
     #[test]
     fn an_error_frame_is_as_long_as_the_bits_before_it_make_it() {
         let wire = Wire::of(&Frame::new(0, &[]).unwrap());
         assert_eq!((wire.stuffed(), wire.bits()), (40, 50));
-        // Bit 12 inverted is recessive, so nobody else has noticed when the flag begins: six bits of flag, then six of
-        // the others'.
+        // Bit 12 inverted is recessive, so nobody else has noticed when the flag begins: six bits
+        // of flag, then six of the others'.
         assert_eq!(wire.bits_when_corrupt(12, true), 13 + 12 + 8);
         // Stuff bit 11, inverted, is the sixth dominant bit in a row: all notice at once.
         assert_eq!(wire.bits_when_corrupt(11, true), 12 + 6 + 8);
         assert_eq!(wire.bits_when_corrupt(17, true), 18 + 6 + 8);
-        // A passive sender's flag is recessive: bit 12 inverted follows a recessive bit, so two of six are there.
+        // A passive sender's flag is recessive: bit 12 inverted follows a recessive bit, so two of
+        // six are there.
         assert_eq!(wire.bits_when_corrupt(12, false), 13 + 4 + 6 + 8);
-        // 40 bits to the end of the checksum; delimiter, acknowledge; flag of one bit and then six; delimiter.
+        // 40 bits to the end of the checksum; delimiter, acknowledge; flag of one bit and then six;
+        // delimiter.
         assert_eq!(wire.bits_when_unacknowledged(), 42 + 7 + 8);
         assert_eq!(wire.bits_when_refused(), 43 + 7 + 8);
     }

@@ -87,8 +87,8 @@ impl PdoConfig {
 pub struct Config {
     /// The node-ID; without one the device stays off the bus.
     pub node: Option<NodeId>,
-    /// Lowest and highest node-ID that LSS may give it; others are refused. A network whose master or tools
-    /// have numbers of their own leaves those out.
+    /// Lowest and highest node-ID that LSS may give it; others are refused. A network whose master
+    /// or tools have numbers of their own leaves those out.
     pub node_ids: (u8, u8),
     /// Object 0x1000.
     pub device_type: u32,
@@ -116,10 +116,12 @@ pub struct Config {
     /// Object 0x1029, sub-index 1: what a lost heartbeat or bus-off does to an operational device:
     /// 0 brings it to PRE-OPERATIONAL, 1 nothing, 2 to STOPPED.
     pub error_behaviour: u8,
-    /// Object 0x1F80, bit 2 clear: goes to OPERATIONAL by itself after boot-up. Other bits must be 0.
+    /// Object 0x1F80, bit 2 clear: goes to OPERATIONAL by itself after boot-up. Other bits must be
+    /// 0.
     pub startup: u32,
-    /// Whether what a group relies on, the objects of communication, can be written in PRE-OPERATIONAL only: SYNC, emergency
-    /// message, heartbeats, error behaviour, start-up and PDOs. CiA 301 permits writing them in OPERATIONAL as well.
+    /// Whether what a group relies on, the objects of communication, can be written in
+    /// PRE-OPERATIONAL only: SYNC, emergency message, heartbeats, error behaviour, start-up and
+    /// PDOs. CiA 301 permits writing them in OPERATIONAL as well.
     pub fixed_in_operation: bool,
     /// Whether there is a [`Storage`](crate::Storage): objects 0x1010 and 0x1011.
     pub storage: bool,

@@ -13,7 +13,8 @@ pub struct Frame {
     bytes: [u8; 8],
 }
 
-/// The bit of an identifier's function code, its upper four bits: bit n for identifiers from 128 n on.
+/// The bit of an identifier's function code, its upper four bits: bit n for identifiers from 128 n
+/// on.
 #[must_use]
 pub const fn function_code_bit(id: u16) -> u16 {
     1 << (id >> 7 & 0xF)
@@ -23,7 +24,8 @@ impl Frame {
     /// The largest identifier, 0x7FF.
     pub const MAX_ID: u16 = 0x7FF;
 
-    /// Makes a frame; `None` if the identifier has more than 11 bits or the data more than eight bytes.
+    /// Makes a frame; `None` if the identifier has more than 11 bits or the data more than eight
+    /// bytes.
     #[must_use]
     pub fn new(id: u16, data: &[u8]) -> Option<Self> {
         if id > Self::MAX_ID {

@@ -77,8 +77,8 @@ pub trait ObjectDictionary {
         None
     }
 
-    /// Whether LSS may give the device another node-ID now, or store it. It is asked only while the device is
-    /// not OPERATIONAL; a machine that is still coming to rest says no.
+    /// Whether LSS may give the device another node-ID now, or store it. It is asked only while the
+    /// device is not OPERATIONAL; a machine that is still coming to rest says no.
     fn may_change_node(&self) -> bool {
         true
     }

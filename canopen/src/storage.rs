@@ -52,8 +52,8 @@ pub trait Storage {
     fn save(&mut self, scope: StoreScope, communication: &[u8])
     -> Result<StoreProgress, AbortCode>;
 
-    /// Forgets what has been saved of `scope`: from the next reset on the defaults hold. The objects
-    /// themselves keep their values until then.
+    /// Forgets what has been saved of `scope`: from the next reset on the defaults hold. The
+    /// objects themselves keep their values until then.
     ///
     /// # Errors
     /// As [`save`](Self::save).
@@ -63,8 +63,8 @@ pub trait Storage {
     fn load(&mut self, out: &mut [u8]) -> usize;
 
     /// Saves the node-ID a LSS master has given, `None` to be without one. It is
-    /// [`Config::node`](crate::Config::node) after the next power-on. The LSS master gets its answer when it is
-    /// done.
+    /// [`Config::node`](crate::Config::node) after the next power-on. The LSS master gets its
+    /// answer when it is done.
     ///
     /// # Errors
     /// [`AbortCode::UnsupportedAccess`] if it cannot be saved at all, any other if it failed.

@@ -1,8 +1,9 @@
-//! No device: what is left in its place to measure what the device costs (`cargo xtask size --canopen`).
+//! No device: what is left in its place to measure what the device costs (`cargo xtask size
+//! --canopen`).
 //!
-//! It does the least that keeps the application as it is: the same calls reach the same methods of the object
-//! dictionary, from frames, so that the compiler cannot leave any of them out and their size is not mistaken for the
-//! device's. It is no CANopen device and must not be on a bus.
+//! It does the least that keeps the application as it is: the same calls reach the same methods of
+//! the object dictionary, from frames, so that the compiler cannot leave any of them out and their
+//! size is not mistaken for the device's. It is no CANopen device and must not be on a bus.
 
 use crate::{
     AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtState, NodeId,

@@ -1,10 +1,10 @@
 //! One chart as an SVG string or a picture: axes, grid, lines, a legend. Drawn by `plotters`, which
 //! measures text with a font that is embedded, so nothing but Rust is needed.
 //!
-//! A chart is plain data ([`Chart`]); this file only knows how charts look. [`page`] has what a page of
-//! charts and tables needs. The master's reports and the simulator's share both.
-//! Lines are thinned to what a screen can show, keeping the first and the last point, so a report
-//! of a minute at 1 kHz stays a few hundred kilobytes.
+//! A chart is plain data ([`Chart`]); this file only knows how charts look. [`page`] has what a
+//! page of charts and tables needs. The master's reports and the simulator's share both. Lines are
+//! thinned to what a screen can show, keeping the first and the last point, so a report of a minute
+//! at 1 kHz stays a few hundred kilobytes.
 
 #![forbid(unsafe_code)]
 
@@ -30,8 +30,8 @@ const LABEL_AREA: (u32, u32) = (46, 62);
 const MARGIN: u32 = 14;
 /// Height of the title line, in pixels.
 const TITLE_HEIGHT: u32 = 30;
-/// Everything is drawn this much larger than it is shown, because the drawing library rounds to whole
-/// pixels and curves would show steps.
+/// Everything is drawn this much larger than it is shown, because the drawing library rounds to
+/// whole pixels and curves would show steps.
 const SCALE: u32 = 8;
 /// Width of a line and of a band, in pixels.
 const LINE_WIDTH: u32 = 2;
@@ -100,7 +100,8 @@ pub struct ChartError {
     pub reason: String,
 }
 
-/// What varies by less than this is shown as a straight line: the labels of its axis would all be the same.
+/// What varies by less than this is shown as a straight line: the labels of its axis would all be
+/// the same.
 const FLAT: f64 = 1e-4;
 
 /// Smallest interval holding all finite `values`, widened by 6 % and never empty.
@@ -277,7 +278,8 @@ impl Chart {
     }
 }
 
-/// A number at an axis that spans so much. What is left of zero after adding up steps is zero, without a sign.
+/// A number at an axis that spans so much. What is left of zero after adding up steps is zero,
+/// without a sign.
 fn tick(value: f64, span: f64) -> String {
     let value = if value.abs() < 1e-9 * span {
         0.0

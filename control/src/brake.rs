@@ -1,8 +1,8 @@
 //! The holding brake and the time it takes.
 //!
-//! A spring brake takes 30 to 150 ms to let go and as long to hold. Meanwhile the loops hold the wheels at zero: a load
-//! on a slope hangs on the motors until the brake has it, and nothing is followed, and no wheel judged, against a
-//! brake that is still closed.
+//! A spring brake takes 30 to 150 ms to let go and as long to hold. Meanwhile the loops hold the
+//! wheels at zero: a load on a slope hangs on the motors until the brake has it, and nothing is
+//! followed, and no wheel judged, against a brake that is still closed.
 
 use canopen::Micros;
 
@@ -28,7 +28,8 @@ pub(crate) enum Brake {
 }
 
 impl Brake {
-    /// Asks for the brake to be released, which one that is engaging ignores; says whether it has let go.
+    /// Asks for the brake to be released, which one that is engaging ignores; says whether it has
+    /// let go.
     #[inline]
     pub(crate) fn release(&mut self, now: Micros, times: BrakeTimes) -> bool {
         if times.release_us == 0 && matches!(self, Self::Released(_)) {

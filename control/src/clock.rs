@@ -2,16 +2,17 @@
 //!
 //! SYNC reaches all members at the same instant, but it comes from a PC and jitters, and each
 //! member's crystal runs a little fast or slow. A tracking loop of second order estimates when SYNC
-//! would have come without the jitter, in this member's own time: an eighth of the bandwidth of SYNC
-//! itself would still follow the jitter, so the gains are a 32nd and a 4096th. The
-//! jitter that is left is the same in every member, because all filter the same instants in the same
-//! way; what differs between members, the crystals, the integral part removes. A test shows two
-//! members 100 ppm apart ticking together to a few microseconds.
+//! would have come without the jitter, in this member's own time: an eighth of the bandwidth of
+//! SYNC itself would still follow the jitter, so the gains are a 32nd and a 4096th. The jitter that
+//! is left is the same in every member, because all filter the same instants in the same way; what
+//! differs between members, the crystals, the integral part removes. A test shows two members 100
+//! ppm apart ticking together to a few microseconds.
 //!
-//! The control tick hangs on that estimate: [`TickPhase`] moves each tick by at most [`MAX_SHIFT_US`]
-//! towards half a tick after the grid, far from the moment at which SYNC frames arrive. And a target
-//! takes effect [`protocol::APPLY_DELAY_US`] after the estimated SYNC, when the latest of the
-//! jittering frames has surely come, so that no member is a tick ahead of another.
+//! The control tick hangs on that estimate: [`TickPhase`] moves each tick by at most
+//! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
+//! arrive. And a target takes effect [`protocol::APPLY_DELAY_US`] after the estimated SYNC, when
+//! the latest of the jittering frames has surely come, so that no member is a tick ahead of
+//! another.
 
 use canopen::Micros;
 
@@ -76,7 +77,8 @@ impl SyncClock {
         let periods = whole(periods + 0.5);
         let expected_us = self.rest_us + f32::from(periods) * (period_us + self.drift_us);
         let error_us = elapsed_us - expected_us;
-        // Constant bounds: `clamp` checks any others, and its message would format floats, 17 KiB of it.
+        // Constant bounds: `clamp` checks any others, and its message would format floats, 17 KiB
+        // of it.
         let drift = (self.drift_us + PERIOD_GAIN * error_us) / period_us;
         self.drift_us = drift.clamp(-MAX_DRIFT, MAX_DRIFT) * period_us;
         let moved_us = expected_us + PHASE_GAIN * error_us;
@@ -131,8 +133,8 @@ impl TickPhase {
         Self::with_period(0)
     }
 
-    /// Ticks in step with a SYNC of this period. They run free until the first SYNC, and for good when
-    /// the period is not a whole number of ticks.
+    /// Ticks in step with a SYNC of this period. They run free until the first SYNC, and for good
+    /// when the period is not a whole number of ticks.
     #[must_use]
     pub const fn with_period(period_us: u32) -> Self {
         Self {
@@ -142,7 +144,8 @@ impl TickPhase {
         }
     }
 
-    /// Takes note of the latest SYNC, received at `at`; may be called each tick, one SYNC counts once.
+    /// Takes note of the latest SYNC, received at `at`; may be called each tick, one SYNC counts
+    /// once.
     pub fn on_sync(&mut self, at: Micros) {
         let fits = self.period_us != 0 && self.period_us.is_multiple_of(TICK_US);
         if fits && at != self.last_sync {
@@ -160,8 +163,8 @@ impl TickPhase {
             return next;
         };
         // Distance past the last grid point. Low halves: an hour's difference needs no more, and a
-        // 64-bit remainder is a long way on a 32-bit machine. A second is added first, because the grid
-        // may lie a little ahead.
+        // 64-bit remainder is a long way on a 32-bit machine. A second is added first, because the
+        // grid may lie a little ahead.
         let since_grid = low(next)
             .wrapping_sub(low(grid))
             .wrapping_add(1_000 * TICK_US);
@@ -243,7 +246,8 @@ mod tests {
         }
     }
 
-    /// Worst distance between a tick of one member and the nearest of the other, us, from `from_s` on.
+    /// Worst distance between a tick of one member and the nearest of the other, us, from `from_s`
+    /// on.
     fn worst_skew(jitter_ns: f64, joins_later: i64, from_s: i64) -> f64 {
         let mut a = Member::new(50.0, 1_000.0);
         let mut b = Member::new(-50.0, 777_333.0);
@@ -285,8 +289,8 @@ mod tests {
 
     #[test]
     fn without_jitter_they_tick_within_3_us() {
-        // Rounding of reception time, estimate and tick to 1 us each. The loop's time constant is 64
-        // SYNCs; the 0.5 us a period of either crystal are learnt to 1 % after seven of them.
+        // Rounding of reception time, estimate and tick to 1 us each. The loop's time constant is
+        // 64 SYNCs; the 0.5 us a period of either crystal are learnt to 1 % after seven of them.
         let skew = worst_skew(0.0, 0, 5);
         assert!(skew < 3.0, "{skew} us");
     }

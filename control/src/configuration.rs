@@ -1,7 +1,7 @@
 //! What drives a robot: everything it was told about itself, checked as a whole and worked out.
 //!
-//! The drivetrain, signed angles per count, limits as reciprocals. There is nothing left in it that could go wrong; how
-//! it is made from parameters, and what is refused, is `robot`'s matter.
+//! The drivetrain, signed angles per count, limits as reciprocals. There is nothing left in it that
+//! could go wrong; how it is made from parameters, and what is refused, is `robot`'s matter.
 
 use kinematics::Mount;
 

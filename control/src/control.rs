@@ -2,12 +2,12 @@
 //!
 //! It owns the outputs. The bus side's [`Command`] is a wish: without a configuration of the same
 //! CRC, after a fault of its own, or when the bus side has gone silent, the wish is not granted. A
-//! tick does, in this order: *measure* the wheels, *judge* what may be wrong, *grant* what is left of
-//! the wish, *follow*: shape the group twist (the same in every member), turn it into wheel references
-//! (this member's own), close the four loops.
+//! tick does, in this order: *measure* the wheels, *judge* what may be wrong, *grant* what is left
+//! of the wish, *follow*: shape the group twist (the same in every member), turn it into wheel
+//! references (this member's own), close the four loops.
 //!
-//! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults are
-//! latched until the bus side's next start, and cleared then only if their cause is gone.
+//! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults
+//! are latched until the bus side's next start, and cleared then only if their cause is gone.
 
 use canopen::Micros;
 use kinematics::{Odometry, Twist, WheelRates};
@@ -45,17 +45,20 @@ const LATE_US: u32 = TICK_US + TICK_US / 2;
 /// Later than this, the wheels have been without control for too long, us.
 const OVERDUE_US: u32 = 20_000;
 
-/// Longest time between two signs of life of the bus side, us. Well below the shortest time of a watchdog that the bus
-/// side lets go hungry (34 ms on the reference board): the ramp must have begun by then.
+/// Longest time between two signs of life of the bus side, us. Well below the shortest time of a
+/// watchdog that the bus side lets go hungry (34 ms on the reference board): the ramp must have
+/// begun by then.
 const BUS_SILENT_US: u32 = 25_000;
 
-/// How long too much slip must last, us: longer than the wheel watch needs by default, which names what made it.
+/// How long too much slip must last, us: longer than the wheel watch needs by default, which names
+/// what made it.
 const LASTING_US: u64 = 300_000;
 
 /// Wheels slower than this stand, rad/s.
 const STANDING_RATE: f32 = 0.05;
 
-/// A wheel that is wrong by 1 rad/s and changes the slip residual by less than this cannot be found by it, rad/s.
+/// A wheel that is wrong by 1 rad/s and changes the slip residual by less than this cannot be found
+/// by it, rad/s.
 const LEAST_RESIDUAL: f32 = 0.1;
 
 /// Factor of the angles whose slip residual is taken.
@@ -65,18 +68,20 @@ const RESIDUAL_SCALE: f32 = if cfg!(feature = "fixed-point") {
     1.0
 };
 
-/// A robot whose wheels turn faster is not started, rad/s: well above what a step of a coarse encoder leaves behind, and
-/// slow enough that the loops bring it to rest without full voltage.
+/// A robot whose wheels turn faster is not started, rad/s: well above what a step of a coarse
+/// encoder leaves behind, and slow enough that the loops bring it to rest without full voltage.
 const TURNING_RATE: f32 = 0.2;
 
-/// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed anyway.
+/// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed
+/// anyway.
 const SETTLE_US: u64 = 300_000;
 
 /// The instant a tick works for.
 #[derive(Clone, Copy)]
 struct Tick {
     now: Micros,
-    /// Time since the last tick, s, bounded so that the observer's arithmetic stays sane after a long pause.
+    /// Time since the last tick, s, bounded so that the observer's arithmetic stays sane after a
+    /// long pause.
     dt: f32,
     /// The same as it was, us.
     elapsed_us: u32,
@@ -179,8 +184,8 @@ impl Wheel {
     }
 }
 
-/// What exists once there is a configuration. In this order: what every tick needs lies within the kilobyte that one
-/// instruction reaches.
+/// What exists once there is a configuration. In this order: what every tick needs lies within the
+/// kilobyte that one instruction reaches.
 #[derive(Clone, Copy)]
 #[repr(C)]
 struct Motion {
@@ -201,7 +206,8 @@ pub struct ControlSide {
     supervision: Supervision,
 }
 
-/// What is kept from tick to tick besides the motion: causes that have to last, and what is said to the bus side.
+/// What is kept from tick to tick besides the motion: causes that have to last, and what is said to
+/// the bus side.
 struct Supervision {
     counts: Option<[u16; 4]>,
     last: Option<Micros>,
@@ -262,7 +268,8 @@ impl ControlSide {
             .map(|configured| Rollers::new(configured, before));
         self.supervision.report.roller_states = [RollerState::Constant; 4];
         self.supervision.report.roller_sweeps = [0.0; 4];
-        // Made where it stays: it takes two kilobytes, and on the stack it would come on top of everything else.
+        // Made where it stays: it takes two kilobytes, and on the stack it would come on top of
+        // everything else.
         self.motion = Some(Motion {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
             limiter: Limiter::default(),
@@ -313,8 +320,9 @@ impl ControlSide {
 }
 
 impl Supervision {
-    /// A tick with a configuration. Not inlined: what is in reach of one pointer takes one instruction to load, what
-    /// is further away than a kilobyte takes two, so there is a pointer to each of the two halves.
+    /// A tick with a configuration. Not inlined: what is in reach of one pointer takes one
+    /// instruction to load, what is further away than a kilobyte takes two, so there is a pointer
+    /// to each of the two halves.
     #[inline(never)]
     fn run(
         &mut self,
@@ -388,8 +396,8 @@ impl Supervision {
         }
     }
 
-    /// Looks for faults while the robot drives. The first is kept; only one that cuts replaces one that ramps, because
-    /// a ramp with a shorted bridge or a reversed encoder is no way to rest.
+    /// Looks for faults while the robot drives. The first is kept; only one that cuts replaces one
+    /// that ramps, because a ramp with a shorted bridge or a reversed encoder is no way to rest.
     #[inline]
     fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
         let kept = self.report.fault;
@@ -457,7 +465,8 @@ impl Supervision {
         waits && self.brake.is_held_by_drivers() && motion.limiter.stands()
     }
 
-    /// The one way to be safe: no torque, drivers off, braked; `standstill` says that a ramp has come to its end.
+    /// The one way to be safe: no torque, drivers off, braked; `standstill` says that a ramp has
+    /// come to its end.
     #[inline(never)]
     fn safe(&mut self, standstill: bool) -> Outputs {
         self.brake = Brake::Engaged;
@@ -531,8 +540,9 @@ impl Supervision {
         }
     }
 
-    /// One tick of an identification, from its beginning to standstill. No loop is closed and nothing is followed: all
-    /// wheels get one voltage, and none when it is over or something has gone wrong.
+    /// One tick of an identification, from its beginning to standstill. No loop is closed and
+    /// nothing is followed: all wheels get one voltage, and none when it is over or something has
+    /// gone wrong.
     #[cold]
     #[inline(never)]
     fn identify(
@@ -678,7 +688,8 @@ impl Motion {
         report.pose = self.odometry.pose();
     }
 
-    /// The group's twist for this tick, within the limits of the mode; says whether they held it back.
+    /// The group's twist for this tick, within the limits of the mode; says whether they held it
+    /// back.
     #[inline]
     fn shape(&mut self, mode: Mode, command: &Command, tick: &Tick) -> bool {
         let (input, limits) = if mode == Mode::Follow {
@@ -725,7 +736,8 @@ impl Motion {
         let rates: [f32; 4] = report.rates.into();
         let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
         let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
-        // Of the counts, not of the rates: a wheel that stops is known to have stopped in the same tick.
+        // Of the counts, not of the rates: a wheel that stops is known to have stopped in the same
+        // tick.
         let residual = self
             .configuration
             .drivetrain
@@ -762,8 +774,8 @@ impl Motion {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
         drivetrain.renew(&mut self.factors, velocity, report.measured);
         if let Some(rollers) = &self.rollers {
-            // Rates for where the rollers stand now, and the acceleration that brings the wheels to those for where
-            // they will stand at the next tick, when the twist has changed as well.
+            // Rates for where the rollers stand now, and the acceleration that brings the wheels to
+            // those for where they will stand at the next tick, when the twist has changed as well.
             let now = drivetrain.asked_at(velocity, &self.factors, rollers.secants());
             let ahead = rollers.ahead(&now, dt);
             let next = velocity + self.limiter.acceleration() * dt;

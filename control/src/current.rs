@@ -1,8 +1,10 @@
-//! The motors' current, where a sensor measures it, and when there is more of it than the torque bound allows.
+//! The motors' current, where a sensor measures it, and when there is more of it than the torque
+//! bound allows.
 //!
-//! The bound of [`crate::wheel`] is one by the motor's model: a shorted winding, a wrong resistance or a bridge that
-//! does not do what it is told are nothing it knows of. What is measured needs no model. A sensor that shows the end of
-//! its range measures nothing any more, and counts like too much.
+//! The bound of [`crate::wheel`] is one by the motor's model: a shorted winding, a wrong resistance
+//! or a bridge that does not do what it is told are nothing it knows of. What is measured needs no
+//! model. A sensor that shows the end of its range measures nothing any more, and counts like too
+//! much.
 
 use canopen::Micros;
 
@@ -12,7 +14,8 @@ use crate::threshold::Lasting;
 /// How long there must be too much of it, us: no acceleration takes that long to be limited.
 const OVER_US: u64 = 20_000;
 
-/// A sensor that may show less than nothing is at the lower end of its range below this, V: three steps of 4096.
+/// A sensor that may show less than nothing is at the lower end of its range below this, V: three
+/// steps of 4096.
 const LOW_END: f32 = 0.0025;
 
 /// What a robot is told about its sensors.
@@ -41,7 +44,8 @@ impl Current {
         }
     }
 
-    /// Takes in the voltages at the inputs, V; returns the current, A, and whether it has been too much for too long.
+    /// Takes in the voltages at the inputs, V; returns the current, A, and whether it has been too
+    /// much for too long.
     #[cold]
     #[inline(never)]
     pub(crate) fn update(

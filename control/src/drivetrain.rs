@@ -1,14 +1,16 @@
-//! From the group's twist to this robot's wheels and back: `J C(v) K`, equation (19) with a `C` that may depend on the
-//! motion.
+//! From the group's twist to this robot's wheels and back: `J C(v) K`, equation (19) with a `C`
+//! that may depend on the motion.
 //!
-//! The three factors are applied one after the other, because the middle one changes while the robot moves: the mount
-//! takes the group's twist to the member's, the compensation says what to ask for, the wheels follow. The way back
-//! divides by the same coefficients. The coefficients belong to the velocity the robot *achieves*, and looking them up
-//! costs more than using them; so the control tick keeps them in [`Factors`] and renews them every other tick, for the
-//! reference and for the measurement in turn. What that leaves behind: a coefficient that is one or two ticks old,
-//! and on the way back the inversion of a table spread over the ticks. Each of them at least halves the error (tables
-//! that would not are refused) and the velocity changes by less than a hundredth of a percent of the wheels' range a
-//! tick. With constant coefficients nothing is looked up and nothing is left behind.
+//! The three factors are applied one after the other, because the middle one changes while the
+//! robot moves: the mount takes the group's twist to the member's, the compensation says what to
+//! ask for, the wheels follow. The way back divides by the same coefficients. The coefficients
+//! belong to the velocity the robot *achieves*, and looking them up costs more than using them; so
+//! the control tick keeps them in [`Factors`] and renews them every other tick, for the reference
+//! and for the measurement in turn. What that leaves behind: a coefficient that is one or two ticks
+//! old, and on the way back the inversion of a table spread over the ticks. Each of them at least
+//! halves the error (tables that would not are refused) and the velocity changes by less than a
+//! hundredth of a percent of the wheels' range a tick. With constant coefficients nothing is looked
+//! up and nothing is left behind.
 
 #[cfg(feature = "fixed-point")]
 use kinematics::FixedMember as Kinematics;
@@ -88,7 +90,8 @@ impl Drivetrain {
         self.rates(group, &self.at(group))
     }
 
-    /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s with its sign.
+    /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s
+    /// with its sign.
     #[must_use]
     pub fn fastest(&self, group: Twist) -> WheelRates {
         let Some(rolling) = &self.rolling else {
@@ -117,7 +120,8 @@ impl Drivetrain {
         }
     }
 
-    /// [`Drivetrain::achieved`] and [`Drivetrain::slip_residual`] with the wheels' rollers where they stand.
+    /// [`Drivetrain::achieved`] and [`Drivetrain::slip_residual`] with the wheels' rollers where
+    /// they stand.
     #[must_use]
     #[inline]
     pub fn achieved_at(
@@ -180,8 +184,8 @@ impl Drivetrain {
         }
     }
 
-    /// Renews one half of the factors: those of the reference or those of the measurement, both given in the group
-    /// frame.
+    /// Renews one half of the factors: those of the reference or those of the measurement, both
+    /// given in the group frame.
     #[inline]
     pub fn renew(&self, factors: &mut Factors, reference: Twist, measured: Twist) {
         if self.compensation.is_constant() {
@@ -210,7 +214,8 @@ impl Drivetrain {
         self.mount.to_group(times(asked, &factors.achieved))
     }
 
-    /// The displacement of the group (m, m, rad, its own frame) that these wheel-angle increments (rad) mean.
+    /// The displacement of the group (m, m, rad, its own frame) that these wheel-angle increments
+    /// (rad) mean.
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, factors: &Factors) -> Twist {
@@ -361,8 +366,9 @@ mod tests {
     /// Achieved(asked(v)) is v once the factors have settled; with constant coefficients at once.
     #[test]
     fn the_way_back_uses_the_same_coefficients() {
-        // Single precision at 15 rad/s has steps of 1e-6 rad/s. In fixed point a step is 2^-16, and half of one may be lost
-        // on each of three axes on the way in, as many on the way out, and on four wheels, 0.15 m/rad each, in between.
+        // Single precision at 15 rad/s has steps of 1e-6 rad/s. In fixed point a step is 2^-16, and
+        // half of one may be lost on each of three axes on the way in, as many on the way out, and
+        // on four wheels, 0.15 m/rad each, in between.
         const STEP: f32 = 1.0 / 65_536.0;
         const BOUND: f32 = if cfg!(feature = "fixed-point") {
             0.5 * STEP * (3.0 + 3.0 + 4.0 * 0.15)

@@ -80,11 +80,13 @@ pub struct Inputs {
     pub emergency_stop: bool,
     /// The motor driver reports a fault.
     pub driver_fault: bool,
-    /// The protective stop asks for standstill, or its wire is broken; means something only where one is configured.
+    /// The protective stop asks for standstill, or its wire is broken; means something only where
+    /// one is configured.
     pub protective_stop: bool,
     /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
     pub supply_input: Option<f32>,
-    /// Voltages at the current sensors' inputs, V, where sensors are configured and the board has such inputs.
+    /// Voltages at the current sensors' inputs, V, where sensors are configured and the board has
+    /// such inputs.
     pub current_inputs: Option<[f32; 3]>,
     /// The last index pulse of each encoder.
     pub index: [IndexPulse; 4],

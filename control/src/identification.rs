@@ -1,23 +1,29 @@
-//! Finds out what the motors need: static friction, volts per rate and volts per acceleration of every wheel.
+//! Finds out what the motors need: static friction, volts per rate and volts per acceleration of
+//! every wheel.
 //!
-//! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back; one on blocks turns
-//! them freely. On blocks, [`Bounds::wheels`] may name some of them: the others get no voltage and need not turn. First the voltage rises slowly, by a tenth of the nominal supply a second, until a wheel reaches the
-//! rate or the way it may (*ramp*); then, from standstill, the same voltage is put on backwards at once (*step*). The
-//! ramp tells `kS` and `kV`, the step `kA` of
+//! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back;
+//! one on blocks turns them freely. On blocks, [`Bounds::wheels`] may name some of them: the others
+//! get no voltage and need not turn. First the voltage rises slowly, by a tenth of the nominal
+//! supply a second, until a wheel reaches the rate or the way it may (*ramp*); then, from
+//! standstill, the same voltage is put on backwards at once (*step*). The ramp tells `kS` and `kV`,
+//! the step `kA` of
 //!
 //! ```text
 //! u = kS sgn(w) + kV w + kA w'
 //! ```
 //!
-//! Nothing is differentiated. Multiplied with a triangle two windows of [`HALF_TICKS`] wide and integrated, the equation
-//! holds between three numbers that whole counts give exactly: the weighted voltage, the difference of the two windows'
-//! mean angles over a window's length (the rate), and the difference of their ways over its square (the acceleration).
-//! Of the three only the acceleration is noisy (half a count over a window's length squared), so it appears in sums and
-//! in products with the others, never squared: its noise averages out instead of pulling `kA` down.
+//! Nothing is differentiated. Multiplied with a triangle two windows of [`HALF_TICKS`] wide and
+//! integrated, the equation holds between three numbers that whole counts give exactly: the
+//! weighted voltage, the difference of the two windows' mean angles over a window's length (the
+//! rate), and the difference of their ways over its square (the acceleration). Of the three only
+//! the acceleration is noisy (half a count over a window's length squared), so it appears in sums
+//! and in products with the others, never squared: its noise averages out instead of pulling `kA`
+//! down.
 //!
-//! For how a loop is made of it see [`WheelModel::gains`]. What can go wrong is a [`Stopped`]; every way out ends with
-//! no voltage. At most [`Identification::TIME_LIMIT`] seconds, half of the nominal supply, and the rate and way in
-//! [`Bounds`]. A wheel that does not move at a quarter of the nominal supply ends it: its encoder may be dead.
+//! For how a loop is made of it see [`WheelModel::gains`]. What can go wrong is a [`Stopped`];
+//! every way out ends with no voltage. At most [`Identification::TIME_LIMIT`] seconds, half of the
+//! nominal supply, and the rate and way in [`Bounds`]. A wheel that does not move at a quarter of
+//! the nominal supply ends it: its encoder may be dead.
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 
@@ -45,7 +51,8 @@ const MOVED: f32 = 0.02;
 const RAMP_ROWS: u16 = 4;
 /// Length of the step, s.
 const STEP_TIME: f32 = 0.6;
-/// Wheels slower than this stand, rad/s, and this is how long they must, s, and how long they have for it.
+/// Wheels slower than this stand, rad/s, and this is how long they must, s, and how long they have
+/// for it.
 const STANDING_RATE: f32 = 0.05;
 const STANDING_TIME: f32 = 0.2;
 const COAST_TIME: f32 = 2.0;
@@ -55,8 +62,8 @@ const MISFIT: f32 = 0.1;
 /// How fast and how far the wheels may turn.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Bounds {
-    /// rad/s at the end of the ramp. The step repeats its last voltage and lets the wheel catch up with it: by the
-    /// ramp's volts a second times `kA/kV^2` more.
+    /// rad/s at the end of the ramp. The step repeats its last voltage and lets the wheel catch up
+    /// with it: by the ramp's volts a second times `kA/kV^2` more.
     pub rate: f32,
     /// rad from where they stood at the beginning.
     pub travel: f32,
@@ -207,7 +214,8 @@ impl Identification {
         }
     }
 
-    /// One tick: what the wheels have turned since the last one, rad, how fast they are, rad/s, and how long it was, s.
+    /// One tick: what the wheels have turned since the last one, rad, how fast they are, rad/s, and
+    /// how long it was, s.
     #[cold]
     #[inline(never)]
     pub fn tick(&mut self, turned: [f32; 4], rates: [f32; 4], dt: f32) -> Step {
@@ -403,8 +411,8 @@ impl Sums {
 }
 
 impl Wheel {
-    /// `kS` and `kV` from the ramp need `kA`, `kA` from the step needs them: a few rounds bring them together, since the
-    /// ramp hardly accelerates. `None` when the result is no motor.
+    /// `kS` and `kV` from the ramp need `kA`, `kA` from the step needs them: a few rounds bring
+    /// them together, since the ramp hardly accelerates. `None` when the result is no motor.
     fn solve(&self) -> Option<WheelModel> {
         const ROUNDS: u8 = 8;
         let (ramp, step) = (&self.ramp, &self.step);
@@ -451,11 +459,11 @@ impl Stopped {
 }
 
 impl WheelModel {
-    /// Feedforward as found, and a loop with this bandwidth `b`, rad/s, and damping `d`: the characteristic polynomial
-    /// `kA s^2 + (kV + kP) s + kI` is made `kA (s^2 + 2 d b s + b^2)`.
+    /// Feedforward as found, and a loop with this bandwidth `b`, rad/s, and damping `d`: the
+    /// characteristic polynomial `kA s^2 + (kV + kP) s + kI` is made `kA (s^2 + 2 d b s + b^2)`.
     ///
-    /// A wheel that is more than damped enough by its own back-EMF still gets a tenth of `kV`, because the loop's
-    /// anti-windup needs some `kP`.
+    /// A wheel that is more than damped enough by its own back-EMF still gets a tenth of `kV`,
+    /// because the loop's anti-windup needs some `kP`.
     #[must_use]
     pub fn gains(&self, bandwidth: f32, damping: f32) -> Gains {
         let proportional = 2.0 * damping * bandwidth * self.acceleration - self.speed;

@@ -1,7 +1,8 @@
 //! What a robot does a thousand times a second: from encoder counts and a wish to duties.
 //!
-//! One half of `robot`, in a crate of its own because it is built for speed and the other half for size: Cargo
-//! sets the optimisation by package. It knows the configuration that drives it, not the parameters it came from.
+//! One half of `robot`, in a crate of its own because it is built for speed and the other half for
+//! size: Cargo sets the optimisation by package. It knows the configuration that drives it, not the
+//! parameters it came from.
 //!
 //! It cannot tell the time, allocate, log, or touch hardware.
 #![no_std]

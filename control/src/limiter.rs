@@ -4,12 +4,12 @@
 //! differs between members, so that all of them bend the same setpoint in the same way and the body
 //! keeps its shape.
 //!
-//! The limiter follows its input *exactly*, without lag, as long as the input keeps the limits. When
-//! it has fallen behind by `e`, it asks for the acceleration of the input plus the largest one from
-//! which it can still come down to zero, at the jerk limit, exactly when `e` is used up. On a grid of
-//! steps `dt` the distance covered while an acceleration of `n` jerk steps goes back to zero is
-//! `j dt^2 n (n + 1) / 2`; solved for `n` this gives `n = (sqrt(1 + 8 m) - 1) / 2` with
-//! `m = e / (j dt^2)`. The end of a step response therefore neither overshoots nor chatters.
+//! The limiter follows its input *exactly*, without lag, as long as the input keeps the limits.
+//! When it has fallen behind by `e`, it asks for the acceleration of the input plus the largest one
+//! from which it can still come down to zero, at the jerk limit, exactly when `e` is used up. On a
+//! grid of steps `dt` the distance covered while an acceleration of `n` jerk steps goes back to
+//! zero is `j dt^2 n (n + 1) / 2`; solved for `n` this gives `n = (sqrt(1 + 8 m) - 1) / 2` with `m
+//! = e / (j dt^2)`. The end of a step response therefore neither overshoots nor chatters.
 //!
 //! Linear and angular parts are scaled by one common factor wherever a limit bites, so a change of
 //! twist runs along a straight line in (vx, vy, omega). With zero as the input this is the group's
@@ -248,7 +248,8 @@ mod tests {
             };
             for _ in 0..2000 {
                 run(&mut limiter, Twist::ZERO, 1);
-                // A quarter of one step of jerk, 5e-6 m/s: the grid does not divide every way evenly.
+                // A quarter of one step of jerk, 5e-6 m/s: the grid does not divide every way
+                // evenly.
                 let v = limiter.velocity().vx;
                 assert!(v >= -0.25 * JERK * DT * DT, "reversed to {v} from {speed}");
             }

@@ -2,16 +2,18 @@
 //!
 //! Counting edges per millisecond is hopeless at crawling speed: a wheel that makes 40 counts a
 //! second shows 0 for 24 ticks and 1000 counts a second for one. Instead a model of the wheel turns
-//! with the estimated rate, and the counter corrects it. The counter does not say *where* the wheel is
-//! but in which interval, one count wide: a distance from the middle that lies within the interval
-//! counts half, what goes beyond it in full. As a second-order loop it has no lag at constant speed;
-//! the reference acceleration is fed in, so that none is left while accelerating as planned either.
+//! with the estimated rate, and the counter corrects it. The counter does not say *where* the wheel
+//! is but in which interval, one count wide: a distance from the middle that lies within the
+//! interval counts half, what goes beyond it in full. As a second-order loop it has no lag at
+//! constant speed; the reference acceleration is fed in, so that none is left while accelerating as
+//! planned either.
 //!
-//! The bandwidth shrinks with the rate of edges, to half of it, since there is nothing to learn between
-//! two edges. Both choices were made by simulating the closed wheel loop from 10 mm/s to 0.5 m/s (wheel
-//! radius 152 mm, 2048 counts). Full weight inside the interval makes the estimate ripple with the edges
-//! (1 % at 20 mm/s instead of 0.5 %); none at all, the obvious dead band, is calm for a wheel that is
-//! turned by somebody else but lets the loop around it hunt (7 % at 20 mm/s).
+//! The bandwidth shrinks with the rate of edges, to half of it, since there is nothing to learn
+//! between two edges. Both choices were made by simulating the closed wheel loop from 10 mm/s to
+//! 0.5 m/s (wheel radius 152 mm, 2048 counts). Full weight inside the interval makes the estimate
+//! ripple with the edges (1 % at 20 mm/s instead of 0.5 %); none at all, the obvious dead band, is
+//! calm for a wheel that is turned by somebody else but lets the loop around it hunt (7 % at 20
+//! mm/s).
 //!
 //! Cost: about 30 instructions. Errors at 20 mm/s, estimate and loop: below 1 %, asserted.
 
@@ -51,8 +53,8 @@ impl Observer {
         }
     }
 
-    /// Takes in that the wheel turned by `turned` rad (a whole number of counts) in the last `dt` s,
-    /// in which it was meant to accelerate with `acceleration` rad/s^2. Returns the rate, rad/s.
+    /// Takes in that the wheel turned by `turned` rad (a whole number of counts) in the last `dt`
+    /// s, in which it was meant to accelerate with `acceleration` rad/s^2. Returns the rate, rad/s.
     #[inline]
     pub fn update(&mut self, turned: f32, acceleration: f32, dt: f32) -> f32 {
         let half = self.half_step;
@@ -98,7 +100,8 @@ mod tests {
     /// 2048 counts a revolution.
     const STEP: f64 = core::f64::consts::TAU / 2048.0;
 
-    /// Runs the observer on what an encoder shows of `angle(t)`; returns (estimate, naive) per tick.
+    /// Runs the observer on what an encoder shows of `angle(t)`; returns (estimate, naive) per
+    /// tick.
     fn track(
         seconds: f64,
         angle: impl Fn(f64) -> f64,
@@ -170,8 +173,8 @@ mod tests {
             let rate = 6.0 * (tick + 1) as f64 * DT;
             worst = worst.max((estimate - rate).abs());
         }
-        // Lag of a second-order loop: 2 a / w, w = 100 rad/s; twice that, because the correction works
-        // only while the model is outside the counter's interval.
+        // Lag of a second-order loop: 2 a / w, w = 100 rad/s; twice that, because the correction
+        // works only while the model is outside the counter's interval.
         assert!(worst < 2.0 * (2.0 * 6.0 / 100.0), "off by {worst}");
     }
 

@@ -1,10 +1,11 @@
 //! Notices an encoder that has fallen silent, by what the other three wheels say.
 //!
-//! Four wheels measure three degrees of freedom. What is left over, the slip residual, tells how far a wheel has to
-//! have turned for the other three to be right (what they *imply*): no model of the motor, the load or the slope is
-//! needed. Half of what is asked for, less what the encoder counts in that direction, adds up to an angle *missed*,
-//! never below zero, and half of what is implied to another; the smaller of the two counts. An encoder that counts more
-//! than half of either never misses anything for long. A kerb that stops all four wheels implies nothing.
+//! Four wheels measure three degrees of freedom. What is left over, the slip residual, tells how
+//! far a wheel has to have turned for the other three to be right (what they *imply*): no model of
+//! the motor, the load or the slope is needed. Half of what is asked for, less what the encoder
+//! counts in that direction, adds up to an angle *missed*, never below zero, and half of what is
+//! implied to another; the smaller of the two counts. An encoder that counts more than half of
+//! either never misses anything for long. A kerb that stops all four wheels implies nothing.
 //!
 //! | missed (with the rate w asked for) | counted meanwhile | then |
 //! |---|---|---|
@@ -12,12 +13,13 @@
 //! | 15 ms w and 0.05 rad | next to nothing | *dead*: a fault; the wheel gets its feedforward alone |
 //! | either | more | not silent: [`crate::watch`] decides whether the wheel is blocked |
 //!
-//! In time: 28 ms at 4 rad/s, 40 ms at 2 rad/s, 167 ms at 0.33 rad/s. *Next to nothing* is the net of four counts and
-//! twenty a second, which an open input beside motor leads may collect; so few counts acquit nobody.
+//! In time: 28 ms at 4 rad/s, 40 ms at 2 rad/s, 167 ms at 0.33 rad/s. *Next to nothing* is the net
+//! of four counts and twenty a second, which an open input beside motor leads may collect; so few
+//! counts acquit nobody.
 //!
-//! What it cannot do: tell a dead encoder from a wheel that is held fast while the other three go on, which takes the
-//! same reaction; and see two wheels whose errors cancel in the residual, or four that fall silent together. Those are
-//! left to [`crate::watch`] and to the torque bound.
+//! What it cannot do: tell a dead encoder from a wheel that is held fast while the other three go
+//! on, which takes the same reaction; and see two wheels whose errors cancel in the residual, or
+//! four that fall silent together. Those are left to [`crate::watch`] and to the torque bound.
 //!
 //! Cost: 31 instructions a wheel.
 
@@ -61,8 +63,8 @@ pub(crate) struct Silence {
     /// Half of what the counts and the angle above are, rad.
     suspected_angle: f32,
     dead_angle: f32,
-    /// What is missed of the angle asked for is compared with it: the first of the two, or less than anything once
-    /// the encoder is dead, which saves a test of the flag.
+    /// What is missed of the angle asked for is compared with it: the first of the two, or less
+    /// than anything once the encoder is dead, which saves a test of the flag.
     alarm: f32,
     /// Of half the angle asked for, and of half the angle implied, rad.
     missed_asked: f32,
@@ -75,7 +77,8 @@ pub(crate) struct Silence {
 }
 
 impl Silence {
-    /// For an encoder whose count is `step` rad, positive. One that does not listen never suspects anything.
+    /// For an encoder whose count is `step` rad, positive. One that does not listen never suspects
+    /// anything.
     pub(crate) const fn new(step: f32, listens: bool) -> Self {
         let counts = DEAD_COUNTS * step;
         let suspected_angle = if listens {
@@ -113,11 +116,12 @@ impl Silence {
         self.missed_asked = 0.0;
     }
 
-    /// Listens for one tick of `dt` s: the rate asked for, rad/s; what the other three wheels imply that this one
-    /// turned, and what its encoder says, rad.
+    /// Listens for one tick of `dt` s: the rate asked for, rad/s; what the other three wheels imply
+    /// that this one turned, and what its encoder says, rad.
     #[inline(always)]
     pub(crate) fn update(&mut self, rate_ref: f32, implied: f32, turned: f32, dt: f32) -> Trust {
-        // Along the reference everything is positive. Half of a difference costs less than the difference of halves.
+        // Along the reference everything is positive. Half of a difference costs less than the
+        // difference of halves.
         let half = if rate_ref < 0.0 { -0.5 } else { 0.5 };
         let twice = turned + turned;
         let missed = self.missed_implied + half * (implied - twice);
@@ -127,8 +131,8 @@ impl Silence {
         self.missed_asked = not_below_zero(missed);
         if missed > self.alarm {
             if before <= self.suspected_angle {
-                // Not those of this tick: it may have fallen silent in the middle of it. Those against the reference
-                // are of one that lives.
+                // Not those of this tick: it may have fallen silent in the middle of it. Those
+                // against the reference are of one that lives.
                 self.counted = -not_below_zero(half * twice);
                 self.lasted = 0.0;
             }
@@ -177,7 +181,8 @@ mod tests {
     /// 4096 counts a turn.
     const STEP: f32 = core::f32::consts::TAU / 4096.0;
 
-    /// Milliseconds until an encoder is known dead that counts `turned(ms)` rad while `rate` is expected.
+    /// Milliseconds until an encoder is known dead that counts `turned(ms)` rad while `rate` is
+    /// expected.
     fn dead_after(rate: f32, turned: impl Fn(u32) -> f32) -> Option<u32> {
         let mut silence = Silence::new(STEP, true);
         (1..=5_000).find(|tick| silence.update(rate, rate * DT, turned(*tick), DT) == Trust::None)
@@ -199,7 +204,8 @@ mod tests {
         }
     }
 
-    /// 40 000 counts a turn are 25 in a tick at 3.94 rad/s: a fifth of a tick is more than stray counts.
+    /// 40 000 counts a turn are 25 in a tick at 3.94 rad/s: a fifth of a tick is more than stray
+    /// counts.
     #[test]
     fn the_counts_of_the_tick_in_which_it_falls_silent_acquit_nobody() {
         const FINE: f32 = core::f32::consts::TAU / 40_000.0;
@@ -265,7 +271,8 @@ mod tests {
         }
     }
 
-    /// A processor that stood still for 22 ms sees all of it in one tick: what counted backwards meanwhile is alive.
+    /// A processor that stood still for 22 ms sees all of it in one tick: what counted backwards
+    /// meanwhile is alive.
     #[test]
     fn a_long_tick_against_the_reference_is_not_silent() {
         let mut silence = Silence::new(STEP, true);

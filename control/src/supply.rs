@@ -1,12 +1,14 @@
 //! The supply: what full duty is worth, and when there is too little or too much of it.
 //!
-//! The board gives the voltage at its measuring input, behind a divider. What the duty is computed with is the mean over
-//! some ticks, because one sample carries the ripple of four bridges. What has to *last* before it is a fault is the
-//! sample itself: one sample on the other side of the threshold starts the time anew.
+//! The board gives the voltage at its measuring input, behind a divider. What the duty is computed
+//! with is the mean over some ticks, because one sample carries the ripple of four bridges. What
+//! has to *last* before it is a fault is the sample itself: one sample on the other side of the
+//! threshold starts the time anew.
 //!
-//! Too much is dangerous at once: a full battery that has disconnected itself, or a bench supply, is pumped up by
-//! whatever brakes. A ramp would brake on; so the fault cuts, and the holding brake takes the energy. An input at the
-//! end of its range says that the divider's ground is open, or that there is even more than it can show: the same.
+//! Too much is dangerous at once: a full battery that has disconnected itself, or a bench supply,
+//! is pumped up by whatever brakes. A ramp would brake on; so the fault cuts, and the holding brake
+//! takes the energy. An input at the end of its range says that the divider's ground is open, or
+//! that there is even more than it can show: the same.
 
 use canopen::Micros;
 use protocol::Fault;
@@ -16,7 +18,8 @@ use crate::threshold::Lasting;
 /// Part of a new sample in the mean: it follows with a time constant of four ticks.
 const FRESH: f32 = 0.25;
 
-/// Voltage at the input above which the converter is at its end, V: three steps of 4096 below its reference of 3.3 V.
+/// Voltage at the input above which the converter is at its end, V: three steps of 4096 below its
+/// reference of 3.3 V.
 pub const FULL_SCALE: f32 = 3.2975;
 
 /// How long a low supply must last, us.

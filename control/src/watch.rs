@@ -1,8 +1,8 @@
 //! Watches one wheel for what a loop cannot mend: a dead or inverted encoder, a blocked wheel.
 //!
-//! All three begin alike: the motor is driven well beyond its static friction, and the rate estimate
-//! stays behind the reference by more than a threshold. From then on the watch adds up what the encoder
-//! counts, raw, and decides by it:
+//! All three begin alike: the motor is driven well beyond its static friction, and the rate
+//! estimate stays behind the reference by more than a threshold. From then on the watch adds up
+//! what the encoder counts, raw, and decides by it:
 //!
 //! | counted | means |
 //! |---|---|
@@ -10,9 +10,10 @@
 //! | nothing, after the full time | encoder dead (or wheel blocked hard): ramp |
 //! | something else, after the full time | wheel blocked or slipping in its drive: ramp |
 //!
-//! At a crawl nothing can stay behind by the whole threshold. There, no count at all while staying behind by
-//! more than half the reference is suspicious too, but must last five times as long, because a sticky start
-//! looks the same. One count acquits: a wheel that its load turns slower or faster than asked is not dead.
+//! At a crawl nothing can stay behind by the whole threshold. There, no count at all while staying
+//! behind by more than half the reference is suspicious too, but must last five times as long,
+//! because a sticky start looks the same. One count acquits: a wheel that its load turns slower or
+//! faster than asked is not dead.
 //!
 //! Inversion is the dangerous one, because the loop drives it to full speed; hence its short time.
 
@@ -178,7 +179,8 @@ impl Watch {
         let against = |direction: f32| {
             direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
         };
-        // A wheel that was pushed and is to stand turns against its voltage as well, but is slowed down by it.
+        // A wheel that was pushed and is to stand turns against its voltage as well, but is slowed
+        // down by it.
         let runs = stands
             && suspicion.slowed > SLOWED_PART * suspicion.fastest + SLOWED
             && rate > UNSLOWED * suspicion.fastest;
@@ -198,8 +200,8 @@ impl Watch {
         }
     }
 
-    /// Whether so much travel, rad, shows that a wheel lives that is asked for so much. A wheel that its load turns
-    /// faster or slower than asked does; a few stray counts do not.
+    /// Whether so much travel, rad, shows that a wheel lives that is asked for so much. A wheel
+    /// that its load turns faster or slower than asked does; a few stray counts do not.
     fn acquits(&self, travel: f32, asked: f32) -> bool {
         travel.abs() > self.nothing && travel.abs() > 0.25 * asked.abs()
     }

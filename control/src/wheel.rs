@@ -1,27 +1,29 @@
 //! The loop around one wheel: feedforward and PI, in volts.
 //!
-//! The feedforward says what the motor needs to do what is asked: `kS` against static friction, `kV`
-//! per rate, `kA` per acceleration. The PI part corrects what is left. Everything is in physical
-//! units, so a gain means the same on every robot and survives a change of battery; the duty is the
-//! voltage over the supply as it is now.
+//! The feedforward says what the motor needs to do what is asked: `kS` against static friction,
+//! `kV` per rate, `kA` per acceleration. The PI part corrects what is left. Everything is in
+//! physical units, so a gain means the same on every robot and survives a change of battery; the
+//! duty is the voltage over the supply as it is now.
 //!
 //! Anti-windup is by back-calculation, with the loop's own time constant `kP / kI`: what the supply
-//! cannot give is taken out of the integral, but only what the integral itself contributes. Where the
-//! feedforward alone asks for too much, plain back-calculation would wind the integral up the other
-//! way; here it just waits.
+//! cannot give is taken out of the integral, but only what the integral itself contributes. Where
+//! the feedforward alone asks for too much, plain back-calculation would wind the integral up the
+//! other way; here it just waits.
 //!
-//! The *torque bound* keeps the voltage within `I_max R` of the back EMF `kV w`: that is the largest current, without
-//! a sensor. It holds against a kerb, against plugging, and against an encoder that lies. It is applied before the
-//! supply's, and the same anti-windup serves both. For as long as the rate estimate trails a wheel that is stopped
-//! short, about a tenth of a second, the current may be larger by `kV` times what it trails over `R`.
+//! The *torque bound* keeps the voltage within `I_max R` of the back EMF `kV w`: that is the
+//! largest current, without a sensor. It holds against a kerb, against plugging, and against an
+//! encoder that lies. It is applied before the supply's, and the same anti-windup serves both. For
+//! as long as the rate estimate trails a wheel that is stopped short, about a tenth of a second,
+//! the current may be larger by `kV` times what it trails over `R`.
 //!
 //! Cost: about 45 instructions for one wheel.
 
 use crate::silence::Trust;
 
 /// Below this rate (rad/s) the static friction term fades out, so that a reference that jitters
-/// around zero does not make the motor buzz. A wheel that barely turns, as two of four do in oblique motion, has to
-/// turn all the same: it is ten steps of the setpoint (0.1 mm/s at a radius of 0.15 m), not more.
+/// around zero does not make the motor buzz. A wheel that barely turns, as two of four do in
+/// oblique motion, has to turn all the same: it is ten steps of the setpoint (0.1 mm/s at a radius
+/// of 0.15 m), not more.
 const FRICTION_FADE: f32 = 0.01;
 
 /// Motor and loop of one wheel.
@@ -112,8 +114,8 @@ impl WheelLoop {
         }
     }
 
-    /// The voltage for this `reference` when the wheel turns at `rate` rad/s, within what is available and the torque
-    /// bound, and what held it back.
+    /// The voltage for this `reference` when the wheel turns at `rate` rad/s, within what is
+    /// available and the torque bound, and what held it back.
     #[inline]
     pub fn update(&mut self, reference: WheelReference, rate: f32, tick: Available) -> (f32, Held) {
         let mut held = Held::default();
@@ -121,7 +123,8 @@ impl WheelLoop {
         (voltage, held)
     }
 
-    /// The same voltage; what held it back is added to `held`, which is left alone where nothing did.
+    /// The same voltage; what held it back is added to `held`, which is left alone where nothing
+    /// did.
     #[inline]
     pub(crate) fn command(
         &mut self,
@@ -172,7 +175,8 @@ impl WheelLoop {
         (given, held)
     }
 
-    /// The part of a voltage that the torque bound leaves for a wheel at `rate`, and then the supply.
+    /// The part of a voltage that the torque bound leaves for a wheel at `rate`, and then the
+    /// supply.
     fn bound(&self, wanted: f32, rate: f32, available: f32) -> (f32, Held) {
         let emf = self.gains.speed * rate;
         let eased = wanted.max(emf - self.torque).min(emf + self.torque);
@@ -184,9 +188,10 @@ impl WheelLoop {
         (given, held)
     }
 
-    /// The voltage while the encoder is in doubt. Suspected, error and integral together add no more than the static
-    /// friction to the feedforward, so that a sticky wheel still comes loose; dead, the feedforward is all there is.
-    /// The torque bound is about the rate asked for, because no other is known.
+    /// The voltage while the encoder is in doubt. Suspected, error and integral together add no
+    /// more than the static friction to the feedforward, so that a sticky wheel still comes loose;
+    /// dead, the feedforward is all there is. The torque bound is about the rate asked for, because
+    /// no other is known.
     #[cold]
     #[inline(never)]
     pub(crate) fn doubt(
@@ -423,7 +428,8 @@ mod tests {
             rate: 2.0,
             acceleration: 0.0,
         };
-        // 0.6 + 1.2*2 and once more 0.6, and what the integral gains in a tick, 20*2 mV; then the feedforward alone.
+        // 0.6 + 1.2*2 and once more 0.6, and what the integral gains in a tick, 20*2 mV; then the
+        // feedforward alone.
         let mut most = 0.0_f32;
         for _ in 0..1_000 {
             let (voltage, _) = wheel.doubt(reference, 0.0, Trust::Suspected, at(24.0));

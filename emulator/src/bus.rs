@@ -1,8 +1,8 @@
 //! The address map and the way from the core to the peripherals and back.
 //!
-//! The core reads flash and RAM directly. Everything else comes through [`Window`], which asks the peripherals
-//! under one lock (never contended: a board is run by one thread) at the cycle the run loop has published, and
-//! then hands changed interrupt lines to the core.
+//! The core reads flash and RAM directly. Everything else comes through [`Window`], which asks the
+//! peripherals under one lock (never contended: a board is run by one thread) at the cycle the run
+//! loop has published, and then hands changed interrupt lines to the core.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};

@@ -1,15 +1,17 @@
 //! Time on one board: core clock cycles, the crystal's time, the world's time.
 //!
-//! Everything on the chip that counts the core clock (timers, the core itself) is modelled in whole HCLK
-//! cycles since power-on, so that nothing rounds and two runs are the same to the cycle. The world outside
-//! counts nanoseconds. Between the two stands *local* time: the time the board's own crystal would show,
-//! which runs fast by [`Clock::new`]'s parts per million. A clock switch (RCC) starts a new segment: cycles
-//! before it keep their time, cycles after it last as long as the new frequency says.
+//! Everything on the chip that counts the core clock (timers, the core itself) is modelled in whole
+//! HCLK cycles since power-on, so that nothing rounds and two runs are the same to the cycle. The
+//! world outside counts nanoseconds. Between the two stands *local* time: the time the board's own
+//! crystal would show, which runs fast by [`Clock::new`]'s parts per million. A clock switch (RCC)
+//! starts a new segment: cycles before it keep their time, cycles after it last as long as the new
+//! frequency says.
 //!
-//! The internal oscillators are taken to err as the crystal does; what has its own tolerance (the LSI that
-//! feeds the watchdog) brings its own frequency.
+//! The internal oscillators are taken to err as the crystal does; what has its own tolerance (the
+//! LSI that feeds the watchdog) brings its own frequency.
 
-/// Core clock frequency after reset: the internal oscillator HSI, 16 MHz (RM0390 rev 6, section 6.2.2).
+/// Core clock frequency after reset: the internal oscillator HSI, 16 MHz (RM0390 rev 6, section
+/// 6.2.2).
 pub const HSI_HZ: u64 = 16_000_000;
 
 const PS_PER_S: u128 = 1_000_000_000_000;
@@ -25,7 +27,8 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// A clock at power-on, at the world's time zero, with a crystal that runs fast by `crystal_ppm`.
+    /// A clock at power-on, at the world's time zero, with a crystal that runs fast by
+    /// `crystal_ppm`.
     #[must_use]
     pub fn new(crystal_ppm: f64) -> Self {
         Self {

@@ -1,14 +1,16 @@
-//! What reading the flash costs the core: wait states, prefetch and caches (RM0390 rev 6, sections 3.4.1 and 3.4.2).
+//! What reading the flash costs the core: wait states, prefetch and caches (RM0390 rev 6, sections
+//! 3.4.1 and 3.4.2).
 //!
-//! The array is read in lines of 128 bits and each read takes the wait states that ACR asks for, five at 180 MHz.
-//! Three things hide them: the line in use is kept, the next one is prefetched while it is executed, and a jump to a
-//! line that was neither puts it into an instruction cache of 64 lines, the oldest use making room. Constants that the
-//! program reads from flash have a cache of 8 lines of their own.
+//! The array is read in lines of 128 bits and each read takes the wait states that ACR asks for,
+//! five at 180 MHz. Three things hide them: the line in use is kept, the next one is prefetched
+//! while it is executed, and a jump to a line that was neither puts it into an instruction cache of
+//! 64 lines, the oldest use making room. Constants that the program reads from flash have a cache
+//! of 8 lines of their own.
 //!
-//! Simpler than the chip: instructions and constants never wait for each other at the array, a prefetch that
-//! turns out to be useless does not delay the read that follows, and the core's own queue of fetched halfwords hides
-//! nothing. What the caches hold is always what the flash holds: a program that forgets to empty them after an
-//! erase is not found out.
+//! Simpler than the chip: instructions and constants never wait for each other at the array, a
+//! prefetch that turns out to be useless does not delay the read that follows, and the core's own
+//! queue of fetched halfwords hides nothing. What the caches hold is always what the flash holds: a
+//! program that forgets to empty them after an erase is not found out.
 
 /// Bytes of a line as a power of two.
 const LINE: u32 = 4;
@@ -37,8 +39,8 @@ struct Cache<const N: usize> {
     /// For each line of the flash its slot plus one, 0 for none.
     slot_of: Box<[u8; LINES]>,
     line_of: [Option<u32>; N],
-    /// The slots as a ring in the order of their last use: who comes before, and who after. Slot `N` is the ring's
-    /// end: before it comes the latest, after it the oldest.
+    /// The slots as a ring in the order of their last use: who comes before, and who after. Slot
+    /// `N` is the ring's end: before it comes the latest, after it the oldest.
     before: [u8; SLOTS],
     after: [u8; SLOTS],
 }

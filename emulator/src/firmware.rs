@@ -1,8 +1,8 @@
 //! The image: what is flashed, its symbols, its table of log strings, its debug information.
 //!
-//! Segments are placed by their physical address, as a programmer does it, so that initial values of variables
-//! are in flash for the start-up code to copy. Debug information is searched only when somebody asks where an
-//! address is, which is when something has gone wrong.
+//! Segments are placed by their physical address, as a programmer does it, so that initial values
+//! of variables are in flash for the start-up code to copy. Debug information is searched only when
+//! somebody asks where an address is, which is when something has gone wrong.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -172,7 +172,8 @@ impl Firmware {
         })
     }
 
-    /// Loads a raw image: bytes from the start of flash on, without symbols, log or debug information.
+    /// Loads a raw image: bytes from the start of flash on, without symbols, log or debug
+    /// information.
     ///
     /// # Errors
     /// [`LoadError`] when the image is empty or larger than the flash.
@@ -247,8 +248,8 @@ impl Firmware {
         (address - symbol.address < symbol.size).then_some(index)
     }
 
-    /// Function, file and line of an address: "function (file:line)", with the functions inlined there,
-    /// innermost first.
+    /// Function, file and line of an address: "function (file:line)", with the functions inlined
+    /// there, innermost first.
     #[must_use]
     pub fn location(&self, address: u32) -> Option<String> {
         let file = ElfFile32::<object::LittleEndian>::parse(&*self.image.elf).ok()?;

@@ -1,19 +1,20 @@
 //! An STM32F446 that runs the release firmware unmodified.
 //!
-//! The image that is flashed into a robot is loaded here byte for byte and executed. The processor core with its
-//! interrupt controller, system timer and cycle counter comes from [`rsemu`]; everything ST put around it is
-//! modelled in this crate from the reference manual RM0390 rev 6, one file per peripheral, each naming its
-//! sections. Nothing here knows what the firmware does: a [`Board`] has pins, PWM outputs, encoder inputs and
-//! a CAN controller, and whoever simulates the world connects them.
+//! The image that is flashed into a robot is loaded here byte for byte and executed. The processor
+//! core with its interrupt controller, system timer and cycle counter comes from [`rsemu`];
+//! everything ST put around it is modelled in this crate from the reference manual RM0390 rev 6,
+//! one file per peripheral, each naming its sections. Nothing here knows what the firmware does: a
+//! [`Board`] has pins, PWM outputs, encoder inputs and a CAN controller, and whoever simulates the
+//! world connects them.
 //!
-//! Peripherals do no work per clock cycle. A counter is computed from the time when somebody reads it, and each
-//! peripheral says when something will next happen in it by itself; a core that sleeps skips straight to that
-//! moment. Time is counted in core clock cycles (see [`clock`]), so two runs with the same inputs are the same to
-//! the cycle.
+//! Peripherals do no work per clock cycle. A counter is computed from the time when somebody reads
+//! it, and each peripheral says when something will next happen in it by itself; a core that sleeps
+//! skips straight to that moment. Time is counted in core clock cycles (see [`clock`]), so two runs
+//! with the same inputs are the same to the cycle.
 //!
-//! What the firmware touches and this crate does not model stops the run with a [`Stop`] that names the register
-//! and the source line: silence would look like working hardware. The same goes for an access to a peripheral
-//! whose clock is off and for a clock the chip is not specified for.
+//! What the firmware touches and this crate does not model stops the run with a [`Stop`] that names
+//! the register and the source line: silence would look like working hardware. The same goes for an
+//! access to a peripheral whose clock is off and for a clock the chip is not specified for.
 //!
 //! | modelled | RM0390 | not modelled (an access stops the run unless noted) |
 //! |---|---|---|
@@ -30,8 +31,8 @@
 //! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
 //! | log over RTT with defmt | | other RTT channels |
 //!
-//! Most instructions are executed on a fast path that is compared with the reference core to the cycle
-//! ([`BoardConfig::reference_core`] switches it off).
+//! Most instructions are executed on a fast path that is compared with the reference core to the
+//! cycle ([`BoardConfig::reference_core`] switches it off).
 //!
 //! ```no_run
 //! use emulator::{Board, BoardConfig, Firmware, Port};

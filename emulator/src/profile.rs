@@ -1,7 +1,8 @@
 //! Instructions and cycles per function, per exception handler and per call, counted exactly.
 //!
-//! A function's [`Usage`] is what it used without the functions it called. A [`Call`] of a function that is watched is
-//! what it used together with them, but without the handlers that interrupted it.
+//! A function's [`Usage`] is what it used without the functions it called. A [`Call`] of a function
+//! that is watched is what it used together with them, but without the handlers that interrupted
+//! it.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -144,7 +145,8 @@ impl Profile {
         }
     }
 
-    /// Watches the calls of the function at an address from now on. For functions that do not call themselves.
+    /// Watches the calls of the function at an address from now on. For functions that do not call
+    /// themselves.
     pub fn watch(&mut self, address: u32) {
         self.watched.entry(address & !1).or_default();
     }
@@ -161,7 +163,8 @@ impl Profile {
         &self.handlers
     }
 
-    /// The lowest stack pointer seen in each exception handler, by exception number; thread mode is 0.
+    /// The lowest stack pointer seen in each exception handler, by exception number; thread mode is
+    /// 0.
     #[must_use]
     pub fn lowest_stack(&self) -> &BTreeMap<u16, u32> {
         &self.lowest
@@ -186,8 +189,8 @@ impl Profile {
         all
     }
 
-    /// The last changes from one function to another: program counter and stack pointer on arrival, the latest
-    /// last.
+    /// The last changes from one function to another: program counter and stack pointer on arrival,
+    /// the latest last.
     pub fn recent(&self) -> impl Iterator<Item = (u32, u32)> {
         self.recent.iter().copied()
     }

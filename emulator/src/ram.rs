@@ -1,8 +1,9 @@
 //! The RAM of one board: words that the fast path reads and writes without a search or a lock.
 //!
-//! The reference core reaches the same words through the address map. Addresses here are offsets into the RAM. Accesses
-//! of every width and alignment are allowed; an aligned one is a single load, or for a narrow store a load and a store.
-//! A board is run by one thread at a time, so nothing comes between these two.
+//! The reference core reaches the same words through the address map. Addresses here are offsets
+//! into the RAM. Accesses of every width and alignment are allowed; an aligned one is a single
+//! load, or for a narrow store a load and a store. A board is run by one thread at a time, so
+//! nothing comes between these two.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -51,7 +52,8 @@ impl Ram {
         self.at(offset).store(word, Relaxed);
     }
 
-    /// Reads `width` bytes at an aligned offset, extended with zeros; `None` when unaligned or outside.
+    /// Reads `width` bytes at an aligned offset, extended with zeros; `None` when unaligned or
+    /// outside.
     #[inline(always)]
     pub(crate) fn read_aligned(&self, offset: u32, width: Width) -> Option<u32> {
         let bytes = width.bytes() as u32;
@@ -66,7 +68,8 @@ impl Ram {
         })
     }
 
-    /// Writes the low `width` bytes of a value at an aligned offset; `None` when unaligned or outside.
+    /// Writes the low `width` bytes of a value at an aligned offset; `None` when unaligned or
+    /// outside.
     #[inline(always)]
     pub(crate) fn write_aligned(&self, offset: u32, width: Width, value: u32) -> Option<()> {
         let bytes = width.bytes() as u32;

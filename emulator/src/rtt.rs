@@ -1,8 +1,9 @@
 //! The log: SEGGER RTT's ring buffer in the guest's RAM, decoded with the image's defmt table.
 //!
-//! The control block is found by its symbol. It holds, after an identifier of 16 bytes and the numbers of up and
-//! down channels, one descriptor per channel: name, buffer, size, write offset, read offset, flags. Draining is
-//! what a debug probe does: copy what lies between the two offsets, then advance the read offset.
+//! The control block is found by its symbol. It holds, after an identifier of 16 bytes and the
+//! numbers of up and down channels, one descriptor per channel: name, buffer, size, write offset,
+//! read offset, flags. Draining is what a debug probe does: copy what lies between the two offsets,
+//! then advance the read offset.
 
 use std::fmt;
 use std::sync::Arc;

@@ -14,8 +14,8 @@ pub enum StopKind {
         /// Value, if it was a write.
         written: Option<u32>,
     },
-    /// The firmware touched a peripheral whose clock is off or that is held in reset. The chip would ignore a write
-    /// and read 0.
+    /// The firmware touched a peripheral whose clock is off or that is held in reset. The chip
+    /// would ignore a write and read 0.
     Unclocked {
         /// Peripheral and register.
         what: String,
@@ -28,9 +28,11 @@ pub enum StopKind {
     Clock(String),
     /// A fault inside a fault handler: only a reset helps, and no watchdog is running to make one.
     LockedUp,
-    /// The power failed where [`Board::cut_power_at_flash_operation`](crate::Board::cut_power_at_flash_operation) said.
+    /// The power failed where
+    /// [`Board::cut_power_at_flash_operation`](crate::Board::cut_power_at_flash_operation) said.
     PowerCut,
-    /// The processor took a HardFault and [`BoardConfig::stop_on_hard_fault`](crate::BoardConfig) is set.
+    /// The processor took a HardFault and [`BoardConfig::stop_on_hard_fault`](crate::BoardConfig)
+    /// is set.
     HardFault,
 }
 

@@ -1,8 +1,9 @@
 //! A record of what a board's outputs did, each change with the cycle it happened at.
 //!
-//! What changes the world is recorded: PWM duties as they take effect (with preload that is at the update event, not
-//! at the write), output pins, frames handed to the CAN controller; and what the world does: encoders, frames that
-//! arrive. Two runs are the same when their records are. On demand it also says where the program is.
+//! What changes the world is recorded: PWM duties as they take effect (with preload that is at the
+//! update event, not at the write), output pins, frames handed to the CAN controller; and what the
+//! world does: encoders, frames that arrive. Two runs are the same when their records are. On
+//! demand it also says where the program is.
 
 use std::sync::Arc;
 

@@ -1,8 +1,9 @@
 //! Traces as VCD files (IEEE 1364-2005, section 18), which GTKWave, Surfer and PulseView open.
 //!
-//! Who connects a board knows what its pins are for and names the signals that are to be written; the program's
-//! exception and task, and the frames on the bus, have signals of their own. Times are ns of the world. Names of tasks
-//! and frames are string changes, an extension that the viewers above know.
+//! Who connects a board knows what its pins are for and names the signals that are to be written;
+//! the program's exception and task, and the frames on the bus, have signals of their own. Times
+//! are ns of the world. Names of tasks and frames are string changes, an extension that the viewers
+//! above know.
 
 use std::io::{self, Write};
 

@@ -1,6 +1,6 @@
-//! The release image of the firmware on the emulated board, as far as it can be judged without knowing what the
-//! firmware is for. Needs the image: `cargo xtask test` builds it, switches these tests on and names it in
-//! `OMNIBUS_ELF`.
+//! The release image of the firmware on the emulated board, as far as it can be judged without
+//! knowing what the firmware is for. Needs the image: `cargo xtask test` builds it, switches these
+//! tests on and names it in `OMNIBUS_ELF`.
 
 use std::path::PathBuf;
 
@@ -62,8 +62,8 @@ fn can_runs_at_one_megabit() {
     assert_eq!(can.sample_point(), 13.0 / 15.0);
 }
 
-/// How far off each clock on the bus may be, by the Bosch specification, CAN 2.0 part A, section 9, from CAN_BTR (RM0390
-/// 30.9.2).
+/// How far off each clock on the bus may be, by the Bosch specification, CAN 2.0 part A, section 9,
+/// from CAN_BTR (RM0390 30.9.2).
 #[test]
 fn can_stands_clocks_half_a_per_cent_off() {
     let mut board = board(&firmware(), 0.0);
@@ -201,7 +201,8 @@ fn the_fast_path_is_the_reference_core_to_the_cycle() {
     let record = |reference_core| {
         let config = BoardConfig {
             reference_core,
-            // What the reference core reads from flash it does not tell, so nobody waits for it here.
+            // What the reference core reads from flash it does not tell, so nobody waits for it
+            // here.
             ideal_flash: true,
             ..BoardConfig::default()
         };

@@ -1,5 +1,5 @@
-//! The release image on a board to which the world is unkind: a debug probe that was unplugged, clocks that do not
-//! start or stop, a supply that sags, wires that pick up noise.
+//! The release image on a board to which the world is unkind: a debug probe that was unplugged,
+//! clocks that do not start or stop, a supply that sags, wires that pick up noise.
 //!
 //! Needs the image, as `image.rs` does.
 
@@ -181,7 +181,8 @@ fn a_supply_that_sinks_resets_is_announced_and_never_leaves_the_specification() 
     };
     let mut board = board_with(&firmware(), config);
     run(&mut board, 400 * MS);
-    // 3.3 V to 2.0 V and back, 10 mV a millisecond. The run would end where the chip is not made for its clock.
+    // 3.3 V to 2.0 V and back, 10 mV a millisecond. The run would end where the chip is not made
+    // for its clock.
     let mut heard = Vec::new();
     for step in 0..400_u32 {
         let volts = if step < 130 {

@@ -1,9 +1,10 @@
 //! From the file to the group: defaults, units, and every rule.
 //!
-//! Two kinds of default, no others: the `[robot]` table stands in for what a `[[robots]]` entry leaves
-//! out, and a few values that describe no hardware (periods, limits of motion, gains, electrical details
-//! that only a simulation needs) have a default here, listed in [`default`]. Dimensions, encoder and the
-//! motor's main data have none: guessing them moves a real robot wrongly.
+//! Two kinds of default, no others: the `[robot]` table stands in for what a `[[robots]]` entry
+//! leaves out, and a few values that describe no hardware (periods, limits of motion, gains,
+//! electrical details that only a simulation needs) have a default here, listed in [`default`].
+//! Dimensions, encoder and the motor's main data have none: guessing them moves a real robot
+//! wrongly.
 
 use std::path::Path;
 
@@ -30,8 +31,9 @@ pub mod default {
 }
 
 impl GroupFile {
-    /// The largest [`hand_over_loss`](Self::hand_over_loss) that a file may have, s/m: a robot that loses a fortieth of its
-    /// speed at half a metre a second by nothing but jolts would be shaken to pieces.
+    /// The largest [`hand_over_loss`](Self::hand_over_loss) that a file may have, s/m: a robot that
+    /// loses a fortieth of its speed at half a metre a second by nothing but jolts would be shaken
+    /// to pieces.
     pub const LARGEST_HAND_OVER_LOSS: f32 = 0.05;
 
     /// Reads and checks a file.

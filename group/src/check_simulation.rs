@@ -1,7 +1,7 @@
 //! The rules of the `[simulation]` table.
 //!
-//! What a plant does not know is refused when it is given all the same: a file that says how slippery
-//! the floor is means a floor.
+//! What a plant does not know is refused when it is given all the same: a file that says how
+//! slippery the floor is means a floor.
 
 use std::ops::RangeInclusive;
 
@@ -162,7 +162,8 @@ impl Checker<'_> {
                     )
                 })?,
         };
-        // A value in the file's unit, that being `unit` of ours; the usual one is not turned back and forth.
+        // A value in the file's unit, that being `unit` of ours; the usual one is not turned back
+        // and forth.
         let real = |key: &str, raw: Option<&At<f64>>, usual: f64, unit: f64, range| match raw {
             None => Ok(usual),
             Some(_) => Ok(unit * self.real(&format!("simulation.gyro.{key}"), raw, 0.0, range)?),

@@ -1,7 +1,7 @@
 //! What is said when a group file is refused.
 //!
-//! One sentence in one fixed order, `file:line: field: problem; remedy`, so that an editor can jump to
-//! the place and a person knows what to type there. The exact text is under test.
+//! One sentence in one fixed order, `file:line: field: problem; remedy`, so that an editor can jump
+//! to the place and a person knows what to type there. The exact text is under test.
 
 use std::fmt;
 

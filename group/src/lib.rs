@@ -1,14 +1,14 @@
 //! The group file: which robots move as one body, and where each stands in it.
 //!
 //! One TOML file describes a group completely. Two programs read it: the master, which writes its
-//! values into the robots over the bus before it moves anything, and the simulator, which builds the
-//! same robots out of nothing. They read it through this crate so that they cannot disagree, and
-//! neither has to depend on the other for it.
+//! values into the robots over the bus before it moves anything, and the simulator, which builds
+//! the same robots out of nothing. They read it through this crate so that they cannot disagree,
+//! and neither has to depend on the other for it.
 //!
-//! Reading is all or nothing. [`GroupFile::load`] returns a group in which every number is finite and
-//! in its range, every node identifier is used once, and nothing was ignored: an unknown key is an
-//! error, because a misspelt key is a value that silently kept its default. Every [`GroupError`] says
-//! which file, line and field, what is wrong with it, and what to write instead.
+//! Reading is all or nothing. [`GroupFile::load`] returns a group in which every number is finite
+//! and in its range, every node identifier is used once, and nothing was ignored: an unknown key is
+//! an error, because a misspelt key is a value that silently kept its default. Every [`GroupError`]
+//! says which file, line and field, what is wrong with it, and what to write instead.
 //!
 //! - `schema`: the file as TOML has it, every value with its place in the text.
 //! - `model` and `simulation`: the group as the programs use it, SI units, checked.
@@ -16,8 +16,8 @@
 //! - `parameters`: what a robot must be told, as objects and values.
 //! - `error`: what is said when a rule is broken.
 //!
-//! The file does not say how anything behaves: it holds data of robots, and the `[simulation]` table
-//! holds what only a simulated world needs to be told (which losses, which crystal errors).
+//! The file does not say how anything behaves: it holds data of robots, and the `[simulation]`
+//! table holds what only a simulated world needs to be told (which losses, which crystal errors).
 #![forbid(unsafe_code)]
 
 mod check;

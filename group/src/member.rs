@@ -1,7 +1,7 @@
 //! One `[[robots]]` entry becomes one member.
 //!
-//! Every field is looked up in the entry, then in the `[robot]` table, then among the defaults; an error
-//! names the place it was found in, because that is where it has to be mended.
+//! Every field is looked up in the entry, then in the `[robot]` table, then among the defaults; an
+//! error names the place it was found in, because that is where it has to be mended.
 
 use kinematics::{
     AxisTable, DirectionalCompensation, FourWheelGeometry, Pose, VelocityCompensation,
@@ -221,7 +221,8 @@ impl Checker<'_> {
 }
 
 impl Checker<'_> {
-    /// The wheels one by one, from the entry or from `[robot]`, if either has them; they must make a robot.
+    /// The wheels one by one, from the entry or from `[robot]`, if either has them; they must make
+    /// a robot.
     fn wheels(
         &self,
         field: &Member<'_, '_>,
@@ -404,8 +405,8 @@ impl Checker<'_> {
 const ROWS: usize = 8;
 
 impl Checker<'_> {
-    /// The tables of an entry, else those of `[robot]`, else none. They must be what a robot takes: rising speeds,
-    /// coefficients from 0.5 to 1.9999, and tables that can be inverted.
+    /// The tables of an entry, else those of `[robot]`, else none. They must be what a robot takes:
+    /// rising speeds, coefficients from 0.5 to 1.9999, and tables that can be inverted.
     fn compensation_table(
         &self,
         field: &Member<'_, '_>,
@@ -508,8 +509,8 @@ struct Member<'c, 's> {
 }
 
 impl Member<'_, '_> {
-    /// The name of a field. One that came from `[robot]` is named as such: that is where it has to be
-    /// mended.
+    /// The name of a field. One that came from `[robot]` is named as such: that is where it has to
+    /// be mended.
     fn name(&self, key: &str, own: &Value, shared: &Value) -> String {
         if own.is_none() && shared.is_some() {
             format!("robot.{key}")

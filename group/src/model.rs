@@ -1,7 +1,7 @@
 //! The group as the programs use it: SI units, REP-103 axes, every value checked.
 //!
-//! Nothing here can be built with a value that breaks a rule except by hand; [`GroupFile::load`] is the
-//! way in. `f32` where a robot will hold the value (it travels as REAL32), `f64` where only the
+//! Nothing here can be built with a value that breaks a rule except by hand; [`GroupFile::load`] is
+//! the way in. `f32` where a robot will hold the value (it travels as REAL32), `f64` where only the
 //! simulated world uses it.
 
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
@@ -26,7 +26,8 @@ pub struct GroupFile {
     pub limits: Limits,
     /// How the group trails its wheels.
     pub contact_lag: ContactLag,
-    /// Share of its speed that a robot loses sideways because rollers meet the floor at rest, over that speed, s/m.
+    /// Share of its speed that a robot loses sideways because rollers meet the floor at rest, over
+    /// that speed, s/m.
     pub hand_over_loss: f32,
     /// The members, in the order of the file.
     pub robots: Vec<Robot>,
@@ -57,9 +58,10 @@ pub struct Limits {
 
 /// By how much the group's motion trails what its wheels turn, s, in the group frame.
 ///
-/// Rubber creeps: what pushes a roller along its axle is in proportion to its slip, so a group that accelerates slips in
-/// proportion to the acceleration. For wheels that carry mass `m` with friction `mu` and creep to the full at `c` m/s,
-/// and rollers at 45 degrees, that is `2 c / (mu g)` for either translation, whatever `m` is.
+/// Rubber creeps: what pushes a roller along its axle is in proportion to its slip, so a group that
+/// accelerates slips in proportion to the acceleration. For wheels that carry mass `m` with
+/// friction `mu` and creep to the full at `c` m/s, and rollers at 45 degrees, that is `2 c / (mu
+/// g)` for either translation, whatever `m` is.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ContactLag {
     /// Ahead.
@@ -134,21 +136,22 @@ pub struct CompensationTable {
 pub struct Rollers {
     /// Rollers of a wheel.
     pub count: u8,
-    /// How far each wheel has rolled on past the middle of its ground roller when its index comes (once a turn
-    /// of the wheel), rad:
-    /// front left, front right, rear left, rear right. From calibration.
+    /// How far each wheel has rolled on past the middle of its ground roller when its index comes
+    /// (once a turn of the wheel), rad: front left, front right, rear left, rear right. From
+    /// calibration.
     pub phases: [f32; 4],
     /// By how many encoder counts an index may be off; what the robot holds without it.
     pub index_tolerance: Option<u16>,
-    /// What is left to compensate when the wheels' roller angles are taken into account; stands in for
-    /// [`Robot::compensation`].
+    /// What is left to compensate when the wheels' roller angles are taken into account; stands in
+    /// for [`Robot::compensation`].
     pub compensation: VelocityCompensation,
 }
 
 /// The encoder of a wheel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Encoder {
-    /// Quadrature counts per revolution of the encoder's shaft (lines times 4); of the wheel where the gear ratio is 1.
+    /// Quadrature counts per revolution of the encoder's shaft (lines times 4); of the wheel where
+    /// the gear ratio is 1.
     pub counts_per_revolution: f32,
     /// Revolutions of the encoder's shaft in one of the wheel.
     pub gear_ratio: f32,
@@ -193,8 +196,8 @@ pub struct Control {
     pub proportional: f32,
     /// Duty per rad of accumulated rate error.
     pub integral: f32,
-    /// The robot knows its motors, gains and wiring from an identification and keeps them; nothing of that is
-    /// written into it.
+    /// The robot knows its motors, gains and wiring from an identification and keeps them; nothing
+    /// of that is written into it.
     pub identified: bool,
 }
 

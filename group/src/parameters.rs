@@ -151,8 +151,8 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     out
 }
 
-/// The compensation set of a robot in the bytes of object 0x2013:1; one without rows where the file has no table or
-/// `compensation` is off.
+/// The compensation set of a robot in the bytes of object 0x2013:1; one without rows where the file
+/// has no table or `compensation` is off.
 ///
 /// # Errors
 /// When the tables make no set, which those of a file that was loaded do.

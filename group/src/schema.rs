@@ -1,8 +1,8 @@
 //! The file as TOML has it.
 //!
-//! Every value is optional where a default or the `[robot]` table can give it, and carries its place in
-//! the text so that a rule broken later can still name the line. Unknown keys are refused at every level.
-//! Nothing is checked here.
+//! Every value is optional where a default or the `[robot]` table can give it, and carries its
+//! place in the text so that a rule broken later can still name the line. Unknown keys are refused
+//! at every level. Nothing is checked here.
 
 use serde::Deserialize;
 use toml::Spanned;

@@ -1,4 +1,5 @@
-//! What a simulated world needs to be told and a real one knows by itself: the `[simulation]` table.
+//! What a simulated world needs to be told and a real one knows by itself: the `[simulation]`
+//! table.
 //!
 //! Everything random in it comes from one seed.
 
@@ -40,8 +41,8 @@ pub struct Battery {
     pub capacity_ah: Option<f64>,
     /// Charge at the beginning, 0..=1 of the capacity.
     pub charge: f64,
-    /// Voltage without load over charge (0..=1), charge ascending; empty is the motor's supply voltage
-    /// at any charge.
+    /// Voltage without load over charge (0..=1), charge ascending; empty is the motor's supply
+    /// voltage at any charge.
     pub curve: Vec<(f64, f64)>,
 }
 
@@ -111,7 +112,8 @@ pub struct Gyro {
     pub noise: f64,
     /// What it shows at rest, rad/s.
     pub bias: f64,
-    /// How far the bias strays: standard deviation after a second, rad/s, growing with the root of time.
+    /// How far the bias strays: standard deviation after a second, rad/s, growing with the root of
+    /// time.
     pub drift: f64,
     /// By how much its samples are late, s.
     pub delay: f64,
@@ -137,8 +139,8 @@ pub struct Contact {
     pub friction: Option<f64>,
     /// Mass of a robot, kg.
     pub robot_mass: Option<f64>,
-    /// The floor's forces act on the motors, and this is what turns with a wheel, kg m²; `None` turns every
-    /// wheel as its motor alone would, with the motor's own inertia.
+    /// The floor's forces act on the motors, and this is what turns with a wheel, kg m²; `None`
+    /// turns every wheel as its motor alone would, with the motor's own inertia.
     pub wheel_inertia: Option<f64>,
     /// Every wheel begins at a roller phase of its own, from the seed.
     pub scattered: bool,

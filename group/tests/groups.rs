@@ -161,7 +161,8 @@ fn a_compensation_table_is_the_robots_own_or_the_shared_one() {
     assert_eq!(plain.robots[0].compensation_table.version, 0);
 }
 
-/// 0x2026 and 0x2027: both halves of the torque bound or none, so that a robot that had one before forgets it.
+/// 0x2026 and 0x2027: both halves of the torque bound or none, so that a robot that had one before
+/// forgets it.
 #[test]
 fn the_output_stage_is_written_whole() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");

@@ -1,5 +1,5 @@
-//! Whether the firmware's own copying and clearing of memory does what it says, at every alignment of words and for every
-//! length up to where all of its loops have run.
+//! Whether the firmware's own copying and clearing of memory does what it says, at every alignment
+//! of words and for every length up to where all of its loops have run.
 
 use core::hint::black_box;
 

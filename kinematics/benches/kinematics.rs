@@ -1,7 +1,7 @@
 //! What one call costs on this machine, in each scalar: `cargo bench -p mecanum-kinematics`.
 //!
-//! Times of a host are for comparing one run with another on the same machine. What the robot pays is counted in
-//! instructions of its own core (docs/kinematics.md).
+//! Times of a host are for comparing one run with another on the same machine. What the robot pays
+//! is counted in instructions of its own core (docs/kinematics.md).
 
 use std::hint::black_box;
 
@@ -11,7 +11,8 @@ use mecanum_kinematics::{
     VelocityCompensation, WheelRates, arithmetic::sin_cos, desaturate,
 };
 
-/// The paper's virtual robot, 1.2 m in front of the group's origin, with its Table 3 and 5 coefficients.
+/// The paper's virtual robot, 1.2 m in front of the group's origin, with its Table 3 and 5
+/// coefficients.
 fn parts<S: Real>() -> (FourWheelGeometry<S>, Mount<S>, VelocityCompensation<S>) {
     let c = S::constant;
     let angle = c(core::f64::consts::FRAC_PI_4);

@@ -1,8 +1,9 @@
 //! A member whose compensation depends on the motion, so that it cannot be folded.
 //!
-//! `J C(v) K` in three steps instead of one: the mount takes the group's twist to the member's, the compensation
-//! says what to ask for, the wheels follow. Costs about three times what [`MemberKinematics`] does with a constant
-//! compensation, and on the way back the inversion of the tables.
+//! `J C(v) K` in three steps instead of one: the mount takes the group's twist to the member's, the
+//! compensation says what to ask for, the wheels follow. Costs about three times what
+//! [`MemberKinematics`] does with a constant compensation, and on the way back the inversion of the
+//! tables.
 
 use crate::arithmetic::Real;
 use crate::compensation::{Compensation, VelocityCompensation};
@@ -72,7 +73,8 @@ impl<S: Real, C: Compensation<S>> CompensatedMember<C, S> {
         self.mount.to_group(self.compensation.remove(asked))
     }
 
-    /// What no rigid motion explains in these wheel rates, rad/s, as [`MemberKinematics::slip_residual`].
+    /// What no rigid motion explains in these wheel rates, rad/s, as
+    /// [`MemberKinematics::slip_residual`].
     #[must_use]
     pub fn slip_residual(&self, rates: &WheelRates<S>) -> S {
         self.wheels.slip_residual(rates)

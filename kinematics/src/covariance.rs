@@ -1,8 +1,9 @@
 //! How sure a twist or a pose is.
 //!
-//! The twist's uncertainty has three sources: noise of the wheel rates (encoder steps), slip, which shows in the
-//! wheel rates' own disagreement, and the compensation, which is only known to a few tenths of a percent. The first
-//! two enter through the least-squares inverse, the third in proportion to the speed.
+//! The twist's uncertainty has three sources: noise of the wheel rates (encoder steps), slip, which
+//! shows in the wheel rates' own disagreement, and the compensation, which is only known to a few
+//! tenths of a percent. The first two enter through the least-squares inverse, the third in
+//! proportion to the speed.
 
 use nalgebra::{Matrix3, SMatrix};
 
@@ -13,7 +14,8 @@ use crate::frame::Twist;
 use crate::mount::Mount;
 use crate::platform::Platform;
 
-/// Covariance of a twist ((m/s)^2, (rad/s)^2 and products) or of a pose (m^2, rad^2 and products); symmetric.
+/// Covariance of a twist ((m/s)^2, (rad/s)^2 and products) or of a pose (m^2, rad^2 and products);
+/// symmetric.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Covariance<S = f32> {
     /// Variance along x.
@@ -155,8 +157,8 @@ impl<const N: usize, S: Real> TwistUncertainty<N, S> {
 
     /// Covariance of the group twist that these wheel rates (rad/s) mean, group frame.
     ///
-    /// The residual of N wheels has N - 3 degrees of freedom; its mean square is added to the wheel rates' own
-    /// variance. Three wheels have no residual, so their slip stays unseen.
+    /// The residual of N wheels has N - 3 degrees of freedom; its mean square is added to the wheel
+    /// rates' own variance. Three wheels have no residual, so their slip stays unseen.
     #[must_use]
     pub fn covariance(&self, rates: &[S; N]) -> Covariance<S> {
         let Uncertainty {

@@ -1,7 +1,7 @@
 //! What can be wrong with the numbers a robot is described by.
 //!
-//! Every error names the field, so that whoever reads a configuration file can say which line to mend.
-//! All of them are found while an object is built; nothing after that can fail.
+//! Every error names the field, so that whoever reads a configuration file can say which line to
+//! mend. All of them are found while an object is built; nothing after that can fail.
 
 use core::fmt;
 
@@ -14,7 +14,8 @@ pub enum GeometryError {
     NotFinite(&'static str),
     /// The named field must be greater than zero.
     NotPositive(&'static str),
-    /// The roller angle is 0 or ±90 degrees or beyond: such a wheel is an ordinary wheel, or cannot drive.
+    /// The roller angle is 0 or ±90 degrees or beyond: such a wheel is an ordinary wheel, or cannot
+    /// drive.
     RollerAngle,
     /// Fewer than three wheels.
     TooFewWheels,
@@ -22,9 +23,11 @@ pub enum GeometryError {
     Weight,
     /// Wheels too small or levers too long for fixed point.
     Range,
-    /// The roller axles are so nearly parallel that motion across them is 100 times harder to control.
+    /// The roller axles are so nearly parallel that motion across them is 100 times harder to
+    /// control.
     TranslationPoor,
-    /// The roller axles so nearly meet in one point that yaw is 100 times harder to control than it could be.
+    /// The roller axles so nearly meet in one point that yaw is 100 times harder to control than it
+    /// could be.
     YawPoor,
     /// No wheel resists motion along some direction: all roller axles are parallel.
     TranslationUncontrolled,
@@ -93,10 +96,11 @@ pub enum CompensationError {
     Empty,
     /// The speed of this row (counted from 0) is not larger than that of the row before.
     NotIncreasing(usize),
-    /// Between this row (counted from 0) and the one before, the coefficient changes so fast that two speeds
-    /// might ask the wheels for the same.
+    /// Between this row (counted from 0) and the one before, the coefficient changes so fast that
+    /// two speeds might ask the wheels for the same.
     TooSteep(usize),
-    /// The coefficients for oblique motion are too far from the axial ones to be told apart on the way back.
+    /// The coefficients for oblique motion are too far from the axial ones to be told apart on the
+    /// way back.
     TooOblique,
 }
 

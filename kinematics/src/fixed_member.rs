@@ -1,8 +1,9 @@
 //! A member computed in fixed point behind a single-precision face.
 //!
-//! For a controller whose setpoints and measurements are `f32` and whose kinematics shall not depend on a
-//! floating-point unit: the same methods as [`MemberKinematics`], so that one can stand in for the other. Each value is
-//! converted at the edge, with one multiplication and one conversion instruction on a Cortex-M4F.
+//! For a controller whose setpoints and measurements are `f32` and whose kinematics shall not
+//! depend on a floating-point unit: the same methods as [`MemberKinematics`], so that one can stand
+//! in for the other. Each value is converted at the edge, with one multiplication and one
+//! conversion instruction on a Cortex-M4F.
 
 use fixed::types::I16F16;
 
@@ -38,12 +39,13 @@ pub struct FixedMember {
 }
 
 impl FixedMember {
-    /// Folds geometry, mount and compensation in floating point and keeps the result in fixed point.
+    /// Folds geometry, mount and compensation in floating point and keeps the result in fixed
+    /// point.
     ///
     /// # Errors
     ///
-    /// As [`MemberKinematics::new`], and [`GeometryError::Range`] when the matrices do not fit: wheels of less than
-    /// about a millimetre per metre of lever, or levers of tens of metres.
+    /// As [`MemberKinematics::new`], and [`GeometryError::Range`] when the matrices do not fit:
+    /// wheels of less than about a millimetre per metre of lever, or levers of tens of metres.
     pub fn new<S: Real>(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
@@ -89,10 +91,11 @@ impl FixedMember {
         }
     }
 
-    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments (rad) mean.
+    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments
+    /// (rad) mean.
     ///
-    /// As [`FixedMember::forward`], but in steps of 1.5e-8 instead of 1.5e-5, which a control tick's few tenths of a
-    /// millimetre need; in exchange the increments end at ±32 rad.
+    /// As [`FixedMember::forward`], but in steps of 1.5e-8 instead of 1.5e-5, which a control
+    /// tick's few tenths of a millimetre need; in exchange the increments end at ±32 rad.
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates) -> Twist {
@@ -100,14 +103,16 @@ impl FixedMember {
         self.forward(&WheelRates::from(scaled)) * (1.0 / FINE)
     }
 
-    /// What no rigid motion explains in these wheel rates, rad/s, as [`MemberKinematics::slip_residual`].
+    /// What no rigid motion explains in these wheel rates, rad/s, as
+    /// [`MemberKinematics::slip_residual`].
     #[must_use]
     #[inline]
     pub fn slip_residual(&self, rates: &WheelRates) -> f32 {
         single(self.member.slip_residual(&fixed_rates(rates)))
     }
 
-    /// Whether a value computed here stands at the end of the range, so that the true one may lie beyond.
+    /// Whether a value computed here stands at the end of the range, so that the true one may lie
+    /// beyond.
     #[must_use]
     pub fn is_saturated(value: f32) -> bool {
         value.abs() >= 32_767.937

@@ -1,8 +1,9 @@
-//! `J C K` of equation (19), folded into one matrix, and its least-squares inverse, for any number of wheels.
+//! `J C K` of equation (19), folded into one matrix, and its least-squares inverse, for any number
+//! of wheels.
 //!
-//! Built once from the wheels, the mount and the compensation; used every millisecond. Both ways are one
-//! matrix times one vector. The way back is the inverse of the same product with the same `C`, so that
-//! `forward(inverse(twist))` is `twist` and nothing is compensated twice.
+//! Built once from the wheels, the mount and the compensation; used every millisecond. Both ways
+//! are one matrix times one vector. The way back is the inverse of the same product with the same
+//! `C`, so that `forward(inverse(twist))` is `twist` and nothing is compensated twice.
 
 use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;
@@ -13,7 +14,8 @@ use crate::platform::Platform;
 
 /// Fractional bits of the matrix to the wheels in fixed point: its rows may sum to 2048.
 const INVERSE_SHIFT: u32 = 20;
-/// Fractional bits of the matrix back, whose entries are a fraction of a wheel radius: rows may sum to 8.
+/// Fractional bits of the matrix back, whose entries are a fraction of a wheel radius: rows may sum
+/// to 8.
 const FORWARD_SHIFT: u32 = 28;
 
 /// Kinematics of one robot with `N` wheels in its group, compensation included.
@@ -77,8 +79,8 @@ impl<const N: usize, S: Real> WheelKinematics<N, S> {
     ///
     /// # Errors
     ///
-    /// [`RangeError`] when a coefficient does not fit: in fixed point when a row to the wheels sums to 2048 rad/m
-    /// or more, or a row back to 8 m or more.
+    /// [`RangeError`] when a coefficient does not fit: in fixed point when a row to the wheels sums
+    /// to 2048 rad/m or more, or a row back to 8 m or more.
     pub fn convert<T: Scalar>(&self) -> Result<WheelKinematics<N, T>, RangeError> {
         let mut inverse = [T::row::<INVERSE_SHIFT, 3>([0.0; 3]).ok_or(RangeError::Inverse)?; N];
         for (to, from) in inverse.iter_mut().zip(self.inverse) {
@@ -116,16 +118,16 @@ impl<const N: usize, S: Scalar> WheelKinematics<N, S> {
         Twist { vx, vy, omega }
     }
 
-    /// Largest possible error of [`WheelKinematics::inverse`] for this twist, rad/s, against exact arithmetic on
-    /// the exact matrices, as long as the result does not saturate. Zero for floating point, whose errors are
-    /// relative.
+    /// Largest possible error of [`WheelKinematics::inverse`] for this twist, rad/s, against exact
+    /// arithmetic on the exact matrices, as long as the result does not saturate. Zero for floating
+    /// point, whose errors are relative.
     #[must_use]
     pub fn inverse_bound(twist: Twist<S>) -> f64 {
         Self::bound::<INVERSE_SHIFT, 3>(1.0, &[twist.vx, twist.vy, twist.omega])
     }
 
-    /// Largest possible error of each component of [`WheelKinematics::forward`] for these rates, m/s and rad/s; as
-    /// [`WheelKinematics::inverse_bound`].
+    /// Largest possible error of each component of [`WheelKinematics::forward`] for these rates,
+    /// m/s and rad/s; as [`WheelKinematics::inverse_bound`].
     #[must_use]
     pub fn forward_bound(rates: &[S; N]) -> f64 {
         Self::bound::<FORWARD_SHIFT, N>(0.5, rates)

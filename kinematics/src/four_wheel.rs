@@ -22,13 +22,13 @@ pub struct FourWheelGeometry<S = f32> {
 }
 
 impl<S: Real> FourWheelGeometry<S> {
-    /// Half the distance between left and right wheel centres (m), half the distance between front and
-    /// rear (m), the wheel radius (m), and the angle between roller axle and wheel axle (rad).
+    /// Half the distance between left and right wheel centres (m), half the distance between front
+    /// and rear (m), the wheel radius (m), and the angle between roller axle and wheel axle (rad).
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] naming the field that is not finite or not positive, or a roller angle outside
-    /// 0 to 90 degrees.
+    /// [`GeometryError`] naming the field that is not finite or not positive, or a roller angle
+    /// outside 0 to 90 degrees.
     pub fn new(
         half_track: S,
         half_wheelbase: S,
@@ -132,7 +132,8 @@ impl WheelRates {
 }
 
 impl<S: Scalar> WheelRates<S> {
-    /// Whether any rate stands at the end of its scalar's range, so that the true one may lie beyond.
+    /// Whether any rate stands at the end of its scalar's range, so that the true one may lie
+    /// beyond.
     #[must_use]
     #[inline]
     pub fn is_saturated(&self) -> bool {
@@ -167,11 +168,12 @@ impl<S> From<WheelRates<S>> for [S; 4] {
     }
 }
 
-/// Scales all wheels by one factor so that none exceeds `limit` (rad/s), which keeps the direction of
-/// motion; returns the rates and that factor, 1 when nothing had to give.
+/// Scales all wheels by one factor so that none exceeds `limit` (rad/s), which keeps the direction
+/// of motion; returns the rates and that factor, 1 when nothing had to give.
 ///
-/// A limit below zero or NaN permits no motion, one of zero none but standing. A NaN or infinite rate yields the
-/// scale 0 and standing wheels. In fixed point the scaled rates are rounded towards zero.
+/// A limit below zero or NaN permits no motion, one of zero none but standing. A NaN or infinite
+/// rate yields the scale 0 and standing wheels. In fixed point the scaled rates are rounded towards
+/// zero.
 ///
 /// ```
 /// use mecanum_kinematics::{WheelRates, desaturate};

@@ -49,7 +49,8 @@ impl<S: Scalar> Twist<S> {
         }
     }
 
-    /// Whether any component stands at the end of its scalar's range, so that the true one may lie beyond.
+    /// Whether any component stands at the end of its scalar's range, so that the true one may lie
+    /// beyond.
     #[must_use]
     #[inline]
     pub fn is_saturated(&self) -> bool {

@@ -1,10 +1,11 @@
 //! Several robots as one body: equations (9) to (15), (20), (21).
 //!
-//! The way to the wheels needs no group object: every member works out its own rates from the group twist, and
-//! nothing passes between them. The way back does: each member measures the group's twist by itself, and the best
-//! estimate weighs those by what each member's wheels can tell. That weighted mean equals the least-squares
-//! solution over all wheels of all members (a test says so), members of different wheel counts included, and it
-//! needs of each member no more than the twist it puts on the bus.
+//! The way to the wheels needs no group object: every member works out its own rates from the group
+//! twist, and nothing passes between them. The way back does: each member measures the group's
+//! twist by itself, and the best estimate weighs those by what each member's wheels can tell. That
+//! weighted mean equals the least-squares solution over all wheels of all members (a test says so),
+//! members of different wheel counts included, and it needs of each member no more than the twist
+//! it puts on the bus.
 //!
 //! What is left between a member's twist and the group's is slip, or strain in what connects them.
 
@@ -86,8 +87,8 @@ impl<const M: usize, S: Real> Group<M, S> {
     ///
     /// # Errors
     ///
-    /// [`GroupError::Empty`] without members; [`GroupError::Undetermined`] when their information cannot be
-    /// inverted, which happens only when dimensions are absurd.
+    /// [`GroupError::Empty`] without members; [`GroupError::Undetermined`] when their information
+    /// cannot be inverted, which happens only when dimensions are absurd.
     pub fn new(members: &[Member<S>; M]) -> Result<Self, GroupError> {
         if M == 0 {
             return Err(GroupError::Empty);
@@ -140,7 +141,8 @@ impl<const M: usize, S: Real> Group<M, S> {
         worst
     }
 
-    /// How fast two members' origins move apart (m/s, together negative): what stretches the load between them.
+    /// How fast two members' origins move apart (m/s, together negative): what stretches the load
+    /// between them.
     ///
     /// `None` when there is no such member, or both stand in the same place.
     #[must_use]
@@ -163,7 +165,8 @@ impl<const M: usize, S: Real> Group<M, S> {
     }
 }
 
-/// The scale at which all members can follow: the smallest of theirs, within 0 to 1. No members, or a NaN, yield 0.
+/// The scale at which all members can follow: the smallest of theirs, within 0 to 1. No members, or
+/// a NaN, yield 0.
 ///
 /// A member's own scale is the one [`crate::desaturate`] returns for its rates and its limit.
 ///
@@ -189,8 +192,8 @@ pub fn group_scale<S: Real>(scales: impl IntoIterator<Item = S>) -> S {
 
 /// A named arrangement of robots, as in the paper's Figure 19.
 ///
-/// The group's origin is the middle of the members' origins. The paper's distances stand in its figure only, so
-/// they are arguments here.
+/// The group's origin is the middle of the members' origins. The paper's distances stand in its
+/// figure only, so they are arguments here.
 ///
 /// ```
 /// use mecanum_kinematics::Formation;
@@ -211,7 +214,8 @@ pub struct Formation<const M: usize, S = f32> {
 }
 
 impl<const M: usize, S: Real> Formation<M, S> {
-    /// Members one behind the other, the first ahead, `spacing` m from origin to origin, all heading along x.
+    /// Members one behind the other, the first ahead, `spacing` m from origin to origin, all
+    /// heading along x.
     ///
     /// # Errors
     ///
@@ -222,7 +226,8 @@ impl<const M: usize, S: Real> Formation<M, S> {
         })
     }
 
-    /// Members side by side, the first leftmost, `spacing` m from origin to origin, all heading along x.
+    /// Members side by side, the first leftmost, `spacing` m from origin to origin, all heading
+    /// along x.
     ///
     /// # Errors
     ///
@@ -315,7 +320,8 @@ impl<S: Real> Formation<2, S> {
         Ok(Self::tandem(spacing, false)?.named("TUC-2"))
     }
 
-    /// Arbitrary, unconnected, two robots at an angle of 30 degrees: side by side, the right one turned left.
+    /// Arbitrary, unconnected, two robots at an angle of 30 degrees: side by side, the right one
+    /// turned left.
     ///
     /// # Errors
     ///

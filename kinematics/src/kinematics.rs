@@ -1,11 +1,12 @@
 //! What every model of a member can do, so that code can be written for any of them.
 //!
-//! [`MemberKinematics`], [`FixedMember`] and [`CompensatedMember`] implement [`Kinematics`] as they are. The models
-//! that know where the rollers stand need four secants with every call; [`PhaseMember::at`] and
-//! [`FixedPhaseMember::at`] bind them, and the [`AtPhase`] that results implements the trait too.
+//! [`MemberKinematics`], [`FixedMember`] and [`CompensatedMember`] implement [`Kinematics`] as they
+//! are. The models that know where the rollers stand need four secants with every call;
+//! [`PhaseMember::at`] and [`FixedPhaseMember::at`] bind them, and the [`AtPhase`] that results
+//! implements the trait too.
 //!
-//! The methods carry the names of the inherent ones and do the same, so a control loop that names its type pays
-//! nothing for the trait.
+//! The methods carry the names of the inherent ones and do the same, so a control loop that names
+//! its type pays nothing for the trait.
 
 use crate::arithmetic::{Real, Scalar};
 use crate::compensated::CompensatedMember;
@@ -52,7 +53,8 @@ pub trait Kinematics {
     #[must_use]
     fn forward(&self, rates: &WheelRates<Self::Scalar>) -> Twist<Self::Scalar>;
 
-    /// What no rigid motion explains in these wheel rates, rad/s; see [`MemberKinematics::slip_residual`].
+    /// What no rigid motion explains in these wheel rates, rad/s; see
+    /// [`MemberKinematics::slip_residual`].
     #[must_use]
     fn slip_residual(&self, rates: &WheelRates<Self::Scalar>) -> Self::Scalar;
 }
@@ -105,7 +107,8 @@ impl<S: Real, C: Compensation<S>> Kinematics for CompensatedMember<C, S> {
     }
 }
 
-/// A model with its wheels' rollers where they stand now: [`PhaseMember::at`], [`FixedPhaseMember::at`].
+/// A model with its wheels' rollers where they stand now: [`PhaseMember::at`],
+/// [`FixedPhaseMember::at`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AtPhase<'a, M, P> {
     pub(crate) member: &'a M,

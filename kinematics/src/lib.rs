@@ -1,11 +1,11 @@
 //! Kinematics of Mecanum-wheeled robots and of groups of them that move as one body.
 //!
-//! A robot is a set of [`Wheel`]s; the usual four-wheel robot is a [`FourWheelGeometry`]. A robot in a
-//! group has a [`Mount`], its pose in the group frame. [`VelocityCompensation`] says by how much the
-//! wheels must be driven faster than geometry alone would say. [`MemberKinematics`] folds the three into
-//! one 4x3 matrix `J C K`, so that turning a group twist into wheel rates costs twelve multiplications,
-//! and into its least-squares inverse for the way back. Everything with a trigonometric function or an
-//! inverse in it happens once, when these objects are built.
+//! A robot is a set of [`Wheel`]s; the usual four-wheel robot is a [`FourWheelGeometry`]. A robot
+//! in a group has a [`Mount`], its pose in the group frame. [`VelocityCompensation`] says by how
+//! much the wheels must be driven faster than geometry alone would say. [`MemberKinematics`] folds
+//! the three into one 4x3 matrix `J C K`, so that turning a group twist into wheel rates costs
+//! twelve multiplications, and into its least-squares inverse for the way back. Everything with a
+//! trigonometric function or an inverse in it happens once, when these objects are built.
 //!
 //! # Where to start
 //!
@@ -26,20 +26,22 @@
 //!
 //! # Frames, units, signs
 //!
-//! REP-103 throughout: x forward, y left, heading counter-clockwise, metres, seconds, radians. A positive
-//! wheel rate rolls the base forward. The frame of the source paper ("Kinematic Modeling of a Combined
-//! System of Multiple Mecanum-Wheeled Robots with Velocity Compensation") exists only in [`paper`].
+//! REP-103 throughout: x forward, y left, heading counter-clockwise, metres, seconds, radians. A
+//! positive wheel rate rolls the base forward. The frame of the source paper ("Kinematic Modeling
+//! of a Combined System of Multiple Mecanum-Wheeled Robots with Velocity Compensation") exists only
+//! in [`paper`].
 //!
 //! # Scalars
 //!
-//! Every type takes its scalar as a parameter that defaults to `f32`. `f64` works everywhere; fixed point
-//! ([`fixed::types::I16F16`]) in what a control loop calls, by way of [`MemberKinematics::convert`].
+//! Every type takes its scalar as a parameter that defaults to `f32`. `f64` works everywhere; fixed
+//! point ([`fixed::types::I16F16`]) in what a control loop calls, by way of
+//! [`MemberKinematics::convert`].
 //!
 //! # What it cannot do
 //!
-//! It knows no masses, no friction and no time other than the `dt` it is given: wheels are taken to roll
-//! without slip along their ground roller's axle, and whatever really happens beyond that is a number in
-//! the compensation or in the [`MemberKinematics::slip_residual`].
+//! It knows no masses, no friction and no time other than the `dt` it is given: wheels are taken to
+//! roll without slip along their ground roller's axle, and whatever really happens beyond that is a
+//! number in the compensation or in the [`MemberKinematics::slip_residual`].
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

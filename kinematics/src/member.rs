@@ -1,8 +1,9 @@
 //! One four-wheel robot in a group, ready for the control loop.
 //!
-//! [`WheelKinematics`] for the usual number of wheels, with names instead of an order, and with the one
-//! combination of wheel rates that must always be zero: four wheels measure three velocities. What is left in it is
-//! slip, a dead encoder or a wrong wheel radius: the [`MemberKinematics::slip_residual`].
+//! [`WheelKinematics`] for the usual number of wheels, with names instead of an order, and with the
+//! one combination of wheel rates that must always be zero: four wheels measure three velocities.
+//! What is left in it is slip, a dead encoder or a wrong wheel radius: the
+//! [`MemberKinematics::slip_residual`].
 
 use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;
@@ -46,8 +47,8 @@ impl<S: Real> MemberKinematics<S> {
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] when the wheels leave a motion uncontrolled, which a [`FourWheelGeometry`] with
-    /// sensible dimensions does not.
+    /// [`GeometryError`] when the wheels leave a motion uncontrolled, which a [`FourWheelGeometry`]
+    /// with sensible dimensions does not.
     pub fn new(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
@@ -56,7 +57,8 @@ impl<S: Real> MemberKinematics<S> {
         Self::from_wheels(&geometry.wheels()?, mount, compensation)
     }
 
-    /// The same from four wheels of any kind; the names front left to rear right are then just an order.
+    /// The same from four wheels of any kind; the names front left to rear right are then just an
+    /// order.
     ///
     /// # Errors
     ///
@@ -131,8 +133,8 @@ impl<S: Scalar> MemberKinematics<S> {
         self.wheels.forward(&(*rates).into())
     }
 
-    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments (rad) mean: the same
-    /// linear relation as [`MemberKinematics::forward`].
+    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments
+    /// (rad) mean: the same linear relation as [`MemberKinematics::forward`].
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates<S>) -> Twist<S> {
@@ -141,9 +143,10 @@ impl<S: Scalar> MemberKinematics<S> {
 
     /// What no rigid motion explains in these wheel rates, rad/s.
     ///
-    /// The component along the one direction in wheel-rate space that no twist produces; its magnitude is the
-    /// root of the summed squares of the least-squares residuals. On the symmetric robot it is
-    /// `(front_left + front_right - rear_left - rear_right) / 2`. Compensation does not enter it.
+    /// The component along the one direction in wheel-rate space that no twist produces; its
+    /// magnitude is the root of the summed squares of the least-squares residuals. On the symmetric
+    /// robot it is `(front_left + front_right - rear_left - rear_right) / 2`. Compensation does not
+    /// enter it.
     #[must_use]
     #[inline]
     pub fn slip_residual(&self, rates: &WheelRates<S>) -> S {

@@ -79,7 +79,8 @@ impl<S: Real> Mount<S> {
         .rotated(-self.sin, self.cos)
     }
 
-    /// The group's velocity, in the group frame, when the member moves with `member` (its own frame).
+    /// The group's velocity, in the group frame, when the member moves with `member` (its own
+    /// frame).
     #[must_use]
     pub fn to_group(&self, member: Twist<S>) -> Twist<S> {
         let turned = member.rotated(self.sin, self.cos);

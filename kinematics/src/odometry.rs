@@ -1,12 +1,14 @@
 //! From velocity to pose, exactly.
 //!
-//! A body that keeps a constant twist for a step moves on a circular arc. The Euler step (straight ahead, then
-//! turn) misses that arc by half the turn; here the arc is integrated in closed form, so the only errors left are
-//! the twist's own and rounding. Rounding is kept out of the sums: the heading is an integer of 2^-61 rad, to which
-//! an `f32` turn is added exactly, and the position carries what each addition lost into the next.
+//! A body that keeps a constant twist for a step moves on a circular arc. The Euler step (straight
+//! ahead, then turn) misses that arc by half the turn; here the arc is integrated in closed form,
+//! so the only errors left are the twist's own and rounding. Rounding is kept out of the sums: the
+//! heading is an integer of 2^-61 rad, to which an `f32` turn is added exactly, and the position
+//! carries what each addition lost into the next.
 //!
-//! Nothing here needs a speed: [`Odometry::advance`] takes a displacement, and forward kinematics turns wheel-angle
-//! increments into one as it turns wheel rates into a twist, because it is linear.
+//! Nothing here needs a speed: [`Odometry::advance`] takes a displacement, and forward kinematics
+//! turns wheel-angle increments into one as it turns wheel rates into a twist, because it is
+//! linear.
 
 use nalgebra::Matrix3;
 
@@ -69,8 +71,8 @@ impl<S: Real> Odometry<S> {
         self.advance(twist * dt);
     }
 
-    /// Moves on by wheel-angle increments (rad, signs as wheel rates); the body is the group whose twist
-    /// `kinematics` speaks of.
+    /// Moves on by wheel-angle increments (rad, signs as wheel rates); the body is the group whose
+    /// twist `kinematics` speaks of.
     #[inline]
     pub fn advance_wheels(&mut self, kinematics: &MemberKinematics<S>, increments: &WheelRates<S>) {
         self.advance(kinematics.displacement(increments));
@@ -82,7 +84,8 @@ impl<S: Real> Odometry<S> {
         if displacement.omega.abs() < <S as Scalar>::constant(SMALL_TURN) {
             self.translate(displacement, displacement.omega.small_chord());
             let next = self.heading.wrapping_add(displacement.omega.to_units());
-            // Looks at the upper half only: that is cheaper, and it does not matter where exactly the wrap is.
+            // Looks at the upper half only: that is cheaper, and it does not matter where exactly
+            // the wrap is.
             let upper = next >> 32;
             self.heading = if upper.abs() > PI_UNITS >> 32 {
                 wrapped(next)
@@ -124,7 +127,8 @@ impl<S: Real> Odometry<S> {
     }
 }
 
-/// The chord of an arc over its length: (sin a)/a along the initial direction, (1 - cos a)/a to its left.
+/// The chord of an arc over its length: (sin a)/a along the initial direction, (1 - cos a)/a to its
+/// left.
 fn chord<S: Real>(turn: S) -> (S, S) {
     if turn.abs() < <S as Scalar>::constant(SMALL_TURN) {
         turn.small_chord()
@@ -178,7 +182,8 @@ fn turned_far(heading: i64, turn: u64) -> i64 {
 
 /// Odometry that also says how sure it is.
 ///
-/// Costs several times what [`Odometry`] does; meant for where the covariance is used, not for every tick.
+/// Costs several times what [`Odometry`] does; meant for where the covariance is used, not for
+/// every tick.
 ///
 /// ```
 /// use mecanum_kinematics::{Covariance, Pose, Twist, UncertainOdometry};
@@ -209,10 +214,11 @@ impl<S: Real> UncertainOdometry<S> {
         }
     }
 
-    /// Moves on by a displacement (body frame; m, m, rad) with this covariance: a twist's, times `dt^2`.
+    /// Moves on by a displacement (body frame; m, m, rad) with this covariance: a twist's, times
+    /// `dt^2`.
     ///
-    /// To first order: the pose's covariance is carried along with the step, the displacement's turned into the
-    /// world and added.
+    /// To first order: the pose's covariance is carried along with the step, the displacement's
+    /// turned into the world and added.
     pub fn advance(&mut self, displacement: Twist<S>, covariance: &Covariance<S>) {
         let before = self.odometry.pose();
         self.odometry.advance(displacement);

@@ -1,12 +1,13 @@
 //! The source paper's own frame and equations, as it prints them.
 //!
-//! Nothing else in this crate uses this frame; tests do, to hold the crate against the paper, and so may a report
-//! that wants the paper's axes. Here x points right, y forward, heading is counter-clockwise, wheels 1 to 4 are
-//! front right, front left, rear left, rear right, W and H are half track and half wheelbase, and wheel rates are
-//! right-handed about +x: driving forward is *negative*. `x = y_paper`, `y = -x_paper`, `rate = -rate_paper`.
+//! Nothing else in this crate uses this frame; tests do, to hold the crate against the paper, and
+//! so may a report that wants the paper's axes. Here x points right, y forward, heading is
+//! counter-clockwise, wheels 1 to 4 are front right, front left, rear left, rear right, W and H are
+//! half track and half wheelbase, and wheel rates are right-handed about +x: driving forward is
+//! *negative*. `x = y_paper`, `y = -x_paper`, `rate = -rate_paper`.
 //!
-//! Angles are sined with `libm` through the scalar's own functions: these are reference forms, not for a control
-//! loop.
+//! Angles are sined with `libm` through the scalar's own functions: these are reference forms, not
+//! for a control loop.
 
 use crate::arithmetic::Real;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};
@@ -86,7 +87,8 @@ pub fn transform<S: Real>([a, b, c]: Matrix3<S>, twist: PaperTwist<S>) -> PaperT
     }
 }
 
-/// One wheel as the paper describes it (its Figure 1): polar position, attitude, roller angle, radius.
+/// One wheel as the paper describes it (its Figure 1): polar position, attitude, roller angle,
+/// radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperWheel<S = f32> {
     /// Distance from the origin, m.
@@ -161,7 +163,8 @@ pub fn eq_06<S: Real>(geometry: &FourWheelGeometry<S>) -> [[S; 3]; 4] {
     ]
 }
 
-/// `K_j` of equation (11): robot `distance` m from the group's origin at bearing `psi`, heading `delta` (rad).
+/// `K_j` of equation (11): robot `distance` m from the group's origin at bearing `psi`, heading
+/// `delta` (rad).
 #[must_use]
 pub fn eq_11<S: Real>(delta: S, distance: S, psi: S) -> Matrix3<S> {
     let (sin, cos) = delta.sin_cos();
@@ -180,8 +183,8 @@ pub fn eq_18<S: Real>(f: S, g: S, u: S) -> Matrix3<S> {
     [[f, zero, zero], [zero, g, zero], [zero, zero, u]]
 }
 
-/// The paper's relative error of displacement (its RED, in Tables 6 and 9): the mean of the largest displacements either
-/// way over the nominal one, less 1.
+/// The paper's relative error of displacement (its RED, in Tables 6 and 9): the mean of the largest
+/// displacements either way over the nominal one, less 1.
 #[must_use]
 pub fn relative_displacement_error<S: Real>(most: S, least: S, nominal: S) -> S {
     (most.abs() + least.abs()) / (nominal + nominal) - S::ONE

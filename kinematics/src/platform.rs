@@ -1,10 +1,10 @@
 //! A robot as a set of wheels: its inverse Jacobian `J`, checked, and the least-squares way back.
 //!
-//! With three wheels or more the wheel rates follow from the twist (`J`, N rows of three). The way back has
-//! more equations than unknowns, so the twist is the one that leaves the smallest weighted sum of squared
-//! wheel-rate errors, `(J^T W J)^-1 J^T W`, worked out once. Whether that inverse exists, and whether it is worth
-//! having, is a question about the wheels, and is answered when the robot is built, by an error that says what is
-//! wrong with them.
+//! With three wheels or more the wheel rates follow from the twist (`J`, N rows of three). The way
+//! back has more equations than unknowns, so the twist is the one that leaves the smallest weighted
+//! sum of squared wheel-rate errors, `(J^T W J)^-1 J^T W`, worked out once. Whether that inverse
+//! exists, and whether it is worth having, is a question about the wheels, and is answered when the
+//! robot is built, by an error that says what is wrong with them.
 
 use nalgebra::{Matrix3, SMatrix};
 
@@ -13,8 +13,8 @@ use crate::error::GeometryError;
 use crate::frame::Twist;
 use crate::wheel::Wheel;
 
-/// Share of the information in the best direction below which the worst one is refused: as these are squares, a
-/// motion 100 times harder to control than the easiest.
+/// Share of the information in the best direction below which the worst one is refused: as these
+/// are squares, a motion 100 times harder to control than the easiest.
 const POOR: f64 = 1e-4;
 
 /// A robot with `N` Mecanum wheels anywhere on it.
@@ -47,19 +47,20 @@ impl<const N: usize, S: Real> Platform<N, S> {
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] when there are fewer than three wheels, or when the wheels leave a motion uncontrolled
-    /// or all but uncontrolled.
+    /// [`GeometryError`] when there are fewer than three wheels, or when the wheels leave a motion
+    /// uncontrolled or all but uncontrolled.
     pub fn new(wheels: &[Wheel<S>; N]) -> Result<Self, GeometryError> {
         Self::weighted(wheels, &[S::ONE; N])
     }
 
-    /// A robot whose wheel-rate measurements are trusted differently on the way back: each squared error counts
-    /// `weights` times. A weight of zero leaves a wheel's measurement out (a dead encoder); the wheel still drives.
+    /// A robot whose wheel-rate measurements are trusted differently on the way back: each squared
+    /// error counts `weights` times. A weight of zero leaves a wheel's measurement out (a dead
+    /// encoder); the wheel still drives.
     ///
     /// # Errors
     ///
-    /// As [`Platform::new`], for the wheels with a weight above zero; and for a weight that is negative or not
-    /// finite.
+    /// As [`Platform::new`], for the wheels with a weight above zero; and for a weight that is
+    /// negative or not finite.
     pub fn weighted(wheels: &[Wheel<S>; N], weights: &[S; N]) -> Result<Self, GeometryError> {
         for weight in weights {
             if !weight.is_finite() || *weight < S::ZERO {
@@ -71,8 +72,8 @@ impl<const N: usize, S: Real> Platform<N, S> {
         }
         let mut jacobian = SMatrix::<S, N, 3>::zeros();
         let mut weighted = SMatrix::<S, N, 3>::zeros();
-        // The most yaw these wheels could control, were every roller axle square to its lever arm about the
-        // wheels' own middle.
+        // The most yaw these wheels could control, were every roller axle square to its lever arm
+        // about the wheels' own middle.
         let middle = |along: fn(&Wheel<S>) -> S| {
             let (sum, total) = wheels
                 .iter()
@@ -114,7 +115,8 @@ impl<const N: usize, S: Real> Platform<N, S> {
         &self.inverse
     }
 
-    /// `J^T W J`, robot frame: the inverse of the twist's covariance for wheel rates known to 1 rad/s.
+    /// `J^T W J`, robot frame: the inverse of the twist's covariance for wheel rates known to 1
+    /// rad/s.
     #[must_use]
     pub const fn information(&self) -> &Matrix3<S> {
         &self.information
@@ -122,8 +124,8 @@ impl<const N: usize, S: Real> Platform<N, S> {
 
     /// How much harder the worst motion is to tell from the wheel rates than the best, 1 or more.
     ///
-    /// The ratio of the largest to the smallest singular value of `J`, with yaw taken per metre of the wheels'
-    /// typical lever arm so that the unit of length does not matter.
+    /// The ratio of the largest to the smallest singular value of `J`, with yaw taken per metre of
+    /// the wheels' typical lever arm so that the unit of length does not matter.
     #[must_use]
     pub fn conditioning(&self) -> S {
         let n = &self.information;
@@ -155,8 +157,8 @@ impl<const N: usize, S: Real> Platform<N, S> {
         array(&(rates - self.jacobian * (self.inverse * rates)))
     }
 
-    /// Root of the summed squares of [`Platform::residual`], rad/s. With three wheels always zero: they explain
-    /// anything.
+    /// Root of the summed squares of [`Platform::residual`], rad/s. With three wheels always zero:
+    /// they explain anything.
     #[must_use]
     pub fn slip_residual(&self, rates: &[S; N]) -> S {
         let sum = self
@@ -172,7 +174,8 @@ pub(crate) fn array<const N: usize, S: Real>(vector: &nalgebra::SVector<S, N>) -
     (*vector).into()
 }
 
-/// The inverse of `J^T W J`, or what the wheels leave uncontrolled. `lever` is what its yaw entry could be at most.
+/// The inverse of `J^T W J`, or what the wheels leave uncontrolled. `lever` is what its yaw entry
+/// could be at most.
 fn invert<S: Real>(information: &Matrix3<S>, lever: S) -> Result<Matrix3<S>, GeometryError> {
     let [xx, xy, yy] = [information.m11, information.m12, information.m22];
     // Below this share a determinant is rounding.

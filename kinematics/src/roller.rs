@@ -1,13 +1,14 @@
 //! What a finite number of rollers does to a wheel.
 //!
-//! Between two hand-overs the ground roller swings with the wheel, by up to pi/n either way. Seen from above its
-//! axle then stands at `tan(gamma') = tan(gamma) cos(sweep)`, so sideways motion per wheel angle shrinks with
-//! `cos(sweep)`: on average by `sin(pi/n)/(pi/n)`, 2.55 % at eight rollers, with a ripple between `cos(pi/n)` and 1,
-//! n times a wheel turn. Straight motion does not notice. The point of contact wanders along the wheel's axle as
-//! well, which changes the wheel's lever arm.
+//! Between two hand-overs the ground roller swings with the wheel, by up to pi/n either way. Seen
+//! from above its axle then stands at `tan(gamma') = tan(gamma) cos(sweep)`, so sideways motion per
+//! wheel angle shrinks with `cos(sweep)`: on average by `sin(pi/n)/(pi/n)`, 2.55 % at eight
+//! rollers, with a ripple between `cos(pi/n)` and 1, n times a wheel turn. Straight motion does not
+//! notice. The point of contact wanders along the wheel's axle as well, which changes the wheel's
+//! lever arm.
 //!
-//! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that wants to show it or by
-//! a controller that wants to take it out.
+//! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that wants
+//! to show it or by a controller that wants to take it out.
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
@@ -50,23 +51,26 @@ impl<S: Real> Rollers<S> {
         self.pitch
     }
 
-    /// How far the wheel has rolled on since the middle of its ground roller stood lowest, within ± half a pitch,
-    /// rad. `wheel_angle` counts forward rolling positive; `phase` is the sweep at angle 0.
-    /// An angle of many turns has few digits left: an `f32` is good to a thousandth of a roller for about 400 turns.
+    /// How far the wheel has rolled on since the middle of its ground roller stood lowest, within ±
+    /// half a pitch, rad. `wheel_angle` counts forward rolling positive; `phase` is the sweep at
+    /// angle 0. An angle of many turns has few digits left: an `f32` is good to a thousandth of a
+    /// roller for about 400 turns.
     #[must_use]
     pub fn sweep(&self, wheel_angle: S, phase: S) -> S {
         let angle = wheel_angle + phase;
         angle - (angle / self.pitch).round() * self.pitch
     }
 
-    /// Lateral motion per wheel angle at this sweep, relative to a wheel of infinitely many rollers.
+    /// Lateral motion per wheel angle at this sweep, relative to a wheel of infinitely many
+    /// rollers.
     #[must_use]
     pub fn lateral_ratio(&self, sweep: S) -> S {
         let (_, cos) = sweep.sine_cosine();
         cos
     }
 
-    /// The mean of that over whole rollers, `sin(pi/n)/(pi/n)`, as a wheel that turns evenly averages it.
+    /// The mean of that over whole rollers, `sin(pi/n)/(pi/n)`, as a wheel that turns evenly
+    /// averages it.
     #[must_use]
     pub fn mean_lateral_ratio(&self) -> S {
         let half = S::pi() / self.count;
@@ -81,8 +85,9 @@ impl<S: Real> Rollers<S> {
         cos
     }
 
-    /// How far sideways a wheel rolls while it turns from angle 0, over what it would with infinitely many rollers,
-    /// as a wheel angle, rad: the integral of [`Rollers::lateral_ratio`], in closed form, over any number of rollers.
+    /// How far sideways a wheel rolls while it turns from angle 0, over what it would with
+    /// infinitely many rollers, as a wheel angle, rad: the integral of [`Rollers::lateral_ratio`],
+    /// in closed form, over any number of rollers.
     #[must_use]
     pub fn lateral_travel(&self, wheel_angle: S, phase: S) -> S {
         let since_middle = |angle: S| {
@@ -103,8 +108,8 @@ impl<S: Real> Rollers<S> {
         self.lateral_travel(turned, from + phase) / turned
     }
 
-    /// By how much the lateral ratio at this sweep is above its mean, relative: what a ripple compensation that
-    /// works beside a constant coefficient must take out.
+    /// By how much the lateral ratio at this sweep is above its mean, relative: what a ripple
+    /// compensation that works beside a constant coefficient must take out.
     #[must_use]
     pub fn ripple(&self, sweep: S) -> S {
         self.lateral_ratio(sweep) / self.mean_lateral_ratio() - S::ONE
@@ -112,11 +117,11 @@ impl<S: Real> Rollers<S> {
 }
 
 impl<S: Real> Wheel<S> {
-    /// The ideal wheel that this one equals at a sweep (rad) of its ground roller: its roller angle seen from above,
-    /// its centre moved along its axle to where the ground is touched.
+    /// The ideal wheel that this one equals at a sweep (rad) of its ground roller: its roller angle
+    /// seen from above, its centre moved along its axle to where the ground is touched.
     ///
-    /// `axle_distance` (m) is from the wheel's axle to the middle of a roller's: the wheel's radius less the
-    /// roller's. Zero leaves the point of contact where it is.
+    /// `axle_distance` (m) is from the wheel's axle to the middle of a roller's: the wheel's radius
+    /// less the roller's. Zero leaves the point of contact where it is.
     ///
     /// # Errors
     ///
@@ -125,8 +130,8 @@ impl<S: Real> Wheel<S> {
         let (sin, cos) = sweep.sine_cosine();
         let (sin_roller, cos_roller) = self.roller_angle().sine_cosine();
         let seen = (sin_roller * cos).atan2(cos_roller);
-        // The lowest point lies where the roller's axle crosses below the wheel's: rolled forward, a roller that
-        // points left and back (positive angle) is crossed further right.
+        // The lowest point lies where the roller's axle crosses below the wheel's: rolled forward,
+        // a roller that points left and back (positive angle) is crossed further right.
         let left = -axle_distance * sin / cos * cos_roller / sin_roller;
         let (ahead_y, ahead_x) = self.mounting_angle().sine_cosine();
         let wheel = Self::new(

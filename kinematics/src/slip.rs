@@ -1,8 +1,9 @@
 //! Which wheel is it?
 //!
-//! N wheels measure three velocities, so N - 3 combinations of their rates must be zero, and a wheel that slips
-//! disturbs them in its own pattern. With five wheels or more the pattern usually names the wheel. With four there
-//! is one combination only: it says that something slips, not what; then the rates that were commanded must help.
+//! N wheels measure three velocities, so N - 3 combinations of their rates must be zero, and a
+//! wheel that slips disturbs them in its own pattern. With five wheels or more the pattern usually
+//! names the wheel. With four there is one combination only: it says that something slips, not
+//! what; then the rates that were commanded must help.
 
 use crate::arithmetic::Real;
 use crate::frame::Twist;
@@ -41,8 +42,8 @@ pub enum Suspect<S = f32> {
 impl<const N: usize, S: Real> Platform<N, S> {
     /// Finds the wheel that slips, or whose encoder is dead, from the measured rates alone (rad/s).
     ///
-    /// `threshold` (rad/s) is what noise may leave. Needs five wheels or more to name one: fewer yield
-    /// [`Suspect::Unclear`].
+    /// `threshold` (rad/s) is what noise may leave. Needs five wheels or more to name one: fewer
+    /// yield [`Suspect::Unclear`].
     #[must_use]
     pub fn suspect(&self, rates: &[S; N], threshold: S) -> Suspect<S> {
         let seen = self.residual(rates);
@@ -79,11 +80,11 @@ impl<const N: usize, S: Real> Platform<N, S> {
         }
     }
 
-    /// Finds the wheel that does not do what it was told: dead, blocked or spinning freely. Works for any number of
-    /// wheels.
+    /// Finds the wheel that does not do what it was told: dead, blocked or spinning freely. Works
+    /// for any number of wheels.
     ///
-    /// `asked` is the twist the wheels were asked for (robot frame, compensated), `threshold` (rad/s) what control
-    /// error and noise may leave on a healthy wheel.
+    /// `asked` is the twist the wheels were asked for (robot frame, compensated), `threshold`
+    /// (rad/s) what control error and noise may leave on a healthy wheel.
     #[must_use]
     pub fn suspect_against(&self, asked: Twist<S>, rates: &[S; N], threshold: S) -> Suspect<S> {
         let wanted = self.rates(asked);

@@ -1,8 +1,8 @@
 //! One Mecanum wheel, anywhere on a robot.
 //!
-//! The roller on the ground turns freely about its axle and grips along it. So the ground speed of the
-//! wheel's centre, taken along that axle, must equal the rim speed taken along it:
-//! `rate * radius * (d . a) = v . a`, with `d` the rolling direction and `a` the roller axle. This is
+//! The roller on the ground turns freely about its axle and grips along it. So the ground speed of
+//! the wheel's centre, taken along that axle, must equal the rim speed taken along it: `rate *
+//! radius * (d . a) = v . a`, with `d` the rolling direction and `a` the roller axle. This is
 //! equation (2) of the paper in vectors; [`crate::paper`] has it as printed.
 
 use crate::arithmetic::Real;
@@ -36,15 +36,15 @@ impl<S: Real> Wheel<S> {
     /// A wheel with its centre at (`x`, `y`) m in the robot frame.
     ///
     /// `mounting_angle` (rad) is the direction the wheel rolls in at a positive rate, 0 along x.
-    /// `roller_angle` (rad) is the angle of the ground roller's axle against the wheel's axle, seen from
-    /// above, counter-clockwise positive, between 0 and 90 degrees either way; its sign is the wheel's
-    /// handedness. On the usual robot it is positive front left and rear right, negative on the others.
-    /// `radius` in m.
+    /// `roller_angle` (rad) is the angle of the ground roller's axle against the wheel's axle, seen
+    /// from above, counter-clockwise positive, between 0 and 90 degrees either way; its sign is the
+    /// wheel's handedness. On the usual robot it is positive front left and rear right, negative on
+    /// the others. `radius` in m.
     ///
     /// # Errors
     ///
-    /// [`GeometryError`] naming the field that is not finite, a radius that is not positive, or a roller
-    /// angle outside the open interval.
+    /// [`GeometryError`] naming the field that is not finite, a radius that is not positive, or a
+    /// roller angle outside the open interval.
     pub fn new(
         x: S,
         y: S,
@@ -124,7 +124,8 @@ impl<S: Real> Wheel<S> {
         self.radius
     }
 
-    /// The wheel's row of the inverse Jacobian: rate (rad/s) for a unit of vx, vy (1/m) and omega (1).
+    /// The wheel's row of the inverse Jacobian: rate (rad/s) for a unit of vx, vy (1/m) and omega
+    /// (1).
     #[must_use]
     pub fn jacobian_row(&self) -> [S; 3] {
         // The wheel's axle stands a quarter turn left of the rolling direction, the roller's axle
@@ -139,9 +140,9 @@ impl<S: Real> Wheel<S> {
         [row_x, row_y, self.x * row_y - self.y * row_x]
     }
 
-    /// The same row in two: the part that does not depend on the rollers, and the part in proportion to the
-    /// cotangent of the angle they stand at. A ground roller that has swept past its middle makes the row the first
-    /// plus `sec(sweep)` times the second.
+    /// The same row in two: the part that does not depend on the rollers, and the part in
+    /// proportion to the cotangent of the angle they stand at. A ground roller that has swept past
+    /// its middle makes the row the first plus `sec(sweep)` times the second.
     #[must_use]
     pub fn jacobian_parts(&self) -> ([S; 3], [S; 3]) {
         let (sin, cos) = self.mounting_angle.sine_cosine();
@@ -167,10 +168,11 @@ impl<S: Real> Wheel<S> {
     }
 }
 
-/// Equation (17): by how much each wheel's rate (rad/s) must change so that the robot still moves with `twist` (robot
-/// frame) when its roller angles are off by `deviations` (rad), to first order.
+/// Equation (17): by how much each wheel's rate (rad/s) must change so that the robot still moves
+/// with `twist` (robot frame) when its roller angles are off by `deviations` (rad), to first order.
 ///
-/// A wheel whose roller angle was measured is better built with that angle; this is for what is found later.
+/// A wheel whose roller angle was measured is better built with that angle; this is for what is
+/// found later.
 ///
 /// ```
 /// use mecanum_kinematics::{FourWheelGeometry, Twist, roller_angle_correction};

@@ -1,14 +1,15 @@
-//! What the alternatives would have cost in accuracy: `micromath` measured against the smallest step each function's
-//! result feeds. None of its functions is used; these tests say why, and would say if that changed.
+//! What the alternatives would have cost in accuracy: `micromath` measured against the smallest
+//! step each function's result feeds. None of its functions is used; these tests say why, and would
+//! say if that changed.
 
 use mecanum_kinematics::arithmetic::{sin_cos, square_root};
 use micromath::F32Ext;
 
-/// Position travels the bus in 0.1 mm/s steps of velocity; a velocity of 2 m/s turned by a sine that is off by e is
-/// off by 2 e: the sine may be off by half a step of that.
+/// Position travels the bus in 0.1 mm/s steps of velocity; a velocity of 2 m/s turned by a sine
+/// that is off by e is off by 2 e: the sine may be off by half a step of that.
 const SINE_STEP: f32 = 0.05e-3 / 2.0;
-/// A table's key is a speed; Table 7 changes by 0.04 per m/s, so at 1 m/s a relative error e of the root moves a
-/// velocity of 1 m/s by 0.04 e: half a step of 0.1 mm/s again.
+/// A table's key is a speed; Table 7 changes by 0.04 per m/s, so at 1 m/s a relative error e of the
+/// root moves a velocity of 1 m/s by 0.04 e: half a step of 0.1 mm/s again.
 const ROOT_STEP: f32 = 0.05e-3 / 0.04;
 
 fn worst(mut error: impl FnMut(f32) -> f32, from: f32, to: f32) -> f32 {

@@ -1,4 +1,5 @@
-//! What the parts promise beyond the paper's equations: refusals, limits, integration, trajectories.
+//! What the parts promise beyond the paper's equations: refusals, limits, integration,
+//! trajectories.
 
 use mecanum_kinematics::trajectory::{Circle, FigureEight, Harmonic, Ramped, Trajectory};
 use mecanum_kinematics::{

@@ -1,5 +1,6 @@
-//! Compensation against the paper's Tables 3 to 9: what was measured is what the tables give back, in both
-//! directions; coefficients are found again from measurements; bad data are refused with the reason.
+//! Compensation against the paper's Tables 3 to 9: what was measured is what the tables give back,
+//! in both directions; coefficients are found again from measurements; bad data are refused with
+//! the reason.
 
 use mecanum_kinematics::estimate::{
     CalibrationError, EstimationError, Limits, Sample, fit, fit_constant, fit_table,
@@ -117,8 +118,8 @@ fn table_03_05_07_08_are_given_back() {
 
 #[test]
 fn table_03_07_printed_coefficients() {
-    // The coefficient column, to its printed digits: 5 in Table 3, where some are cut instead of rounded, 3 in
-    // Table 7.
+    // The coefficient column, to its printed digits: 5 in Table 3, where some are cut instead of
+    // rounded, 3 in Table 7.
     for (text, digit) in [(TABLE_3, 1e-5), (TABLE_7, 6e-4)] {
         for (_, cells) in rows(text) {
             let (set, measured, printed) = (cells[0], cells[1], cells[3]);
@@ -171,8 +172,8 @@ fn table_04_oblique() {
         for (sx, sy) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
             let desired = Twist::new(sx * measured_x, sy * measured_y, 0.0);
             let asked = Twist::new(sx * set_x, sy * set_y, 0.0);
-            // The two measured speeds differ by 0.04 %, so the direction is off 45 degrees by that much, and the
-            // coefficients by that share of what they change by.
+            // The two measured speeds differ by 0.04 %, so the direction is off 45 degrees by that
+            // much, and the coefficients by that share of what they change by.
             same(c.apply(desired), asked, 1e-5);
             same(c.remove(c.apply(desired)), desired, 1e-12);
         }
@@ -184,7 +185,8 @@ fn table_04_oblique() {
 
 #[test]
 fn table_04_is_missed_by_a_diagonal_matrix() {
-    // What the direction is for: the per-axis tables miss the oblique runs by more than one percent.
+    // What the direction is for: the per-axis tables miss the oblique runs by more than one
+    // percent.
     let c = simulated();
     for [(set_x, measured_x), (set_y, measured_y)] in oblique() {
         let got = c.remove(Twist::new(set_x, set_y, 0.0));
@@ -199,8 +201,8 @@ fn table_04_is_missed_by_a_diagonal_matrix() {
 
 #[test]
 fn table_04_follows_from_the_mean_of_the_axial_coefficients() {
-    // At 200 mm/s both oblique coefficients are the mean of the axial ones within 0.04 %: a robot whose oblique
-    // motion was not measured can be given that.
+    // At 200 mm/s both oblique coefficients are the mean of the axial ones within 0.04 %: a robot
+    // whose oblique motion was not measured can be given that.
     let c = simulated();
     for (set, measured) in oblique()[0] {
         let speed = 0.2782;
@@ -218,7 +220,8 @@ fn physical_oblique_run_is_given_back() {
     let across = AxisTable::new(&[(speed, 0.3536 / 0.3194)]).unwrap();
     let c = DirectionalCompensation::new(c.longitudinal, c.lateral, along, across, c.yaw).unwrap();
     let desired = Twist::new(0.3307, 0.3194, 0.0);
-    // Here the direction is 1 degree off 45, the oblique coefficients apply at 45: 2 * 0.035 / 2 * 5 % at most.
+    // Here the direction is 1 degree off 45, the oblique coefficients apply at 45: 2 * 0.035 / 2 *
+    // 5 % at most.
     same(
         c.apply(desired),
         Twist::new(0.3536, 0.3536, 0.0),
@@ -229,8 +232,8 @@ fn physical_oblique_run_is_given_back() {
 
 #[test]
 fn tables_never_leave_the_range_of_their_rows() {
-    // Rising, a jump, flat, falling: a plain cubic spline would overshoot at every corner. And a bend so sharp that
-    // the slope of either side alone would overshoot on the other.
+    // Rising, a jump, flat, falling: a plain cubic spline would overshoot at every corner. And a
+    // bend so sharp that the slope of either side alone would overshoot on the other.
     let corners = [
         (0.1, 1.02),
         (0.2, 1.02),
@@ -380,8 +383,8 @@ fn forward_uses_the_inverse_of_the_same_object() {
 
 #[test]
 fn estimation_finds_the_papers_coefficients() {
-    // C1 and C3 of the paper: means of the printed columns. Least squares weighs the fast runs more, so it comes
-    // out within the spread of the column.
+    // C1 and C3 of the paper: means of the printed columns. Least squares weighs the fast runs
+    // more, so it comes out within the spread of the column.
     let of = |text, axis: &str| {
         let samples: Vec<_> = rows(text)
             .into_iter()
@@ -538,8 +541,8 @@ const TABLE_9: &str = include_str!("data/table_09_physical_curves.csv");
 
 #[test]
 fn table_06_09_relative_errors_are_the_mean_of_both_sides() {
-    // Printed to 0.01 points (0.001 in the last row of Table 9). Table 9's harmonic row has "dmax - nominal" digits
-    // of its own, its RED follows all the same.
+    // Printed to 0.01 points (0.001 in the last row of Table 9). Table 9's harmonic row has "dmax -
+    // nominal" digits of its own, its RED follows all the same.
     for (_, text) in rows(TABLE_6).into_iter().zip(TABLE_6.lines().skip(2)) {
         let cells: Vec<&str> = text.split(',').collect();
         let [most, least, printed] = [2, 3, 4].map(|i| cells[i].parse::<f64>().unwrap());
@@ -557,7 +560,8 @@ fn table_06_09_relative_errors_are_the_mean_of_both_sides() {
     }
 }
 
-/// Displacement errors in percent (paper's x, y) of a robot with these losses whose wheels are driven by `asked`.
+/// Displacement errors in percent (paper's x, y) of a robot with these losses whose wheels are
+/// driven by `asked`.
 fn displacement(
     curve: &impl Trajectory<f64>,
     robot: &impl Compensation<f64>,
@@ -601,7 +605,8 @@ fn table_06_follows_from_table_03() {
         displacement(&FigureEight::paper(), &simulated(), &none, 2.5),
         (-2.92, -0.28),
     );
-    // The constant C1 (with 1 where the paper prints 0) takes all but 0.2 points out; the table takes it all.
+    // The constant C1 (with 1 where the paper prints 0) takes all but 0.2 points out; the table
+    // takes it all.
     let c1 = VelocityCompensation::new(1.002, 1.033, 1.0).unwrap();
     let (x, y) = displacement(&FigureEight::paper(), &simulated(), &c1, 2.5);
     assert!(x.abs() < 0.2 && y.abs() < 0.05, "{x} {y}");
@@ -612,9 +617,10 @@ fn table_06_follows_from_table_03() {
 
 #[test]
 fn table_06_and_table_04_contradict_each_other() {
-    // Were steady oblique losses (Table 4) also those of a curve, which is oblique most of the time, the circle and
-    // the figure-eight would lose more than a percent ahead. Table 6 has 0.14 and 0.28. So the directional form is
-    // for robots whose own curves show it, and the constant stays the default.
+    // Were steady oblique losses (Table 4) also those of a curve, which is oblique most of the
+    // time, the circle and the figure-eight would lose more than a percent ahead. Table 6 has 0.14
+    // and 0.28. So the directional form is for robots whose own curves show it, and the constant
+    // stays the default.
     let none = VelocityCompensation::new(1.0, 1.0, 1.0).unwrap();
     for (_, y) in [
         displacement(&Circle::paper(), &directional(), &none, 2.5),
@@ -626,8 +632,8 @@ fn table_06_and_table_04_contradict_each_other() {
 
 #[test]
 fn table_09_improves_with_c3() {
-    // Measured with C3 = (1.145, 1.04): lateral -15.2 and -13.9 % become -2.0. The per-axis Table 7 under C3 says
-    // the same within two points, ahead and sideways.
+    // Measured with C3 = (1.145, 1.04): lateral -15.2 and -13.9 % become -2.0. The per-axis Table 7
+    // under C3 says the same within two points, ahead and sideways.
     let none = VelocityCompensation::new(1.0, 1.0, 1.0).unwrap();
     let c3 = VelocityCompensation::new(1.04, 1.145, 1.0).unwrap();
     let eight = FigureEight {

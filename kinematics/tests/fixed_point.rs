@@ -1,5 +1,5 @@
-//! The fixed-point path against f64, over the whole input range: error within the stated bound, and never a wrapped
-//! result: what does not fit saturates and says so.
+//! The fixed-point path against f64, over the whole input range: error within the stated bound, and
+//! never a wrapped result: what does not fit saturates and says so.
 
 use fixed::types::I16F16;
 use mecanum_kinematics::trajectory::{FigureEight, Trajectory};
@@ -216,8 +216,8 @@ fn conversion_saturates_and_says_so() {
 
 #[test]
 fn a_fixed_member_stands_in_for_a_single_precision_one() {
-    // The figure-eight, each robot odd in its own way, driven by either: displacements agree to far better than
-    // 0.05 %, and so does what the members measure.
+    // The figure-eight, each robot odd in its own way, driven by either: displacements agree to far
+    // better than 0.05 %, and so does what the members measure.
     let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 0.7_f32).unwrap();
     let mount = Mount::new(Pose::new(1.2, -0.3, 0.4)).unwrap();
     let c = VelocityCompensation::new(1.002, 1.033, 1.0195).unwrap();
@@ -235,7 +235,8 @@ fn a_fixed_member_stands_in_for_a_single_precision_one() {
         let measured = fixed.forward(&single.inverse(twist));
         assert!((measured.vx - twist.vx).abs() + (measured.vy - twist.vy).abs() < 4e-5);
         assert!(fixed.slip_residual(&single.inverse(twist)).abs() < 4e-5);
-        // A tick's worth of wheel angle, as odometry takes it: 1e-3 s of it, to a hundredth of a micrometre.
+        // A tick's worth of wheel angle, as odometry takes it: 1e-3 s of it, to a hundredth of a
+        // micrometre.
         let angles =
             WheelRates::from(<[f32; 4]>::from(single.inverse(twist)).map(|rate| rate * 1e-3));
         let (got, want) = (fixed.displacement(&angles), single.displacement(&angles));

@@ -1,5 +1,5 @@
-//! Groups, slip and rollers: members of different make measured together, the wheel that slips found, the ripple of
-//! eight rollers as the paper measured it.
+//! Groups, slip and rollers: members of different make measured together, the wheel that slips
+//! found, the ripple of eight rollers as the paper measured it.
 
 use mecanum_kinematics::{
     Formation, FourWheelGeometry, GeometryError, Group, Member, Mount, Platform, Pose, Rollers,
@@ -58,8 +58,8 @@ fn group_forward_is_least_squares_over_all_wheels() {
     close(group.forward(&measured), twist, 1e-12);
     assert!(group.disagreement(&measured).speed < 1e-12);
 
-    // Disturbed rates: the optimum of the sum of squares over all ten wheels. At it, moving the twist along any axis
-    // changes that sum only to second order.
+    // Disturbed rates: the optimum of the sum of squares over all ten wheels. At it, moving the
+    // twist along any axis changes that sum only to second order.
     let mut r1 = k1.inverse(twist);
     let mut r2 = k2.inverse(twist);
     r1[2] += 0.3;
@@ -88,7 +88,8 @@ fn strain_is_how_fast_members_part() {
     let Formation { mounts, .. } = Formation::<2, f64>::tcc_2(2.0).unwrap();
     let platform = four(45.0);
     let group = Group::new(&mounts.map(|m| Member::new(&platform, &m, &none))).unwrap();
-    // The front robot measures 0.50, the rear one 0.48 m/s: 20 mm/s apart, 10 each against the mean.
+    // The front robot measures 0.50, the rear one 0.48 m/s: 20 mm/s apart, 10 each against the
+    // mean.
     let measured = [Twist::new(0.50, 0.0, 0.0), Twist::new(0.48, 0.0, 0.0)];
     close(group.forward(&measured), Twist::new(0.49, 0.0, 0.0), 1e-12);
     let [front, rear] = group.deviations(&measured);
@@ -150,7 +151,8 @@ fn the_seven_configurations() {
     );
     for Formation { name, mounts, .. } in two {
         let [one, other] = mounts.map(|m: Mount<f64>| m.pose());
-        // The origin is in the middle, the members 1 m apart; side by side the first is on the left.
+        // The origin is in the middle, the members 1 m apart; side by side the first is on the
+        // left.
         assert!((one.x + other.x).abs() < 1e-15 && (one.y + other.y).abs() < 1e-15);
         assert!(((one.x - other.x).hypot(one.y - other.y) - 1.0).abs() < 1e-15);
         let along = if name.starts_with('T') { one.x } else { one.y };
@@ -208,7 +210,8 @@ fn one_dead_wheel_is_named() {
             matches!(platform.suspect(&rates, 0.01), Suspect::Wheel { index, excess } if index == wheel && (excess + was).abs() < 1e-9)
         );
     }
-    // Four wheels have one check only: they know that something is wrong, and the command knows what.
+    // Four wheels have one check only: they know that something is wrong, and the command knows
+    // what.
     let platform = four(45.0);
     for wheel in 0..4 {
         let mut rates = platform.rates(twist);
@@ -238,8 +241,8 @@ fn weights_trust_some_wheels_less() {
     let mut rates = dead.rates(twist);
     rates[2] = 99.0;
     close(dead.twist(&rates), twist, 1e-12);
-    // A wheel trusted a quarter pulls a quarter as much as its diagonal opposite: closed form for vx is awkward,
-    // so the law is tested: the weighted residual is orthogonal to every motion.
+    // A wheel trusted a quarter pulls a quarter as much as its diagonal opposite: closed form for
+    // vx is awkward, so the law is tested: the weighted residual is orthogonal to every motion.
     let weights = [1.0, 0.25, 2.0, 0.5];
     let platform = Platform::weighted(&wheels, &weights).unwrap();
     let left = platform.residual(&[1.0, -2.0, 0.5, 3.0]);
@@ -290,7 +293,8 @@ fn poor_wheels_are_refused_with_the_reason() {
         Platform::<4, f64>::new(&wheels).unwrap_err(),
         GeometryError::YawPoor
     );
-    // The usual robot is about as good as can be: 1 for translation, and yaw of the same size per lever arm.
+    // The usual robot is about as good as can be: 1 for translation, and yaw of the same size per
+    // lever arm.
     assert!((four(45.0).conditioning() - 1.0).abs() < 1e-9);
     assert!((four(60.0).conditioning() - 3.0_f64.sqrt()).abs() < 1e-2);
 }
@@ -318,8 +322,9 @@ fn eight_rollers_lose_and_ripple_as_the_paper_measured() {
 
 #[test]
 fn a_swept_wheel_is_the_roller_axle_seen_from_above() {
-    // In space: the roller's axle through (0, 0, -a), along n cos g - d sin g, turned by the sweep about the
-    // wheel's axle; where it crosses below the wheel's axle is the contact, its shadow is the axle.
+    // In space: the roller's axle through (0, 0, -a), along n cos g - d sin g, turned by the sweep
+    // about the wheel's axle; where it crosses below the wheel's axle is the contact, its shadow is
+    // the axle.
     let (gamma, axle, radius): (f64, f64, f64) = (0.6, 0.12, 0.15);
     for sweep in [-0.39, -0.1, 0.0, 0.2, 0.39_f64] {
         let wheel = Wheel::new(0.3, 0.2, 0.0, gamma, radius)

@@ -1,5 +1,5 @@
-//! Every model of a member, through the one trait: the motions {straight, strafe, turn, mixed, off-centre} there and
-//! back, and no slip where a rigid motion turns the wheels.
+//! Every model of a member, through the one trait: the motions {straight, strafe, turn, mixed,
+//! off-centre} there and back, and no slip where a rigid motion turns the wheels.
 
 use mecanum_kinematics::{
     AxisTable, CompensatedMember, FixedMember, FixedPhaseMember, FixedSecant, FourWheelGeometry,
@@ -33,7 +33,8 @@ const MOTIONS: [Twist; 4] = [
     },
 ];
 
-/// Largest difference (m/s, rad/s) there and back over all motions, and largest slip residual, rad/s.
+/// Largest difference (m/s, rad/s) there and back over all motions, and largest slip residual,
+/// rad/s.
 fn errors(model: &impl Kinematics<Scalar = f32>) -> (f32, f32) {
     MOTIONS
         .into_iter()
@@ -74,9 +75,10 @@ fn every_model_undoes_its_own_inverse_and_sees_no_slip_in_it() {
         let fixed_phase =
             fixed_phase.at(PLACES.map(|at| fixed_secant.at(RollerAngle::from_bits(at))));
         let tables = CompensatedMember::new(&robot, &mount, by_speed).unwrap();
-        // Rounding of f32: eight products of numbers up to 10 each way, of which each loses 2^-24. Of a step of
-        // 2^-16 rad/s: four wheels of 0.15 m, over a lever of 0.72 m for the yaw rate; the phase's fixed point has
-        // wheel rates in steps of 2^-11 at worst. A table's inversion stops at 1e-6 of the coefficient.
+        // Rounding of f32: eight products of numbers up to 10 each way, of which each loses 2^-24.
+        // Of a step of 2^-16 rad/s: four wheels of 0.15 m, over a lever of 0.72 m for the yaw rate;
+        // the phase's fixed point has wheel rates in steps of 2^-11 at worst. A table's inversion
+        // stops at 1e-6 of the coefficient.
         let (float, step, coarse) = (5e-6, 6e-5, 1e-3);
         for (name, (twist, residual), bound) in [
             ("f32", errors(&single), float),

@@ -1,4 +1,5 @@
-//! Odometry against closed form: arcs in f64, a million turns in f32, covariance against a simulated cloud.
+//! Odometry against closed form: arcs in f64, a million turns in f32, covariance against a
+//! simulated cloud.
 
 use mecanum_kinematics::{
     Covariance, FourWheelGeometry, MemberKinematics, Mount, Odometry, Platform, Pose, Twist,
@@ -320,7 +321,8 @@ fn pose_covariance_is_carried_by_the_exact_derivatives() {
 /// One step of any size turns the heading by what is beyond whole turns.
 #[test]
 fn a_large_turn_in_single_precision_is_exact() {
-    // f64 resolves 1e7 rad to 2e-9; the heading is read in steps of 2^-22 (the last bit of an f32 near pi).
+    // f64 resolves 1e7 rad to 2e-9; the heading is read in steps of 2^-22 (the last bit of an f32
+    // near pi).
     const BOUND: f64 = 3e-7;
     for turn in [0.2_f32, -0.9, 1.5, 3.5, -4.0, 100.0, -6_283_186.0, 1e7] {
         let mut odometry = Odometry::<f32>::new();

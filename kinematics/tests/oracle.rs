@@ -1,7 +1,7 @@
-//! A second derivation, sharing nothing with the crate's: every wheel placed in the group, its contact's velocity
-//! taken from rigid-body motion, and the two unknowns (wheel rate, roller rate) solved from the two velocity
-//! components in the ground plane. The way back by orthogonalisation instead of normal equations. Then the laws
-//! every such robot obeys, as properties.
+//! A second derivation, sharing nothing with the crate's: every wheel placed in the group, its
+//! contact's velocity taken from rigid-body motion, and the two unknowns (wheel rate, roller rate)
+//! solved from the two velocity components in the ground plane. The way back by orthogonalisation
+//! instead of normal equations. Then the laws every such robot obeys, as properties.
 
 use mecanum_kinematics::{
     FourWheelGeometry, MemberKinematics, Mount, Platform, Pose, Twist, VelocityCompensation, Wheel,
@@ -12,7 +12,8 @@ use proptest::test_runner::RngSeed;
 
 /// Agreement asked of f64, relative to the size of the rates.
 const F64: f64 = 1e-12;
-/// Agreement asked of f32: its step is 1.2e-7, a rate is a sum of a few products, each rounded three times.
+/// Agreement asked of f32: its step is 1.2e-7, a rate is a sum of a few products, each rounded
+/// three times.
 const F32: f64 = 3e-6;
 
 #[derive(Debug, Clone, Copy)]
@@ -33,7 +34,8 @@ fn turn((x, y): Vector, angle: f64) -> Vector {
     )
 }
 
-/// Rate of one wheel when the body it is fixed to moves like this, from the two ground-plane components.
+/// Rate of one wheel when the body it is fixed to moves like this, from the two ground-plane
+/// components.
 fn oracle_rate(wheel: Plan, [vx, vy, omega]: [f64; 3]) -> f64 {
     let hub = (vx - omega * wheel.y, vy + omega * wheel.x);
     let rolling = turn((1.0, 0.0), wheel.mounting);
@@ -52,8 +54,8 @@ fn oracle_member(pose: [f64; 3], c: [f64; 3], [vx, vy, omega]: [f64; 3]) -> [f64
     [c[0] * ax, c[1] * ay, c[2] * omega]
 }
 
-/// Least squares by Gram and Schmidt: the twist whose rates are nearest, `columns[j][i]` being wheel i's rate for
-/// unit motion j.
+/// Least squares by Gram and Schmidt: the twist whose rates are nearest, `columns[j][i]` being
+/// wheel i's rate for unit motion j.
 fn oracle_forward(columns: [Vec<f64>; 3], rates: &[f64]) -> [f64; 3] {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut base: Vec<Vec<f64>> = Vec::new();
@@ -246,7 +248,8 @@ proptest! {
         near(&k.inverse(of(t)), &column(t), F64 * size(&column(t)))?;
         let columns = [column([1.0, 0.0, 0.0]), column([0.0, 1.0, 0.0]), column([0.0, 0.0, 1.0])];
         let want = oracle_forward(columns, &rates);
-        // Six wheels anywhere are conditioned up to 100 times worse than a robot; ten times the tolerance suffices.
+        // Six wheels anywhere are conditioned up to 100 times worse than a robot; ten times the
+        // tolerance suffices.
         near(&three(k.forward(&rates)), &want, 1e-11 * size(&want))?;
     }
 

@@ -67,8 +67,8 @@ fn secant_is_as_good_as_it_says() {
                 error.abs() < bound + 1e-7,
                 "{rollers} rollers at {sweep}: {error}"
             );
-            // The slope is sec tan. The error is near to a polynomial of degree 8 in the sweep, whose slope is at most
-            // 8^2 over half a pitch times its largest value (Markov).
+            // The slope is sec tan. The error is near to a polynomial of degree 8 in the sweep,
+            // whose slope is at most 8^2 over half a pitch times its largest value (Markov).
             let (_, slope) = secant.with_slope(angle);
             let expected = sweep.tan() / sweep.cos();
             let half = 0.5 * known.pitch();
@@ -94,7 +94,8 @@ fn secant_is_continuous_at_the_hand_over() {
 }
 
 proptest! {
-    /// The row of a leaning wheel is that of the wheel whose roller stands as it is seen from above, for any wheel.
+    /// The row of a leaning wheel is that of the wheel whose roller stands as it is seen from
+    /// above, for any wheel.
     #[test]
     fn row_is_that_of_the_swept_wheel(
         (x, y) in (-1.0_f64..1.0, -1.0_f64..1.0),
@@ -165,7 +166,8 @@ proptest! {
         prop_assert!((residual - constant.slip_residual(&disturbed)).abs() < 100.0 * ROUNDING);
     }
 
-    /// The closed form is not quite least squares when the secants differ: its variance is at most 0.4 % above.
+    /// The closed form is not quite least squares when the secants differ: its variance is at most
+    /// 0.4 % above.
     #[test]
     fn variance_is_close_to_least_squares(secants in secants()) {
         let robot = robot(45.0);
@@ -215,7 +217,8 @@ proptest! {
         }
     }
 
-    /// Fixed point: a step of 2^-16 for each of a few cuts, and half a coefficient step for each unit of input.
+    /// Fixed point: a step of 2^-16 for each of a few cuts, and half a coefficient step for each
+    /// unit of input.
     #[test]
     fn fixed_point_follows(twist in twists(), angles in prop::array::uniform4(any::<i32>())) {
         let (robot, mount, c) = (robot(45.0), mount(1.2, -0.4, 0.3), compensation());
@@ -229,7 +232,8 @@ proptest! {
         let single = twist.convert::<f32>();
         let found: [f32; 4] = fixed.inverse(single, &fixed_secants).into();
         for (a, b) in rates.iter().zip(found) {
-            // Five cuts of a step each, six units of input at 2^-21, a rounded input times 12 rad/m.
+            // Five cuts of a step each, six units of input at 2^-21, a rounded input times 12
+            // rad/m.
             prop_assert!((a - f64::from(b)).abs() < (5.0 + 12.0) / 65_536.0, "{a} {b}");
         }
         let (back, residual) = fixed.measure(&WheelRates::from(found), &fixed_secants);
@@ -239,8 +243,9 @@ proptest! {
         prop_assert!(residual.abs() < 3e-4, "{residual}");
     }
 
-    /// The same for any robot, roller count and phase, by what the head of the module says. A step of a rate is at most
-    /// 2^-21 of what one unit on all three axes asks of a wheel at most, and there are three of them.
+    /// The same for any robot, roller count and phase, by what the head of the module says. A step
+    /// of a rate is at most 2^-21 of what one unit on all three axes asks of a wheel at most, and
+    /// there are three of them.
     #[test]
     fn fixed_point_follows_on_any_robot(
         (half_track, half_wheelbase) in (0.05..1.0, 0.17..1.0),
@@ -270,8 +275,9 @@ proptest! {
         for (a, b) in rates.iter().zip(found) {
             prop_assert!((a - f64::from(b)).abs() < bound, "{a} {b} {bound}");
         }
-        // The way back, of rates that no rigid motion explains: what four rates mean whose errors are a step of 2^-14
-        // (what leans is found to that), two steps of the result, and 2^-23 of it all.
+        // The way back, of rates that no rigid motion explains: what four rates mean whose errors
+        // are a step of 2^-14 (what leans is found to that), two steps of the result, and 2^-23 of
+        // it all.
         let rates: [f32; 4] = std::array::from_fn(|n| (rates[n] + slips[n]) as f32);
         let rates = WheelRates::from(rates);
         let list: [f32; 4] = rates.into();
@@ -289,7 +295,8 @@ proptest! {
             }
         }
         let pairs = [(want.vx, found.vx), (want.vy, found.vy), (want.omega, found.omega)];
-        // A quarter of the sum of all rates, and what front and rear pair see sideways, each as 1 rad/s.
+        // A quarter of the sum of all rates, and what front and rear pair see sideways, each as 1
+        // rad/s.
         let (side, turn) = (0.5 * radius * angle.to_radians().tan(), 1.0 / half_wheelbase);
         let meant = [Twist::new(0.25 * radius, 0.0, 0.0), Twist::new(0.0, side, side * turn), Twist::new(0.0, side, -side * turn)]
             .map(|twist| mount.to_group(c.remove(twist)));
@@ -330,7 +337,8 @@ proptest! {
         }
     }
 
-    /// Up to 8000 rad/s no sum reaches the end of the range; all wheels ahead, faster ones end there and never wrap.
+    /// Up to 8000 rad/s no sum reaches the end of the range; all wheels ahead, faster ones end
+    /// there and never wrap.
     #[test]
     fn fixed_point_saturates(
         rates in prop::array::uniform4(-8_000.0_f32..8_000.0),
@@ -374,8 +382,8 @@ proptest! {
         prop_assert!((error - error.round()).abs() < 1e-8);
     }
 
-    /// A count is rollers over counts, in steps of 2^-64 to the nearest: against whole numbers of 128 bits. The angle shows
-    /// the upper 32 bits, so 2^32 counts of it show the rest.
+    /// A count is rollers over counts, in steps of 2^-64 to the nearest: against whole numbers of
+    /// 128 bits. The angle shows the upper 32 bits, so 2^32 counts of it show the rest.
     #[test]
     fn a_count_is_a_fraction_of_a_pitch(rollers in 3..200_u16, counts in 800..4_000_000_u32, down in any::<bool>()) {
         let sign = if down { -1 } else { 1 };
@@ -404,8 +412,8 @@ proptest! {
     }
 }
 
-/// Over one passage the wheels turn by a pitch and the robot moves by sin(pi/n)/(pi/n) of it, whatever the phases, when
-/// all wheels have the same.
+/// Over one passage the wheels turn by a pitch and the robot moves by sin(pi/n)/(pi/n) of it,
+/// whatever the phases, when all wheels have the same.
 #[test]
 fn mean_over_a_passage_is_the_closed_form() {
     for count in [6, 8, 10, 12] {
@@ -443,8 +451,8 @@ fn mean_over_a_passage_is_the_closed_form() {
     }
 }
 
-/// One increment over a good part of a roller, with the mean secant: as good as many small ones when the motion is
-/// along one axis.
+/// One increment over a good part of a roller, with the mean secant: as good as many small ones
+/// when the motion is along one axis.
 #[test]
 fn a_long_increment_takes_the_mean_ratio() {
     let rollers = Rollers::<f64>::new(8).unwrap();
@@ -470,8 +478,8 @@ fn a_long_increment_takes_the_mean_ratio() {
     );
 }
 
-/// A wheel of unknown phase: the value is the reciprocal of the mean ratio, the deviation is the secant's spread about
-/// it; both against sums.
+/// A wheel of unknown phase: the value is the reciprocal of the mean ratio, the deviation is the
+/// secant's spread about it; both against sums.
 #[test]
 fn unknown_phase_is_as_unsure_as_the_secants_spread() {
     for count in [6, 8, 12] {
@@ -495,8 +503,8 @@ fn unknown_phase_is_as_unsure_as_the_secants_spread() {
     }
 }
 
-/// Sideways at 0.5 m/s with every phase unknown: each wheel's rate is unsure by deviation times its sideways part, and
-/// vy by half of that (four wheels); ahead nothing changes.
+/// Sideways at 0.5 m/s with every phase unknown: each wheel's rate is unsure by deviation times its
+/// sideways part, and vy by half of that (four wheels); ahead nothing changes.
 #[test]
 fn covariance_reflects_an_unknown_phase() {
     let rollers = Rollers::<f64>::new(8).unwrap();

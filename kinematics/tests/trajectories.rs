@@ -7,7 +7,8 @@ use mecanum_kinematics::trajectory::{
 };
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
-/// Velocity is the derivative of the pose, acceleration that of the velocity; by central differences of 20 us.
+/// Velocity is the derivative of the pose, acceleration that of the velocity; by central
+/// differences of 20 us.
 fn derivatives_agree(motion: &dyn Trajectory<f64>) {
     let h = 1e-5;
     for i in 1..200 {
@@ -26,8 +27,8 @@ fn derivatives_agree(motion: &dyn Trajectory<f64>) {
             ),
         ];
         for (k, (got, want)) in pairs.into_iter().enumerate() {
-            // Truncation h^2/6 of a third derivative of order 1, rounding 1e-16/h. Across a joint of a ramp the
-            // acceleration's slope jumps, and half that jump times h is left.
+            // Truncation h^2/6 of a third derivative of order 1, rounding 1e-16/h. Across a joint
+            // of a ramp the acceleration's slope jumps, and half that jump times h is left.
             assert!(
                 (got - want).abs() < 3e-5,
                 "t {t}, {k}: {got} against {want}"

@@ -1,14 +1,16 @@
-//! A session in a thread of its own, for programs that have something else to do: live views, teleoperation,
-//! the page.
+//! A session in a thread of its own, for programs that have something else to do: live views,
+//! teleoperation, the page.
 //!
-//! A [`Pilot`] opens the bus, observes it, and does what it is told: start, move, stop. It is told a velocity
-//! together with how long that is good for; when nothing newer has come by then it commands standstill, and
-//! the robots ramp by their own limits. That is the dead-man's key: whoever steers must keep saying so.
+//! A [`Pilot`] opens the bus, observes it, and does what it is told: start, move, stop. It is told
+//! a velocity together with how long that is good for; when nothing newer has come by then it
+//! commands standstill, and the robots ramp by their own limits. That is the dead-man's key:
+//! whoever steers must keep saying so.
 //!
 //! An error of the group (a fault, a missing member) ramps the group down, is published as
-//! [`EventKind::Failed`](crate::monitor::telemetry::EventKind::Failed), and leaves the pilot waiting for the next start.
-//! An error of the bus ends it. Orders wait in a queue and are taken once per SYNC period, or every 50 ms while
-//! nothing runs. Give it a bus in real time: see [`SimLink::in_real_time`](crate::simulation::link::SimLink::in_real_time).
+//! [`EventKind::Failed`](crate::monitor::telemetry::EventKind::Failed), and leaves the pilot
+//! waiting for the next start. An error of the bus ends it. Orders wait in a queue and are taken
+//! once per SYNC period, or every 50 ms while nothing runs. Give it a bus in real time: see
+//! [`SimLink::in_real_time`](crate::simulation::link::SimLink::in_real_time).
 
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
@@ -35,8 +37,8 @@ pub enum Order {
     Start,
     /// Ramp down and leave OPERATIONAL.
     Stop,
-    /// Move with this velocity (group frame) for at most so many µs; beyond the limits of the group file it
-    /// is scaled down in its direction. Without effect unless started.
+    /// Move with this velocity (group frame) for at most so many µs; beyond the limits of the group
+    /// file it is scaled down in its direction. Without effect unless started.
     Twist(Twist, u64),
 }
 
@@ -203,7 +205,8 @@ fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), Mast
     Ok(())
 }
 
-/// `twist`, slowed down in its direction as far as the group's limits ask; standstill for what is no number.
+/// `twist`, slowed down in its direction as far as the group's limits ask; standstill for what is
+/// no number.
 fn within(twist: Twist, file: &GroupFile) -> Twist {
     let limits = &file.limits;
     let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;

@@ -1,8 +1,9 @@
 //! One whole drive along a path: the session of the master with the robots, and what it came to.
 //!
-//! [`session`] is the same on every bus. [`measured`] drives real robots and takes their own wheels' word for where they
-//! went, or an outside observer's; [`simulated`](crate::simulation::run::simulated) drives in a simulated world and
-//! knows the truth.
+//! [`session`] is the same on every bus. [`measured`] drives real robots and takes their own
+//! wheels' word for where they went, or an outside observer's;
+//! [`simulated`](crate::simulation::run::simulated) drives in a simulated world and knows the
+//! truth.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,8 @@ pub struct Drive<'a> {
     pub group: &'a GroupFile,
     /// The curve, and how it is to be driven.
     pub course: Course,
-    /// Feedback from where the group is seen to be; without it the group is driven by the curve alone.
+    /// Feedback from where the group is seen to be; without it the group is driven by the curve
+    /// alone.
     pub feedback: Option<Feedback>,
     /// Whether members compensate for wheel slip.
     pub compensation: bool,
@@ -190,8 +192,8 @@ pub(crate) struct Driven {
     pub punctuality: Option<Punctuality>,
 }
 
-/// One session of the master along `plan`: claims the bus, configures, starts, drives and stands again. `watch` is called
-/// before the path begins with `None`, and at every SYNC of it.
+/// One session of the master along `plan`: claims the bus, configures, starts, drives and stands
+/// again. `watch` is called before the path begins with `None`, and at every SYNC of it.
 pub(crate) fn session<L: Link>(
     link: L,
     drive: &Drive<'_>,
@@ -245,8 +247,8 @@ pub(crate) fn has_rollers(group: &GroupFile) -> bool {
     group.robots.iter().any(|robot| robot.rollers.is_some())
 }
 
-/// Drives the robots on a real bus. The path is what their own wheels say; where another source of poses was
-/// given, the errors are by that. Returns how punctual SYNC was, too.
+/// Drives the robots on a real bus. The path is what their own wheels say; where another source of
+/// poses was given, the errors are by that. Returns how punctual SYNC was, too.
 ///
 /// # Errors
 /// When anything on the way fails; the group has then been told to stand.

@@ -1,5 +1,5 @@
-//! Calibration on simulated floors, and what it is worth on the curves of the paper: every axis of circle and
-//! figure-eight within 0.5 %, within 0.15 % where the robots know their rollers.
+//! Calibration on simulated floors, and what it is worth on the curves of the paper: every axis of
+//! circle and figure-eight within 0.5 %, within 0.15 % where the robots know their rollers.
 
 use group::{GroupFile, Plant, Tables};
 use kinematics::Pose;
@@ -15,7 +15,8 @@ use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
 use omnibus::simulation::run::{simulated, world};
 
-/// Per cent: what there is to mend at least without calibration, and the bound of every axis with it.
+/// Per cent: what there is to mend at least without calibration, and the bound of every axis with
+/// it.
 #[derive(Clone, Copy)]
 struct Bounds {
     before: f64,
@@ -122,9 +123,9 @@ fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
     holds(&contact::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
 }
 
-/// The hand-over of the contact plant's eight rollers costs 0.00127 s/m: the momentum of `sim/tests/contact_rollers.rs`,
-/// 0.0636 % at 0.5 m/s. A row is known to a ten-thousandth or so, and the rows end 0.2 m/s apart:
-/// 0.0005 s/m.
+/// The hand-over of the contact plant's eight rollers costs 0.00127 s/m: the momentum of
+/// `sim/tests/contact_rollers.rs`, 0.0636 % at 0.5 m/s. A row is known to a ten-thousandth or so,
+/// and the rows end 0.2 m/s apart: 0.0005 s/m.
 #[test]
 fn a_calibration_with_known_rollers_tells_their_hand_over_apart() {
     let file = contact::with_phases(&contact::on_contact(&group("single"), 8));

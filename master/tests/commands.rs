@@ -1,5 +1,5 @@
-//! Each command against the simulator, and what it prints. The simulated bus is the same to the byte every
-//! time, so the texts in `snapshots/` are what a user sees.
+//! Each command against the simulator, and what it prints. The simulated bus is the same to the
+//! byte every time, so the texts in `snapshots/` are what a user sees.
 
 mod common;
 
@@ -291,7 +291,8 @@ fn asked_for(line: &str) -> Vec<f64> {
 
 #[test]
 fn calibrate_by_tape() {
-    // 3 % are lost sideways in the twelve straight motions; with the compensation in force, nothing.
+    // 3 % are lost sideways in the twelve straight motions; with the compensation in force,
+    // nothing.
     let output = by_tape(|n, line| {
         let mut numbers = asked_for(line);
         let lateral = line.contains("to the left") && !line.contains("degrees");

@@ -1,10 +1,11 @@
-//! `omnibus calibrate --phase` as a user runs it, on robots with rollers of random phase: from gyros with the noise and
-//! the bias of inexpensive ones, and from poses.
+//! `omnibus calibrate --phase` as a user runs it, on robots with rollers of random phase: from
+//! gyros with the noise and the bias of inexpensive ones, and from poses.
 //!
-//! The bounds were set before anything was measured. A phasor of amplitude A in white noise of density N is known to
-//! N / (A sqrt(T)) after T seconds. Here A is the yaw rate that the fundamental of one wheel's secant makes, `2 / n^2` of
-//! the rims' sideways speed, at four lever arms; T is eight motions of ten seconds; and an angle of the wheel is an nth
-//! of the phasor's. Four of these deviations are allowed, and a thousandth of a pitch for what the model leaves out.
+//! The bounds were set before anything was measured. A phasor of amplitude A in white noise of
+//! density N is known to N / (A sqrt(T)) after T seconds. Here A is the yaw rate that the
+//! fundamental of one wheel's secant makes, `2 / n^2` of the rims' sideways speed, at four lever
+//! arms; T is eight motions of ten seconds; and an angle of the wheel is an nth of the phasor's.
+//! Four of these deviations are allowed, and a thousandth of a pitch for what the model leaves out.
 
 mod common;
 
@@ -166,7 +167,8 @@ fn calibrate(name: &str, which: (u8, f64, u64), drives: bool) -> usize {
     pairs.filter(|(error, sure)| error.abs() < *sure).count()
 }
 
-/// Three seeds each, and one robot with other rollers' angles. Of 40 intervals of 95 % the truth is outside of 6 or more once in 70 times, were they independent.
+/// Three seeds each, and one robot with other rollers' angles. Of 40 intervals of 95 % the truth is
+/// outside of 6 or more once in 70 times, were they independent.
 #[test]
 fn a_gyro_shows_the_phases() {
     let mut inside = 0;
@@ -180,7 +182,8 @@ fn a_gyro_shows_the_phases() {
     assert!(inside >= 35);
 }
 
-/// Poses without noise: the thousandth of a pitch that the model is trusted to, twice, because that is for 95 %.
+/// Poses without noise: the thousandth of a pitch that the model is trusted to, twice, because that
+/// is for 95 %.
 #[test]
 fn poses_show_the_phases() {
     for (rollers, seed) in [(8, 4), (10, 5), (12, 6)] {
@@ -200,8 +203,8 @@ fn poses_show_the_phases() {
     }
 }
 
-/// What cannot be known is not made up: noise two hundred times as dense, a gyro with 10 samples a second, other
-/// rollers than said, and wheels that do not ripple at all.
+/// What cannot be known is not made up: noise two hundred times as dense, a gyro with 10 samples a
+/// second, other rollers than said, and wheels that do not ripple at all.
 #[test]
 fn what_does_not_show_is_refused() {
     let gyro = ["--gyro", "sim"];
@@ -225,7 +228,8 @@ fn what_does_not_show_is_refused() {
     }
 }
 
-/// A gyro whose connection goes in the middle of a motion: its error comes through, and the robot stands.
+/// A gyro whose connection goes in the middle of a motion: its error comes through, and the robot
+/// stands.
 #[test]
 fn a_robot_whose_gyro_is_lost_is_stopped() {
     use std::io::Write as _;

@@ -1,4 +1,5 @@
-//! What was on the bus is in the recording, whole or cut off; a candump log goes in and out unchanged.
+//! What was on the bus is in the recording, whole or cut off; a candump log goes in and out
+//! unchanged.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};

@@ -352,8 +352,8 @@ pub mod motor {
     }
 }
 
-/// What an identification has found, one record for each wheel at 0x2052 to 0x2055, with the sub-indices of
-/// [`motor`].
+/// What an identification has found, one record for each wheel at 0x2052 to 0x2055, with the
+/// sub-indices of [`motor`].
 pub mod identified {
     use super::Address;
 
@@ -373,7 +373,8 @@ pub mod identified {
     }
 }
 
-/// A wheel of its own kind, at 0x2014 to 0x2017 in the order front left, front right, rear left, rear right.
+/// A wheel of its own kind, at 0x2014 to 0x2017 in the order front left, front right, rear left,
+/// rear right.
 pub mod wheel {
     use super::Address;
 
@@ -411,7 +412,8 @@ pub mod wheel {
     }
 }
 
-/// The histories: faults at 0x2122 (codes) and 0x2123 (times), limits at 0x2124 and 0x2125; sub-index 1 is the newest.
+/// The histories: faults at 0x2122 (codes) and 0x2123 (times), limits at 0x2124 and 0x2125;
+/// sub-index 1 is the newest.
 pub mod history {
     use super::Address;
 

@@ -77,7 +77,8 @@ macro_rules! codes {
 codes! {
     /// Something holds the robot back, but it moves.
     Limit {
-        /// This robot's wheels cannot turn as fast as the group twist asks; the group is scaled down.
+        /// This robot's wheels cannot turn as fast as the group twist asks; the group is scaled
+        /// down.
         WheelRate = 0x0001,
         /// Another member's wheels are the slowest; the group is scaled down.
         GroupScale = 0x0002,
@@ -93,13 +94,16 @@ codes! {
         Supply = 0x0007,
         /// A setpoint was ignored: invalid, or with a sequence that does not follow the last.
         Setpoint = 0x0008,
-        /// A wheel's index came at an unexpected angle, or not at all; the wheel computes with the mean over its rollers.
+        /// A wheel's index came at an unexpected angle, or not at all; the wheel computes with the
+        /// mean over its rollers.
         RollerPhase = 0x0009,
         /// A wheel's controller asks for more than the torque bound allows.
         Torque = 0x000A,
-        /// The CAN controller is error passive, or was and its error counters are still above 95; see 0x2130.
+        /// The CAN controller is error passive, or was and its error counters are still above 95;
+        /// see 0x2130.
         BusErrors = 0x000B,
-        /// Started, but setpoints ask for motion: first they must stay near standstill, see 0x2042:1.
+        /// Started, but setpoints ask for motion: first they must stay near standstill, see
+        /// 0x2042:1.
         AwaitingStandstill = 0x000C,
         /// SYNC comes at another period than object 0x2041:1 says; the robot does not follow.
         SyncPeriod = 0x000D,
@@ -161,7 +165,8 @@ codes! {
         StrainExcess = 0xFF19,
         /// The supply voltage is too high, or cannot be measured.
         SupplyHigh = 0x3210,
-        /// Members would not do the same: twist understood, group parameters or communication objects differ.
+        /// Members would not do the same: twist understood, group parameters or communication
+        /// objects differ.
         PlanMismatch = 0xFF1B,
         /// Another robot sends with this one's node number.
         DuplicateNode = 0xFF1C,

@@ -1,8 +1,8 @@
 //! The compensation set: tables over speed and direction as one object, 0x2013:1.
 //!
-//! One set is one value of type DOMAIN, so SDO brings it whole or not at all, and it carries what is needed to tell
-//! that it is whole: a CRC, and a version that whoever writes it chooses (a date such as 20261121 serves). All numbers
-//! are little-endian:
+//! One set is one value of type DOMAIN, so SDO brings it whole or not at all, and it carries what
+//! is needed to tell that it is whole: a CRC, and a version that whoever writes it chooses (a date
+//! such as 20261121 serves). All numbers are little-endian:
 //!
 //! | bytes | |
 //! |---|---|
@@ -14,11 +14,11 @@
 //! | 6 a row | oblique: speed, longitudinal coefficient, lateral coefficient |
 //! | 4 a row | yaw: rate, coefficient |
 //!
-//! A speed is an UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, the achieved one, rising from row to row and above zero. A
-//! coefficient is an UNSIGNED16 in 1/32768, commanded over achieved velocity, at least 0.5; 0 is refused like
-//! everything below that. An axis without rows has the constant of 0x2012. With oblique rows, longitudinal and lateral
-//! go by the speed of the whole motion and the coefficient at 45 degrees stands between them; without, each axis goes
-//! by its own speed.
+//! A speed is an UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, the achieved one, rising from row to row and
+//! above zero. A coefficient is an UNSIGNED16 in 1/32768, commanded over achieved velocity, at
+//! least 0.5; 0 is refused like everything below that. An axis without rows has the constant of
+//! 0x2012. With oblique rows, longitudinal and lateral go by the speed of the whole motion and the
+//! coefficient at 45 degrees stands between them; without, each axis goes by its own speed.
 
 use crate::crc::{crc32, crc32_of};
 

@@ -61,8 +61,8 @@ pub const PRODUCT: u32 = 0x4F4D_4E49;
 
 /// How long after the SYNC that puts a setpoint in force the robots act on it, us.
 ///
-/// Longer than SYNC may jitter, so that all robots have it by then. A setpoint latched at SYNC *k* is
-/// therefore begun at SYNC *k+1* plus this, and reached one SYNC period later.
+/// Longer than SYNC may jitter, so that all robots have it by then. A setpoint latched at SYNC *k*
+/// is therefore begun at SYNC *k+1* plus this, and reached one SYNC period later.
 pub const APPLY_DELAY_US: u64 = 2_000;
 
 /// Node number of the master.

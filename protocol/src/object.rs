@@ -412,7 +412,8 @@ pub struct Entry {
     pub required: bool,
     /// Number of its limits and default.
     range: u8,
-    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a parameter.
+    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a
+    /// parameter.
     pub slot: Option<u8>,
 }
 

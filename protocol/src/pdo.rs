@@ -240,7 +240,8 @@ pub struct MemberStatus {
     pub slip_residual: Option<f32>,
     /// The most important limit or fault.
     pub code: Code,
-    /// Checksum over what this member is about to do, see [`crate::Plan`]; members that differ stop the group.
+    /// Checksum over what this member is about to do, see [`crate::Plan`]; members that differ stop
+    /// the group.
     pub plan: u8,
 }
 

@@ -1,4 +1,5 @@
-//! Which PDOs a robot has, and which record each of them carries from the first sub-index to the last.
+//! Which PDOs a robot has, and which record each of them carries from the first sub-index to the
+//! last.
 
 use crate::object::Object;
 use crate::table::OBJECTS;

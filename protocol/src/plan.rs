@@ -1,14 +1,16 @@
 //! A checksum over what a member is about to do.
 //!
-//! Members that echo one sequence may still mean different things by it: one decodes the setpoint through another PDO
-//! mapping, has another acceleration limit, or has heard another twist. So each publishes eight bits over all of that
-//! ([`crate::MemberStatus::plan`]), and members whose eight bits differ stop the group.
+//! Members that echo one sequence may still mean different things by it: one decodes the setpoint
+//! through another PDO mapping, has another acceleration limit, or has heard another twist. So each
+//! publishes eight bits over all of that ([`crate::MemberStatus::plan`]), and members whose eight
+//! bits differ stop the group.
 //!
-//! The checksum is the top byte of a hash over sixteen bytes: the group CRC (object 0x2002:3), the CRC of the
-//! communication objects, and the setpoint as the robot understood it, laid out as on the bus. The hash is FNV-1a (32
-//! bits) with the finish of MurmurHash3. Both multiply, so two members with a lasting difference have new checksums with
-//! every setpoint: they agree by chance in one of 256, and not for long. (The difference of two CRCs over equally
-//! changing data would stay what it is.)
+//! The checksum is the top byte of a hash over sixteen bytes: the group CRC (object 0x2002:3), the
+//! CRC of the communication objects, and the setpoint as the robot understood it, laid out as on
+//! the bus. The hash is FNV-1a (32 bits) with the finish of MurmurHash3. Both multiply, so two
+//! members with a lasting difference have new checksums with every setpoint: they agree by chance
+//! in one of 256, and not for long. (The difference of two CRCs over equally changing data would
+//! stay what it is.)
 
 use crate::crc::crc32;
 
@@ -74,7 +76,8 @@ mod tests {
         assert_eq!(b"foobar".iter().copied().fold(OFFSET, mix), 0xBF9C_F968);
     }
 
-    /// Two members with a lasting difference, over all sequences: chance is one in 256, and one after the other in 65 536.
+    /// Two members with a lasting difference, over all sequences: chance is one in 256, and one
+    /// after the other in 65 536.
     #[test]
     fn a_lasting_difference_is_seen_at_the_next_setpoint_at_the_latest() {
         for other in 1..200_u32 {

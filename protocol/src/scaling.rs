@@ -17,7 +17,8 @@ pub const YAW_RATE_STEPS: f32 = 10_000.0;
 /// Steps per rad/s of a wheel rate: one LSB is 2 mrad/s, the range +-65.534 rad/s.
 pub const WHEEL_RATE_STEPS: f32 = 500.0;
 
-/// Steps per rad/s of the magnitude of a slip residual: one LSB is 20 mrad/s, the range 0 to 5.08 rad/s.
+/// Steps per rad/s of the magnitude of a slip residual: one LSB is 20 mrad/s, the range 0 to 5.08
+/// rad/s.
 pub const SLIP_STEPS: f32 = 50.0;
 
 /// Steps per metre of a pose field: one LSB is 0.1 mm, the range is +-838.8607 m.
@@ -39,8 +40,8 @@ const MAX_I24: i32 = 0x7F_FFFF;
 
 /// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; not for NaN.
 ///
-/// `core` cannot split an `f32`; micromath's `fract` can, exactly for everything below 2^32 (its `round` adds
-/// a half first, which makes a one of 0.49999997).
+/// `core` cannot split an `f32`; micromath's `fract` can, exactly for everything below 2^32 (its
+/// `round` adds a half first, which makes a one of 0.49999997).
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the limit is an i32, and the fraction is looked at separately"
@@ -58,7 +59,8 @@ fn nearest(value: f32, limit: i32) -> i32 {
     }
 }
 
-/// The magnitude of `value` in steps, rounded to nearest and saturated to 254; NaN becomes [`INVALID_U8`].
+/// The magnitude of `value` in steps, rounded to nearest and saturated to 254; NaN becomes
+/// [`INVALID_U8`].
 #[must_use]
 pub fn encode_magnitude(value: f32, steps: f32) -> u8 {
     if value.is_nan() {

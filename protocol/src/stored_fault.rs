@@ -1,4 +1,5 @@
-//! A fault as a robot keeps it over a power loss, and as object 0x2128 tells it: eight words, little-endian.
+//! A fault as a robot keeps it over a power loss, and as object 0x2128 tells it: eight words,
+//! little-endian.
 //!
 //! | bytes | |
 //! |---|---|
@@ -20,7 +21,8 @@ pub struct StoredFault {
     pub time_ms: u32,
     /// Supply voltage, V, where it is measured.
     pub supply: Option<f32>,
-    /// Measured wheel rates, rad/s, positive forward: front left, front right, rear left, rear right.
+    /// Measured wheel rates, rad/s, positive forward: front left, front right, rear left, rear
+    /// right.
     pub rates: [f32; 4],
 }
 

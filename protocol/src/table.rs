@@ -1,8 +1,8 @@
-//! Every object of a robot beyond the communication profile: type, access, limits, default, text. The pages, the EDS
-//! and the DBC are generated from this table.
+//! Every object of a robot beyond the communication profile: type, access, limits, default, text.
+//! The pages, the EDS and the DBC are generated from this table.
 //!
-//! A new object also needs its address and name in `address`; if it is not a plain parameter, `robot::dictionary`
-//! has to answer it.
+//! A new object also needs its address and name in `address`; if it is not a plain parameter,
+//! `robot::dictionary` has to answer it.
 //!
 //! A parameter marked *required* has a default only so that it can be read: the robot refuses to
 //! enable its drivers until it has been written. A parameter is checked against its limits when it

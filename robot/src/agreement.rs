@@ -3,9 +3,9 @@
 //! 1. At SYNC *k* every member latches the twist received before it, works out the scale at which
 //!    its own wheels could follow, and publishes it with the sequence it latched.
 //! 2. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
-//! 3. A member that was not heard since SYNC *k*, is in no state to follow, echoes another sequence,
-//!    or would do something else with it (see [`protocol::Plan`]), counts as scale 0, and scale 0 is a
-//!    stop.
+//! 3. A member that was not heard since SYNC *k*, is in no state to follow, echoes another
+//!    sequence, or would do something else with it (see [`protocol::Plan`]), counts as scale 0, and
+//!    scale 0 is a stop.
 //!
 //! Every member runs this on the same frames in the same order and compares the same integers, its
 //! own published scale included, so all of them decide the same. No member leads.
@@ -89,15 +89,16 @@ impl Agreement {
         }
     }
 
-    /// Whether every one of `members` (a mask of nodes) but this `node` was heard since the last SYNC.
+    /// Whether every one of `members` (a mask of nodes) but this `node` was heard since the last
+    /// SYNC.
     #[must_use]
     pub fn is_complete(&self, members: u32, node: u8) -> bool {
         let mut votes = (FIRST_ROBOT..).zip(&self.votes);
         votes.all(|(other, vote)| other == node || members >> other & 1 == 0 || vote.is_some())
     }
 
-    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint about which this `node`
-    /// published its `own`? The votes are used up by that.
+    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint about which this
+    /// `node` published its `own`? The votes are used up by that.
     pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
         let votes = core::mem::replace(&mut self.votes, [None; MAX_ROBOTS]);
         if own.scale == Scale::ZERO {

@@ -210,13 +210,15 @@ fn rollers(parameters: &Parameters) -> Result<Option<RollerConfiguration>, Confi
     Ok((!configuration.is_ideal()).then_some(configuration))
 }
 
-/// Clocks of 90 MHz for which a channel must keep its level to get through its filter, by 0x202B:1 (RM0390 18.4.7).
+/// Clocks of 90 MHz for which a channel must keep its level to get through its filter, by 0x202B:1
+/// (RM0390 18.4.7).
 const FILTER_CLOCKS: [f32; 16] = [
     0.0, 2.0, 4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 80.0, 96.0, 128.0, 160.0, 192.0, 256.0,
 ];
 const FILTER_HZ: f32 = 90e6;
 
-/// The filter of the encoder channels. A level lasts two counts; uneven channels may take one of them away.
+/// The filter of the encoder channels. A level lasts two counts; uneven channels may take one of
+/// them away.
 fn encoder_filter(parameters: &Parameters) -> Result<u8, ConfigurationError> {
     let [filter, ..] = parameters.unsigned(at::ENCODER_FILTER).to_le_bytes();
     let clocks = FILTER_CLOCKS.get(usize::from(filter)).copied();
@@ -308,10 +310,12 @@ fn torque(parameters: &Parameters) -> f32 {
     }
 }
 
-/// What four motors may take at most, over what [`torque`] allows them: no sensor and no resistance is exact.
+/// What four motors may take at most, over what [`torque`] allows them: no sensor and no resistance
+/// is exact.
 const CURRENT_MARGIN: f32 = 1.25;
 
-/// The sensors of the motors' current, if there are any. They must be able to show more than is allowed.
+/// The sensors of the motors' current, if there are any. They must be able to show more than is
+/// allowed.
 fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, ConfigurationError> {
     let scale = parameters.real(at::CURRENT_SCALE);
     if scale == 0.0 {
@@ -332,7 +336,8 @@ fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, Conf
     }))
 }
 
-/// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still waits for a ramp.
+/// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still
+/// waits for a ramp.
 fn check_stop(parameters: &Parameters, drivetrain: &Drivetrain) -> Result<(), ConfigurationError> {
     let real = |address| parameters.real(address);
     let axes = [
@@ -356,7 +361,8 @@ fn check_stop(parameters: &Parameters, drivetrain: &Drivetrain) -> Result<(), Co
     Ok(())
 }
 
-/// A counter of 16 bits must not go half way round between two ticks, however late the second may be.
+/// A counter of 16 bits must not go half way round between two ticks, however late the second may
+/// be.
 fn check_counts(parameters: &Parameters) -> Result<(), ConfigurationError> {
     let rate = parameters.real(at::WHEEL_RATE_MAX) * parameters.real(at::GEAR_RATIO);
     for place in 0..4 {
@@ -387,7 +393,8 @@ fn check_gains(parameters: &Parameters) -> Result<(), ConfigurationError> {
     Ok(())
 }
 
-/// The nominal supply lies between its bounds, and what the input can show reaches to the upper one.
+/// The nominal supply lies between its bounds, and what the input can show reaches to the upper
+/// one.
 fn check_supply(parameters: &Parameters) -> Result<(), ConfigurationError> {
     let real = |address| parameters.real(address);
     let (nominal, maximum) = (real(at::SUPPLY_NOMINAL), real(at::SUPPLY_MAXIMUM));

@@ -1,12 +1,14 @@
-//! The last eight faults, over power losses: each with the number of the start, the time since then, the supply voltage
-//! and the wheel rates.
+//! The last eight faults, over power losses: each with the number of the start, the time since
+//! then, the supply voltage and the wheel rates.
 //!
-//! They lie here; the platform puts them into flash and gives them back at start-up, the newest last. Since flash stops the
-//! program while it is written, that is done at rest only: when the outputs have been off for [`REST_US`]. To
-//! bound the wear it begins [`FIRST_US`] after start-up, so a robot that is reset again and again sooner writes nothing,
-//! and there are [`PAUSE_US`] between two turns, in each of which eight faults can be written at most: those that
-//! fall out before are not among the last eight. A fault that comes again while the robot stands, as every
-//! start does that is refused, is kept once. If the flash fails, nothing more is written in this run.
+//! They lie here; the platform puts them into flash and gives them back at start-up, the newest
+//! last. Since flash stops the program while it is written, that is done at rest only: when the
+//! outputs have been off for [`REST_US`]. To bound the wear it begins [`FIRST_US`] after start-up,
+//! so a robot that is reset again and again sooner writes nothing, and there are [`PAUSE_US`]
+//! between two turns, in each of which eight faults can be written at most: those that fall out
+//! before are not among the last eight. A fault that comes again while the robot stands, as every
+//! start does that is refused, is kept once. If the flash fails, nothing more is written in this
+//! run.
 
 use canopen::Micros;
 use protocol::StoredFault;
@@ -184,7 +186,8 @@ mod tests {
         assert_eq!(store(&mut memory, off + Micros(REST_US)), 2);
     }
 
-    /// A fault every millisecond for an hour, each different from the one before: 8 are written every 10 s.
+    /// A fault every millisecond for an hour, each different from the one before: 8 are written
+    /// every 10 s.
     #[test]
     fn a_storm_of_faults_writes_eight_every_ten_seconds() {
         let mut memory = FaultMemory::new();

@@ -1,9 +1,10 @@
 //! Nothing moves right after a start: first the master must ask for standstill.
 //!
-//! A master that goes on streaming a speed, or whose stick is not in the middle, would move the group with the first
-//! setpoint after an NMT start. So a started member permits nothing but standstill until all members have agreed on
-//! standstill at several SYNCs in a row. It expresses that by its vote, scale 0, and it counts decisions, which are the
-//! same in every member; so all are ready at the same SYNC, and one that was started late holds all of them back.
+//! A master that goes on streaming a speed, or whose stick is not in the middle, would move the
+//! group with the first setpoint after an NMT start. So a started member permits nothing but
+//! standstill until all members have agreed on standstill at several SYNCs in a row. It expresses
+//! that by its vote, scale 0, and it counts decisions, which are the same in every member; so all
+//! are ready at the same SYNC, and one that was started late holds all of them back.
 
 use kinematics::Twist;
 
@@ -31,8 +32,8 @@ impl Interlock {
         }
     }
 
-    /// Whether a member that has not moved yet may vote for standstill. Not right after a start: the others, which may have
-    /// counted already, learn of it by the vote that is missing.
+    /// Whether a member that has not moved yet may vote for standstill. Not right after a start:
+    /// the others, which may have counted already, learn of it by the vote that is missing.
     pub const fn permits_standstill(&mut self) -> bool {
         !core::mem::replace(&mut self.started, false)
     }

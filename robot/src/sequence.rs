@@ -2,14 +2,15 @@
 //!
 //! A setpoint is *fresh* when its sequence lies 1 to 127 ahead of the last one, wrapping. The same
 //! sequence again is a repetition, and says nothing new; one that lies behind is stale. Neither
-//! resets the time-out, so a master that got stuck, or a frame from the past, stops the group. After
-//! a start any sequence is taken but the one that was in force before: that could be an old frame.
+//! resets the time-out, so a master that got stuck, or a frame from the past, stops the group.
+//! After a start any sequence is taken but the one that was in force before: that could be an old
+//! frame.
 //!
 //! One master sends one setpoint per SYNC and its sequence goes up. More than one in a SYNC period,
 //! sequences that jump back and forth, or SYNC counters that run backwards or repeat, mean that two
-//! masters speak. Each such disorder adds two to a score, each orderly setpoint takes one away, so that
-//! a single doubled frame is forgiven and two masters are found out within six SYNCs. SYNCs that are
-//! lost are no disorder: see [`crate::rhythm`].
+//! masters speak. Each such disorder adds two to a score, each orderly setpoint takes one away, so
+//! that a single doubled frame is forgiven and two masters are found out within six SYNCs. SYNCs
+//! that are lost are no disorder: see [`crate::rhythm`].
 
 use canopen::Micros;
 use protocol::{DecodeError, GroupTwist};

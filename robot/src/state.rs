@@ -183,7 +183,8 @@ mod tests {
         matches!(state, State::Ready | State::Faulted(_))
     }
 
-    /// Every state with every happening, against a table written out by hand. A dash is "no change".
+    /// Every state with every happening, against a table written out by hand. A dash is "no
+    /// change".
     #[test]
     fn every_state_with_every_happening() {
         use Happening as H;

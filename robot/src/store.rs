@@ -1,8 +1,8 @@
 //! What the robot keeps over a power loss, as one image.
 //!
 //! The bus side hands the image out when a master asks to save or to restore (objects 0x1010 and
-//! 0x1011), and takes one at start. The platform stores it as a whole; where, and how that survives a
-//! power loss, is its matter. The image:
+//! 0x1011), and takes one at start. The platform stores it as a whole; where, and how that survives
+//! a power loss, is its matter. The image:
 //!
 //! | bytes | |
 //! |---|---|
@@ -15,8 +15,8 @@
 //!
 //! All numbers are little-endian. An image is looked at as a whole before any of it takes effect: a
 //! wrong CRC, an object this program does not know, or a value out of its limits refuses all of it,
-//! and the robot says which object it was. To restore the defaults is to save an image without them,
-//! so both have one way into the memory.
+//! and the robot says which object it was. To restore the defaults is to save an image without
+//! them, so both have one way into the memory.
 //!
 //! Saving happens only at rest, and a robot that has been asked to save does not start before that
 //! is over: while flash is written or erased, the program stands still.
@@ -185,7 +185,8 @@ fn check(image: &[u8]) -> Result<Parameters, Address> {
     }
 }
 
-/// The node-ID that LSS has stored in an image, if the image is whole. It comes before the switches.
+/// The node-ID that LSS has stored in an image, if the image is whole. It comes before the
+/// switches.
 #[must_use]
 pub fn stored_node(image: &[u8]) -> Option<NodeId> {
     let (crc, content) = image.split_first_chunk::<CRC>()?;
@@ -229,7 +230,8 @@ impl Writer {
 }
 
 impl Dictionary {
-    /// Makes the image to store; what is not given, the communication part or the node, stays as it is stored.
+    /// Makes the image to store; what is not given, the communication part or the node, stays as it
+    /// is stored.
     #[inline(never)]
     fn ask(
         &mut self,

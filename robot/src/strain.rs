@@ -1,9 +1,9 @@
 //! Do the members agree on how the group moves?
 //!
-//! Every member publishes the group twist its own wheels measure. On a rigid load all of them must be
-//! the same; what differs is slip or strain in the load. The difference to each other member is looked
-//! at where it acts: as a velocity at this robot's own place, so that a difference in yaw counts the
-//! more the longer the lever is.
+//! Every member publishes the group twist its own wheels measure. On a rigid load all of them must
+//! be the same; what differs is slip or strain in the load. The difference to each other member is
+//! looked at where it acts: as a velocity at this robot's own place, so that a difference in yaw
+//! counts the more the longer the lever is.
 
 use canopen::Micros;
 use kinematics::Twist;
@@ -13,8 +13,9 @@ use crate::configuration::Configuration;
 use crate::math::sqrt;
 use crate::threshold::{Hysteresis, Lasting};
 
-/// How long the fault threshold must be exceeded, us. A wheel that is blocked strains the load at once, and the wheel
-/// watch of its robot needs 200 ms by default to name it: a consequence must not be announced before its cause.
+/// How long the fault threshold must be exceeded, us. A wheel that is blocked strains the load at
+/// once, and the wheel watch of its robot needs 200 ms by default to name it: a consequence must
+/// not be announced before its cause.
 const FAULT_US: u64 = 300_000;
 
 /// Compares measured twists at every SYNC.

@@ -1,6 +1,8 @@
-//! The store on a flash whose power fails: at every operation, in each of several ways, at random, and twice in a row.
+//! The store on a flash whose power fails: at every operation, in each of several ways, at random,
+//! and twice in a row.
 //!
-//! What is found afterwards is the old state or the new one. Time is counted in words read and operations done.
+//! What is found afterwards is the old state or the new one. Time is counted in words read and
+//! operations done.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -228,8 +230,8 @@ fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_image() {
             let is_new = found == Some(image(complete + 1));
             let name = format!("{left:?} of operation {cut}, after {complete} saves");
             assert!(found == old || is_new, "{name}");
-            // Whoever waits for an answer in vain finds that nothing has changed, or the robot says so; or the save was
-            // complete but for its last word.
+            // Whoever waits for an answer in vain finds that nothing has changed, or the robot says
+            // so; or the save was complete but for its last word.
             let saves = store.wear().saves as usize;
             assert_eq!(saves, complete + usize::from(is_new), "{name}");
             assert_eq!(store.wear().cut, u32::from(told), "{name}");
@@ -269,7 +271,8 @@ fn wear_is_counted_and_kept() {
     assert_eq!(load(&store), Some(image(SAVES)));
 }
 
-/// What a robot may spend: every word of both sectors read twice at a start, and with what a save copies four times.
+/// What a robot may spend: every word of both sectors read twice at a start, and with what a save
+/// copies four times.
 #[test]
 fn neither_the_count_nor_the_size_of_saves_makes_a_start_or_a_save_slower() {
     let words = 2 * SECTOR as usize / 4;
@@ -390,7 +393,8 @@ fn the_last_eight_faults_are_kept_in_order() {
 #[test]
 fn what_has_decayed_is_not_used_and_stops_nobody() {
     let flash = Fake::<SHORT>::new();
-    // An older image lies in the other sector and another one before the newest: neither must be taken.
+    // An older image lies in the other sector and another one before the newest: neither must be
+    // taken.
     save_all(flash.power_on());
     let mut store = flash.power_on();
     for fault in 0..3_u32 {
@@ -446,8 +450,8 @@ fn any_content_can_be_opened_and_written() {
     }
 }
 
-/// Flashes as the version before left them, the half track they hold in m (0.4 saved first, 0.5 later), and
-/// whether a save was cut off.
+/// Flashes as the version before left them, the half track they hold in m (0.4 saved first, 0.5
+/// later), and whether a save was cut off.
 const BEFORE: [(&str, &[u8], f32, bool); 5] = [
     (
         "one image",

@@ -1,14 +1,16 @@
-//! What the motors of one robot share: a battery with internal resistance, and a supply that takes no charge.
+//! What the motors of one robot share: a battery with internal resistance, and a supply that takes
+//! no charge.
 //!
-//! The bridges draw `I = sum(duty i)` and the terminals are at `U = E - R I`. Each motor's current at the
-//! end of a step is `a + b U`, see [`Motor::admittance`]; so `U = (E - R sum(duty a)) / (1 + R sum(duty b))`,
-//! which is stable for any resistance. Motors that brake charge it. The voltage without load may follow
-//! the charge.
+//! The bridges draw `I = sum(duty i)` and the terminals are at `U = E - R I`. Each motor's current
+//! at the end of a step is `a + b U`, see [`Motor::admittance`]; so `U = (E - R sum(duty a)) / (1 +
+//! R sum(duty b))`, which is stable for any resistance. Motors that brake charge it. The voltage
+//! without load may follow the charge.
 //!
-//! A bench supply, or a battery whose protection has opened for charging, gives current and takes none. Then what
-//! the motors send back stays in the capacitors at the bridges: `C dU = -I dt`, in a step from `U0` to
-//! `U = (C U0 - dt sum(duty a)) / (C + dt sum(duty b))`, and never below what the source gives. Nothing limits it:
-//! bridges and capacitors that fail at some voltage are not modelled.
+//! A bench supply, or a battery whose protection has opened for charging, gives current and takes
+//! none. Then what the motors send back stays in the capacitors at the bridges: `C dU = -I dt`, in
+//! a step from `U0` to `U = (C U0 - dt sum(duty a)) / (C + dt sum(duty b))`, and never below what
+//! the source gives. Nothing limits it: bridges and capacitors that fail at some voltage are not
+//! modelled.
 
 use group::Battery as Parameters;
 
@@ -36,7 +38,8 @@ impl Supply {
         }
     }
 
-    /// Lets the source take no more charge, so that these capacitors, F, get it; `None` lets it take charge again.
+    /// Lets the source take no more charge, so that these capacitors, F, get it; `None` lets it
+    /// take charge again.
     pub fn block_charge(&mut self, capacitance: Option<f64>) {
         self.capacitance = capacitance;
     }
@@ -175,9 +178,9 @@ mod tests {
         })
     }
 
-    /// Wheels held by the brake: every motor is `duty U / R`, the battery gives `duty` of it four times, so
-    /// `U = E / (1 + 4 duty^2 r / R)`: with 24 V, 0.5, 0.1 ohm and 0.3 ohm 24 / (1 + 1/3) = 18 V. A
-    /// hundred ohms would make an explicit step explode.
+    /// Wheels held by the brake: every motor is `duty U / R`, the battery gives `duty` of it four
+    /// times, so `U = E / (1 + 4 duty^2 r / R)`: with 24 V, 0.5, 0.1 ohm and 0.3 ohm 24 / (1 + 1/3)
+    /// = 18 V. A hundred ohms would make an explicit step explode.
     #[test]
     fn stalled_motors_pull_the_voltage_down() {
         for (resistance, expected) in [(0.1, 18.0), (100.0, 24.0 / (1.0 + 1000.0 / 3.0))] {
@@ -198,8 +201,8 @@ mod tests {
         }
     }
 
-    /// One wheel driven to its end draws `b w / k` on top of nothing: with the sag of that the speed is
-    /// `U duty / (k + R b / k)`.
+    /// One wheel driven to its end draws `b w / k` on top of nothing: with the sag of that the
+    /// speed is `U duty / (k + R b / k)`.
     #[test]
     fn a_weak_battery_makes_a_slow_wheel() {
         let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
@@ -223,8 +226,8 @@ mod tests {
         );
     }
 
-    /// 1 Ah at 0.5 and a current that is known: after 36 s at 20 A (2 % of an hour) 0.2 Ah are gone. Held
-    /// wheels draw `duty^2 U / R` each.
+    /// 1 Ah at 0.5 and a current that is known: after 36 s at 20 A (2 % of an hour) 0.2 Ah are
+    /// gone. Held wheels draw `duty^2 U / R` each.
     #[test]
     fn charge_runs_down_by_the_current() {
         let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
@@ -250,9 +253,10 @@ mod tests {
         );
     }
 
-    /// One wheel that turns with 20 rad/s, a duty of 0.5 that lets its bridge take 12 V of 24, and 10 mF that nothing
-    /// else charges. `J dw = K i dt` and `C dU = -d i dt`, so `J w / K + C U / d` stays; at the end `d U = K w`. And
-    /// what the wheel has lost is in the capacitor, 1/2 C (U^2 - U0^2), or was heat, the sum of R i^2 dt.
+    /// One wheel that turns with 20 rad/s, a duty of 0.5 that lets its bridge take 12 V of 24, and
+    /// 10 mF that nothing else charges. `J dw = K i dt` and `C dU = -d i dt`, so `J w / K + C U /
+    /// d` stays; at the end `d U = K w`. And what the wheel has lost is in the capacitor, 1/2 C
+    /// (U^2 - U0^2), or was heat, the sum of R i^2 dt.
     #[test]
     fn braking_charges_what_nothing_else_takes() {
         let parameters = group::Motor {

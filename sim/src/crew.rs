@@ -1,10 +1,10 @@
 //! Threads that run several robots through the same step of time.
 //!
-//! Robots do not touch each other within a step, so they may run at the same time without any difference
-//! in what they do. A robot is handed over whole and comes back with its result; nothing is shared. This
-//! pays only for emulated robots, which compute for tens of microseconds a step; the handing over takes
-//! about one, as long as the other side is still looking for work. Who waits looks for a while and then
-//! sleeps, so that an idle world costs no processor.
+//! Robots do not touch each other within a step, so they may run at the same time without any
+//! difference in what they do. A robot is handed over whole and comes back with its result; nothing
+//! is shared. This pays only for emulated robots, which compute for tens of microseconds a step;
+//! the handing over takes about one, as long as the other side is still looking for work. Who waits
+//! looks for a while and then sleeps, so that an idle world costs no processor.
 
 use std::sync::mpsc::{Receiver, RecvError, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
@@ -134,8 +134,8 @@ impl Job {
     }
 }
 
-/// Stands in the world for a robot that another thread runs. Should that thread fail, this stays, and
-/// the world stops at its next step.
+/// Stands in the world for a robot that another thread runs. Should that thread fail, this stays,
+/// and the world stops at its next step.
 pub(crate) struct Absent;
 
 impl Robot for Absent {

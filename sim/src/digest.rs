@@ -1,7 +1,8 @@
 //! One number that stands for a whole run.
 //!
-//! FNV-1a over every frame with the time it ended and every change of a bridge with the time the world
-//! saw it. Two runs with the same digest said and did the same; it is no protection against malice.
+//! FNV-1a over every frame with the time it ended and every change of a bridge with the time the
+//! world saw it. Two runs with the same digest said and did the same; it is no protection against
+//! malice.
 
 use canopen::Frame;
 

@@ -1,11 +1,12 @@
 //! A wheel's quadrature encoder: whole counts, and what can be wrong with them.
 //!
-//! The encoder follows the motor's side of the gear. The noise of a group file is spread evenly over time: with a
-//! share `p` of counts lost, of `n` counts `n p` are, rounded up or down at random so that the mean is right. All of
-//! it comes from the seed it is built with.
+//! The encoder follows the motor's side of the gear. The noise of a group file is spread evenly
+//! over time: with a share `p` of counts lost, of `n` counts `n p` are, rounded up or down at
+//! random so that the mean is right. All of it comes from the seed it is built with.
 //!
-//! Counts are told in one piece as long as that says everything. With noise on the wires, slow edges or a
-//! floating channel, the encoder tells the edges of its two wires instead, each at its own time: [`wires`].
+//! Counts are told in one piece as long as that says everything. With noise on the wires, slow
+//! edges or a floating channel, the encoder tells the edges of its two wires instead, each at its
+//! own time: [`wires`].
 
 pub mod wires;
 
@@ -101,8 +102,8 @@ impl WheelEncoder {
         self.wires.set_slow_edges(rc);
     }
 
-    /// Follows the wheel to an angle (rad, unwrapped) from one time to another, ns; returns the counts that it
-    /// tells in one piece and notes the edges that it tells one by one.
+    /// Follows the wheel to an angle (rad, unwrapped) from one time to another, ns; returns the
+    /// counts that it tells in one piece and notes the edges that it tells one by one.
     pub fn follow(
         &mut self,
         angle: f64,
@@ -148,8 +149,9 @@ impl WheelEncoder {
     }
 }
 
-/// Floor, not truncation: zero must not be twice as wide as every other count. (`f64::floor` is a call into
-/// a library on machines without an instruction for it, and this is done for every wheel in every step.)
+/// Floor, not truncation: zero must not be twice as wide as every other count. (`f64::floor` is a
+/// call into a library on machines without an instruction for it, and this is done for every wheel
+/// in every step.)
 fn floor(value: f64) -> i64 {
     let whole = value as i64;
     whole - i64::from(whole as f64 > value)
@@ -202,8 +204,8 @@ mod tests {
         assert_eq!(told, [0, 1, 0, -1, 0, 1, 0, -1]);
     }
 
-    /// Of 80 000 counts a tenth is lost: 8000, give or take four standard deviations of the rounding of
-    /// 10 000 steps, 4 sqrt(10 000 / 4).
+    /// Of 80 000 counts a tenth is lost: 8000, give or take four standard deviations of the
+    /// rounding of 10 000 steps, 4 sqrt(10 000 / 4).
     #[test]
     fn a_share_of_the_counts_is_lost() {
         let noise = EncoderNoise {
@@ -216,8 +218,8 @@ mod tests {
         assert!((told - 72_000).abs() < 200, "{told}");
     }
 
-    /// 100 a second for 100 s: 10 000 counts of either sign; their number by the mean, their sum within
-    /// four standard deviations, 4 sqrt(10 000).
+    /// 100 a second for 100 s: 10 000 counts of either sign; their number by the mean, their sum
+    /// within four standard deviations, 4 sqrt(10 000).
     #[test]
     fn counts_come_from_nowhere() {
         let noise = EncoderNoise {

@@ -12,8 +12,8 @@ pub enum SimError {
         /// Why.
         problem: String,
     },
-    /// The emulated processor of a robot stopped: it touched something that is not modelled, or locked
-    /// up.
+    /// The emulated processor of a robot stopped: it touched something that is not modelled, or
+    /// locked up.
     Stopped {
         /// The robot's node.
         node: u8,

@@ -1,8 +1,9 @@
 //! The gyros that the robots carry, about the axis that points up.
 //!
-//! A sample is the mean rate since the one before, as a gyro gives that integrates inside, with a bias, white noise and
-//! a bias that strays; it comes late by the filters' delay. The samples of all robots are of one clock, the world's.
-//! What a gyro costs the simulation is nothing until somebody asks for its samples.
+//! A sample is the mean rate since the one before, as a gyro gives that integrates inside, with a
+//! bias, white noise and a bias that strays; it comes late by the filters' delay. The samples of
+//! all robots are of one clock, the world's. What a gyro costs the simulation is nothing until
+//! somebody asks for its samples.
 
 use group::Gyro;
 use kinematics::Pose;
@@ -77,9 +78,10 @@ impl Gyros {
 mod tests {
     use super::*;
 
-    /// A robot that turns at 0.2 rad/s, seen for 100 s at 100 Hz. The mean is the rate and the bias, within four of its
-    /// deviations, density / sqrt(2 s); the deviation of single samples is the density times sqrt(50 Hz), within four of
-    /// its own, 1 / sqrt(20 000). Nothing comes before its delay.
+    /// A robot that turns at 0.2 rad/s, seen for 100 s at 100 Hz. The mean is the rate and the
+    /// bias, within four of its deviations, density / sqrt(2 s); the deviation of single samples is
+    /// the density times sqrt(50 Hz), within four of its own, 1 / sqrt(20 000). Nothing comes
+    /// before its delay.
     #[test]
     fn a_gyro_is_as_bad_as_it_is_said_to_be() {
         let kind = Gyro {
@@ -110,8 +112,8 @@ mod tests {
         assert_eq!(gyros.take(100_015_000_000).len(), 2);
     }
 
-    /// A bias that strays by 0.001 rad/s in a second strays by 0.01 in 100: over 400 robots within four deviations,
-    /// 1 / sqrt(800).
+    /// A bias that strays by 0.001 rad/s in a second strays by 0.01 in 100: over 400 robots within
+    /// four deviations, 1 / sqrt(800).
     #[test]
     fn a_bias_strays_with_the_root_of_time() {
         let kind = Gyro {

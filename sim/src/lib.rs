@@ -1,8 +1,9 @@
 //! A virtual CAN bus, plants, and robots native or emulated: the desk in place of the workshop.
 //!
-//! A [`World`] holds the robots of a group file and lets virtual time pass. Whoever drives it sits at the
-//! bus: [`World::send`] and [`World::receive`], nothing else reaches the robots. Every number of their
-//! motion comes about the way it does in life: frames, controller, PWM, motor, wheel, floor, encoder.
+//! A [`World`] holds the robots of a group file and lets virtual time pass. Whoever drives it sits
+//! at the bus: [`World::send`] and [`World::receive`], nothing else reaches the robots. Every
+//! number of their motion comes about the way it does in life: frames, controller, PWM, motor,
+//! wheel, floor, encoder.
 //!
 //! ```text
 //!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --angle--> plant::Plant

@@ -1,16 +1,18 @@
 //! A DC motor with its gear, bridge and brake, as seen from the wheel.
 //!
-//! `L di/dt = V - R i - K w` and `J dw/dt = K i - b w - dry friction`, with `V = duty * supply` while the
-//! drivers are enabled and no current at all while they are not. All torques, rates and inertias are the
-//! wheel's. The winding is integrated implicitly, because its time constant may be shorter than a step;
-//! dry friction brings the wheel to rest within a step instead of chattering around zero. The holding
-//! brake is applied by springs: dry friction that begins and ends some time after the word, see [`Brake`].
+//! `L di/dt = V - R i - K w` and `J dw/dt = K i - b w - dry friction`, with `V = duty * supply`
+//! while the drivers are enabled and no current at all while they are not. All torques, rates and
+//! inertias are the wheel's. The winding is integrated implicitly, because its time constant may be
+//! shorter than a step; dry friction brings the wheel to rest within a step instead of chattering
+//! around zero. The holding brake is applied by springs: dry friction that begins and ends some
+//! time after the word, see [`Brake`].
 //!
-//! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate is
-//! within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, heating, and the torque
-//! ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may be a battery that motors
-//! share, see [`crate::battery`]; a driver that trips is the robot's, because its motors share that, too;
-//! play in the gear is the caller's, because it lies between this and the wheel.
+//! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate
+//! is within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, heating, and
+//! the torque ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may be a
+//! battery that motors share, see [`crate::battery`]; a driver that trips is the robot's, because
+//! its motors share that, too; play in the gear is the caller's, because it lies between this and
+//! the wheel.
 
 use group::Motor as Parameters;
 
@@ -146,8 +148,8 @@ impl Motor {
         self.supply = volts;
     }
 
-    /// The current at the end of a step of `dt`: what it is at 0 V of supply, A, and what each volt of supply
-    /// adds, A/V.
+    /// The current at the end of a step of `dt`: what it is at 0 V of supply, A, and what each volt
+    /// of supply adds, A/V.
     #[must_use]
     pub fn admittance(&self, dt: f64, drive: Drive) -> (f64, f64) {
         if !drive.enabled {
@@ -172,8 +174,8 @@ impl Motor {
         self.drag = torque;
     }
 
-    /// Sets what turns the wheel from outside, N·m at the wheel, positive rolls the base forward: a slope, a
-    /// hand.
+    /// Sets what turns the wheel from outside, N·m at the wheel, positive rolls the base forward: a
+    /// slope, a hand.
     pub fn set_push(&mut self, torque: f64) {
         self.push = torque;
     }
@@ -341,8 +343,9 @@ mod tests {
         assert_eq!(motor.angle(), 0.0);
     }
 
-    /// 1 s free fall of a wheel on a slope (5 N m on 0.4 kg m^2, 12.5 rad/s^2) before a brake that needs 80 ms to
-    /// hold, and 80 ms of it after the word; then 15 N m more than the slope brake it, 37.5 rad/s^2.
+    /// 1 s free fall of a wheel on a slope (5 N m on 0.4 kg m^2, 12.5 rad/s^2) before a brake that
+    /// needs 80 ms to hold, and 80 ms of it after the word; then 15 N m more than the slope brake
+    /// it, 37.5 rad/s^2.
     #[test]
     fn a_brake_takes_its_time() {
         let mut motor = Motor::new(&MOTOR);

@@ -1,9 +1,11 @@
-//! A master that can be told to do wrong: it stops its heartbeat, SYNC or setpoints, sends nonsense, or is joined
-//! by a second one. What a group does about that is what rules and faults are tried with.
+//! A master that can be told to do wrong: it stops its heartbeat, SYNC or setpoints, sends
+//! nonsense, or is joined by a second one. What a group does about that is what rules and faults
+//! are tried with.
 //!
-//! It drives robots that are configured already. Its frames go out on whole milliseconds: the heartbeat every 100 ms,
-//! SYNC every period, the setpoint [`LEAD_MS`] before it. Everything the robots say is kept until the rig is dropped,
-//! some hundred kilobytes for a second of a group of three.
+//! It drives robots that are configured already. Its frames go out on whole milliseconds: the
+//! heartbeat every 100 ms, SYNC every period, the setpoint [`LEAD_MS`] before it. Everything the
+//! robots say is kept until the rig is dropped, some hundred kilobytes for a second of a group of
+//! three.
 
 use std::collections::BTreeMap;
 

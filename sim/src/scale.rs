@@ -1,8 +1,10 @@
-//! How fast simulated robots are on the machine at hand: in a study, on a bus, and the kinematics by itself.
+//! How fast simulated robots are on the machine at hand: in a study, on a bus, and the kinematics
+//! by itself.
 //!
-//! Times are the processor's where the system tells them, so that other programs do not count; everything runs on the
-//! caller's thread, and of several rounds the fastest counts. They are for comparing within one run on one machine.
-//! The robots are the paper's virtual one, in a row, 1.2 m apart.
+//! Times are the processor's where the system tells them, so that other programs do not count;
+//! everything runs on the caller's thread, and of several rounds the fastest counts. They are for
+//! comparing within one run on one machine. The robots are the paper's virtual one, in a row, 1.2 m
+//! apart.
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -75,7 +77,8 @@ pub fn spread(costs: &[f64]) -> f64 {
     high / low
 }
 
-/// Groups of five, which every size is a multiple of: a group has a cost of its own, which an odd one would shift.
+/// Groups of five, which every size is a multiple of: a group has a cost of its own, which an odd
+/// one would shift.
 fn groups_of_five(robots: usize, plant: OnPlant) -> Result<Study, SimError> {
     let mut file = line_of(5, plant)?;
     file.simulation.contact.scattered = plant == OnPlant::Contact;
@@ -90,7 +93,8 @@ fn line_of(robots: usize, plant: OnPlant) -> Result<GroupFile, SimError> {
     virtual_robots("line", &mounts, true, plant)
 }
 
-/// How much faster than real time [`ON_A_BUS`] native robots are that drive on one bus, every clock its own.
+/// How much faster than real time [`ON_A_BUS`] native robots are that drive on one bus, every clock
+/// its own.
 ///
 /// # Errors
 /// When they do not drive.
@@ -158,7 +162,8 @@ pub fn kinematics_f64() -> Result<Calls, SimError> {
     calls::<f64>()
 }
 
-/// Each call takes its argument from memory and leaves its result there, as the counted ones of the firmware do.
+/// Each call takes its argument from memory and leaves its result there, as the counted ones of the
+/// firmware do.
 fn calls<S: Real>() -> Result<Calls, SimError> {
     let c = S::constant;
     let angle = c(core::f64::consts::FRAC_PI_4);

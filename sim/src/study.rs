@@ -1,15 +1,16 @@
-//! Many groups at once, without a bus: for studies of plans, where a thousand groups have to be driven
-//! faster than real time and nobody asks what was said on the wire.
+//! Many groups at once, without a bus: for studies of plans, where a thousand groups have to be
+//! driven faster than real time and nobody asks what was said on the wire.
 //!
-//! A group is its members' kinematics and its plant. Every SYNC period the caller says where it shall go;
-//! the twist follows within the group's acceleration limits, all members take the smallest scale at which
-//! every wheel stays within its rate, and the wheels turn exactly as told. What is left out: bus, clocks,
-//! motors, wheel loops, encoders, faults. The kinematics, the compensation and the plants are those of
-//! the full simulation.
+//! A group is its members' kinematics and its plant. Every SYNC period the caller says where it
+//! shall go; the twist follows within the group's acceleration limits, all members take the
+//! smallest scale at which every wheel stays within its rate, and the wheels turn exactly as told.
+//! What is left out: bus, clocks, motors, wheel loops, encoders, faults. The kinematics, the
+//! compensation and the plants are those of the full simulation.
 //!
-//! Groups know nothing of each other, so they may run on as many threads as there are; what they do is
-//! the same on any number. Each runs through the whole time of a call before the next one does, so that
-//! its state stays in the processor's cache: the cost of a robot does not depend on how many there are.
+//! Groups know nothing of each other, so they may run on as many threads as there are; what they do
+//! is the same on any number. Each runs through the whole time of a call before the next one does,
+//! so that its state stays in the processor's cache: the cost of a robot does not depend on how
+//! many there are.
 
 use group::{GroupFile, Plant as Kind};
 use kinematics::{MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates};
@@ -59,7 +60,8 @@ impl StudyGroup {
     /// A group at rest with its frame at `start`.
     ///
     /// # Errors
-    /// When a robot's wheels have no kinematics, the plant cannot be built, or it is another program.
+    /// When a robot's wheels have no kinematics, the plant cannot be built, or it is another
+    /// program.
     pub fn new(
         file: &GroupFile,
         start: Pose<f64>,
@@ -209,8 +211,8 @@ impl Study {
         self.groups.iter().map(|group| group.members.len()).sum()
     }
 
-    /// Lets so many SYNC periods pass on so many threads. Before each one `command` is asked for the twist,
-    /// in the group's own frame, of the group with this place.
+    /// Lets so many SYNC periods pass on so many threads. Before each one `command` is asked for
+    /// the twist, in the group's own frame, of the group with this place.
     ///
     /// # Errors
     /// When a plant fails.

@@ -1,8 +1,8 @@
 //! What really happened, as an observer with perfect eyes sees it.
 //!
-//! Samples are taken at whole multiples of a period of virtual time and kept until someone takes them
-//! away; a minute at 100 Hz with three robots is about 4 MB. Nothing in the simulated robots can read
-//! them. [`Eyes`] are an observer's that are not perfect.
+//! Samples are taken at whole multiples of a period of virtual time and kept until someone takes
+//! them away; a minute at 100 Hz with three robots is about 4 MB. Nothing in the simulated robots
+//! can read them. [`Eyes`] are an observer's that are not perfect.
 
 use group::PoseNoise;
 use kinematics::{Pose, WheelRates};
@@ -85,7 +85,8 @@ impl Eyes {
 mod tests {
     use super::*;
 
-    /// 2 mm and 1 mrad: over 10 000 looks the deviations within four of their own, 1 / sqrt(20 000) each.
+    /// 2 mm and 1 mrad: over 10 000 looks the deviations within four of their own, 1 / sqrt(20 000)
+    /// each.
     #[test]
     fn eyes_are_as_bad_as_they_are_said_to_be() {
         let noise = PoseNoise {

@@ -1,21 +1,21 @@
 //! The world: robots, their motors, the floor and the bus, in one virtual time.
 //!
 //! Time goes in steps that are as long as nothing happens and never longer than
-//! [`Options::motor_step_ns`]. A step ends at the earliest of: the end of the frame on the bus, the moment
-//! the bus is free for a waiting frame, a robot's next own event, the next plant step, and, while any
-//! robot computes, one [`Options::quantum_ns`]. In a step the motors turn under the bridges' last state
-//! and the encoders follow; then the robots run, in order; then what is due on the plant and the bus
-//! happens. So a robot that wakes at a time reads encoders of that time, and whatever it changes acts
-//! from the end of the step on: at most one quantum later than in life. Native robots sleep between their
-//! own events: theirs are the only moments at which they look at wheels or change bridges, so their
-//! motors are only stepped up to those and to the plant's.
+//! [`Options::motor_step_ns`]. A step ends at the earliest of: the end of the frame on the bus, the
+//! moment the bus is free for a waiting frame, a robot's next own event, the next plant step, and,
+//! while any robot computes, one [`Options::quantum_ns`]. In a step the motors turn under the
+//! bridges' last state and the encoders follow; then the robots run, in order; then what is due on
+//! the plant and the bus happens. So a robot that wakes at a time reads encoders of that time, and
+//! whatever it changes acts from the end of the step on: at most one quantum later than in life.
+//! Native robots sleep between their own events: theirs are the only moments at which they look at
+//! wheels or change bridges, so their motors are only stepped up to those and to the plant's.
 //!
-//! Robots may run side by side within a step, everything else happens in one thread in a fixed order: the
-//! same group, backend and calls give the same bytes on any number of threads, which [`World::digest`]
-//! sums up.
+//! Robots may run side by side within a step, everything else happens in one thread in a fixed
+//! order: the same group, backend and calls give the same bytes on any number of threads, which
+//! [`World::digest`] sums up.
 //!
-//! The master's frames wait in a queue without limit, in order; a master that sends more than the bus
-//! carries sees its own delay grow. Frames for a port wait until they are taken.
+//! The master's frames wait in a queue without limit, in order; a master that sends more than the
+//! bus carries sees its own delay grow. Frames for a port wait until they are taken.
 
 mod harm;
 pub mod index;
@@ -53,8 +53,8 @@ pub struct Options {
     pub truth_period_ns: u64,
     /// Length of the windows of the bus load.
     pub load_window_ns: u64,
-    /// Threads that run robots, the caller's included; 0 takes as many as the machine has. It makes no
-    /// difference to what happens. Native robots always run on the caller's.
+    /// Threads that run robots, the caller's included; 0 takes as many as the machine has. It makes
+    /// no difference to what happens. Native robots always run on the caller's.
     pub threads: usize,
     /// Where the group frame stands at the beginning.
     pub start: Pose<f64>,
@@ -96,7 +96,8 @@ struct PortQueues {
     back_ns: u64,
 }
 
-/// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this file.
+/// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this
+/// file.
 pub struct World {
     now_ns: u64,
     options: Options,
@@ -152,7 +153,8 @@ impl World {
         Self::with_parts(group, robots, plant::build(group, options.start)?, options)
     }
 
-    /// A world of the caller's own robots, in the order of the group file, on the caller's own plant.
+    /// A world of the caller's own robots, in the order of the group file, on the caller's own
+    /// plant.
     ///
     /// # Errors
     /// When there are not as many robots as the group has.
@@ -273,15 +275,16 @@ impl World {
         self.send_at(port, self.now_ns, frame);
     }
 
-    /// Queues a frame at a port, behind those already there; it wants the bus from this time on, ns.
+    /// Queues a frame at a port, behind those already there; it wants the bus from this time on,
+    /// ns.
     pub fn send_at(&mut self, port: Port, at_ns: u64, frame: Frame) {
         if let Some(queues) = self.ports.get_mut(port.0) {
             queues.send.push_back((at_ns + self.port_delay_ns, frame));
         }
     }
 
-    /// Whether what arrives at a port is kept for someone to take. A new port listens; one that does not
-    /// acknowledges frames all the same.
+    /// Whether what arrives at a port is kept for someone to take. A new port listens; one that
+    /// does not acknowledges frames all the same.
     pub fn set_listening(&mut self, port: Port, listening: bool) {
         if let Some(queues) = self.ports.get_mut(port.0) {
             queues.deaf = !listening;
@@ -358,7 +361,8 @@ impl World {
         truth.into_iter().map(|s| self.eyes.see(s)).collect()
     }
 
-    /// The samples of the robots' gyros that have come since the last call. The first call switches them on.
+    /// The samples of the robots' gyros that have come since the last call. The first call switches
+    /// them on.
     pub fn take_gyros(&mut self) -> Vec<GyroSample> {
         let (kind, seed) = self.gyro;
         let poses = self.plant.poses();
@@ -379,7 +383,8 @@ impl World {
         self.worst_shape_error_mm = 0.0;
     }
 
-    /// Since when a robot's bridges have been off and its brake told to hold, ns, by its place in the group file.
+    /// Since when a robot's bridges have been off and its brake told to hold, ns, by its place in
+    /// the group file.
     #[must_use]
     pub fn safe_since_ns(&self, robot: usize) -> Option<u64> {
         self.units.get(robot)?.safe_since_ns
@@ -409,7 +414,8 @@ impl World {
             .board()
     }
 
-    /// A hash of every frame with its time and of every change of a bridge: equal runs, equal digests.
+    /// A hash of every frame with its time and of every change of a bridge: equal runs, equal
+    /// digests.
     #[must_use]
     pub fn digest(&self) -> u64 {
         self.digest.value()

@@ -1,4 +1,5 @@
-//! Errors on the bus and what native robots' CAN controllers make of them: ISO 11898-1's counters, bit for bit.
+//! Errors on the bus and what native robots' CAN controllers make of them: ISO 11898-1's counters,
+//! bit for bit.
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
@@ -46,9 +47,10 @@ fn counters(transmit: u32, receive: u32) -> ErrorCounters {
     ErrorCounters { transmit, receive }
 }
 
-/// A frame of 45 bits (`frames_counted_by_hand`), 35 of them up to the end of its checksum. An error-active sender
-/// destroys it after the acknowledge slot: 37 bits, a flag of 1 and 6, delimiter 8, intermission 3, so 55; that 16
-/// times. Then it is error passive, begins 8 bits later than others could, and the frame stands, again and again.
+/// A frame of 45 bits (`frames_counted_by_hand`), 35 of them up to the end of its checksum. An
+/// error-active sender destroys it after the acknowledge slot: 37 bits, a flag of 1 and 6,
+/// delimiter 8, intermission 3, so 55; that 16 times. Then it is error passive, begins 8 bits later
+/// than others could, and the frame stands, again and again.
 #[test]
 fn a_lost_acknowledge_makes_the_sender_passive_and_the_receivers_get_it_again() {
     let mut world = world("single");
@@ -75,8 +77,8 @@ fn a_lost_acknowledge_makes_the_sender_passive_and_the_receivers_get_it_again() 
     assert!((load - f64::from(busy) / 2_000.0).abs() < 1e-9, "{load}");
 }
 
-/// 16 failures to error passive, of which it tells the others, and 17 more to bus-off, because what it told was a good
-/// frame; then silence, 128 times 11 bits, and an announcement.
+/// 16 failures to error passive, of which it tells the others, and 17 more to bus-off, because what
+/// it told was a good frame; then silence, 128 times 11 bits, and an announcement.
 #[test]
 fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
     let mut world = world("single");
@@ -120,9 +122,10 @@ fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
     assert!(heartbeats > 5);
 }
 
-/// The bad receiver counts 9 for every frame it destroys and is error passive after 15; from then on it can only fail
-/// to hear, and counts 1. The others count 1 each time and take that back with a good frame, the sender 8. The second good frame is the
-/// emergency message that the bad receiver is error passive.
+/// The bad receiver counts 9 for every frame it destroys and is error passive after 15; from then
+/// on it can only fail to hear, and counts 1. The others count 1 each time and take that back with
+/// a good frame, the sender 8. The second good frame is the emergency message that the bad receiver
+/// is error passive.
 #[test]
 fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
     let mut world = world("tcc-2");
@@ -188,8 +191,9 @@ fn a_robot_that_babbles_does_not_say_what_it_has_to_say() {
     assert!(ids.contains(&0x702) && ids.contains(&0x7FE) && !ids.contains(&0x703));
 }
 
-/// The boot-up frame is on the wire when the connector is pulled: an error frame ends it. The robot then sends to nobody
-/// until it is error passive, and its frame goes out when the connector is back.
+/// The boot-up frame is on the wire when the connector is pulled: an error frame ends it. The robot
+/// then sends to nobody until it is error passive, and its frame goes out when the connector is
+/// back.
 #[test]
 fn a_connector_pulled_in_the_middle_of_a_frame_destroys_it() {
     let mut world = world("single");

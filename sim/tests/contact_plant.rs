@@ -1,4 +1,5 @@
-//! The contact plant against closed form. Ripple and rollers: `contact_rollers.rs`; the paper's tables: `paper_tables.rs`.
+//! The contact plant against closed form. Ripple and rollers: `contact_rollers.rs`; the paper's
+//! tables: `paper_tables.rs`.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -63,8 +64,8 @@ fn steady(name: &str, contact: Contact, pattern: [f64; 4], rate: f64) -> Pose<f6
     )
 }
 
-/// Wheels that suddenly turn fast push as hard as friction allows: along each roller's axle, of which
-/// the sine of the roller angle points ahead. 0.35 * 9.81 * sin 45 = 2.428 m/s2.
+/// Wheels that suddenly turn fast push as hard as friction allows: along each roller's axle, of
+/// which the sine of the roller angle points ahead. 0.35 * 9.81 * sin 45 = 2.428 m/s2.
 #[test]
 fn acceleration_ends_at_the_friction_limit() {
     let mut plant = plant(
@@ -162,8 +163,8 @@ fn lateral_ripple_has_the_amplitude_and_period_of_the_rollers() {
     }
 }
 
-/// On the spot with the contact in the wheel's middle: at roller phase phi the four contacts agree on
-/// `w = rate r cos(phi) / (H + W cos(phi))`; its mean over a roller by Simpson's rule.
+/// On the spot with the contact in the wheel's middle: at roller phase phi the four contacts agree
+/// on `w = rate r cos(phi) / (H + W cos(phi))`; its mean over a roller by Simpson's rule.
 #[test]
 fn pure_spin_is_the_mean_over_a_roller() {
     let contact = Contact {
@@ -227,8 +228,8 @@ fn tilted(degrees: f64, contact: Contact) -> ContactPlant {
     ContactPlant::new(&GroupFile::parse("tilted", &text).unwrap(), contact, START).unwrap()
 }
 
-/// Wheels at 1 rad/s push sideways with `r tan(g)`, of which the rollers let `sin(pi/n) / (pi/n)` through:
-/// whatever their angle, for n = 8, 10, 12, to 0.1 %.
+/// Wheels at 1 rad/s push sideways with `r tan(g)`, of which the rollers let `sin(pi/n) / (pi/n)`
+/// through: whatever their angle, for n = 8, 10, 12, to 0.1 %.
 #[test]
 fn lateral_ratio_at_other_roller_angles() {
     for degrees in [30.0, 60.0] {
@@ -311,10 +312,11 @@ fn simulated(name: &str, table: &str) -> Result<ContactPlant, omnibus_sim::SimEr
     ContactPlant::new(&group, contact, START)
 }
 
-/// Held wheels on friction 0.35 until x = 0.5, then on 0.1: with a = 9.81 sin 45 times the friction, 2 m/s
-/// are `sqrt(4 - 2 * 0.35 a * 0.5)` at the border and stop `v^2 / (0.2 a)` past it. Between the axles, which
-/// are 0.7 m apart, both act; the work of each axle's half of the weight is the same as if the border
-/// were met by the centre: the rear axle brakes harder 0.35 m longer, the front axle as much less.
+/// Held wheels on friction 0.35 until x = 0.5, then on 0.1: with a = 9.81 sin 45 times the
+/// friction, 2 m/s are `sqrt(4 - 2 * 0.35 a * 0.5)` at the border and stop `v^2 / (0.2 a)` past it.
+/// Between the axles, which are 0.7 m apart, both act; the work of each axle's half of the weight
+/// is the same as if the border were met by the centre: the rear axle brakes harder 0.35 m longer,
+/// the front axle as much less.
 #[test]
 fn a_slippery_patch_stops_later() {
     let table = "floor = [{ x = [0.5, 10], y = [-5, 5], friction = 0.1 }]";
@@ -332,10 +334,10 @@ fn a_slippery_patch_stops_later() {
     );
 }
 
-/// 200 kg on three robots of 200 kg, 0.3 m ahead and 0.2 m left: the centre of mass is 0.075 m ahead and 0.05 m
-/// left of the twelve wheels' middle, so each carries `c = 0.05 weight / (12 * 0.37^2)` more a metre to the
-/// left. Held wheels that slide ahead push aside by their hand as much as ahead; over the corners of a robot
-/// that leaves the moment `friction cos 45 * 4 h w c`.
+/// 200 kg on three robots of 200 kg, 0.3 m ahead and 0.2 m left: the centre of mass is 0.075 m
+/// ahead and 0.05 m left of the twelve wheels' middle, so each carries `c = 0.05 weight / (12 *
+/// 0.37^2)` more a metre to the left. Held wheels that slide ahead push aside by their hand as much
+/// as ahead; over the corners of a robot that leaves the moment `friction cos 45 * 4 h w c`.
 #[test]
 fn a_payload_aside_turns_sliding_wheels_as_statics_say() {
     let table = "payload = { mass = 200, x = 0.3, y = 0.2 }";
@@ -375,8 +377,9 @@ fn a_payload_beyond_the_wheels_is_refused() {
     assert!(simulated("single", "payload = { mass = 400, y = 0.2 }").is_ok());
 }
 
-/// The paper's figure 24b, d: along a circle free robots' distance changes, connected ones' does not. The
-/// same two robots, the same rollers, the same wheel rates; only the load between them is missing.
+/// The paper's figure 24b, d: along a circle free robots' distance changes, connected ones' does
+/// not. The same two robots, the same rollers, the same wheel rates; only the load between them is
+/// missing.
 #[test]
 fn free_robots_drift_connected_ones_do_not() {
     let path = format!("{}/../groups/tcc-2.toml", env!("CARGO_MANIFEST_DIR"));

@@ -1,5 +1,6 @@
-//! What rollers do to a robot: ripple, what two of them agree on while one takes over from the other, and the jolt with
-//! which each comes down. Against closed form, and against a multi-body simulation.
+//! What rollers do to a robot: ripple, what two of them agree on while one takes over from the
+//! other, and the jolt with which each comes down. Against closed form, and against a multi-body
+//! simulation.
 
 use std::f64::consts::{PI, SQRT_2, TAU};
 
@@ -17,7 +18,8 @@ const START: Pose<f64> = Pose {
     y: 0.0,
     heading: 0.0,
 };
-/// Wheels: place ahead and to the left of the middle, m, and the sign with which they push to the left.
+/// Wheels: place ahead and to the left of the middle, m, and the sign with which they push to the
+/// left.
 const WHEELS: [(f64, f64, f64); 4] = [
     (0.35, 0.37, -1.0),
     (0.35, -0.37, 1.0),
@@ -30,7 +32,8 @@ const WHEELS: [(f64, f64, f64); 4] = [
 enum Rates {
     /// As for ideal rollers.
     Constant,
-    /// What goes to the left faster by the secant of the angle by which the roller on the floor has rolled on.
+    /// What goes to the left faster by the secant of the angle by which the roller on the floor has
+    /// rolled on.
     ByPhase,
 }
 
@@ -58,7 +61,8 @@ impl Robot {
         }
     }
 
-    /// A step as fast as ideal rollers at 45 degrees would need it: m/s ahead, m/s to the left, rad/s.
+    /// A step as fast as ideal rollers at 45 degrees would need it: m/s ahead, m/s to the left,
+    /// rad/s.
     fn step(&mut self, [vx, vy, omega]: [f64; 3]) {
         let turned: [f64; 4] = std::array::from_fn(|wheel| {
             let place = (self.angles[wheel] + self.phases[wheel]) / self.pitch + 0.5;
@@ -77,7 +81,8 @@ impl Robot {
         }
     }
 
-    /// How far it turns in some seconds of such a motion, after one in which it gets up to speed, rad.
+    /// How far it turns in some seconds of such a motion, after one in which it gets up to speed,
+    /// rad.
     fn turns(&mut self, twist: [f64; 3], seconds: f64) -> f64 {
         let steps = |seconds: f64| (seconds / DT).round() as u32;
         for step in 0..steps(1.0) {
@@ -91,8 +96,9 @@ impl Robot {
     }
 }
 
-/// A robot whose wheels turn so that ideal rollers would take it to the left at `speed`: what of that it reaches,
-/// step by step over `turns` of the first wheel, after as many seconds as it takes to get up to speed.
+/// A robot whose wheels turn so that ideal rollers would take it to the left at `speed`: what of
+/// that it reaches, step by step over `turns` of the first wheel, after as many seconds as it takes
+/// to get up to speed.
 fn lateral(contact: Contact, seed: u64, rates: Rates, speed: f64, turns: f64) -> Vec<f64> {
     let mut robot = Robot::new(contact, seed, rates);
     let mut step = || {
@@ -116,8 +122,8 @@ fn lateral(contact: Contact, seed: u64, rates: Rates, speed: f64, turns: f64) ->
     }
 }
 
-/// Per cent of the speed asked for: how much less, or more, in the mean, and standard deviation. Lowest and highest are
-/// in m/s at 0.5 m/s.
+/// Per cent of the speed asked for: how much less, or more, in the mean, and standard deviation.
+/// Lowest and highest are in m/s at 0.5 m/s.
 #[derive(Debug)]
 struct Ripple {
     mean: f64,
@@ -158,8 +164,8 @@ fn edge(rollers: u8) -> f64 {
     PI / f64::from(rollers)
 }
 
-/// Standard deviation of `cos`, in per cent, over even angles up to the edge at `a`: the variance is
-/// `1/2 + sin(2a)/(4a) - (sin(a)/a)^2`.
+/// Standard deviation of `cos`, in per cent, over even angles up to the edge at `a`: the variance
+/// is `1/2 + sin(2a)/(4a) - (sin(a)/a)^2`.
 fn rolling_alone(rollers: u8) -> f64 {
     let a = edge(rollers);
     100.0 * (0.5 + (2.0 * a).sin() / (4.0 * a) - (a.sin() / a).powi(2)).sqrt()
@@ -237,8 +243,8 @@ fn scattered(rollers: u8) -> Contact {
     }
 }
 
-/// The multi-body simulation loses 1.22 % of 0.5 rad/s, and 0.21 % by phase, with phases of its own: so do robots here,
-/// in the mean.
+/// The multi-body simulation loses 1.22 % of 0.5 rad/s, and 0.21 % by phase, with phases of its
+/// own: so do robots here, in the mean.
 #[test]
 fn turning_loses_what_the_multi_body_simulation_does() {
     const ROBOTS: u64 = 20;
@@ -258,9 +264,10 @@ fn turning_loses_what_the_multi_body_simulation_does() {
     }
 }
 
-/// At 45 degrees, 0.5 m/s, for 8 s the multi-body simulation's robot turned by -0.62 degrees, and by 0.02 by phase. Two of
-/// the wheels stand still there and hold on to the roller they happen to stand on, so it is chance which way and how
-/// far: about a degree and a half here. By phase nothing is left to chance.
+/// At 45 degrees, 0.5 m/s, for 8 s the multi-body simulation's robot turned by -0.62 degrees, and
+/// by 0.02 by phase. Two of the wheels stand still there and hold on to the roller they happen to
+/// stand on, so it is chance which way and how far: about a degree and a half here. By phase
+/// nothing is left to chance.
 #[test]
 fn oblique_motion_turns_a_robot_by_chance_unless_rates_go_by_phase() {
     const ROBOTS: u64 = 20;
@@ -275,16 +282,18 @@ fn oblique_motion_turns_a_robot_by_chance_unless_rates_go_by_phase() {
         let most = all.iter().copied().map(f64::abs).fold(0.0, f64::max);
         println!("oblique, {rates:?}: rms {rms:.2} degrees, most {most:.2}");
         match rates {
-            // Theirs is one draw, and would be an unlikely one beyond a third of the spread or three of it.
+            // Theirs is one draw, and would be an unlikely one beyond a third of the spread or
+            // three of it.
             Rates::Constant => assert!((0.62 / 3.0..3.0 * 0.62).contains(&rms), "{rms}"),
             Rates::ByPhase => assert!(most < 0.1, "{most}"),
         }
     }
 }
 
-/// What the rollers' rolling costs is `1 - sin(a)/a`, a = pi/n; what creep, settling, drag and jolts cost hardly depends on
-/// n. By phase only that is left, so eight rollers by phase say it for ten and twelve with constant J. The ripple is that
-/// of rolling, less what creep smooths, more what the jolts add.
+/// What the rollers' rolling costs is `1 - sin(a)/a`, a = pi/n; what creep, settling, drag and
+/// jolts cost hardly depends on n. By phase only that is left, so eight rollers by phase say it for
+/// ten and twelve with constant J. The ripple is that of rolling, less what creep smooths, more
+/// what the jolts add.
 #[test]
 fn ten_and_twelve_rollers_lose_what_eight_lose_by_phase_and_their_own_cosine() {
     let by_phase = Ripple::in_one_phase(8, Rates::ByPhase).mean;
@@ -305,7 +314,8 @@ fn ten_and_twelve_rollers_lose_what_eight_lose_by_phase_and_their_own_cosine() {
     }
 }
 
-/// Four wheels at phases of their own average the ripple of wheels in one phase to a half, in the mean over many robots.
+/// Four wheels at phases of their own average the ripple of wheels in one phase to a half, in the
+/// mean over many robots.
 #[test]
 fn random_phases_halve_the_ripple_in_the_mean() {
     const ROBOTS: u32 = 60;
@@ -329,21 +339,23 @@ fn random_phases_halve_the_ripple_in_the_mean() {
             );
             rms
         };
-        // The square of a sum of four even phasors deviates by sqrt(3)/2 of itself; over 60 robots that is 11 %, half as
-        // much in the root.
+        // The square of a sum of four even phasors deviates by sqrt(3)/2 of itself; over 60 robots
+        // that is 11 %, half as much in the root.
         let (own, half) = (rms(Rates::Constant), 0.5 * together);
         assert!((own - half).abs() < 0.15 * half, "{own} {half}");
         rms(Rates::ByPhase);
     }
 }
 
-/// The rim settles by 0.22 % of the radius, so it touches the floor up to `b = acos(1 - 0.0022)`, 3.8 degrees, from its
-/// lowest place, and presses there by `3/4 (1 - x^2)`, `x = angle / b`. While the edge of two rollers is under that, the
-/// one whose middle is `a - e` behind has the share `1/2 + 3/4 (x - x^3/3)`, `x = e/b`, and the other, `a + e` ahead, the
-/// rest. Each wants its own speed: an axle that has turned by phi points by `cos(phi) / n` ahead and `1 / n` aside,
-/// `n^2 = 1 + cos(phi)^2`, and is pushed by `k (v / n - v0 cos(phi) / n)` with k in proportion to the share. So they agree
-/// on `v = v0 sum(share cos(phi) / n^2) / sum(share / n^2)`, when nothing else costs anything. The robot lags by 0.6 ms of
-/// creep, in which that changes by 3e-5; with one roller down at a time it would be off by up to 5e-3.
+/// The rim settles by 0.22 % of the radius, so it touches the floor up to `b = acos(1 - 0.0022)`,
+/// 3.8 degrees, from its lowest place, and presses there by `3/4 (1 - x^2)`, `x = angle / b`. While
+/// the edge of two rollers is under that, the one whose middle is `a - e` behind has the share `1/2
+/// + 3/4 (x - x^3/3)`, `x = e/b`, and the other, `a + e` ahead, the rest. Each wants its own speed:
+/// an axle that has turned by phi points by `cos(phi) / n` ahead and `1 / n` aside, `n^2 = 1 +
+/// cos(phi)^2`, and is pushed by `k (v / n - v0 cos(phi) / n)` with k in proportion to the share.
+/// So they agree on `v = v0 sum(share cos(phi) / n^2) / sum(share / n^2)`, when nothing else costs
+/// anything. The robot lags by 0.6 ms of creep, in which that changes by 3e-5; with one roller down
+/// at a time it would be off by up to 5e-3.
 #[test]
 fn near_the_hand_over_two_rollers_agree_on_a_speed() {
     let contact = Contact {
@@ -389,9 +401,10 @@ fn near_the_hand_over_two_rollers_agree_on_a_speed() {
     assert!((f64::from(compared) / all - 1.0).abs() < 0.01, "{compared}");
 }
 
-/// A roller's moment of inertia over the square of its radius at the edge, kg, with roller axles at 45 degrees. The barrel
-/// is `R - A / cos(phi)` thick `A tan(phi) / sin(45 degrees)` from its middle, A the distance of the axles; the integral of
-/// the fourth power of that over u = tan(phi) term by term.
+/// A roller's moment of inertia over the square of its radius at the edge, kg, with roller axles at
+/// 45 degrees. The barrel is `R - A / cos(phi)` thick `A tan(phi) / sin(45 degrees)` from its
+/// middle, A the distance of the axles; the integral of the fourth power of that over u = tan(phi)
+/// term by term.
 fn mass_at_the_edge(contact: &Contact) -> f64 {
     let a = R * (1.0 - contact.roller_ratio);
     let u = edge(contact.rollers).tan();
@@ -407,7 +420,8 @@ fn mass_at_the_edge(contact: &Contact) -> f64 {
     inertia / (R - a * s).powi(2)
 }
 
-/// What rollers with inertia lose more than rollers without in the last of some turns, per cent of the speed.
+/// What rollers with inertia lose more than rollers without in the last of some turns, per cent of
+/// the speed.
 fn lost_to_inertia(contact: Contact, speed: f64, turns: usize) -> f64 {
     let last = |contact| {
         let ratios = lateral(contact, 1, Rates::Constant, speed, turns as f64);
@@ -421,24 +435,27 @@ fn lost_to_inertia(contact: Contact, speed: f64, turns: usize) -> f64 {
     last(without) - last(contact)
 }
 
-/// A roller comes down at rest, at its edge, where its radius is `r`, and friction turns it until its surface has the
-/// velocity s at which the floor goes by across its axle. That takes the impulse `m s` with `m = I / r^2`. Once up to speed
-/// it gets as much push as it gives while the barrel grows and narrows again, as both are even in the angle.
+/// A roller comes down at rest, at its edge, where its radius is `r`, and friction turns it until
+/// its surface has the velocity s at which the floor goes by across its axle. That takes the
+/// impulse `m s` with `m = I / r^2`. Once up to speed it gets as much push as it gives while the
+/// barrel grows and narrows again, as both are even in the angle.
 ///
 /// The axle's projection on the floor points by `a = cos(phi) / sqrt(1 + cos(phi)^2)` ahead and by
-/// `l = 1 / sqrt(1 + cos(phi)^2)` aside, all at the edge; across it the other way round. A robot that goes at v cos(phi)
-/// there while its wheels' rims have v sees `s = v (a cos(phi) + l)`, and a part a of the impulse brakes it. The contact
-/// along the axle resists with `k l^2` of sideways slip, `k = friction load / creep`. With `f = n omega / (2 pi)`
-/// hand-overs a second, four wheels alike, that makes the mean slip
+/// `l = 1 / sqrt(1 + cos(phi)^2)` aside, all at the edge; across it the other way round. A robot
+/// that goes at v cos(phi) there while its wheels' rims have v sees `s = v (a cos(phi) + l)`, and a
+/// part a of the impulse brakes it. The contact along the axle resists with `k l^2` of sideways
+/// slip, `k = friction load / creep`. With `f = n omega / (2 pi)` hand-overs a second, four wheels
+/// alike, that makes the mean slip
 ///
 ///     f m v a (a cos(phi) + l) / (k l^2),
 ///
-/// which is `2 f m v / k` for many rollers. The resistance that acts is the one at the edge, because a jolt has faded
-/// after 12 ms, in which the wheel turns by 2 degrees at 0.5 m/s.
+/// which is `2 f m v / k` for many rollers. The resistance that acts is the one at the edge,
+/// because a jolt has faded after 12 ms, in which the wheel turns by 2 degrees at 0.5 m/s.
 ///
-/// The drag of the rollers' axles has to be large enough that rollers are at rest when their turn comes, and small enough
-/// to change nothing else: 0.005 of the load leaves `exp(-7)` of the spin. The robot's lag behind `cos(phi)` adds less
-/// than a per cent to s, the roller that grows while it is turned takes less than a per cent off the impulse: 2 %.
+/// The drag of the rollers' axles has to be large enough that rollers are at rest when their turn
+/// comes, and small enough to change nothing else: 0.005 of the load leaves `exp(-7)` of the spin.
+/// The robot's lag behind `cos(phi)` adds less than a per cent to s, the roller that grows while it
+/// is turned takes less than a per cent off the impulse: 2 %.
 #[test]
 fn jolts_cost_what_momentum_says() {
     for rollers in [8, 12] {
@@ -462,8 +479,9 @@ fn jolts_cost_what_momentum_says() {
     }
 }
 
-/// Without drag in their axles rollers keep turning in the air. After a turn of the wheel none comes down at rest, and
-/// inertia costs nothing any more: about a hundredth, at most, of the jolts' 0.09 %.
+/// Without drag in their axles rollers keep turning in the air. After a turn of the wheel none
+/// comes down at rest, and inertia costs nothing any more: about a hundredth, at most, of the
+/// jolts' 0.09 %.
 #[test]
 fn rollers_that_keep_their_spin_cost_nothing() {
     let contact = Contact {

@@ -1,6 +1,8 @@
-//! Wheels that are coupled through the load: the contact plant with a wheel inertia, against closed form.
+//! Wheels that are coupled through the load: the contact plant with a wheel inertia, against closed
+//! form.
 //!
-//! One robot with motors that are off and brakes that are open, so that a torque at a wheel is what turns it.
+//! One robot with motors that are off and brakes that are open, so that a torque at a wheel is what
+//! turns it.
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
@@ -78,8 +80,8 @@ fn speed(world: &mut World, from_us: u64, to_us: u64) -> f64 {
     (world.truth().group.x - from) / ((to_us - from_us) as f64 * 1e-6)
 }
 
-/// 2 N m at each wheel: `a = 4 M / r / (m + 4 J / r^2)`, 0.77 m/s^2 and not the 1.22 that motors of 0.4 kg m^2 make
-/// alone.
+/// 2 N m at each wheel: `a = 4 M / r / (m + 4 J / r^2)`, 0.77 m/s^2 and not the 1.22 that motors of
+/// 0.4 kg m^2 make alone.
 #[test]
 fn torque_at_the_wheels_accelerates_body_and_wheels() {
     let mut world = world(true);
@@ -91,9 +93,9 @@ fn torque_at_the_wheels_accelerates_body_and_wheels() {
     assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
 }
 
-/// A wheel with more torque than friction carries runs away, and all that the body feels of it is the friction
-/// along its roller, `mu N` at 45 degrees: on the wheel `mu N r / sqrt 2`. So the wheel gains
-/// `(M - mu N r / sqrt 2) / J`, and the body drags the other wheels along.
+/// A wheel with more torque than friction carries runs away, and all that the body feels of it is
+/// the friction along its roller, `mu N` at 45 degrees: on the wheel `mu N r / sqrt 2`. So the
+/// wheel gains `(M - mu N r / sqrt 2) / J`, and the body drags the other wheels along.
 #[test]
 fn a_wheel_that_runs_away_pushes_the_body_by_friction() {
     let mut world = world(true);
@@ -109,8 +111,8 @@ fn a_wheel_that_runs_away_pushes_the_body_by_friction() {
         (gained / expected - 1.0).abs() < 0.03,
         "{gained} {expected}"
     );
-    // The force points ahead and to the right, and turns the body clockwise: the left wheel goes ahead, the right
-    // ones go back.
+    // The force points ahead and to the right, and turns the body clockwise: the left wheel goes
+    // ahead, the right ones go back.
     let rates = world.truth().robots[0].wheel_rates;
     assert!(rates.rear_left > 1.0, "{rates:?}");
     assert!(
@@ -119,8 +121,8 @@ fn a_wheel_that_runs_away_pushes_the_body_by_friction() {
     );
 }
 
-/// Brakes that hold keep a robot on which something pulls at a wheel; brakes that hold less than the floor
-/// give way: 12 N m at one wheel against brakes of 2 N m move it.
+/// Brakes that hold keep a robot on which something pulls at a wheel; brakes that hold less than
+/// the floor give way: 12 N m at one wheel against brakes of 2 N m move it.
 #[test]
 fn brakes_hold_the_body_through_the_floor() {
     let mut held = world(false);

@@ -51,7 +51,8 @@ fn robots_switched_on_together_notice_that_they_are_one_node() {
         let codes = emergencies(&next, 3);
         assert!(codes.contains(&Fault::DuplicateNode.code()), "{codes:X?}");
         assert!(emergencies(&next, 2).is_empty());
-        // Whether a start would have been accepted otherwise: they are not configured, which is the next cause.
+        // Whether a start would have been accepted otherwise: they are not configured, which is the
+        // next cause.
         world.send(client::nmt(
             NmtCommand::Start,
             NodeId::new(3).map_or(NmtTarget::All, NmtTarget::Node),
@@ -64,9 +65,10 @@ fn robots_switched_on_together_notice_that_they_are_one_node() {
     }
 }
 
-/// Answers of two robots that differ (their serial numbers) destroy each other sixteen times, 8 each, until both are
-/// error passive. Both announce that in the same bits: one frame that stands, which takes 1 off and makes them error
-/// active again, 127. So the answers destroy each other once more; then the dominant bit wins, and the other follows.
+/// Answers of two robots that differ (their serial numbers) destroy each other sixteen times, 8
+/// each, until both are error passive. Both announce that in the same bits: one frame that stands,
+/// which takes 1 off and makes them error active again, 127. So the answers destroy each other once
+/// more; then the dominant bit wins, and the other follows.
 #[test]
 fn answers_that_differ_collide_on_the_wire() {
     let mut world = world([2, 3, 3]);

@@ -1,5 +1,6 @@
-//! The `emulate` command as a program beside it sees it: its log, its end, and GDB's remote protocol (the GDB manual,
-//! appendix E). Needs the image: `cargo xtask test` builds it, switches these tests on and names it in `OMNIBUS_ELF`.
+//! The `emulate` command as a program beside it sees it: its log, its end, and GDB's remote
+//! protocol (the GDB manual, appendix E). Needs the image: `cargo xtask test` builds it, switches
+//! these tests on and names it in `OMNIBUS_ELF`.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -194,7 +195,8 @@ fn a_debugger_finds_the_core_at_its_reset_vector() {
     assert_eq!(gdb.ask("M20000010,4:78563412"), "OK");
     assert_eq!(gdb.word(0x2000_0010), 0x1234_5678);
     assert!(gdb.ask("M08000000,4:78563412").starts_with('E'));
-    // A peripheral's register: RCC_CR after reset, HSI on and ready with its trimming at 16 (RM0390 6.3.1).
+    // A peripheral's register: RCC_CR after reset, HSI on and ready with its trimming at 16 (RM0390
+    // 6.3.1).
     assert_eq!(gdb.word(0x4002_3800) & 0xFFFF, 0x83);
     gdb.send("k");
     let (good, said) = emulated.ended();
@@ -237,7 +239,8 @@ fn a_debugger_breaks_steps_and_watches() {
     assert!(emulated.ended().0);
 }
 
-/// The core is sent to a load of the program's own with the address of a peripheral that is not modelled.
+/// The core is sent to a load of the program's own with the address of a peripheral that is not
+/// modelled.
 #[test]
 fn what_is_not_modelled_ends_it_with_address_and_source_line() {
     // DAC_CR (RM0390 14.5.1).

@@ -1,6 +1,7 @@
-//! Errors on the bus and what the emulated bxCAN makes of them under the release image: ISO 11898-1's counters, and that
-//! the firmware comes back. Needs the image: `cargo xtask test` builds it, switches these tests on and names it in
-//! `OMNIBUS_ELF`. Native robots have the same in `bus_errors.rs`.
+//! Errors on the bus and what the emulated bxCAN makes of them under the release image: ISO
+//! 11898-1's counters, and that the firmware comes back. Needs the image: `cargo xtask test` builds
+//! it, switches these tests on and names it in `OMNIBUS_ELF`. Native robots have the same in
+//! `bus_errors.rs`.
 
 use canopen::{Frame, Micros};
 use emulator::Firmware;
@@ -39,7 +40,8 @@ fn counters(transmit: u32, receive: u32) -> ErrorCounters {
     ErrorCounters { transmit, receive }
 }
 
-/// 16 failures to error passive, 32 to bus-off; then silence, recovery, and an announcement by the firmware.
+/// 16 failures to error passive, 32 to bus-off; then silence, recovery, and an announcement by the
+/// firmware.
 #[test]
 fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
     let mut world = world("single");
@@ -78,13 +80,14 @@ fn destroyed_frames_lead_off_the_bus_and_the_firmware_comes_back() {
     assert!(heartbeats > 5, "{heartbeats}");
 }
 
-/// An error-active transmitter that nobody acknowledges counts 8 each time until it is error passive, then no more.
+/// An error-active transmitter that nobody acknowledges counts 8 each time until it is error
+/// passive, then no more.
 #[test]
 fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     let mut world = world("single");
     world.set_lost_acknowledge(all(0x702));
-    // The firmware is on the bus some 9 ms after power-on; a repetition takes 0.08 ms. It looks at the error counters
-    // every 5 ms at the latest when nothing else happens.
+    // The firmware is on the bus some 9 ms after power-on; a repetition takes 0.08 ms. It looks at
+    // the error counters every 5 ms at the latest when nothing else happens.
     run(&mut world, 20_000);
     assert_eq!(world.error_frames(), 16);
     let passive = (ErrorState::Passive, counters(128, 0));
@@ -93,8 +96,9 @@ fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     assert!(again.len() > 50 && again.iter().all(|(_, id)| *id == 0x702));
     world.set_lost_acknowledge(Share::NONE);
     run(&mut world, 30_000);
-    // The repetition under way when acknowledges came back, still lost or not, one that stands, which takes one off, and
-    // the emergency message that it was error passive, which takes another off.
+    // The repetition under way when acknowledges came back, still lost or not, one that stands,
+    // which takes one off, and the emergency message that it was error passive, which takes another
+    // off.
     let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
     assert!(
         (2..=3).contains(&ids.len()) && ids.ends_with(&[0x702, 0x082]),
@@ -104,7 +108,8 @@ fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     assert_eq!(world.robot_errors(0), active);
 }
 
-/// Fifteen times 9 for what it is the first to see; error passive it destroys nothing more and counts 1.
+/// Fifteen times 9 for what it is the first to see; error passive it destroys nothing more and
+/// counts 1.
 #[test]
 fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
     let mut world = world("tcc-2");
@@ -121,7 +126,8 @@ fn a_bad_receiver_destroys_fifteen_frames_and_then_only_misses_them() {
     assert_eq!(world.robot_errors(0), active);
 }
 
-/// Lost arbitration is no error: frames wait for a babbler of high priority and come afterwards, the lower first.
+/// Lost arbitration is no error: frames wait for a babbler of high priority and come afterwards,
+/// the lower first.
 #[test]
 fn frames_that_lose_arbitration_wait_and_count_nothing() {
     let mut world = world("tcc-2");

@@ -1,5 +1,5 @@
-//! Encoders whose wires are disturbed, at the timers under the release image. Needs the image: `cargo xtask test` builds
-//! it, switches these tests on and names it in `OMNIBUS_ELF`.
+//! Encoders whose wires are disturbed, at the timers under the release image. Needs the image:
+//! `cargo xtask test` builds it, switches these tests on and names it in `OMNIBUS_ELF`.
 
 use canopen::Micros;
 use emulator::{Change, Firmware};
@@ -9,8 +9,8 @@ use omnibus_sim::{Backend, EncoderState, Options, World};
 /// Front left.
 const TIMER: usize = 2;
 
-/// The counter of the front left wheel, which stands, over one second with this disturbance: how often it changed, and
-/// where it stood at last, as a signed number.
+/// The counter of the front left wheel, which stands, over one second with this disturbance: how
+/// often it changed, and where it stood at last, as a signed number.
 fn counted(disturb: fn(&mut World)) -> (usize, i64) {
     let path = std::env::var("OMNIBUS_ELF")
         .expect("OMNIBUS_ELF names a release image; cargo xtask test sets it");

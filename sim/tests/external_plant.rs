@@ -39,7 +39,8 @@ fn example() -> Option<(Child, String)> {
     Some((child, format!("127.0.0.1:{port}")))
 }
 
-/// Three bolted robots strafe left at 0.2 m/s, then turn at 0.5 rad/s, by wheel rates in closed form.
+/// Three bolted robots strafe left at 0.2 m/s, then turn at 0.5 rad/s, by wheel rates in closed
+/// form.
 #[test]
 fn the_python_example_moves_a_rigid_group() {
     let Some((mut child, address)) = example() else {

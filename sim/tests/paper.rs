@@ -15,8 +15,8 @@ fn found(name: &str, plants: &[OnPlant]) -> Findings {
     findings
 }
 
-/// Motors, wheel loops, encoders and the bus's steps of 0.1 mm/s and 0.1 mrad/s in between cost less than
-/// a tenth of a point; the rest is the plants'.
+/// Motors, wheel loops, encoders and the bus's steps of 0.1 mm/s and 0.1 mrad/s in between cost
+/// less than a tenth of a point; the rest is the plants'.
 const WITHIN: f64 = 0.6;
 
 #[test]
@@ -49,8 +49,8 @@ fn compensation_improves_the_physical_robots_curves() {
     }
 }
 
-/// What the paper's figures 22 and 24 say in words: the distance of free robots changes, that of connected
-/// ones does not.
+/// What the paper's figures 22 and 24 say in words: the distance of free robots changes, that of
+/// connected ones does not.
 #[test]
 fn free_robots_lose_their_distance() {
     let change = |name: &str| {

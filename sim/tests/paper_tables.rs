@@ -1,5 +1,5 @@
-//! Both plants against the paper's Tables 3 to 6, on the wheels alone: no bus, no motors. What comes out stands
-//! in `docs/simulation.md`; `OMNIBUS_WRITE_DOCS=1` writes it there.
+//! Both plants against the paper's Tables 3 to 6, on the wheels alone: no bus, no motors. What
+//! comes out stands in `docs/simulation.md`; `OMNIBUS_WRITE_DOCS=1` writes it there.
 
 #![expect(
     clippy::approx_constant,
@@ -161,9 +161,9 @@ fn rows() -> Vec<Row> {
     rows
 }
 
-/// What the documentation says about the plants is what they do; and the contact plant is within half a
-/// point of every row of Tables 3 to 6, the table plant of all but Table 4's, which it cannot have: it
-/// loses on each axis what that axis alone does.
+/// What the documentation says about the plants is what they do; and the contact plant is within
+/// half a point of every row of Tables 3 to 6, the table plant of all but Table 4's, which it
+/// cannot have: it loses on each axis what that axis alone does.
 #[test]
 fn tables_3_to_6_within_half_a_point() {
     let rows = rows();
@@ -212,9 +212,9 @@ fn tables_3_to_6_within_half_a_point() {
     }
 }
 
-/// Where the plant's oblique figure comes from: the wheels that stand still do so on one place of a roller.
-/// On the middle of one both axes lose alike; with every wheel on a place of its own they share it
-/// differently, and the sum of both losses stays near the paper's.
+/// Where the plant's oblique figure comes from: the wheels that stand still do so on one place of a
+/// roller. On the middle of one both axes lose alike; with every wheel on a place of its own they
+/// share it differently, and the sum of both losses stays near the paper's.
 #[test]
 fn oblique_losses_depend_on_the_rollers_stood_on() {
     let path = format!("{}/../groups/single.toml", env!("CARGO_MANIFEST_DIR"));

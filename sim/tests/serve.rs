@@ -127,7 +127,8 @@ fn two_programs_and_two_robots_on_one_bus() {
     // The channel is not open yet.
     master.get_mut().write_all(b"8100\r").unwrap();
     assert_eq!(line(&mut master), "\u{7}");
-    // A heartbeat comes after the boot-up at power-on, so that one is over when both have said they are pre-operational.
+    // A heartbeat comes after the boot-up at power-on, so that one is over when both have said they
+    // are pre-operational.
     for heartbeat in ["t70217F", "t70317F"] {
         while line(&mut listener) != heartbeat {}
     }
@@ -249,8 +250,8 @@ fn poses_come_as_lines_of_json() {
     }
 }
 
-/// The group file has the usual gyro: 200 samples a second, a bias of 0.5 degrees/s and, at that rate, noise of 0.05: six
-/// standard deviations are left to it. The robots stand.
+/// The group file has the usual gyro: 200 samples a second, a bias of 0.5 degrees/s and, at that
+/// rate, noise of 0.05: six standard deviations are left to it. The robots stand.
 #[test]
 fn gyro_samples_come_as_lines_of_json() {
     let served = Served::new(&["--gyro-tcp", "127.0.0.1:0"]);
@@ -302,8 +303,8 @@ fn faults_come_from_the_command_line_and_from_standard_input() {
     );
 }
 
-/// What one run has logged is played onto the bus of another, which says the same again. The second world's
-/// robots are silent: they have no power.
+/// What one run has logged is played onto the bus of another, which says the same again. The second
+/// world's robots are silent: they have no power.
 #[test]
 fn a_log_is_played_frame_by_frame() {
     let (first, second) = (scratch("serve-first.log"), scratch("serve-second.log"));

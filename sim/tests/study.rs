@@ -17,9 +17,9 @@ fn file(plant: Plant) -> GroupFile {
     file
 }
 
-/// From rest to 0.24 m/s at 2.4 m/s2 takes ten periods of 10 ms: 0.24 s on (the first period ends at
-/// 0.024 m/s) the way is 0.24 (0.01 (1 + 2 + ... + 10) / 10 + 0.9) = 0.2292 m after a second. The robots
-/// do not compensate and lose nothing.
+/// From rest to 0.24 m/s at 2.4 m/s2 takes ten periods of 10 ms: 0.24 s on (the first period ends
+/// at 0.024 m/s) the way is 0.24 (0.01 (1 + 2 + ... + 10) / 10 + 0.9) = 0.2292 m after a second.
+/// The robots do not compensate and lose nothing.
 #[test]
 fn a_group_accelerates_within_its_limits() {
     let options = StudyOptions {

@@ -1,5 +1,5 @@
-//! The table plant gives the paper's tables back: wheels turn as they were set, and the distance the
-//! robot covers is what the paper measured, to the digits it prints.
+//! The table plant gives the paper's tables back: wheels turn as they were set, and the distance
+//! the robot covers is what the paper measured, to the digits it prints.
 
 #![expect(
     clippy::approx_constant,

@@ -102,8 +102,8 @@ fn frame(id: u16) -> Frame {
     Frame::new(id, &[]).unwrap()
 }
 
-/// Three frames wait at time 0. They go out by identifier; 0 takes 50 bits and 3 of intermission, the
-/// others 0x555's length of 45 and 0x556's, which differs only in its CRC.
+/// Three frames wait at time 0. They go out by identifier; 0 takes 50 bits and 3 of intermission,
+/// the others 0x555's length of 45 and 0x556's, which differs only in its CRC.
 #[test]
 fn frames_go_out_by_identifier_and_take_their_bits() {
     let (mut world, strings) = world("tcc-2");
@@ -160,8 +160,8 @@ fn a_pulled_connector_neither_hears_nor_speaks() {
     assert_eq!(strings[1].lock().unwrap().received.len(), 2);
 }
 
-/// A duty that ends at 10 rad/s: after 4 s the rate is there, the encoders agree with the wheels to a
-/// count, and the robots have gone forward by wheel angle times radius times Table 3's ratio.
+/// A duty that ends at 10 rad/s: after 4 s the rate is there, the encoders agree with the wheels to
+/// a count, and the robots have gone forward by wheel angle times radius times Table 3's ratio.
 #[test]
 fn duty_turns_wheels_and_wheels_move_the_group() {
     let (mut world, strings) = world("tcc-3");
@@ -250,9 +250,9 @@ fn the_log_is_candumps() {
     );
 }
 
-/// The duty that holds 10 rad/s from 24 V (static 0.015625, per rad/s 0.8/24 + 0.02 * 0.015625) draws
-/// `i = (1 + 0.02 * 10) / 0.8 = 1.5 A` a motor. From a battery of 1 ohm the rate is where motor and sag
-/// agree: `d U = 0.8 w + 0.3 i`, `U = 24 - 4 d i`, `i = (1 + 0.02 w) / 0.8`.
+/// The duty that holds 10 rad/s from 24 V (static 0.015625, per rad/s 0.8/24 + 0.02 * 0.015625)
+/// draws `i = (1 + 0.02 * 10) / 0.8 = 1.5 A` a motor. From a battery of 1 ohm the rate is where
+/// motor and sag agree: `d U = 0.8 w + 0.3 i`, `U = 24 - 4 d i`, `i = (1 + 0.02 w) / 0.8`.
 #[test]
 fn a_battery_sags_under_its_motors() {
     let (mut world, strings) = simulated("single", "battery = { resistance = 1 }");
@@ -268,7 +268,8 @@ fn a_battery_sags_under_its_motors() {
     assert!((rate - expected).abs() < 1e-3, "{rate} {expected}");
 }
 
-/// 2 degrees of play: a wheel that is driven lags half of it behind its motor, which the encoder is on.
+/// 2 degrees of play: a wheel that is driven lags half of it behind its motor, which the encoder is
+/// on.
 #[test]
 fn play_lies_between_encoder_and_wheel() {
     let (mut world, strings) = simulated("single", "backlash_deg = 2.0");
@@ -287,8 +288,8 @@ fn play_lies_between_encoder_and_wheel() {
     assert!((lag(&world) + half).abs() < count, "{}", lag(&world));
 }
 
-/// The front right encoder of node 3 breaks after half a second, its rear left one loses a channel; nobody
-/// else's do.
+/// The front right encoder of node 3 breaks after half a second, its rear left one loses a channel;
+/// nobody else's do.
 #[test]
 fn encoders_break_at_their_time() {
     let (mut world, strings) = simulated(
@@ -350,10 +351,11 @@ fn noise_comes_from_the_seed() {
     assert!(four.iter().any(|n| *n != four[0]), "{four:?}");
 }
 
-/// The same wheel, driven for a second, as a robot counts it whose encoder has noise on its wires. Pulses on
-/// driven wires leave the count where it is but for four a pulse that lies across an edge: of 1000 a second, 60 ns
-/// long, with some 10 000 edges a second that is one or two. Strikes on open wires are a count each: 1000 within
-/// 4 sqrt(1000), so their sum lies within 4 sqrt(1000) of nothing.
+/// The same wheel, driven for a second, as a robot counts it whose encoder has noise on its wires.
+/// Pulses on driven wires leave the count where it is but for four a pulse that lies across an
+/// edge: of 1000 a second, 60 ns long, with some 10 000 edges a second that is one or two. Strikes
+/// on open wires are a count each: 1000 within 4 sqrt(1000), so their sum lies within 4 sqrt(1000)
+/// of nothing.
 #[test]
 fn noise_on_the_wires_of_an_encoder_counts_only_where_they_are_open() {
     let (mut world, strings) = world("single");
@@ -369,8 +371,8 @@ fn noise_on_the_wires_of_an_encoder_counts_only_where_they_are_open() {
     assert!(open != 0 && open.abs() < 130, "{open}");
 }
 
-/// A driver that trips at 60 A: a wheel that is held draws (24 V - 0) 0.9 / 0.3 ohm = 72 A with 1 ms of winding, so after
-/// R/L t = -ln(1 - 60/72) = 1.8 ms the bridges are off.
+/// A driver that trips at 60 A: a wheel that is held draws (24 V - 0) 0.9 / 0.3 ohm = 72 A with 1
+/// ms of winding, so after R/L t = -ln(1 - 60/72) = 1.8 ms the bridges are off.
 #[test]
 fn a_driver_trips_at_its_current() {
     let (mut world, strings) = world("single");
@@ -390,8 +392,8 @@ fn a_driver_trips_at_its_current() {
     assert!((current(&world) - 72.0).abs() < 0.1, "{}", current(&world));
 }
 
-/// A cable broken before the second of three: frames of both halves go at the same time and stay in their half.
-/// Mended, everybody hears everybody.
+/// A cable broken before the second of three: frames of both halves go at the same time and stay in
+/// their half. Mended, everybody hears everybody.
 #[test]
 fn a_parted_bus_is_two() {
     let (mut world, strings) = world("tcc-3");
@@ -419,8 +421,8 @@ fn a_parted_bus_is_two() {
     assert_eq!((heard(0).len(), heard(1).len(), heard(2).len()), (1, 1, 0));
 }
 
-/// Alone in its half a robot gets no acknowledge and sends for ever; what was on the wire when the cable broke
-/// is an error frame for those who heard it.
+/// Alone in its half a robot gets no acknowledge and sends for ever; what was on the wire when the
+/// cable broke is an error frame for those who heard it.
 #[test]
 fn a_robot_alone_behind_a_broken_cable_is_not_heard() {
     let (mut world, strings) = world("tcc-2");

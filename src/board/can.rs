@@ -1,25 +1,29 @@
 //! The CAN controller (bxCAN, RM0390 rev 6 section 30), 1 Mbit/s.
 //!
-//! Frames arrive in one FIFO of three; the interrupt takes them out at once, stamps them with the local time
-//! and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One FIFO, because with two the
-//! order of a setpoint and the SYNC that latches it would be lost. What can overflow: the hardware FIFO (counted
-//! as an overrun, only when interrupts are held off for three frame times, 150 us at least) and the queue
-//! (counted, when the bus task does not run for 32 frames, 1.6 ms at least of back-to-back short frames).
+//! Frames arrive in one FIFO of three; the interrupt takes them out at once, stamps them with the
+//! local time and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One
+//! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. What
+//! can overflow: the hardware FIFO (counted as an overrun, only when interrupts are held off for
+//! three frame times, 150 us at least) and the queue (counted, when the bus task does not run for
+//! 32 frames, 1.6 ms at least of back-to-back short frames).
 //!
-//! The interrupt drops frames of function codes that nobody here listens to ([`Can::listen`]): a hundred cycles instead
-//! of a turn of the bus task. It keeps those with the robot's own node number whatever their function: only another robot
-//! with the same number sends them. Not by the controller's own filters, which can only be changed while it does not
-//! receive. For frames that mean nothing before the next SYNC it does not wake the bus task: they wait for the control
-//! tick, which wakes it, or for the next frame that cannot wait. A millisecond has 20 frames at most, so the queue holds
-//! them.
+//! The interrupt drops frames of function codes that nobody here listens to ([`Can::listen`]): a
+//! hundred cycles instead of a turn of the bus task. It keeps those with the robot's own node
+//! number whatever their function: only another robot with the same number sends them. Not by the
+//! controller's own filters, which can only be changed while it does not receive. For frames that
+//! mean nothing before the next SYNC it does not wake the bus task: they wait for the control tick,
+//! which wakes it, or for the next frame that cannot wait. A millisecond has 20 frames at most, so
+//! the queue holds them.
 //!
-//! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated until they
-//! are acknowledged. Whoever sends holds a frame back while the mailboxes are full; nothing is dropped here.
+//! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated
+//! until they are acknowledged. Whoever sends holds a frame back while the mailboxes are full;
+//! nothing is dropped here.
 //!
-//! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the caller's policy.
+//! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
+//! caller's policy.
 //!
-//! Why not the HAL's driver: its buffered receiver drops a frame without a trace when its queue is full, and
-//! its buffered sender loses the second of two frames with one identifier.
+//! Why not the HAL's driver: its buffered receiver drops a frame without a trace when its queue is
+//! full, and its buffered sender loses the second of two frames with one identifier.
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
@@ -114,10 +118,11 @@ impl Can {
         });
         while !can.msr().read().inak() {}
 
-        // APB1 runs at 45 MHz; prescaler 3 gives time quanta of 1/15 us. One bit is 1 (sync) + 12 + 2 = 15 quanta, so
-        // 1 Mbit/s, sampled after 13 of 15: 86.7 %. Bosch, CAN 2.0 part A, oscillator tolerance: each clock may be off by
-        // SJW / (20 x 15) = 0.67 % while frames go well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame. Every
-        // field holds one less than its value.
+        // APB1 runs at 45 MHz; prescaler 3 gives time quanta of 1/15 us. One bit is 1 (sync) + 12 +
+        // 2 = 15 quanta, so 1 Mbit/s, sampled after 13 of 15: 86.7 %. Bosch, CAN 2.0 part A,
+        // oscillator tolerance: each clock may be off by SJW / (20 x 15) = 0.67 % while frames go
+        // well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame. Every field holds one
+        // less than its value.
         const PRESCALER: u16 = 3;
         const SEGMENT_1: u8 = 12;
         const SEGMENT_2: u8 = 2;
@@ -129,7 +134,8 @@ impl Can {
             w.set_sjw(JUMP_WIDTH - 1);
         });
 
-        // One filter, 32 bits wide, mask mode, into FIFO 0: any data frame with an 11-bit identifier.
+        // One filter, 32 bits wide, mask mode, into FIFO 0: any data frame with an 11-bit
+        // identifier.
         can.fmr().modify(|w| w.set_finit(true));
         can.fa1r().write_value(regs::Fa1r(0));
         can.fm1r().write_value(regs::Fm1r(0));
@@ -161,9 +167,9 @@ impl Can {
         }
     }
 
-    /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers from 128 n on), and
-    /// and those with this node number; lets those of the second set wait for the tick. All of them, at once, before the
-    /// first call.
+    /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers
+    /// from 128 n on), and and those with this node number; lets those of the second set wait for
+    /// the tick. All of them, at once, before the first call.
     pub fn listen(&self, function_codes: u16, node: u8, can_wait: u16) {
         OWN_NODE.store(node.into(), Ordering::Relaxed);
         LISTENS_TO.store(function_codes, Ordering::Relaxed);
@@ -175,7 +181,8 @@ impl Can {
         RX_QUEUE.try_receive().ok()
     }
 
-    /// Puts a frame into a free mailbox; `false` when all three are taken. Then the bus task is woken when one is free.
+    /// Puts a frame into a free mailbox; `false` when all three are taken. Then the bus task is
+    /// woken when one is free.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
         let can = pac::CAN1;
@@ -219,7 +226,8 @@ impl Can {
     pub fn recover(&mut self) {
         let can = pac::CAN1;
         can.mcr().modify(|w| w.set_inrq(true));
-        // Off the bus there is no frame to wait for, so this takes a few cycles. The bound is for a broken chip.
+        // Off the bus there is no frame to wait for, so this takes a few cycles. The bound is for a
+        // broken chip.
         const CYCLES: u32 = 1_000;
         let _ = (0..CYCLES).find(|_| can.msr().read().inak());
         can.mcr().modify(|w| w.set_inrq(false));
@@ -252,7 +260,8 @@ impl Can {
     reason = "enabling an interrupt can break a critical section"
 )]
 fn enable_interrupts() {
-    // SAFETY: called once at start-up, outside any critical section that these handlers could break.
+    // SAFETY: called once at start-up, outside any critical section that these handlers could
+    // break.
     unsafe {
         interrupt::CAN1_RX0.enable();
         interrupt::CAN1_TX.enable();
@@ -271,7 +280,8 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             if fifo.fovr() {
                 OVERRUNS.fetch_add(1, Ordering::Relaxed);
                 wake::BUS.ring();
-                // The flags of this register are cleared by writing one, and only this one is to be cleared.
+                // The flags of this register are cleared by writing one, and only this one is to be
+                // cleared.
                 can.rfr(0).write(|w| w.set_fovr(true));
             }
             if fifo.fmp() == 0 {
@@ -322,7 +332,8 @@ struct OffHandler;
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::CAN1_SCE> for OffHandler {
     unsafe fn on_interrupt() {
-        // Flags of this register are cleared by writing one; bus-off is the only error that is enabled.
+        // Flags of this register are cleared by writing one; bus-off is the only error that is
+        // enabled.
         pac::CAN1.msr().write(|w| w.set_erri(true));
         wake::BUS.ring();
     }

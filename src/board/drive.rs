@@ -1,16 +1,20 @@
-//! What turns the wheels: four PWM channels with direction pins, the driver enable, the holding brake.
+//! What turns the wheels: four PWM channels with direction pins, the driver enable, the holding
+//! brake.
 //!
-//! TIM1 makes 20 kHz on four channels. Its master output enable (MOE) is set only while the drivers are enabled,
-//! and the emergency-stop input clears it in hardware (break input), with the core halted or not. With MOE clear
-//! the outputs are driven to their idle level, low, not left floating (`OSSI`).
+//! TIM1 makes 20 kHz on four channels. Its master output enable (MOE) is set only while the drivers
+//! are enabled, and the emergency-stop input clears it in hardware (break input), with the core
+//! halted or not. With MOE clear the outputs are driven to their idle level, low, not left floating
+//! (`OSSI`).
 //!
-//! Driver enable and brake release are outputs of TIM8, channels 2 and 3, complementary outputs alone, forced to a
-//! level instead of compared (RM0390 17.4.7, OCxM 100 and 101). TIM8 counts nothing; it is there for its own break
-//! input, to which the emergency stop is wired as well: a stop takes drivers and brake back without the processor.
+//! Driver enable and brake release are outputs of TIM8, channels 2 and 3, complementary outputs
+//! alone, forced to a level instead of compared (RM0390 17.4.7, OCxM 100 and 101). TIM8 counts
+//! nothing; it is there for its own break input, to which the emergency stop is wired as well: a
+//! stop takes drivers and brake back without the processor.
 //!
-//! Compare values are not preloaded: they act at once, so that the moment of a change is the moment of the tick
-//! and not the end of a PWM period up to 50 us later. A value written in the middle of a period can shorten or
-//! lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be missed.
+//! Compare values are not preloaded: they act at once, so that the moment of a change is the moment
+//! of the tick and not the end of a PWM period up to 50 us later. A value written in the middle of
+//! a period can shorten or lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be
+//! missed.
 
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AfType, Flex, Output, OutputType, Pull, Speed};
@@ -30,7 +34,8 @@ const PWM_FREQUENCY: Hertz = Hertz(20_000);
 
 const CHANNELS: [Channel; 4] = [Channel::Ch1, Channel::Ch2, Channel::Ch3, Channel::Ch4];
 
-/// Four motor drivers and the holding brake. Wheels in the order front left, front right, rear left, rear right.
+/// Four motor drivers and the holding brake. Wheels in the order front left, front right, rear
+/// left, rear right.
 pub struct Drive {
     timer: Timer<'static, TIM1>,
     /// Timer clocks in one PWM period.
@@ -52,15 +57,16 @@ pub struct Pins {
     pub stop: [Flex<'static>; 2],
     /// Directions of the wheels.
     pub direction: [Output<'static>; 4],
-    /// Driver enable and brake release: TIM8 CH2N and CH3N, alternate function 3; driven low until now.
+    /// Driver enable and brake release: TIM8 CH2N and CH3N, alternate function 3; driven low until
+    /// now.
     pub gate: [Flex<'static>; 2],
 }
 
 impl Drive {
     /// Takes the outputs; drivers disabled, brake engaged.
     pub fn new(timer: Peri<'static, TIM1>, _gate_timer: Peri<'static, TIM8>, pins: Pins) -> Self {
-        // Data sheet DS10693 rev 10, table 11: TIM1 is alternate function 1 on PA8..PA11 and PB12, TIM8 is 3 on PA6,
-        // PB0 and PB1.
+        // Data sheet DS10693 rev 10, table 11: TIM1 is alternate function 1 on PA8..PA11 and PB12,
+        // TIM8 is 3 on PA6, PB0 and PB1.
         const TIM1_AF: u8 = 1;
         const TIM8_AF: u8 = 3;
         let Pins {
@@ -116,8 +122,8 @@ impl Drive {
         }
     }
 
-    /// Whether the emergency stop is pressed, its wire is broken, or it has cut the outputs since they were
-    /// last enabled.
+    /// Whether the emergency stop is pressed, its wire is broken, or it has cut the outputs since
+    /// they were last enabled.
     pub fn emergency_stop(&self) -> bool {
         let cut = || !self.timer.get_moe() || !pac::TIM8.bdtr().read().moe();
         let [stop, gate_stop] = &self.stop;
@@ -126,8 +132,9 @@ impl Drive {
 
     /// Sets the outputs.
     ///
-    /// `duty` per wheel is -1..=1, positive rolls the base forward. After the drivers were disabled, or cut by the
-    /// break input, they come back only when `drivers_enabled` goes from `false` to `true`.
+    /// `duty` per wheel is -1..=1, positive rolls the base forward. After the drivers were
+    /// disabled, or cut by the break input, they come back only when `drivers_enabled` goes from
+    /// `false` to `true`.
     pub fn set(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
         // A bench image is made to be halted with whatever its outputs are.
         let drivers_enabled = drivers_enabled && !cfg!(feature = "bench");
@@ -157,11 +164,12 @@ impl Drive {
     }
 }
 
-/// Sets the outputs' safe state and the break input, active high, and locks them until the next reset: no program that has
-/// gone astray takes the emergency stop away.
+/// Sets the outputs' safe state and the break input, active high, and locks them until the next
+/// reset: no program that has gone astray takes the emergency stop away.
 ///
-/// RM0390 17.4.18: level 2 locks break enable, polarities and idle states, level 3 the modes of the channels too; MOE is
-/// never locked. The level is settled by the first write of the register, so this is the first.
+/// RM0390 17.4.18: level 2 locks break enable, polarities and idle states, level 3 the modes of the
+/// channels too; MOE is never locked. The level is settled by the first write of the register, so
+/// this is the first.
 fn lock(timer: TimAdv, level: Lock) {
     timer.bdtr().write(|w| {
         w.set_ossi(Ossi::IDLE_LEVEL);
@@ -205,7 +213,8 @@ fn compare(duty: f32, period: f32) -> u16 {
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
 pub fn cut() {
-    // While start-up has not come so far the pins are outputs of the port, or still inputs; those float as in reset.
+    // While start-up has not come so far the pins are outputs of the port, or still inputs; those
+    // float as in reset.
     pac::GPIOB.bsrr().write(|w| {
         w.set_br(DRIVER_ENABLE_PB, true);
         w.set_br(BRAKE_RELEASE_PB, true);

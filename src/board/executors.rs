@@ -1,8 +1,8 @@
 //! The two executors.
 //!
-//! The bus side runs in thread mode, at the lowest priority. The control side runs in the interrupt of TIM7, which its
-//! ticks wait for (`tick`). Whatever the bus side is doing, a control tick interrupts it. The priorities, strongest
-//! first:
+//! The bus side runs in thread mode, at the lowest priority. The control side runs in the interrupt
+//! of TIM7, which its ticks wait for (`tick`). Whatever the bus side is doing, a control tick
+//! interrupts it. The priorities, strongest first:
 //!
 //! | priority | interrupt | why |
 //! |---|---|---|

@@ -1,11 +1,13 @@
-//! The two flash sectors that belong to the parameters (RM0390 rev 6 section 3; `memory.x` has the map).
+//! The two flash sectors that belong to the parameters (RM0390 rev 6 section 3; `memory.x` has the
+//! map).
 //!
-//! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased (16 KiB: 250 ms typically,
-//! 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10 table 49) it executes nothing. For that long no
-//! interrupt is served, and frames that do not fit into the CAN controller's FIFO are lost; during an erase the local
-//! time stands still. Between the operations interrupts are served, but no other task of the bus executor runs. So writing
-//! may be done only while the outputs are off, and the watchdog, which cannot be stopped, is given more time by
-//! [`patiently`](super::iwdg::patiently). Reading takes no longer than reading RAM.
+//! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased (16
+//! KiB: 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10 table
+//! 49) it executes nothing. For that long no interrupt is served, and frames that do not fit into
+//! the CAN controller's FIFO are lost; during an erase the local time stands still. Between the
+//! operations interrupts are served, but no other task of the bus executor runs. So writing may be
+//! done only while the outputs are off, and the watchdog, which cannot be stopped, is given more
+//! time by [`patiently`](super::iwdg::patiently). Reading takes no longer than reading RAM.
 
 #![expect(
     unsafe_code,
@@ -47,8 +49,8 @@ impl Flash for ParameterFlash {
             w.set_psize(Psize::PSIZE32);
             w.set_pg(true);
         });
-        // SAFETY: the address is a word of one of the two sectors, where neither code nor constants lie. With PG set the
-        // write programs it, and the core waits where it needs the flash.
+        // SAFETY: the address is a word of one of the two sectors, where neither code nor constants
+        // lie. With PG set the write programs it, and the core waits where it needs the flash.
         unsafe { to.write_volatile(word) };
         finish()
     }
@@ -61,8 +63,9 @@ impl Flash for ParameterFlash {
             w.set_ser(true);
             w.set_snb(sector);
         });
-        // The local time counts this timer's overflows in an interrupt. If it missed some, the time and the timer would
-        // be half a period apart for ever after, and every alarm 33 ms off; so the time stands still.
+        // The local time counts this timer's overflows in an interrupt. If it missed some, the time
+        // and the timer would be half a period apart for ever after, and every alarm 33 ms off; so
+        // the time stands still.
         pac::TIM9.cr1().modify(|w| w.set_cen(false));
         pac::FLASH.cr().modify(|w| w.set_strt(true));
         let result = finish();

@@ -1,5 +1,6 @@
-//! What stands still while a debugger halts the core of a bench image (RM0390 33.16.4 and 33.16.5): the watchdog and all timers
-//! that are used. In an image that drives they go on, because a halted core with running PWM is a run-away.
+//! What stands still while a debugger halts the core of a bench image (RM0390 33.16.4 and 33.16.5):
+//! the watchdog and all timers that are used. In an image that drives they go on, because a halted
+//! core with running PWM is a run-away.
 
 use embassy_stm32::pac;
 

@@ -1,13 +1,14 @@
 //! The encoders' index inputs: the counter as it stands when the pulse comes.
 //!
-//! All four are lines of one external interrupt vector, at a priority above everything that computes, so that a
-//! counter is read within about a microsecond of the edge: at 15 rad/s and 40 000 counts a turn a tenth of a count
-//! late. The control task takes what is there at its next tick; a pulse is told from the last one by a number that wraps
-//! at 256.
+//! All four are lines of one external interrupt vector, at a priority above everything that
+//! computes, so that a counter is read within about a microsecond of the edge: at 15 rad/s and 40
+//! 000 counts a turn a tenth of a count late. The control task takes what is there at its next
+//! tick; a pulse is told from the last one by a number that wraps at 256.
 //!
-//! Noise must not take the processor from the control tick. So the lines listen only when the configuration has indexes,
-//! and a line that has had its pulse listens again from the next tick on: one interrupt a wheel and tick at most. A wheel
-//! turns once in a hundred milliseconds, so what comes within a millisecond of a pulse is none.
+//! Noise must not take the processor from the control tick. So the lines listen only when the
+//! configuration has indexes, and a line that has had its pulse listens again from the next tick
+//! on: one interrupt a wheel and tick at most. A wheel turns once in a hundred milliseconds, so
+//! what comes within a millisecond of a pulse is none.
 
 #![expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 
@@ -35,7 +36,8 @@ pub struct Indexes {
 }
 
 impl Indexes {
-    /// Takes the pins of the front left, front right, rear left and rear right index. A pulse is a rising edge.
+    /// Takes the pins of the front left, front right, rear left and rear right index. A pulse is a
+    /// rising edge.
     pub fn new(
         front_left: Peri<'static, peripherals::PB10>,
         front_right: Peri<'static, peripherals::PA12>,

@@ -1,9 +1,10 @@
 //! The independent watchdog (RM0390 rev 6, section 21). It cannot be stopped once it runs.
 //!
-//! Two settings: [`NORMAL`], and [`PATIENT`] while flash is erased or programmed. A setting takes up to five LSI cycles
-//! to arrive, 106 to 294 us. Meanwhile PVU and RVU in SR are set, the registers read their old values and must not be
-//! written (21.4.2 to 21.4.4). So every change waits until both are clear, before and after; the settings are constants and
-//! are never read back to be restored. The first count after the start is the longest there is, so the start ends with
+//! Two settings: [`NORMAL`], and [`PATIENT`] while flash is erased or programmed. A setting takes
+//! up to five LSI cycles to arrive, 106 to 294 us. Meanwhile PVU and RVU in SR are set, the
+//! registers read their old values and must not be written (21.4.2 to 21.4.4). So every change
+//! waits until both are clear, before and after; the settings are constants and are never read back
+//! to be restored. The first count after the start is the longest there is, so the start ends with
 //! a feeding, too.
 
 use embassy_stm32::pac;
@@ -16,21 +17,22 @@ struct Setting {
     reload: u16,
 }
 
-/// 400 counts of 4 LSI cycles: 50 ms at 32 kHz. DS10693 rev 10, table 42: LSI has 17 to 47 kHz, so the reset comes 34 to
-/// 94 ms after the last feeding.
+/// 400 counts of 4 LSI cycles: 50 ms at 32 kHz. DS10693 rev 10, table 42: LSI has 17 to 47 kHz, so
+/// the reset comes 34 to 94 ms after the last feeding.
 const NORMAL: Setting = Setting {
     prescaler: Pr::DIVIDE_BY4,
     reload: 400 - 1,
 };
 
-/// 3000 counts of 32 LSI cycles: 3 s at 32 kHz, 2.04 s at 47 kHz. One save takes two erases at most, 500 ms each at 32
-/// bits (DS10693 rev 10, table 49), and 600 words at 100 us.
+/// 3000 counts of 32 LSI cycles: 3 s at 32 kHz, 2.04 s at 47 kHz. One save takes two erases at
+/// most, 500 ms each at 32 bits (DS10693 rev 10, table 49), and 600 words at 100 us.
 const PATIENT: Setting = Setting {
     prescaler: Pr::DIVIDE_BY32,
     reload: 3000 - 1,
 };
 
-/// Longest wait for a setting to arrive, in steps of 180 core cycles: 2 ms at 180 MHz, for what takes 294 us.
+/// Longest wait for a setting to arrive, in steps of 180 core cycles: 2 ms at 180 MHz, for what
+/// takes 294 us.
 const WAIT_STEPS: u32 = 2_000;
 
 /// An update does not end. LSI stands still, and so does the watchdog.
@@ -53,7 +55,8 @@ impl Watchdog {
     }
 }
 
-/// Does something that takes long, with more time until the watchdog bites; with the outputs off only.
+/// Does something that takes long, with more time until the watchdog bites; with the outputs off
+/// only.
 ///
 /// # Errors
 /// When the watchdog cannot be given that time; then nothing is done.

@@ -1,11 +1,12 @@
 //! Copying and clearing memory: what the compiler calls for anything larger than a few words.
 //!
-//! The compiler's own library has these too, in 3.3 KB and at three to five instructions for each word, with which a
-//! robot spent a tenth of its time. These are 200 bytes. Words are moved where both sides are aligned, four at a time;
-//! a Cortex-M4 also loads and stores single words at any address in RAM or flash, which does for the rest. None of it
-//! is for registers of peripherals.
+//! The compiler's own library has these too, in 3.3 KB and at three to five instructions for each
+//! word, with which a robot spent a tenth of its time. These are 200 bytes. Words are moved where
+//! both sides are aligned, four at a time; a Cortex-M4 also loads and stores single words at any
+//! address in RAM or flash, which does for the rest. None of it is for registers of peripherals.
 //!
-//! Names and arguments are those of the run-time ABI for the Arm architecture (RTABI32, section 4.3.4).
+//! Names and arguments are those of the run-time ABI for the Arm architecture (RTABI32, section
+//! 4.3.4).
 
 #![expect(unsafe_code, reason = "assembly")]
 

@@ -1,8 +1,9 @@
 //! The board: the only place that knows the microcontroller, its pins and its registers.
 //!
-//! A board is one file that builds [`Board`] from the chip's peripherals; this one is the NUCLEO-F446RE. The
-//! other files are what boards with this chip family share: the CAN controller, the motor outputs, the way
-//! into the safe state, the two executors. Nothing here decides anything about a robot.
+//! A board is one file that builds [`Board`] from the chip's peripherals; this one is the
+//! NUCLEO-F446RE. The other files are what boards with this chip family share: the CAN controller,
+//! the motor outputs, the way into the safe state, the two executors. Nothing here decides anything
+//! about a robot.
 
 pub mod can;
 pub mod drive;

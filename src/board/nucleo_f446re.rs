@@ -132,8 +132,8 @@ pub struct Encoders {
 }
 
 impl Encoders {
-    /// Sets the digital filter of all channels, 0 to 15: ICxF of RM0390 18.4.7, at the timers' 90 MHz. The HAL leaves it off,
-    /// and then every glitch of 11 ns is an edge.
+    /// Sets the digital filter of all channels, 0 to 15: ICxF of RM0390 18.4.7, at the timers' 90
+    /// MHz. The HAL leaves it off, and then every glitch of 11 ns is an edge.
     pub fn set_filter(&self, filter: u8) {
         let filter = FilterValue::from_bits(filter);
         for channels in [
@@ -149,8 +149,8 @@ impl Encoders {
         }
     }
 
-    /// Returns the counts front left, front right, rear left, rear right; they wrap at 16 bits and go up when the
-    /// wheel rolls the base forward.
+    /// Returns the counts front left, front right, rear left, rear right; they wrap at 16 bits and
+    /// go up when the wheel rolls the base forward.
     pub fn counts(&self) -> [u16; 4] {
         [
             self.front_left.count(),
@@ -161,10 +161,12 @@ impl Encoders {
     }
 }
 
-/// The supply voltage, behind a divider, and the current sensors' outputs; the configuration knows both.
+/// The supply voltage, behind a divider, and the current sensors' outputs; the configuration knows
+/// both.
 ///
-/// ADC1 converts its four channels over and over, every 87.5 us, and nobody waits for it: reading takes the last result.
-/// The sensors' are injected channels, which have result registers of their own (RM0390 13.3.9, auto-injection).
+/// ADC1 converts its four channels over and over, every 87.5 us, and nobody waits for it: reading
+/// takes the last result. The sensors' are injected channels, which have result registers of their
+/// own (RM0390 13.3.9, auto-injection).
 pub struct Meters {
     /// Kept: it is switched off when dropped.
     _adc: Adc<'static, ADC1>,
@@ -186,7 +188,8 @@ impl Meters {
             core::mem::forget(pin);
         }
         let adc = Adc::new(adc);
-        // The source has 9.1 kOhm. RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it may have 500 kOhm.
+        // The source has 9.1 kOhm. RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it
+        // may have 500 kOhm.
         let [first, second, third] = Self::CURRENT_CHANNELS;
         pac::ADC1.smpr2().write(|w| {
             w.set_smp(Self::CHANNEL.into(), SampleTime::CYCLES480);
@@ -229,8 +232,8 @@ impl Meters {
 }
 
 impl Board {
-    /// Sets up clocks, pins and peripherals. Outputs are safe since the first instructions; the watchdog runs before
-    /// clock and supply are waited for. To be called once.
+    /// Sets up clocks, pins and peripherals. Outputs are safe since the first instructions; the
+    /// watchdog runs before clock and supply are waited for. To be called once.
     pub fn new() -> Self {
         let watchdog = Watchdog::start();
         let clock_wait_ms = power::wait();
@@ -251,7 +254,8 @@ impl Board {
         #[cfg(feature = "bench")]
         super::freeze::in_debug_halt();
 
-        // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them costs 5 cycles.
+        // The HAL leaves the flash caches off. RM0390 3.4.2: at 5 wait states a jump without them
+        // costs 5 cycles.
         pac::FLASH.acr().modify(|w| {
             w.set_prften(true);
             w.set_icen(true);
@@ -337,9 +341,10 @@ impl Board {
     }
 }
 
-/// The first instructions after reset: PWM, driver enable and brake release become outputs, which are low. Painting the stack
-/// and setting up the variables takes milliseconds on the internal oscillator, waiting for clock and supply longer. In
-/// assembly, because there are no variables yet.
+/// The first instructions after reset: PWM, driver enable and brake release become outputs, which
+/// are low. Painting the stack and setting up the variables takes milliseconds on the internal
+/// oscillator, waiting for clock and supply longer. In assembly, because there are no variables
+/// yet.
 #[unsafe(naked)]
 #[unsafe(export_name = "__pre_init")]
 extern "C" fn make_outputs_safe() {
@@ -363,7 +368,8 @@ extern "C" fn make_outputs_safe() {
         "bx lr",
         ahb1enr = const 0x4002_3830_u32,
         ports = const 3,
-        // MODER is the first register of a port; what it sets is 0 after reset, and so are the outputs.
+        // MODER is the first register of a port; what it sets is 0 after reset, and so are the
+        // outputs.
         gpioa = const 0x4002_0000_u32,
         outputs_a = const outputs(&[LED_PA, 8, 9, 10, 11]),
         gpiob = const 0x4002_0400_u32,
@@ -381,7 +387,8 @@ const fn outputs(pins: &[usize]) -> u32 {
     word
 }
 
-/// FNV-1a over the 96 bits (wafer, lot, position): different chips give different numbers, but for one pair in 4e9.
+/// FNV-1a over the 96 bits (wafer, lot, position): different chips give different numbers, but for
+/// one pair in 4e9.
 fn fold(uid: &[u8; 12]) -> u32 {
     uid.iter().fold(0x811C_9DC5, |hash: u32, byte| {
         (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
@@ -393,7 +400,8 @@ pub fn now() -> Micros {
     Micros(Instant::now().as_micros())
 }
 
-/// 180 MHz from the 8 MHz that the ST-LINK feeds into the HSE input: 8 / 4 x 180 / 2. APB1 45 MHz, APB2 90 MHz.
+/// 180 MHz from the 8 MHz that the ST-LINK feeds into the HSE input: 8 / 4 x 180 / 2. APB1 45 MHz,
+/// APB2 90 MHz.
 fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.hse = Some(Hse {
@@ -415,8 +423,8 @@ fn clocks() -> Config {
     config
 }
 
-/// Reads why the chip was reset and clears the flags. The pin flag is set by every reset, the brown-out flag by
-/// power-on too, so the order matters.
+/// Reads why the chip was reset and clears the flags. The pin flag is set by every reset, the
+/// brown-out flag by power-on too, so the order matters.
 fn reset_cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));

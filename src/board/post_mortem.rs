@@ -1,7 +1,8 @@
 //! What the program said before it died: one record that survives a reset, not a loss of power.
 //!
-//! The panic and fault handlers write it, start-up reads it once and forgets it. It lies in RAM that start-up
-//! leaves alone (`.uninit`). After power-on it holds noise, which the magic number and the checksum refuse.
+//! The panic and fault handlers write it, start-up reads it once and forgets it. It lies in RAM
+//! that start-up leaves alone (`.uninit`). After power-on it holds noise, which the magic number
+//! and the checksum refuse.
 
 #![expect(unsafe_code, reason = "a static that is not initialised")]
 
@@ -52,10 +53,11 @@ static mut RECORD: MaybeUninit<Words> = MaybeUninit::uninit();
 #[unsafe(link_section = ".uninit.post_mortem")]
 static mut WATCHDOG_RESETS: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
 
-/// Watchdog resets since power came, this one included if it `is_one`. Called once at start-up, before the executors
-/// run.
+/// Watchdog resets since power came, this one included if it `is_one`. Called once at start-up,
+/// before the executors run.
 pub fn count_watchdog_reset(is_one: bool) -> u32 {
-    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly uninitialised.
+    // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly
+    // uninitialised.
     unsafe {
         let [check, count] = addr_of_mut!(WATCHDOG_RESETS).read_volatile().assume_init();
         let before = if check == MAGIC ^ count { count } else { 0 };
@@ -88,15 +90,17 @@ pub fn write(failure: Failure) {
         Failure::SupplyCollapse => words[1] = 6,
     }
     words[0] = MAGIC ^ fold(&words);
-    // SAFETY: there is one core, and either interrupts are masked or this is an exception that never returns to what it has
-    // interrupted, so nothing else accesses the record.
+    // SAFETY: there is one core, and either interrupts are masked or this is an exception that
+    // never returns to what it has interrupted, so nothing else accesses the record.
     unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
 }
 
-/// Takes the record of the last run, if there is one. Interrupts must be masked, or the executors not run yet.
+/// Takes the record of the last run, if there is one. Interrupts must be masked, or the executors
+/// not run yet.
 pub fn take() -> Option<Failure> {
-    // SAFETY: nothing else runs: start-up comes before the executors, and the watchdog's guard masks interrupts. Any bit
-    // pattern is a valid array of words; RAM is never truly uninitialised.
+    // SAFETY: nothing else runs: start-up comes before the executors, and the watchdog's guard
+    // masks interrupts. Any bit pattern is a valid array of words; RAM is never truly
+    // uninitialised.
     let words = unsafe {
         let words = addr_of_mut!(RECORD).read_volatile().assume_init();
         addr_of_mut!(RECORD).write_volatile(MaybeUninit::new([0; WORDS]));

@@ -1,14 +1,18 @@
-//! Clock and supply of the chip: what has to be there before anything starts, and what happens when it goes.
+//! Clock and supply of the chip: what has to be there before anything starts, and what happens when
+//! it goes.
 //!
-//! HSE is the 8 MHz that the debugger's microcontroller feeds in. It may come late or never, so [`wait`] runs on the
-//! internal oscillator with safe outputs and the watchdog running, shows a code on the LED while HSE or supply are missing,
-//! and tries again and again. Without HSE there is no CAN: the internal oscillator is off by up to 1 % (DS10693 rev 10,
-//! table 41), and the bus stands 0.5 %.
+//! HSE is the 8 MHz that the debugger's microcontroller feeds in. It may come late or never, so
+//! [`wait`] runs on the internal oscillator with safe outputs and the watchdog running, shows a
+//! code on the LED while HSE or supply are missing, and tries again and again. Without HSE there is
+//! no CAN: the internal oscillator is off by up to 1 % (DS10693 rev 10, table 41), and the bus
+//! stands 0.5 %.
 //!
-//! When HSE stops later, the clock security system (RM0390 6.2.7) takes the outputs of TIM1 and TIM8 away through their
-//! break, which needs no program, and the NMI leaves a record (`safe_state`). When the supply of the chip sinks below 3.0 V
-//! the voltage detector's interrupt does the same; below 2.8 V the brown-out reset holds the chip, which is not made for
-//! 180 MHz below 2.7 V. The brown-out level is in the option bytes, off in a fresh chip, and is programmed once.
+//! When HSE stops later, the clock security system (RM0390 6.2.7) takes the outputs of TIM1 and
+//! TIM8 away through their break, which needs no program, and the NMI leaves a record
+//! (`safe_state`). When the supply of the chip sinks below 3.0 V the voltage detector's interrupt
+//! does the same; below 2.8 V the brown-out reset holds the chip, which is not made for 180 MHz
+//! below 2.7 V. The brown-out level is in the option bytes, off in a fresh chip, and is programmed
+//! once.
 
 use cortex_m::peripheral::SYST;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -30,16 +34,17 @@ const CODE_MS: u32 = 2 * FLASH_MS * FLASHES + 800;
 
 /// Line of the voltage detector (RM0390 10.2.5).
 const DETECTOR_LINE: usize = 16;
-/// Its threshold, PLS: 2.95 to 3.09 V falling (DS10693 rev 10, table 24). The board's regulator gives 3.23 V at least, and
-/// the brown-out reset comes at 2.88 V at most.
+/// Its threshold, PLS: 2.95 to 3.09 V falling (DS10693 rev 10, table 24). The board's regulator
+/// gives 3.23 V at least, and the brown-out reset comes at 2.88 V at most.
 const DETECTOR_LEVEL: u8 = 7;
 
 /// BOR_LEV (RM0390 3.6.1): 0 is level 3, 2.75 to 2.88 V falling; 3 is off.
 const BROWN_OUT_LEVEL_3: u8 = 0;
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
-/// Waits for HSE and for the supply, feeding the watchdog. Returns how long that took, ms. To be called before the HAL is
-/// initialised, which waits for HSE for ever; the ports are clocked and the LED's pin is an output.
+/// Waits for HSE and for the supply, feeding the watchdog. Returns how long that took, ms. To be
+/// called before the HAL is initialised, which waits for HSE for ever; the ports are clocked and
+/// the LED's pin is an output.
 pub fn wait() -> u32 {
     pac::RCC.apb1enr().modify(|w| w.set_pwren(true));
     detect();
@@ -105,7 +110,8 @@ fn is_low() -> bool {
     pac::PWR.csr1().read().pvdo()
 }
 
-/// From now on clock and supply are watched. To be called after the HAL is initialised, which resets PWR.
+/// From now on clock and supply are watched. To be called after the HAL is initialised, which
+/// resets PWR.
 #[expect(
     unsafe_code,
     reason = "enabling an interrupt can break a critical section"
@@ -130,8 +136,9 @@ pub fn brown_out_level() -> u8 {
     3 - pac::FLASH.optcr().read().bor_lev()
 }
 
-/// Programs the brown-out reset to its highest level where it is not. With the outputs off, the supply at its nominal
-/// value and the watchdog patient; takes as long as the erase of a sector, once in the chip's life.
+/// Programs the brown-out reset to its highest level where it is not. With the outputs off, the
+/// supply at its nominal value and the watchdog patient; takes as long as the erase of a sector,
+/// once in the chip's life.
 pub fn program_brown_out() {
     let flash = pac::FLASH;
     if brown_out_level() == 3 - BROWN_OUT_LEVEL_3 || is_low() {

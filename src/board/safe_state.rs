@@ -1,11 +1,13 @@
-//! What happens when the program is wrong (panic, HardFault, an interrupt without a handler, stack overflow), and when
-//! clock or supply of the chip fail.
+//! What happens when the program is wrong (panic, HardFault, an interrupt without a handler, stack
+//! overflow), and when clock or supply of the chip fail.
 //!
-//! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line in the log. Then
-//! nothing: interrupts stay masked, the watchdog is no longer fed, and resets the chip. The robot comes back disabled.
+//! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line
+//! in the log. Then nothing: interrupts stay masked, the watchdog is no longer fed, and resets the
+//! chip. The robot comes back disabled.
 //!
-//! The HardFault entry sets the stack pointer anew before anything else, because the most likely fault is a stack
-//! that has run out (see `memory.x`), and a handler that pushes onto it would lock the core up with outputs on.
+//! The HardFault entry sets the stack pointer anew before anything else, because the most likely
+//! fault is a stack that has run out (see `memory.x`), and a handler that pushes onto it would lock
+//! the core up with outputs on.
 
 #![expect(
     unsafe_code,
@@ -22,7 +24,8 @@ use embassy_stm32::{interrupt, pac};
 use super::post_mortem::{self, Failure};
 use super::{drive, stack};
 
-/// Set by the first failure. What fails on the way from there, the log above all, must not replace its record.
+/// Set by the first failure. What fails on the way from there, the log above all, must not replace
+/// its record.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
 /// Whether this is the first failure since the start.
@@ -97,8 +100,8 @@ fn record(failure: Failure) {
     }
 }
 
-/// Clock security system: HSE has stopped. TIM1 and TIM8 have switched their outputs off by themselves. Nothing is logged:
-/// this can come in the middle of a line.
+/// Clock security system: HSE has stopped. TIM1 and TIM8 have switched their outputs off by
+/// themselves. Nothing is logged: this can come in the middle of a line.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
     drive::cut();
@@ -116,7 +119,8 @@ unsafe fn NonMaskableInt() -> ! {
 /// Number of the NMI as `DefaultHandler` counts.
 const NMI: i16 = -14;
 
-/// Voltage detector: the chip's supply sinks. Comes above every other interrupt, so nothing is logged here either.
+/// Voltage detector: the chip's supply sinks. Comes above every other interrupt, so nothing is
+/// logged here either.
 #[interrupt]
 fn PVD() {
     cortex_m::interrupt::disable();

@@ -1,8 +1,8 @@
 //! How deep the one stack has been.
 //!
-//! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has been used. All
-//! interrupts and both executors share this stack. It sees the deepest call ever made, not the present one, to within
-//! the step with which it looks.
+//! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has
+//! been used. All interrupts and both executors share this stack. It sees the deepest call ever
+//! made, not the present one, to within the step with which it looks.
 
 #![expect(unsafe_code, reason = "the stack's limits are linker symbols")]
 
@@ -18,14 +18,15 @@ unsafe extern "C" {
 /// What cortex-m-rt paints the stack with.
 const PAINT: u32 = 0xCCCC_CCCC;
 
-/// Words between two that are looked at: looking at each of 32 KiB would take the bus side a quarter of a millisecond. An
-/// exception's frame is as long and written without a gap.
+/// Words between two that are looked at: looking at each of 32 KiB would take the bus side a
+/// quarter of a millisecond. An exception's frame is as long and written without a gap.
 const STEP_WORDS: usize = 8;
 
 /// Bytes of stack that have been used since boot, and its size.
 pub fn high_water() -> (usize, usize) {
-    // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that nobody else
-    // writes below the present stack pointer except interrupts, whose writes only make the answer one call older.
+    // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that
+    // nobody else writes below the present stack pointer except interrupts, whose writes only make
+    // the answer one call older.
     unsafe {
         let end = addr_of!(_stack_end);
         let start = addr_of!(_stack_start);

@@ -1,11 +1,12 @@
 //! When the control tick begins: TIM7, one shot at a time (RM0390 rev 6, section 20).
 //!
-//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait goes on with the task that has
-//! waited. A timer of `embassy-time` would be another interrupt before that one, and two walks through the executor's
-//! queue of timers: a thousand cycles in every millisecond (docs/performance.md).
+//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait goes on
+//! with the task that has waited. A timer of `embassy-time` would be another interrupt before that
+//! one, and two walks through the executor's queue of timers: a thousand cycles in every
+//! millisecond (docs/performance.md).
 //!
-//! The counter counts microseconds beside the one of the local time, from the same clock. Each wait is measured from the
-//! local time as it is, so nothing adds up.
+//! The counter counts microseconds beside the one of the local time, from the same clock. Each wait
+//! is measured from the local time as it is, so nothing adds up.
 
 use core::future::poll_fn;
 use core::task::Poll;

@@ -57,7 +57,8 @@ pub fn quick_drive(group: &GroupFile, backend: Backend, curve: Curve, compensati
 /// A wheel whose reference is lost is in this roller state.
 pub const LOST: u8 = 3;
 
-/// Roller states of a robot's wheels, and whether the limit of lost references stands in its history.
+/// Roller states of a robot's wheels, and whether the limit of lost references stands in its
+/// history.
 pub fn references(session: &mut Group<&mut SimLink>, node: u8) -> ([u8; 4], bool) {
     let mut read = |address, kind| session.wire().read(node, address, kind).unwrap();
     let states = [0, 1, 2, 3].map(|wheel| {

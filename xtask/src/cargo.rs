@@ -84,8 +84,8 @@ pub fn ensure_target() -> anyhow::Result<()> {
     })
 }
 
-/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at hand, and those of the
-/// control side in fixed point.
+/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
+/// hand, and those of the control side in fixed point.
 pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let elf = crate::firmware::build(Scalar::F32)?;
     // Each variant replaces the one before it in the same folder; a copy stays.
@@ -116,14 +116,14 @@ pub fn fuzz(frames: u64, seed: u64) -> anyhow::Result<()> {
     run(&mut command)
 }
 
-/// What the compiler has to put in for libFuzzer. No sanitizer: those need a nightly compiler, and the crate has no
-/// `unsafe`.
+/// What the compiler has to put in for libFuzzer. No sanitizer: those need a nightly compiler, and
+/// the crate has no `unsafe`.
 const COVERAGE: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
      -Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1 --cfg fuzzing";
 
-/// Builds the libFuzzer target in `canopen/fuzz` with the toolchain there is and runs it for so long. What it finds is
-/// written to `target/fuzz/`, and fails.
+/// Builds the libFuzzer target in `canopen/fuzz` with the toolchain there is and runs it for so
+/// long. What it finds is written to `target/fuzz/`, and fails.
 pub fn fuzz_guided(seconds: u64) -> anyhow::Result<()> {
     let folder = target_folder().join("fuzz");
     let corpus = folder.join("corpus");

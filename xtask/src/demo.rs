@@ -1,10 +1,12 @@
 //! `cargo xtask demo`: builds the firmware, boots the group's robots in the emulator and drives a
-//! curve twice, without and with compensation; then prints the figures and writes the report. On the contact plant it
-//! is driven twice more with roller-phase kinematics, and the compensation is measured there first, by native robots.
+//! curve twice, without and with compensation; then prints the figures and writes the report. On
+//! the contact plant it is driven twice more with roller-phase kinematics, and the compensation is
+//! measured there first, by native robots.
 //!
-//! The two drives are independent worlds, each in its own thread. Each is a complete session of the master: boot, scan,
-//! configuration over SDO, NMT start, the curve, the ramp to standstill. Nothing here computes
-//! anything about the motion; `omnibus` does, from what the simulated world shows.
+//! The two drives are independent worlds, each in its own thread. Each is a complete session of the
+//! master: boot, scan, configuration over SDO, NMT start, the curve, the ramp to standstill.
+//! Nothing here computes anything about the motion; `omnibus` does, from what the simulated world
+//! shows.
 
 use std::path::PathBuf;
 
@@ -36,8 +38,8 @@ pub struct Arguments {
     /// What the robots compute their kinematics in; fixed point only in the emulator.
     #[arg(long, value_enum, default_value_t = Scalar::F32)]
     scalar: Scalar,
-    /// The floor: what the group file says, or rollers with friction and random phases. On the latter the curve is
-    /// driven twice more, with the robots told of their rollers.
+    /// The floor: what the group file says, or rollers with friction and random phases. On the
+    /// latter the curve is driven twice more, with the robots told of their rollers.
     #[arg(long, value_enum)]
     plant: Option<PlantName>,
     /// Drives only the first seconds of the curve.

@@ -44,7 +44,8 @@ pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     })
 }
 
-/// An image that is not the one that ships. It has a folder of its own, where nobody expects that one.
+/// An image that is not the one that ships. It has a folder of its own, where nobody expects that
+/// one.
 fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     build_as(|command| {
         command

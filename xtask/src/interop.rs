@@ -1,9 +1,10 @@
 //! `cargo xtask interop`: software that nobody here wrote talks to our robots and reads our logs.
 //!
-//! The tests are Python and lie in `tests/interop` (robots, native and emulated) and `canopen/interop` (the CANopen
-//! crate alone). They run in a virtual environment under `target/`, made here from the pinned
-//! `tests/interop/requirements.txt` and made anew when that file changes. tshark and chromium must come from the system; without
-//! it this task says so and fails, because a test that is left out in silence proves nothing.
+//! The tests are Python and lie in `tests/interop` (robots, native and emulated) and
+//! `canopen/interop` (the CANopen crate alone). They run in a virtual environment under `target/`,
+//! made here from the pinned `tests/interop/requirements.txt` and made anew when that file changes.
+//! tshark and chromium must come from the system; without it this task says so and fails, because a
+//! test that is left out in silence proves nothing.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -102,8 +103,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Keeps the machine's processors from sleeping, at the lowest priority.
 ///
-/// A virtual machine that sleeps between two SYNCs may be given its processors back 10 to 20 ms late. Most of what is
-/// driven here in real time then ends in a lost SYNC, on a machine that has nothing else to do.
+/// A virtual machine that sleeps between two SYNCs may be given its processors back 10 to 20 ms
+/// late. Most of what is driven here in real time then ends in a lost SYNC, on a machine that has
+/// nothing else to do.
 struct Awake(Vec<Child>);
 
 /// Ends with whoever started it, however that ends.

@@ -1,5 +1,5 @@
-//! Workspace tasks: `cargo xtask demo | test | faults | interop | socketcan | fuzz | bench | profile | size | flash |
-//! check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask demo | test | faults | interop | socketcan | fuzz | bench |
+//! profile | size | flash | check-elf | check-demo`.
 //!
 //! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
 //! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
@@ -44,7 +44,8 @@ enum Task {
     Faults(faults::Arguments),
     /// Lets foreign software talk to the robots: python-canopen, cantools, tshark.
     Interop(interop::Arguments),
-    /// Boots a kernel with SocketCAN under qemu and lets simulator, master and can-utils talk over it.
+    /// Boots a kernel with SocketCAN under qemu and lets simulator, master and can-utils talk over
+    /// it.
     Socketcan,
     /// Throws random frames at the CANopen device; nothing may panic or hang.
     Fuzz {
@@ -62,7 +63,8 @@ enum Task {
     Profile(bench::profile::Arguments),
     /// Prints what takes room in flash and RAM, by section and by crate.
     Size {
-        /// What the CANopen device takes of it, as the difference to an image without; fails above its budget.
+        /// What the CANopen device takes of it, as the difference to an image without; fails above
+        /// its budget.
         #[arg(long)]
         canopen: bool,
         /// Where to write the figures as JSON.

@@ -1,7 +1,8 @@
 //! `cargo xtask size --canopen`: what the CANopen device costs, as the difference of two images.
 //!
-//! The one is the firmware. The other is the same with a stub in the device's place (`canopen/src/stub.rs`), which keeps
-//! every other function of the program alive; it is built in a folder of its own and good for nothing else.
+//! The one is the firmware. The other is the same with a stub in the device's place
+//! (`canopen/src/stub.rs`), which keeps every other function of the program alive; it is built in a
+//! folder of its own and good for nothing else.
 
 use anyhow::{Context as _, bail};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
@@ -9,8 +10,9 @@ use omnibus::report::Scalar;
 
 use crate::{cargo, firmware};
 
-/// Most flash and RAM that the device with every service on may take, bytes. It took 16 056 bytes before LSS learnt not to
-/// make two devices one node, and communication objects were fixed while OPERATIONAL: 16 964.
+/// Most flash and RAM that the device with every service on may take, bytes. It took 16 056 bytes
+/// before LSS learnt not to make two devices one node, and communication objects were fixed while
+/// OPERATIONAL: 16 964.
 const FLASH_MAX: u64 = 17 * 1024;
 const RAM_MAX: u64 = 3 * 1024;
 

@@ -1,11 +1,13 @@
 //! `cargo xtask socketcan`: the simulator, the master and can-utils on a real SocketCAN interface.
 //!
-//! The kernel of a machine that builds software seldom has CAN. So this boots Debian's under qemu, without hardware
-//! help, so that it runs anywhere. The guest has no disk: an initial RAM disk made here holds busybox, the kernel's
-//! modules and `tests/socketcan/init`; everything else it finds on the host's file system, read-only over 9p. It brings
-//! up vcan0 and runs `tests/socketcan/guest.sh`.
+//! The kernel of a machine that builds software seldom has CAN. So this boots Debian's under qemu,
+//! without hardware help, so that it runs anywhere. The guest has no disk: an initial RAM disk made
+//! here holds busybox, the kernel's modules and `tests/socketcan/init`; everything else it finds on
+//! the host's file system, read-only over 9p. It brings up vcan0 and runs
+//! `tests/socketcan/guest.sh`.
 //!
-//! The kernel comes from Debian's archive by `apt-get download`, which needs no rights, and is unpacked under `target/`.
+//! The kernel comes from Debian's archive by `apt-get download`, which needs no rights, and is
+//! unpacked under `target/`.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -207,7 +209,8 @@ struct Archive {
 impl Archive {
     fn add(&mut self, name: &str, mode: u32, content: &[u8]) {
         self.count += 1;
-        // Magic, inode, mode, owner, group, links, time, size, four device numbers, length of the name, checksum.
+        // Magic, inode, mode, owner, group, links, time, size, four device numbers, length of the
+        // name, checksum.
         let length = name.len() + 1;
         let fields = [self.count, mode, 0, 0, 1, 0];
         self.bytes.extend_from_slice(b"070701");
@@ -242,8 +245,8 @@ fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
         })
         .context("the kernel package has no vmlinuz")?;
     let mut guest = Command::new("qemu-system-x86_64")
-        // The guest's clock counts its instructions, one a nanosecond: a host with other work to do makes the test last
-        // longer, and nothing in the guest is late for it.
+        // The guest's clock counts its instructions, one a nanosecond: a host with other work to do
+        // makes the test last longer, and nothing in the guest is late for it.
         .args(["-accel", "tcg,thread=single", "-smp", "1", "-m", "512"])
         .args(["-icount", "shift=0,sleep=on", "-rtc", "clock=vm"])
         .args([
@@ -312,7 +315,8 @@ fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
 mod tests {
     use super::*;
 
-    /// A header has 6 + 13 * 8 = 110 characters; names with their zero and contents end on multiples of four.
+    /// A header has 6 + 13 * 8 = 110 characters; names with their zero and contents end on
+    /// multiples of four.
     #[test]
     fn an_archive_is_newc() {
         let mut archive = Archive::default();

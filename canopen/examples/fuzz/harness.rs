@@ -1,13 +1,13 @@
 //! A device, what happens to it, and what must hold whatever happens.
 //!
 //! Streams of any identifier, length and bytes reach little, so most frames here are nearly right:
-//! services of the device with plausible commands, real objects, transfers carried on. In between come
-//! whole transfers over a bus that loses frames, and PDOs mapped anew. Nothing may
-//! panic, every frame sent must be one of the device's own, and a poll must leave no deadline behind
-//! (else the caller would spin).
+//! services of the device with plausible commands, real objects, transfers carried on. In between
+//! come whole transfers over a bus that loses frames, and PDOs mapped anew. Nothing may panic,
+//! every frame sent must be one of the device's own, and a poll must leave no deadline behind (else
+//! the caller would spin).
 //!
-//! Two programs share this file: the example beside it draws from a generator, the libFuzzer target in `fuzz/` from the
-//! bytes that libFuzzer makes up.
+//! Two programs share this file: the example beside it draws from a generator, the libFuzzer target
+//! in `fuzz/` from the bytes that libFuzzer makes up.
 
 use std::mem::Discriminant;
 
@@ -340,7 +340,8 @@ pub struct Totals {
     pub events: Vec<Discriminant<Event>>,
     /// Codes of SDO aborts.
     pub aborts: Vec<u32>,
-    /// Whole values that came through in a transfer of the honest client, segmented or block, up or down.
+    /// Whole values that came through in a transfer of the honest client, segmented or block, up or
+    /// down.
     pub transfers: u64,
 }
 
@@ -445,8 +446,8 @@ fn own_frame(device: &mut Device) -> Option<Frame> {
     Some(frame)
 }
 
-/// One device, from power-on, and these bytes as frames: two bytes of identifier and length, two of time since the last
-/// one in 16 us, the data.
+/// One device, from power-on, and these bytes as frames: two bytes of identifier and length, two of
+/// time since the last one in 16 us, the data.
 #[allow(dead_code, reason = "only one of the two programs uses it")]
 pub fn raw(mut bytes: &[u8]) {
     let mut objects = Objects {

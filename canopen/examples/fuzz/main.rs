@@ -1,7 +1,7 @@
 //! Frame streams at a device: `fuzz [--frames N] [--seed N]`.
 //!
-//! The same seed gives the same frames, and the digest at the end says whether the device answered the same. What is
-//! done to the device and what must hold is in [`harness`].
+//! The same seed gives the same frames, and the digest at the end says whether the device answered
+//! the same. What is done to the device and what must hold is in [`harness`].
 
 mod harness;
 

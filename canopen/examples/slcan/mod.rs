@@ -1,5 +1,5 @@
-//! A CAN bus over TCP: the ASCII protocol of LAWICEL adapters (slcan), as one client at a time speaks
-//! it to us. Only data frames with 11-bit identifiers are passed on.
+//! A CAN bus over TCP: the ASCII protocol of LAWICEL adapters (slcan), as one client at a time
+//! speaks it to us. Only data frames with 11-bit identifiers are passed on.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};

@@ -1,7 +1,9 @@
-//! libFuzzer makes up the frames: see `examples/fuzz/harness.rs` for what is done with its bytes and what must hold.
+//! libFuzzer makes up the frames: see `examples/fuzz/harness.rs` for what is done with its bytes
+//! and what must hold.
 //!
-//! The first byte chooses. Even: the bytes decide what the example's generator decides, so most frames are nearly
-//! right. Odd: they are the frames themselves, of any identifier, length, bytes and time.
+//! The first byte chooses. Even: the bytes decide what the example's generator decides, so most
+//! frames are nearly right. Odd: they are the frames themselves, of any identifier, length, bytes
+//! and time.
 #![no_main]
 
 #[path = "../../examples/fuzz/harness.rs"]

@@ -66,8 +66,9 @@ pub fn lss_select(identity: &Identity) -> [Frame; 4] {
     ]
 }
 
-/// Asks whether there is a slave with this vendor, product and revision and a serial number from `serials.0` to
-/// `serials.1`: six frames, in this order. All that match answer with the same frame, and nothing changes in them.
+/// Asks whether there is a slave with this vendor, product and revision and a serial number from
+/// `serials.0` to `serials.1`: six frames, in this order. All that match answer with the same
+/// frame, and nothing changes in them.
 #[must_use]
 pub fn lss_identify(identity: &Identity, serials: (u32, u32)) -> [Frame; 6] {
     [

@@ -3,9 +3,10 @@
 //! A consumer starts with the first heartbeat it hears, as CiA 301, 7.2.8.3.2.2 wants: a node that
 //! was never there is not lost.
 //!
-//! The first period after a start is shorter, by up to a half that follows from the serial number. Two
-//! devices with one node-ID by mistake, switched on or configured at the same moment, would otherwise send
-//! their heartbeats in the same bits for a long time, and neither would hear the other.
+//! The first period after a start is shorter, by up to a half that follows from the serial number.
+//! Two devices with one node-ID by mistake, switched on or configured at the same moment, would
+//! otherwise send their heartbeats in the same bits for a long time, and neither would hear the
+//! other.
 
 use super::{Core, HEARTBEAT};
 use crate::time::Timer;

@@ -1,16 +1,17 @@
 //! The LSS slave: lets a master find the device by its identity and give it a node-ID (CiA 305).
 //!
 //! Requests come on 0x7E5, answers go out on 0x7E4, in every NMT state and without a node-ID too. A
-//! device without one boots as soon as it has got one and is switched back to waiting; a device that
-//! has one takes the new one at the next reset. The bit rate cannot be changed, because the board sets it:
-//! *configure bit timing* (0x13) is answered with error 1, not supported, whatever it asks for.
+//! device without one boots as soon as it has got one and is switched back to waiting; a device
+//! that has one takes the new one at the next reset. The bit rate cannot be changed, because the
+//! board sets it: *configure bit timing* (0x13) is answered with error 1, not supported, whatever
+//! it asks for.
 //!
-//! Two devices must not become one node. So a node-ID is neither taken nor stored while the device is
-//! OPERATIONAL or the application forbids it (error 0xFF), the global switch into configuration is ignored
-//! then, and a device that was switched by it takes no node-ID if it knows of another device: one whose
-//! heartbeat it has heard since its boot-up, or that has answered to LSS since the switch. A selected device,
-//! or one found by fastscan, is the only one. Limit: two devices without a node-ID that answer in the same
-//! bits do not hear each other.
+//! Two devices must not become one node. So a node-ID is neither taken nor stored while the device
+//! is OPERATIONAL or the application forbids it (error 0xFF), the global switch into configuration
+//! is ignored then, and a device that was switched by it takes no node-ID if it knows of another
+//! device: one whose heartbeat it has heard since its boot-up, or that has answered to LSS since
+//! the switch. A selected device, or one found by fastscan, is the only one. Limit: two devices
+//! without a node-ID that answer in the same bits do not hear each other.
 
 use super::Core;
 use crate::bytes::{high_u16, low_u16};

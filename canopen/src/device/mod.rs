@@ -6,12 +6,13 @@
 //!
 //! The methods that reach the application's objects are generic for the caller's sake only: inside,
 //! the object dictionary is a trait object, so that this code is compiled once, in this crate, with
-//! this crate's optimisation; `inline(never)` keeps it from being copied into callers that are built for
-//! speed.
+//! this crate's optimisation; `inline(never)` keeps it from being copied into callers that are
+//! built for speed.
 //!
 //! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
-//! a `poll` that has looked at all of them raises it again. So the deadline may be early, never late.
+//! a `poll` that has looked at all of them raises it again. So the deadline may be early, never
+//! late.
 
 mod bus_off;
 mod emergency;
@@ -132,8 +133,9 @@ impl Device {
         self.core.out.pop_event()
     }
 
-    /// Function codes of the frames it listens to, one bit for each (bit n: identifiers from 128 n on), for an acceptance
-    /// filter. Whatever changes them changes them before the answer to it is sent.
+    /// Function codes of the frames it listens to, one bit for each (bit n: identifiers from 128 n
+    /// on), for an acceptance filter. Whatever changes them changes them before the answer to it is
+    /// sent.
     #[must_use]
     pub fn function_codes(&self) -> u16 {
         let fixed = [0, self.core.sync.id(), SDO_REQUEST, HEARTBEAT, lss::REQUEST];

@@ -290,7 +290,8 @@ impl Core {
     }
 }
 
-/// Whether an object says how the device communicates; saving, and clearing the error history, do not.
+/// Whether an object says how the device communicates; saving, and clearing the error history, do
+/// not.
 const fn is_communication(index: u16) -> bool {
     matches!(index, 0x1005..=0x1007 | 0x1014..=0x1017 | 0x1019 | 0x1029 | 0x1400..=0x1BFF | 0x1F80)
 }

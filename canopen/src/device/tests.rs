@@ -320,7 +320,8 @@ proptest! {
         }
     }
 
-    /// What a device says it does not listen to makes no difference to it, whatever has been written to it before.
+    /// What a device says it does not listen to makes no difference to it, whatever has been
+    /// written to it before.
     #[test]
     fn frames_of_other_function_codes_change_nothing(
         frames in prop::collection::vec((any_frame(), 0..20_000u64), 1..100),

@@ -58,7 +58,8 @@ impl Motor {
     }
 }
 
-/// Runs with these motors; the encoders have `counts` a revolution and see a vibration of `noise` rad.
+/// Runs with these motors; the encoders have `counts` a revolution and see a vibration of `noise`
+/// rad.
 fn run(mut motors: [Motor; 4], bounds: Bounds, counts: f64, noise: f64) -> (Outcome, [f64; 2]) {
     let mut run = Identification::new(bounds, NOMINAL);
     let step = core::f64::consts::TAU / counts;
@@ -122,10 +123,11 @@ fn motors_with_known_constants_are_found_again() {
 
 #[test]
 fn a_coarse_encoder_and_vibration_cost_a_few_percent() {
-    // 2048 counts of 3.07 mrad; white vibration by a whole count to either side, 1.8 mrad rms. An acceleration is off by
-    // 1.8e-3 * sqrt(6) / 0.1^2 = 0.43 rad/s^2 then, so kA w' by 0.065 V; over some 15 rows with rates up to 5 rad/s,
-    // 1.5 rad/s rms about their mean, that is 0.065 / sqrt(15) / 1.5 = 0.011 V s/rad of kV and, at the mean rate of 2.5,
-    // 0.033 V of kS. Three of that.
+    // 2048 counts of 3.07 mrad; white vibration by a whole count to either side, 1.8 mrad rms. An
+    // acceleration is off by 1.8e-3 * sqrt(6) / 0.1^2 = 0.43 rad/s^2 then, so kA w' by 0.065 V;
+    // over some 15 rows with rates up to 5 rad/s, 1.5 rad/s rms about their mean, that is 0.065 /
+    // sqrt(15) / 1.5 = 0.011 V s/rad of kV and, at the mean rate of 2.5, 0.033 V of kS. Three of
+    // that.
     let motors = [PAPER(); 4];
     let (outcome, _) = run(motors, BOUNDS, 2048.0, core::f64::consts::TAU / 2048.0);
     for (model, motor) in outcome.unwrap().iter().zip(&motors) {
@@ -166,7 +168,8 @@ fn speed_and_travel_stay_within_their_bounds() {
     ] {
         let (outcome, [fastest, farthest]) = run([PAPER(); 4], bounds, 40_000.0, 0.0);
         assert!(outcome.is_ok(), "{outcome:?}");
-        // The step lets the wheel catch up with the ramp of 2.4 V/s, which it followed a time constant late.
+        // The step lets the wheel catch up with the ramp of 2.4 V/s, which it followed a time
+        // constant late.
         let (speed, acceleration) = (PAPER().speed, PAPER().acceleration);
         let late = 2.4 * acceleration / speed / speed;
         let highest = 1.01 * f64::from(bounds.rate) + late;

@@ -1,8 +1,9 @@
 //! Where each wheel's ground roller stands, and how sure that is.
 //!
-//! The encoder counts from wherever the robot was switched on, so a wheel's angle is unknown until its index has
-//! passed, which comes once a turn of the wheel. From then on the counts say how far the roller has swept
-//! ([`RollerTrack`]), and every further index must come a whole number of turns later ([`tracked`]):
+//! The encoder counts from wherever the robot was switched on, so a wheel's angle is unknown until
+//! its index has passed, which comes once a turn of the wheel. From then on the counts say how far
+//! the roller has swept ([`RollerTrack`]), and every further index must come a whole number of
+//! turns later ([`tracked`]):
 //!
 //! | state | the wheel computes with | until |
 //! |---|---|---|
@@ -11,9 +12,10 @@
 //! | [`RollerState::Known`] | its angle | an index at an unexpected count, or none in [`PATIENCE`] turns |
 //! | [`RollerState::Lost`] | the mean ratio; limit "roller phase" | two indexes in a row a whole number of turns apart |
 //!
-//! An index that bounces at one place is one index. A stray pulse costs the reference until two good ones have
-//! followed; two indexes a turn never agree with each other, so such a wheel stays with the mean. When what a wheel
-//! computes with changes, it passes over in [`BLEND`](tracked::BLEND) ticks, because a step of its secant would be a step of its rate.
+//! An index that bounces at one place is one index. A stray pulse costs the reference until two
+//! good ones have followed; two indexes a turn never agree with each other, so such a wheel stays
+//! with the mean. When what a wheel computes with changes, it passes over in
+//! [`BLEND`](tracked::BLEND) ticks, because a step of its secant would be a step of its rate.
 //!
 //! Cost: about 15 instructions a wheel and tick, and the secants.
 
@@ -95,12 +97,13 @@ pub struct RollerConfiguration {
 }
 
 impl RollerWheel {
-    /// A wheel with this many rollers (0: ideal ones), this phase (rad: how far it has rolled on past a roller's
-    /// middle at the index) and these counts a turn of the wheel, gear included, negative where the encoder is
-    /// reversed.
+    /// A wheel with this many rollers (0: ideal ones), this phase (rad: how far it has rolled on
+    /// past a roller's middle at the index) and these counts a turn of the wheel, gear included,
+    /// negative where the encoder is reversed.
     ///
     /// # Errors
-    /// [`GeometryError`] for one or two rollers, and for an encoder that cannot tell where a roller stands.
+    /// [`GeometryError`] for one or two rollers, and for an encoder that cannot tell where a roller
+    /// stands.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "counts of a turn fit; a step of 2^-32 fits what an f32 has"
@@ -222,8 +225,8 @@ impl Rollers {
             .map(|wheel| wheel.secant(RollerAngle::from_bits(0)))
     }
 
-    /// Takes in that the counters went on by `passed` to `now`, and returns the secants in the middle between the
-    /// last call and this one.
+    /// Takes in that the counters went on by `passed` to `now`, and returns the secants in the
+    /// middle between the last call and this one.
     #[inline]
     pub fn update(&mut self, passed: [i16; 4], now: [u16; 4], index: &[IndexPulse; 4]) -> Secants {
         let tolerance = self
@@ -274,8 +277,8 @@ impl Rollers {
         self.wheels.map(|wheel| wheel.state)
     }
 
-    /// How far each wheel has rolled on past the middle of its ground roller, rad; true for wheels in
-    /// [`RollerState::Known`], else counted from where the robot was configured.
+    /// How far each wheel has rolled on past the middle of its ground roller, rad; true for wheels
+    /// in [`RollerState::Known`], else counted from where the robot was configured.
     pub fn sweeps(&self) -> [f32; 4] {
         self.wheels.map(|wheel| {
             if wheel.configuration.is_ideal() {

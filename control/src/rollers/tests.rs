@@ -190,8 +190,8 @@ fn a_reversed_encoder_turns_the_same_roller() {
 const SHAFT: f32 = 64.0;
 const GEARED: f64 = 64.0 * 26.85;
 
-/// Rolls through so many turns of a wheel whose index comes every `turn` counts, first after a quarter; the states at
-/// the end and at worst.
+/// Rolls through so many turns of a wheel whose index comes every `turn` counts, first after a
+/// quarter; the states at the end and at worst.
 fn rolls(bench: &mut Bench, turn: f64, turns: u32) -> (RollerState, bool) {
     let mut ever_lost = false;
     let mut at = 0_i64;

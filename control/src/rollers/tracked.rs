@@ -1,16 +1,17 @@
 //! One wheel's roller angle: followed by counts, set by the index, doubted when the two disagree.
 //!
-//! Every index that is believed is the one the next is measured from, and sets the angle anew. So nothing adds up over
-//! many turns, whatever a turn is in counts: behind a gear of 26.85 it is not a whole number. An index that came where
-//! it belongs may still be off by
+//! Every index that is believed is the one the next is measured from, and sets the angle anew. So
+//! nothing adds up over many turns, whatever a turn is in counts: behind a gear of 26.85 it is not
+//! a whole number. An index that came where it belongs may still be off by
 //!
 //! - a count, because both pulses are read in whole ones;
 //! - the play between encoder and wheel, when the wheel has turned back in between;
-//! - what a turn in single precision is off by: 2^-24 of the counts since the last index, of which there are at most
-//!   [`PATIENCE`] turns; below a count to four million a turn.
+//! - what a turn in single precision is off by: 2^-24 of the counts since the last index, of which
+//!   there are at most [`PATIENCE`] turns; below a count to four million a turn.
 //!
-//! The tolerance has to cover that, and has to stay below what a wrong gear makes of a turn: a wheel of 60 teeth with one
-//! more or less, 1.6 %, is what the limit of 1/64 of a turn lets through just no longer.
+//! The tolerance has to cover that, and has to stay below what a wrong gear makes of a turn: a
+//! wheel of 60 teeth with one more or less, 1.6 %, is what the limit of 1/64 of a turn lets through
+//! just no longer.
 
 use kinematics::{RollerAngle, RollerTrack};
 
@@ -88,7 +89,8 @@ impl Tracked {
     #[cold]
     fn on_index(&mut self, ago: i32, tolerance: i32) {
         let turn = self.configuration.turn;
-        // Counts from the pulse before to this one, and how far they are from a whole number of turns.
+        // Counts from the pulse before to this one, and how far they are from a whole number of
+        // turns.
         let between = self.since.map(|since| since.saturating_sub(ago) as f32);
         let off = between.map(|between| (between - whole(between / turn) * turn).abs());
         let fits = off.is_some_and(|off| off <= tolerance as f32);

@@ -1,8 +1,8 @@
 //! What a debugger does to a board: breakpoints, single steps, registers and memory.
 //!
-//! A board that the debugger has stopped is a halted core: when the world's time goes on, its timers, its CAN
-//! controller and its watchdog do too, as on the chip with DBGMCU at its reset value. Who wants everything to stand
-//! still stops the world.
+//! A board that the debugger has stopped is a halted core: when the world's time goes on, its
+//! timers, its CAN controller and its watchdog do too, as on the chip with DBGMCU at its reset
+//! value. Who wants everything to stand still stops the world.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering::Relaxed;
@@ -67,8 +67,8 @@ pub struct CoreRegisters {
 }
 
 impl Board {
-    /// Stops the core before it executes the instruction at an address. Runs are several times slower while there
-    /// is a breakpoint.
+    /// Stops the core before it executes the instruction at an address. Runs are several times
+    /// slower while there is a breakpoint.
     pub fn add_breakpoint(&mut self, address: u32) {
         self.debugger.breakpoints.insert(address & !1);
     }
@@ -78,7 +78,8 @@ impl Board {
         self.debugger.breakpoints.remove(&(address & !1))
     }
 
-    /// Stops the core after an instruction that changes any of these bytes of RAM; `None` where there is no RAM.
+    /// Stops the core after an instruction that changes any of these bytes of RAM; `None` where
+    /// there is no RAM.
     pub fn add_watchpoint(&mut self, address: u32, length: usize) -> Option<()> {
         let mut now = vec![0; length];
         let at = u64::from(address.checked_sub(RAM_BASE)?);
@@ -97,7 +98,8 @@ impl Board {
         self.debugger.changed.take()
     }
 
-    /// Stops the core where it is. One that has not begun yet first fetches its stack pointer and its first address.
+    /// Stops the core where it is. One that has not begun yet first fetches its stack pointer and
+    /// its first address.
     pub fn debug_stop(&mut self) {
         if self.cpu.reset_pending() {
             self.now += self.cpu.step();
@@ -106,7 +108,8 @@ impl Board {
         self.debugger.stopped = true;
     }
 
-    /// Lets a stopped core go on, for one instruction or until something stops it. A core that sleeps first wakes.
+    /// Lets a stopped core go on, for one instruction or until something stops it. A core that
+    /// sleeps first wakes.
     pub fn debug_resume(&mut self, single: bool) {
         self.debugger.stopped = false;
         self.debugger.single = single;
@@ -119,8 +122,8 @@ impl Board {
         self.shared.with(|soc| soc.write(address, 4, value));
     }
 
-    /// Unplugs the debug probe: nobody reads the log any more, and its channel stays in the mode in which probe-rs puts
-    /// it, block if full. `None` when the image has no log.
+    /// Unplugs the debug probe: nobody reads the log any more, and its channel stays in the mode in
+    /// which probe-rs puts it, block if full. `None` when the image has no log.
     pub fn unplug_debugger(&mut self) -> Option<()> {
         self.drain_log();
         self.log.unplug()
@@ -161,8 +164,8 @@ impl Board {
         self.cpu.set_regs(regs);
     }
 
-    /// Reads a byte of RAM or flash, or of a peripheral's register. Reading a register has the effects that it has for
-    /// the program; `None` where nothing is, or nothing is modelled.
+    /// Reads a byte of RAM or flash, or of a peripheral's register. Reading a register has the
+    /// effects that it has for the program; `None` where nothing is, or nothing is modelled.
     #[must_use]
     pub fn debug_read(&self, address: u32) -> Option<u8> {
         let mut byte = [0];
@@ -180,7 +183,8 @@ impl Board {
         Some(byte[0])
     }
 
-    /// Writes to RAM. Flash and registers are refused: a debugger that programs the chip writes another image.
+    /// Writes to RAM. Flash and registers are refused: a debugger that programs the chip writes
+    /// another image.
     pub fn debug_write(&mut self, address: u32, bytes: &[u8]) -> Option<()> {
         let at = address.checked_sub(RAM_BASE)?;
         self.ram.write_at(u64::from(at), bytes).ok()

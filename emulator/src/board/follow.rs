@@ -1,7 +1,9 @@
-//! Where the program is, for the trace: the exception that is handled and the Embassy task that is polled.
+//! Where the program is, for the trace: the exception that is handled and the Embassy task that is
+//! polled.
 //!
-//! A task is recognised by its poll function, whose symbol says that it is one, and ends where it returns to. The
-//! symbol does not say which task it is; the debug information of the code in it does.
+//! A task is recognised by its poll function, whose symbol says that it is one, and ends where it
+//! returns to. The symbol does not say which task it is; the debug information of the code in it
+//! does.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -97,7 +99,8 @@ fn tasks(firmware: &Firmware) -> BTreeMap<u32, Arc<str>> {
         .collect()
 }
 
-/// The task whose code lies at a location, "innermost < .. < task::{async_fn#0} (file) < poll (file)".
+/// The task whose code lies at a location, "innermost < .. < task::{async_fn#0} (file) < poll
+/// (file)".
 fn task_name(location: &str) -> Option<&str> {
     let frames: Vec<&str> = location.split(" < ").collect();
     let poll = frames.iter().position(|frame| frame.contains("::poll"))?;

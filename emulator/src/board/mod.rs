@@ -1,12 +1,12 @@
 //! One board: the core, the chip around it, and the loop that runs them.
 //!
-//! The loop steps the core until the next thing that a peripheral has announced, lets that happen, and goes on.
-//! While the core sleeps it advances the clock in one step instead. Whatever an instruction changes in the
-//! peripherals (an earlier event, another clock, a reason to stop) raises a flag that ends the inner loop, so
-//! nothing is noticed later than one instruction.
+//! The loop steps the core until the next thing that a peripheral has announced, lets that happen,
+//! and goes on. While the core sleeps it advances the clock in one step instead. Whatever an
+//! instruction changes in the peripherals (an earlier event, another clock, a reason to stop)
+//! raises a flag that ends the inner loop, so nothing is noticed later than one instruction.
 //!
-//! Between two runs the world may set pins, turn encoders and deliver frames; they take effect at the time the
-//! last run ended, before the next instruction.
+//! Between two runs the world may set pins, turn encoders and deliver frames; they take effect at
+//! the time the last run ended, before the next instruction.
 
 mod debug;
 mod follow;
@@ -47,9 +47,11 @@ pub struct BoardConfig {
     pub hse_hz: u64,
     /// Frequency of the watchdog's oscillator; the data sheet allows 17 to 47 kHz.
     pub lsi_hz: u64,
-    /// Ends the run when the processor takes a HardFault, instead of letting the firmware's handler deal with it.
+    /// Ends the run when the processor takes a HardFault, instead of letting the firmware's handler
+    /// deal with it.
     pub stop_on_hard_fault: bool,
-    /// Executes every instruction on the reference core. The result is the same and takes several times as long.
+    /// Executes every instruction on the reference core. The result is the same and takes several
+    /// times as long.
     pub reference_core: bool,
     /// Lets wait states of the flash cost nothing, as if it were RAM.
     pub ideal_flash: bool,
@@ -126,8 +128,9 @@ impl Board {
         Self::with_flash(firmware, config, firmware.flash())
     }
 
-    /// A board with this content of the flash, usually [`Board::flash`] of another run, at the moment of power-on,
-    /// world time 0. `firmware` is what explains the content: symbols, source lines, log messages.
+    /// A board with this content of the flash, usually [`Board::flash`] of another run, at the
+    /// moment of power-on, world time 0. `firmware` is what explains the content: symbols, source
+    /// lines, log messages.
     ///
     /// # Panics
     /// When there is more than the flash can hold.
@@ -180,13 +183,14 @@ impl Board {
     /// Runs until world time `t_ns`.
     ///
     /// # Errors
-    /// [`Stop`] when the firmware does what cannot be emulated. The board can still be looked at, not run on.
+    /// [`Stop`] when the firmware does what cannot be emulated. The board can still be looked at,
+    /// not run on.
     pub fn run_until(&mut self, t_ns: u64) -> Result<(), Stop> {
         self.run(t_ns, None).map(|_| ())
     }
 
-    /// Runs until world time `t_ns`, or until the firmware has asked for a frame to be sent that was not pending
-    /// before. Returns the time reached.
+    /// Runs until world time `t_ns`, or until the firmware has asked for a frame to be sent that
+    /// was not pending before. Returns the time reached.
     ///
     /// # Errors
     /// As [`Board::run_until`].
@@ -228,7 +232,8 @@ impl Board {
     fn drain_log(&mut self) {
         self.next_log = self.now + LOG_CYCLES;
         let (shared, now) = (&self.shared, self.now);
-        // A control block that is not initialised yet gives nothing, and there is nothing to do about it.
+        // A control block that is not initialised yet gives nothing, and there is nothing to do
+        // about it.
         let _ = self.log.drain(&self.firmware, || {
             shared.look(|soc| soc.clock.world_ns(now)) / 1000
         });
@@ -239,14 +244,15 @@ impl Board {
         self.shared.look(|soc| soc.clock.world_ns(cycle))
     }
 
-    /// World time in ns that the board has reached; up to one instruction beyond what it was run to.
+    /// World time in ns that the board has reached; up to one instruction beyond what it was run
+    /// to.
     #[must_use]
     pub fn now_ns(&self) -> u64 {
         self.world_ns(self.now)
     }
 
-    /// When the core sleeps or is halted: world time in ns of the next thing that can happen by itself; `None` when nothing
-    /// can. When the core runs: now.
+    /// When the core sleeps or is halted: world time in ns of the next thing that can happen by
+    /// itself; `None` when nothing can. When the core runs: now.
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
         let next = self.shared.next_event.load(Relaxed);
@@ -274,13 +280,15 @@ impl Board {
         self.shared.with(|soc| soc.set_input(port, pin & 15, high));
     }
 
-    /// Lets the clock at the HSE input stop, or begin again. It runs from power-on until this is called.
+    /// Lets the clock at the HSE input stop, or begin again. It runs from power-on until this is
+    /// called.
     pub fn set_hse(&mut self, runs: bool) {
         self.shared.with(|soc| soc.set_hse(runs));
     }
 
-    /// Sets the supply of the chip in V: 3.3 until this is called. Below the level of the brown-out reset, which the option
-    /// bytes set, the chip is held in reset; above it and below what its clock needs, the run ends.
+    /// Sets the supply of the chip in V: 3.3 until this is called. Below the level of the brown-out
+    /// reset, which the option bytes set, the chip is held in reset; above it and below what its
+    /// clock needs, the run ends.
     pub fn set_vdd(&mut self, volts: f64) {
         let (falls, rises) = self.shared.look(|soc| soc.flash.brown_out());
         if self.browned_out {
@@ -317,10 +325,11 @@ impl Board {
         self.shared.look(|soc| soc.pwm(timer, channel))
     }
 
-    /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature edges, positive
-    /// when channel 1 leads. Counted only in encoder mode and with the pins switched to the timer; later by what
-    /// the inputs' filters take, whose time every edge is taken to last. Edges one by one, with their bounce, come
-    /// through [`Board::set_input`] of the two pins.
+    /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature
+    /// edges, positive when channel 1 leads. Counted only in encoder mode and with the pins
+    /// switched to the timer; later by what the inputs' filters take, whose time every edge is
+    /// taken to last. Edges one by one, with their bounce, come through [`Board::set_input`] of the
+    /// two pins.
     pub fn encoder_add(&mut self, timer: usize, edges: i32) {
         self.shared.with(|soc| soc.encoder_add(timer, edges));
     }
@@ -399,18 +408,21 @@ impl Board {
         self.system_reset(rcc::cause::PIN);
     }
 
-    /// Halts the core, or lets it go on, as a debugger does that freezes no peripheral (DBGMCU at its reset value):
-    /// timers, CAN and the independent watchdog run on. Any reset lets the core go.
+    /// Halts the core, or lets it go on, as a debugger does that freezes no peripheral (DBGMCU at
+    /// its reset value): timers, CAN and the independent watchdog run on. Any reset lets the core
+    /// go.
     pub fn halt(&mut self, halted: bool) {
         self.halted = halted;
     }
 
-    /// Sends the core to an address, as a corrupt return address does. A core that sleeps goes there when it wakes.
+    /// Sends the core to an address, as a corrupt return address does. A core that sleeps goes
+    /// there when it wakes.
     pub fn jump(&mut self, address: u32) {
         self.cpu.set_pc(address);
     }
 
-    /// Writes a register of the core as the code that runs next sees it, 0..=15, as a debugger would.
+    /// Writes a register of the core as the code that runs next sees it, 0..=15, as a debugger
+    /// would.
     pub fn set_register(&mut self, register: u8, value: u32) {
         self.cpu.set_reg(register & 15, value);
     }
@@ -452,14 +464,15 @@ impl Board {
         self.shared.look(|soc| soc.flash.operations())
     }
 
-    /// Lets the power fail in the middle of a flash operation, counted from power-on, the first being 1: the run ends
-    /// with [`StopKind::PowerCut`], and [`Board::flash`] is what the next power-on finds.
+    /// Lets the power fail in the middle of a flash operation, counted from power-on, the first
+    /// being 1: the run ends with [`StopKind::PowerCut`], and [`Board::flash`] is what the next
+    /// power-on finds.
     pub fn cut_power_at_flash_operation(&mut self, operation: u64) {
         self.shared.look(|soc| soc.flash.cut_power_at(operation));
     }
 
-    /// Begins to record, for each flash operation from now on, what [`Board::flash`] would be had the power failed in the
-    /// middle of it.
+    /// Begins to record, for each flash operation from now on, what [`Board::flash`] would be had
+    /// the power failed in the middle of it.
     pub fn record_power_cuts(&mut self) {
         self.shared.look(|soc| soc.flash.record_cuts());
     }

@@ -1,8 +1,9 @@
 //! The loop that runs a board.
 //!
-//! [`Board::run`] decides what comes next: something that is due, a stall, sleep, or instructions. The instructions
-//! are executed in one of three ways: on the fast path with the reference core for what is not plain, on the
-//! reference core alone, or one by one with every instruction looked at for the profile, the debugger or the trace.
+//! [`Board::run`] decides what comes next: something that is due, a stall, sleep, or instructions.
+//! The instructions are executed in one of three ways: on the fast path with the reference core for
+//! what is not plain, on the reference core alone, or one by one with every instruction looked at
+//! for the profile, the debugger or the trace.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -109,16 +110,18 @@ impl Board {
         }
     }
 
-    /// One step of the reference core: an instruction, or the entry into an exception handler; and which.
+    /// One step of the reference core: an instruction, or the entry into an exception handler; and
+    /// which.
     ///
-    /// An exception can come between the instructions of an IT block. What is left of the block (ITSTATE) is then
-    /// kept in the stacked xPSR, and the exception return goes on with it (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it
-    /// as zero, after which the rest of the block would run whatever its condition; so it is put there here.
+    /// An exception can come between the instructions of an IT block. What is left of the block
+    /// (ITSTATE) is then kept in the stacked xPSR, and the exception return goes on with it
+    /// (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it as zero, after which the rest of the block
+    /// would run whatever its condition; so it is put there here.
     ///
-    /// It can also come between a comparison of floats and the instruction that reads its flags out of FPSCR. Entry
-    /// leaves FPSCR alone; the handler's first floating-point instruction saves it (B1.5.7). rsemu 0.0.7 overwrites it
-    /// on entry, before it is saved; so it is put back here. What the handler should then have of FPDSCR are modes,
-    /// which are zero in both.
+    /// It can also come between a comparison of floats and the instruction that reads its flags out
+    /// of FPSCR. Entry leaves FPSCR alone; the handler's first floating-point instruction saves it
+    /// (B1.5.7). rsemu 0.0.7 overwrites it on entry, before it is saved; so it is put back here.
+    /// What the handler should then have of FPDSCR are modes, which are zero in both.
     fn step(&mut self) -> (u64, bool) {
         let left = self.cpu.xpsr() & xpsr::IT_MASK;
         let fpscr = self.cpu.fpscr();
@@ -126,8 +129,9 @@ impl Board {
         self.fast.step_elsewhere();
         let mut cycles = self.cpu.step();
         let entered = cycles >= 12 && self.entered_exception();
-        // An instruction after which the next one follows has left no handler. One that reserves for itself, or gives
-        // that up, would be plain but for its operands; what was reserved before is gone then.
+        // An instruction after which the next one follows has left no handler. One that reserves
+        // for itself, or gives that up, would be plain but for its operands; what was reserved
+        // before is gone then.
         let follows = (1..=4).contains(&self.cpu.pc().wrapping_sub(pc));
         if entered || !follows || self.is_exclusive(pc) {
             self.fast.forget_reservation();
@@ -300,7 +304,8 @@ impl Board {
         (cycles, entered)
     }
 
-    /// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM, A5.3).
+    /// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM,
+    /// A5.3).
     fn is_exclusive(&self, pc: u32) -> bool {
         let Some(word) = self.read_word(pc & !3) else {
             return true;
@@ -309,8 +314,8 @@ impl Board {
         matches!(half & 0xFFE0, 0xE840 | 0xE8C0) || half == 0xF3BF
     }
 
-    /// Whether the last step was the entry into an exception handler and not an instruction: the link register
-    /// holds a return code and the program counter the handler's first address.
+    /// Whether the last step was the entry into an exception handler and not an instruction: the
+    /// link register holds a return code and the program counter the handler's first address.
     fn entered_exception(&self) -> bool {
         let regs = self.cpu.regs();
         let vector = self.cpu.vtor() + 4 * u32::from(regs.exception().0);
@@ -321,8 +326,8 @@ impl Board {
                 .is_some_and(|to| to & !1 == regs.r[15])
     }
 
-    /// Lets time pass while the core sleeps. SysTick and the cycle counter go on counting, as with the debug unit's
-    /// DBG_SLEEP, which the HAL sets.
+    /// Lets time pass while the core sleeps. SysTick and the cycle counter go on counting, as with
+    /// the debug unit's DBG_SLEEP, which the HAL sets.
     fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
         if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {
             return Err(self.stop(StopKind::LockedUp, self.cpu.pc()));

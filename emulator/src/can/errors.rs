@@ -1,5 +1,5 @@
-//! bxCAN error management (RM0390 rev 6, section 30.7.6; the counting rules are ISO 11898-1's): counters, the
-//! states error active, error passive and bus-off, and the way back.
+//! bxCAN error management (RM0390 rev 6, section 30.7.6; the counting rules are ISO 11898-1's):
+//! counters, the states error active, error passive and bus-off, and the way back.
 
 use super::{Can, ier, msr};
 
@@ -101,7 +101,8 @@ impl Errors {
 
     pub(super) fn transmit_error(&mut self, error: CanError) -> News {
         self.counted(error, |errors| {
-            // An error-passive node alone on the bus stays on it: a missing acknowledge counts no further.
+            // An error-passive node alone on the bus stays on it: a missing acknowledge counts no
+            // further.
             if !(error == CanError::Acknowledge && errors.passive()) {
                 errors.tec += 8;
             }

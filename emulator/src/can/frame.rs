@@ -19,7 +19,8 @@ pub struct CanFrame {
 }
 
 impl CanFrame {
-    /// A data frame with an 11-bit identifier; `None` when the identifier or the length is out of range.
+    /// A data frame with an 11-bit identifier; `None` when the identifier or the length is out of
+    /// range.
     #[must_use]
     pub fn new(id: u16, data: &[u8]) -> Option<Self> {
         Self::with_id(CanId::Standard(id), data)
@@ -45,7 +46,8 @@ impl CanFrame {
         })
     }
 
-    /// A remote frame asking for `dlc` bytes; `None` when the identifier or the length is out of range.
+    /// A remote frame asking for `dlc` bytes; `None` when the identifier or the length is out of
+    /// range.
     #[must_use]
     pub fn remote(id: CanId, dlc: u8) -> Option<Self> {
         let frame = Self::with_id(id, &[])?;
@@ -103,7 +105,8 @@ impl CanFrame {
         without_data + 8 * self.data().len() as u32
     }
 
-    /// The arbitration field as it goes over the wire, first bit highest: the smaller number wins the bus.
+    /// The arbitration field as it goes over the wire, first bit highest: the smaller number wins
+    /// the bus.
     #[must_use]
     pub fn arbitration(&self) -> u32 {
         match self.id {

@@ -1,14 +1,16 @@
 //! The CAN controller bxCAN as CAN1 (RM0390 rev 6, section 30).
 //!
-//! This file: modes, registers, interrupts. [`transmit`]: the three mailboxes. [`receive`]: filters and FIFOs.
+//! This file: modes, registers, interrupts. [`transmit`]: the three mailboxes. [`receive`]: filters
+//! and FIFOs.
 //! [`errors`]: error counters and bus-off. The bus itself is outside: it asks for the frame that wants to go out,
 //! and says what became of it.
 //!
-//! Joining the bus takes 11 recessive bits (30.4), and the bus is taken to be idle then. Loop-back mode sends to
-//! itself after the time the frame takes on the wire. With TTCM a counter of bit times stamps every frame, sent or received,
-//! at the sample point of its start bit (30.7.2). It begins at 0 when TTCM is set or the bit timing written, which the
-//! manual leaves open; without TTCM stamps are 0.
-//! Not modelled: CAN2, sending the time stamp (TGT), test mode bits beyond loop-back and silent.
+//! Joining the bus takes 11 recessive bits (30.4), and the bus is taken to be idle then. Loop-back
+//! mode sends to itself after the time the frame takes on the wire. With TTCM a counter of bit
+//! times stamps every frame, sent or received, at the sample point of its start bit (30.7.2). It
+//! begins at 0 when TTCM is set or the bit timing written, which the manual leaves open; without
+//! TTCM stamps are 0. Not modelled: CAN2, sending the time stamp (TGT), test mode bits beyond
+//! loop-back and silent.
 
 pub mod errors;
 mod frame;
@@ -96,7 +98,8 @@ pub struct Can {
     counts_since: Option<u64>,
     mailboxes: [Mailbox; 3],
     requests: u64,
-    /// When the frame that is being sent to itself in loop-back mode began, and when it is complete.
+    /// When the frame that is being sent to itself in loop-back mode began, and when it is
+    /// complete.
     loop_back: Option<(u64, u64)>,
     fifos: [Fifo; 2],
     filters: receive::Filters,
@@ -156,7 +159,8 @@ impl Can {
         self.clocks_per_bit() * self.ratio
     }
 
-    /// The time stamp of a frame that began at a cycle, in the upper half of a mailbox's third word.
+    /// The time stamp of a frame that began at a cycle, in the upper half of a mailbox's third
+    /// word.
     fn time_stamp(&self, began: u64) -> u32 {
         let Some(since) = self.counts_since else {
             return 0;

@@ -5,18 +5,19 @@ use crate::board::Board;
 
 /// A board's CAN connector. All times are the board's present, the end of its last run.
 ///
-/// A bus works in rounds: it asks every node for its [`pending`](Self::pending) frame, gives the bus to the one
-/// whose [`arbitration`](CanFrame::arbitration) is smallest with [`begin`](Self::begin), tells the others that
-/// they [lost](Self::lost_arbitration), lets the frame's bits pass, and then tells the sender that it was
-/// [`transmitted`](Self::transmitted) or [failed](Self::error), and the others that they
-/// [received](Self::receive) it.
+/// A bus works in rounds: it asks every node for its [`pending`](Self::pending) frame, gives the
+/// bus to the one whose [`arbitration`](CanFrame::arbitration) is smallest with
+/// [`begin`](Self::begin), tells the others that they [lost](Self::lost_arbitration), lets the
+/// frame's bits pass, and then tells the sender that it was [`transmitted`](Self::transmitted) or
+/// [failed](Self::error), and the others that they [received](Self::receive) it.
 pub struct CanPort<'a> {
     pub(crate) board: &'a mut Board,
 }
 
 impl CanPort<'_> {
-    /// Nominal bit rate in bit/s that the clock tree and the bit timing give, without the crystal's error; `None`
-    /// while the controller is not on the bus: not started, bus-off, or its pins not switched to it.
+    /// Nominal bit rate in bit/s that the clock tree and the bit timing give, without the crystal's
+    /// error; `None` while the controller is not on the bus: not started, bus-off, or its pins not
+    /// switched to it.
     #[must_use]
     pub fn bit_rate(&self) -> Option<u32> {
         self.board.can_bit_rate()
@@ -45,8 +46,8 @@ impl CanPort<'_> {
         Some(self.board.world_ns(cycle))
     }
 
-    /// Puts the pending frame on the wire: from here on no other mailbox overtakes it and it cannot be
-    /// aborted.
+    /// Puts the pending frame on the wire: from here on no other mailbox overtakes it and it cannot
+    /// be aborted.
     pub fn begin(&mut self) -> Option<CanFrame> {
         self.bit_rate()?;
         self.board.with_can(|can, now| can.begin(now))
@@ -68,12 +69,14 @@ impl CanPort<'_> {
             .with_can(|can, now| can.transmit_error(now, error));
     }
 
-    /// Another node's frame has arrived complete; its start is taken to be as long ago as it is without stuff bits.
+    /// Another node's frame has arrived complete; its start is taken to be as long ago as it is
+    /// without stuff bits.
     pub fn receive(&mut self, frame: &CanFrame) {
         self.receive_stuffed(frame, frame.bits());
     }
 
-    /// Another node's frame has arrived complete. It took so many bits from its first to the end of its last.
+    /// Another node's frame has arrived complete. It took so many bits from its first to the end of
+    /// its last.
     pub fn receive_stuffed(&mut self, frame: &CanFrame, bits: u32) {
         self.board.note_arrival(frame);
         if self.board.can_pins_connected() {

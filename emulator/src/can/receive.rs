@@ -1,4 +1,5 @@
-//! bxCAN reception (RM0390 rev 6, sections 30.7.3 and 30.7.4): 28 filter banks and two FIFOs of three.
+//! bxCAN reception (RM0390 rev 6, sections 30.7.3 and 30.7.4): 28 filter banks and two FIFOs of
+//! three.
 
 use super::{BTR_LBKM, Can, CanFrame, CanId, Mode, ier, mcr, msr};
 
@@ -122,7 +123,8 @@ impl Filters {
         Some(())
     }
 
-    /// The filters of a bank as (identifier, mask) pairs in their 32-bit layout, narrow ones widened.
+    /// The filters of a bank as (identifier, mask) pairs in their 32-bit layout, narrow ones
+    /// widened.
     fn of_bank(&self, bank: usize) -> Vec<(u32, u32)> {
         let [one, two] = self.banks[bank];
         let (list, wide) = (self.list_mode >> bank & 1 != 0, self.wide >> bank & 1 != 0);
@@ -135,8 +137,8 @@ impl Filters {
         }
     }
 
-    /// FIFO and filter match index of a frame, or `None` when no filter lets it in. Among several the rules
-    /// of 30.7.4 choose: 32 bits before 16, list before mask, then the lower number.
+    /// FIFO and filter match index of a frame, or `None` when no filter lets it in. Among several
+    /// the rules of 30.7.4 choose: 32 bits before 16, list before mask, then the lower number.
     fn accept(&self, frame: &CanFrame) -> Option<(usize, u32)> {
         if self.fmr & FINIT != 0 {
             return None;
@@ -172,8 +174,8 @@ impl Filters {
 }
 
 impl Can {
-    /// A frame was received without error. In silent mode and when bus-off it is not acknowledged, but that is
-    /// for the bus to know. It was so many bits long.
+    /// A frame was received without error. In silent mode and when bus-off it is not acknowledged,
+    /// but that is for the bus to know. It was so many bits long.
     pub fn receive(&mut self, now: u64, frame: &CanFrame, bits: u32) {
         self.sync(now);
         if self.mode == Mode::Sleep {

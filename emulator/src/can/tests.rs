@@ -1,5 +1,5 @@
-//! bxCAN against RM0390 section 30, by its registers alone. One core cycle is one APB1 clock here, and a bit is
-//! 45 clocks: prescaler 5, 1 + 7 + 1 quanta, 1 Mbit/s at 45 MHz.
+//! bxCAN against RM0390 section 30, by its registers alone. One core cycle is one APB1 clock here,
+//! and a bit is 45 clocks: prescaler 5, 1 + 7 + 1 quanta, 1 Mbit/s at 45 MHz.
 
 use super::*;
 
@@ -212,7 +212,8 @@ fn filters_choose_what_comes_in() {
         50,
     );
     assert_eq!(can.read(1000, 0x0C), Some(0));
-    // Bank 1: list of two 11-bit identifiers in 32 bits, to FIFO 1; before bank 0, because a list is.
+    // Bank 1: list of two 11-bit identifiers in 32 bits, to FIFO 1; before bank 0, because a list
+    // is.
     for (offset, value) in [
         (0x200, 0x0E01),
         (0x204, 2),
@@ -350,8 +351,9 @@ fn stamp(can: &mut Can, offset: u32) -> u32 {
 
 #[test]
 fn time_stamps_count_bits_at_the_sample_point_of_the_start_bit() {
-    // 30.7.2. The sample point is 8 of 9 quanta, so 40 of 45 clocks into the bit; the counter began at 0. A start bit
-    // that is sampled at clock 45 n has stamp n, one clock earlier n - 1, and 16 bits of it are kept.
+    // 30.7.2. The sample point is 8 of 9 quanta, so 40 of 45 clocks into the bit; the counter began
+    // at 0. A start bit that is sampled at clock 45 n has stamp n, one clock earlier n - 1, and 16
+    // bits of it are kept.
     for (sampled, expected) in [
         (45_000, 1000),
         (45_044, 1000),

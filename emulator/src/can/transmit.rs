@@ -1,5 +1,5 @@
-//! bxCAN transmission (RM0390 rev 6, sections 30.7.1 and 30.9.2): three mailboxes, their order, abort, and what
-//! the bus says became of a frame.
+//! bxCAN transmission (RM0390 rev 6, sections 30.7.1 and 30.9.2): three mailboxes, their order,
+//! abort, and what the bus says became of a frame.
 
 use super::errors::CanError;
 use super::{BTR_LBKM, Can, CanFrame, Mode, mcr};
@@ -101,7 +101,8 @@ impl Can {
             .iter()
             .filter(|mailbox| mailbox.state != State::Empty)
             .count();
-        // LOW tells which of several goes last; CODE the next free mailbox, or the one that goes last.
+        // LOW tells which of several goes last; CODE the next free mailbox, or the one that goes
+        // last.
         if busy > 1
             && let Some(index) = lowest
         {
@@ -132,8 +133,8 @@ impl Can {
         }
     }
 
-    /// Key by which pending mailboxes leave, the smallest first: request order with TXFP, else identifier and
-    /// then mailbox number.
+    /// Key by which pending mailboxes leave, the smallest first: request order with TXFP, else
+    /// identifier and then mailbox number.
     fn key(&self, index: usize) -> (u64, usize) {
         let mailbox = &self.mailboxes[index];
         if self.mcr & mcr::TXFP != 0 {
@@ -177,7 +178,8 @@ impl Can {
         Some((latest.frame(), latest.requested_at))
     }
 
-    /// The frame that wants the bus, with the cycle of its request: the one on the wire, else the next in order.
+    /// The frame that wants the bus, with the cycle of its request: the one on the wire, else the
+    /// next in order.
     #[must_use]
     pub fn pending(&self) -> Option<(CanFrame, u64)> {
         if !self.on_bus() || self.silent() {
@@ -214,7 +216,8 @@ impl Can {
         }
     }
 
-    /// Another node's frame had priority. The frame stays, unless it is to be sent only once (NART).
+    /// Another node's frame had priority. The frame stays, unless it is to be sent only once
+    /// (NART).
     pub fn lost_arbitration(&mut self) {
         if let Some(index) = self.pending().and(self.first_in_order()) {
             self.unsuccessful(index, ALST);

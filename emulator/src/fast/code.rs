@@ -1,8 +1,8 @@
-//! The decoded code: each instruction of the flash as it was when code near it was first executed, as it is and as a
-//! micro-operation.
+//! The decoded code: each instruction of the flash as it was when code near it was first executed,
+//! as it is and as a micro-operation.
 //!
-//! Pages whose content is the image's are decoded once for all boards that run it: several boards then share what the
-//! host's caches hold.
+//! Pages whose content is the image's are decoded once for all boards that run it: several boards
+//! then share what the host's caches hold.
 
 use std::sync::{Arc, OnceLock};
 
@@ -29,7 +29,8 @@ pub(super) struct Slot {
     pub(super) op: Op,
     /// Address of the instruction behind it.
     pub(super) next: u32,
-    /// The line of the flash that it is in; [`crate::fetch::TWO_LINES`] when it reaches into another.
+    /// The line of the flash that it is in; [`crate::fetch::TWO_LINES`] when it reaches into
+    /// another.
     pub(super) line: u32,
 }
 

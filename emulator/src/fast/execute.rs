@@ -1,7 +1,7 @@
 //! The plain integer instructions (ARMv7-M Architecture Reference Manual, section A7.7).
 //!
-//! Every arm either completes or returns [`Leave`] before it has changed anything: addresses and values that could
-//! be refused are looked at first.
+//! Every arm either completes or returns [`Leave`] before it has changed anything: addresses and
+//! values that could be refused are looked at first.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::isa::{
@@ -31,8 +31,8 @@ fn extend(value: u32, size: Size, signed: bool) -> u32 {
     }
 }
 
-/// Shift by a register's or an instruction's amount: value and carry out (A2.2.1). RRX is rotate by one through
-/// the carry.
+/// Shift by a register's or an instruction's amount: value and carry out (A2.2.1). RRX is rotate by
+/// one through the carry.
 fn shift(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
     let wide = u64::from(value);
     match (kind, amount) {
@@ -120,7 +120,8 @@ impl Core {
         self.r[usize::from(register & 15)]
     }
 
-    /// Executes one instruction. `keep_flags`: a 16-bit instruction in an IT block, which sets no flags.
+    /// Executes one instruction. `keep_flags`: a 16-bit instruction in an IT block, which sets no
+    /// flags.
     pub(super) fn execute(
         &mut self,
         cpu: &ArmV7m,
@@ -203,7 +204,8 @@ impl Core {
                 self.branch(self.r[15].wrapping_add(2 * entry));
             }
             Insn::It { cond, mask } => {
-                // The step advances ITSTATE after every instruction in a block; this one starts the block.
+                // The step advances ITSTATE after every instruction in a block; this one starts the
+                // block.
                 self.it = 0;
                 self.r[15] = self.address.wrapping_add(2);
                 self.branched = true;

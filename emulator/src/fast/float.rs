@@ -1,7 +1,8 @@
 //! The plain floating-point instructions: single precision as the FPv4-SP unit computes it.
 //!
-//! The arithmetic is the reference core's own, so that rounding, NaN and the flags in FPSCR are the same. What can raise
-//! no flag but "inexact" is computed by the host, once that flag is set: IEEE 754 leaves one result only.
+//! The arithmetic is the reference core's own, so that rounding, NaN and the flags in FPSCR are the
+//! same. What can raise no flag but "inexact" is computed by the host, once that flag is set: IEEE
+//! 754 leaves one result only.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
@@ -62,15 +63,15 @@ impl Core {
         }
     }
 
-    /// Whether the host computes as the unit does: it rounds to nearest, keeps small numbers, and of the flags that
-    /// ordinary numbers can raise "inexact" is set already.
+    /// Whether the host computes as the unit does: it rounds to nearest, keeps small numbers, and
+    /// of the flags that ordinary numbers can raise "inexact" is set already.
     #[inline(always)]
     fn like_host(&self) -> bool {
         self.fpu.fpscr & (MODES | IXC) == IXC
     }
 
-    /// A sum or a difference. Between finite numbers whose result is finite it can only be inexact: what is below the
-    /// normal range is exact.
+    /// A sum or a difference. Between finite numbers whose result is finite it can only be inexact:
+    /// what is below the normal range is exact.
     #[inline(always)]
     fn sum_by_host(&self, a: u32, b: u32, result: f32) -> Option<u32> {
         let result = result.to_bits();

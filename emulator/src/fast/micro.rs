@@ -1,9 +1,11 @@
-//! Micro-operations: the frequent instructions with everything worked out that does not depend on the registers.
+//! Micro-operations: the frequent instructions with everything worked out that does not depend on
+//! the registers.
 //!
-//! An instruction becomes a micro-operation when it is decoded, once for all boards that run the image. Addresses
-//! relative to the program counter are absolute here, constants from flash are values, and whether the flags are set is
-//! part of the operation. No register of a micro-operation is the program counter. What has no micro-operation of its
-//! own is [`Op::Other`]: the decoded instruction, executed by `execute.rs`, `transfer.rs` and `float.rs`.
+//! An instruction becomes a micro-operation when it is decoded, once for all boards that run the
+//! image. Addresses relative to the program counter are absolute here, constants from flash are
+//! values, and whether the flags are set is part of the operation. No register of a micro-operation
+//! is the program counter. What has no micro-operation of its own is [`Op::Other`]: the decoded
+//! instruction, executed by `execute.rs`, `transfer.rs` and `float.rs`.
 
 /// Registers: `d` result, `n` and `m` operands, `t` transferred.
 #[rustfmt::skip] // one line each, as a table
@@ -11,7 +13,8 @@
 pub(super) enum Op {
     /// The decoded instruction; this too where there is none.
     Other,
-    /// A decoded instruction on registers other than the program counter, that neither branches nor reaches memory.
+    /// A decoded instruction on registers other than the program counter, that neither branches nor
+    /// reaches memory.
     Plain,
     /// A decoded floating-point instruction of the same kind, or one that loads or stores.
     Float,

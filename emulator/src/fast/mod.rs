@@ -1,15 +1,18 @@
-//! A fast path for the core: plain instructions, decoded once into micro-operations and executed here.
+//! A fast path for the core: plain instructions, decoded once into micro-operations and executed
+//! here.
 //!
-//! The reference core ([`rsemu`]) knows everything about an ARMv7E-M processor and takes some 80 ns for an
-//! instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating point. Those
-//! are executed here, on a copy of the registers, in *sessions*. A session begins when no interrupt can be taken, and
-//! ends, before an instruction and without a trace of it, at whatever is not plain: exception return, sleep, special
-//! registers, the core's own peripherals, an access that would fault. The reference core then makes that one step.
+//! The reference core ([`rsemu`]) knows everything about an ARMv7E-M processor and takes some 80 ns
+//! for an instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores,
+//! floating point. Those are executed here, on a copy of the registers, in *sessions*. A session
+//! begins when no interrupt can be taken, and ends, before an instruction and without a trace of
+//! it, at whatever is not plain: exception return, sleep, special registers, the core's own
+//! peripherals, an access that would fault. The reference core then makes that one step.
 //!
-//! Interrupts can only come from a peripheral, and those change only at the limit the caller gives or by an access
-//! made here, after which the session ends when a line has changed; the next one begins unless an interrupt can be
-//! taken then. Cycles are counted as the reference core counts them: the two give the same results to the cycle, which
-//! tests compare instruction by instruction and run by run.
+//! Interrupts can only come from a peripheral, and those change only at the limit the caller gives
+//! or by an access made here, after which the session ends when a line has changed; the next one
+//! begins unless an interrupt can be taken then. Cycles are counted as the reference core counts
+//! them: the two give the same results to the cycle, which tests compare instruction by instruction
+//! and run by run.
 
 mod code;
 mod execute;
@@ -83,8 +86,9 @@ pub(crate) struct Fast {
 #[derive(Debug)]
 struct Core {
     r: [u32; 16],
-    /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is zero, whether it is
-    /// set, bit 31. So an instruction leaves its result where both N and Z are, and works out neither.
+    /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is
+    /// zero, whether it is set, bit 31. So an instruction leaves its result where both N and Z are,
+    /// and works out neither.
     psr: u32,
     n: u32,
     z: u32,
@@ -95,7 +99,8 @@ struct Core {
     fetch: Fetch,
     fpu: Fpu,
     fp_usable: bool,
-    /// Whether `fpu` is what the reference core has, but for what has been done in this session; and what it has.
+    /// Whether `fpu` is what the reference core has, but for what has been done in this session;
+    /// and what it has.
     fp_loaded: bool,
     fp_given: Fpu,
     exclusive: Option<u32>,
@@ -118,13 +123,14 @@ impl Fast {
         }
     }
 
-    /// The reference core makes a step: floating-point registers may change. Between two sessions without such a step
-    /// nothing else can have come.
+    /// The reference core makes a step: floating-point registers may change. Between two sessions
+    /// without such a step nothing else can have come.
     pub(crate) fn step_elsewhere(&mut self) {
         self.core.fp_loaded = false;
     }
 
-    /// An exception came or went: what was reserved for an exclusive store no longer is (ARMv7-M ARM, A3.4.1).
+    /// An exception came or went: what was reserved for an exclusive store no longer is (ARMv7-M
+    /// ARM, A3.4.1).
     pub(crate) fn forget_reservation(&mut self) {
         self.core.exclusive = None;
     }
@@ -145,8 +151,8 @@ impl Fast {
         }
     }
 
-    /// Runs until cycle `limit`, an instruction that is not plain, or something that needs attention. Returns the
-    /// cycle reached and the instructions executed.
+    /// Runs until cycle `limit`, an instruction that is not plain, or something that needs
+    /// attention. Returns the cycle reached and the instructions executed.
     pub(crate) fn run(
         &mut self,
         cpu: &ArmV7m,
@@ -417,8 +423,8 @@ impl Core {
         self.cycles += 2;
     }
 
-    /// A branch to an address from a register or memory, bit 0 of which has to be set. Exception returns and
-    /// changes to a state that does not exist are left.
+    /// A branch to an address from a register or memory, bit 0 of which has to be set. Exception
+    /// returns and changes to a state that does not exist are left.
     fn branch_exchange(&mut self, target: u32) -> Done {
         exchangeable(target)?;
         self.branch(target);
@@ -447,7 +453,8 @@ fn exchangeable(target: u32) -> Done {
     }
 }
 
-/// Whether an access goes to a peripheral as [`crate::bus`] maps them, aligned and outside the bit-band alias.
+/// Whether an access goes to a peripheral as [`crate::bus`] maps them, aligned and outside the
+/// bit-band alias.
 fn is_peripheral(address: u32, width: Width) -> bool {
     let mapped = matches!(address, 0x4000_0000..=0x41FF_FFFF | 0x5000_0000..=0x500F_FFFF);
     mapped && width.is_aligned(u64::from(address))

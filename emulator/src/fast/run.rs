@@ -1,9 +1,10 @@
 //! The loop over micro-operations.
 //!
-//! What the loop needs from one instruction to the next is in local variables: program counter, time, instructions
-//! counted. An instruction that the session has to look behind (a peripheral answered, interrupts were let in, the
-//! program went to another page) sets the time of the loop's end to zero, so the others pay one comparison for all of
-//! that. An arm that leaves has changed nothing.
+//! What the loop needs from one instruction to the next is in local variables: program counter,
+//! time, instructions counted. An instruction that the session has to look behind (a peripheral
+//! answered, interrupts were let in, the program went to another page) sets the time of the loop's
+//! end to zero, so the others pay one comparison for all of that. An arm that leaves has changed
+//! nothing.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
@@ -19,8 +20,8 @@ use crate::rtt::RAM_BASE;
 const PAGE_OF: u32 = !(PAGE as u32 - 1);
 
 impl Core {
-    /// Instructions of one page, until the limit, until the session has to look at something, or until the program is
-    /// in another page. Fails before an instruction that is not plain.
+    /// Instructions of one page, until the limit, until the session has to look at something, or
+    /// until the program is in another page. Fails before an instruction that is not plain.
     pub(super) fn run_in(
         &mut self,
         page: &Page,

@@ -1,4 +1,5 @@
-//! The fast path against the reference core: random instructions on random registers, one at a time.
+//! The fast path against the reference core: random instructions on random registers, one at a
+//! time.
 
 use std::sync::Arc;
 
@@ -22,8 +23,8 @@ impl Random {
         self.next() % choices
     }
 
-    /// What a register may hold: an address in the middle of RAM, a small number, anything; never the address of a
-    /// peripheral.
+    /// What a register may hold: an address in the middle of RAM, a small number, anything; never
+    /// the address of a peripheral.
     fn value(&mut self) -> u32 {
         match self.of(4) {
             0 | 1 => 0x2000_8000 + self.of(0x1000),
@@ -61,7 +62,8 @@ impl Machine {
         let flash = Arc::new(RamStore::new(flash::SIZE));
         let mut at = 0;
         while at < flash::SIZE {
-            // As many 32-bit instructions as 16-bit ones, and among them the FPU's more often than by chance.
+            // As many 32-bit instructions as 16-bit ones, and among them the FPU's more often than
+            // by chance.
             let half = match random.of(5) {
                 0 | 1 => random.of(0xE800),
                 2 => 0xED00 | random.of(0x400),

@@ -7,7 +7,8 @@ use crate::ram;
 use crate::rtt::RAM_BASE;
 
 impl Core {
-    /// Whether `count` words can be transferred at an address: aligned, in RAM or (for loads) flash.
+    /// Whether `count` words can be transferred at an address: aligned, in RAM or (for loads)
+    /// flash.
     pub(super) fn words(&self, memory: Memory<'_>, at: u32, count: u32, load: bool) -> Done {
         let last = at.wrapping_add(4 * count.max(1) - 4);
         if at & 3 != 0 || (!load && at < 0x2000_0000) {

@@ -1,7 +1,7 @@
 //! From decoded instructions to micro-operations.
 //!
-//! Whatever is not certain to be plain gives none: the program counter as an operand or a result, unusual forms, what
-//! is unpredictable.
+//! Whatever is not certain to be plain gives none: the program counter as an operand or a result,
+//! unusual forms, what is unpredictable.
 
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{
@@ -30,7 +30,8 @@ impl Place<'_> {
         self.address.wrapping_add(4)
     }
 
-    /// A word of the page at an address relative to the aligned program counter: its offset and its value.
+    /// A word of the page at an address relative to the aligned program counter: its offset and its
+    /// value.
     fn constant(self, by: i32) -> Option<(u16, u32)> {
         let at = (self.pc() & !3).wrapping_add_signed(by);
         let offset = at.wrapping_sub(self.address / PAGE as u32 * PAGE as u32);

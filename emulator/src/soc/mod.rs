@@ -1,8 +1,9 @@
-//! The chip around the core: all peripherals of one board, how they are reached, and what connects them.
+//! The chip around the core: all peripherals of one board, how they are reached, and what connects
+//! them.
 //!
-//! Accesses come with an address and leave with a value, or with a reason to stop. After each write the interrupt
-//! lines and the time of the next event are worked out anew; that is cheap beside the instruction that wrote, and
-//! nothing can be forgotten.
+//! Accesses come with an address and leave with a value, or with a reason to stop. After each write
+//! the interrupt lines and the time of the next event are worked out anew; that is cheap beside the
+//! instruction that wrote, and nothing can be forgotten.
 
 mod world;
 
@@ -25,7 +26,8 @@ use crate::system::rcc::{Rcc, cause};
 use crate::timer::{Kind, Timer};
 use crate::trace::Trace;
 
-/// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze registers.
+/// First address of the debug unit's registers (RM0390 section 33.16): IDCODE, CR, two freeze
+/// registers.
 pub(crate) const DBGMCU: u32 = 0xE004_2000;
 
 /// Interrupt lines as a bitmap.
@@ -380,7 +382,8 @@ impl Soc {
         }
     }
 
-    /// Everything that follows from a pin having changed: edges for EXTI, the encoder and the break inputs.
+    /// Everything that follows from a pin having changed: edges for EXTI, the encoder and the break
+    /// inputs.
     fn pins_changed(&mut self, port: Port, before: u32) {
         let after = self.gpio[port as usize].idr();
         for pin in 0..16 {
@@ -409,8 +412,8 @@ impl Soc {
         self.rcc.enabled(gate)
     }
 
-    /// A debugger has held the core for some cycles up to now: what its freeze bits name has stood still (33.16.4 and
-    /// 33.16.5).
+    /// A debugger has held the core for some cycles up to now: what its freeze bits name has stood
+    /// still (33.16.4 and 33.16.5).
     pub(crate) fn stood(&mut self, cycles: u64) {
         const IWDG: u32 = 1 << 12;
         let [_, _, apb1, apb2] = self.dbgmcu;

@@ -167,7 +167,8 @@ impl Soc {
         }
         for port in Port::ALL {
             for pin in 0..16 {
-                // A complementary output on its own is a gate, high or low; what a timer's channel does is its PWM.
+                // A complementary output on its own is a gate, high or low; what a timer's channel
+                // does is its PWM.
                 let gate = match self.gpio[port as usize].mode(pin) {
                     Mode::Alternate(af) => {
                         pins::complementary_at(Route { port, pin, af }).is_some()

@@ -1,5 +1,5 @@
-//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and over, and injected
-//! channels after it.
+//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and
+//! over, and injected channels after it.
 //!
 //! | register | section | modelled |
 //! |---|---|---|
@@ -13,9 +13,9 @@
 //! | DR | 13.13.14 | the last result; reading clears EOC |
 //! | CCR | 13.13.16 | ADCPRE |
 //!
-//! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when sampling ended. The
-//! result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, the watchdog and the
-//! internal channels are not modelled.
+//! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when
+//! sampling ended. The result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, the
+//! watchdog and the internal channels are not modelled.
 
 use std::cell::Cell;
 
@@ -187,7 +187,8 @@ impl Adc {
     /// The pin whose voltage the register at `offset` shows: port by number, and pin.
     #[must_use]
     pub fn pin(&self, offset: u32) -> Option<(usize, u8)> {
-        // Data sheet DS10693 rev 10, table 10: IN0..7 are PA0..7, IN8 and 9 PB0 and 1, IN10..15 PC0..5.
+        // Data sheet DS10693 rev 10, table 10: IN0..7 are PA0..7, IN8 and 9 PB0 and 1, IN10..15
+        // PC0..5.
         match self.channel(self.place(offset)?) as u8 {
             channel @ 0..=7 => Some((0, channel)),
             channel @ 8..=9 => Some((1, channel - 8)),
@@ -196,7 +197,8 @@ impl Adc {
         }
     }
 
-    /// Reads a register; `analog` tells whether the channel's pin is in analog mode. `None` for what is not modelled.
+    /// Reads a register; `analog` tells whether the channel's pin is in analog mode. `None` for
+    /// what is not modelled.
     #[must_use]
     pub fn read(&self, now_ps: u64, offset: u32, analog: bool) -> Option<u32> {
         Some(match offset {

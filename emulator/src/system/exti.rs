@@ -72,7 +72,8 @@ impl Exti {
         })
     }
 
-    /// Writes an EXTI register; `None` for an offset without one. Events (EMR) are stored and wake nobody.
+    /// Writes an EXTI register; `None` for an offset without one. Events (EMR) are stored and wake
+    /// nobody.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 => self.imr = value & LINES,
@@ -99,7 +100,8 @@ impl Exti {
         })
     }
 
-    /// Writes a SYSCFG register; `None` for an offset without one, and for remapping the memory at 0.
+    /// Writes a SYSCFG register; `None` for an offset without one, and for remapping the memory at
+    /// 0.
     pub fn write_syscfg(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 if value & 7 == 0 => self.syscfg[0] = value,

@@ -1,14 +1,15 @@
 //! Flash interface (RM0390 rev 6, section 3): wait states, key sequences, erase and program.
 //!
-//! The array itself is memory that the core reads directly; writes to it come here. An operation takes the data
-//! sheet's typical time (DS10693 rev 10, table 49), and because the chip has one bank, the core cannot fetch from
-//! it meanwhile: it stalls, interrupts wait, only the watchdog goes on. A reset in the middle of an erase
-//! leaves the first half of the sector erased and the rest as it was, which is one of the outcomes that real
-//! flash has.
+//! The array itself is memory that the core reads directly; writes to it come here. An operation
+//! takes the data sheet's typical time (DS10693 rev 10, table 49), and because the chip has one
+//! bank, the core cannot fetch from it meanwhile: it stalls, interrupts wait, only the watchdog
+//! goes on. A reset in the middle of an erase leaves the first half of the sector erased and the
+//! rest as it was, which is one of the outcomes that real flash has.
 //!
-//! Operations are counted from power-on, and the power can be made to fail in the middle of any of them: an erase
-//! then ends as with a reset, and of what was to be programmed the lower half of the bytes has been. What the model
-//! does not know are cells between 0 and 1, which read differently from time to time.
+//! Operations are counted from power-on, and the power can be made to fail in the middle of any of
+//! them: an erase then ends as with a reset, and of what was to be programmed the lower half of the
+//! bytes has been. What the model does not know are cells between 0 and 1, which read differently
+//! from time to time.
 
 use std::sync::Arc;
 
@@ -30,7 +31,8 @@ pub const SECTORS: [(u64, u64); 8] = [
 ];
 
 const MS: u64 = 1_000_000_000; // ps
-/// Time to erase and program the option bytes: that of a sector of 16 KiB at 32 bits; the data sheet gives none.
+/// Time to erase and program the option bytes: that of a sector of 16 KiB at 32 bits; the data
+/// sheet gives none.
 const OPTIONS_MS: u64 = 250;
 /// Typical time of one program operation, any width: 16 us.
 const PROGRAM_PS: u64 = 16_000_000;
@@ -255,8 +257,8 @@ impl Flash {
         self.options
     }
 
-    /// Supply in V below which the brown-out reset comes, and above which it ends: typical by BOR_LEV (data sheet DS10693
-    /// rev 10, table 24). Power-down reset where it is off.
+    /// Supply in V below which the brown-out reset comes, and above which it ends: typical by
+    /// BOR_LEV (data sheet DS10693 rev 10, table 24). Power-down reset where it is off.
     #[must_use]
     pub fn brown_out(&self) -> (f64, f64) {
         match self.options >> 2 & 3 {
@@ -322,8 +324,9 @@ impl Flash {
         };
     }
 
-    /// 3.6.2: what is written is programmed when OPTSTRT is set. A reset before the end of it is taken to leave what was
-    /// there, which is the kind one of the outcomes that real option bytes have.
+    /// 3.6.2: what is written is programmed when OPTSTRT is set. A reset before the end of it is
+    /// taken to leave what was there, which is the kind one of the outcomes that real option bytes
+    /// have.
     fn write_optcr(&mut self, now_ps: u64, value: u32) {
         if self.optcr & OPTLOCK != 0 || self.sr & SR_BSY != 0 {
             return;
@@ -344,7 +347,8 @@ impl Flash {
         if value & CR_STRT == 0 || value & (CR_SER | CR_MER) == 0 {
             return;
         }
-        // Typical erase times by parallelism: x8, x16, x32 (and x64, which needs an external voltage).
+        // Typical erase times by parallelism: x8, x16, x32 (and x64, which needs an external
+        // voltage).
         let column = (value >> 8 & 3).min(2) as usize;
         let (start, length, ms) = if value & CR_MER != 0 {
             (0, SIZE, [8_000, 5_500, 4_000][column])
@@ -371,8 +375,8 @@ impl Flash {
         self.busy_until = now_ps + ms * MS;
     }
 
-    /// A write to the array at an offset. Bits can only be cleared; what is not allowed sets an error flag and
-    /// leaves the array alone (3.5.4).
+    /// A write to the array at an offset. Bits can only be cleared; what is not allowed sets an
+    /// error flag and leaves the array alone (3.5.4).
     pub fn program(&mut self, now_ps: u64, offset: u64, data: &[u8]) {
         self.sync(now_ps);
         let width = 1_usize << (self.cr >> 8 & 3);

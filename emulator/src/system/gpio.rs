@@ -1,8 +1,8 @@
 //! General-purpose I/O (RM0390 rev 6, section 7): one port of 16 pins.
 //!
-//! A pin has a level from outside (or none), a pull resistor, and maybe a driver inside: the output register or,
-//! in alternate-function mode, a peripheral. What a peripheral drives is asked of the peripheral; this file only
-//! says which one has the pin.
+//! A pin has a level from outside (or none), a pull resistor, and maybe a driver inside: the output
+//! register or, in alternate-function mode, a peripheral. What a peripheral drives is asked of the
+//! peripheral; this file only says which one has the pin.
 
 /// A GPIO port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -39,8 +39,8 @@ pub enum PinLevel {
     Low,
     /// Driven high.
     High,
-    /// Not driven: an input, analog, or an open drain that is off. What the wire's level is then is decided
-    /// outside.
+    /// Not driven: an input, analog, or an open drain that is off. What the wire's level is then is
+    /// decided outside.
     Floating,
 }
 
@@ -74,7 +74,8 @@ pub struct Gpio {
 }
 
 impl Gpio {
-    /// A port after reset, with nothing connected. Ports A and B wake up with the debug pins switched (7.4).
+    /// A port after reset, with nothing connected. Ports A and B wake up with the debug pins
+    /// switched (7.4).
     #[must_use]
     pub fn new(port: Port) -> Self {
         let (moder, ospeedr, pupdr) = match port {
@@ -150,7 +151,8 @@ impl Gpio {
         self.otyper >> (pin & 15) & 1 != 0
     }
 
-    /// Level at the input of a pin: its own output, else the level outside, else the pull, else low.
+    /// Level at the input of a pin: its own output, else the level outside, else the pull, else
+    /// low.
     #[must_use]
     pub fn level(&self, pin: u8) -> bool {
         let pin = pin & 15;
@@ -188,7 +190,8 @@ impl Gpio {
         })
     }
 
-    /// Writes a register; `None` for an offset without one, or the lock register, which is not modelled.
+    /// Writes a register; `None` for an offset without one, or the lock register, which is not
+    /// modelled.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 => self.moder = value,

@@ -1,11 +1,12 @@
-//! Independent watchdog (RM0390 rev 6, section 21), on its own oscillator LSI: nominally 32 kHz, by the data
-//! sheet 17 to 47 kHz, so its frequency is a setting of the board. Once started only a reset stops it, also
-//! while the core sleeps or is locked up.
+//! Independent watchdog (RM0390 rev 6, section 21), on its own oscillator LSI: nominally 32 kHz, by
+//! the data sheet 17 to 47 kHz, so its frequency is a setting of the board. Once started only a
+//! reset stops it, also while the core sleeps or is locked up.
 //!
-//! A value written to PR or RLR takes up to five LSI cycles to arrive; here always five, counted from the start
-//! of the watchdog if it is written before, since LSI does not run until then. Meanwhile PVU or RVU is set, the register
-//! reads its old value and ignores writes (21.4.2 to 21.4.4). The start loads the counter with 0xFFF; the value in RLR
-//! takes effect at the first feeding after it has arrived (21.3).
+//! A value written to PR or RLR takes up to five LSI cycles to arrive; here always five, counted
+//! from the start of the watchdog if it is written before, since LSI does not run until then.
+//! Meanwhile PVU or RVU is set, the register reads its old value and ignores writes (21.4.2 to
+//! 21.4.4). The start loads the counter with 0xFFF; the value in RLR takes effect at the first
+//! feeding after it has arrived (21.3).
 //!
 //! Not modelled: LSI switched on by RCC_CSR before the start, and its start-up time.
 
@@ -161,7 +162,8 @@ impl Iwdg {
         self.reload.sync(now_ps);
     }
 
-    /// What is left of the count at `at_ps`, with the prescaler in force, and when the last whole count ended.
+    /// What is left of the count at `at_ps`, with the prescaler in force, and when the last whole
+    /// count ended.
     fn counted_to(&self, at_ps: u64) -> Option<(u32, u64)> {
         let (left, since) = self.count?;
         let hz = u128::from(self.lsi_hz);
@@ -194,7 +196,8 @@ fn divider(prescaler: u32) -> u128 {
 mod tests {
     use super::*;
 
-    /// Started with a divider of 4 and a reload of 400 cycles, fed at the returned time, when both have arrived.
+    /// Started with a divider of 4 and a reload of 400 cycles, fed at the returned time, when both
+    /// have arrived.
     fn started(lsi_hz: u64) -> (Iwdg, u64) {
         let mut iwdg = Iwdg::new(lsi_hz);
         for (offset, value) in [(0, ENABLE_ACCESS), (4, 0), (8, 399), (0, START)] {
@@ -246,7 +249,8 @@ mod tests {
         let arrived = at + 156_250_000;
         assert_eq!(iwdg.read(arrived, 8), Some(99));
         assert_eq!(iwdg.read(arrived, 4), Some(3));
-        // Of the five cycles four are one count gone; the other 398 and the last one take 32 cycles each.
+        // Of the five cycles four are one count gone; the other 398 and the last one take 32 cycles
+        // each.
         let counted = at + 125_000_000;
         let rest = 399 * 32 * 1_000_000_000_000 / 32_000;
         assert_eq!(iwdg.expires_at(), Some(counted + rest));

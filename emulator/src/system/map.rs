@@ -1,5 +1,5 @@
-//! Where the peripherals are (RM0390 rev 6, section 2.2.2, table 1) and what switches their clocks on
-//! (sections 6.3.10 to 6.3.14).
+//! Where the peripherals are (RM0390 rev 6, section 2.2.2, table 1) and what switches their clocks
+//! on (sections 6.3.10 to 6.3.14).
 //!
 //! The table is complete, also for what is not modelled, so that a stop can name what was touched.
 
@@ -74,7 +74,8 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
 use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
 use Unit::{Adc, Can1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer};
 
-/// All peripherals outside the core, by address. Each reaches up to the next, and at most [`LARGEST`] bytes.
+/// All peripherals outside the core, by address. Each reaches up to the next, and at most
+/// [`LARGEST`] bytes.
 pub const PERIPHERALS: &[Entry] = &[
     entry(0x4000_0000, "TIM2", Apb1(0), Timer(2)),
     entry(0x4000_0400, "TIM3", Apb1(1), Timer(3)),

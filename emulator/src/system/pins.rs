@@ -1,5 +1,5 @@
-//! Which pin carries which signal in which alternate function (data sheet DS10693 rev 10, table 11), for the
-//! signals that are modelled, as far as the pins exist on the 64-pin package.
+//! Which pin carries which signal in which alternate function (data sheet DS10693 rev 10, table
+//! 11), for the signals that are modelled, as far as the pins exist on the 64-pin package.
 
 use crate::system::gpio::Port;
 

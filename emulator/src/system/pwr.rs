@@ -1,8 +1,9 @@
-//! Power control (RM0390 rev 6, section 5): voltage scaling and over-drive, without which the chip must not be
-//! clocked at 180 MHz, the write protection of the backup domain, and the programmable voltage detector (5.2.3).
+//! Power control (RM0390 rev 6, section 5): voltage scaling and over-drive, without which the chip
+//! must not be clocked at 180 MHz, the write protection of the backup domain, and the programmable
+//! voltage detector (5.2.3).
 
-/// Over-drive and its switch are ready within some 10 us each; the regulator's voltage follows in 40 us (data
-/// sheet DS10693 rev 10, table 23).
+/// Over-drive and its switch are ready within some 10 us each; the regulator's voltage follows in
+/// 40 us (data sheet DS10693 rev 10, table 23).
 const OVER_DRIVE_PS: u64 = 10_000_000;
 
 /// Supply of the chip on the board, V.
@@ -14,7 +15,8 @@ const ODSWEN: u32 = 1 << 17;
 const PVDE: u32 = 1 << 4;
 /// Its output in CSR: VDD is below the threshold.
 const PVDO: u32 = 1 << 2;
-/// Thresholds by PLS for a falling and a rising VDD, typical, mV (data sheet DS10693 rev 10, table 24).
+/// Thresholds by PLS for a falling and a rising VDD, typical, mV (data sheet DS10693 rev 10, table
+/// 24).
 const PVD_LEVELS: [(f64, f64); 8] = [
     (2040.0, 2140.0),
     (2190.0, 2300.0),
@@ -57,7 +59,8 @@ impl Pwr {
             0 => Some(self.cr),
             4 => {
                 let ready = |at: Option<u64>| u32::from(at.is_some_and(|at| now_ps >= at));
-                // VOSRDY (14) is modelled as always reached: the scale is written before the clock is raised.
+                // VOSRDY (14) is modelled as always reached: the scale is written before the clock
+                // is raised.
                 let low = if self.is_low() { PVDO } else { 0 };
                 Some(
                     low | 1 << 14 | ready(self.over_drive_at) << 16 | ready(self.switched_at) << 17,

@@ -1,12 +1,13 @@
 //! Reset and clock control (RM0390 rev 6, section 6).
 //!
-//! Computes what the registers really say: an oscillator is ready after its start-up time, a PLL after its lock
-//! time and only when its source runs, and the frequencies of core, buses and timers come out of the multipliers
-//! and dividers that were written. A wrong PLL therefore shows as a wrong CAN bit rate, and a switch to a clock
-//! that is not ready does not happen, as on the chip (6.2.6).
+//! Computes what the registers really say: an oscillator is ready after its start-up time, a PLL
+//! after its lock time and only when its source runs, and the frequencies of core, buses and timers
+//! come out of the multipliers and dividers that were written. A wrong PLL therefore shows as a
+//! wrong CAN bit rate, and a switch to a clock that is not ready does not happen, as on the chip
+//! (6.2.6).
 //!
-//! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45) gives no
-//! typical value, its largest.
+//! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45)
+//! gives no typical value, its largest.
 
 use crate::clock::HSI_HZ;
 use crate::system::map::Gate;
@@ -258,7 +259,8 @@ impl Rcc {
         })
     }
 
-    /// Writes a register at a local time in ps; `None` for an offset without one. `backup_access` is PWR_CR.DBP.
+    /// Writes a register at a local time in ps; `None` for an offset without one. `backup_access`
+    /// is PWR_CR.DBP.
     pub fn write(
         &mut self,
         now_ps: u64,
@@ -348,8 +350,8 @@ impl Rcc {
         }
     }
 
-    /// The clock at the HSE input begins or stops (6.2.7). A failure that the clock security system sees switches HSE, and
-    /// the PLL that it feeds, off and the system clock to HSI.
+    /// The clock at the HSE input begins or stops (6.2.7). A failure that the clock security system
+    /// sees switches HSE, and the PLL that it feeds, off and the system clock to HSI.
     pub fn set_hse(&mut self, now_ps: u64, runs: bool) -> HseFailure {
         let runs = runs && self.hse_hz != 0;
         let fails = !runs && self.hse.ready(now_ps);
@@ -451,7 +453,8 @@ impl Rcc {
             };
         let divider = |ppre: u32| if ppre < 4 { 1 } else { 1 << (ppre - 3) };
         let (d1, d2) = (divider(self.cfgr >> 10 & 7), divider(self.cfgr >> 13 & 7));
-        // 6.2: timers run at twice the bus clock when it is divided; with TIMPRE at four times, up to HCLK.
+        // 6.2: timers run at twice the bus clock when it is divided; with TIMPRE at four times, up
+        // to HCLK.
         let timpre = self.banks[0x8C / 4] >> 24 & 1 != 0;
         let timer = |d: u64| match (timpre, d) {
             (false, 1) | (true, 1..=4) => hclk,

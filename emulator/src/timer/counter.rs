@@ -1,6 +1,7 @@
 //! From time to counts: how a timer counts, when it sets which flag, and when that will be.
 //!
-//! The position of the counter is kept as a *phase* that only ever grows within a period and starts again at 0:
+//! The position of the counter is kept as a *phase* that only ever grows within a period and starts
+//! again at 0:
 //!
 //! | mode | phase p | counter | period in ticks | update at phase |
 //! |---|---|---|---|---|
@@ -8,9 +9,9 @@
 //! | down | 0..=ARR | ARR - p | ARR + 1 | ARR + 1 |
 //! | centre-aligned | 0..2 ARR | p, then 2 ARR - p | 2 ARR | ARR and 2 ARR |
 //!
-//! [`Timer::sync`] brings the phase from the last look to now, sets the flags whose moment lay in between and
-//! loads the preload registers at the update events. Once every preload has been taken over, whole periods only
-//! repeat what has already been flagged, and are skipped in one step.
+//! [`Timer::sync`] brings the phase from the last look to now, sets the flags whose moment lay in
+//! between and loads the preload registers at the update events. Once every preload has been taken
+//! over, whole periods only repeat what has already been flagged, and are skipped in one step.
 
 use super::{Timer, bdtr, cr1, flag, reg};
 
@@ -37,7 +38,8 @@ impl Timer {
         }
     }
 
-    /// Whether the counter counts the internal clock. It does not while ARR is 0 (17.4.12) or an encoder counts.
+    /// Whether the counter counts the internal clock. It does not while ARR is 0 (17.4.12) or an
+    /// encoder counts.
     fn running(&self) -> bool {
         self.cr1 & cr1::CEN != 0 && self.smcr & 7 == 0 && self.arr.active != 0
     }
@@ -88,7 +90,8 @@ impl Timer {
                 ((2 * arr).saturating_sub(phase).max(1), 0)
             }
         } else if phase > arr {
-            // The counter was put beyond ARR: it runs on to its end, and nothing is compared on the way.
+            // The counter was put beyond ARR: it runs on to its end, and nothing is compared on the
+            // way.
             (self.kind.max + 1 - phase, 0)
         } else {
             (arr + 1 - phase, 0)
@@ -136,15 +139,16 @@ impl Timer {
         self.anchor = self.anchor.max(now);
     }
 
-    /// Jumps over periods that can change nothing but the repetition counter. One full period before `now`
-    /// is left to be walked through, and sets every flag there is to set.
+    /// Jumps over periods that can change nothing but the repetition counter. One full period
+    /// before `now` is left to be walked through, and sets every flag there is to set.
     fn skip_periods(&mut self, now: u64) {
         if !self.running() || self.preload_pending() {
             return;
         }
         let length = self.period() * self.tick();
         let periods = now.saturating_sub(self.anchor) / length;
-        // With a repetition counter the first update may be many periods away: walk until it has happened.
+        // With a repetition counter the first update may be many periods away: walk until it has
+        // happened.
         if periods < 3 || (self.repetitions != self.rcr && self.sr & flag::UPDATE == 0) {
             return;
         }
@@ -290,15 +294,16 @@ impl Timer {
         }
     }
 
-    /// Whether no interrupt is enabled and no edge is on its way: no line is up, and there is no next event.
+    /// Whether no interrupt is enabled and no edge is on its way: no line is up, and there is no
+    /// next event.
     #[must_use]
     #[inline]
     pub fn is_quiet(&self) -> bool {
         self.dier == 0 && self.encoder.next.is_none()
     }
 
-    /// Cycle of the next interrupt, of a preload that has to be looked at before it can be told, or of an edge
-    /// that leaves its filter. To be asked after [`Timer::sync`].
+    /// Cycle of the next interrupt, of a preload that has to be looked at before it can be told, or
+    /// of an edge that leaves its filter. To be asked after [`Timer::sync`].
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
         let wanted = self.dier & !self.sr;
@@ -327,8 +332,8 @@ impl Timer {
         (ticks != u64::MAX).then(|| self.anchor + ticks * self.tick())
     }
 
-    /// Cycle at which preload registers will next be taken over, if one waits for it. To be asked after
-    /// [`Timer::sync`].
+    /// Cycle at which preload registers will next be taken over, if one waits for it. To be asked
+    /// after [`Timer::sync`].
     #[must_use]
     pub fn next_load(&self) -> Option<u64> {
         let waits = self.running() && self.preload_pending();

@@ -1,14 +1,16 @@
-//! The encoder interface (RM0390 rev 6, sections 17.3.16 and 18.3.12) and the digital filters of its inputs.
+//! The encoder interface (RM0390 rev 6, sections 17.3.16 and 18.3.12) and the digital filters of
+//! its inputs.
 //!
-//! Edges come in two ways. [`Timer::set_input`] sets the level of TI1 or TI2, and what is counted follows from the
-//! levels, as in the chip. [`Timer::encoder_add`] turns an encoder by so many clean edges at once, which is what a
-//! simulated wheel wants; these are taken to last as long as the slower of the two filters needs, and come that
-//! much later.
+//! Edges come in two ways. [`Timer::set_input`] sets the level of TI1 or TI2, and what is counted
+//! follows from the levels, as in the chip. [`Timer::encoder_add`] turns an encoder by so many
+//! clean edges at once, which is what a simulated wheel wants; these are taken to last as long as
+//! the slower of the two filters needs, and come that much later.
 //!
-//! A filter samples its input and passes a new level on after N samples in a row have shown it. Nothing is done per
-//! sample: when a level changes, the cycle of the N-th sample is known, and a change back before it takes the edge
-//! back. Samples are taken to lie at whole multiples of the sampling time since power-on; the manual does not say.
-//! A sample sees the level as it was just before it. Without a filter (ICxF = 0) an edge counts at once.
+//! A filter samples its input and passes a new level on after N samples in a row have shown it.
+//! Nothing is done per sample: when a level changes, the cycle of the N-th sample is known, and a
+//! change back before it takes the edge back. Samples are taken to lie at whole multiples of the
+//! sampling time since power-on; the manual does not say. A sample sees the level as it was just
+//! before it. Without a filter (ICxF = 0) an edge counts at once.
 
 use std::collections::VecDeque;
 
@@ -48,7 +50,8 @@ impl Inputs {
 }
 
 impl Timer {
-    /// Whether encoder mode is set up: SMS 1 to 3, both channels inputs on their own pins (18.3.12), counter on.
+    /// Whether encoder mode is set up: SMS 1 to 3, both channels inputs on their own pins
+    /// (18.3.12), counter on.
     #[must_use]
     pub fn encoder_ready(&self) -> bool {
         self.kind.full && self.enabled() && self.smcr & 7 != 0 && self.ccmr[0] & 0x303 == 0x101
@@ -60,7 +63,8 @@ impl Timer {
         self.encoder.next.is_some_and(|at| at <= now)
     }
 
-    /// Core clock cycles between two samples of an input, and how many have to agree (18.4.7, IC1F).
+    /// Core clock cycles between two samples of an input, and how many have to agree (18.4.7,
+    /// IC1F).
     fn filter(&self, input: usize) -> Option<(u64, u64)> {
         if self.ccmr[0] >> (8 * input) & 3 == 0 {
             return None; // an output
@@ -139,8 +143,9 @@ impl Timer {
         }
     }
 
-    /// An input's level comes out of its filter. Table "counting direction versus encoder signals" (18.3.12): an
-    /// edge of TI1 counts up when the two levels differ after it, one of TI2 when they agree.
+    /// An input's level comes out of its filter. Table "counting direction versus encoder signals"
+    /// (18.3.12): an edge of TI1 counts up when the two levels differ after it, one of TI2 when
+    /// they agree.
     fn edge(&mut self, input: usize) -> bool {
         self.encoder.filtered[input] = self.encoder.raw[input];
         // SMS 1 counts on TI2 only, 2 on TI1 only.
@@ -155,13 +160,14 @@ impl Timer {
         true
     }
 
-    /// Whether one of the two inputs is inverted, which reverses the direction; inverting both does not.
+    /// Whether one of the two inputs is inverted, which reverses the direction; inverting both does
+    /// not.
     fn reversed(&self) -> bool {
         (self.ccer >> 1 ^ self.ccer >> 5) & 1 != 0
     }
 
-    /// Turns the encoder by a number of clean quadrature edges, positive when channel 1 leads channel 2. Modes 1
-    /// and 2 count every second edge.
+    /// Turns the encoder by a number of clean quadrature edges, positive when channel 1 leads
+    /// channel 2. Modes 1 and 2 count every second edge.
     pub fn encoder_add(&mut self, now: u64, edges: i32) {
         self.sync(now);
         match (0..2).filter_map(|i| self.leaves_filter(now, i)).max() {
@@ -259,7 +265,8 @@ mod tests {
                     let what = format!("ICxF {filter}, CKD {ckd}, ratio {ratio}");
                     for input in 0..2 {
                         let mut t = encoder([filter, filter], ckd, ratio);
-                        // Changed just after a sample: N samples later the level is through, not a cycle before.
+                        // Changed just after a sample: N samples later the level is through, not a
+                        // cycle before.
                         let (up, through) = (100 * sampling, (100 + samples) * sampling);
                         t.set_input(up, input, true);
                         assert_eq!(t.next_event(), Some(through), "{what}");
@@ -310,7 +317,8 @@ mod tests {
 
     #[test]
     fn bounce_is_counted_without_a_filter_and_not_with_one() {
-        // A contact on TI1 that opens twice before it stays: up and down again without a filter, too.
+        // A contact on TI1 that opens twice before it stays: up and down again without a filter,
+        // too.
         for (filter, after_bounce) in [(0, 1), (2, 0)] {
             let mut t = encoder([filter, filter], 0, 1);
             let mut directions = 0;

@@ -1,12 +1,14 @@
 //! The timers: TIM1/8 (RM0390 rev 6, section 17), TIM2..5 (18), TIM9..14 (19), TIM6/7 (20).
 //!
-//! One model serves all of them; [`Kind`] says what a particular timer has. This file is the register view;
-//! [`counter`] turns time into counts, flags and events, [`encoder`] edges into counts, [`output`] counts into PWM.
+//! One model serves all of them; [`Kind`] says what a particular timer has. This file is the
+//! register view; [`counter`] turns time into counts, flags and events, [`encoder`] edges into
+//! counts, [`output`] counts into PWM.
 //!
-//! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of PSC, ARR and
-//! CCR with update events, repetition counter, one-pulse mode, compare flags, encoder mode with its input filters,
-//! PWM and forced outputs, MOE, idle levels, the break input and the lock levels. Not modelled, and refused: input capture,
-//! slave modes other than encoder, triggers to other peripherals, DMA bursts.
+//! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of
+//! PSC, ARR and CCR with update events, repetition counter, one-pulse mode, compare flags, encoder
+//! mode with its input filters, PWM and forced outputs, MOE, idle levels, the break input and the
+//! lock levels. Not modelled, and refused: input capture, slave modes other than encoder, triggers
+//! to other peripherals, DMA bursts.
 
 pub mod counter;
 pub mod encoder;
@@ -367,8 +369,8 @@ impl Timer {
         }
     }
 
-    /// Sets the level of the break input pin; `false` when no pin is connected to it. No clock is needed for the
-    /// outputs to go off (17.3.12).
+    /// Sets the level of the break input pin; `false` when no pin is connected to it. No clock is
+    /// needed for the outputs to go off (17.3.12).
     pub fn set_break_input(&mut self, now: u64, level: bool) {
         self.sync(now);
         self.break_level = level;
@@ -414,7 +416,8 @@ impl Timer {
 
     fn write_ccmr(&mut self, index: usize, value: u32) -> Result<(), Unmodelled> {
         for half in 0..2 {
-            // An input on its own pin is what encoder mode needs; as a capture it would need a signal to time.
+            // An input on its own pin is what encoder mode needs; as a capture it would need a
+            // signal to time.
             if !matches!((value >> (8 * half)) & 3, 0 | 1) {
                 return Err(Unmodelled(
                     "input capture from another pin or TRC (CCMR.CCxS)",
@@ -453,8 +456,8 @@ impl Timer {
         if !self.kind.advanced {
             return;
         }
-        // 17.4.18: level 1 freezes DTG, BKE, BKP, AOE; level 2 also OSSR, OSSI. LOCK itself is frozen by the first write of
-        // the register after reset, whatever that writes.
+        // 17.4.18: level 1 freezes DTG, BKE, BKP, AOE; level 2 also OSSR, OSSI. LOCK itself is
+        // frozen by the first write of the register after reset, whatever that writes.
         let frozen = match self.lock_level() {
             0 => 0,
             1 => 0x70FF,

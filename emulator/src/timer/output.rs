@@ -1,16 +1,19 @@
-//! What a timer drives its channels with: PWM, forced and idle levels (RM0390 rev 6, sections 17.3.8 to 17.3.12).
+//! What a timer drives its channels with: PWM, forced and idle levels (RM0390 rev 6, sections
+//! 17.3.8 to 17.3.12).
 
 use super::{Timer, bdtr};
 
 /// What a PWM output does.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PwmState {
-    /// Fraction of the time the pin is high, 0..=1. A pin that the timer does not drive counts as low.
+    /// Fraction of the time the pin is high, 0..=1. A pin that the timer does not drive counts as
+    /// low.
     pub duty: f32,
-    /// Duration of one PWM period in nanoseconds of the board's own time; 0 while the counter stands.
+    /// Duration of one PWM period in nanoseconds of the board's own time; 0 while the counter
+    /// stands.
     pub period_ns: u64,
-    /// Whether the timer drives the pin: channel enabled, outputs not cut (MOE), counter running, pin switched to
-    /// the timer.
+    /// Whether the timer drives the pin: channel enabled, outputs not cut (MOE), counter running,
+    /// pin switched to the timer.
     pub active: bool,
 }
 
@@ -21,7 +24,8 @@ impl Timer {
         !self.kind.advanced || self.bdtr & bdtr::MOE != 0
     }
 
-    /// State of a channel's output (from 0), as of the last [`Timer::sync`]; `hz` is the core clock.
+    /// State of a channel's output (from 0), as of the last [`Timer::sync`]; `hz` is the core
+    /// clock.
     #[must_use]
     pub fn pwm(&self, channel: usize, hz: u64) -> PwmState {
         if channel >= self.kind.channels {
@@ -103,7 +107,8 @@ impl Timer {
         }
     }
 
-    /// Level of a channel's pin at the last [`Timer::sync`]; `None` when the timer leaves it floating.
+    /// Level of a channel's pin at the last [`Timer::sync`]; `None` when the timer leaves it
+    /// floating.
     #[must_use]
     pub fn level(&self, channel: usize) -> Option<bool> {
         if channel >= self.kind.channels || self.ccer >> (4 * channel) & 1 == 0 {
@@ -115,8 +120,9 @@ impl Timer {
         Some(self.reference(channel) ^ (self.ccer >> (4 * channel + 1) & 1 != 0))
     }
 
-    /// Level of a complementary output without its main one (CCxE clear, CCxNE set) at the last [`Timer::sync`]; `None`
-    /// when the timer leaves it floating. With both enabled, and dead time between them, it is not modelled.
+    /// Level of a complementary output without its main one (CCxE clear, CCxNE set) at the last
+    /// [`Timer::sync`]; `None` when the timer leaves it floating. With both enabled, and dead time
+    /// between them, it is not modelled.
     #[must_use]
     pub fn complementary_level(&self, channel: usize) -> Option<bool> {
         if !self.kind.advanced || channel > 2 || self.ccer >> (4 * channel) & 5 != 4 {

@@ -1,5 +1,5 @@
-//! Random programs on the fast path and on the reference core: loops, IT blocks, stacks, floats and masked interrupts,
-//! interrupted by a timer at every place in turn.
+//! Random programs on the fast path and on the reference core: loops, IT blocks, stacks, floats and
+//! masked interrupts, interrupted by a timer at every place in turn.
 
 use emulator::{Board, BoardConfig, CoreRegisters};
 
@@ -185,7 +185,8 @@ fn random_programs_run_as_on_the_reference_core() {
     }
 }
 
-/// Breakpoints make the board look at every instruction. What it waits for the flash must not depend on that.
+/// Breakpoints make the board look at every instruction. What it waits for the flash must not
+/// depend on that.
 #[test]
 fn random_programs_run_the_same_instruction_by_instruction() {
     for seed in 101..=112 {
@@ -197,7 +198,8 @@ fn random_programs_run_the_same_instruction_by_instruction() {
     }
 }
 
-/// A loop counts with what an instruction in it says, which the program changes in flash while it runs.
+/// A loop counts with what an instruction in it says, which the program changes in flash while it
+/// runs.
 #[test]
 fn an_instruction_that_is_programmed_anew_is_executed_anew() {
     for reference_core in [false, true] {

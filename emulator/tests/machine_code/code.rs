@@ -79,7 +79,8 @@ impl Code {
         self.0.push(0x4770); // BX lr
     }
 
-    /// The image: initial stack pointer, reset at the first instruction, everything else at `handler`.
+    /// The image: initial stack pointer, reset at the first instruction, everything else at
+    /// `handler`.
     pub fn image(&self, handler: u32) -> Firmware {
         let mut bytes = Vec::new();
         for index in 0..0x80 {

@@ -36,7 +36,8 @@ fn counting_program() -> (Code, u32) {
 fn a_sleeping_core_wakes_for_every_interrupt() {
     let (code, handler) = counting_program();
     let mut board = code.board(handler, BoardConfig::default());
-    // 10 ms at 16 MHz are 160 000 clocks: 160 periods, the last of them after the 40 or so clocks of set-up.
+    // 10 ms at 16 MHz are 160 000 clocks: 160 periods, the last of them after the 40 or so clocks
+    // of set-up.
     board.run_until(10_000_000).unwrap();
     assert_eq!(board.read_word(RAM), Some(159));
     assert!(board.is_asleep());
@@ -109,8 +110,8 @@ fn how_a_run_is_cut_into_pieces_changes_nothing() {
     assert_eq!(run(5_000_000), run(777));
 }
 
-/// Starts the watchdog with 50 ms at 32 kHz and feeds it once what it was given has arrived, which takes up to 294 us
-/// at 17 kHz: 1 600 rounds of three or four cycles at 16 MHz.
+/// Starts the watchdog with 50 ms at 32 kHz and feeds it once what it was given has arrived, which
+/// takes up to 294 us at 17 kHz: 1 600 rounds of three or four cycles at 16 MHz.
 fn start_watchdog(code: &mut Code) {
     for (offset, value) in [(0, 0x5555), (4, 0), (8, 399), (0, 0xCCCC)] {
         code.store(0x4000_3000 + offset, value);
@@ -280,8 +281,8 @@ fn stop_mode_is_refused() {
     assert!(stop.to_string().contains("SLEEPDEEP"), "{stop}");
 }
 
-/// The flags of a comparison of floats must outlive an interrupt before they are read, whether its handler uses the
-/// floating-point unit or not.
+/// The flags of a comparison of floats must outlive an interrupt before they are read, whether its
+/// handler uses the floating-point unit or not.
 #[test]
 fn an_interrupt_leaves_the_flags_of_a_float_comparison() {
     for (reference_core, floats) in [(false, false), (false, true), (true, false), (true, true)] {

@@ -244,7 +244,8 @@ fn a_preloaded_duty_is_traced_when_it_takes_effect() {
     let (written, zero) = duties[duties.len() - 2];
     let (taken, quarter) = duties[duties.len() - 1];
     assert_eq!((zero, quarter), (0.0, 0.25));
-    // The period began when the counter was started, a few instructions before the compare value was written.
+    // The period began when the counter was started, a few instructions before the compare value
+    // was written.
     assert!(
         (990_000..1_000_400).contains(&(taken - written)),
         "{}",

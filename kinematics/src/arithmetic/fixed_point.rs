@@ -1,22 +1,25 @@
 //! `I16F16` as a scalar: 16 integer and 16 fractional bits, ±32768 in steps of 1.5e-5.
 //!
-//! Matrix entries are kept as 32-bit integers with 20 fractional bits on the way to the wheels and 28 on the way
-//! back; products are summed in 64 bits, cut to 16 fractional bits once and saturated once. So a result is off by at
-//! most one step (half a step on the way back, which is rounded) plus half a coefficient step for each unit of input,
-//! and the sum cannot overflow before the saturation sees it.
+//! Matrix entries are kept as 32-bit integers with 20 fractional bits on the way to the wheels and
+//! 28 on the way back; products are summed in 64 bits, cut to 16 fractional bits once and saturated
+//! once. So a result is off by at most one step (half a step on the way back, which is rounded)
+//! plus half a coefficient step for each unit of input, and the sum cannot overflow before the
+//! saturation sees it.
 //!
-//! Whether a result saturated is read from the value itself: it stands in the last sixteenth of a unit at either end
-//! of the range.
+//! Whether a result saturated is read from the value itself: it stands in the last sixteenth of a
+//! unit at either end of the range.
 
 use fixed::types::I16F16;
 
 use super::Scalar;
 
-/// Magnitudes of a row's entries sum to at most this, so that with inputs of up to 2^31 the sum stays below 2^62.
+/// Magnitudes of a row's entries sum to at most this, so that with inputs of up to 2^31 the sum
+/// stays below 2^62.
 const ROW_LIMIT: i64 = 1 << 31;
 
-/// 2^12 steps, 1/16: a saturated result of [`Scalar::dot`] lies within this of the end, and any value there counts
-/// as saturated. (20 fractional bits of a coefficient leave 12 of the lower word's 32 in the result.)
+/// 2^12 steps, 1/16: a saturated result of [`Scalar::dot`] lies within this of the end, and any
+/// value there counts as saturated. (20 fractional bits of a coefficient leave 12 of the lower
+/// word's 32 in the result.)
 const MARGIN: I16F16 = I16F16::from_bits((1 << 12) - 1);
 
 impl Scalar for I16F16 {
@@ -69,7 +72,8 @@ impl Scalar for I16F16 {
         if fastest <= most {
             return (values, Self::ONE);
         }
-        // The factor with 32 fractional bits, rounded down, so that the product never exceeds the limit.
+        // The factor with 32 fractional bits, rounded down, so that the product never exceeds the
+        // limit.
         let factor = (u64::from(most) << 32) / u64::from(fastest);
         let scale = saturate(i64::try_from(factor >> 16).unwrap_or(i64::MAX));
         let scaled = values.map(|v| {
@@ -111,8 +115,9 @@ fn sum<const N: usize>(row: &[i32; N], vector: &[I16F16; N]) -> i64 {
 
 /// The sum with `SHIFT` fractional bits less, saturated into the last [`MARGIN`] of the range.
 ///
-/// Written on its two halves: the high one is saturated to the bits it has left, which a Cortex-M does in one
-/// instruction. The low one is left as it is: making it all ones or all zeros would cost a quarter more.
+/// Written on its two halves: the high one is saturated to the bits it has left, which a Cortex-M
+/// does in one instruction. The low one is left as it is: making it all ones or all zeros would
+/// cost a quarter more.
 #[inline]
 fn narrow<const SHIFT: u32>(sum: i64) -> I16F16 {
     let most = (1_i32 << (SHIFT - 1)) - 1;

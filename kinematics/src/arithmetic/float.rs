@@ -15,13 +15,15 @@ fn dot<
     vector: &[S; N],
 ) -> S {
     let mut products = row.iter().zip(vector).map(|(a, b)| *a * *b);
-    // Starting from the first product, not from zero, saves an addition that floating point may not drop.
+    // Starting from the first product, not from zero, saves an addition that floating point may not
+    // drop.
     let first = products.next().unwrap_or_default();
     products.fold(first, |sum, product| sum + product)
 }
 
-/// [`Scalar::limit`] for `f32`, comparing magnitudes by their bits: for numbers that are not negative the order is
-/// the same, infinity and NaN come last, and an integer comparison costs half as much as a float's.
+/// [`Scalar::limit`] for `f32`, comparing magnitudes by their bits: for numbers that are not
+/// negative the order is the same, infinity and NaN come last, and an integer comparison costs half
+/// as much as a float's.
 #[inline]
 fn limit_single<const N: usize>(values: [f32; N], limit: f32) -> ([f32; N], f32) {
     const INFINITE: u32 = f32::INFINITY.to_bits();
@@ -138,8 +140,8 @@ impl Real for f32 {
         )
     }
 
-    /// In two steps of 29 and 32 bits, each exact, because the conversion to 64 bits is a library call on a
-    /// Cortex-M4F and the one to 32 bits is an instruction.
+    /// In two steps of 29 and 32 bits, each exact, because the conversion to 64 bits is a library
+    /// call on a Cortex-M4F and the one to 32 bits is an instruction.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the integer part is taken, the rest is what the second step is for"
@@ -154,7 +156,8 @@ impl Real for f32 {
         (i64::from(high) << 32).wrapping_add(i64::from(low) << 1)
     }
 
-    /// In whole numbers: exact, and without the double precision that a Cortex-M4F has only in software.
+    /// In whole numbers: exact, and without the double precision that a Cortex-M4F has only in
+    /// software.
     fn turn_units(self) -> u64 {
         const MANTISSA: u32 = 23;
         const BIAS: u32 = 127;

@@ -1,9 +1,9 @@
 //! Products of which only the upper word is kept, to the nearest.
 //!
-//! A number with `a` fractional bits times one with `b` has `a + b - 32` of them. With the numbers scaled so that this
-//! is what is wanted, a Cortex-M4 needs one instruction for the product, its rounding and the sum (SMMULR, SMMLAR,
-//! SMMLSR), and nothing has to be shifted. Each function is off by half a step at most, as long as its result fits;
-//! where it does not, it wraps.
+//! A number with `a` fractional bits times one with `b` has `a + b - 32` of them. With the numbers
+//! scaled so that this is what is wanted, a Cortex-M4 needs one instruction for the product, its
+//! rounding and the sum (SMMULR, SMMLAR, SMMLSR), and nothing has to be shifted. Each function is
+//! off by half a step at most, as long as its result fits; where it does not, it wraps.
 
 /// Half of what is cut.
 const HALF: i64 = 1 << 31;

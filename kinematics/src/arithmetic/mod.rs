@@ -1,12 +1,14 @@
 //! The scalars of this crate and the few functions it needs of them.
 //!
-//! Two traits, both sealed. [`Scalar`] is what the control loop needs: a dot product with coefficients that were
-//! prepared beforehand, and scaling to a limit. `f32`, `f64` and the fixed-point `I16F16` are scalars. [`Real`] is
-//! what building the coefficients needs: roots, sines, matrix inverses. Only `f32` and `f64` are real; fixed-point
-//! kinematics are built in one of them and converted.
+//! Two traits, both sealed. [`Scalar`] is what the control loop needs: a dot product with
+//! coefficients that were prepared beforehand, and scaling to a limit. `f32`, `f64` and the
+//! fixed-point `I16F16` are scalars. [`Real`] is what building the coefficients needs: roots,
+//! sines, matrix inverses. Only `f32` and `f64` are real; fixed-point kinematics are built in one
+//! of them and converted.
 //!
-//! Of the functions a control loop might call, `libm`'s cost too much on a Cortex-M4F and `micromath`'s are too
-//! coarse; [`sin_cos`] and [`square_root`] are used instead, each with its bound.
+//! Of the functions a control loop might call, `libm`'s cost too much on a Cortex-M4F and
+//! `micromath`'s are too coarse; [`sin_cos`] and [`square_root`] are used instead, each with its
+//! bound.
 
 mod fixed_point;
 mod float;
@@ -53,8 +55,8 @@ pub trait Scalar: Copy + PartialEq + PartialOrd + Debug + Default + sealed::Seal
     #[must_use]
     fn coefficient_step<const SHIFT: u32>() -> f64;
 
-    /// A prepared row times a vector. Fixed point cuts the result to its resolution once, to the nearest value with
-    /// `ROUND` and downwards without (which is cheaper), and saturates.
+    /// A prepared row times a vector. Fixed point cuts the result to its resolution once, to the
+    /// nearest value with `ROUND` and downwards without (which is cheaper), and saturates.
     #[must_use]
     fn dot<const SHIFT: u32, const ROUND: bool, const N: usize>(
         row: &[Self::Coefficient; N],
@@ -75,14 +77,14 @@ pub trait Scalar: Copy + PartialEq + PartialOrd + Debug + Default + sealed::Seal
         results
     }
 
-    /// Whether this value stands at the end of its range (in fixed point: in the last sixteenth of a unit of it), so
-    /// that the true one may lie beyond it. For floating
-    /// point: whether it is infinite or NaN.
+    /// Whether this value stands at the end of its range (in fixed point: in the last sixteenth of
+    /// a unit of it), so that the true one may lie beyond it. For floating point: whether it is
+    /// infinite or NaN.
     #[must_use]
     fn is_saturated(self) -> bool;
 
-    /// Scales all values by one factor in 0 to 1 so that none exceeds `limit` in magnitude; returns that factor.
-    /// A limit that is not positive, or a NaN anywhere, yields zeros and the factor 0.
+    /// Scales all values by one factor in 0 to 1 so that none exceeds `limit` in magnitude; returns
+    /// that factor. A limit that is not positive, or a NaN anywhere, yields zeros and the factor 0.
     #[must_use]
     fn limit<const N: usize>(values: [Self; N], limit: Self) -> ([Self; N], Self);
 
@@ -117,8 +119,8 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     #[must_use]
     fn heading_sine_cosine(self) -> (Self, Self);
 
-    /// Chord of an arc over the arc's length, for a turn of less than [`SMALL_TURN`]: (sin a)/a along the initial
-    /// direction and (1 - cos a)/a to its left, as far as the scalar has digits.
+    /// Chord of an arc over the arc's length, for a turn of less than [`SMALL_TURN`]: (sin a)/a
+    /// along the initial direction and (1 - cos a)/a to its left, as far as the scalar has digits.
     #[must_use]
     fn small_chord(self) -> (Self, Self);
 
@@ -126,7 +128,8 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     #[must_use]
     fn to_units(self) -> i64;
 
-    /// What an angle of any size is beyond whole turns, 0 to 2 pi, in units of 2^-61; 0 for what is no number.
+    /// What an angle of any size is beyond whole turns, 0 to 2 pi, in units of 2^-61; 0 for what is
+    /// no number.
     #[must_use]
     fn turn_units(self) -> u64;
 
@@ -138,8 +141,8 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     #[must_use]
     fn from_fraction(steps: i32) -> Self;
 
-    /// What a number is beyond the nearest whole one, in steps of 2^-32; a half may come out as either end. 0 for what
-    /// is no number.
+    /// What a number is beyond the nearest whole one, in steps of 2^-32; a half may come out as
+    /// either end. 0 for what is no number.
     #[must_use]
     fn to_fraction(self) -> i32;
 }

@@ -1,10 +1,11 @@
 //! A square root that costs a dozen instructions and no branch worth the name.
 //!
-//! `core` has none; `libm`'s is exact but bit by bit, and `micromath`'s is off by up to 6 %. Here: the classic
-//! exponent-halving guess for the reciprocal root, then Newton steps until single precision is reached.
+//! `core` has none; `libm`'s is exact but bit by bit, and `micromath`'s is off by up to 6 %. Here:
+//! the classic exponent-halving guess for the reciprocal root, then Newton steps until single
+//! precision is reached.
 
-/// Square root of a non-negative number, relative error at most 5e-7 for normal numbers; 0 for zero, for
-/// anything negative and for subnormal numbers. Infinity and NaN yield nothing finite.
+/// Square root of a non-negative number, relative error at most 5e-7 for normal numbers; 0 for
+/// zero, for anything negative and for subnormal numbers. Infinity and NaN yield nothing finite.
 #[must_use]
 #[inline]
 pub fn square_root(value: f32) -> f32 {

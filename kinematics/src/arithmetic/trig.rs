@@ -1,12 +1,12 @@
 //! Sine and cosine that are both exact enough and cheap enough.
 //!
-//! `libm`'s `f32` trigonometry computes in double precision, which a Cortex-M4F does in software: 1 250 to
-//! 2 200 instructions. The approximations of `micromath` are cheap but wrong by 1.1e-3, as much as the
-//! compensation coefficients this crate exists to apply. [`sin_cos`] sits in between: quadrant reduction in
-//! three exact steps, two short polynomials, single precision only.
+//! `libm`'s `f32` trigonometry computes in double precision, which a Cortex-M4F does in software: 1
+//! 250 to 2 200 instructions. The approximations of `micromath` are cheap but wrong by 1.1e-3, as
+//! much as the compensation coefficients this crate exists to apply. [`sin_cos`] sits in between:
+//! quadrant reduction in three exact steps, two short polynomials, single precision only.
 //!
-//! Error: at most 1e-7 absolute for |angle| <= [`SIN_COS_RANGE`], asserted by a test over the whole range.
-//! Outside it, and for a NaN, the result is NaN: a heading that large has no digits left.
+//! Error: at most 1e-7 absolute for |angle| <= [`SIN_COS_RANGE`], asserted by a test over the whole
+//! range. Outside it, and for a NaN, the result is NaN: a heading that large has no digits left.
 
 /// Largest angle [`sin_cos`] takes, rad.
 pub const SIN_COS_RANGE: f32 = 8192.0;
@@ -25,8 +25,8 @@ pub fn sin_cos(angle: f32) -> (f32, f32) {
 /// The same without looking: nonsense outside the range.
 #[inline]
 pub(crate) fn sin_cos_within(angle: f32) -> (f32, f32) {
-    // pi/2 in three parts. The first two have 8 and 11 significant bits, so that a quadrant number of up
-    // to 13 bits times either is exact in 24.
+    // pi/2 in three parts. The first two have 8 and 11 significant bits, so that a quadrant number
+    // of up to 13 bits times either is exact in 24.
     const HALF_PI_1: f32 = 1.570_312_5;
     const HALF_PI_2: f32 = 4.837_513e-4;
     const HALF_PI_3: f32 = 7.549_79e-8;

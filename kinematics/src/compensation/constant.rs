@@ -1,7 +1,8 @@
 //! Constant compensation: the paper's `C`, equation (18).
 //!
-//! A robot that is asked for 500 mm/s sideways and makes 483 has a lateral coefficient of 1.035. The same
-//! numbers, inverted, turn measured wheel rates back into the velocity the robot really had.
+//! A robot that is asked for 500 mm/s sideways and makes 483 has a lateral coefficient of 1.035.
+//! The same numbers, inverted, turn measured wheel rates back into the velocity the robot really
+//! had.
 
 use super::Compensation;
 use crate::arithmetic::Real;
@@ -52,8 +53,9 @@ impl<S: Real> VelocityCompensation<S> {
     ///
     /// # Errors
     ///
-    /// [`CompensationError`] naming the coefficient that is zero, negative, NaN or infinite. (The paper
-    /// prints 0 for an axis that is not used; taken literally that deletes every rotation. Use 1.)
+    /// [`CompensationError`] naming the coefficient that is zero, negative, NaN or infinite. (The
+    /// paper prints 0 for an axis that is not used; taken literally that deletes every rotation.
+    /// Use 1.)
     pub fn new(longitudinal: S, lateral: S, yaw: S) -> Result<Self, CompensationError> {
         for (value, field) in [
             (longitudinal, "longitudinal"),

@@ -1,13 +1,14 @@
 //! Coefficients that also depend on the direction of motion.
 //!
-//! The paper's robot, moving at 45 degrees, loses 1.7 % on *both* axes (Table 4), while it loses 0.2 % straight ahead
-//! and 3.2 % sideways (Table 3): what is lost depends on the whole motion, because at 45 degrees two wheels do all
-//! the rolling. With `s` the lateral share of the squared speed, 0 straight ahead, 1/2 at 45 degrees, 1 sideways,
+//! The paper's robot, moving at 45 degrees, loses 1.7 % on *both* axes (Table 4), while it loses
+//! 0.2 % straight ahead and 3.2 % sideways (Table 3): what is lost depends on the whole motion,
+//! because at 45 degrees two wheels do all the rolling. With `s` the lateral share of the squared
+//! speed, 0 straight ahead, 1/2 at 45 degrees, 1 sideways,
 //!
 //! `longitudinal = ahead + 2 s (oblique - ahead)`, `lateral = aside + 2 (1 - s) (oblique - aside)`,
 //!
-//! which is right at all three places where it was measured and straight in `s` between them. Each of the four
-//! numbers is a table over the speed of the whole motion.
+//! which is right at all three places where it was measured and straight in `s` between them. Each
+//! of the four numbers is a table over the speed of the whole motion.
 
 use super::{AxisTable, Compensation, STEEPEST, invert};
 use crate::arithmetic::Real;
@@ -49,12 +50,13 @@ pub struct DirectionalCompensation<
 impl<const X: usize, const Y: usize, const O: usize, const W: usize, S: Real>
     DirectionalCompensation<X, Y, O, W, S>
 {
-    /// From the coefficients straight ahead, sideways, of each axis at 45 degrees (all over the speed of the whole
-    /// motion, m/s), and about z (over rad/s).
+    /// From the coefficients straight ahead, sideways, of each axis at 45 degrees (all over the
+    /// speed of the whole motion, m/s), and about z (over rad/s).
     ///
     /// # Errors
     ///
-    /// [`CompensationError::TooOblique`] when the coefficients differ so much that the inverse might not be unique.
+    /// [`CompensationError::TooOblique`] when the coefficients differ so much that the inverse
+    /// might not be unique.
     pub fn new(
         ahead: AxisTable<X, S>,
         aside: AxisTable<Y, S>,
@@ -62,8 +64,9 @@ impl<const X: usize, const Y: usize, const O: usize, const W: usize, S: Real>
         oblique_lateral: AxisTable<O, S>,
         yaw: AxisTable<W, S>,
     ) -> Result<Self, CompensationError> {
-        // A change of direction by d changes s by at most d, so a coefficient by at most 2 |oblique - axial| d; a
-        // change of speed changes it by at most what the steeper table does, three times over at the far end of s.
+        // A change of direction by d changes s by at most d, so a coefficient by at most 2 |oblique
+        // - axial| d; a change of speed changes it by at most what the steeper table does, three
+        // times over at the far end of s.
         let spread = |(low, high): (S, S), (other_low, other_high): (S, S)| {
             let apart = (high - other_low).max(other_high - low);
             S::constant(2.0) * apart / low.min(other_low)

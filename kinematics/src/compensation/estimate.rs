@@ -1,10 +1,11 @@
 //! Coefficients from measurements: commanded against measured velocity.
 //!
-//! The model is `measured = commanded / coefficient + noise`; the command is known exactly. A robust first guess (the
-//! median of the ratios, the median of the deviations from it) finds the outliers, least squares on the rest finds
-//! the coefficient, its residuals say how sure it is, and data that cannot determine it are refused with the reason.
-//! This is a job for a host, in `f64`; it needs no allocator all the same, and its medians cost time quadratic in
-//! the number of samples.
+//! The model is `measured = commanded / coefficient + noise`; the command is known exactly. A
+//! robust first guess (the median of the ratios, the median of the deviations from it) finds the
+//! outliers, least squares on the rest finds the coefficient, its residuals say how sure it is, and
+//! data that cannot determine it are refused with the reason. This is a job for a host, in `f64`;
+//! it needs no allocator all the same, and its medians cost time quadratic in the number of
+//! samples.
 
 use core::fmt;
 
@@ -195,7 +196,8 @@ pub fn fit(
 
 /// Fits a constant compensation from (commanded, measured) twists in the robot's frame.
 ///
-/// Each axis rests on the samples that command it; a sample that combines axes counts for all it commands.
+/// Each axis rests on the samples that command it; a sample that combines axes counts for all it
+/// commands.
 ///
 /// # Errors
 ///
@@ -242,12 +244,13 @@ pub fn fit_constant(
         .map_err(CalibrationError::Compensation)
 }
 
-/// Fits one axis' table with a row for each of the `speeds` (increasing, m/s or rad/s) that were commanded; a sample
-/// belongs to a speed when it was commanded within 1 % of it.
+/// Fits one axis' table with a row for each of the `speeds` (increasing, m/s or rad/s) that were
+/// commanded; a sample belongs to a speed when it was commanded within 1 % of it.
 ///
 /// # Errors
 ///
-/// [`CalibrationError`] when a speed's samples do not determine its coefficient, or the table is not invertible.
+/// [`CalibrationError`] when a speed's samples do not determine its coefficient, or the table is
+/// not invertible.
 pub fn fit_table<const R: usize>(
     samples: &[Sample],
     speeds: &[f64; R],
@@ -291,8 +294,8 @@ fn median(values: impl Iterator<Item = f64> + Clone) -> f64 {
     f64::midpoint(lower, upper)
 }
 
-/// Two-sided 95 % quantile of Student's t: tabled where it is far from normal, else the expansion in 1/n, which is
-/// right to 0.4 % from seven degrees of freedom on.
+/// Two-sided 95 % quantile of Student's t: tabled where it is far from normal, else the expansion
+/// in 1/n, which is right to 0.4 % from seven degrees of freedom on.
 fn student_95(free: usize) -> f64 {
     match free {
         0 => f64::INFINITY,

@@ -1,14 +1,17 @@
-//! Compensation ready for a control loop: coefficients at equal steps of speed, a few instructions to look up.
+//! Compensation ready for a control loop: coefficients at equal steps of speed, a few instructions
+//! to look up.
 //!
-//! An [`AxisTable`] searches its rows and works out a cubic; that is for whoever makes or checks a table. Here the
-//! same curve is sampled once, at [`INTERVALS`] equal steps from standstill to its last row, and read by linear
-//! interpolation. What is lost by that is at most `1.5 (step / row spacing)^2` of the difference of the two rows
-//! around it, in the middle between two samples; from the last row on, and in a table of one row, nothing. Samples
-//! are 16 bits over the range of the table, so an axis takes 44 bytes.
+//! An [`AxisTable`] searches its rows and works out a cubic; that is for whoever makes or checks a
+//! table. Here the same curve is sampled once, at [`INTERVALS`] equal steps from standstill to its
+//! last row, and read by linear interpolation. What is lost by that is at most `1.5 (step / row
+//! spacing)^2` of the difference of the two rows around it, in the middle between two samples; from
+//! the last row on, and in a table of one row, nothing. Samples are 16 bits over the range of the
+//! table, so an axis takes 44 bytes.
 //!
-//! The three forms of this folder become this one: a constant is an axis without steps, a table over each axis's own
-//! speed has no oblique samples, the directional one has them. About 20 instructions for each table that is looked
-//! up; none when all are constant ([`GridCompensation::is_constant`]).
+//! The three forms of this folder become this one: a constant is an axis without steps, a table
+//! over each axis's own speed has no oblique samples, the directional one has them. About 20
+//! instructions for each table that is looked up; none when all are constant
+//! ([`GridCompensation::is_constant`]).
 
 use super::{
     AxisTable, Compensation, DirectionalCompensation, SpeedCompensation, VelocityCompensation,
@@ -125,7 +128,8 @@ pub struct GridCompensation {
     longitudinal: Axis,
     lateral: Axis,
     yaw: Axis,
-    /// Longitudinal and lateral at 45 degrees; then all but yaw go by the speed of the whole motion.
+    /// Longitudinal and lateral at 45 degrees; then all but yaw go by the speed of the whole
+    /// motion.
     oblique: Option<[Axis; 2]>,
 }
 
@@ -165,7 +169,8 @@ impl GridCompensation {
 
     /// The largest coefficient it gives for any motion: along x, along y, about z.
     ///
-    /// With oblique samples a coefficient leads on from the axial through the oblique one to as far behind it.
+    /// With oblique samples a coefficient leads on from the axial through the oblique one to as far
+    /// behind it.
     #[must_use]
     pub fn largest(&self) -> [f32; 3] {
         let across = |axial: &Axis, oblique: Option<&Axis>| {

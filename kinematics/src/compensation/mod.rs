@@ -1,14 +1,15 @@
 //! How much faster the wheels must be driven than geometry says, and the way back.
 //!
-//! Three forms, one trait. [`VelocityCompensation`] is the paper's constant diagonal `C`. [`SpeedCompensation`] has
-//! a table over speed for each axis. [`DirectionalCompensation`] adds the direction of motion between the axes,
-//! because a robot that moves obliquely loses neither what it loses ahead nor what it loses sideways.
+//! Three forms, one trait. [`VelocityCompensation`] is the paper's constant diagonal `C`.
+//! [`SpeedCompensation`] has a table over speed for each axis. [`DirectionalCompensation`] adds the
+//! direction of motion between the axes, because a robot that moves obliquely loses neither what it
+//! loses ahead nor what it loses sideways.
 //!
 //! [`GridCompensation`] is any of them, sampled for a control loop.
 //!
-//! All are given in the direction of use, from the velocity that is wanted to the one to ask the wheels for, and all
-//! can be inverted: a table that could not is refused when it is built. Forward kinematics uses that inverse of the
-//! same object.
+//! All are given in the direction of use, from the velocity that is wanted to the one to ask the
+//! wheels for, and all can be inverted: a table that could not is refused when it is built. Forward
+//! kinematics uses that inverse of the same object.
 
 mod constant;
 mod directional;
@@ -24,7 +25,8 @@ pub use table::{AxisTable, SpeedCompensation};
 use crate::arithmetic::Real;
 use crate::frame::Twist;
 
-/// A relation between the velocity a robot achieves and the one its wheels are asked for, both in its own frame.
+/// A relation between the velocity a robot achieves and the one its wheels are asked for, both in
+/// its own frame.
 pub trait Compensation<S = f32> {
     /// The velocity to ask of the wheels so that the robot achieves `desired`.
     fn apply(&self, desired: Twist<S>) -> Twist<S>;
@@ -33,14 +35,15 @@ pub trait Compensation<S = f32> {
     fn remove(&self, asked: Twist<S>) -> Twist<S>;
 }
 
-/// How much a coefficient may change, relative to itself, over a change of speed or direction of the same relative
-/// size. It bounds the error that each round of [`invert`] leaves of the one before.
+/// How much a coefficient may change, relative to itself, over a change of speed or direction of
+/// the same relative size. It bounds the error that each round of [`invert`] leaves of the one
+/// before.
 const STEEPEST: f64 = 0.5;
 
 /// Solves `asked = desired * coefficients(desired)` by `desired <- asked / coefficients(desired)`.
 ///
-/// Tables are refused unless each round at least halves the error; those of real robots divide it by 20 or more, so
-/// four or five rounds reach the last digit of an `f32`.
+/// Tables are refused unless each round at least halves the error; those of real robots divide it
+/// by 20 or more, so four or five rounds reach the last digit of an `f32`.
 fn invert<S: Real>(asked: Twist<S>, coefficients: impl Fn(Twist<S>) -> [S; 3]) -> Twist<S> {
     let mut desired = asked;
     for _ in 0..60 {

@@ -1,8 +1,8 @@
 //! Coefficients over speed, interpolated without overshoot.
 //!
-//! Between two rows the coefficient follows a cubic whose slopes are chosen (Fritsch and Carlson) so that it never
-//! leaves the range of the two: where the rows rise, it rises. Outside the table it keeps the first or last
-//! coefficient, without a kink. A table of one row is a constant.
+//! Between two rows the coefficient follows a cubic whose slopes are chosen (Fritsch and Carlson)
+//! so that it never leaves the range of the two: where the rows rise, it rises. Outside the table
+//! it keeps the first or last coefficient, without a kink. A table of one row is a constant.
 
 use super::{Compensation, STEEPEST, invert};
 use crate::arithmetic::Real;
@@ -29,8 +29,9 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
     ///
     /// # Errors
     ///
-    /// [`CompensationError`] for an empty table, speeds that do not increase from above zero, coefficients that are
-    /// not positive and finite, and coefficients that change too fast to be inverted.
+    /// [`CompensationError`] for an empty table, speeds that do not increase from above zero,
+    /// coefficients that are not positive and finite, and coefficients that change too fast to be
+    /// inverted.
     pub fn new(rows: &[(S, S); R]) -> Result<Self, CompensationError> {
         let mut before = S::ZERO;
         for (i, (speed, coefficient)) in rows.iter().enumerate() {
@@ -75,7 +76,8 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
         Ok(table)
     }
 
-    /// From what was set and what was measured, as the paper's Tables 3 to 8 list it: (set speed, measured speed).
+    /// From what was set and what was measured, as the paper's Tables 3 to 8 list it: (set speed,
+    /// measured speed).
     ///
     /// # Errors
     ///
@@ -98,9 +100,9 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
         Self::new(&rows.map(|(set, measured)| (measured, set / measured)))
     }
 
-    /// From up to `R` rows as for [`AxisTable::new`]; more are left out. The last one is repeated at higher speeds until
-    /// all places are filled, which changes nothing: a table keeps its last coefficient anyway. Without rows the
-    /// coefficient is `constant`.
+    /// From up to `R` rows as for [`AxisTable::new`]; more are left out. The last one is repeated
+    /// at higher speeds until all places are filled, which changes nothing: a table keeps its last
+    /// coefficient anyway. Without rows the coefficient is `constant`.
     ///
     /// # Errors
     ///
@@ -142,8 +144,8 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
         })
     }
 
-    /// The speed from which on the coefficient no longer changes: that of the last row, or of an earlier one where
-    /// all that follow have its coefficient.
+    /// The speed from which on the coefficient no longer changes: that of the last row, or of an
+    /// earlier one where all that follow have its coefficient.
     pub(super) fn last_speed(&self) -> S {
         let mut rows = self.rows.iter().rev();
         let Some(last) = rows.next() else {
@@ -159,8 +161,8 @@ impl<const R: usize, S: Real> AxisTable<R, S> {
     }
 }
 
-/// The slope at the middle one of three rows: zero at an extremum, else a mean weighted so that neither side
-/// overshoots.
+/// The slope at the middle one of three rows: zero at an extremum, else a mean weighted so that
+/// neither side overshoots.
 fn slope<S: Real>(before: &Row<S>, here: &Row<S>, after: &Row<S>) -> S {
     let (left, right) = (here.speed - before.speed, after.speed - here.speed);
     let rise_left = (here.coefficient - before.coefficient) / left;

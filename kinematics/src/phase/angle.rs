@@ -1,8 +1,8 @@
 //! Where a wheel's ground roller stands, as an integer that wraps when the next roller takes over.
 //!
-//! One pitch, from roller to roller, is 2^32 steps, zero is the middle of a roller, and the hand-over is where the
-//! integer wraps from its largest to its smallest value: folding an angle into ± half a pitch costs nothing, and no
-//! distance is too long for it.
+//! One pitch, from roller to roller, is 2^32 steps, zero is the middle of a roller, and the
+//! hand-over is where the integer wraps from its largest to its smallest value: folding an angle
+//! into ± half a pitch costs nothing, and no distance is too long for it.
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
@@ -11,7 +11,8 @@ use crate::error::GeometryError;
 const MANTISSA: u32 = 52;
 const BIAS: i32 = 1023;
 
-/// How far a wheel has rolled on past the middle of its ground roller: 2^-32 of a pitch, within ± half a pitch.
+/// How far a wheel has rolled on past the middle of its ground roller: 2^-32 of a pitch, within ±
+/// half a pitch.
 ///
 /// ```
 /// use mecanum_kinematics::{RollerAngle, Rollers};
@@ -27,7 +28,8 @@ const BIAS: i32 = 1023;
 pub struct RollerAngle(i32);
 
 impl RollerAngle {
-    /// From a wheel angle since a roller's middle, rad; whole pitches are taken out. Not finite counts as zero.
+    /// From a wheel angle since a roller's middle, rad; whole pitches are taken out. Not finite
+    /// counts as zero.
     #[must_use]
     pub fn new<S: Real>(angle: S, rollers: &crate::Rollers<S>) -> Self {
         Self((angle / rollers.pitch()).to_fraction())
@@ -61,8 +63,8 @@ impl RollerAngle {
 
 /// Follows a wheel's roller angle by its encoder counts, without ever losing a step.
 ///
-/// It keeps 2^-64 of a pitch. A count is that many steps, rounded once; the rounding adds up to a millionth of a
-/// pitch after 10^13 counts.
+/// It keeps 2^-64 of a pitch. A count is that many steps, rounded once; the rounding adds up to a
+/// millionth of a pitch after 10^13 counts.
 ///
 /// ```
 /// use mecanum_kinematics::{RollerAngle, RollerTrack};
@@ -84,13 +86,13 @@ pub struct RollerTrack {
 }
 
 impl RollerTrack {
-    /// For a wheel with this many rollers and encoder counts (quadrature, at the wheel) a turn; counts that go down
-    /// when the wheel rolls forward are given as negative.
+    /// For a wheel with this many rollers and encoder counts (quadrature, at the wheel) a turn;
+    /// counts that go down when the wheel rolls forward are given as negative.
     ///
     /// # Errors
     ///
-    /// [`GeometryError::NotPositive`] for fewer than three rollers, or for counts of less than four a pitch, which
-    /// could not tell where a roller stands.
+    /// [`GeometryError::NotPositive`] for fewer than three rollers, or for counts of less than four
+    /// a pitch, which could not tell where a roller stands.
     pub fn new(rollers: u16, counts_per_turn: f64) -> Result<Self, GeometryError> {
         if rollers < 3 {
             return Err(GeometryError::NotPositive("rollers - 2"));
@@ -127,8 +129,8 @@ impl RollerTrack {
     }
 }
 
-/// `rollers / counts` in steps of 2^-64, to the nearest; at most a quarter. By long division, because that is exact
-/// and a Cortex-M4F has double precision in software only.
+/// `rollers / counts` in steps of 2^-64, to the nearest; at most a quarter. By long division,
+/// because that is exact and a Cortex-M4F has double precision in software only.
 const fn steps_per_count(rollers: u16, counts: f64) -> i64 {
     let bits = counts.to_bits();
     let exponent = (bits >> MANTISSA & 0x7FF) as i32 - BIAS - MANTISSA as i32;

@@ -1,6 +1,7 @@
 //! [`super::PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 //!
-//! Every product keeps its upper word only ([`crate::arithmetic::high_word`]), so numbers are scaled for what they are multiplied with:
+//! Every product keeps its upper word only ([`crate::arithmetic::high_word`]), so numbers are
+//! scaled for what they are multiplied with:
 //!
 //! | | fractional bits | |
 //! |---|---|---|
@@ -15,17 +16,20 @@
 //! | what a pair's rates are multiplied with | 32 | below a half |
 //! | twist found | as the robot's matrix leaves room for | |
 //!
-//! What comes out of the forward direction is saturated where a sum of rates can leave its range, and wraps nowhere.
+//! What comes out of the forward direction is saturated where a sum of rates can leave its range,
+//! and wraps nowhere.
 //!
 //! # Error
 //!
-//! Rates: two and a half of their steps, which are at most 2^-21 of the largest rate that all axes at one unit ask for,
-//! and 2^-25 of input times the row. For wheels of 0.15 m that is 1e-5 rad/s on the robot itself.
+//! Rates: two and a half of their steps, which are at most 2^-21 of the largest rate that all axes
+//! at one unit ask for, and 2^-25 of input times the row. For wheels of 0.15 m that is 1e-5 rad/s
+//! on the robot itself.
 //!
-//! Twist: half a step of 2^-16 rad/s for each rate and each sum, 2^-14 rad/s for what leans, times what a rate means on
-//! that axis; three halves of its own step, which is at most 2^-15 of the sum of the longest row; and 2^-24 of itself
-//! from the reciprocal and the determinant. The reciprocal's seed is good to 2^-13 (16 bits of the determinant, 14 of
-//! the quotient) and its one Newton step squares that.
+//! Twist: half a step of 2^-16 rad/s for each rate and each sum, 2^-14 rad/s for what leans, times
+//! what a rate means on that axis; three halves of its own step, which is at most 2^-15 of the sum
+//! of the longest row; and 2^-24 of itself from the reciprocal and the determinant. The
+//! reciprocal's seed is good to 2^-13 (16 bits of the determinant, 14 of the quotient) and its one
+//! Newton step squares that.
 
 use super::angle::RollerAngle;
 use super::member::PhaseMember;
@@ -53,11 +57,12 @@ const SOLVE: u32 = 5;
 
 /// Largest secant, with room for what the polynomial is off by at three rollers.
 const SECANT_MAX: f64 = 2.01;
-/// What [`PhaseMember`] calls k: large enough for a pair's own part to stay below a half, small enough to fit beside
-/// the secants of a pair.
+/// What [`PhaseMember`] calls k: large enough for a pair's own part to stay below a half, small
+/// enough to fit beside the secants of a pair.
 const HALF_TRACK_MIN: f64 = 1e-3;
 const HALF_TRACK_MAX: f64 = 11.0;
-/// Fewest fractional bits of a wheel rate. The wheel is so small then that a step is some 1e-5 m/s at its rim.
+/// Fewest fractional bits of a wheel rate. The wheel is so small then that a step is some 1e-5 m/s
+/// at its rim.
 const RATE_MIN: u32 = 11;
 
 /// [`Secant`] in fixed point.
@@ -75,7 +80,8 @@ impl FixedSecant {
     ///
     /// # Errors
     ///
-    /// [`GeometryError::Range`] when a coefficient does not fit, which no wheel of three rollers or more causes.
+    /// [`GeometryError::Range`] when a coefficient does not fit, which no wheel of three rollers or
+    /// more causes.
     pub fn new<S: Real>(secant: &Secant<S>) -> Result<Self, GeometryError> {
         let [k0, k1, k2, k3] = secant.powers().map(Scalar::widen);
         let higher = |value| scaled(value, POWERS);
@@ -102,7 +108,8 @@ impl FixedSecant {
         k0.wrapping_add(product(z, sum) << (Self::FRACTION - POWERS))
     }
 
-    /// What stands for the secant of a wheel whose angle is not known, with as many fractional bits.
+    /// What stands for the secant of a wheel whose angle is not known, with as many fractional
+    /// bits.
     #[must_use]
     pub const fn unknown(&self) -> i32 {
         self.unknown
@@ -143,8 +150,8 @@ fn fraction(size: f64, least: u32) -> Option<u32> {
         .find(|bits| size * power(*bits) < power(32))
 }
 
-/// The size of what a row gives when no input exceeds 2^31, over 2^31; and of its largest coefficient, which has to fit
-/// an `i32`.
+/// The size of what a row gives when no input exceeds 2^31, over 2^31; and of its largest
+/// coefficient, which has to fit an `i32`.
 fn size(row: &[f64; 3]) -> f64 {
     let [a, b, c] = row.map(f64::abs);
     (a + b + c).max(2.0 * a.max(b).max(c))
@@ -179,13 +186,15 @@ pub struct FixedPhaseMember {
 }
 
 impl FixedPhaseMember {
-    /// Folds geometry, mount and compensation in floating point and keeps the result in fixed point.
+    /// Folds geometry, mount and compensation in floating point and keeps the result in fixed
+    /// point.
     ///
     /// # Errors
     ///
-    /// [`GeometryError::Range`] when steps of a wheel rate would be coarser than 2^-11 rad/s, which takes some 2000 rad/s of
-    /// one wheel for 1 m/s or 1 rad/s of the group; or for a track that is out of all proportion to the wheelbase: more than
-    /// eleven times as wide at 45 degrees, or less than a thousandth.
+    /// [`GeometryError::Range`] when steps of a wheel rate would be coarser than 2^-11 rad/s, which
+    /// takes some 2000 rad/s of one wheel for 1 m/s or 1 rad/s of the group; or for a track that is
+    /// out of all proportion to the wheelbase: more than eleven times as wide at 45 degrees, or
+    /// less than a thousandth.
     pub fn new<S: Real>(
         geometry: &FourWheelGeometry<S>,
         mount: &Mount<S>,
@@ -204,8 +213,8 @@ impl FixedPhaseMember {
         })
     }
 
-    /// This member while its wheels have these secants ([`FixedSecant::FRACTION`] fractional bits), front left to rear
-    /// right, as a [`Kinematics`](crate::Kinematics).
+    /// This member while its wheels have these secants ([`FixedSecant::FRACTION`] fractional bits),
+    /// front left to rear right, as a [`Kinematics`](crate::Kinematics).
     #[must_use]
     pub const fn at(&self, secants: [i32; 4]) -> AtPhase<'_, Self, i32> {
         AtPhase {
@@ -214,8 +223,8 @@ impl FixedPhaseMember {
         }
     }
 
-    /// Wheel rates (rad/s) that make the group move with this twist (group frame; each component within ±64) while
-    /// the wheels have these secants ([`FixedSecant::FRACTION`] fractional bits).
+    /// Wheel rates (rad/s) that make the group move with this twist (group frame; each component
+    /// within ±64) while the wheels have these secants ([`FixedSecant::FRACTION`] fractional bits).
     #[must_use]
     #[inline]
     pub fn inverse(&self, group: Twist, secants: &[i32; 4]) -> WheelRates {
@@ -234,8 +243,8 @@ impl FixedPhaseMember {
         }
     }
 
-    /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the slip residual, as
-    /// [`PhaseMember::measure`].
+    /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the
+    /// slip residual, as [`PhaseMember::measure`].
     #[must_use]
     #[inline]
     pub fn measure(&self, rates: &WheelRates, secants: &[i32; 4]) -> (Twist, f32) {
@@ -250,7 +259,8 @@ impl FixedPhaseMember {
         (twist, single(residual, 0.5 / STEPS))
     }
 
-    /// Steps of the twist, and the difference of the front and the rear pair in steps of a wheel rate.
+    /// Steps of the twist, and the difference of the front and the rear pair in steps of a wheel
+    /// rate.
     #[inline]
     fn solve(&self, rates: &WheelRates, steps: f32, secants: &[i32; 4]) -> ([i32; 3], i32) {
         let [fl, fr, rl, rr] = <[f32; 4]>::from(*rates).map(|rate| nearest(rate, steps));
@@ -268,7 +278,8 @@ impl FixedPhaseMember {
         let (front, rear) = (fr.saturating_sub(fl), rl.saturating_sub(rr));
         let front_side = plus_product(product(front, own_front), rear, other);
         let rear_side = plus_product(product(rear, own_rear), front, other);
-        // Both are at most half of the rates' range, so what uneven secants make of them does not overflow.
+        // Both are at most half of the rates' range, so what uneven secants make of them does not
+        // overflow.
         let lean = |secants: i32, side: i32| product(secants, side) << LEAN;
         let lean_front = lean(s_fr.wrapping_sub(s_fl), front_side);
         let lean_rear = lean(s_rl.wrapping_sub(s_rr), rear_side);
@@ -291,8 +302,9 @@ impl FixedPhaseMember {
         self.measure(rates, secants).0
     }
 
-    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments (rad) mean, with the
-    /// secants at their middle; finer than [`FixedPhaseMember::forward`], for increments of up to ±8 rad.
+    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments
+    /// (rad) mean, with the secants at their middle; finer than [`FixedPhaseMember::forward`], for
+    /// increments of up to ±8 rad.
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, secants: &[i32; 4]) -> Twist {
@@ -384,8 +396,8 @@ const fn reciprocal(determinant: i32) -> i32 {
     // The lowest bit is set: half a step on average, and never zero.
     let divisor = determinant.cast_unsigned() >> 10 | 1;
     let quotient = (u32::MAX / divisor).cast_signed();
-    // Of `determinant quotient = 2^42 (1 - error)` the lower word is all that is not known beforehand: the error is
-    // below 2^-11.
+    // Of `determinant quotient = 2^42 (1 - error)` the lower word is all that is not known
+    // beforehand: the error is below 2^-11.
     let error = determinant.wrapping_mul(quotient);
     let guess = quotient << 12;
     guess.wrapping_sub(product(guess, error) >> 10)

@@ -1,8 +1,9 @@
 //! The usual four wheels with their rollers, ready for the control loop.
 //!
-//! In units of wheel rate, `X = vx / r`, `Y = cot(g) vy / r`, `W = cot(g) h omega / r` with `h` the half wheelbase:
-//! group twist to (X, Y, W) is one 3x3 matrix that holds mount and compensation. Front wheels then see `Y + W`
-//! sideways, rear wheels `Y - W`, and with `B = w omega / r`, `w` the half track, and the secants `s`
+//! In units of wheel rate, `X = vx / r`, `Y = cot(g) vy / r`, `W = cot(g) h omega / r` with `h` the
+//! half wheelbase: group twist to (X, Y, W) is one 3x3 matrix that holds mount and compensation.
+//! Front wheels then see `Y + W` sideways, rear wheels `Y - W`, and with `B = w omega / r`, `w` the
+//! half track, and the secants `s`
 //!
 //! ```text
 //! front left  = X - B - s (Y + W)      front right = X + B + s (Y + W)
@@ -11,8 +12,8 @@
 //!
 //! # The way back
 //!
-//! Four equations for three unknowns. With `F = Y + W` and `R = Y - W`, what the pairs of wheels see sideways, their
-//! sums and differences are
+//! Four equations for three unknowns. With `F = Y + W` and `R = Y - W`, what the pairs of wheels
+//! see sideways, their sums and differences are
 //!
 //! ```text
 //! fr - fl =  (k + a) F - k R         a = s_fl + s_fr        k = w / (h cot g), B = k W
@@ -21,12 +22,13 @@
 //! rl + rr = 2 X + (s_rl - s_rr) R
 //! ```
 //!
-//! The first two are solved for F and R by one division, and the mean of the last two is X. That is the solution with
-//! the ideal robot's columns as instruments: exact for whatever a rigid motion does to the wheels, and least squares
-//! when the secants are equal. When they are not, it is least squares but for the small difference between the ideal
-//! columns and the actual ones: the variance is at most 0.4 % above least squares' at eight rollers (tested), and
-//! solving costs a third. What is left of the rates lies along `(1, 1, -1, -1)` exactly, so the slip residual keeps
-//! its meaning whatever the rollers do.
+//! The first two are solved for F and R by one division, and the mean of the last two is X. That is
+//! the solution with the ideal robot's columns as instruments: exact for whatever a rigid motion
+//! does to the wheels, and least squares when the secants are equal. When they are not, it is least
+//! squares but for the small difference between the ideal columns and the actual ones: the variance
+//! is at most 0.4 % above least squares' at eight rollers (tested), and solving costs a third. What
+//! is left of the rates lies along `(1, 1, -1, -1)` exactly, so the slip residual keeps its meaning
+//! whatever the rollers do.
 
 use crate::arithmetic::Real;
 use crate::compensation::VelocityCompensation;
@@ -156,8 +158,8 @@ impl<S: Real> PhaseMember<S> {
         }
     }
 
-    /// Wheel rates (rad/s) that make the group move with this twist (group frame) while the wheels have these
-    /// secants.
+    /// Wheel rates (rad/s) that make the group move with this twist (group frame) while the wheels
+    /// have these secants.
     #[must_use]
     #[inline]
     pub fn inverse(&self, group: Twist<S>, secants: &[S; 4]) -> WheelRates<S> {
@@ -177,8 +179,9 @@ impl<S: Real> PhaseMember<S> {
         }
     }
 
-    /// Wheel accelerations (rad/s^2) that keep the group on this twist while it changes with `change` per second and
-    /// the wheels turn with `rates` (rad/s): `slopes` are the secants' derivatives by the wheels' angles.
+    /// Wheel accelerations (rad/s^2) that keep the group on this twist while it changes with
+    /// `change` per second and the wheels turn with `rates` (rad/s): `slopes` are the secants'
+    /// derivatives by the wheels' angles.
     #[must_use]
     #[inline]
     pub fn accelerations(
@@ -199,10 +202,12 @@ impl<S: Real> PhaseMember<S> {
         }
     }
 
-    /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the slip residual: what no
-    /// rigid motion explains, rad/s, as [`MemberKinematics::slip_residual`](crate::MemberKinematics::slip_residual).
+    /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the
+    /// slip residual: what no rigid motion explains, rad/s, as
+    /// [`MemberKinematics::slip_residual`](crate::MemberKinematics::slip_residual).
     ///
-    /// Wheel-angle increments (rad) with the secants at their middle give a displacement (m, m, rad) the same way.
+    /// Wheel-angle increments (rad) with the secants at their middle give a displacement (m, m,
+    /// rad) the same way.
     #[must_use]
     #[inline]
     pub fn measure(&self, rates: &WheelRates<S>, secants: &[S; 4]) -> (Twist<S>, S) {
@@ -241,8 +246,8 @@ impl<S: Real> PhaseMember<S> {
         self.measure(rates, secants).0
     }
 
-    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments (rad) mean, with the
-    /// secants at the middle of the increments.
+    /// The displacement of the group (group frame; m, m, rad) that these wheel-angle increments
+    /// (rad) mean, with the secants at the middle of the increments.
     ///
     /// An increment may span a good part of a roller when its secant is taken as the reciprocal of
     /// [`Rollers::mean_lateral_ratio_between`](crate::Rollers::mean_lateral_ratio_between).

@@ -1,8 +1,9 @@
-//! Any wheels with their rollers: `J` for the secants they have now, weighted least squares, covariance.
+//! Any wheels with their rollers: `J` for the secants they have now, weighted least squares,
+//! covariance.
 //!
-//! For what does not run a thousand times a second: building the normal equations and solving them costs several
-//! hundred instructions. [`PhaseMember`](super::PhaseMember) is the fast way for the usual robot, and is tested
-//! against this one.
+//! For what does not run a thousand times a second: building the normal equations and solving them
+//! costs several hundred instructions. [`PhaseMember`](super::PhaseMember) is the fast way for the
+//! usual robot, and is tested against this one.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -34,8 +35,8 @@ impl<S: Real> SecantEstimate<S> {
         }
     }
 
-    /// Of a wheel with these rollers whose angle may be anything: the value is right on average over whole rollers,
-    /// the deviation is the secant's about it, at a moment that nobody chose.
+    /// Of a wheel with these rollers whose angle may be anything: the value is right on average
+    /// over whole rollers, the deviation is the secant's about it, at a moment that nobody chose.
     ///
     /// Its square is `tan(a)/a - 2 m asinh(tan a)/a + m^2` with `a = pi/n` and `m = a / sin a`.
     #[must_use]
@@ -71,7 +72,8 @@ impl<const N: usize, S: Real> PhasePlatform<N, S> {
         Self::weighted(wheels, &[S::ONE; N])
     }
 
-    /// A robot whose wheel rates are trusted differently on the way back, as [`Platform::weighted`].
+    /// A robot whose wheel rates are trusted differently on the way back, as
+    /// [`Platform::weighted`].
     ///
     /// # Errors
     ///
@@ -122,10 +124,12 @@ impl<const N: usize, S: Real> PhasePlatform<N, S> {
         Ok(Twist::new(twist.x, twist.y, twist.z))
     }
 
-    /// Covariance of that twist, robot frame, when each wheel rate is known to `rate` rad/s and each secant as its
-    /// estimate says: a wheel of unknown phase is unsure in proportion to its sideways speed.
+    /// Covariance of that twist, robot frame, when each wheel rate is known to `rate` rad/s and
+    /// each secant as its estimate says: a wheel of unknown phase is unsure in proportion to its
+    /// sideways speed.
     ///
-    /// The phase's part does not average out from tick to tick: it stays the same until the roller has moved on.
+    /// The phase's part does not average out from tick to tick: it stays the same until the roller
+    /// has moved on.
     ///
     /// # Errors
     ///

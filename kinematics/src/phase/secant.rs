@@ -1,10 +1,12 @@
 //! The secant of a roller's sweep, cheap and even.
 //!
-//! A wheel's ground roller sweeps by ± pi/n only, and the secant is even, so a cubic in the square of the sweep is
-//! enough. Its coefficients are worked out once for each number of rollers, by interpolation in the four Chebyshev
-//! points, which spread the error evenly. Being even, it takes the same value on both sides of a hand-over.
+//! A wheel's ground roller sweeps by ± pi/n only, and the secant is even, so a cubic in the square
+//! of the sweep is enough. Its coefficients are worked out once for each number of rollers, by
+//! interpolation in the four Chebyshev points, which spread the error evenly. Being even, it takes
+//! the same value on both sides of a hand-over.
 //!
-//! Largest error, relative: 2e-7 from eight rollers up, 2e-6 at six, 7e-5 at four, 2e-3 at three (tested).
+//! Largest error, relative: 2e-7 from eight rollers up, 2e-6 at six, 7e-5 at four, 2e-3 at three
+//! (tested).
 
 use super::angle::RollerAngle;
 use crate::arithmetic::Real;
@@ -74,8 +76,8 @@ impl<S: Real> Secant<S> {
         k0 + z * (k1 + z * (k2 + z * k3))
     }
 
-    /// `sec(sweep)` and its derivative by the wheel's angle, 1/rad: what a wheel rate changes by without any change
-    /// of the robot's motion.
+    /// `sec(sweep)` and its derivative by the wheel's angle, 1/rad: what a wheel rate changes by
+    /// without any change of the robot's motion.
     #[must_use]
     #[inline]
     pub fn with_slope(&self, angle: RollerAngle) -> (S, S) {
@@ -89,8 +91,8 @@ impl<S: Real> Secant<S> {
         )
     }
 
-    /// What stands for the secant of a wheel whose angle is not known: with it, the wheel's mean over whole rollers
-    /// is right.
+    /// What stands for the secant of a wheel whose angle is not known: with it, the wheel's mean
+    /// over whole rollers is right.
     #[must_use]
     pub const fn unknown(&self) -> S {
         self.unknown
@@ -109,7 +111,8 @@ impl<S: Real> Secant<S> {
 
 /// Coefficients of a cubic in `x^2` that is `sec(pitch x)` for `x` within ± 1/2.
 fn coefficients<S: Real>(pitch: S) -> [S; 4] {
-    /// `cos((2k + 1) pi / 8)`, the zeros of the fourth Chebyshev polynomial, brought to 0..1/4: the values of `x^2`.
+    /// `cos((2k + 1) pi / 8)`, the zeros of the fourth Chebyshev polynomial, brought to 0..1/4: the
+    /// values of `x^2`.
     const NODES: [f64; 4] = [
         0.240_484_941_563_910_84,
         0.172_835_429_045_636_23,

@@ -1,5 +1,5 @@
-//! The curves themselves: the three of the paper's Table 2, straight lines, turning on the spot, and two ways to hold
-//! the heading on any of them.
+//! The curves themselves: the three of the paper's Table 2, straight lines, turning on the spot,
+//! and two ways to hold the heading on any of them.
 
 use super::{Acceleration, Trajectory};
 use crate::arithmetic::Real;
@@ -106,8 +106,9 @@ impl<S: Real> Trajectory<S> for Circle<S> {
 
 /// A harmonic curve: uniform sideways, sinusoidal forward and back.
 ///
-/// The paper's Table 2 has lost this equation; its text says uniform along one axis and sinusoidal along the
-/// other. Here `x = a sin wt`, `y = -v t`: in the paper's frame, uniform along its x, harmonic along its y.
+/// The paper's Table 2 has lost this equation; its text says uniform along one axis and sinusoidal
+/// along the other. Here `x = a sin wt`, `y = -v t`: in the paper's frame, uniform along its x,
+/// harmonic along its y.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Harmonic<S = f32> {
     /// Amplitude `a` of the forward motion, m.
@@ -200,8 +201,9 @@ impl<S: Real> Trajectory<S> for Turn<S> {
     }
 }
 
-/// The same path with another heading: fixed ("oblique" in the paper), or turning evenly ("centripetal", when it turns
-/// with the circle, so that the same side faces the centre all the way).
+/// The same path with another heading: fixed ("oblique" in the paper), or turning evenly
+/// ("centripetal", when it turns with the circle, so that the same side faces the centre all the
+/// way).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Heading<T, S = f32> {
     /// The path; its own heading is added.

@@ -1,7 +1,8 @@
 //! Curves for a body to follow: pose, velocity and acceleration in the world frame at time t.
 //!
-//! The paper's curves (its Table 2) translate with a fixed heading; [`MotionMode`] has all eleven of its motions. They
-//! start in full motion, which no robot can; [`Ramped`] bends time at both ends.
+//! The paper's curves (its Table 2) translate with a fixed heading; [`MotionMode`] has all eleven
+//! of its motions. They start in full motion, which no robot can; [`Ramped`] bends time at both
+//! ends.
 
 mod curves;
 mod modes;
@@ -79,7 +80,8 @@ pub trait Trajectory<S: Real = f32> {
 
     /// Acceleration at `time` s, world frame.
     ///
-    /// Where a trajectory does not say better, a difference over 2 ms: right to about 1e-6 of the third derivative.
+    /// Where a trajectory does not say better, a difference over 2 ms: right to about 1e-6 of the
+    /// third derivative.
     fn acceleration(&self, time: S) -> Acceleration<S> {
         let half = S::constant(1e-3);
         let (_, before) = self.at(time - half);

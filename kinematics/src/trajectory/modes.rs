@@ -1,9 +1,10 @@
 //! The paper's eleven motions (its Figure 6), with its parameters.
 //!
-//! Table 2 gives the circle (2500 mm, and 1350 mm for the centripetal ones) and the figure-eight. What it does not
-//! give is chosen here: the straight motions at 500 mm/s an axis for 10 s (the paper's largest set speed), one turn on
-//! the spot at pi/6 rad/s, the harmonic curve of the physical test, and 45 degrees for its "oblique state".
-//! "Centripetal" is read as: the heading turns with the circle, so that the same side always faces the centre.
+//! Table 2 gives the circle (2500 mm, and 1350 mm for the centripetal ones) and the figure-eight.
+//! What it does not give is chosen here: the straight motions at 500 mm/s an axis for 10 s (the
+//! paper's largest set speed), one turn on the spot at pi/6 rad/s, the harmonic curve of the
+//! physical test, and 45 degrees for its "oblique state". "Centripetal" is read as: the heading
+//! turns with the circle, so that the same side always faces the centre.
 
 use super::{Acceleration, Circle, FigureEight, Harmonic, Heading, Line, Trajectory, Turn};
 use crate::arithmetic::Real;

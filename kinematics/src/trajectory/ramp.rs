@@ -1,7 +1,7 @@
 //! Starting and stopping on a curve that is itself in full motion.
 //!
-//! Time along the curve is bent at both ends: it runs at a rate that rises from 0 to 1 and falls back. The body travels
-//! the same curve, only slower there, so nothing about the shape changes.
+//! Time along the curve is bent at both ends: it runs at a rate that rises from 0 to 1 and falls
+//! back. The body travels the same curve, only slower there, so nothing about the shape changes.
 
 use super::{Acceleration, Trajectory};
 use crate::arithmetic::Real;
@@ -16,9 +16,9 @@ pub fn step<S: Real>(share: S) -> S {
 
 /// A trajectory entered from rest and left to rest, on the same curve.
 ///
-/// Time along the inner trajectory runs at a rate that rises from 0 to 1 over `ramp` seconds and falls the same
-/// way at the end. Each ramp covers half of its own length of the inner trajectory, so the motion takes `ramp`
-/// seconds longer than the inner one.
+/// Time along the inner trajectory runs at a rate that rises from 0 to 1 over `ramp` seconds and
+/// falls the same way at the end. Each ramp covers half of its own length of the inner trajectory,
+/// so the motion takes `ramp` seconds longer than the inner one.
 ///
 /// ```
 /// use mecanum_kinematics::trajectory::{FigureEight, Ramped, Trajectory};
@@ -37,15 +37,17 @@ pub struct Ramped<T, S = f32> {
 impl<S: Real, T: Trajectory<S>> Ramped<T, S> {
     /// Ramps over `ramp` seconds; shorter where the inner trajectory is too short for two ramps.
     ///
-    /// The paper's figure-eight at 2500 mm and pi/10 needs 2 s to stay within what friction can push.
+    /// The paper's figure-eight at 2500 mm and pi/10 needs 2 s to stay within what friction can
+    /// push.
     #[must_use]
     pub fn new(inner: T, ramp: S) -> Self {
         let ramp = ramp.max(S::ZERO).min(inner.duration());
         Self { inner, ramp }
     }
 
-    /// The shortest ramps (to 1 %) with which neither acceleration exceeds its limit anywhere on the way, m/s^2 and
-    /// rad/s^2; `None` when the inner trajectory itself exceeds them, or cannot hold ramps that long.
+    /// The shortest ramps (to 1 %) with which neither acceleration exceeds its limit anywhere on
+    /// the way, m/s^2 and rad/s^2; `None` when the inner trajectory itself exceeds them, or cannot
+    /// hold ramps that long.
     ///
     /// The limits are checked at 400 times along the motion.
     #[must_use]

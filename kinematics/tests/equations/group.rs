@@ -95,8 +95,8 @@ fn eq_13_whole_group_in_the_world() {
 
 #[test]
 fn eq_15_tandem_and_side_by_side() {
-    // Same heading: K = T(D, psi). Tandem psi = +-90 degrees adds -+D to the x row; side by side psi = 0 and
-    // 180 adds +-D to the y row.
+    // Same heading: K = T(D, psi). Tandem psi = +-90 degrees adds -+D to the x row; side by side
+    // psi = 0 and 180 adds +-D to the y row.
     let robot = virtual_robot(45.0);
     let d = 1.1;
     for (mount, lever) in [
@@ -289,7 +289,8 @@ fn eq_12_member_in_the_world() {
 
 #[test]
 fn eq_14_and_eq_21_translation_does_not_feel_the_lever() {
-    // With no rotation the position in the group drops out and only the heading is left; compensated or not.
+    // With no rotation the position in the group drops out and only the heading is left;
+    // compensated or not.
     let robot = virtual_robot(38.5);
     for c in [no_compensation(), c2()] {
         for (delta, distance, psi) in PLACES {

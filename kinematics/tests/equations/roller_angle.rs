@@ -75,7 +75,8 @@ fn eq_17_roller_angle_error() {
         let ahead = roller_angle_correction(&wheels, &deviations, Twist::new(0.5, 0.0, 0.0));
         close_all(ahead, [0.0; 4], "ahead");
     }
-    // The exact answer is a robot built with the measured angles; the correction misses it by second order only.
+    // The exact answer is a robot built with the measured angles; the correction misses it by
+    // second order only.
     let measured = virtual_robot(45.0 + dg.to_degrees());
     let exact = Platform::new(&measured.wheels().unwrap()).unwrap();
     let nominal = Platform::new(&wheels).unwrap();

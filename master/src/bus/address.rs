@@ -76,7 +76,8 @@ impl std::fmt::Display for BusAddress {
     }
 }
 
-/// Opens a bus. A simulated one is built with freshly booted native robots of `group` at the origin.
+/// Opens a bus. A simulated one is built with freshly booted native robots of `group` at the
+/// origin.
 ///
 /// # Errors
 /// When the adapter cannot be opened or the world cannot be built; the error says what to check.

@@ -58,9 +58,9 @@ pub trait Link {
         None
     }
 
-    /// Asks the link to send SYNC by itself from now on, or with `None` to leave off. `false` when it cannot:
-    /// then whoever drives the session sends SYNC when the link's clock says so, which on a bus with virtual
-    /// time is exact.
+    /// Asks the link to send SYNC by itself from now on, or with `None` to leave off. `false` when
+    /// it cannot: then whoever drives the session sends SYNC when the link's clock says so, which
+    /// on a bus with virtual time is exact.
     fn pace(&mut self, _schedule: Option<Schedule>) -> bool {
         false
     }

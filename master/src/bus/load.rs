@@ -1,10 +1,10 @@
 //! How full the bus will be, calculated from the frames of the protocol.
 //!
-//! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist, pose and
-//! wheel rates; besides, heartbeats. A base frame of n bytes takes 44 + 8n bits and 3 between frames; stuffing adds
-//! from nothing to (34 + 8n - 1) / 4 bits, by its data (ISO 11898-1). Parameters, emergency messages and node
-//! management come on top and are not counted: they are rare while a group moves. How full it *is* a [`Meter`] says,
-//! which is shown every frame.
+//! In every SYNC period go SYNC, the group twist, and from each robot its status, measured twist,
+//! pose and wheel rates; besides, heartbeats. A base frame of n bytes takes 44 + 8n bits and 3
+//! between frames; stuffing adds from nothing to (34 + 8n - 1) / 4 bits, by its data (ISO 11898-1).
+//! Parameters, emergency messages and node management come on top and are not counted: they are
+//! rare while a group moves. How full it *is* a [`Meter`] says, which is shown every frame.
 
 use std::collections::VecDeque;
 
@@ -137,14 +137,16 @@ impl Meter {
 mod tests {
     use super::*;
 
-    /// ISO 11898-1: 8 bytes take 108 bits and 3 between frames, at most 24 stuffed; no data 44, 3 and 8.
+    /// ISO 11898-1: 8 bytes take 108 bits and 3 between frames, at most 24 stuffed; no data 44, 3
+    /// and 8.
     #[test]
     fn frame_lengths_of_the_standard() {
         assert_eq!(frame_bits(8), (111, 135));
         assert_eq!(frame_bits(0), (47, 55));
     }
 
-    /// By hand, at 100 Hz with 3 robots: 12 + 1 frames of 8 bytes and one of 1, 40 heartbeats of 1 byte a second.
+    /// By hand, at 100 Hz with 3 robots: 12 + 1 frames of 8 bytes and one of 1, 40 heartbeats of 1
+    /// byte a second.
     #[test]
     fn three_robots_at_100_hz() {
         let (low, high) = total(&traffic(3, 100.0));

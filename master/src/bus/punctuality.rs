@@ -1,7 +1,7 @@
 //! How late things on a schedule were: a histogram of whole microseconds.
 //!
-//! It holds 10 000 counts and never grows, so a session may run for days. Mean and worst are exact; the
-//! 99 % value is rounded up to a whole microsecond and, beyond 10 ms, stands at 10 ms.
+//! It holds 10 000 counts and never grows, so a session may run for days. Mean and worst are exact;
+//! the 99 % value is rounded up to a whole microsecond and, beyond 10 ms, stands at 10 ms.
 
 use crate::monitor::telemetry::Punctuality;
 

@@ -1,12 +1,13 @@
 //! A link with the two things every conversation over it needs: the master's heartbeat, and a place
 //! for frames that arrive while something else is waited for.
 //!
-//! The backlog is filled by SDO transfers and emptied by [`Wire::next`], which gives out what waited
-//! before it asks the link again, so the order of frames is kept. It holds what arrives during one
-//! transfer: some hundred frames at most on a busy bus.
+//! The backlog is filled by SDO transfers and emptied by [`Wire::next`], which gives out what
+//! waited before it asks the link again, so the order of frames is kept. It holds what arrives
+//! during one transfer: some hundred frames at most on a busy bus.
 //!
-//! Every frame in either direction passes here, so this is also where the bus load is added up and where
-//! subscribers who want frames get them. SYNC that the link sends by itself is taken from it whenever it is listened to.
+//! Every frame in either direction passes here, so this is also where the bus load is added up and
+//! where subscribers who want frames get them. SYNC that the link sends by itself is taken from it
+//! whenever it is listened to.
 
 use std::collections::VecDeque;
 
@@ -104,7 +105,8 @@ impl<L: Link> Wire<L> {
         self.next_heartbeat.is_some()
     }
 
-    /// Share of the bus that frames took in the last 100 ms, 0..=1, at 1 Mbit/s; `None` before as much has passed.
+    /// Share of the bus that frames took in the last 100 ms, 0..=1, at 1 Mbit/s; `None` before as
+    /// much has passed.
     #[must_use]
     pub fn bus_load(&self) -> Option<f32> {
         let now = self.seconds(self.now());

@@ -26,7 +26,8 @@ driven there and back.";
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Finds how the rollers of each wheel stand when its encoder's index comes, instead of what the floor takes away.
+    /// Finds how the rollers of each wheel stand when its encoder's index comes, instead of what
+    /// the floor takes away.
     #[arg(long)]
     phase: bool,
     /// Rollers of a wheel, where the group file does not say.
@@ -35,8 +36,8 @@ pub struct Arguments {
     /// Where poses come from: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
-    /// With --phase, finds it from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or on a simulated bus
-    /// sim, the gyros of its robots.
+    /// With --phase, finds it from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or
+    /// on a simulated bus sim, the gyros of its robots.
     #[arg(
         long,
         value_name = "tcp://HOST:PORT|sim",

@@ -1,5 +1,5 @@
-//! `omnibus drive --vx --vy --omega --for`: one velocity of the group for a time, with ramps that the
-//! robots make by their own limits.
+//! `omnibus drive --vx --vy --omega --for`: one velocity of the group for a time, with ramps that
+//! the robots make by their own limits.
 
 use std::path::PathBuf;
 

@@ -167,7 +167,8 @@ impl Target {
         Ok(simulation::open(group, elf, self.bus.to_string())?)
     }
 
-    /// Launches a pilot, which opens the bus in its own thread; a simulated one keeps the time of the clock on the wall.
+    /// Launches a pilot, which opens the bus in its own thread; a simulated one keeps the time of
+    /// the clock on the wall.
     pub fn pilot(&self, group: &GroupFile) -> anyhow::Result<Pilot> {
         let (bus, file) = (self.bus.clone(), group.clone());
         #[cfg(feature = "simulation")]

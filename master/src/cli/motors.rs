@@ -18,7 +18,8 @@ pub struct Arguments {
     /// Node of the robot.
     #[arg(long)]
     node: u8,
-    /// Declares that this robot may move: its wheels are off the floor, or nothing is within the way they roll.
+    /// Declares that this robot may move: its wheels are off the floor, or nothing is within the
+    /// way they roll.
     #[arg(long)]
     wheels_free: bool,
     /// Fastest wheel rate, rad/s.

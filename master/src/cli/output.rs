@@ -1,9 +1,10 @@
-//! How commands speak: text for people, JSON for scripts, little or nothing on request, and exit codes.
+//! How commands speak: text for people, JSON for scripts, little or nothing on request, and exit
+//! codes.
 //!
-//! What a command has to say goes to the standard output, everything about how it gets on to the standard
-//! error. `--json` replaces the text by one JSON document, and errors by one JSON object. `--quiet` leaves out
-//! the text and what is said on the way; an asked-for JSON document and errors are still written. Colours are
-//! only used on a terminal, and never when NO_COLOR is set.
+//! What a command has to say goes to the standard output, everything about how it gets on to the
+//! standard error. `--json` replaces the text by one JSON document, and errors by one JSON object.
+//! `--quiet` leaves out the text and what is said on the way; an asked-for JSON document and errors
+//! are still written. Colours are only used on a terminal, and never when NO_COLOR is set.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::OnceLock;
@@ -63,7 +64,8 @@ pub fn talks() -> bool {
     !mode().quiet && !mode().json
 }
 
-/// Prints a line of text. Unlike `println!` it does not panic when the reader has gone (`omnibus ... | head`).
+/// Prints a line of text. Unlike `println!` it does not panic when the reader has gone (`omnibus
+/// ... | head`).
 pub fn say(line: impl std::fmt::Display) -> anyhow::Result<()> {
     if talks() {
         writeln!(std::io::stdout().lock(), "{line}")?;
@@ -91,7 +93,8 @@ pub fn print_json_line(value: &serde_json::Value) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Something was compared or checked, and found different or wrong; everything about it has been printed.
+/// Something was compared or checked, and found different or wrong; everything about it has been
+/// printed.
 #[derive(Debug)]
 pub struct Found(pub String);
 

@@ -89,7 +89,8 @@ enum Command {
         #[command(flatten)]
         at: At,
     },
-    /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they differ.
+    /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they
+    /// differ.
     #[command(after_help = EXAMPLES)]
     Diff {
         /// A file as `dump` writes it; the group file without it.

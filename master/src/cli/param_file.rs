@@ -1,9 +1,9 @@
 //! Parameters of one robot as a file: what `omnibus param dump` writes and `load` and `diff` read.
 //!
-//! TOML with one line per object, so that files can be compared and kept beside the group file. Values are
-//! written so that reading gives the same bits back. A file is refused as a whole, before anything is written,
-//! when it is of another wire version, names an object that does not exist or cannot be written, or has a
-//! value beyond the object's limits.
+//! TOML with one line per object, so that files can be compared and kept beside the group file.
+//! Values are written so that reading gives the same bits back. A file is refused as a whole,
+//! before anything is written, when it is of another wire version, names an object that does not
+//! exist or cannot be written, or has a value beyond the object's limits.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! `omnibus replay FILE --bus ...`: what the master of a recording sent, sent again with its timing.
+//! `omnibus replay FILE --bus ...`: what the master of a recording sent, sent again with its
+//! timing.
 //!
 //! Without `--drive` nothing is sent that could move a robot: the frames are only counted, and the
 //! bus is listened to. With it, the bus must be free of another master and of started robots. The
@@ -20,8 +21,8 @@ use serde_json::json;
 use super::convert::load;
 use super::{Target, say};
 
-/// How long the bus is listened to before anything is sent, in µs: three heartbeats of a robot and ten of a
-/// master.
+/// How long the bus is listened to before anything is sent, in µs: three heartbeats of a robot and
+/// ten of a master.
 const LISTEN_US: u64 = 1_000_000;
 /// Time after the last frame in which robots come to rest by their own rules, in µs.
 const SETTLE_US: u64 = 500_000;

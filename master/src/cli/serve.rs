@@ -31,11 +31,12 @@ pub struct Arguments {
     http: String,
     #[command(flatten)]
     target: Target,
-    /// File with the token that a page must show before it may drive. Needed to serve on an address that
-    /// other machines reach; on this machine a token is made up and printed.
+    /// File with the token that a page must show before it may drive. Needed to serve on an address
+    /// that other machines reach; on this machine a token is made up and printed.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
-    /// Name under which browsers reach this server, besides its address; may be given several times.
+    /// Name under which browsers reach this server, besides its address; may be given several
+    /// times.
     #[arg(long, value_name = "HOST")]
     name: Vec<String>,
     /// Only shows: sends nothing to the bus, whoever asks.

@@ -1,4 +1,5 @@
-//! `omnibus wheel-test` and `omnibus identify`: is every wire where it belongs, and which robot is this.
+//! `omnibus wheel-test` and `omnibus identify`: is every wire where it belongs, and which robot is
+//! this.
 
 use std::io::BufRead as _;
 

@@ -1,8 +1,8 @@
 //! Node ids over the bus (CiA 305): finding robots that have none, and giving them one.
 //!
-//! A conversation goes over a [`Wire`] and claims nothing; robots take part in every NMT state. What a robot is
-//! given counts from its next communication reset, and is kept only when it is told to store it. Whatever
-//! happens, all robots are switched back to waiting at the end.
+//! A conversation goes over a [`Wire`] and claims nothing; robots take part in every NMT state.
+//! What a robot is given counts from its next communication reset, and is kept only when it is told
+//! to store it. Whatever happens, all robots are switched back to waiting at the end.
 
 use canopen::client::{
     FastScan, LssAnswer, Scanned, lss_identify, lss_inquire_node, lss_select, lss_set_node,
@@ -15,7 +15,8 @@ use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
 
-/// How long an answer may take, in µs. Nobody answering is an answer too, so a scan takes this often.
+/// How long an answer may take, in µs. Nobody answering is an answer too, so a scan takes this
+/// often.
 const ANSWER_US: u64 = 20_000;
 /// Storing may have to erase flash first, in µs.
 const STORE_US: u64 = 2_000_000;
@@ -83,12 +84,13 @@ pub fn unconfigured<L: Link>(wire: &mut Wire<L>) -> Result<Vec<Identity>, Master
     Ok(found)
 }
 
-/// Robots of this release whose serial number is none of `known`, which must rise, each with its node id. Robots
-/// that have the same node id are found like any others: all that match a range of numbers give the same answer,
-/// which on the wire is one frame, and a range that answers is halved until one number is left.
+/// Robots of this release whose serial number is none of `known`, which must rise, each with its
+/// node id. Robots that have the same node id are found like any others: all that match a range of
+/// numbers give the same answer, which on the wire is one frame, and a range that answers is halved
+/// until one number is left.
 ///
-/// Nothing but the answers is asked of robots, unless there are unknown ones: those are selected to ask for their
-/// node id. One more robot costs some 0.7 s.
+/// Nothing but the answers is asked of robots, unless there are unknown ones: those are selected to
+/// ask for their node id. One more robot costs some 0.7 s.
 ///
 /// # Errors
 /// When the link fails.

@@ -1,5 +1,6 @@
-//! What is done to robots before they drive: found ([`survey`]), numbered ([`lss`]), their wiring tried
-//! ([`wheel_test`]), their motors identified ([`motors`]) and their slip and rollers calibrated ([`calibrate`]).
+//! What is done to robots before they drive: found ([`survey`]), numbered ([`lss`]), their wiring
+//! tried ([`wheel_test`]), their motors identified ([`motors`]) and their slip and rollers
+//! calibrated ([`calibrate`]).
 
 pub mod calibrate;
 pub mod lss;

@@ -1,9 +1,11 @@
-//! Finding out what a robot's motors need: the robot measures, this asks it to and reads what came of it.
+//! Finding out what a robot's motors need: the robot measures, this asks it to and reads what came
+//! of it.
 //!
-//! One robot, started alone, with SYNC and heartbeat but no setpoints; the others stay in PRE-OPERATIONAL. The permission
-//! to move (object 0x2050:1) is a declaration by whoever calls: wheels off the floor, or nobody and nothing within the
-//! way they may roll. It is taken back at the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest.
-//! What was found takes effect only by [`accept`], and survives a power cycle only by [`save`].
+//! One robot, started alone, with SYNC and heartbeat but no setpoints; the others stay in
+//! PRE-OPERATIONAL. The permission to move (object 0x2050:1) is a declaration by whoever calls:
+//! wheels off the floor, or nobody and nothing within the way they may roll. It is taken back at
+//! the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest. What was found
+//! takes effect only by [`accept`], and survives a power cycle only by [`save`].
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
@@ -75,11 +77,12 @@ pub struct Motor {
 /// Names of the wheels, in their order.
 pub const WHEELS: [&str; 4] = ["front left", "front right", "rear left", "rear right"];
 
-/// Identifies the motors of one robot that is configured and in PRE-OPERATIONAL. `period_us` is that of SYNC; `seen` is
-/// called now and then with the seconds since it began.
+/// Identifies the motors of one robot that is configured and in PRE-OPERATIONAL. `period_us` is
+/// that of SYNC; `seen` is called now and then with the seconds since it began.
 ///
 /// # Errors
-/// When the robot refuses, gives up (the error says why), or the link fails. The robot is at rest then, too.
+/// When the robot refuses, gives up (the error says why), or the link fails. The robot is at rest
+/// then, too.
 pub fn identify_motors<L: Link>(
     wire: &mut Wire<L>,
     node: u8,
@@ -100,14 +103,16 @@ pub fn identify_motors<L: Link>(
 /// What the encoders said while one wheel was to turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Turned {
-    /// How far each wheel's encoder went to either side, rad: the farthest from where it stood, with its sign.
+    /// How far each wheel's encoder went to either side, rad: the farthest from where it stood,
+    /// with its sign.
     pub ways: [f32; 4],
     /// Volts a rate of the wheel that was to turn, V s/rad, where the run came to its end.
     pub speed: Option<f32>,
 }
 
 /// Gives one wheel of a robot some voltage, forward and then backward, and watches all encoders. As
-/// [`identify_motors`] otherwise; what stops the robot (a wheel that stands or turns backwards) is no error here.
+/// [`identify_motors`] otherwise; what stops the robot (a wheel that stands or turns backwards) is
+/// no error here.
 ///
 /// # Errors
 /// When the robot refuses, a fault came up, or the link fails.

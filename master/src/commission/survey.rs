@@ -2,10 +2,11 @@
 //!
 //! A survey only reads and does not claim to be the master, so a running group is not disturbed.
 //!
-//! All sixteen robots are asked for their serial number at once. Robots that are one node by mistake answer with
-//! different bits: on the wire the answers destroy each other until both robots are error passive, then they come one
-//! after the other. What would be the same in both, like a version, comes as one frame and shows nothing. Then robots
-//! are asked by LSS whether there is anybody else, which needs no node id.
+//! All sixteen robots are asked for their serial number at once. Robots that are one node by
+//! mistake answer with different bits: on the wire the answers destroy each other until both robots
+//! are error passive, then they come one after the other. What would be the same in both, like a
+//! version, comes as one frame and shows nothing. Then robots are asked by LSS whether there is
+//! anybody else, which needs no node id.
 
 use std::collections::BTreeMap;
 

@@ -1,9 +1,10 @@
 //! Whether every motor turns its own wheel the right way and its encoder says so.
 //!
-//! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and encoders that are
-//! silent, reversed, or in each other's places. It cannot tell a reversed motor from a reversed encoder, nor motors
-//! exchanged from encoders exchanged, and does not see a motor and its encoder both reversed: somebody has to look at
-//! the wheel. Who does so tells what was seen, and the proposal becomes one instead of two.
+//! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and
+//! encoders that are silent, reversed, or in each other's places. It cannot tell a reversed motor
+//! from a reversed encoder, nor motors exchanged from encoders exchanged, and does not see a motor
+//! and its encoder both reversed: somebody has to look at the wheel. Who does so tells what was
+//! seen, and the proposal becomes one instead of two.
 
 use protocol::address;
 
@@ -45,8 +46,8 @@ pub struct Finding {
 /// Asks what was seen to turn.
 pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
 
-/// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor. `look` is asked after
-/// each wheel what was seen; `None` when nobody looks.
+/// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
+/// `look` is asked after each wheel what was seen; `None` when nobody looks.
 ///
 /// # Errors
 /// As [`turn_wheel`], and what `look` fails with.

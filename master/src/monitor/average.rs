@@ -2,8 +2,8 @@
 
 use kinematics::{Pose, Twist};
 
-/// The mean of poses; `None` of none. Headings are averaged about the first one's, so that +-pi does
-/// no harm.
+/// The mean of poses; `None` of none. Headings are averaged about the first one's, so that +-pi
+/// does no harm.
 #[must_use]
 pub fn mean_pose(poses: impl Iterator<Item = Pose> + Clone) -> Option<Pose> {
     let first = poses.clone().next()?;
@@ -46,7 +46,8 @@ pub fn strain(twists: impl Iterator<Item = Twist> + Clone) -> Option<f32> {
     pairs.reduce(f32::max)
 }
 
-/// `pose` with its heading, which may have been taken off a turn, counted on from `before`: less than half a turn away.
+/// `pose` with its heading, which may have been taken off a turn, counted on from `before`: less
+/// than half a turn away.
 #[must_use]
 pub fn counted_on(before: f32, pose: Pose) -> Pose {
     let (sin, cos) = (pose.heading - before).sin_cos();

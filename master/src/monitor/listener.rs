@@ -3,8 +3,8 @@
 //! A [`Listener`] claims nothing and asks nobody. It is fed with every frame, the master's own
 //! included, and so says the same about a group that this program drives, that another program
 //! drives, or that drove last week and was recorded. What it knows about a SYNC period is complete
-//! when the next SYNC comes; [`Listener::take`] returns it then. It holds one entry per robot and the
-//! frames of the last 100 ms, and cannot fail: what does not decode is left out.
+//! when the next SYNC comes; [`Listener::take`] returns it then. It holds one entry per robot and
+//! the frames of the last 100 ms, and cannot fail: what does not decode is left out.
 //!
 //! The target is where the setpoints alone would have brought the group since it last stood: the
 //! sum of group twist times group scale. The way of a setpoint through the robots takes two SYNC
@@ -69,8 +69,8 @@ impl Listener {
         }
     }
 
-    /// Takes in a frame that was complete on the bus at `t`, in s. A SYNC completes the period before
-    /// it, which is returned.
+    /// Takes in a frame that was complete on the bus at `t`, in s. A SYNC completes the period
+    /// before it, which is returned.
     pub fn take(&mut self, t: f64, frame: &Frame) -> Option<Snapshot> {
         self.now = t;
         self.load.note(t, frame);
@@ -257,7 +257,8 @@ pub struct Reckoning {
 }
 
 impl Reckoning {
-    /// Takes the group at the next SYNC and says where the setpoints before it would have brought it.
+    /// Takes the group at the next SYNC and says where the setpoints before it would have brought
+    /// it.
     #[expect(clippy::cast_possible_truncation, reason = "a period of SYNC in s")]
     pub fn note(&mut self, now: &Snapshot) -> Option<Pose> {
         let stands =

@@ -44,15 +44,15 @@ pub struct PathErrors {
 /// What the mean errors do not show. See [`evenness`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evenness {
-    /// Standard deviation of the speed along the motion over the speed asked for, in per cent, where that is within
-    /// [`FAST`] of the fastest.
+    /// Standard deviation of the speed along the motion over the speed asked for, in per cent,
+    /// where that is within [`FAST`] of the fastest.
     pub ripple_percent: f64,
     /// Heading at the end less the heading asked for, in degrees.
     pub heading_error_deg: f64,
     /// Relative error of the turned angle, in per cent; 0 for a curve that does not turn.
     pub turn_percent: f64,
-    /// Time by which the group trails the curve, in ms: the least-squares fit of its error against velocity, freed of
-    /// what a wrong gain or a shifted start explain.
+    /// Time by which the group trails the curve, in ms: the least-squares fit of its error against
+    /// velocity, freed of what a wrong gain or a shifted start explain.
     pub lag_ms: f64,
 }
 
@@ -196,7 +196,8 @@ fn extent(values: impl Iterator<Item = f64>) -> f64 {
     high - low
 }
 
-/// Relative error of displacement in per cent, from two extents; 0 for an axis that was not to move.
+/// Relative error of displacement in per cent, from two extents; 0 for an axis that was not to
+/// move.
 fn red_percent(actual: f64, theory: f64) -> f64 {
     if theory > 0.0 {
         (actual / theory - 1.0) * 100.0
@@ -308,7 +309,8 @@ mod tests {
         assert!((from_start.y_percent - centred.y_percent).abs() < 1e-4);
     }
 
-    /// Five millimetres a step with a sine of 2 % on top: a standard deviation of 2 % over the square root of two.
+    /// Five millimetres a step with a sine of 2 % on top: a standard deviation of 2 % over the
+    /// square root of two.
     #[test]
     fn ripple_is_the_deviation_of_the_speed() {
         let mut y = 0.0_f64;

@@ -1,8 +1,8 @@
 //! What is heard of a group and what is worked out from it; nothing here sends a frame.
 //!
-//! [`listener`] makes a snapshot of the frames of a bus that another master drives. A session fills [`rows`], one a SYNC
-//! period, and publishes [`telemetry`]; [`odometry`] and [`average`] make the group's pose of its members', and
-//! [`metrics`] the errors of a drive.
+//! [`listener`] makes a snapshot of the frames of a bus that another master drives. A session fills
+//! [`rows`], one a SYNC period, and publishes [`telemetry`]; [`odometry`] and [`average`] make the
+//! group's pose of its members', and [`metrics`] the errors of a drive.
 
 pub mod average;
 pub mod listener;

@@ -1,9 +1,9 @@
 //! The path of a group as its own wheels say it, where there is no observer.
 //!
-//! Every member reports the pose of the *group* as it works it out from its own wheels, in the frame
-//! in which it was configured. Bolted to one load they should all report the same; the mean is taken
-//! for the group's pose, and the largest distance from it shows how far they disagree. Instants at
-//! which no member reported are left out.
+//! Every member reports the pose of the *group* as it works it out from its own wheels, in the
+//! frame in which it was configured. Bolted to one load they should all report the same; the mean
+//! is taken for the group's pose, and the largest distance from it shows how far they disagree.
+//! Instants at which no member reported are left out.
 
 use kinematics::{Pose, WheelRates};
 

@@ -45,8 +45,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Keeps at least the last `rows` rows and drops older ones: for sessions without an end. Places of rows
-    /// change when some are dropped.
+    /// Keeps at least the last `rows` rows and drops older ones: for sessions without an end.
+    /// Places of rows change when some are dropped.
     pub fn keep_last(&mut self, rows: usize) {
         self.limit = Some(rows.max(2));
     }

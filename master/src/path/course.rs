@@ -1,8 +1,9 @@
-//! What is to be driven, as a user says it: a curve of the paper or a file, how often, how fast, facing where.
+//! What is to be driven, as a user says it: a curve of the paper or a file, how often, how fast,
+//! facing where.
 //!
-//! A [`Course`] becomes a [`Plan`] in this order: the path; repeated; stretched in time; given its heading;
-//! ramped at both ends. So ramps are of the whole drive, and a repeated curve is passed in full motion from
-//! one round to the next, which only closed paths can be.
+//! A [`Course`] becomes a [`Plan`] in this order: the path; repeated; stretched in time; given its
+//! heading; ramped at both ends. So ramps are of the whole drive, and a repeated curve is passed in
+//! full motion from one round to the next, which only closed paths can be.
 
 use std::path::PathBuf;
 
@@ -31,7 +32,8 @@ pub enum Shape {
 /// What the heading is measured against.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Frame {
-    /// The heading is the path's own plus the offset, in the frame of the path: circles do not turn the group.
+    /// The heading is the path's own plus the offset, in the frame of the path: circles do not turn
+    /// the group.
     #[default]
     World,
     /// The heading is the direction of travel plus the offset: the group drives like a car.
@@ -87,8 +89,8 @@ impl Course {
     /// The motion from rest to rest.
     ///
     /// # Errors
-    /// When a number makes no sense, the file cannot be read, a path that is not closed is to be repeated, or
-    /// the heading follows a direction of travel that is not there.
+    /// When a number makes no sense, the file cannot be read, a path that is not closed is to be
+    /// repeated, or the heading follows a direction of travel that is not there.
     pub fn plan(&self) -> Result<Plan, CourseError> {
         for (name, value, low, high) in [
             ("--ramp", self.ramp, 0.1, 60.0),

@@ -1,10 +1,9 @@
 //! The curves the master knows by name, with their ramps, checked against the group's limits.
 //!
-//! The shapes are `kinematics::trajectory`'s; this file only chooses their parameters, ramps
-//! both ends and asks beforehand whether a group may go that fast: a curve that would be slowed
-//! down on the way is refused before anything moves, because then the group would no longer be where
-//! the curve says. Evaluated in f64, since time runs to minutes; handed out as the f32 that robots
-//! use.
+//! The shapes are `kinematics::trajectory`'s; this file only chooses their parameters, ramps both
+//! ends and asks beforehand whether a group may go that fast: a curve that would be slowed down on
+//! the way is refused before anything moves, because then the group would no longer be where the
+//! curve says. Evaluated in f64, since time runs to minutes; handed out as the f32 that robots use.
 
 use group::Limits;
 use kinematics::trajectory::{Ramped, Trajectory};
@@ -23,8 +22,8 @@ const QUICK: f64 = 6.0;
 /// Step at which a curve is checked against limits, in s.
 const CHECK_STEP: f64 = 0.01;
 
-/// A curve by name. Lateral, oblique and turn last 8 s, to see how evenly wheels move a group; the others have the
-/// parameters of the source paper.
+/// A curve by name. Lateral, oblique and turn last 8 s, to see how evenly wheels move a group; the
+/// others have the parameters of the source paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Curve {
     /// A figure-eight of 2500 mm, pi/10 rad/s (20 s).
@@ -127,7 +126,8 @@ impl Plan {
         Self { name, motion }
     }
 
-    /// Straight ahead by a distance (m) and back, as a cosine: as fast as the group's limits allow with some room.
+    /// Straight ahead by a distance (m) and back, as a cosine: as fast as the group's limits allow
+    /// with some room.
     #[must_use]
     pub fn there_and_back(distance: f64, limits: &Limits) -> Self {
         let (speed, acceleration) = (
@@ -184,7 +184,8 @@ impl Plan {
         )
     }
 
-    /// The setpoint for `t`: the twist in the frame of a group that has the pose the curve asks for.
+    /// The setpoint for `t`: the twist in the frame of a group that has the pose the curve asks
+    /// for.
     #[must_use]
     pub fn setpoint(&self, t: f64) -> Twist {
         let (pose, twist) = self.at(t);

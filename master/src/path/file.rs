@@ -1,9 +1,10 @@
 //! A path from a CSV file: where the group should be at which time.
 //!
-//! The first line names the columns, `t,x,y` or `t,x,y,heading` (s, m, m, rad); empty lines and lines that begin
-//! with `#` are passed over. Between the rows the path is a natural cubic spline, so that velocity and
-//! acceleration are continuous; the path begins and ends in motion if the rows say so, and the drive's ramps
-//! take care of that. Headings are as written: from 3.1 to -3.1 is a turn of 6.2.
+//! The first line names the columns, `t,x,y` or `t,x,y,heading` (s, m, m, rad); empty lines and
+//! lines that begin with `#` are passed over. Between the rows the path is a natural cubic spline,
+//! so that velocity and acceleration are continuous; the path begins and ends in motion if the rows
+//! say so, and the drive's ramps take care of that. Headings are as written: from 3.1 to -3.1 is a
+//! turn of 6.2.
 
 use std::path::Path;
 
@@ -50,7 +51,8 @@ struct Column {
 }
 
 impl Column {
-    /// The natural spline: no bend at the ends, and slopes that agree in between (a tridiagonal system).
+    /// The natural spline: no bend at the ends, and slopes that agree in between (a tridiagonal
+    /// system).
     fn through(times: &[f64], values: Vec<f64>) -> Self {
         let count = values.len();
         let (mut upper, mut right) = (vec![0.0; count], vec![0.0; count]);
@@ -170,8 +172,8 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
 mod tests {
     use super::*;
 
-    /// A natural spline through three points has a closed form: for 0, 1, 0 at 0, 1, 2 s the bend in the middle
-    /// is -3, and the first span is 1.5 t - 0.5 t^3.
+    /// A natural spline through three points has a closed form: for 0, 1, 0 at 0, 1, 2 s the bend
+    /// in the middle is -3, and the first span is 1.5 t - 0.5 t^3.
     #[test]
     fn three_points_are_the_spline_of_the_textbook() {
         let path = parse("t,x,y\n# a bump\n0,0,0\n1,1,0\n\n2,0,0\n").unwrap();

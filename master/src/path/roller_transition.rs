@@ -1,20 +1,23 @@
 //! What the wheels have to turn more because rollers meet the floor at rest.
 //!
-//! A roller in the air hardly turns. When it comes down, the floor brings it up to the speed `c` across its axle, and
-//! what that takes, `m c` for a roller whose inertia counts as `m` at the floor, the robot loses. It happens `n |rate| /
-//! (2 pi)` times a second at every wheel, so the mean force of a wheel is in proportion to `|rate| c`, across its roller's
-//! axle. Rubber creeps in proportion to force: the group moves slower by the velocity at which the creep along all axles
-//! makes up for it. That grows with the square of the speed, and on slanting ways, where the wheels of one diagonal turn
-//! faster than those of the other, it pushes the group ahead. Constant coefficients cannot say either.
+//! A roller in the air hardly turns. When it comes down, the floor brings it up to the speed `c`
+//! across its axle, and what that takes, `m c` for a roller whose inertia counts as `m` at the
+//! floor, the robot loses. It happens `n |rate| / (2 pi)` times a second at every wheel, so the
+//! mean force of a wheel is in proportion to `|rate| c`, across its roller's axle. Rubber creeps in
+//! proportion to force: the group moves slower by the velocity at which the creep along all axles
+//! makes up for it. That grows with the square of the speed, and on slanting ways, where the wheels
+//! of one diagonal turn faster than those of the other, it pushes the group ahead. Constant
+//! coefficients cannot say either.
 //!
-//! One number tells how large it is: the share of its speed that a robot loses sideways, over that speed
-//! ([`group::GroupFile::hand_over_loss`], s/m).
+//! One number tells how large it is: the share of its speed that a robot loses sideways, over that
+//! speed ([`group::GroupFile::hand_over_loss`], s/m).
 
 use group::GroupFile;
 use kinematics::Twist;
 use nalgebra::{Matrix3, Vector3};
 
-/// Wheels of a robot: ahead, left, and the hand of its rollers, +1 on the diagonal front left to rear right.
+/// Wheels of a robot: ahead, left, and the hand of its rollers, +1 on the diagonal front left to
+/// rear right.
 const CORNERS: [(f64, f64, f64); 4] = [
     (1.0, 1.0, 1.0),
     (1.0, -1.0, -1.0),
@@ -22,8 +25,8 @@ const CORNERS: [(f64, f64, f64); 4] = [
     (-1.0, -1.0, 1.0),
 ];
 
-/// What has to be asked for beside a twist so that a group moves with it, group frame; zero where the file says that
-/// nothing is lost.
+/// What has to be asked for beside a twist so that a group moves with it, group frame; zero where
+/// the file says that nothing is lost.
 #[must_use]
 pub fn lost(file: &GroupFile, twist: Twist) -> Twist {
     if file.hand_over_loss == 0.0 {
@@ -58,7 +61,8 @@ pub fn lost(file: &GroupFile, twist: Twist) -> Twist {
             // The wheel rolls such that nothing slips along the axle.
             let surface = ahead - hand * left * along_y / along_x;
             let spin = left / along_x;
-            // The product is the robot's own sideways loss at 1 m/s, where all four wheels do the same.
+            // The product is the robot's own sideways loss at 1 m/s, where all four wheels do the
+            // same.
             let strength = loss * along_x * along_y;
             creep += along * along.transpose();
             force += across * (strength * surface.abs() * spin);
@@ -98,8 +102,9 @@ mod tests {
         assert_eq!(lost(&group(0.0), Twist::new(0.1, 0.5, 0.2)), Twist::ZERO);
     }
 
-    /// At 45 degrees to the left the wheels of one diagonal turn with twice `v` and those of the other stand. With `c =
-    /// sqrt(2) v` and both axles at 45 degrees, `v^2` times the number are lost sideways and won ahead.
+    /// At 45 degrees to the left the wheels of one diagonal turn with twice `v` and those of the
+    /// other stand. With `c = sqrt(2) v` and both axles at 45 degrees, `v^2` times the number are
+    /// lost sideways and won ahead.
     #[test]
     fn on_a_slant_it_pushes_ahead() {
         let v = 0.3;

@@ -1,15 +1,17 @@
-//! Following a curve with feedback: the curve's own velocity, and a correction towards where it should be.
+//! Following a curve with feedback: the curve's own velocity, and a correction towards where it
+//! should be.
 //!
 //! ```text
 //! twist = curve's velocity at the time it will be reached            (feedforward)
 //!       + gain * (where the curve was - where the group was seen)    (P law, limited)
 //! ```
 //!
-//! The error is taken at the time of the sighting, not of the setpoint, so a late sighting does not look like
-//! an error. With a gain of 2 1/s and the way of a setpoint through the group (two SYNCs and the age of the
-//! sighting, about 40 ms at 100 Hz) gain times delay is 0.08: far below the 0.5 beyond which such a loop rings.
-//! The correction is limited, so that a jump of the pose source cannot throw the group about, and the sum is
-//! kept within the group's limits. A sighting older than 0.2 s is not used; one older than 1 s ends the drive.
+//! The error is taken at the time of the sighting, not of the setpoint, so a late sighting does not
+//! look like an error. With a gain of 2 1/s and the way of a setpoint through the group (two SYNCs
+//! and the age of the sighting, about 40 ms at 100 Hz) gain times delay is 0.08: far below the 0.5
+//! beyond which such a loop rings. The correction is limited, so that a jump of the pose source
+//! cannot throw the group about, and the sum is kept within the group's limits. A sighting older
+//! than 0.2 s is not used; one older than 1 s ends the drive.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -53,8 +55,8 @@ impl Default for Law {
 }
 
 impl Law {
-    /// The correction for a group seen at `seen` that should have been at `wanted`, both in one frame; velocity
-    /// in that frame.
+    /// The correction for a group seen at `seen` that should have been at `wanted`, both in one
+    /// frame; velocity in that frame.
     #[must_use]
     pub fn correction(&self, wanted: Pose, seen: Pose) -> Twist {
         let (dx, dy) = (wanted.x - seen.x, wanted.y - seen.y);
@@ -153,7 +155,8 @@ impl Steering {
         (self.began, self.last) = (at, Some(at));
     }
 
-    /// Takes the newest sighting, if there is a new one. `rows_began` is the time of the rows' zero.
+    /// Takes the newest sighting, if there is a new one. `rows_began` is the time of the rows'
+    /// zero.
     ///
     /// # Errors
     /// When there has been none for too long.

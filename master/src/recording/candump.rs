@@ -1,5 +1,5 @@
-//! candump logs (`(seconds.microseconds) interface ID#DATA`), in and out: what `candump -L` writes and
-//! `canplayer`, cantools and Wireshark read.
+//! candump logs (`(seconds.microseconds) interface ID#DATA`), in and out: what `candump -L` writes
+//! and `canplayer`, cantools and Wireshark read.
 
 use std::io::{BufRead, Write};
 
@@ -53,7 +53,8 @@ pub fn read(input: impl BufRead) -> Result<Recording, CandumpError> {
         if recording.header.bus.is_empty() {
             recording.header.bus = bus;
         }
-        // Logs count from 1970 or from 0; the whole second of the first frame is taken for the start.
+        // Logs count from 1970 or from 0; the whole second of the first frame is taken for the
+        // start.
         let epoch = *epoch.get_or_insert(t_ns - t_ns % 1_000_000_000);
         recording.header.epoch_ns = epoch;
         recording.frames.extend(frame.map(|frame| Recorded {

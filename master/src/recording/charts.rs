@@ -57,8 +57,8 @@ fn corners(robot: &group::Robot, group: Pose) -> Points {
         .to_vec()
 }
 
-/// Where the group was, seen by its own wheels, by an observer and by the curve, all in the frame in
-/// which the group stood at the beginning of the recording.
+/// Where the group was, seen by its own wheels, by an observer and by the curve, all in the frame
+/// in which the group stood at the beginning of the recording.
 #[must_use]
 pub fn map(recording: &Recording, rows: &[Snapshot]) -> Chart {
     let all = |poses: &[(f64, Pose)]| {
@@ -68,8 +68,8 @@ pub fn map(recording: &Recording, rows: &[Snapshot]) -> Chart {
             .collect::<Points>()
     };
     let path: Vec<Pose> = rows.iter().filter_map(|row| row.pose).collect();
-    // The curve and the observer may have another origin than the wheels: both begin where the group
-    // stood at that moment.
+    // The curve and the observer may have another origin than the wheels: both begin where the
+    // group stood at that moment.
     let begin = recording.plan.first().or(recording.truth.first());
     let wheels_then = begin.and_then(|(t, _)| {
         let row = rows.iter().filter(|row| row.t <= *t);

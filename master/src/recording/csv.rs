@@ -1,6 +1,7 @@
 //! A recording as a table for spreadsheets and scripts: one row per SYNC, one column per value.
 //!
-//! Columns of a robot begin with its node: `node2.slip_residual`. What was not known is an empty cell.
+//! Columns of a robot begin with its node: `node2.slip_residual`. What was not known is an empty
+//! cell.
 
 use std::io::{self, Write};
 

@@ -1,14 +1,14 @@
 //! Recordings: everything that was on the bus, in a file that other programs open.
 //!
 //! The form is MCAP (<https://mcap.dev>), which Foxglove and PlotJuggler read: channels of JSON
-//! messages, each with its JSON Schema, times in ns. The channel [`CAN`] holds every frame and is what
-//! [`read()`], `convert`, `replay`, `plot` and `report` go by; the others say the same in SI units, for
-//! people and their tools. `docs/recording.md` describes them all.
+//! messages, each with its JSON Schema, times in ns. The channel [`CAN`] holds every frame and is
+//! what [`read()`], `convert`, `replay`, `plot` and `report` go by; the others say the same in SI
+//! units, for people and their tools. `docs/recording.md` describes them all.
 //!
-//! Frames come in through a [`FrameSink`], which [`Tap`] puts between a program and its bus. It hands
-//! them to a thread of its own over a channel without limit, so a slow disk holds up nobody's SYNC and
-//! loses nothing; a full one is reported at the end. Chunks are closed once a second of the bus's time,
-//! so that a file that was cut off is readable up to its last second.
+//! Frames come in through a [`FrameSink`], which [`Tap`] puts between a program and its bus. It
+//! hands them to a thread of its own over a channel without limit, so a slow disk holds up nobody's
+//! SYNC and loses nothing; a full one is reported at the end. Chunks are closed once a second of
+//! the bus's time, so that a file that was cut off is readable up to its last second.
 
 pub mod candump;
 pub mod charts;

@@ -42,7 +42,8 @@ pub struct Figures {
     pub largest_strain_m_s: Option<f32>,
     /// Largest bus load over 100 ms, 0 to 1.
     pub largest_bus_load: Option<f32>,
-    /// Root mean square distance between curve and observer (or wheels), mm; where a curve was driven.
+    /// Root mean square distance between curve and observer (or wheels), mm; where a curve was
+    /// driven.
     pub rms_mm: Option<f64>,
     /// Faults that appeared.
     pub faults: usize,

@@ -1,8 +1,8 @@
 //! Reading a recording back: the frames, what was planned and seen, and how it ended.
 //!
 //! The file is read from its beginning to its end without its index, so one that was cut off gives
-//! everything up to the cut; [`Recording::damage`] then says so. What is kept is the frames (32 bytes
-//! each) and the poses, all in memory: an hour of sixteen robots is some 900 MB.
+//! everything up to the cut; [`Recording::damage`] then says so. What is kept is the frames (32
+//! bytes each) and the poses, all in memory: an hour of sixteen robots is some 900 MB.
 
 use std::collections::BTreeMap;
 use std::fs::File;

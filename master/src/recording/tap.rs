@@ -6,7 +6,8 @@ use canopen::{Frame, Micros};
 
 use crate::bus::link::{Link, LinkError};
 
-/// Takes a copy of every frame: its time on the link's clock, the frame, and whether it was sent here.
+/// Takes a copy of every frame: its time on the link's clock, the frame, and whether it was sent
+/// here.
 pub type FrameSink = Arc<dyn Fn(Micros, &Frame, bool) + Send + Sync>;
 
 /// A link that is listened to.

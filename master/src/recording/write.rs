@@ -39,8 +39,8 @@ pub struct Header {
     pub activity: String,
     /// The group file's text, when there is one.
     pub group: Option<String>,
-    /// Time of the link's zero, in ns since 1970; 0 on a simulated bus, whose recordings are the same
-    /// every time.
+    /// Time of the link's zero, in ns since 1970; 0 on a simulated bus, whose recordings are the
+    /// same every time.
     pub epoch_ns: u64,
 }
 
@@ -108,7 +108,8 @@ impl Recorder {
         })
     }
 
-    /// Where the group is to be ([`super::PLAN`]) or was seen ([`super::TRUTH`]) at `at` on the link's clock.
+    /// Where the group is to be ([`super::PLAN`]) or was seen ([`super::TRUTH`]) at `at` on the
+    /// link's clock.
     pub fn pose(&self, channel: &'static str, at: Micros, pose: Pose) {
         if let Some(sender) = &self.sender {
             let _ = sender.send(Item::Pose(channel, at, pose));

@@ -19,8 +19,8 @@ const WIDE: (u32, u32) = (1040, 300);
 /// Size of one of two charts side by side.
 const HALF: (u32, u32) = (515, 300);
 
-/// The colour of a run: what is uncompensated is orange everywhere, what is compensated blue; with roller phase
-/// purple and green.
+/// The colour of a run: what is uncompensated is orange everywhere, what is compensated blue; with
+/// roller phase purple and green.
 fn color(run: &Run) -> RGBColor {
     PALETTE[match (run.phase, run.compensation) {
         (false, true) => 0,

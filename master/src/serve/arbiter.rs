@@ -1,10 +1,10 @@
 //! Who drives, and how fast, right now: the rules of the dead-man's press.
 //!
 //! One page drives at a time; it has to have shown the token. Its press lasts as long as `drive`
-//! messages come, each less than [`STALE_MS`] after the one before, each naming a state of the group
-//! that is younger than [`OLD_MS`] (so that messages which lay in a queue do nothing). A press that
-//! has ended, for whatever reason, never comes back: the page has to release and press anew, which has a higher
-//! number. A refused message ends the press, too.
+//! messages come, each less than [`STALE_MS`] after the one before, each naming a state of the
+//! group that is younger than [`OLD_MS`] (so that messages which lay in a queue do nothing). A
+//! press that has ended, for whatever reason, never comes back: the page has to release and press
+//! anew, which has a higher number. A refused message ends the press, too.
 //!
 //! Times are the server's, in ms since it started; nothing here asks a clock.
 
@@ -222,8 +222,8 @@ impl Arbiter {
         }
     }
 
-    /// Says whether the robots follow setpoints. Without that no message of a press is taken: it would be
-    /// acted upon when nobody knows any more whether the key is still held.
+    /// Says whether the robots follow setpoints. Without that no message of a press is taken: it
+    /// would be acted upon when nobody knows any more whether the key is still held.
     pub fn set_running(&mut self, running: bool) {
         self.running = running;
     }

@@ -51,7 +51,8 @@ impl ClientMessage {
     /// # Errors
     /// With the reason when it is not one.
     pub fn parse(text: &str) -> Result<Self, String> {
-        // Not serde's own `tag`: it loses numbers once any crate asks for serde_json's arbitrary precision.
+        // Not serde's own `tag`: it loses numbers once any crate asks for serde_json's arbitrary
+        // precision.
         let mut fields: Map<String, Value> =
             serde_json::from_str(text).map_err(|error| format!("not understood: {error}"))?;
         let kind = match fields.remove("type") {

@@ -8,14 +8,14 @@
 //!                                                                       robots
 //! ```
 //!
-//! [`arbiter`] decides; it is plain arithmetic on times it is given. A press becomes an order to the
-//! [`Pilot`](crate::pilot::Pilot) that is good for [`arbiter::STALE_MS`] and no longer: when nothing newer
-//! has come by then, the pilot commands standstill and the robots ramp down by the limits of the group
-//! file. [`server`] carries messages and refuses strangers ([`http`]); it cannot move anything by
-//! itself. Text messages are JSON ([`message`]).
+//! [`arbiter`] decides; it is plain arithmetic on times it is given. A press becomes an order to
+//! the [`Pilot`](crate::pilot::Pilot) that is good for [`arbiter::STALE_MS`] and no longer: when
+//! nothing newer has come by then, the pilot commands standstill and the robots ramp down by the
+//! limits of the group file. [`server`] carries messages and refuses strangers ([`http`]); it
+//! cannot move anything by itself. Text messages are JSON ([`message`]).
 //!
-//! There is no encryption. The token keeps out whoever cannot read the traffic; across a network that
-//! others can read, go through an SSH tunnel to the loopback address.
+//! There is no encryption. The token keeps out whoever cannot read the traffic; across a network
+//! that others can read, go through an SSH tunnel to the loopback address.
 
 pub mod arbiter;
 pub mod http;

@@ -1,4 +1,5 @@
-//! What all connections share: the newest state, the last events, the arbiter, and the way to the pilot.
+//! What all connections share: the newest state, the last events, the arbiter, and the way to the
+//! pilot.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};

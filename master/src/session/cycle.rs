@@ -9,7 +9,8 @@ use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
 use crate::monitor::telemetry::{EventKind, SessionState};
 
-/// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the wire.
+/// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the
+/// wire.
 const MARGIN_US: u64 = 400;
 
 impl<L: Link> Group<L> {
@@ -48,8 +49,8 @@ impl<L: Link> Group<L> {
         self.cycle_with(&mut |_| twist)
     }
 
-    /// The same with a setpoint that depends on the time of its SYNC on the link's clock. (Not always the
-    /// one that was next: a session that was too late goes on with a later one.)
+    /// The same with a setpoint that depends on the time of its SYNC on the link's clock. (Not
+    /// always the one that was next: a session that was too late goes on with a later one.)
     ///
     /// # Errors
     /// As [`Group::cycle`].
@@ -62,7 +63,8 @@ impl<L: Link> Group<L> {
         self.take_turn(twist)
     }
 
-    /// Listens until the setpoint for the next SYNC has to go out; [`Group::next_sync`] then says which.
+    /// Listens until the setpoint for the next SYNC has to go out; [`Group::next_sync`] then says
+    /// which.
     pub(crate) fn await_turn(&mut self) -> Result<(), MasterError> {
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)?;
@@ -101,8 +103,8 @@ impl<L: Link> Group<L> {
         Ok(())
     }
 
-    /// Moves on to the next SYNC that a setpoint can still reach. SYNCs that went without one are counted;
-    /// members answer them all the same, so nobody is missed for them.
+    /// Moves on to the next SYNC that a setpoint can still reach. SYNCs that went without one are
+    /// counted; members answer them all the same, so nobody is missed for them.
     fn catch_up(&mut self) -> Result<(), MasterError> {
         let period = self.period_us();
         let margin = MARGIN_US.min(self.lead_us() / 2);

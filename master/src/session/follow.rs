@@ -1,14 +1,15 @@
 //! Driving a curve: one setpoint per SYNC, sent ahead of the time it is for.
 //!
-//! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed time
-//! after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that time
-//! after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's at
-//! that later time.
+//! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed
+//! time after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that
+//! time after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's
+//! at that later time.
 //!
-//! The way from the wheels to the floor is known too, where the group file says so: contacts creep, and a group that
-//! accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The setpoint leads by that time's worth of the
-//! curve's acceleration ([`led`]), and by what rollers cost that meet the floor at rest ([`crate::path::roller_transition`]). What is
-//! left (motors, wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
+//! The way from the wheels to the floor is known too, where the group file says so: contacts creep,
+//! and a group that accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The
+//! setpoint leads by that time's worth of the curve's acceleration ([`led`]), and by what rollers
+//! cost that meet the floor at rest ([`crate::path::roller_transition`]). What is left (motors,
+//! wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
 
 use group::ContactLag;
 use kinematics::{Pose, Twist};
@@ -21,7 +22,8 @@ use crate::session::{Group, STOP_PATIENCE_US};
 
 /// SYNC periods from latching a setpoint to its being reached.
 const PREVIEW_SYNCS: u64 = 2;
-/// How long the group is watched after the curve's end, in s: the pipeline's delay and a little more.
+/// How long the group is watched after the curve's end, in s: the pipeline's delay and a little
+/// more.
 const TAIL: f64 = 0.1;
 
 /// Time from the SYNC that latches a setpoint to its being reached, for a SYNC period, both in µs.
@@ -33,8 +35,8 @@ pub const fn preview_us(period_us: u64) -> u64 {
 /// Half the stretch of time over which a curve's acceleration is taken, s.
 const SHORTLY: f64 = 5e-3;
 
-/// The twist that a group with this heading has to ask of its wheels at `t` for moving as the curve does then: the
-/// curve's, and the slip its acceleration costs.
+/// The twist that a group with this heading has to ask of its wheels at `t` for moving as the curve
+/// does then: the curve's, and the slip its acceleration costs.
 fn led(plan: &Plan, t: f64, heading: f32, lag: &ContactLag) -> Twist {
     let (before, after) = (plan.at(t - SHORTLY).1, plan.at(t + SHORTLY).1);
     let acceleration = ((after - before) * (0.5 / SHORTLY as f32)).to_body(heading);
@@ -67,8 +69,8 @@ impl<L: Link> Group<L> {
     /// afterwards and is in PRE-OPERATIONAL.
     ///
     /// # Errors
-    /// When the curve is too fast for the group or the group is not started (then nothing has moved), when
-    /// a member faults or goes missing, or the link fails.
+    /// When the curve is too fast for the group or the group is not started (then nothing has
+    /// moved), when a member faults or goes missing, or the link fails.
     pub fn follow(
         &mut self,
         plan: &Plan,

@@ -1,8 +1,8 @@
 //! What robots, and other masters, say.
 //!
-//! Frames that are not the robots' are no concern of the master; frames that do not decode are left out of
-//! the record, and their sender will be missed. On a bus that is only observed, another master's SYNC closes
-//! the row and its group twist is taken for the command.
+//! Frames that are not the robots' are no concern of the master; frames that do not decode are left
+//! out of the record, and their sender will be missed. On a bus that is only observed, another
+//! master's SYNC closes the row and its group twist is taken for the command.
 
 use canopen::{Frame, Micros, client};
 use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};

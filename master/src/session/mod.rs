@@ -3,7 +3,8 @@
 //! [`Group`] owns the link and is driven from one thread: every method sends what is due, listens
 //! until the next thing is due, and returns. Whatever arrives while it waits is taken in by
 //! [`Group::hear`], so no frame is ever lost between two steps; nothing is buffered apart from the
-//! last word of every member, the recorder's rows, and what subscribers of the telemetry have not read.
+//! last word of every member, the recorder's rows, and what subscribers of the telemetry have not
+//! read.
 //!
 //! ```no_run
 //! # fn main() -> anyhow::Result<()> {
@@ -19,15 +20,17 @@
 //! # }
 //! ```
 //!
-//! One period of SYNC looks like this. The group twist is sent [`Group::lead_us`] before the SYNC, not
-//! together with it, because a controller with several mailboxes sends the lower identifier first
-//! and SYNC's is lower. At SYNC k every member latches that twist and says what scale it can follow;
-//! at SYNC k+1 all apply it. The members' statuses for SYNC k are judged just before SYNC k+1.
+//! One period of SYNC looks like this. The group twist is sent [`Group::lead_us`] before the SYNC,
+//! not together with it, because a controller with several mailboxes sends the lower identifier
+//! first and SYNC's is lower. At SYNC k every member latches that twist and says what scale it can
+//! follow; at SYNC k+1 all apply it. The members' statuses for SYNC k are judged just before SYNC
+//! k+1.
 //!
-//! On a real bus SYNC is sent by a thread of the link ([`Link::pace`]); the session only has to have its
-//! setpoint out in time. When it is late, that SYNC goes without one, the miss is counted and reported as
-//! telemetry, and the session goes on with the next SYNC; robots bridge a few and then ramp down by
-//! themselves. On a bus with virtual time the session sends SYNC itself, exactly on time.
+//! On a real bus SYNC is sent by a thread of the link ([`Link::pace`]); the session only has to
+//! have its setpoint out in time. When it is late, that SYNC goes without one, the miss is counted
+//! and reported as telemetry, and the session goes on with the next SYNC; robots bridge a few and
+//! then ramp down by themselves. On a bus with virtual time the session sends SYNC itself, exactly
+//! on time.
 //!
 //! Errors are returned as soon as they are known. The caller then calls [`Group::ramp_down`], which
 //! never fails because of a member: robots that still listen must be told to stop.
@@ -61,7 +64,8 @@ use crate::monitor::telemetry::{
 };
 use crate::path::roller_transition;
 
-/// How long robots may take to answer after the master came, in µs: a reset robot boots in far less.
+/// How long robots may take to answer after the master came, in µs: a reset robot boots in far
+/// less.
 const CONNECT_TIMEOUT_US: u64 = 3_000_000;
 /// How long members may take from NMT start until all are ready, in µs.
 const START_TIMEOUT_US: u64 = 4_000_000;
@@ -124,7 +128,8 @@ impl<L: Link> Group<L> {
         Ok(group)
     }
 
-    /// Takes over the link without claiming to be the master: it listens only, until [`Group::claim`].
+    /// Takes over the link without claiming to be the master: it listens only, until
+    /// [`Group::claim`].
     #[must_use]
     pub fn observe(bus: L, config: &GroupFile) -> Self {
         let now = bus.now();
@@ -303,12 +308,12 @@ impl<L: Link> Group<L> {
         Ok(())
     }
 
-    /// Starts SYNC with a standing setpoint, then the robots, and returns once all are ready to move. Robots
-    /// that have not been configured in this session get the group file first.
+    /// Starts SYNC with a standing setpoint, then the robots, and returns once all are ready to
+    /// move. Robots that have not been configured in this session get the group file first.
     ///
     /// # Errors
-    /// When a member refuses its configuration or does not get ready in time, or the link fails; all robots
-    /// are then back in PRE-OPERATIONAL.
+    /// When a member refuses its configuration or does not get ready in time, or the link fails;
+    /// all robots are then back in PRE-OPERATIONAL.
     pub fn start(&mut self) -> Result<(), MasterError> {
         if !self.configured {
             self.configure(true)?;
@@ -324,7 +329,8 @@ impl<L: Link> Group<L> {
     }
 
     fn bring_up(&mut self) -> Result<(), MasterError> {
-        // On whole periods of the link's clock: an observer who samples at that rate sees every SYNC.
+        // On whole periods of the link's clock: an observer who samples at that rate sees every
+        // SYNC.
         let period = self.period_us();
         self.next_sync = Micros((self.wire.now().0 / period + 2) * period);
         self.began = self.next_sync;
@@ -357,8 +363,9 @@ impl<L: Link> Group<L> {
         }
     }
 
-    /// Whether a member follows, and followed the setpoint before the last: it does so once the group has agreed on standstill
-    /// often enough (object 0x2042:1). (The answer to the SYNC just sent is still on its way.)
+    /// Whether a member follows, and followed the setpoint before the last: it does so once the
+    /// group has agreed on standstill often enough (object 0x2042:1). (The answer to the SYNC just
+    /// sent is still on its way.)
     fn is_ready(&self, member: &Member) -> bool {
         member.status.is_some_and(|status| {
             status.state == MemberState::Moving && status.sequence == self.sequence.wrapping_sub(1)
@@ -422,7 +429,8 @@ impl<L: Link> Group<L> {
         self.wire.hub.0.publish(&Telemetry::Event(event));
     }
 
-    /// Goes by another file from now on, with the same robots; they get it when they are configured or started next.
+    /// Goes by another file from now on, with the same robots; they get it when they are configured
+    /// or started next.
     pub(crate) fn set_config(&mut self, file: GroupFile) {
         self.file = Arc::new(file);
         self.configured = false;
@@ -433,7 +441,8 @@ impl<L: Link> Group<L> {
         self.compensation = compensation;
     }
 
-    /// What has to be asked for beside a twist in the group frame; nothing where losses are not made up for.
+    /// What has to be asked for beside a twist in the group frame; nothing where losses are not
+    /// made up for.
     pub(crate) fn lost_by_hand_over(&self, twist: Twist) -> Twist {
         if self.compensation {
             roller_transition::lost(&self.file, twist)

@@ -1,7 +1,8 @@
-//! Lets a group find the angles of its wheels: there and back by a little more than a turn, so that every encoder's
-//! index comes by.
+//! Lets a group find the angles of its wheels: there and back by a little more than a turn, so that
+//! every encoder's index comes by.
 //!
-//! The group ends where it began, as far as its wheels know. Whoever needs the pose to be exact measures it afterwards.
+//! The group ends where it began, as far as its wheels know. Whoever needs the pose to be exact
+//! measures it afterwards.
 
 use kinematics::WheelRates;
 use protocol::{Kind, Value, address};
@@ -21,11 +22,13 @@ const MARGIN: f64 = 1.08;
 const WHEELS: [&str; 4] = ["front left", "front right", "rear left", "rear right"];
 
 impl<L: Link> Group<L> {
-    /// Starts the group, drives it there and back, and checks that every wheel of a robot with rollers has seen its
-    /// index. The group stands afterwards and is in PRE-OPERATIONAL. Does nothing when all have already.
+    /// Starts the group, drives it there and back, and checks that every wheel of a robot with
+    /// rollers has seen its index. The group stands afterwards and is in PRE-OPERATIONAL. Does
+    /// nothing when all have already.
     ///
     /// # Errors
-    /// [`MasterError::NoIndex`] naming the first wheel that has not, and whatever driving fails with.
+    /// [`MasterError::NoIndex`] naming the first wheel that has not, and whatever driving fails
+    /// with.
     pub fn find_rollers(&mut self) -> Result<(), MasterError> {
         if self.unreferenced_wheel()?.is_none() {
             return Ok(());

@@ -295,7 +295,8 @@ fn a_compensation_table_is_written_once() {
     };
     assert_eq!([2, 3, 4].map(|node| writes(&bus, node)), [0, 0, 0]);
 
-    // One that has another is given this one, in a segmented transfer that cardboard does not answer.
+    // One that has another is given this one, in a segmented transfer that cardboard does not
+    // answer.
     let mut bus = FakeBus::new(&[2, 3, 4]);
     let mut group = Group::connect(&mut bus, &file).unwrap();
     assert!(group.configure(true).is_err());

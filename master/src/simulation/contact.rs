@@ -1,10 +1,11 @@
-//! Groups for trials on the contact plant: rollers of random phase, with and without being told of them, and with the
-//! compensation that a calibration on the same plant gives.
+//! Groups for trials on the contact plant: rollers of random phase, with and without being told of
+//! them, and with the compensation that a calibration on the same plant gives.
 //!
-//! What a robot is told of its rollers is what a calibration would have found, taken from the plant. Compensation
-//! coefficients are measured: one longitudinal, one lateral and one turning run on native robots, asked over achieved.
-//! The same runs show by how much the group trails its wheels. With the rollers known a second lateral run, half as fast,
-//! tells what is lost by their hand-over, which grows with speed, from what is not.
+//! What a robot is told of its rollers is what a calibration would have found, taken from the
+//! plant. Compensation coefficients are measured: one longitudinal, one lateral and one turning run
+//! on native robots, asked over achieved. The same runs show by how much the group trails its
+//! wheels. With the rollers known a second lateral run, half as fast, tells what is lost by their
+//! hand-over, which grows with speed, from what is not.
 
 use group::{ContactLag, GroupFile, Plant, Rollers};
 use kinematics::VelocityCompensation;
@@ -19,7 +20,8 @@ use crate::simulation::run::simulated;
 /// Speed of [`Curve::Lateral`], m/s.
 const LATERAL_SPEED: f32 = 0.5;
 
-/// The group on the contact plant with this many rollers a wheel, each wheel at a phase of its own, told nothing.
+/// The group on the contact plant with this many rollers a wheel, each wheel at a phase of its own,
+/// told nothing.
 #[must_use]
 pub fn on_contact(group: &GroupFile, rollers: u8) -> GroupFile {
     let mut out = group.clone();

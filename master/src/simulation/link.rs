@@ -1,8 +1,8 @@
 //! A simulated world as a bus. Its clock is virtual: it moves only while the master waits.
 //!
-//! For people who watch or steer, [`SimLink::in_real_time`] keeps it from running ahead of the clock on the
-//! wall: after each step of the master it sleeps off the difference. What happens in the world is the same
-//! to the byte, it only takes longer.
+//! For people who watch or steer, [`SimLink::in_real_time`] keeps it from running ahead of the
+//! clock on the wall: after each step of the master it sleeps off the difference. What happens in
+//! the world is the same to the byte, it only takes longer.
 
 use std::time::{Duration, Instant};
 
@@ -42,7 +42,8 @@ impl SimLink {
         self
     }
 
-    /// Sleeps until the clock on the wall has caught up. A world that has fallen far behind is not hurried.
+    /// Sleeps until the clock on the wall has caught up. A world that has fallen far behind is not
+    /// hurried.
     fn keep_pace(&mut self) {
         let Some(wall) = &mut self.wall else {
             return;

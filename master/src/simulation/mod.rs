@@ -1,5 +1,6 @@
-//! A simulated world in this process: [`link`] makes a bus of it, [`run`] drives in it and measures what happened,
-//! [`contact`] prepares groups for its contact plant. All of it needs the cargo feature `simulation`.
+//! A simulated world in this process: [`link`] makes a bus of it, [`run`] drives in it and measures
+//! what happened, [`contact`] prepares groups for its contact plant. All of it needs the cargo
+//! feature `simulation`.
 
 use std::path::Path;
 
@@ -13,8 +14,8 @@ pub mod contact;
 pub mod link;
 pub mod run;
 
-/// A bus with freshly booted robots of `group`, which stands at the origin: native ones, or emulated ones that run
-/// the image at `elf`. `name` is what errors call the bus.
+/// A bus with freshly booted robots of `group`, which stands at the origin: native ones, or
+/// emulated ones that run the image at `elf`. `name` is what errors call the bus.
 ///
 /// # Errors
 /// When the image cannot be loaded or the world cannot be built.

@@ -1,17 +1,19 @@
-//! Yaw rates from another program: JSON lines over TCP, as a bridge to the robots' gyros sends them.
+//! Yaw rates from another program: JSON lines over TCP, as a bridge to the robots' gyros sends
+//! them.
 //!
 //! ```json
 //! {"t":1.25,"yaw_rate":0.031}
 //! {"t":1.25,"robots":[{"node":2,"yaw_rate":0.031},{"node":3,"yaw_rate":-0.007}]}
 //! ```
 //!
-//! The first form is of the only robot that is asked for. `t` is the time of the sample, s, on the gyro's own clock;
-//! `yaw_rate` is in rad/s about the axis that points up, counter-clockwise positive, raw: a bias does no harm. Everything
-//! else on a line is passed over.
+//! The first form is of the only robot that is asked for. `t` is the time of the sample, s, on the
+//! gyro's own clock; `yaw_rate` is in rad/s about the axis that points up, counter-clockwise
+//! positive, raw: a bias does no harm. Everything else on a line is passed over.
 //!
-//! A thread reads, and every sample is kept until it is taken: a hundred a second are nothing. Unlike poses, of which the
-//! latest counts, a sample that is missing would be a turn that is missing; so a line that holds none, a time that does
-//! not rise, silence and a closed connection are errors for whoever takes the samples next.
+//! A thread reads, and every sample is kept until it is taken: a hundred a second are nothing.
+//! Unlike poses, of which the latest counts, a sample that is missing would be a turn that is
+//! missing; so a line that holds none, a time that does not rise, silence and a closed connection
+//! are errors for whoever takes the samples next.
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -131,10 +133,12 @@ impl GyroStream {
         })
     }
 
-    /// The samples of these robots that have come since the last call, on a link whose clock shows `now`.
+    /// The samples of these robots that have come since the last call, on a link whose clock shows
+    /// `now`.
     ///
     /// # Errors
-    /// When something else than samples has come, nothing for half a second, or nothing of one of the robots.
+    /// When something else than samples has come, nothing for half a second, or nothing of one of
+    /// the robots.
     pub fn take(&self, nodes: &[u8], now: Micros) -> Result<Vec<Vec<RateSample>>, MasterError> {
         let mut waiting = lock(&self.waiting);
         if let Some(problem) = &waiting.ended {

@@ -7,7 +7,8 @@ use std::time::Duration;
 /// How long connecting and the first line may take.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Connects to `HOST:PORT` and waits for the first line, which is to be a `what`; gives it and those that follow.
+/// Connects to `HOST:PORT` and waits for the first line, which is to be a `what`; gives it and
+/// those that follow.
 ///
 /// # Errors
 /// When there is no connection, or nothing comes.

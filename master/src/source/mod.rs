@@ -1,4 +1,5 @@
-//! Measurements that come from outside the bus, as JSON lines over TCP: [`pose`]s of the robots and [`gyro`] rates.
+//! Measurements that come from outside the bus, as JSON lines over TCP: [`pose`]s of the robots and
+//! [`gyro`] rates.
 
 pub mod gyro;
 mod json_lines;

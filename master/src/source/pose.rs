@@ -1,15 +1,15 @@
-//! Poses from another program: JSON lines over TCP, as `omnibus-sim serve --pose-tcp` and motion-capture bridges
-//! send them.
+//! Poses from another program: JSON lines over TCP, as `omnibus-sim serve --pose-tcp` and
+//! motion-capture bridges send them.
 //!
 //! ```json
 //! {"t":1.25,"group":{"x":0.1,"y":0,"heading":0},"robots":[{"node":2,"x":1.3,"y":0,"heading":0}]}
 //! {"t":1.25,"x":1.3,"y":0,"heading":0}
 //! ```
 //!
-//! The second form is of one body: the group, or the only robot that is asked for. m and rad, any fixed frame with
-//! counter-clockwise headings. Everything else on a line is passed over, its time too: that is of another clock, so a
-//! pose counts from when its line arrived. A thread reads; the latest line wins, and a line that holds no pose counts
-//! as none.
+//! The second form is of one body: the group, or the only robot that is asked for. m and rad, any
+//! fixed frame with counter-clockwise headings. Everything else on a line is passed over, its time
+//! too: that is of another clock, so a pose counts from when its line arrived. A thread reads; the
+//! latest line wins, and a line that holds no pose counts as none.
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -108,7 +108,8 @@ impl PoseStream {
         let newest = Arc::clone(&latest);
         std::thread::spawn(move || {
             for text in lines {
-                // Whoever reads sees how old the latest is; nobody is left once the stream is dropped.
+                // Whoever reads sees how old the latest is; nobody is left once the stream is
+                // dropped.
                 let Ok(text) = text else { return };
                 if Arc::strong_count(&newest) == 1 {
                     return;

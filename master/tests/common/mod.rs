@@ -31,8 +31,8 @@ pub fn transcript(arguments: &[&str]) -> String {
     text + &format!("exit code {}\n", output.status.code().unwrap())
 }
 
-/// Compares with `tests/snapshots/NAME.txt`. OMNIBUS_WRITE_SNAPSHOTS=1 writes the files instead: read them
-/// before committing.
+/// Compares with `tests/snapshots/NAME.txt`. OMNIBUS_WRITE_SNAPSHOTS=1 writes the files instead:
+/// read them before committing.
 pub fn check(name: &str, found: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/snapshots")

@@ -1,7 +1,7 @@
 //! The electronic data sheet (CiA 306) of a robot.
 //!
-//! The communication objects are listed here with the values this robot has; everything else comes from
-//! the object table.
+//! The communication objects are listed here with the values this robot has; everything else comes
+//! from the object table.
 
 use core::fmt::{Result, Write};
 

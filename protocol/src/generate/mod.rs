@@ -1,8 +1,8 @@
 //! What is made from the object table: the protocol page, the EDS, the DBC.
 //!
-//! Each function writes to anything that takes text, so none of this needs an allocator, and nothing of
-//! it is linked into a robot that does not call it. The copies in `docs/` are compared with the output by
-//! a test; `OMNIBUS_WRITE_DOCS=1 cargo test -p omnibus-protocol` renews them.
+//! Each function writes to anything that takes text, so none of this needs an allocator, and
+//! nothing of it is linked into a robot that does not call it. The copies in `docs/` are compared
+//! with the output by a test; `OMNIBUS_WRITE_DOCS=1 cargo test -p omnibus-protocol` renews them.
 
 mod dbc;
 mod eds;

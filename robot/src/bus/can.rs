@@ -1,9 +1,10 @@
-//! What the CAN controller says about the bus: its error counters, and what others are told of them.
+//! What the CAN controller says about the bus: its error counters, and what others are told of
+//! them.
 //!
-//! A connector that works loose or a missing terminator shows here first, long before frames are lost for good:
-//! a controller repeats what failed. Error passive is announced by the emergency message CiA 301 has for it
-//! (0x8120) and shown as a limit for as long as it lasts. It stops nobody: what stops a group is a frame that
-//! did not come.
+//! A connector that works loose or a missing terminator shows here first, long before frames are
+//! lost for good: a controller repeats what failed. Error passive is announced by the emergency
+//! message CiA 301 has for it (0x8120) and shown as a limit for as long as it lasts. It stops
+//! nobody: what stops a group is a frame that did not come.
 
 use canopen::{Emergency, ErrorClass, Micros};
 
@@ -26,7 +27,8 @@ const PASSIVE: u8 = 128;
 const WARNING: u8 = 96;
 
 impl BusSide {
-    /// Takes in the error counters of the CAN controller; nothing happens when they have not changed.
+    /// Takes in the error counters of the CAN controller; nothing happens when they have not
+    /// changed.
     pub fn on_can_errors(&mut self, now: Micros, errors: &CanErrors) {
         let record = &mut self.dictionary.can;
         let last = match errors.last {
@@ -35,8 +37,8 @@ impl BusSide {
         };
         record.errors = CanErrors { last, ..*errors };
         if record.off {
-            // A controller begins at zero when it comes back, which is not an error that went away by itself.
-            // Back on the bus, 0x8140 says so first.
+            // A controller begins at zero when it comes back, which is not an error that went away
+            // by itself. Back on the bus, 0x8140 says so first.
             return;
         }
         let worst = errors.transmit.max(errors.receive);

@@ -22,7 +22,8 @@ impl BusSide {
             Fault::MasterSilent,
         ));
         let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
-        // Whoever misses a status at the next SYNC stops there; without a SYNC it is as certain a moment later.
+        // Whoever misses a status at the next SYNC stops there; without a SYNC it is as certain a
+        // moment later.
         let members = (!self.has_heard_members(configuration)).then_some((
             self.last_sync,
             configuration.times.silence_us(),

@@ -1,9 +1,10 @@
-//! Identification as the bus sees it: asked for by SDO, answered by objects that can be read at leisure.
+//! Identification as the bus sees it: asked for by SDO, answered by objects that can be read at
+//! leisure.
 //!
-//! It begins where a commissioning twist would (started, standing, permitted by object 0x2050:1, which declares the
-//! wheels free or the area clear) and ends at rest: success, failure and abort all ramp to standstill and switch off,
-//! and only an NMT start goes on from there. Nothing it finds takes effect by itself. Heartbeat and SYNC of the master are
-//! watched as in any motion.
+//! It begins where a commissioning twist would (started, standing, permitted by object 0x2050:1,
+//! which declares the wheels free or the area clear) and ends at rest: success, failure and abort
+//! all ramp to standstill and switch off, and only an NMT start goes on from there. Nothing it
+//! finds takes effect by itself. Heartbeat and SYNC of the master are watched as in any motion.
 
 use canopen::Micros;
 use protocol::Address;

@@ -1,6 +1,7 @@
 //! What a robot hears from the master and the other members, and what it decides with them.
 //!
-//! The rules themselves are in [`crate::agreement`] and [`crate::interlock`]; here they meet the frames.
+//! The rules themselves are in [`crate::agreement`] and [`crate::interlock`]; here they meet the
+//! frames.
 
 use canopen::{Frame, Micros, NmtState};
 use kinematics::{Twist, desaturate};
@@ -24,8 +25,8 @@ enum Part {
     Map,
 }
 
-/// The communication objects that are part of a plan: SYNC, emergency message, and the PDOs that carry group twist, status
-/// and measured twist. Every other PDO is a member's own matter.
+/// The communication objects that are part of a plan: SYNC, emergency message, and the PDOs that
+/// carry group twist, status and measured twist. Every other PDO is a member's own matter.
 static PARTS: [(u16, u8, Part); 20] = [
     (0x1005, 0, Part::Same),
     (0x1006, 0, Part::Same),
@@ -53,8 +54,8 @@ static PARTS: [(u16, u8, Part); 20] = [
 const WORDS: usize = PARTS.len() + 3 * canopen::MAX_MAPPED;
 
 impl BusSide {
-    /// The master's heartbeat. Only one that says OPERATIONAL is a sign of life; one that says boot-up means that the
-    /// master has been restarted and does not know what it was doing.
+    /// The master's heartbeat. Only one that says OPERATIONAL is a sign of life; one that says
+    /// boot-up means that the master has been restarted and does not know what it was doing.
     pub(super) fn hear_master(&mut self, at: Micros, data: &[u8]) {
         match data {
             [state] if *state == NmtState::Operational.code() => self.last_heartbeat = at,
@@ -86,8 +87,8 @@ impl BusSide {
         }
     }
 
-    /// Another robot has announced a fault. One of a member stops the group at once: its vote would say the same, up to
-    /// two SYNCs later.
+    /// Another robot has announced a fault. One of a member stops the group at once: its vote would
+    /// say the same, up to two SYNCs later.
     fn hear_fault(&mut self, at: Micros, node: u8, fault: Fault) {
         let Some(configuration) = &self.configuration else {
             return;
@@ -108,7 +109,8 @@ impl BusSide {
         self.agreement.is_complete(configuration.members, node)
     }
 
-    /// What is part of every checksum from this start on: group parameters, and what the frames of the group are and carry.
+    /// What is part of every checksum from this start on: group parameters, and what the frames of
+    /// the group are and carry.
     #[inline(never)]
     pub(super) fn make_plan(&self) -> Plan {
         let node = u32::from(self.identity.node.get());
@@ -188,7 +190,8 @@ impl BusSide {
         }
     }
 
-    /// Rule 1: what this robot would do with what it just latched, and the scale at which its own wheels could follow.
+    /// Rule 1: what this robot would do with what it just latched, and the scale at which its own
+    /// wheels could follow.
     pub(super) fn vote(&mut self, beat: Beat) {
         self.own = Own {
             sequence: self.setpoints.sequence(),

@@ -48,15 +48,18 @@ use members::permitted;
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 10_000;
 
-/// How long a robot listens after its boot-up before it moves, us: the longest a robot of the same node that
-/// has booted in the same instant can take to its first heartbeat, and as much as a tick and a frame take.
+/// How long a robot listens after its boot-up before it moves, us: the longest a robot of the same
+/// node that has booted in the same instant can take to its first heartbeat, and as much as a tick
+/// and a frame take.
 const LISTEN_US: u64 = identity::HEARTBEAT_MS as u64 * 1_000 + 20_000;
-/// How long a second robot with the same node counts as there after it was last heard, us: ten heartbeats.
+/// How long a second robot with the same node counts as there after it was last heard, us: ten
+/// heartbeats.
 const DOUBLE_US: u64 = identity::HEARTBEAT_MS as u64 * 10_000;
 
 /// Fastest commissioning twist, m/s: the reduced speed of ISO 10218-1, 250 mm/s.
 const ALONE_SPEED: f32 = 0.25;
-/// The same about the vertical axis, rad/s: a corner half a metre from the centre then has that speed.
+/// The same about the vertical axis, rad/s: a corner half a metre from the centre then has that
+/// speed.
 const ALONE_YAW_RATE: f32 = 0.5;
 
 /// Something the platform may want to log or show.
@@ -112,7 +115,8 @@ pub struct BusSide {
     waits: Option<Limit>,
     last_sync: Micros,
     last_heartbeat: Micros,
-    /// Nothing runs out before. Signs of life only move that further off, so it need not follow them at once.
+    /// Nothing runs out before. Signs of life only move that further off, so it need not follow
+    /// them at once.
     runs_out: Micros,
     report: Report,
     command: Command,
@@ -206,15 +210,17 @@ impl BusSide {
         self.drain(now);
     }
 
-    /// Of the function codes it wants to see, those whose frames mean nothing before the next SYNC: they may be kept from
-    /// it for a millisecond, if the order and the times at which frames were received stay what they are.
+    /// Of the function codes it wants to see, those whose frames mean nothing before the next SYNC:
+    /// they may be kept from it for a millisecond, if the order and the times at which frames were
+    /// received stay what they are.
     pub const CAN_WAIT: u16 = canopen::function_code_bit(cob::member_status(0))
         | canopen::function_code_bit(cob::measured_twist(0))
         | canopen::function_code_bit(cob::GROUP_TWIST)
         | canopen::function_code_bit(cob::MASTER_HEARTBEAT);
 
-    /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128 n on); the others may be
-    /// kept from it. What a master changes is in it before the answer to that is sent.
+    /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128
+    /// n on); the others may be kept from it. What a master changes is in it before the answer to
+    /// that is sent.
     #[must_use]
     pub fn function_codes(&self) -> u16 {
         [
@@ -253,9 +259,11 @@ impl BusSide {
         self.dictionary.memory.note_off(report.at, is_off);
     }
 
-    /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this start.
+    /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this
+    /// start.
     ///
-    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the history.
+    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the
+    /// history.
     pub fn on_fault(&mut self, now: Micros, fault: Fault) {
         if matches!(self.state, State::Ready | State::Faulted(_)) {
             self.record(fault, now);
@@ -323,8 +331,8 @@ impl BusSide {
         self.device.state()
     }
 
-    /// Its node number. Frames that end in it are for it, or from another robot with the same number: it wants
-    /// to see them whatever their function code.
+    /// Its node number. Frames that end in it are for it, or from another robot with the same
+    /// number: it wants to see them whatever their function code.
     #[must_use]
     pub const fn node(&self) -> u8 {
         self.identity.node.get()
@@ -353,8 +361,9 @@ impl BusSide {
         &mut self.dictionary.counters
     }
 
-    /// A frame with an identifier that only this robot uses: there is another one with its node number. Two of
-    /// them are one node for everybody else, and both follow the group with one vote.
+    /// A frame with an identifier that only this robot uses: there is another one with its node
+    /// number. Two of them are one node for everybody else, and both follow the group with one
+    /// vote.
     #[inline(never)]
     fn on_double(&mut self, at: Micros) {
         let known = at < self.doubled_until;
@@ -365,8 +374,8 @@ impl BusSide {
         self.drain(at);
     }
 
-    /// Groups share the bus, its SYNC and its master's heartbeat. A twist for another one is neither taken nor
-    /// counted.
+    /// Groups share the bus, its SYNC and its master's heartbeat. A twist for another one is
+    /// neither taken nor counted.
     fn is_for_another_group(&self, frame: &Frame) -> bool {
         let group = self.configuration.as_ref().map(|known| known.group);
         let addressed = self.group_byte.and_then(|byte| frame.data().get(byte));
@@ -418,8 +427,8 @@ impl BusSide {
         }
     }
 
-    /// NMT start: the only way into motion. Everything that speaks against it is looked at here. Not inlined: it has a
-    /// configuration on its stack, a kilobyte.
+    /// NMT start: the only way into motion. Everything that speaks against it is looked at here.
+    /// Not inlined: it has a configuration on its stack, a kilobyte.
     #[inline(never)]
     fn on_start(&mut self, now: Micros) {
         if !matches!(self.state, State::Ready | State::Armed | State::Faulted(_)) {

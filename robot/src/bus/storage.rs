@@ -48,14 +48,15 @@ impl BusSide {
         self.device.finish_store(answer);
     }
 
-    /// Takes in the starts that the platform has counted and the faults that it has stored, the newest last; at start,
-    /// before there is a new one.
+    /// Takes in the starts that the platform has counted and the faults that it has stored, the
+    /// newest last; at start, before there is a new one.
     pub fn recall(&mut self, starts: u32, faults: impl Iterator<Item = [u8; StoredFault::LENGTH]>) {
         self.dictionary.memory.recall(starts, faults);
     }
 
-    /// What the platform is to add to its fault memory now; then it calls [`BusSide::remembered`] and asks again. Outputs
-    /// are off. It may take half a second; a start that comes meanwhile takes effect after that.
+    /// What the platform is to add to its fault memory now; then it calls [`BusSide::remembered`]
+    /// and asks again. Outputs are off. It may take half a second; a start that comes meanwhile
+    /// takes effect after that.
     #[must_use]
     pub fn to_remember(&self, now: Micros) -> Option<Memorable> {
         let may_write = self.is_off() && !self.dictionary.store.asked;

@@ -1,10 +1,11 @@
 //! What a robot keeps over a power loss, in two sectors of flash: a log of records.
 //!
-//! One sector is in use. Records are appended to it until one does not fit; then the other sector is erased, what still
-//! counts is copied there together with the new record, and its header is written last. Of two sectors with a header the one
-//! of the higher generation is in use. So a power loss at any operation leaves the old state or the new one, and there
-//! is nothing to repair: [`RecordStore::open`] only reads, every record once, and never writes. How often and what has been
-//! saved makes no difference to the time a start takes.
+//! One sector is in use. Records are appended to it until one does not fit; then the other sector
+//! is erased, what still counts is copied there together with the new record, and its header is
+//! written last. Of two sectors with a header the one of the higher generation is in use. So a
+//! power loss at any operation leaves the old state or the new one, and there is nothing to repair:
+//! [`RecordStore::open`] only reads, every record once, and never writes. How often and what has
+//! been saved makes no difference to the time a start takes.
 //!
 //! | sector, in words | |
 //! |---|---|
@@ -21,11 +22,13 @@
 //! | 1 | CRC-32 of the content |
 //! | 1 | 0, written last: the record is whole |
 //!
-//! A record that was not finished is the last one in its sector: behind it nothing is appended, the next write goes to
-//! the other sector. A record that is whole but whose CRC fails has decayed. Of a fault that is ignored; if it is
-//! the newest image, [`Image::Unreadable`] says so, and no older one is taken in its place.
+//! A record that was not finished is the last one in its sector: behind it nothing is appended, the
+//! next write goes to the other sector. A record that is whole but whose CRC fails has decayed. Of
+//! a fault that is ignored; if it is the newest image, [`Image::Unreadable`] says so, and no older
+//! one is taken in its place.
 //!
-//! The flash of a robot that has run a version before this one is read as it is (`legacy`) until the first write.
+//! The flash of a robot that has run a version before this one is read as it is (`legacy`) until
+//! the first write.
 
 mod legacy;
 
@@ -72,7 +75,8 @@ enum Image {
 /// Faults that are kept.
 pub const FAULTS: usize = protocol::address::history::DEPTH as usize;
 
-/// Room that is left for faults when a start is noted, bytes: an erase is due before a robot moves, not after.
+/// Room that is left for faults when a start is noted, bytes: an erase is due before a robot moves,
+/// not after.
 const RESERVE: u32 = 1024;
 
 const BLANK: u32 = u32::MAX;
@@ -167,7 +171,8 @@ pub struct RecordStore<F> {
     flash: F,
     /// Beginning of the sector in use; none before the first write.
     sector: Option<u32>,
-    /// Beginning of the sector that must not be erased next, although it has no header: an older version's.
+    /// Beginning of the sector that must not be erased next, although it has no header: an older
+    /// version's.
     legacy: Option<u32>,
     counts: Header,
     /// Where the next record goes; none when it goes to the other sector.
@@ -203,7 +208,8 @@ impl<F: Flash> RecordStore<F> {
         store
     }
 
-    /// Whether power was lost during the last write. It is said at every start until something has been written since.
+    /// Whether power was lost during the last write. It is said at every start until something has
+    /// been written since.
     pub const fn was_cut(&self) -> bool {
         self.cut
     }
@@ -358,7 +364,8 @@ impl<F: Flash> RecordStore<F> {
                 self.image = Image::At(at, length);
             }
         } else if !self.is_blank(0, 2 * F::SECTOR) {
-            // The very first write was cut off, which has written no header yet; or nothing that is known.
+            // The very first write was cut off, which has written no header yet; or nothing that is
+            // known.
             if self.flash.word(RETIRED - WORD) == BLANK && self.is_blank(F::SECTOR, 2 * F::SECTOR) {
                 self.note_cut();
             } else {
@@ -388,7 +395,8 @@ impl<F: Flash> RecordStore<F> {
         *count = count.saturating_add(1);
     }
 
-    /// Appends a record where `reserve` bytes are left behind it, or begins the other sector with it.
+    /// Appends a record where `reserve` bytes are left behind it, or begins the other sector with
+    /// it.
     #[inline(never)]
     fn append(&mut self, kind: u16, content: &[u8], reserve: u32) -> Result<(), StoreError> {
         let length = u16::try_from(content.len()).map_err(|_| StoreError)?;

@@ -42,15 +42,16 @@ fn the_tick_uses_the_table_both_ways() {
     );
     world.start();
     world.run(30);
-    // Sideways at 45 degrees all wheels turn with the speed that is asked for at the rim. The controller follows to
-    // 0.1 %, a coefficient is kept to 1e-4.
+    // Sideways at 45 degrees all wheels turn with the speed that is asked for at the rim. The
+    // controller follows to 0.1 %, a coefficient is kept to 1e-4.
     for (speed, coefficient) in [(0.1, 1.141), (0.3, 1.151), (0.5, 1.157), (0.7, 1.157)] {
         world.drive(Twist::new(0.0, speed, 0.0), 1500);
         let report = world.robots[0].control.report();
         let rate = report.rates_ref.front_right;
         let want = speed * coefficient / 0.1524;
         assert!((rate / want - 1.0).abs() < 2e-4, "{speed}: {rate}, {want}");
-        // An encoder of 4096 counts shows 0.1 m/s to 1.5 % from tick to tick; the mean is what counts.
+        // An encoder of 4096 counts shows 0.1 m/s to 1.5 % from tick to tick; the mean is what
+        // counts.
         let twist = Twist::new(0.0, speed, 0.0);
         let sum: f32 = (0..100)
             .map(|_| {

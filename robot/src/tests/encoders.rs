@@ -227,7 +227,8 @@ fn without_a_wheel_check_nothing_is_noticed() {
     assert_eq!((course.noticed, course.fault), (None, None));
 }
 
-/// Armed and standing, a wheel is given a push of this rate: whether it was cut, and when, ms; its fastest rate.
+/// Armed and standing, a wheel is given a push of this rate: whether it was cut, and when, ms; its
+/// fastest rate.
 fn push(rate: f64, sign: f64) -> (Option<(u32, Fault)>, f64) {
     let mut world = World::started(&[2]);
     world.run(300);
@@ -253,8 +254,8 @@ fn a_reversed_encoder_is_cut_at_standstill_too() {
         assert_eq!(fault, Fault::EncoderInverted, "{rate} rad/s");
         assert!(took <= 60, "{rate} rad/s: {took} ms");
     }
-    // A gentler push takes longer to tell from a load, a harder one meets the torque bound first: the wheel does not
-    // become faster than it was pushed.
+    // A gentler push takes longer to tell from a load, a harder one meets the torque bound first:
+    // the wheel does not become faster than it was pushed.
     for rate in [0.3, 0.5, 0.7, 1.0, 3.0, 4.0, 8.0] {
         let (cut, fastest) = push(rate, -1.0);
         assert!(fastest <= rate, "up to {fastest} rad/s from {rate}");

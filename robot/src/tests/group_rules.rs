@@ -102,8 +102,8 @@ fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape() {
     assert_eq!(world.status(2).code, Code::Limit(Limit::GroupScale));
 }
 
-/// Drives, lets something happen, and checks that all that still drive ramp down together, along the
-/// direction of motion, with the common deceleration, and hold.
+/// Drives, lets something happen, and checks that all that still drive ramp down together, along
+/// the direction of motion, with the common deceleration, and hold.
 fn ramps_down(happen: impl Fn(&mut World), still_drive: &[usize], fault: Fault) {
     let mut world = World::started(&[2, 3, 4]);
     let twist = Twist::new(0.6, 0.3, 0.2);

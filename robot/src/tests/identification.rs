@@ -52,7 +52,8 @@ fn constants_of_the_motors_are_found_over_the_bus() {
                 "{found} instead of {known}"
             );
         };
-        // Euler steps of 0.1 ms in the test's motors are good to 0.1 ms of a time constant of 100 ms.
+        // Euler steps of 0.1 ms in the test's motors are good to 0.1 ms of a time constant of 100
+        // ms.
         near(result(&mut world, wheel, 2), SPEED, 0.01);
         near(result(&mut world, wheel, 3), ACCELERATION, 0.02);
         // 1 % of the ramp's voltage, 8 V.
@@ -161,7 +162,8 @@ fn a_dead_encoder_ends_it_and_names_the_wheel() {
     ask(&mut world).unwrap();
     assert_eq!(finish(&mut world), 8);
     assert_eq!(world.read(2, at::IDENTIFY_WHEEL).unwrap() & 0xFF, 3);
-    // A quarter of 24 V is reached after 2.5 s; the wheels that turn are then at (6 - 0.5) / 1.5 rad/s.
+    // A quarter of 24 V is reached after 2.5 s; the wheels that turn are then at (6 - 0.5) / 1.5
+    // rad/s.
     assert!(world.now < 3_500_000, "{} us", world.now);
 }
 

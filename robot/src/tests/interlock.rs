@@ -1,4 +1,5 @@
-//! What a start waits for before anything moves, and what starts and keeps a group from the master's side.
+//! What a start waits for before anything moves, and what starts and keeps a group from the
+//! master's side.
 
 use kinematics::Twist;
 use protocol::address as at;
@@ -20,7 +21,8 @@ fn all_are(world: &World, state: State) -> bool {
     world.robots.iter().all(|robot| robot.bus.state() == state)
 }
 
-/// After an emergency stop the master goes on asking for 0.6 m/s, with new sequences. One NMT start must not move anything.
+/// After an emergency stop the master goes on asking for 0.6 m/s, with new sequences. One NMT start
+/// must not move anything.
 #[test]
 fn a_start_while_a_speed_is_streamed_moves_nothing() {
     let mut world = moving(&[2, 3]);
@@ -96,7 +98,8 @@ fn how_many_syncs_is_a_parameter_of_the_group() {
     assert_eq!(took, 210);
 }
 
-/// A member that is started once more begins to count anew; nobody follows a speed before it is ready.
+/// A member that is started once more begins to count anew; nobody follows a speed before it is
+/// ready.
 #[test]
 fn a_member_started_late_holds_the_others_back() {
     let mut world = World::started(&[2, 3]);
@@ -128,7 +131,8 @@ fn a_master_that_is_not_operational_is_silent() {
     }
 }
 
-/// A boot-up message says that the master has just restarted: a stop at once, whatever it sends next.
+/// A boot-up message says that the master has just restarted: a stop at once, whatever it sends
+/// next.
 #[test]
 fn a_master_that_boots_has_restarted() {
     let mut world = moving(&[2, 3]);

@@ -1,5 +1,5 @@
-//! What else is on the bus: a second robot with the same node number, another group, and what must not be
-//! changed by a master while robots move.
+//! What else is on the bus: a second robot with the same node number, another group, and what must
+//! not be changed by a master while robots move.
 
 use canopen::NmtCommand;
 use kinematics::Twist;
@@ -79,8 +79,8 @@ fn no_start_while_a_second_robot_with_its_node_is_heard() {
     assert_eq!(world.robots[0].bus.state(), State::Armed);
 }
 
-/// A double that is switched on in the same instant sends the same boot-up frame in the same bits. Its first
-/// heartbeat, which its serial number sets apart, comes within 100 ms.
+/// A double that is switched on in the same instant sends the same boot-up frame in the same bits.
+/// Its first heartbeat, which its serial number sets apart, comes within 100 ms.
 #[test]
 fn nothing_moves_before_a_double_had_time_to_be_heard() {
     let mut world = World::new(&[2]);
@@ -93,7 +93,8 @@ fn nothing_moves_before_a_double_had_time_to_be_heard() {
     assert!(took >= 100, "moves after {took} ms");
 }
 
-/// Sends a twist for each of two groups in every period, the second after the first; standstill for the first 10.
+/// Sends a twist for each of two groups in every period, the second after the first; standstill for
+/// the first 10.
 fn drive_two_groups(world: &mut World, groups: [u8; 2], sequences: &mut [u8; 2], period: u32) {
     for (group, sequence) in groups.into_iter().zip(sequences) {
         *sequence = sequence.wrapping_add(1);
@@ -259,8 +260,8 @@ fn nodes_are(world: &mut World, nodes: &[u8]) {
     assert_eq!(heard, nodes);
 }
 
-/// A robot that is not OPERATIONAL takes a node-ID from whoever selects it; while there are others it takes
-/// none from a switch that selects everybody.
+/// A robot that is not OPERATIONAL takes a node-ID from whoever selects it; while there are others
+/// it takes none from a switch that selects everybody.
 #[test]
 fn several_robots_do_not_become_one_node() {
     let mut world = World::new(&[2, 3]);
@@ -285,7 +286,8 @@ fn several_robots_do_not_become_one_node() {
     assert_eq!(lss(&mut world, [0x11, 5, 0, 0, 0, 0, 0, 0]), [[0x11, 0]]);
 }
 
-/// Whatever NMT command comes: the group comes down in its ramp, or has been cut, and is who it was.
+/// Whatever NMT command comes: the group comes down in its ramp, or has been cut, and is who it
+/// was.
 #[test]
 fn an_nmt_reset_in_motion_is_a_ramp() {
     for command in [NmtCommand::ResetNode, NmtCommand::ResetCommunication] {
@@ -307,7 +309,8 @@ fn an_nmt_reset_in_motion_is_a_ramp() {
     }
 }
 
-/// Error passive is told once each time, by emergency message and limit, and taken back once it is over.
+/// Error passive is told once each time, by emergency message and limit, and taken back once it is
+/// over.
 #[test]
 fn an_error_passive_controller_is_announced_and_taken_back() {
     let mut world = moving(&[2, 3]);
@@ -358,8 +361,9 @@ fn an_error_passive_controller_is_announced_and_taken_back() {
     assert!(all_move, "it stops nobody");
 }
 
-/// A controller comes back from bus-off with counters at zero, which it may show before it says that it is back. What
-/// is told first is that it was off the bus, and only then that it is error passive no more.
+/// A controller comes back from bus-off with counters at zero, which it may show before it says
+/// that it is back. What is told first is that it was off the bus, and only then that it is error
+/// passive no more.
 #[test]
 fn bus_off_is_announced_before_error_passive_is_taken_back() {
     let mut world = moving(&[2, 3]);

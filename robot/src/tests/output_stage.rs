@@ -1,4 +1,5 @@
-//! Torque, supply, bridge and brake: what a robot asks of its outputs, and what it refuses to be told.
+//! Torque, supply, bridge and brake: what a robot asks of its outputs, and what it refuses to be
+//! told.
 
 use kinematics::Twist;
 use protocol::address::{self as at, motor};
@@ -39,14 +40,16 @@ fn torque() -> [(Address, Value); 2] {
     ]
 }
 
-/// Current of a wheel's motor, A: what is left of the voltage beside the back EMF, over the resistance.
+/// Current of a wheel's motor, A: what is left of the voltage beside the back EMF, over the
+/// resistance.
 fn current(world: &World, wheel: usize) -> f64 {
     let robot = &world.robots[0];
     let voltage = f64::from(robot.outputs.duty[wheel] * SUPPLY);
     (voltage - f64::from(SPEED) * robot.rates[wheel]) / f64::from(RESISTANCE)
 }
 
-/// A kerb stops all four wheels at once, so that the slip residual tells nothing: only the torque bound helps.
+/// A kerb stops all four wheels at once, so that the slip residual tells nothing: only the torque
+/// bound helps.
 #[test]
 fn a_stall_is_no_more_than_the_largest_current() {
     let mut world = started(&torque());
@@ -147,8 +150,8 @@ fn a_supply_close_to_its_minimum_is_reported() {
     assert_eq!(world.robots[0].bus.state(), State::Moving);
 }
 
-/// One Hall sensor of 40 A/V around 1.65 V that sees all motors: 4 x 15 A x 1.25 are 75 A, and it shows 65.9 A. Two
-/// branches show 131.8 A.
+/// One Hall sensor of 40 A/V around 1.65 V that sees all motors: 4 x 15 A x 1.25 are 75 A, and it
+/// shows 65.9 A. Two branches show 131.8 A.
 fn sensed() -> [(Address, Value); 5] {
     let [resistance, largest] = torque();
     [
@@ -309,7 +312,8 @@ fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
     assert!((world.robots[0].moves().vx - 0.6).abs() < 0.01);
 }
 
-/// After a ramp, and when it is told to leave while it stands, the drivers hold until the brake does.
+/// After a ramp, and when it is told to leave while it stands, the drivers hold until the brake
+/// does.
 #[test]
 fn the_drivers_hold_until_the_brake_does() {
     for ramps in [true, false] {

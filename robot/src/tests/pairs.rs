@@ -1,7 +1,8 @@
-//! Two causes, one shortly after the other: one often brings the other. A bridge that is shorted pulls the supply
-//! down *and* reports a fault; a blocked wheel trips the driver's current limit.
+//! Two causes, one shortly after the other: one often brings the other. A bridge that is shorted
+//! pulls the supply down *and* reports a fault; a blocked wheel trips the driver's current limit.
 //!
-//! A cause that cuts has to cut within its own promise, whatever else is latched, and has to be named.
+//! A cause that cuts has to cut within its own promise, whatever else is latched, and has to be
+//! named.
 
 use canopen::Micros;
 use protocol::{Fault, Reaction};
@@ -100,7 +101,8 @@ fn two_causes_that_ramp_end_at_rest() {
                 let robot = &world.robots[0];
                 assert_eq!(robot.outputs, Outputs::SAFE, "{pair}");
                 assert_eq!(robot.rates, [0.0; 4], "{pair}");
-                // Together they may look like a third cause: two masters without one's setpoints are stale setpoints.
+                // Together they may look like a third cause: two masters without one's setpoints
+                // are stale setpoints.
                 let seen = robot.bus.state().fault().or(robot.control.report().fault);
                 assert!(seen.is_some(), "{pair}");
             }

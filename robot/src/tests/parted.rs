@@ -1,4 +1,5 @@
-//! Stops of the group: a member's emergency message, a bus that comes apart, a stop that is everybody's.
+//! Stops of the group: a member's emergency message, a bus that comes apart, a stop that is
+//! everybody's.
 
 use kinematics::Twist;
 use protocol::address as at;
@@ -120,8 +121,8 @@ fn torn(phase: u64, cut_votes: bool) -> f32 {
     torn
 }
 
-/// The half without the master misses SYNC a quarter of a period after the half with it misses the votes: 2.5 ms at 0.6 m/s
-/// are 1.5 mm, and the tick adds one of 0.6 mm.
+/// The half without the master misses SYNC a quarter of a period after the half with it misses the
+/// votes: 2.5 ms at 0.6 m/s are 1.5 mm, and the tick adds one of 0.6 mm.
 #[test]
 fn a_bus_that_comes_apart_tears_less_than_three_millimetres() {
     let mut worst = 0.0_f32;
@@ -197,7 +198,8 @@ fn pulled(objects: &[(protocol::Address, Value)]) -> f64 {
     pulled
 }
 
-/// By default the others ramp: 0.6^2 / 2 m and what the jerk limit adds, 0.20 m in all. Cut together, it is 3 ms at 0.6 m/s.
+/// By default the others ramp: 0.6^2 / 2 m and what the jerk limit adds, 0.20 m in all. Cut
+/// together, it is 3 ms at 0.6 m/s.
 #[test]
 fn an_emergency_stop_of_one_can_cut_all() {
     let alone = pulled(&[]);

@@ -1,4 +1,5 @@
-//! Members agree on what they are about to do, not only on which setpoint it was; and on what SYNC and its counter say.
+//! Members agree on what they are about to do, not only on which setpoint it was; and on what SYNC
+//! and its counter say.
 
 use kinematics::Twist;
 use protocol::address as at;
@@ -39,7 +40,8 @@ const SWAPPED: [(u16, u8, u32, u8); 6] = [
     (0x1400, 1, 0x181, 4),
 ];
 
-/// Starts a group of three, asks for standstill and then for a speed: nothing moves, all name the same cause.
+/// Starts a group of three, asks for standstill and then for a speed: nothing moves, all name the
+/// same cause.
 fn is_refused(mut world: World, what: &str) {
     world.start();
     world.run(30);
@@ -162,7 +164,8 @@ fn communication_objects_change_in_pre_operational_only() {
     }
 }
 
-/// Group and sequence first, then omega, vy, vx: all members are mapped so, and the master sends so.
+/// Group and sequence first, then omega, vy, vx: all members are mapped so, and the master sends
+/// so.
 #[test]
 fn a_group_twist_is_for_the_group_that_its_mapping_names() {
     let reversed = [
@@ -190,8 +193,8 @@ fn a_group_twist_is_for_the_group_that_its_mapping_names() {
     }
 }
 
-/// The checksum as the protocol page says, by hand: FNV-1a over the group CRC, the communication CRC and the setpoint,
-/// and the finish of MurmurHash3.
+/// The checksum as the protocol page says, by hand: FNV-1a over the group CRC, the communication
+/// CRC and the setpoint, and the finish of MurmurHash3.
 #[test]
 fn the_checksum_is_what_the_page_says() {
     let mut world = World::started(&[2, 3]);
@@ -256,7 +259,8 @@ fn the_checksum_is_what_the_page_says() {
     assert_eq!(world.read(3, at::STATUS_PLAN), Ok(u32::from(status.plan)));
 }
 
-/// SYNCs that are lost on the way, by the master's counter and by time, are never taken for a second master.
+/// SYNCs that are lost on the way, by the master's counter and by time, are never taken for a
+/// second master.
 #[test]
 fn lost_syncs_are_never_two_masters() {
     // A linear congruential generator, the same every time.
@@ -297,7 +301,8 @@ fn lost_syncs_are_never_two_masters() {
     assert!(driven_on >= 2, "{driven_on}");
 }
 
-/// Two masters, each with a SYNC of its own, are found out within six SYNCs whatever their counters are.
+/// Two masters, each with a SYNC of its own, are found out within six SYNCs whatever their counters
+/// are.
 #[test]
 fn two_masters_with_a_sync_each_are_named() {
     for (offset, phase) in [(100_u8, 5_u64), (1, 3), (239, 7), (0, 5), (120, 1)] {

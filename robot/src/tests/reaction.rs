@@ -1,8 +1,8 @@
 //! How long each reaction takes, measured, against the promise in `docs/safety.md`.
 //!
-//! Measured from the moment the cause appears to the tick in which the reference begins to fall (ramp) or
-//! the outputs are off (cut), in a group of three that drives at 0.6 m/s. The causes appear at the worst
-//! moment of the SYNC period: just after a SYNC.
+//! Measured from the moment the cause appears to the tick in which the reference begins to fall
+//! (ramp) or the outputs are off (cut), in a group of three that drives at 0.6 m/s. The causes
+//! appear at the worst moment of the SYNC period: just after a SYNC.
 
 use canopen::Micros;
 use kinematics::Twist;
@@ -259,7 +259,8 @@ fn mend(world: &mut World, fault: Fault) {
     }
 }
 
-/// ISO 3691-4:2023, 4.1.14: after whatever stop, nothing but an NMT start and then a new sequence moves a robot.
+/// ISO 3691-4:2023, 4.1.14: after whatever stop, nothing but an NMT start and then a new sequence
+/// moves a robot.
 #[test]
 fn after_any_stop_only_a_start_and_a_new_sequence_move_it_again() {
     for (cause, fault, _) in CASES {
@@ -292,7 +293,8 @@ fn after_any_stop_only_a_start_and_a_new_sequence_move_it_again() {
                 world.send(1, cob::GROUP_TWIST, &old.encode());
             }
             world.step();
-            // The loops hold the wheels where they stand: in these 0.3 s none turns by half a count.
+            // The loops hold the wheels where they stand: in these 0.3 s none turns by half a
+            // count.
             let rates = world.robots[0].rates;
             let still = 0.5 * core::f64::consts::TAU / f64::from(COUNTS) / 0.3;
             let moves = rates.iter().any(|rate| rate.abs() > still);

@@ -73,8 +73,8 @@ fn a_robot_that_is_no_member_of_its_own_group_is_refused() {
     );
 }
 
-/// 477 000 counts a second at most. RM0390 18.4.7 at 90 MHz: filter 13 takes levels of 160 clocks, 562 500 a second,
-/// filter 14 of 192, 468 750 a second.
+/// 477 000 counts a second at most. RM0390 18.4.7 at 90 MHz: filter 13 takes levels of 160 clocks,
+/// 562 500 a second, filter 14 of 192, 468 750 a second.
 #[test]
 fn counts_that_come_too_fast_for_the_filter_are_refused() {
     for (filter, fits) in [(0, true), (3, true), (13, true), (14, false), (15, false)] {

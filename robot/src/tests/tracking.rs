@@ -8,8 +8,8 @@ use protocol::{APPLY_DELAY_US, Value};
 use super::world::World;
 use crate::state::State;
 
-/// Robots that are fast enough for the paper's figure-eight: 1.57 m/s sideways and 0.79 m/s ahead at its
-/// crossing make 15.5 rad/s.
+/// Robots that are fast enough for the paper's figure-eight: 1.57 m/s sideways and 0.79 m/s ahead
+/// at its crossing make 15.5 rad/s.
 fn fast(nodes: &[u8]) -> World {
     let mut world = World::new(nodes);
     world.configure();
@@ -47,8 +47,8 @@ fn setpoint_pipeline_reproduces_the_curve() {
         let error = world.robots[0].control.report().reference - want;
         worst = worst.max(error.vx.abs()).max(error.vy.abs());
     });
-    // Two chords of 10 ms on a curve of at most 2.5 m * (2 w)^3 = 0.62 m/s^3: 0.62 * 0.01^2 / 8 = 8e-6, and
-    // the rounding of the setpoint to 5e-5 m/s, which the limiter passes on.
+    // Two chords of 10 ms on a curve of at most 2.5 m * (2 w)^3 = 0.62 m/s^3: 0.62 * 0.01^2 / 8 =
+    // 8e-6, and the rounding of the setpoint to 5e-5 m/s, which the limiter passes on.
     assert!(worst < 2.5e-4, "off by {worst} m/s");
 }
 
@@ -88,8 +88,8 @@ fn odometry_is_what_the_encoders_turned() {
     assert!(pose.y.abs() < count && pose.heading.abs() < 1e-3);
 }
 
-/// Rms error of the true wheel rates at a crawl, as part of the rate, when the feedforward's friction is
-/// off by `mismatch`.
+/// Rms error of the true wheel rates at a crawl, as part of the rate, when the feedforward's
+/// friction is off by `mismatch`.
 fn crawl_error(mismatch: f32) -> f64 {
     let mut world = World::new(&[2]);
     world.configure();

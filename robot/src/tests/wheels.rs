@@ -56,7 +56,8 @@ fn wheels_described_one_by_one_make_the_same_robot() {
     }
 }
 
-/// A front left wheel of half the radius turns twice as fast; one with half the counts is still measured right.
+/// A front left wheel of half the radius turns twice as fast; one with half the counts is still
+/// measured right.
 #[test]
 fn a_wheel_of_another_size_turns_at_another_rate() {
     let mut world = World::new(&[2]);

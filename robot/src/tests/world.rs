@@ -388,7 +388,8 @@ impl World {
         }
     }
 
-    /// Gives every robot this twist to follow from now on, for a while, after standstill if they have just been started.
+    /// Gives every robot this twist to follow from now on, for a while, after standstill if they
+    /// have just been started.
     pub fn drive(&mut self, twist: Twist, millis: u32) {
         self.release();
         self.twist = Some(twist);

@@ -1,8 +1,8 @@
 //! A log of the bus as `candump -L` writes it: `(seconds.microseconds) can0 ID#DATA`.
 //!
-//! The time is that of the frame's end, when receivers have it. `canplayer`, `log2asc`, cantools and
-//! Wireshark read this form. Writing errors (a full disk) are kept, not thrown: a lost log must not stop
-//! a moving robot; [`Candump::finish`] reports the first one.
+//! The time is that of the frame's end, when receivers have it. `canplayer`, `log2asc`, cantools
+//! and Wireshark read this form. Writing errors (a full disk) are kept, not thrown: a lost log must
+//! not stop a moving robot; [`Candump::finish`] reports the first one.
 
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -45,11 +45,12 @@ impl Candump {
         }
     }
 
-    /// Appends an error frame that ended at this time, ns, as `candump -L -e` writes those of a controller
-    /// that reports them: a bus error, with the missing acknowledge or the kind of violation.
+    /// Appends an error frame that ended at this time, ns, as `candump -L -e` writes those of a
+    /// controller that reports them: a bus error, with the missing acknowledge or the kind of
+    /// violation.
     pub fn error(&mut self, end_ns: u64, fate: Fate) {
-        // linux/can/error.h: CAN_ERR_FLAG; classes bus error 0x80, protocol violation 0x08, acknowledge 0x20;
-        // byte 2 of a protocol violation: 1 is a bit, 2 the form, 4 the stuffing.
+        // linux/can/error.h: CAN_ERR_FLAG; classes bus error 0x80, protocol violation 0x08,
+        // acknowledge 0x20; byte 2 of a protocol violation: 1 is a bit, 2 the form, 4 the stuffing.
         let (class, violation) = match fate {
             Fate::Good => return,
             Fate::Unacknowledged { .. } => (0xA0, 0),

@@ -1,7 +1,7 @@
 //! What disturbs the bus, and which frame it strikes.
 //!
-//! Chance comes from the world's seed, one number a frame and disturbance, and only while there is a
-//! disturbance: a run without is the same whatever the seed.
+//! Chance comes from the world's seed, one number a frame and disturbance, and only while there is
+//! a disturbance: a run without is the same whatever the seed.
 
 use canopen::Frame;
 
@@ -9,8 +9,9 @@ use super::Fate;
 use crate::random::Random;
 use canopen::bits::Wire;
 
-/// The first bit that may be struck. A bit of the identifier would make its sender lose arbitration to
-/// nobody: start and identifier are 12 bits, with two stuff bits at most and perhaps one after them.
+/// The first bit that may be struck. A bit of the identifier would make its sender lose arbitration
+/// to nobody: start and identifier are 12 bits, with two stuff bits at most and perhaps one after
+/// them.
 const FIRST_BIT: u32 = 15;
 
 /// A share of the frames, all or those with one identifier.

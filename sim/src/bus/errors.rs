@@ -1,9 +1,10 @@
 //! What a node makes of errors: the counters and states of ISO 11898-1's fault confinement.
 //!
-//! A transmitter's error costs it 8, a receiver's 1, and 9 the receiver that was the first to see it (1, and
-//! 8 because it still sees dominant bits after its own flag). A good frame takes 1 off. Above 127 a node is
-//! error passive: its error flags are recessive and destroy nothing, and after sending it lets the others go
-//! first. Above 255 its transmitter is bus-off, and it comes back after 128 times 11 recessive bits.
+//! A transmitter's error costs it 8, a receiver's 1, and 9 the receiver that was the first to see
+//! it (1, and 8 because it still sees dominant bits after its own flag). A good frame takes 1 off.
+//! Above 127 a node is error passive: its error flags are recessive and destroy nothing, and after
+//! sending it lets the others go first. Above 255 its transmitter is bus-off, and it comes back
+//! after 128 times 11 recessive bits.
 
 use super::BIT_NS;
 

@@ -96,8 +96,8 @@ impl LoadMeter {
 mod tests {
     use super::*;
 
-    /// Windows of 100: 30 taken in the first; an interval of 60 across the boundary leaves 20 in the
-    /// second and 40 in the third; 10 more in the third.
+    /// Windows of 100: 30 taken in the first; an interval of 60 across the boundary leaves 20 in
+    /// the second and 40 in the third; 10 more in the third.
     #[test]
     fn a_frame_across_a_boundary_counts_in_both_windows() {
         let mut meter = LoadMeter::new(100);

@@ -1,18 +1,20 @@
 //! The virtual CAN bus: who may send, how long it takes, and how full the wire is.
 //!
-//! One frame at a time. When the wire has been free for the intermission, every node that has something
-//! to send takes part in arbitration and the lowest identifier wins, as on the wire. The winner's frame
-//! then occupies the bus for its exact number of bits, see [`canopen::bits`]; everybody hears it when it ends. A frame
-//! that goes wrong ends early, with an error frame ([`Fate`]); who counts what is told in [`errors`].
+//! One frame at a time. When the wire has been free for the intermission, every node that has
+//! something to send takes part in arbitration and the lowest identifier wins, as on the wire. The
+//! winner's frame then occupies the bus for its exact number of bits, see [`canopen::bits`];
+//! everybody hears it when it ends. A frame that goes wrong ends early, with an error frame
+//! ([`Fate`]); who counts what is told in [`errors`].
 //!
-//! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as in
-//! life.
+//! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as
+//! in life.
 //!
-//! Two nodes that begin a frame with one identifier in the same bit are a mistake of whoever numbered them, and
-//! the bus treats them as copper does. While their bits are the same there is one frame on the wire, and both
-//! have sent it. At the first bit that differs, the one that sends a recessive bit reads a dominant one: a bit
-//! error. An error-active node then destroys the frame for everybody, and both try again at once; an
-//! error-passive one drops out, and the other's frame stands.
+//! Two nodes that begin a frame with one identifier in the same bit are a mistake of whoever
+//! numbered them, and the bus treats them as copper does. While their bits are the same there is
+//! one frame on the wire, and both have sent it. At the first bit that differs, the one that sends
+//! a recessive bit reads a dominant one: a bit error. An error-active node then destroys the frame
+//! for everybody, and both try again at once; an error-passive one drops out, and the other's frame
+//! stands.
 
 pub mod candump;
 pub mod disturb;
@@ -33,15 +35,16 @@ pub const BIT_NS: u64 = 1_000;
 pub enum Fate {
     /// Everybody gets it.
     Good,
-    /// One bit, counted from 0, is inverted for everybody; `active`: the sender may destroy the rest.
+    /// One bit, counted from 0, is inverted for everybody; `active`: the sender may destroy the
+    /// rest.
     Corrupt {
         /// Which.
         bit: u32,
         /// Whether the sender is error active.
         active: bool,
     },
-    /// The acknowledge does not reach the sender. An error-active one destroys the frame; an error-passive
-    /// one can only send it again, and the others get it twice.
+    /// The acknowledge does not reach the sender. An error-active one destroys the frame; an
+    /// error-passive one can only send it again, and the others get it twice.
     Unacknowledged {
         /// Whether the sender is error active.
         active: bool,
@@ -53,7 +56,8 @@ pub enum Fate {
     },
     /// The sender has gone while it was sending.
     CutOff,
-    /// Two senders of one identifier differ in this bit, counted from 0, and one of them was error active.
+    /// Two senders of one identifier differ in this bit, counted from 0, and one of them was error
+    /// active.
     Collided {
         /// Which.
         bit: u32,
@@ -190,9 +194,9 @@ impl Bus {
         self.transfer.is_none() && now_ns >= self.free_at_ns
     }
 
-    /// Arbitration among the nodes that want to send, each with the frame it would send first. Call only
-    /// when the bus [is free](Self::is_free). Returns the transfer that begins; `fate` says what becomes of
-    /// the frame of these senders, and `is_active` whether a node is error active.
+    /// Arbitration among the nodes that want to send, each with the frame it would send first. Call
+    /// only when the bus [is free](Self::is_free). Returns the transfer that begins; `fate` says
+    /// what becomes of the frame of these senders, and `is_active` whether a node is error active.
     pub fn arbitrate(
         &mut self,
         now_ns: u64,
@@ -253,8 +257,8 @@ impl Bus {
         self.transfer.as_ref()
     }
 
-    /// The node goes while it may be sending: then the wire stays recessive, the others notice at the sixth
-    /// such bit, and send their error flags.
+    /// The node goes while it may be sending: then the wire stays recessive, the others notice at
+    /// the sixth such bit, and send their error flags.
     pub fn cut_off(&mut self, now_ns: u64, node: usize) {
         let Some(transfer) = self.transfer.as_mut() else {
             return;
@@ -332,8 +336,8 @@ mod tests {
         true
     }
 
-    /// 20 bits have gone when the sender goes: six recessive ones, six of the others' flags, eight of
-    /// delimiter, three of intermission.
+    /// 20 bits have gone when the sender goes: six recessive ones, six of the others' flags, eight
+    /// of delimiter, three of intermission.
     #[test]
     fn a_sender_that_goes_leaves_an_error_frame() {
         let mut bus = Bus::new(100_000);
@@ -382,8 +386,9 @@ mod tests {
         assert_eq!((bus.collisions(), bus.frames()), (1, 1));
     }
 
-    /// Start, identifier, RTR, IDE, reserved bit and length of 0x555 with one byte are 19 bits: 0, 10101010101,
-    /// 000, 0001. After the five dominant ones in a row comes a stuff bit, so the first bit of data is bit 20.
+    /// Start, identifier, RTR, IDE, reserved bit and length of 0x555 with one byte are 19 bits: 0,
+    /// 10101010101, 000, 0001. After the five dominant ones in a row comes a stuff bit, so the
+    /// first bit of data is bit 20.
     fn byte(data: u8) -> Frame {
         Frame::new(0x555, &[data]).unwrap()
     }
@@ -395,8 +400,8 @@ mod tests {
         let transfer = bus.arbitrate(0, senders.into_iter(), active, good).unwrap();
         assert_eq!(transfer.fate, Fate::Collided { bit: 20 });
         assert!(transfer.is_sent_by(3) && transfer.is_sent_by(4));
-        // 21 bits, the last of which is dominant: five more of the flag until all have seen six, their flags,
-        // and the delimiter.
+        // 21 bits, the last of which is dominant: five more of the flag until all have seen six,
+        // their flags, and the delimiter.
         assert_eq!(transfer.end_ns, (21 + 5 + 6 + 8) * BIT_NS);
         assert_eq!((bus.error_frames(), bus.frames()), (1, 0));
     }

@@ -1,24 +1,27 @@
 //! The two wires of an encoder, edge by edge, and what can be wrong with them.
 //!
-//! A [`Wires`] follows the encoder's whole counts through one interval of time and says when each of the wires
-//! A and B changes its level. The counts of an interval are taken to be passed at a constant rate. One count is
-//! one edge: A leads B while the count goes up.
+//! A [`Wires`] follows the encoder's whole counts through one interval of time and says when each
+//! of the wires A and B changes its level. The counts of an interval are taken to be passed at a
+//! constant rate. One count is one edge: A leads B while the count goes up.
 //!
-//! - *Noise* strikes at random times (a Poisson process), A or B with equal chance. A wire that something
-//!   drives gets a pulse of [`GLITCH_NS`]: two edges, which an input filter can tell from a real one. A wire
-//!   that nothing drives keeps the level that the noise has given it: one edge, which no filter can reject.
-//! - *Slow edges* are those of an open collector with a pull-up R and the cable's capacitance C. The wire falls
-//!   at once and rises as `1 - exp(-t / RC)`: half of the supply is reached `RC ln 2` after the transistor
-//!   has opened. When that lasts longer than a count, the two channels no longer overlap and the counter
-//!   goes one up and one down: the largest rate is `1 / (RC ln 2)` counts a second.
+//! - *Noise* strikes at random times (a Poisson process), A or B with equal chance. A wire that
+//!   something drives gets a pulse of [`GLITCH_NS`]: two edges, which an input filter can tell from
+//!   a real one. A wire that nothing drives keeps the level that the noise has given it: one edge,
+//!   which no filter can reject.
+//! - *Slow edges* are those of an open collector with a pull-up R and the cable's capacitance C.
+//!   The wire falls at once and rises as `1 - exp(-t / RC)`: half of the supply is reached `RC ln
+//!   2` after the transistor has opened. When that lasts longer than a count, the two channels no
+//!   longer overlap and the counter goes one up and one down: the largest rate is `1 / (RC ln 2)`
+//!   counts a second.
 //! - A wire that *floats* follows its neighbour by chance: after half of A's edges, B changes too.
 //!
-//! What this cannot do: bounce of a contact, thresholds with hysteresis, and levels that depend on the supply.
+//! What this cannot do: bounce of a contact, thresholds with hysteresis, and levels that depend on
+//! the supply.
 
 use crate::random::Random;
 
-/// Length of a noise pulse on a driven wire, ns: a commutation spike, shorter than the 89 ns that eight samples
-/// of a 90 MHz timer clock take.
+/// Length of a noise pulse on a driven wire, ns: a commutation spike, shorter than the 89 ns that
+/// eight samples of a 90 MHz timer clock take.
 pub const GLITCH_NS: u64 = 60;
 /// How long after A's edge a floating B follows, ns.
 const CROSSTALK_NS: u64 = 200;
@@ -116,8 +119,8 @@ impl Wires {
             && self.wires.iter().all(quiet)
     }
 
-    /// Notes the edges of the interval from `from_ns` to `to_ns`, in which the encoder turned from `from` to
-    /// `to`, both in counts.
+    /// Notes the edges of the interval from `from_ns` to `to_ns`, in which the encoder turned from
+    /// `from` to `to`, both in counts.
     pub(super) fn follow(
         &mut self,
         (from_ns, to_ns): (u64, u64),
@@ -251,8 +254,8 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Counts one edge: 1 or -1. An edge of A counts up when the levels differ after it, one of B when they
-    /// agree.
+    /// Counts one edge: 1 or -1. An edge of A counts up when the levels differ after it, one of B
+    /// when they agree.
     pub fn count(&mut self, edge: &Edge) -> i32 {
         let before = std::mem::replace(&mut self.levels[edge.channel], edge.level);
         if before == edge.level {
@@ -285,7 +288,8 @@ mod tests {
         (edges, count)
     }
 
-    /// 10 000 counts a second: an edge every 100 us, the first after half of that, A before B when it goes up.
+    /// 10 000 counts a second: an edge every 100 us, the first after half of that, A before B when
+    /// it goes up.
     #[test]
     fn every_count_is_an_edge_at_its_own_time() {
         let (edges, count) = follow(&mut wires(), 10_000.0, 1.0);
@@ -298,8 +302,8 @@ mod tests {
         assert_eq!(count, -10_000);
     }
 
-    /// 1000 a second for 10 s: 10 000 pulses within four standard deviations (4 sqrt(10 000)), all of the
-    /// same length, and not one count.
+    /// 1000 a second for 10 s: 10 000 pulses within four standard deviations (4 sqrt(10 000)), all
+    /// of the same length, and not one count.
     #[test]
     fn noise_on_a_driven_wire_is_pulses() {
         let mut wires = wires();
@@ -314,8 +318,8 @@ mod tests {
         assert!(longer < 10, "{longer}");
     }
 
-    /// Each strike on an open wire is one edge, which counts 1 either way: of 10 000 the sum of the squares is
-    /// 10 000, so the sum is within 4 sqrt(10 000).
+    /// Each strike on an open wire is one edge, which counts 1 either way: of 10 000 the sum of the
+    /// squares is 10 000, so the sum is within 4 sqrt(10 000).
     #[test]
     fn noise_on_an_open_wire_counts() {
         let mut wires = wires();
@@ -326,8 +330,8 @@ mod tests {
         assert!(count != 0 && count.abs() < 400, "{count}");
     }
 
-    /// B follows half of A's edges. A has half of the 100 000 edges; B 25 000 within 4 sqrt(50 000 / 4). At
-    /// rest there is nothing to follow.
+    /// B follows half of A's edges. A has half of the 100 000 edges; B 25 000 within 4 sqrt(50 000
+    /// / 4). At rest there is nothing to follow.
     #[test]
     fn a_floating_wire_follows_its_neighbour_by_chance() {
         let mut wires = wires();
@@ -341,7 +345,8 @@ mod tests {
         assert_eq!(follow(&mut wires, 0.0, 1.0).0, []);
     }
 
-    /// RC of 20 us: 1 / (20 us ln 2) is 72 135 counts a second. Just below all are counted, just above none.
+    /// RC of 20 us: 1 / (20 us ln 2) is 72 135 counts a second. Just below all are counted, just
+    /// above none.
     #[test]
     fn slow_edges_have_a_largest_rate() {
         let largest = 1.0 / (20e-6 * std::f64::consts::LN_2);
@@ -354,8 +359,8 @@ mod tests {
         }
     }
 
-    /// A pulse that lies across an edge of the other wire turns one count down into three up, 4 counts apart
-    /// (18.3.12's table).
+    /// A pulse that lies across an edge of the other wire turns one count down into three up, 4
+    /// counts apart (18.3.12's table).
     #[test]
     fn a_glitch_across_an_edge_costs_four_counts() {
         let mut decoder = Decoder::default();

@@ -1,4 +1,5 @@
-//! The samples of the robots' gyros as lines of JSON over TCP, as a bridge to real ones would stream them.
+//! The samples of the robots' gyros as lines of JSON over TCP, as a bridge to real ones would
+//! stream them.
 //!
 //! One line a sample, as often as the group file's `[simulation.gyro]` says:
 //!
@@ -6,9 +7,9 @@
 //! {"t":1.254,"robots":[{"node":2,"yaw_rate":0.031},{"node":3,"yaw_rate":-0.007}]}
 //! ```
 //!
-//! `t` is when the sample came, in seconds of virtual time; `yaw_rate` in rad/s about the axis that points up,
-//! counter-clockwise positive, with the noise, bias, drift and delay of the file. `robots` in the order of the file. The
-//! gyros run from the first exchange on, whoever listens.
+//! `t` is when the sample came, in seconds of virtual time; `yaw_rate` in rad/s about the axis that
+//! points up, counter-clockwise positive, with the noise, bias, drift and delay of the file.
+//! `robots` in the order of the file. The gyros run from the first exchange on, whoever listens.
 
 use std::io;
 
@@ -53,8 +54,8 @@ pub struct GyroServer {
 }
 
 impl GyroServer {
-    /// Listens; port 0 picks a free one. `nodes` are the robots', in the order of the group file. It takes the world's
-    /// gyro samples, so nobody else may take them.
+    /// Listens; port 0 picks a free one. `nodes` are the robots', in the order of the group file.
+    /// It takes the world's gyro samples, so nobody else may take them.
     ///
     /// # Errors
     /// When the address cannot be had.

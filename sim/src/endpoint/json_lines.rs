@@ -1,7 +1,7 @@
 //! Lines of JSON over TCP, the same ones to any number of clients; what these send is ignored.
 //!
-//! A client gets every line from its connection on. One that does not read loses lines once [`WAITING`] bytes wait for
-//! it, whole ones only.
+//! A client gets every line from its connection on. One that does not read loses lines once
+//! [`WAITING`] bytes wait for it, whole ones only.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream};

@@ -1,10 +1,11 @@
 //! Ways onto the virtual bus, and into the world, for programs that nobody here wrote.
 //!
-//! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time it takes
-//! in what programs have sent and hands out what has happened. None of them waits for anybody: what a
-//! client does not read is kept for a while, and then the client loses frames or its connection, because a
-//! bus does not wait for slow listeners either. So an endpoint decides *when*, in virtual time, a program's
-//! frames reach the bus; a run with programs outside is only as repeatable as they are.
+//! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time
+//! it takes in what programs have sent and hands out what has happened. None of them waits for
+//! anybody: what a client does not read is kept for a while, and then the client loses frames or
+//! its connection, because a bus does not wait for slow listeners either. So an endpoint decides
+//! *when*, in virtual time, a program's frames reach the bus; a run with programs outside is only
+//! as repeatable as they are.
 //!
 //! | endpoint | who speaks it |
 //! |---|---|
@@ -38,8 +39,8 @@ pub trait Endpoint {
     /// What it is and where, in one line: `slcan-tcp 127.0.0.1:7701`.
     fn announce(&self) -> String;
 
-    /// Takes in what programs have sent and hands out what has happened. To be called often; it never
-    /// waits.
+    /// Takes in what programs have sent and hands out what has happened. To be called often; it
+    /// never waits.
     ///
     /// # Errors
     /// When the endpoint itself is lost, not when a client is.

@@ -6,13 +6,14 @@
 //! {"t":1.25,"group":{"x":0.1,"y":0,"heading":0},"robots":[{"node":2,"x":1.3,"y":0,"heading":0}]}
 //! ```
 //!
-//! `t` in seconds of virtual time; positions in metres and headings in radians, unwrapped, in the world
-//! frame (x forward, y left, counter-clockwise positive). `group` is the group frame: of the body when the
-//! robots are connected, of the formation that fits them best when they are not. `robots` in the order of
-//! the group file. Poses have the noise that the group file's `[simulation.pose_noise]` gives them; by
-//! default none.
+//! `t` in seconds of virtual time; positions in metres and headings in radians, unwrapped, in the
+//! world frame (x forward, y left, counter-clockwise positive). `group` is the group frame: of the
+//! body when the robots are connected, of the formation that fits them best when they are not.
+//! `robots` in the order of the group file. Poses have the noise that the group file's
+//! `[simulation.pose_noise]` gives them; by default none.
 //!
-//! A client that does not read loses samples ([`WAITING`](super::json_lines::WAITING)); `t` shows the gap.
+//! A client that does not read loses samples ([`WAITING`](super::json_lines::WAITING)); `t` shows
+//! the gap.
 
 use std::io;
 
@@ -75,8 +76,8 @@ fn sample_line(sample: &TruthSample) -> String {
 pub struct PoseServer(JsonLines);
 
 impl PoseServer {
-    /// Listens; port 0 picks a free one. It takes the world's truth samples, so the world must keep some
-    /// (`Options::truth_period_ns`) and nobody else may take them.
+    /// Listens; port 0 picks a free one. It takes the world's truth samples, so the world must keep
+    /// some (`Options::truth_period_ns`) and nobody else may take them.
     ///
     /// # Errors
     /// When the address cannot be had.

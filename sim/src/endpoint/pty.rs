@@ -1,9 +1,9 @@
 //! slcan over a pseudo terminal: for programs that want a serial adapter.
 //!
-//! A symbolic link at a path of the caller's leads to the terminal; it goes when the endpoint does. The
-//! terminal is in raw mode, like the line of a real adapter; bit rates of the line change nothing. One
-//! program at a time has it open. What is not read is kept up to the backlog of the TCP endpoints; then
-//! the channel closes, as a real adapter's does when it is unplugged.
+//! A symbolic link at a path of the caller's leads to the terminal; it goes when the endpoint does.
+//! The terminal is in raw mode, like the line of a real adapter; bit rates of the line change
+//! nothing. One program at a time has it open. What is not read is kept up to the backlog of the
+//! TCP endpoints; then the channel closes, as a real adapter's does when it is unplugged.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -36,8 +36,8 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// Opens a terminal and links it. A link to a terminal that is already there is replaced: a run that
-    /// was killed leaves one behind.
+    /// Opens a terminal and links it. A link to a terminal that is already there is replaced: a run
+    /// that was killed leaves one behind.
     ///
     /// # Errors
     /// When there are no terminals, or something else is at the path.
@@ -64,7 +64,8 @@ impl Pty {
     }
 }
 
-/// What the line of a real adapter does with bytes: nothing. It outlives the closing of the terminal.
+/// What the line of a real adapter does with bytes: nothing. It outlives the closing of the
+/// terminal.
 fn make_raw(terminal: &Path) -> io::Result<()> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
     let line: OwnedFd = rustix::fs::open(terminal, flags, Mode::empty())?;
@@ -91,7 +92,8 @@ impl Endpoint for Pty {
         let channel = self
             .channel
             .get_or_insert_with(|| Channel::new(world.add_port()));
-        // As long as nobody has the terminal open, reading it is an error, which is no reason to give up.
+        // As long as nobody has the terminal open, reading it is an error, which is no reason to
+        // give up.
         let was_taken = std::mem::replace(&mut self.taken, self.pipe.fill().is_ok());
         let waits = !self.pipe.input.is_empty();
         world.set_listening(channel.port(), self.taken);

@@ -1,8 +1,9 @@
-//! A candump log onto the bus: every frame at its time after the first, from the moment the world begins.
+//! A candump log onto the bus: every frame at its time after the first, from the moment the world
+//! begins.
 //!
-//! What is no classic base frame (extended or remote frames, error frames, CAN FD) is left out and counted;
-//! what is no candump line at all is refused with its number. The log's sender is one more node: its frames
-//! take part in arbitration and may be late by what the bus is busy with.
+//! What is no classic base frame (extended or remote frames, error frames, CAN FD) is left out and
+//! counted; what is no candump line at all is refused with its number. The log's sender is one more
+//! node: its frames take part in arbitration and may be late by what the bus is busy with.
 
 use std::collections::VecDeque;
 use std::io;

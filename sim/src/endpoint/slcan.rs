@@ -1,8 +1,8 @@
 //! slcan: CAN frames as lines of text, the LAWICEL protocol of serial CAN adapters.
 //!
-//! A client opens its channel with `O`, closes it with `C`, and sends `tIIILDD..`; every command ends in a
-//! carriage return and is answered with one, or with a bell when it is refused. Bit rates are accepted
-//! and ignored: the bus has the one it has. Extended and remote frames are refused.
+//! A client opens its channel with `O`, closes it with `C`, and sends `tIIILDD..`; every command
+//! ends in a carriage return and is answered with one, or with a bell when it is refused. Bit rates
+//! are accepted and ignored: the bus has the one it has. Extended and remote frames are refused.
 //!
 //! This is the protocol alone; [`slcan_tcp`](super::slcan_tcp) and [`pty`](super::pty) carry it.
 
@@ -17,7 +17,8 @@ const LONGEST: usize = 64;
 const OK: u8 = b'\r';
 const BELL: u8 = 7;
 
-/// One client's channel: a node of its own on the bus, which hears the others' frames and not its own.
+/// One client's channel: a node of its own on the bus, which hears the others' frames and not its
+/// own.
 #[derive(Debug)]
 pub(super) struct Channel {
     port: Port,
@@ -88,7 +89,8 @@ enum Request {
 
 fn parse(line: &[u8]) -> Request {
     match line.split_first() {
-        // An empty line clears an adapter's buffer; bit rates, filters and time stamps change nothing.
+        // An empty line clears an adapter's buffer; bit rates, filters and time stamps change
+        // nothing.
         None | Some((b'S' | b's' | b'M' | b'm' | b'Z' | b'W', _)) => Request::Accept,
         Some((b'O', _)) => Request::Open,
         Some((b'C', _)) => Request::Close,

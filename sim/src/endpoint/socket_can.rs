@@ -1,8 +1,9 @@
-//! A Linux CAN interface, usually a virtual one: `ip link add vcan0 type vcan; ip link set vcan0 up`.
+//! A Linux CAN interface, usually a virtual one: `ip link add vcan0 type vcan; ip link set vcan0
+//! up`.
 //!
-//! All programs on the interface together are one node of the simulated bus. A frame that the interface
-//! does not take at once waits, up to [`WAITING`] of them; then the oldest is dropped and counted, as a
-//! real interface drops frames that nobody fetches.
+//! All programs on the interface together are one node of the simulated bus. A frame that the
+//! interface does not take at once waits, up to [`WAITING`] of them; then the oldest is dropped and
+//! counted, as a real interface drops frames that nobody fetches.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};

@@ -8,13 +8,13 @@
 //! server  < frame 182 12.345678 0102A0 >
 //! ```
 //!
-//! The bus is called whatever the client calls it; there is only one. Identifiers and bytes are hexadecimal,
-//! times are virtual seconds. `< echo >` is echoed. The broadcast manager's commands (before `rawmode`) and
-//! extended identifiers are refused with `< error .. >`. Every client is a node of its own, and is dropped
-//! when [`BACKLOG`](super::stream::BACKLOG) bytes wait for it.
+//! The bus is called whatever the client calls it; there is only one. Identifiers and bytes are
+//! hexadecimal, times are virtual seconds. `< echo >` is echoed. The broadcast manager's commands
+//! (before `rawmode`) and extended identifiers are refused with `< error .. >`. Every client is a
+//! node of its own, and is dropped when [`BACKLOG`](super::stream::BACKLOG) bytes wait for it.
 //!
-//! python-can takes the answer to `rawmode` for itself only when nothing follows it at once; so the first
-//! frames wait for [`QUIET`].
+//! python-can takes the answer to `rawmode` for itself only when nothing follows it at once; so the
+//! first frames wait for [`QUIET`].
 
 use std::io::{self, Write as _};
 use std::net::TcpStream;
@@ -194,7 +194,8 @@ fn frame<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Frame> {
 
 fn print(output: &mut Vec<u8>, at: Micros, frame: &Frame) {
     let (seconds, micros) = (at.0 / 1_000_000, at.0 % 1_000_000);
-    // Writing into a vector cannot fail. Without data two blanks are left, as socketcand leaves them.
+    // Writing into a vector cannot fail. Without data two blanks are left, as socketcand leaves
+    // them.
     let _ = write!(output, "< frame {:03X} {seconds}.{micros:06} ", frame.id());
     for byte in frame.data() {
         let _ = write!(output, "{byte:02X}");

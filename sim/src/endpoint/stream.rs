@@ -1,4 +1,5 @@
-//! What endpoints over streams of bytes have in common: non-blocking reading and writing with a limit.
+//! What endpoints over streams of bytes have in common: non-blocking reading and writing with a
+//! limit.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -6,8 +7,8 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 /// Bytes that may wait for a client: some 40 000 frames of slcan.
 pub const BACKLOG: usize = 1 << 20;
 
-/// A connection that never blocks. Bytes wait in it in both directions; whoever owns it takes them from
-/// `input` and puts them into `output`.
+/// A connection that never blocks. Bytes wait in it in both directions; whoever owns it takes them
+/// from `input` and puts them into `output`.
 #[derive(Debug)]
 pub(super) struct Pipe<S> {
     stream: S,

@@ -1,9 +1,10 @@
 //! Faults at a time: what goes wrong, where, when, and for how long, as text and as a schedule.
 //!
-//! [`FaultSpec`] is one fault, read from `t=5:node=3:power-cycle` (see [`spec`]). A [`Schedule`] holds what
-//! is still to come and lets a world's time pass in pieces that end where a fault begins or ends, so that
-//! a run with the same faults is the same run to the nanosecond. The faults themselves are the world's
-//! (`World::set_power` and its neighbours); nothing here knows how they work.
+//! [`FaultSpec`] is one fault, read from `t=5:node=3:power-cycle` (see [`spec`]). A [`Schedule`]
+//! holds what is still to come and lets a world's time pass in pieces that end where a fault begins
+//! or ends, so that a run with the same faults is the same run to the nanosecond. The faults
+//! themselves are the world's (`World::set_power` and its neighbours); nothing here knows how they
+//! work.
 
 mod action;
 pub mod spec;
@@ -21,7 +22,8 @@ pub use spec::{FaultSpec, SpecError};
 /// A fault that could not take place yet is tried again after this time.
 const AGAIN_NS: u64 = 10_000;
 
-/// Faults still to come, in the order of their times; those of one time in the order they were added.
+/// Faults still to come, in the order of their times; those of one time in the order they were
+/// added.
 #[derive(Debug, Default)]
 pub struct Schedule {
     coming: BTreeMap<(u64, u64), Action>,
@@ -29,8 +31,8 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Adds a fault, and its end if it has one. Without a time of its own it begins now; one that lies in
-    /// the past does, too.
+    /// Adds a fault, and its end if it has one. Without a time of its own it begins now; one that
+    /// lies in the past does, too.
     pub fn add(&mut self, fault: &FaultSpec, now_ns: u64) {
         let begin = fault.at_ns.unwrap_or(now_ns).max(now_ns);
         let end = fault
@@ -56,7 +58,8 @@ impl Schedule {
         loop {
             self.apply_due(world, tell);
             let next = self.coming.keys().next().map_or(until_ns, |(at, _)| *at);
-            // The world counts in microseconds; a fault comes at the first that is not before its time.
+            // The world counts in microseconds; a fault comes at the first that is not before its
+            // time.
             let to = Micros(next.min(until_ns).div_ceil(1_000));
             world.run_until(to)?;
             if world.now_ns() >= until_ns {

@@ -9,8 +9,9 @@
 //! | `wheel=NAME` | which wheel: `front-left`, `front-right`, `rear-left`, `rear-right` |
 //! | `ACTION` or `ACTION=VALUE` | what happens; exactly one |
 //!
-//! So `t=5:node=3:power-cycle`, `node=2:wheel=rear-left:encoder-dead:for=1.5`, `node=3:emergency-stop=off`.
-//! [`ACTIONS`] lists the actions. What cannot be meant is refused with the name of the part and a remedy.
+//! So `t=5:node=3:power-cycle`, `node=2:wheel=rear-left:encoder-dead:for=1.5`,
+//! `node=3:emergency-stop=off`. [`ACTIONS`] lists the actions. What cannot be meant is refused with
+//! the name of the part and a remedy.
 
 use std::fmt;
 

@@ -183,7 +183,8 @@ fn faults_begin_and_end_at_their_time() {
     assert_eq!(world.now_ns(), 200_000_000);
 }
 
-/// A robot that boots says so with its heartbeat's first byte 0, at power-on and after a power cycle.
+/// A robot that boots says so with its heartbeat's first byte 0, at power-on and after a power
+/// cycle.
 #[test]
 fn a_power_cycle_boots_the_robot_again() {
     let group = group();
@@ -204,7 +205,8 @@ fn a_power_cycle_boots_the_robot_again() {
         .filter(|(_, s)| *s == 0)
         .map(|(at, _)| *at)
         .collect();
-    // 3 ms from power to the first instruction, and the frame's own time, which two others may delay.
+    // 3 ms from power to the first instruction, and the frame's own time, which two others may
+    // delay.
     assert_eq!(boots.len(), 2, "{boots:?}");
     assert!((3_000..3_500).contains(&boots[0]), "{boots:?}");
     assert!((753_000..753_500).contains(&boots[1]), "{boots:?}");

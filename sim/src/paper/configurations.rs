@@ -1,8 +1,10 @@
-//! The seven configurations of figure 19 on the moves the paper drives them on (its figures 20 to 30).
+//! The seven configurations of figure 19 on the moves the paper drives them on (its figures 20 to
+//! 30).
 //!
-//! On the contact plant every wheel begins at a roller phase of its own: two free robots that are alike in
-//! everything never drift apart in a simulation. The paper prints no numbers here, but says what it saw:
-//! free robots' distance changes and their centre wanders farther; connected ones lose what one loses.
+//! On the contact plant every wheel begins at a roller phase of its own: two free robots that are
+//! alike in everything never drift apart in a simulation. The paper prints no numbers here, but
+//! says what it saw: free robots' distance changes and their centre wanders farther; connected ones
+//! lose what one loses.
 
 use chart::{Chart, PALETTE, Series, Stroke};
 use kinematics::trajectory::{Circle, FigureEight, Harmonic, Ramped, Trajectory, Turn};

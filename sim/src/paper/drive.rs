@@ -1,8 +1,8 @@
 //! Drives simulated robots along a motion over their bus, and watches them.
 //!
-//! The master is [`crate::rig`]: one setpoint before every SYNC, sent ahead by the known way of a setpoint
-//! (two SYNC periods and the delay with which robots act), so that robots are where the motion says
-//! without any lag that could have been foreseen.
+//! The master is [`crate::rig`]: one setpoint before every SYNC, sent ahead by the known way of a
+//! setpoint (two SYNC periods and the delay with which robots act), so that robots are where the
+//! motion says without any lag that could have been foreseen.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -175,9 +175,9 @@ pub fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
     })
 }
 
-/// Relative error of displacement, per cent, along one axis: the path's extent over the motion's, less 1.
-/// With the path about the origin it is the paper's, (|max| + |min|) / (2 nominal) - 1. `None` where the
-/// motion does not go that way.
+/// Relative error of displacement, per cent, along one axis: the path's extent over the motion's,
+/// less 1. With the path about the origin it is the paper's, (|max| + |min|) / (2 nominal) - 1.
+/// `None` where the motion does not go that way.
 #[must_use]
 pub fn displacement_error(points: &[Point], axis: impl Fn(&Pose<f64>) -> f64) -> Option<f64> {
     let length = |(low, high): (f64, f64)| high - low;

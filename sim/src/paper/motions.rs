@@ -1,8 +1,8 @@
 //! The eleven motions of figure 6, each without and with the paper's compensation.
 //!
-//! C1 (1.033 lateral, 1.002 longitudinal) for those that keep their heading, C2 (1.04, 1.002, 1.0195 for the
-//! rotation) for those that turn while they translate; where the paper prints 0 for a rotation it never
-//! commands, 1 is meant and used.
+//! C1 (1.033 lateral, 1.002 longitudinal) for those that keep their heading, C2 (1.04, 1.002,
+//! 1.0195 for the rotation) for those that turn while they translate; where the paper prints 0 for
+//! a rotation it never commands, 1 is meant and used.
 
 use kinematics::Pose;
 use kinematics::trajectory::{MotionMode, PaperMotion, Ramped};

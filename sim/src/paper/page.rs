@@ -43,7 +43,8 @@ pub(super) fn map<'a>(title: &str, paths: impl Iterator<Item = (String, &'a [Poi
     }
 }
 
-/// The cells of a row: what, paper, then ours and, where the paper has a number, the difference, a column.
+/// The cells of a row: what, paper, then ours and, where the paper has a number, the difference, a
+/// column.
 fn cells(row: &Row) -> Vec<String> {
     let digits = if row.unit == "mm" { 1 } else { 2 };
     let mut cells = vec![

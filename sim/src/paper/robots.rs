@@ -1,9 +1,10 @@
 //! The paper's robots as group files.
 //!
-//! The virtual robot is `groups/single.toml`: its wheels, wheelbase and coefficients are the paper's; motor,
-//! encoder and gains are assumptions there. The physical robot has the paper's 450 mm track and 400 mm
-//! wheelbase; its wheel radius is not given, [`PHYSICAL_RADIUS`] is an assumption that no result depends
-//! on. Distances between robots are in figure 19 only: 1.2 m is an assumption.
+//! The virtual robot is `groups/single.toml`: its wheels, wheelbase and coefficients are the
+//! paper's; motor, encoder and gains are assumptions there. The physical robot has the paper's 450
+//! mm track and 400 mm wheelbase; its wheel radius is not given, [`PHYSICAL_RADIUS`] is an
+//! assumption that no result depends on. Distances between robots are in figure 19 only: 1.2 m is
+//! an assumption.
 
 use group::{GroupFile, Plant, Tables};
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};

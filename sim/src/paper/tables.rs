@@ -1,6 +1,8 @@
-//! Tables 3 to 9: mean velocities on straight lines and on the spot, and displacements along curves.
+//! Tables 3 to 9: mean velocities on straight lines and on the spot, and displacements along
+//! curves.
 //!
-//! A mean velocity is taken over whole roller passages, half a second after the start's ramp has ended.
+//! A mean velocity is taken over whole roller passages, half a second after the start's ramp has
+//! ended.
 
 use chart::{Chart, PALETTE, Series, Stroke};
 use group::GroupFile;

@@ -1,14 +1,16 @@
 //! The external plant: another simulator over TCP, in lockstep, one JSON object a line.
 //!
-//! This side connects. The first line it sends describes the robots, in the order of the group file:
+//! This side connects. The first line it sends describes the robots, in the order of the group
+//! file:
 //!
 //! ```json
 //! {"omnibus_plant": 1, "robots": [{"x": 1.2, "y": 0.0, "heading": 0.0, "half_track": 0.37,
 //!   "half_wheelbase": 0.35, "wheel_radius": 0.1524, "roller_angle": 0.785, "rigid_group": 0}, ...]}
 //! ```
 //!
-//! Poses are where the robots stand in the world at the beginning; robots with one `rigid_group` are
-//! bolted together. The plant does not answer this line. Then, for every step from `t` to `t + dt`,
+//! Poses are where the robots stand in the world at the beginning; robots with one `rigid_group`
+//! are bolted together. The plant does not answer this line. Then, for every step from `t` to `t +
+//! dt`,
 //!
 //! ```json
 //! {"t": 0.0, "dt": 0.001, "wheel_rate": [[fl, fr, rl, rr], ...]}
@@ -20,11 +22,12 @@
 //! {"wheel_angle": [[fl, fr, rl, rr], ...], "pose": [[x, y, heading], ...]}
 //! ```
 //!
-//! in rad and m, world frame, unwrapped heading. The encoders follow `wheel_angle`, so a plant may turn
-//! wheels itself (a push on a coasting robot); one that only moves bodies integrates the rates.
+//! in rad and m, world frame, unwrapped heading. The encoders follow `wheel_angle`, so a plant may
+//! turn wheels itself (a push on a coasting robot); one that only moves bodies integrates the
+//! rates.
 //!
-//! The other side has [`PATIENCE`] for every answer. If it goes away, answers late or answers something
-//! else, the world stops with an error that says which.
+//! The other side has [`PATIENCE`] for every answer. If it goes away, answers late or answers
+//! something else, the world stops with an error that says which.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpStream, ToSocketAddrs};

@@ -1,15 +1,15 @@
 //! Robots that are bolted to one load, and how far they strain it.
 //!
-//! Each member would move by its own twist. A rigid body can only follow one: the one that comes closest,
-//! in the least-squares sense, to the velocities of all wheels' centres. It is found in closed form: with
-//! the members' places `p_j`, their velocities `v_j` and yaw rates `w_j` in the group frame and `q_j` the
-//! distance of a member's wheels from its centre,
-//! `w = sum((p_j - c) x v_j + q_j^2 w_j) / sum(|p_j - c|^2 + q_j^2)`, and the centre `c` of the members
-//! moves with their mean velocity.
+//! Each member would move by its own twist. A rigid body can only follow one: the one that comes
+//! closest, in the least-squares sense, to the velocities of all wheels' centres. It is found in
+//! closed form: with the members' places `p_j`, their velocities `v_j` and yaw rates `w_j` in the
+//! group frame and `q_j` the distance of a member's wheels from its centre, `w = sum((p_j - c) x
+//! v_j + q_j^2 w_j) / sum(|p_j - c|^2 + q_j^2)`, and the centre `c` of the members moves with their
+//! mean velocity.
 //!
-//! Strain is measured as a distance: every member's own wheels are also integrated alone, from the pose
-//! it started in, and the shape error is how far that has come from the member's place in the body.
-//! The body itself never bends.
+//! Strain is measured as a distance: every member's own wheels are also integrated alone, from the
+//! pose it started in, and the shape error is how far that has come from the member's place in the
+//! body. The body itself never bends.
 
 use kinematics::{FourWheelGeometry, Pose, Twist};
 
@@ -53,7 +53,8 @@ impl Formation {
         self.members.iter().map(move |m| group.compose(m.place))
     }
 
-    /// The body's twist, group frame, that fits the members' own twists (each in its own frame) best.
+    /// The body's twist, group frame, that fits the members' own twists (each in its own frame)
+    /// best.
     #[must_use]
     pub fn fit(&self, twists: &[Twist<f64>]) -> Twist<f64> {
         let mut mean = (0.0, 0.0);
@@ -85,7 +86,8 @@ impl Formation {
             .iter()
             .fold((0.0, 0.0), |(x, y), p| (x + p.x, y + p.y));
         let centre = (sum.0 / count, sum.1 / count);
-        // The mean heading keeps the turns; the fit below only corrects it by less than half a turn.
+        // The mean heading keeps the turns; the fit below only corrects it by less than half a
+        // turn.
         let turns = self
             .members
             .iter()
@@ -125,8 +127,8 @@ impl Formation {
     }
 }
 
-/// Moves a pose by a twist in its own frame for `dt` (s): an arc, exact while the twist is constant.
-/// The heading is not wrapped, so that turns can be counted.
+/// Moves a pose by a twist in its own frame for `dt` (s): an arc, exact while the twist is
+/// constant. The heading is not wrapped, so that turns can be counted.
 #[must_use]
 pub fn advance(pose: Pose<f64>, twist: Twist<f64>, dt: f64) -> Pose<f64> {
     // The chord of an arc points along the heading at its middle and is shorter than it by
@@ -160,7 +162,8 @@ mod tests {
         ])
     }
 
-    /// What a rigid body does to its members, computed member by member: velocity of the place plus yaw.
+    /// What a rigid body does to its members, computed member by member: velocity of the place plus
+    /// yaw.
     fn members_of(body: Twist<f64>, formation: &Formation) -> Vec<Twist<f64>> {
         formation
             .members
@@ -190,8 +193,8 @@ mod tests {
         }
     }
 
-    /// Two members 2 m apart; the front one alone goes left at 1 m/s. The mean goes 0.5 m/s, and with
-    /// q^2 = 0.37^2 + 0.35^2 the yaw rate is 1 * 1 / (2 * (1 + q^2)).
+    /// Two members 2 m apart; the front one alone goes left at 1 m/s. The mean goes 0.5 m/s, and
+    /// with q^2 = 0.37^2 + 0.35^2 the yaw rate is 1 * 1 / (2 * (1 + q^2)).
     #[test]
     fn a_member_that_disagrees_turns_the_body() {
         let fit = tandem().fit(&[Twist::new(0.0, 1.0, 0.0), Twist::new(0.0, 0.0, 0.0)]);

@@ -1,8 +1,8 @@
 //! Plants: how turning wheels become moving robots.
 //!
-//! The world tells a plant at every plant step by how much each wheel's motor has turned; the plant says
-//! where the robots are then. A plant knows floors and rollers; it knows no bus, no controller and no
-//! compensation, and above all it does not know what was commanded.
+//! The world tells a plant at every plant step by how much each wheel's motor has turned; the plant
+//! says where the robots are then. A plant knows floors and rollers; it knows no bus, no controller
+//! and no compensation, and above all it does not know what was commanded.
 //!
 //! - [`table`]: the losses the paper measured, interpolated over speed.
 //! - [`contact`]: rollers, friction, rigid bodies.
@@ -23,8 +23,8 @@ use crate::error::SimError;
 
 /// Something that turns wheel angles into poses.
 pub trait Plant: Send {
-    /// Advances by `dt` (s), in which the motors turned the wheels by these angles (rad, order front
-    /// left, front right, rear left, rear right; one row a robot).
+    /// Advances by `dt` (s), in which the motors turned the wheels by these angles (rad, order
+    /// front left, front right, rear left, rear right; one row a robot).
     ///
     /// # Errors
     /// When the plant lives outside and is gone.
@@ -37,24 +37,25 @@ pub trait Plant: Send {
     /// formation that fits them best when they are not.
     fn group(&self) -> Pose<f64>;
 
-    /// How far the robot farthest from its place in the group is now, mm. For connected robots: how far
-    /// its wheels would have taken it, had it been alone.
+    /// How far the robot farthest from its place in the group is now, mm. For connected robots: how
+    /// far its wheels would have taken it, had it been alone.
     fn shape_error_mm(&self) -> f64;
 
-    /// Angles of a robot's wheels, rad, if the plant turns them itself; `None` when they are where the
-    /// motors turned them.
+    /// Angles of a robot's wheels, rad, if the plant turns them itself; `None` when they are where
+    /// the motors turned them.
     fn wheel_angles(&self, robot: usize) -> Option<[f64; 4]> {
         let _ = robot;
         None
     }
 
-    /// What turns with each wheel, kg m², if the floor's forces act on the motors; `None` when the motors' inertia
-    /// contains the robot's.
+    /// What turns with each wheel, kg m², if the floor's forces act on the motors; `None` when the
+    /// motors' inertia contains the robot's.
     fn wheel_inertia(&self) -> Option<f64> {
         None
     }
 
-    /// What the floor has done to a robot's wheels in the last step, N·m, positive rolls the base forward.
+    /// What the floor has done to a robot's wheels in the last step, N·m, positive rolls the base
+    /// forward.
     fn floor_torques(&self, robot: usize) -> [f64; 4] {
         let _ = robot;
         [0.0; 4]

@@ -1,13 +1,13 @@
 //! The table plant: every robot loses on each axis what the paper measured at that speed.
 //!
 //! The wheels' motion asks for a twist (ideal rolling, least squares over the four wheels, no
-//! compensation of any kind); each axis of it, in the robot's own frame, is multiplied by the ratio of
-//! measured to asked speed that the table has for that speed. Connected robots then move as the best fit
-//! of all, see [`super::formation`].
+//! compensation of any kind); each axis of it, in the robot's own frame, is multiplied by the ratio
+//! of measured to asked speed that the table has for that speed. Connected robots then move as the
+//! best fit of all, see [`super::formation`].
 //!
-//! What it cannot do: the ratio is per axis, so the oblique case of Table 4 (about 1.7 % on both axes)
-//! comes out as 0.2 % and 3.2 %; there is no ripple, no acceleration, no friction limit, and turning
-//! while translating loses as if each were alone. The contact plant is for that.
+//! What it cannot do: the ratio is per axis, so the oblique case of Table 4 (about 1.7 % on both
+//! axes) comes out as 0.2 % and 3.2 %; there is no ripple, no acceleration, no friction limit, and
+//! turning while translating loses as if each were alone. The contact plant is for that.
 
 use group::{GroupFile, Tables};
 use kinematics::{

@@ -1,14 +1,15 @@
-//! The paper's measured velocities as data: what a robot really does when its wheels ask for a velocity.
+//! The paper's measured velocities as data: what a robot really does when its wheels ask for a
+//! velocity.
 //!
-//! Source: "Kinematic Modeling of a Combined System of Multiple Mecanum-Wheeled Robots with Velocity
-//! Compensation", Tables 3 and 5 (virtual robot) and 7 and 8 (physical robot), and the text beside
-//! Table 3 for 500 mm/s lateral, whose row is lost. The source's axes are x lateral, y longitudinal; the
-//! tables here are named, not lettered. Turning follows the printed velocities: Table 8's percentages do
-//! not agree with them.
+//! Source: "Kinematic Modeling of a Combined System of Multiple Mecanum-Wheeled Robots with
+//! Velocity Compensation", Tables 3 and 5 (virtual robot) and 7 and 8 (physical robot), and the
+//! text beside Table 3 for 500 mm/s lateral, whose row is lost. The source's axes are x lateral, y
+//! longitudinal; the tables here are named, not lettered. Turning follows the printed velocities:
+//! Table 8's percentages do not agree with them.
 //!
-//! Between rows the ratio of measured to asked is interpolated linearly over the asked speed; outside
-//! the rows the nearest row holds, which matters for the figure-eight: it is three times as fast as the
-//! fastest row.
+//! Between rows the ratio of measured to asked is interpolated linearly over the asked speed;
+//! outside the rows the nearest row holds, which matters for the figure-eight: it is three times as
+//! fast as the fastest row.
 
 #![expect(
     clippy::approx_constant,

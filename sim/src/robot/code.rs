@@ -4,7 +4,8 @@
 
 use emulator::{Board, Firmware};
 
-/// Where the program calls a panic with its own location: the call, with the load of its one argument before it.
+/// Where the program calls a panic with its own location: the call, with the load of its one
+/// argument before it.
 pub fn panic_site(firmware: &Firmware, board: &Board) -> Option<u32> {
     const PANICS: [&str; 2] = ["panic_const::panic_const_", "option::unwrap_failed"];
     let is_panic = |name: &str| PANICS.iter().any(|part| name.contains(part));

@@ -1,4 +1,5 @@
-//! An emulated robot: the firmware's release image on an emulated NUCLEO-F446RE, wired as a real one.
+//! An emulated robot: the firmware's release image on an emulated NUCLEO-F446RE, wired as a real
+//! one.
 //!
 //! | wheel | PWM | direction | encoder |
 //! |---|---|---|---|
@@ -7,18 +8,21 @@
 //! | rear left | TIM1 CH3 | PC2 | TIM4 |
 //! | rear right | TIM1 CH4 | PC3 | TIM5 |
 //!
-//! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed contact pulls them low),
-//! driver fault PB13 (low is a fault), protective stop PC12 (low is closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 +
-//! value), supply PA4 (ADC input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer drives its pin or holds it low; a pin that
-//! floats is a bridge that is off.
+//! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed
+//! contact pulls them low), driver fault PB13 (low is a fault), protective stop PC12 (low is
+//! closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 + value), supply PA4 (ADC
+//! input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer
+//! drives its pin or holds it low; a pin that floats is a bridge that is off.
 //!
-//! A power cycle is a new board with the flash of the old one, whose time begins when its power comes.
+//! A power cycle is a new board with the flash of the old one, whose time begins when its power
+//! comes.
 //!
-//! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a moment at each pulse.
+//! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a
+//! moment at each pulse.
 //!
-//! A sleeping board is not run: it is brought to the present when something reaches it or its own next
-//! event is due. Encoder counts are handed over when it next computes, in one piece; the edges of an encoder whose
-//! wires are disturbed reach the pins one by one, each at its time.
+//! A sleeping board is not run: it is brought to the present when something reaches it or its own
+//! next event is due. Encoder counts are handed over when it next computes, in one piece; the edges
+//! of an encoder whose wires are disturbed reach the pins one by one, each at its time.
 
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
@@ -42,7 +46,8 @@ const ENCODER_PINS: [[(Port, u8); 2]; 4] = [
 ];
 /// The encoders' indexes.
 const INDEX_PINS: [(Port, u8); 4] = [(Port::B, 10), (Port::A, 12), (Port::B, 14), (Port::B, 15)];
-/// How long a counter stands still at an index, so that the program reads it there, ns: a few hundred instructions.
+/// How long a counter stands still at an index, so that the program reads it there, ns: a few
+/// hundred instructions.
 const INDEX_NS: u64 = 3_000;
 /// Pins of port B.
 const DRIVER_ENABLE: u8 = 0;
@@ -61,8 +66,8 @@ const PROTECTIVE_STOP: u8 = 12;
 /// Pins of port C: directions from 0, switches from here.
 const FIRST_SWITCH: u8 = 8;
 const FIRST_NODE: u8 = 2;
-/// How long after the processor last computed its outputs may still change by themselves, ns: a new duty
-/// takes effect at the end of a PWM period of 50 us.
+/// How long after the processor last computed its outputs may still change by themselves, ns: a new
+/// duty takes effect at the end of a PWM period of 50 us.
 const SETTLING_NS: u64 = 60_000;
 
 /// See the [module](self).
@@ -220,7 +225,8 @@ impl EmulatedRobot {
         Ok(())
     }
 
-    /// Brings the counters to where they stood at the index pulses, raises the pins and lets the board see it.
+    /// Brings the counters to where they stood at the index pulses, raises the pins and lets the
+    /// board see it.
     fn pulse(&mut self, time_ns: u64) -> Result<(), SimError> {
         for wheel in 0..4 {
             let Some(ago) = self.pending_index[wheel].take() else {
@@ -536,7 +542,8 @@ impl Robot for EmulatedRobot {
     }
 
     fn overrun(&mut self) {
-        // The FIFO holds three (RM0390 rev 6, 30.7.5). Nobody in a group listens to this identifier.
+        // The FIFO holds three (RM0390 rev 6, 30.7.5). Nobody in a group listens to this
+        // identifier.
         const FRAMES: usize = 5;
         const IDENTIFIER: u16 = 0x7FF;
         if let Some(frame) = Frame::new(IDENTIFIER, &[]) {
@@ -613,8 +620,8 @@ impl Robot for EmulatedRobot {
     }
 
     fn is_heavy(&self, until_ns: u64) -> bool {
-        // A processor that computes does some thousand instructions in a step of 20 us; shorter steps
-        // are over before another thread has woken up.
+        // A processor that computes does some thousand instructions in a step of 20 us; shorter
+        // steps are over before another thread has woken up.
         self.powered && !self.board.is_asleep() && until_ns - self.now_ns > 2_000
     }
 

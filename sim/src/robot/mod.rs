@@ -2,8 +2,8 @@
 //!
 //! Two kinds. A *native* robot is the crate `robot` compiled for this machine; an *emulated* one is
 //! the firmware's release image on an emulated processor. The world does not know which it has: it
-//! delivers frames, turns encoders, reads the bridges, and lets time pass. Each robot has a clock of its
-//! own behind this trait; all times here are bus time.
+//! delivers frames, turns encoders, reads the bridges, and lets time pass. Each robot has a clock
+//! of its own behind this trait; all times here are bus time.
 
 mod code;
 pub mod emulated;
@@ -38,8 +38,8 @@ pub struct LogLine {
     pub text: String,
 }
 
-/// How a robot's program goes wrong. All but the first strike while the processor sleeps, that is, in its lowest
-/// priority.
+/// How a robot's program goes wrong. All but the first strike while the processor sleeps, that is,
+/// in its lowest priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crash {
     /// It goes where there is no memory.
@@ -63,8 +63,9 @@ pub trait Robot: Send {
     /// When it next does something by itself.
     fn wake(&self) -> Wake;
 
-    /// Whether it reads its wheels and changes its bridges only at the times [`wake`](Self::wake) names, so
-    /// that it need not be run between them. Then [`set_now`](Self::set_now) tells it the time.
+    /// Whether it reads its wheels and changes its bridges only at the times [`wake`](Self::wake)
+    /// names, so that it need not be run between them. Then [`set_now`](Self::set_now) tells it the
+    /// time.
     fn is_lazy(&self) -> bool {
         false
     }
@@ -89,7 +90,8 @@ pub trait Robot: Send {
     /// A frame of another node has just ended.
     fn receive(&mut self, frame: &Frame);
 
-    /// Its frame on the wire was destroyed. It stays pending, unless that took the robot off the bus.
+    /// Its frame on the wire was destroyed. It stays pending, unless that took the robot off the
+    /// bus.
     fn transmit_failed(&mut self, error: TransmitError) {
         let _ = error;
     }
@@ -110,14 +112,15 @@ pub trait Robot: Send {
     /// The wheels went on by this many encoder counts.
     fn turn_encoders(&mut self, counts: [i32; 4]);
 
-    /// The wires of a wheel's encoder change their levels at these times, which are in order; `false` when
-    /// it takes counts only.
+    /// The wires of a wheel's encoder change their levels at these times, which are in order;
+    /// `false` when it takes counts only.
     fn encoder_edges(&mut self, wheel: usize, edges: &[Edge]) -> bool {
         let _ = (wheel, edges);
         false
     }
 
-    /// The index of a wheel's encoder has pulsed, this many counts before where the encoder stands now.
+    /// The index of a wheel's encoder has pulsed, this many counts before where the encoder stands
+    /// now.
     fn index(&mut self, wheel: usize, ago: i32) {
         let _ = (wheel, ago);
     }
@@ -143,9 +146,9 @@ pub trait Robot: Send {
         let _ = volts;
     }
 
-    /// Takes its power away or gives it back. Without power it neither speaks nor hears, its bridges are off
-    /// and its brake is engaged; with it, it starts like a robot that has just been switched on, with what its
-    /// flash holds. What is pressed or pulled stays so.
+    /// Takes its power away or gives it back. Without power it neither speaks nor hears, its
+    /// bridges are off and its brake is engaged; with it, it starts like a robot that has just been
+    /// switched on, with what its flash holds. What is pressed or pulled stays so.
     fn set_power(&mut self, on: bool);
 
     /// Fails to send until its CAN controller is off the bus; `false` when it has nothing to send.
@@ -162,7 +165,8 @@ pub trait Robot: Send {
         false
     }
 
-    /// Makes its program go wrong; `false` when it has no processor, or at the moment is not where it can be.
+    /// Makes its program go wrong; `false` when it has no processor, or at the moment is not where
+    /// it can be.
     fn crash(&mut self, how: Crash) -> bool {
         let _ = how;
         false

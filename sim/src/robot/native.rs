@@ -1,16 +1,17 @@
-//! A native robot: the crate `robot` on this machine, where the firmware has it on a microcontroller.
+//! A native robot: the crate `robot` on this machine, where the firmware has it on a
+//! microcontroller.
 //!
-//! What the firmware's two tasks do around the controller is done here in virtual time: the bus side gets
-//! frames when they end and is polled when it asks to be; the control side ticks every millisecond, in
-//! step with SYNC; outputs act at once. Computing takes no time. Frames to send go through three
-//! mailboxes from which the lowest identifier is sent first, as in the real CAN controller; the
-//! controller keeps the rest.
+//! What the firmware's two tasks do around the controller is done here in virtual time: the bus
+//! side gets frames when they end and is polled when it asks to be; the control side ticks every
+//! millisecond, in step with SYNC; outputs act at once. Computing takes no time. Frames to send go
+//! through three mailboxes from which the lowest identifier is sent first, as in the real CAN
+//! controller; the controller keeps the rest.
 //!
-//! Its error counters are those of [`Confinement`]; what waits in the mailboxes when it goes off the bus is
-//! discarded, as the firmware does.
+//! Its error counters are those of [`Confinement`]; what waits in the mailboxes when it goes off
+//! the bus is discarded, as the firmware does.
 //!
-//! Its stores of parameters and faults are memory that takes no time to write. They outlive a power cycle; a power failure in
-//! the middle of a save is for emulated robots.
+//! Its stores of parameters and faults are memory that takes no time to write. They outlive a power
+//! cycle; a power failure in the middle of a save is for emulated robots.
 //!
 //! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
 
@@ -116,8 +117,8 @@ impl Live {
             node_switches: id.get(),
             ..Identity::new(node, serial)
         });
-        // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or two for
-        // every time a robot is switched on.
+        // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or
+        // two for every time a robot is switched on.
         let memory = Box::leak(Box::new([0; IMAGE_MAX]));
         let stored = flash.map_or(Stored::Nothing, Stored::Image);
         bus.load(Micros::ZERO, memory, stored);
@@ -148,7 +149,8 @@ impl NativeRobot {
         Self::with_serial(node, 0x4F4D_0000 + u32::from(node), crystal_ppm)
     }
 
-    /// The same with a serial number of its own, as two robots whose node switches are set alike have.
+    /// The same with a serial number of its own, as two robots whose node switches are set alike
+    /// have.
     ///
     /// # Errors
     /// As [`NativeRobot::new`].
@@ -460,7 +462,8 @@ impl Robot for NativeRobot {
         );
         let faults = self.memory.faults.iter().copied();
         self.live.bus.recall(self.memory.starts, faults);
-        // The counters are the microcontroller's; emergency stop and driver fault are wires from outside.
+        // The counters are the microcontroller's; emergency stop and driver fault are wires from
+        // outside.
         self.inputs.encoder_counts = Default::default();
     }
 

@@ -1,9 +1,10 @@
 //! What can go wrong with a simulated robot, at the caller's word.
 //!
-//! Everything here happens outside the robot's program: at its inputs, wheels, wires and processor. What the robot
-//! makes of it, it has to notice itself. Robots are named by their place in the group file, wheels in the usual order
-//! (front left, front right, rear left, rear right); a place that does not exist is left alone. Native robots have no
-//! processor, so what concerns one is answered with `false` by them.
+//! Everything here happens outside the robot's program: at its inputs, wheels, wires and processor.
+//! What the robot makes of it, it has to notice itself. Robots are named by their place in the
+//! group file, wheels in the usual order (front left, front right, rear left, rear right); a place
+//! that does not exist is left alone. Native robots have no processor, so what concerns one is
+//! answered with `false` by them.
 
 use canopen::Frame;
 
@@ -68,8 +69,8 @@ impl World {
         }
     }
 
-    /// Takes a robot's power away or gives it back; once is as good as twice. Its wheels roll on until friction
-    /// and brake stop them.
+    /// Takes a robot's power away or gives it back; once is as good as twice. Its wheels roll on
+    /// until friction and brake stop them.
     pub fn set_power(&mut self, robot: usize, on: bool) {
         if let Some(unit) = self.touched(robot)
             && unit.powered != on
@@ -101,8 +102,9 @@ impl World {
         }
     }
 
-    /// Breaks the cable before a robot: it and all that follow it in the group file hear only each other, the others
-    /// and the ports only themselves. `None` mends it. A frame on the wire meanwhile is lost, with an error frame.
+    /// Breaks the cable before a robot: it and all that follow it in the group file hear only each
+    /// other, the others and the ports only themselves. `None` mends it. A frame on the wire
+    /// meanwhile is lost, with an error frame.
     pub fn set_partition(&mut self, first: Option<usize>) {
         for (place, unit) in self.units.iter_mut().enumerate() {
             unit.far = first.is_some_and(|first| place >= first);
@@ -139,7 +141,8 @@ impl World {
         }
     }
 
-    /// Lets a robot's CAN controller send frames with this identifier all the time instead of its own.
+    /// Lets a robot's CAN controller send frames with this identifier all the time instead of its
+    /// own.
     pub fn set_babbling(&mut self, robot: usize, id: Option<u16>) {
         if let Some(unit) = self.units.get_mut(robot) {
             unit.harm.babble = id.and_then(babble);
@@ -154,7 +157,8 @@ impl World {
         }
     }
 
-    /// Lets everything that is sent at the ports from now on reach the bus later by this, ns, as a slow adapter does.
+    /// Lets everything that is sent at the ports from now on reach the bus later by this, ns, as a
+    /// slow adapter does.
     pub fn set_port_delay(&mut self, delay_ns: u64) {
         self.port_delay_ns = delay_ns;
     }
@@ -213,7 +217,8 @@ impl World {
         }
     }
 
-    /// Lets something turn a wheel with this torque, N·m, positive as if the base rolled forward; 0 ends it.
+    /// Lets something turn a wheel with this torque, N·m, positive as if the base rolled forward; 0
+    /// ends it.
     pub fn set_wheel_push(&mut self, robot: usize, wheel: usize, torque: f64) {
         let unit = self.touched(robot);
         if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
@@ -235,16 +240,16 @@ impl World {
         unit.map_or_else(Brake::default, |unit| unit.motors[0].brake())
     }
 
-    /// Lets a robot's motor driver trip when a motor draws more than this, A: its bridges are off and it pulls its fault
-    /// line until this is called again. `None` never trips.
+    /// Lets a robot's motor driver trip when a motor draws more than this, A: its bridges are off
+    /// and it pulls its fault line until this is called again. `None` never trips.
     pub fn set_driver_trip(&mut self, robot: usize, amperes: Option<f64>) {
         if let Some(unit) = self.touched(robot) {
             unit.set_trip(amperes);
         }
     }
 
-    /// Connects a sensor that sees the current of all of a robot's motors to its first input (PA7), or nothing: `scale`
-    /// in A/V, `offset` the voltage without current, V.
+    /// Connects a sensor that sees the current of all of a robot's motors to its first input (PA7),
+    /// or nothing: `scale` in A/V, `offset` the voltage without current, V.
     pub fn set_current_sensor(&mut self, robot: usize, sensor: Option<(f64, f64)>) {
         if let Some(unit) = self.touched(robot) {
             unit.current_sensor = sensor;
@@ -254,8 +259,8 @@ impl World {
         }
     }
 
-    /// Lets a robot's supply take no charge any more: what its motors send back goes into this capacitance, F. `None`
-    /// lets it take charge again.
+    /// Lets a robot's supply take no charge any more: what its motors send back goes into this
+    /// capacitance, F. `None` lets it take charge again.
     pub fn block_charge(&mut self, robot: usize, capacitance: Option<f64>) {
         if let Some(unit) = self.touched(robot) {
             unit.supply.block_charge(capacitance);
@@ -269,8 +274,8 @@ impl World {
         }
     }
 
-    /// Lets a robot send a frame that fails until its controller goes off the bus. `false` when it has nothing to
-    /// send at the moment.
+    /// Lets a robot send a frame that fails until its controller goes off the bus. `false` when it
+    /// has nothing to send at the moment.
     pub fn force_bus_off(&mut self, robot: usize) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.force_bus_off())
@@ -283,13 +288,15 @@ impl World {
         }
     }
 
-    /// Halts a robot's processor, or lets it go on; its peripherals run on. `false` when it has none.
+    /// Halts a robot's processor, or lets it go on; its peripherals run on. `false` when it has
+    /// none.
     pub fn halt(&mut self, robot: usize, halted: bool) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.halt(halted))
     }
 
-    /// Makes a robot's program go wrong. `false` when it has no processor, or at the moment is not where it can be.
+    /// Makes a robot's program go wrong. `false` when it has no processor, or at the moment is not
+    /// where it can be.
     pub fn crash(&mut self, robot: usize, how: Crash) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.crash(how))

@@ -1,10 +1,10 @@
 //! The index of each wheel: a pulse once a turn of the wheel, at an angle of its own.
 //!
-//! With an encoder on the wheel it is the encoder's; behind a gear it stands for a sensor on the wheel, where the play of
-//! the gear is between it and the counts. A pulse begins when the wheel comes to the angle the index stands at, from
-//! either side. Where that is, the seed says; a wheel's rollers stand somewhere else yet
-//! ([`crate::plant::contact::phases`]), and how they stand at the index is what a robot has to be told
-//! ([`roller_phases`]).
+//! With an encoder on the wheel it is the encoder's; behind a gear it stands for a sensor on the
+//! wheel, where the play of the gear is between it and the counts. A pulse begins when the wheel
+//! comes to the angle the index stands at, from either side. Where that is, the seed says; a
+//! wheel's rollers stand somewhere else yet ([`crate::plant::contact::phases`]), and how they stand
+//! at the index is what a robot has to be told ([`roller_phases`]).
 
 use std::f64::consts::TAU;
 
@@ -60,8 +60,8 @@ pub(super) fn robot_angles(seed: u64, place: usize) -> [f64; 4] {
     std::array::from_fn(|_| TAU * random.unit())
 }
 
-/// How far each wheel has rolled on past a roller's middle when its index comes, within half a pitch, one row a robot,
-/// rad: what a calibration finds. `None` for plants without rollers.
+/// How far each wheel has rolled on past a roller's middle when its index comes, within half a
+/// pitch, one row a robot, rad: what a calibration finds. `None` for plants without rollers.
 #[must_use]
 pub fn roller_phases(group: &GroupFile) -> Option<Vec<[f64; 4]>> {
     let Plant::Contact { rollers } = group.simulation.plant else {
@@ -78,7 +78,8 @@ pub fn roller_phases(group: &GroupFile) -> Option<Vec<[f64; 4]>> {
 }
 
 impl Indexes {
-    /// The indexes of one robot at these angles, with encoders of so many counts in a turn of a wheel.
+    /// The indexes of one robot at these angles, with encoders of so many counts in a turn of a
+    /// wheel.
     pub fn new(angles: &[f64; 4], counts_per_turn: f64, seed: u64) -> Self {
         Self {
             counts_per_rad: counts_per_turn / TAU,
@@ -89,8 +90,8 @@ impl Indexes {
         }
     }
 
-    /// Follows a wheel to an angle (rad) while its encoder has come to another: how many counts ago the last pulse began,
-    /// if one did.
+    /// Follows a wheel to an angle (rad) while its encoder has come to another: how many counts ago
+    /// the last pulse began, if one did.
     pub fn follow(&mut self, wheel: usize, angle: f64, encoder: f64) -> Option<i32> {
         let from = std::mem::replace(&mut self.angles[wheel], angle);
         let at = self.passed(wheel, from, angle)?;

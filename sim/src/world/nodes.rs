@@ -1,7 +1,8 @@
 //! The nodes of the bus: who wants to send, and what each makes of a frame's end.
 //!
-//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever babbles. While the
-//! bus is parted, its far half is a bus of its own, of robots only; a robot alone in it gets no acknowledge.
+//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever
+//! babbles. While the bus is parted, its far half is a bus of its own, of robots only; a robot
+//! alone in it gets no acknowledge.
 
 use canopen::{Frame, Micros};
 
@@ -291,7 +292,8 @@ impl Unit {
         }
     }
 
-    /// Whether it goes on sending to nobody: once it is error passive, that changes nothing any more.
+    /// Whether it goes on sending to nobody: once it is error passive, that changes nothing any
+    /// more.
     fn tries_alone(&self) -> bool {
         self.error_state() == ErrorState::Active && self.robot.pending().is_some()
     }

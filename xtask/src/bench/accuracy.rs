@@ -62,8 +62,9 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
             }
         }
     }
-    // Six digits of the fastest wheel's 30 rad/s. In fixed point an input is off by half a step of 2^-16, which the row
-    // of this robot's matrix that is largest in sum, 29.3, makes 2.24e-4; rounding the result adds 1.5e-5. Back: an LSB of the bus is 1e-4.
+    // Six digits of the fastest wheel's 30 rad/s. In fixed point an input is off by half a step of
+    // 2^-16, which the row of this robot's matrix that is largest in sum, 29.3, makes 2.24e-4;
+    // rounding the result adds 1.5e-5. Back: an LSB of the bus is 1e-4.
     Ok(vec![
         Figure::new("accuracy.inverse.f32", f32_rate, "rad/s").ceiling(3e-5),
         Figure::new("accuracy.inverse.fixed", fixed_rate, "rad/s").ceiling(2.5e-4),

@@ -1,8 +1,9 @@
 //! Load of the bus: calculated, and measured on the virtual one with native robots.
 //!
-//! In every period of SYNC: SYNC with its counter, the group's setpoint, and four PDOs of eight bytes from each robot.
-//! A frame of n bytes is 47 + 8 n bits with the pause behind it, and up to (34 + 8 n - 1) / 4 stuff bits more, by its
-//! content. The calculation leaves out heartbeats, which are below 1 % together.
+//! In every period of SYNC: SYNC with its counter, the group's setpoint, and four PDOs of eight
+//! bytes from each robot. A frame of n bytes is 47 + 8 n bits with the pause behind it, and up to
+//! (34 + 8 n - 1) / 4 stuff bits more, by its content. The calculation leaves out heartbeats, which
+//! are below 1 % together.
 
 use canopen::NmtCommand;
 use group::GroupFile;
@@ -18,7 +19,8 @@ const RATES_HZ: [u32; 3] = [50, 100, 200];
 /// Bits in a second.
 const BIT_RATE: f64 = 1e6;
 
-/// Bits of a frame with `bytes` of data, the pause behind it included: without stuff bits, and with the most.
+/// Bits of a frame with `bytes` of data, the pause behind it included: without stuff bits, and with
+/// the most.
 fn bits(bytes: u32) -> (f64, f64) {
     let plain = 47 + 8 * bytes;
     let stuffed = plain + (34 + 8 * bytes - 1) / 4;
@@ -107,7 +109,8 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_bits_of_the_standard() {
-        // ISO 11898-1: 44 bits of frame and 3 of pause around the data; 8 bytes: 111, at most 135 with stuffing.
+        // ISO 11898-1: 44 bits of frame and 3 of pause around the data; 8 bytes: 111, at most 135
+        // with stuffing.
         assert_eq!(bits(0), (47.0, 55.0));
         assert_eq!(bits(8), (111.0, 135.0));
     }

@@ -1,4 +1,5 @@
-//! A measured figure beside its budget and the best public peer's, and how it is printed and written.
+//! A measured figure beside its budget and the best public peer's, and how it is printed and
+//! written.
 
 use serde_json::{Value, json};
 
@@ -25,7 +26,8 @@ pub struct Figure {
     pub better: Better,
     /// The best public peer's, measured the same way.
     pub peer: Option<(f64, &'static str)>,
-    /// What it must not get worse than: recorded when it was last better, above the budget where that is missed.
+    /// What it must not get worse than: recorded when it was last better, above the budget where
+    /// that is missed.
     pub ceiling: Option<f64>,
 }
 

@@ -1,7 +1,8 @@
-//! How fast this machine is with kinematics, the emulator and native robots: `cargo xtask bench --host`.
+//! How fast this machine is with kinematics, the emulator and native robots: `cargo xtask bench
+//! --host`.
 //!
-//! Times of one machine, another in every run: nothing holds them to a bound, and they are kept apart from the other
-//! figures. What can be compared is within one run: the ratios.
+//! Times of one machine, another in every run: nothing holds them to a bound, and they are kept
+//! apart from the other figures. What can be compared is within one run: the ratios.
 
 use emulator::Firmware;
 use group::GroupFile;
@@ -72,7 +73,8 @@ fn kinematics() -> anyhow::Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// Robots without a bus: what one costs, in the size of study where it is cheapest and relative to that in the others.
+/// Robots without a bus: what one costs, in the size of study where it is cheapest and relative to
+/// that in the others.
 fn study(plant: OnPlant) -> anyhow::Result<Vec<Figure>> {
     let costs = scale::study_costs(plant)?;
     let cheapest = costs.iter().copied().fold(f64::INFINITY, f64::min);

@@ -43,8 +43,8 @@ pub fn by_crate(firmware: &Firmware) -> Vec<(String, u32)> {
     crates
 }
 
-/// The crate a function belongs to: of `<a::B as c::D>::e` it is `a`. Names without a path are the compiler's
-/// library and interrupt handlers.
+/// The crate a function belongs to: of `<a::B as c::D>::e` it is `a`. Names without a path are the
+/// compiler's library and interrupt handlers.
 fn crate_of(name: &str) -> String {
     let path = name.trim_start_matches(['<', '&', '[', '(']);
     match path.split_once("::") {
@@ -82,7 +82,8 @@ pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// The image that ships is held to this; the linker's own limit (`memory.x`) is that of the largest image.
+/// The image that ships is held to this; the linker's own limit (`memory.x`) is that of the largest
+/// image.
 const FLASH_LIMIT: f64 = 128.0 * 1024.0;
 /// The linker's own limit.
 const VARIABLES_LIMIT: f64 = 16.0 * 1024.0;

@@ -1,7 +1,8 @@
-//! From the master's call to the wheel, and from SYNC to it: one emulated robot that stands, and is told to move.
+//! From the master's call to the wheel, and from SYNC to it: one emulated robot that stands, and is
+//! told to move.
 //!
-//! The calls come at every step of a SYNC period in turn. What ends the time is the first of the changes of the front
-//! left wheel's PWM that follow one another tick by tick; it acts at once.
+//! The calls come at every step of a SYNC period in turn. What ends the time is the first of the
+//! changes of the front left wheel's PWM that follow one another tick by tick; it acts at once.
 
 use anyhow::{Context as _, ensure};
 use emulator::Firmware;
@@ -46,7 +47,8 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         driving.rig.run(MOVES_MS)?;
         let changes = driving.rig.world.take_duty_changes(0);
         let later: Vec<u64> = changes.into_iter().filter(|at| *at > called_ns).collect();
-        // A wheel that stands may still change its duty once; one that begins to move does in every tick.
+        // A wheel that stands may still change its duty once; one that begins to move does in every
+        // tick.
         let first = later.windows(2).find_map(|pair| match pair {
             [a, b] => (b - a < 1_500_000).then_some(*a),
             _ => None,

@@ -1,10 +1,10 @@
 //! `cargo xtask bench`: what the firmware costs and how exact it is, each figure by execution.
 //!
-//! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that run the release
-//! image and counts; [`image`] looks into the image; [`bus`]
-//! measures the virtual bus; [`latency`] the way from a call to the wheel; [`accuracy`] compares scalars; [`tracking`] drives
-//! curves. All of it is emulated or exact arithmetic, so two runs give
-//! the same figures, and `--check` can hold them to their ceilings. What depends on the speed of this machine is
+//! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that
+//! run the release image and counts; [`image`] looks into the image; [`bus`] measures the virtual
+//! bus; [`latency`] the way from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
+//! drives curves. All of it is emulated or exact arithmetic, so two runs give the same figures, and
+//! `--check` can hold them to their ceilings. What depends on the speed of this machine is
 //! [`host`]'s alone, measured when asked for and kept apart.
 
 mod accuracy;
@@ -44,8 +44,8 @@ pub struct Arguments {
     /// Writes docs/performance.md anew.
     #[arg(long)]
     write_docs: bool,
-    /// Measures also how fast this machine is with kinematics, the emulator and native robots. Never checked, and
-    /// apart from the figures in the JSON.
+    /// Measures also how fast this machine is with kinematics, the emulator and native robots.
+    /// Never checked, and apart from the figures in the JSON.
     #[arg(long)]
     host: bool,
     /// Only counts the functions of the tick one by one, which needs no image and a minute at most.

@@ -1,8 +1,9 @@
 //! The highest rate of the control tick that holds, by running images that tick faster.
 //!
-//! Each image is the release image but for the period of its tick. Three robots drive for a second; the rate holds when
-//! none of them comes to a fault and no tick of the first one is late, as the robot itself counts it: half a period
-//! behind. Rates are tried from above, beginning with the first one that does not take more time than there is.
+//! Each image is the release image but for the period of its tick. Three robots drive for a second;
+//! the rate holds when none of them comes to a fault and no tick of the first one is late, as the
+//! robot itself counts it: half a period behind. Rates are tried from above, beginning with the
+//! first one that does not take more time than there is.
 
 use emulator::Firmware;
 use group::GroupFile;

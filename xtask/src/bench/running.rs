@@ -1,4 +1,5 @@
-//! What the release image does in a driving group: instructions, load, times. All emulated, so two runs are equal.
+//! What the release image does in a driving group: instructions, load, times. All emulated, so two
+//! runs are equal.
 
 use anyhow::{Context as _, ensure};
 use canopen::{Frame, Micros, NodeId};
@@ -211,7 +212,8 @@ fn skew(driving: &Driving) -> anyhow::Result<Figure> {
         })
         .collect();
     let (first, others) = changes.split_first().context("no robots")?;
-    // At a thousand ticks; at this acceleration every other one changes the duty by less than its step.
+    // At a thousand ticks; at this acceleration every other one changes the duty by less than its
+    // step.
     ensure!(
         changes.iter().all(|changes| changes.len() > 250),
         "the PWM hardly changes"
@@ -233,7 +235,8 @@ fn skew(driving: &Driving) -> anyhow::Result<Figure> {
     Ok(Figure::new("skew.worst", worst as f64 * 1e-3, "us").budget(50.0))
 }
 
-/// How deep the stack has been since start-up: what has lost the paint of start-up. And how much is reserved.
+/// How deep the stack has been since start-up: what has lost the paint of start-up. And how much is
+/// reserved.
 fn high_water(robot: &super::watched::Watched, firmware: &Firmware) -> anyhow::Result<(u32, u32)> {
     const PAINT: u32 = 0xCCCC_CCCC;
     let address = |name| {

@@ -1,4 +1,5 @@
-//! How well a group follows its curves on both plants, native robots: what compensation and roller phase give.
+//! How well a group follows its curves on both plants, native robots: what compensation and roller
+//! phase give.
 
 use group::GroupFile;
 use omnibus::abort::Abort;
@@ -29,8 +30,8 @@ fn drive(group: &GroupFile, curve: Curve, compensation: bool) -> anyhow::Result<
     Ok(simulated(&drive, &mut |_, _| {})?)
 }
 
-/// Tracking error on the figure-eight on each plant; on the contact plant mean error and ripple sideways and heading
-/// error in oblique motion as well.
+/// Tracking error on the figure-eight on each plant; on the contact plant mean error and ripple
+/// sideways and heading error in oblique motion as well.
 pub fn figures(group: &GroupFile) -> anyhow::Result<Vec<Figure>> {
     let none = Abort::default();
     let plain = contact::on_contact(group, ROLLERS);

@@ -1,7 +1,8 @@
 //! How each cause is brought about, or why it is not.
 //!
-//! A cause happens at or around the robot, never inside its program, which is the image that ships. Robots by their
-//! place: number 0 is watched; where a cause lies with another member, that is number 2.
+//! A cause happens at or around the robot, never inside its program, which is the image that ships.
+//! Robots by their place: number 0 is watched; where a cause lies with another member, that is
+//! number 2.
 
 use canopen::Frame;
 use kinematics::Twist;
@@ -20,15 +21,16 @@ pub const SPEED: f32 = 0.6;
 /// The wheel that fails.
 const WHEEL: usize = 0;
 
-/// What drags at a blocked wheel, N·m: half of the motor's torque at rest. One that is held fast cannot be told
-/// from a dead encoder.
+/// What drags at a blocked wheel, N·m: half of the motor's torque at rest. One that is held fast
+/// cannot be told from a dead encoder.
 const DRAG: f64 = 32.0;
 
 /// Supply at which it is too low, V; the robots have 24 V otherwise, and 18 V as their minimum.
 const LOW_SUPPLY: f64 = 17.0;
 /// Supply that is too high for a maximum of 30 V, V.
 const HIGH_SUPPLY: f64 = 32.0;
-/// A current that the driver does not bear, A: less than the 1.4 A with which the motors overcome friction.
+/// A current that the driver does not bear, A: less than the 1.4 A with which the motors overcome
+/// friction.
 const TRIPS_AT: f64 = 1.0;
 /// After the supply has changed the duty does, for the same voltage at the motors; ms until it has.
 const SUPPLY_SETTLES_MS: u64 = 30;
@@ -178,7 +180,8 @@ pub const CASES: &[Case] = &[
         })
     },
     now(15, "", |rig| rig.world.set_emergency_stop(WATCHED, true)),
-    // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which announces that.
+    // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which
+    // announces that.
     Case {
         announced: Some(Fault::WatchdogReset),
         ..now(15, "processor halted", |rig| {
@@ -234,7 +237,8 @@ pub const CASES: &[Case] = &[
     }),
 ];
 
-/// Rows of the page of which nothing is tried here, because they promise no time, and where they are tried.
+/// Rows of the page of which nothing is tried here, because they promise no time, and where they
+/// are tried.
 #[cfg(test)]
 pub const ELSEWHERE: &[(u8, &str)] = &[
     (23, "refuses a start: robot/src/tests/start.rs"),
@@ -271,8 +275,8 @@ fn connect_current_sensor(rig: &mut Rig) {
     }
 }
 
-/// One member misses a setpoint and hears another one aside, with the same sequence. The time counts from the SYNC that
-/// latches both.
+/// One member misses a setpoint and hears another one aside, with the same sequence. The time
+/// counts from the SYNC that latches both.
 fn another_twist(rig: &mut Rig) -> Result<(), SimError> {
     const PERIOD_MS: u64 = 10;
     let others = [WATCHED, WATCHED + 1];
@@ -339,7 +343,8 @@ fn bus_off(rig: &mut Rig) -> Result<(), SimError> {
     Ok(())
 }
 
-/// The processor stands still a little longer than a control tick may be late; the time counts from its going on.
+/// The processor stands still a little longer than a control tick may be late; the time counts from
+/// its going on.
 fn late(rig: &mut Rig) -> Result<(), SimError> {
     const STANDS_MS: u64 = 22;
     rig.world.halt(WATCHED, true);

@@ -1,10 +1,11 @@
 //! One cause, from driving to standstill, with a group of three emulated robots.
 //!
-//! The group drives straight ahead at the speed of the case. The cause appears 1 ms after a SYNC and the heartbeat: the worst
-//! moment for a time-out. From then on the outputs of the watched robot are looked at every [`STEP_US`]: a cut is the
-//! moment the bridges are off; a ramp is the moment the mean duty of three wheels falls below everything it was in
-//! the [`BEFORE_MS`] before, by [`VISIBLE`]. (The fourth wheel is the one that fails, in some causes.) Then the robot
-//! must come to rest with drivers off and brake engaged, have said why, and stay so until the end.
+//! The group drives straight ahead at the speed of the case. The cause appears 1 ms after a SYNC
+//! and the heartbeat: the worst moment for a time-out. From then on the outputs of the watched
+//! robot are looked at every [`STEP_US`]: a cut is the moment the bridges are off; a ramp is the
+//! moment the mean duty of three wheels falls below everything it was in the [`BEFORE_MS`] before,
+//! by [`VISIBLE`]. (The fourth wheel is the one that fails, in some causes.) Then the robot must
+//! come to rest with drivers off and brake engaged, have said why, and stay so until the end.
 
 use anyhow::{Context as _, bail, ensure};
 use canopen::NmtCommand;
@@ -28,8 +29,8 @@ const READY_MS: u64 = 60;
 const SETTLE_MS: u64 = 600;
 /// Time over which the duty before the cause is looked at, ms.
 const BEFORE_MS: u64 = 100;
-/// A fall of the duty that is no noise. A ramp with the groups' jerk of 100 m/s^3 has taken this off by
-/// feedforward alone after 0.4 ms: J R / K / U * j / r * t = 0.00625 * 656 * t.
+/// A fall of the duty that is no noise. A ramp with the groups' jerk of 100 m/s^3 has taken this
+/// off by feedforward alone after 0.4 ms: J R / K / U * j / r * t = 0.00625 * 656 * t.
 const VISIBLE: f64 = 0.0015;
 /// Longest wait for a reaction, and for rest and the announcement after it, ms.
 const REACTION_MS: u64 = 1_000;

@@ -1,9 +1,10 @@
-//! `cargo xtask faults`: lets every cause of a stop happen to emulated robots that run the release image, and
-//! compares what they do with `docs/safety.md`.
+//! `cargo xtask faults`: lets every cause of a stop happen to emulated robots that run the release
+//! image, and compares what they do with `docs/safety.md`.
 //!
-//! [`promise`] reads the page, [`causes`] brings the causes about, [`measure`] drives and looks, [`pairs`] does so with two
-//! causes at a time. Every trial is a world of its own, so they run side by side. A promise that is not kept is a failure,
-//! and so is a cause with a time and without a trial.
+//! [`promise`] reads the page, [`causes`] brings the causes about, [`measure`] drives and looks,
+//! [`pairs`] does so with two causes at a time. Every trial is a world of its own, so they run side
+//! by side. A promise that is not kept is a failure, and so is a cause with a time and without a
+//! trial.
 
 mod causes;
 mod image;
@@ -40,8 +41,8 @@ pub struct Arguments {
     /// Tries the cause with this number only.
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
-    /// Which pairs of causes to try: all of them with native robots and those that cut with the image, those that cut
-    /// only, or none.
+    /// Which pairs of causes to try: all of them with native robots and those that cut with the
+    /// image, those that cut only, or none.
     #[arg(long, value_enum, default_value = "cuts")]
     pairs: Pairs,
     /// How many trials run side by side; as many as the machine has processors without this.

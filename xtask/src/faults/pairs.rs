@@ -1,20 +1,23 @@
-//! Two causes, one after the other: one that cuts always cuts within its promise, whatever happened before it or
-//! happens after.
+//! Two causes, one after the other: one that cuts always cuts within its promise, whatever happened
+//! before it or happens after.
 //!
-//! Every ordered pair of causes that can be brought about together is tried, the second 0, 20 and 200 ms after the first.
-//! Only the watched robot matters, so it alone runs the image in the trials where a cause cuts; the full product runs
-//! with native robots. What is measured is when the watched robot's bridges are off and its brake is told to hold:
+//! Every ordered pair of causes that can be brought about together is tried, the second 0, 20 and
+//! 200 ms after the first. Only the watched robot matters, so it alone runs the image in the trials
+//! where a cause cuts; the full product runs with native robots. What is measured is when the
+//! watched robot's bridges are off and its brake is told to hold:
 //!
-//! - A cause that cuts: from its appearance, within its row's time. If both cut, each has to; the one with less time to
-//!   spare is told.
-//! - None cuts: from the first cause, within the time of whichever row is due first, the ramp, and [`HOLD_MS`] until
-//!   the brake.
+//! - A cause that cuts: from its appearance, within its row's time. If both cut, each has to; the
+//!   one with less time to spare is told.
+//! - None cuts: from the first cause, within the time of whichever row is due first, the ramp, and
+//!   [`HOLD_MS`] until the brake.
 //!
-//! A processor that stands still cuts nothing that it has to cut by program ([`Case`] 17 and 20). A cause that is not yet
-//! due when that begins has its time from the moment when the processor goes on, or is reset by its watchdog.
+//! A processor that stands still cuts nothing that it has to cut by program ([`Case`] 17 and 20). A
+//! cause that is not yet due when that begins has its time from the moment when the processor goes
+//! on, or is reset by its watchdog.
 //!
-//! Of a reversed encoder (12) the page promises more time where the wheel is slow already, and in return that it does not
-//! become faster: [`Slow`]. One that stands shows nothing, and is off at the end of the ramp.
+//! Of a reversed encoder (12) the page promises more time where the wheel is slow already, and in
+//! return that it does not become faster: [`Slow`]. One that stands shows nothing, and is off at
+//! the end of the ramp.
 
 use group::GroupFile;
 use sim::rig::Rig;
@@ -183,7 +186,8 @@ impl Pair<'_> {
         worst.ok_or_else(|| anyhow::anyhow!("nothing is promised"))
     }
 
-    /// What has to hold: from when, ns, and within what, ms. `slow_ms` is for a reversed encoder of a slow wheel.
+    /// What has to hold: from when, ns, and within what, ms. `slow_ms` is for a reversed encoder of
+    /// a slow wheel.
     fn promises(
         &self,
         group: &GroupFile,
@@ -196,7 +200,8 @@ impl Pair<'_> {
             slow_ms.or(promise.millis).unwrap_or(0.0)
         };
         if self.cuts() {
-            // What the program had seen of a wheel is void after a standstill, so its time begins anew.
+            // What the program had seen of a wheel is void after a standstill, so its time begins
+            // anew.
             let stands = both.iter().find_map(|((promise, case), at)| {
                 let at_ns = *at as f64;
                 match case.number {
@@ -269,8 +274,9 @@ mod tests {
     use super::super::promise;
     use protocol::address as at;
 
-    /// A reversed encoder doubles what a wheel stays behind its reference. Half of the threshold is enough for that, if
-    /// the reference still has it at the end of the 60 ms, with the deceleration of the group.
+    /// A reversed encoder doubles what a wheel stays behind its reference. Half of the threshold is
+    /// enough for that, if the reference still has it at the end of the 60 ms, with the
+    /// deceleration of the group.
     #[test]
     fn the_page_says_from_which_rate_on_a_reversed_encoder_is_seen() {
         let page = include_str!("../../../docs/safety.md");

@@ -1,9 +1,10 @@
 //! What is stored, and how a robot comes up when it is not what it should be.
 //!
-//! One emulated board without a group: parameters are saved over SDO, the power fails or the flash is changed, and
-//! the next board starts with that flash. From power-on to the end it must keep its drivers off and its brake engaged.
-//! The reaction that is measured is the one that a master sees: how long after power-on it says what is wrong, or, where
-//! there is nothing to say, that it is there.
+//! One emulated board without a group: parameters are saved over SDO, the power fails or the flash
+//! is changed, and the next board starts with that flash. From power-on to the end it must keep its
+//! drivers off and its brake engaged. The reaction that is measured is the one that a master sees:
+//! how long after power-on it says what is wrong, or, where there is nothing to say, that it is
+//! there.
 
 use anyhow::{Context as _, bail, ensure};
 use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, StopKind};
@@ -68,7 +69,8 @@ impl Robot {
         Ok(None)
     }
 
-    /// Whether drivers are on or the brake is released: a pin that floats is pulled down on the board.
+    /// Whether drivers are on or the brake is released: a pin that floats is pulled down on the
+    /// board.
     fn is_live(&self) -> bool {
         [0, 1]
             .map(|pin| self.board.output(Port::B, pin))
@@ -116,7 +118,8 @@ impl Robot {
             })
     }
 
-    /// Comes up, tries to start by itself and on command, and must stay off. The time of the boot-up message, ns.
+    /// Comes up, tries to start by itself and on command, and must stay off. The time of the
+    /// boot-up message, ns.
     fn stays_off(&mut self) -> anyhow::Result<u64> {
         for ns in (0..UP_NS).step_by(1_000_000) {
             self.run(ns, None)?;

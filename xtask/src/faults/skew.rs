@@ -1,9 +1,10 @@
 //! How far apart two robots change the voltage at their motors.
 //!
-//! Two emulated robots with crystals [`CRYSTALS_PPM`] apart follow a twist that changes all the time. SYNC comes from a
-//! master whose clock is good on average and off by up to [`JITTER_US`] each time. Every change of a compare value of
-//! the PWM timer, which acts at once, is noted with its time; what is measured is the time from each change of one
-//! robot to the nearest of the other, worst case over [`SECONDS`].
+//! Two emulated robots with crystals [`CRYSTALS_PPM`] apart follow a twist that changes all the
+//! time. SYNC comes from a master whose clock is good on average and off by up to [`JITTER_US`]
+//! each time. Every change of a compare value of the PWM timer, which acts at once, is noted with
+//! its time; what is measured is the time from each change of one robot to the nearest of the
+//! other, worst case over [`SECONDS`].
 
 use anyhow::{Context as _, ensure};
 use canopen::{Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};

@@ -306,7 +306,8 @@ impl Server {
         Ok(())
     }
 
-    /// A frame with up to seven bytes of the value from `at` on behind its first one, and how many are unused.
+    /// A frame with up to seven bytes of the value from `at` on behind its first one, and how many
+    /// are unused.
     fn segment(&self, at: usize) -> ([u8; 8], u8) {
         let mut bytes = [0; 8];
         let mut unused = 7u8;

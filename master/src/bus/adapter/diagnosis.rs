@@ -1,8 +1,8 @@
 //! What an adapter says about the state of the bus, in words that say what to check.
 //!
-//! Adapters notice what a master cannot: frames that nobody acknowledges, or that nobody can read because
-//! the bit rate is wrong. The reading thread leaves the latest such report here; it is shown when robots do
-//! not answer.
+//! Adapters notice what a master cannot: frames that nobody acknowledges, or that nobody can read
+//! because the bit rate is wrong. The reading thread leaves the latest such report here; it is
+//! shown when robots do not answer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

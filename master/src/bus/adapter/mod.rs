@@ -1,11 +1,11 @@
 //! Real adapters: a thread reads, a channel carries, the master waits on the channel.
 //!
 //! The reading thread stamps every frame with this machine's monotonic clock as soon as the adapter
-//! hands it over, so times are late by the adapter's own delay (about a millisecond over USB) and by
-//! nothing of the master's. It blocks in the adapter and ends when the adapter fails or the master
-//! has gone. The channel is unbounded: a bus at 1 Mbit/s brings at most some 9000 frames a second,
-//! and a master that does not look for a minute holds 20 MB. Sending blocks until the system has
-//! taken the frame. SYNC has a thread of its own, see [`pace`].
+//! hands it over, so times are late by the adapter's own delay (about a millisecond over USB) and
+//! by nothing of the master's. It blocks in the adapter and ends when the adapter fails or the
+//! master has gone. The channel is unbounded: a bus at 1 Mbit/s brings at most some 9000 frames a
+//! second, and a master that does not look for a minute holds 20 MB. Sending blocks until the
+//! system has taken the frame. SYNC has a thread of its own, see [`pace`].
 
 use std::collections::VecDeque;
 use std::io;

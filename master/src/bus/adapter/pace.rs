@@ -1,14 +1,15 @@
 //! The thread that sends SYNC: on its schedule whatever the session is doing.
 //!
-//! It sleeps until shortly before a SYNC is due and spins for the rest, because a sleeping thread wakes some
-//! 50 to 100 µs late on Linux. Every SYNC is due a whole number of periods after the first: lateness does not
-//! add up. How late each went out is measured where the system has taken the frame. When the machine was so
-//! busy that the next one is less than half a period away, that one is left out: robots need the time between two
-//! SYNCs to hear from each other, and bridge a missing one, but not a burst.
+//! It sleeps until shortly before a SYNC is due and spins for the rest, because a sleeping thread
+//! wakes some 50 to 100 µs late on Linux. Every SYNC is due a whole number of periods after the
+//! first: lateness does not add up. How late each went out is measured where the system has taken
+//! the frame. When the machine was so busy that the next one is less than half a period away, that
+//! one is left out: robots need the time between two SYNCs to hear from each other, and bridge a
+//! missing one, but not a burst.
 //!
-//! The thread shares the adapter's writing end with the session, one frame at a time. It ends when the link
-//! is dropped or the schedule is taken back. It sends no setpoints and no heartbeat: when the session hangs,
-//! robots must notice.
+//! The thread shares the adapter's writing end with the session, one frame at a time. It ends when
+//! the link is dropped or the schedule is taken back. It sends no setpoints and no heartbeat: when
+//! the session hangs, robots must notice.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,7 +43,8 @@ pub(super) struct Pacer {
 }
 
 impl Pacer {
-    /// Starts to send SYNC. `started` is the zero of the link's clock; what was sent goes to `say`, and failures.
+    /// Starts to send SYNC. `started` is the zero of the link's clock; what was sent goes to `say`,
+    /// and failures.
     pub fn start(
         schedule: Schedule,
         started: Instant,

@@ -2,9 +2,9 @@
 //!
 //! `tIIILDD..` is a frame: identifier in three hex digits, length, data; a carriage return ends a
 //! line. Adapters answer commands with a carriage return or, refusing, a bell; `z` acknowledges a
-//! frame; `F` asks for status flags. Anything else (extended and remote frames, other status lines) is
-//! passed over. A bell is no error by itself (closing a closed channel rings one), many in a row are: then
-//! the adapter takes no frames.
+//! frame; `F` asks for status flags. Anything else (extended and remote frames, other status lines)
+//! is passed over. A bell is no error by itself (closing a closed channel rings one), many in a row
+//! are: then the adapter takes no frames.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
@@ -212,8 +212,8 @@ mod tests {
         assert_eq!(lines.push(b'\r'), Some(Frame::of(0x80, [5])));
     }
 
-    /// SYNC comes from the link's own thread while nobody calls the link, counted without gaps, and stops when
-    /// the schedule is taken back.
+    /// SYNC comes from the link's own thread while nobody calls the link, counted without gaps, and
+    /// stops when the schedule is taken back.
     #[test]
     fn sync_goes_out_while_the_session_does_something_else() {
         const SYNCS: usize = 20;
@@ -284,8 +284,8 @@ mod tests {
         assert!(error.contains("termination"), "{error}");
     }
 
-    /// An adapter at the other end of a pseudo terminal: it echoes frames with the next identifier, then refuses
-    /// everything and says that it is error passive.
+    /// An adapter at the other end of a pseudo terminal: it echoes frames with the next identifier,
+    /// then refuses everything and says that it is error passive.
     #[test]
     #[cfg(unix)]
     fn a_serial_adapter_over_a_pseudo_terminal() {

@@ -1,9 +1,10 @@
 //! The socketcand protocol: a CAN interface of another machine, as lines of text over TCP.
 //!
-//! Messages stand between `<` and `>`, words between blanks. The server greets with `< hi >`, the client asks
-//! `< open can0 >` and `< rawmode >`, each answered with `< ok >` or `< error .. >`; then frames go to and
-//! fro: `< send 181 2 e8 03 >`, `< frame 181 12.345678 E803 >`. Whatever else the server says is passed over.
-//! The server's time stamps are not used: they are of another clock. The bit rate is the server's business.
+//! Messages stand between `<` and `>`, words between blanks. The server greets with `< hi >`, the
+//! client asks `< open can0 >` and `< rawmode >`, each answered with `< ok >` or `< error .. >`;
+//! then frames go to and fro: `< send 181 2 e8 03 >`, `< frame 181 12.345678 E803 >`. Whatever else
+//! the server says is passed over. The server's time stamps are not used: they are of another
+//! clock. The bit rate is the server's business.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs as _};
@@ -30,8 +31,8 @@ pub fn encode(frame: &Frame) -> String {
     text
 }
 
-/// The frame in a message without its brackets; `None` for every other message, and for frames that the bus
-/// of ours does not have: extended identifiers have eight digits.
+/// The frame in a message without its brackets; `None` for every other message, and for frames that
+/// the bus of ours does not have: extended identifiers have eight digits.
 #[must_use]
 pub fn decode(message: &str) -> Option<Frame> {
     let mut words = message.split_ascii_whitespace();

@@ -1,5 +1,5 @@
-//! `omnibus calibrate --phase`: how the rollers of each wheel stand at its encoder's index, from a source of poses or
-//! from gyros.
+//! `omnibus calibrate --phase`: how the rollers of each wheel stand at its encoder's index, from a
+//! source of poses or from gyros.
 
 use anyhow::{Context as _, bail};
 use group::GroupFile;

@@ -331,7 +331,8 @@ fn held<L: Link>(group: &mut Group<L>, file: &GroupFile) -> Result<Vec<Held>, Ma
     nodes.map(|node| Held::read(group.wire(), node)).collect()
 }
 
-/// Writes a calibration where it has to go, keeps what was there, and says whether the group file has it.
+/// Writes a calibration where it has to go, keeps what was there, and says whether the group file
+/// has it.
 fn write<L: Link>(
     arguments: &Arguments,
     file: &GroupFile,

@@ -1,9 +1,10 @@
 //! The dead-man's key: whether a key is held down, on terminals that do not say when it is let go.
 //!
-//! Most terminals report a held key as presses that repeat: the first, a pause of up to 0.66 s (X11's and most
-//! desktops' default), then 25 or more a second. So a first press holds for 0.7 s, and from the second on each
-//! holds for 0.25 s. A tap moves the group for 0.7 s at most. Terminals with the kitty keyboard protocol report
-//! the release itself; then a first press holds for 0.7 s too, because the connection may be what broke.
+//! Most terminals report a held key as presses that repeat: the first, a pause of up to 0.66 s
+//! (X11's and most desktops' default), then 25 or more a second. So a first press holds for 0.7 s,
+//! and from the second on each holds for 0.25 s. A tap moves the group for 0.7 s at most. Terminals
+//! with the kitty keyboard protocol report the release itself; then a first press holds for 0.7 s
+//! too, because the connection may be what broke.
 
 use std::time::{Duration, Instant};
 

@@ -1,9 +1,10 @@
 //! A gamepad through Linux' joystick interface: a file that one reads.
 //!
-//! /dev/input/jsN gives eight bytes an event: time (u32, ms), value (i16), kind (1 button, 2 axis, with 0x80 for
-//! the state at opening), number. Read so, no library and no udev is needed. The layout is that of pads with
-//! the xpad driver: left stick axes 0 and 1, right stick axis 3, left shoulder button 4. That button is the
-//! dead-man's: it must be held, and when the pad goes away it counts as let go.
+//! /dev/input/jsN gives eight bytes an event: time (u32, ms), value (i16), kind (1 button, 2 axis,
+//! with 0x80 for the state at opening), number. Read so, no library and no udev is needed. The
+//! layout is that of pads with the xpad driver: left stick axes 0 and 1, right stick axis 3, left
+//! shoulder button 4. That button is the dead-man's: it must be held, and when the pad goes away it
+//! counts as let go.
 
 use std::fs::File;
 use std::io::{self, Read};

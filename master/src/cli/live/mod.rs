@@ -1,9 +1,10 @@
 //! `omnibus watch` and `omnibus teleop`: a running group in the terminal, and a hand on it.
 //!
-//! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch` only listens
-//! until it is told to start; on a bus that another master commands it never does more. Driving needs a key (or
-//! the gamepad's button) that is held down: see [`deadman`]. Every 50 ms while it is, the pilot is told the
-//! velocity once more, good for 0.2 s; so when this program hangs or its terminal goes, the group ramps down.
+//! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch`
+//! only listens until it is told to start; on a bus that another master commands it never does
+//! more. Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50
+//! ms while it is, the pilot is told the velocity once more, good for 0.2 s; so when this program
+//! hangs or its terminal goes, the group ramps down.
 
 mod deadman;
 mod gamepad;

@@ -1,4 +1,5 @@
-//! The screen: 80 columns and 24 lines hold a group of sixteen; what is left below shows what happened.
+//! The screen: 80 columns and 24 lines hold a group of sixteen; what is left below shows what
+//! happened.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -181,7 +182,8 @@ impl View {
         lines
     }
 
-    /// The newest of what happened, as much as there is room for; what is longer than a line goes on in the next.
+    /// The newest of what happened, as much as there is room for; what is longer than a line goes
+    /// on in the next.
     fn history(&self, area: Rect) -> Vec<Line<'_>> {
         let width = usize::from(area.width).saturating_sub(INDENT).max(20);
         let mut lines = Vec::new();

@@ -8,7 +8,8 @@ use super::fit::Row;
 /// Size of one chart, in pixels.
 const SIZE: (u32, u32) = (640, 400);
 
-/// The charts of a calibration: of what moves straight, and of what turns, below each other for every subject.
+/// The charts of a calibration: of what moves straight, and of what turns, below each other for
+/// every subject.
 #[must_use]
 pub fn sheet(calibration: &Calibration) -> Sheet {
     let mut sheet = Sheet::default();

@@ -1,10 +1,11 @@
-//! From motions to coefficients: tables over speed, ahead, sideways and oblique, each with how sure it is.
+//! From motions to coefficients: tables over speed, ahead, sideways and oblique, each with how sure
+//! it is.
 //!
-//! One axis at one speed is [`kinematics::estimate::fit`]: outliers out, least squares, a 95 % interval, refusal of what
-//! does not determine it. Oblique motions at any angle are first brought to 45 degrees by the rule that
-//! [`kinematics::DirectionalCompensation`] interpolates with. Before anything is fitted the motions have to make sense:
-//! a group that moves askew has a pose source that looks askew, or a wheel in the wrong place, and no coefficient mends
-//! either.
+//! One axis at one speed is [`kinematics::estimate::fit`]: outliers out, least squares, a 95 %
+//! interval, refusal of what does not determine it. Oblique motions at any angle are first brought
+//! to 45 degrees by the rule that [`kinematics::DirectionalCompensation`] interpolates with. Before
+//! anything is fitted the motions have to make sense: a group that moves askew has a pose source
+//! that looks askew, or a wheel in the wrong place, and no coefficient mends either.
 
 use group::{CompensationTable, GroupFile};
 use kinematics::estimate::{Fit, Limits, Sample, fit};
@@ -131,7 +132,8 @@ impl Found {
             let ratios = |n: usize| {
                 let here = of(Way::Oblique).filter(move |o| o.speed.total_cmp(&speed).is_eq());
                 here.map(move |o| {
-                    // coefficient = axial + 2 share (oblique - axial), the share being the other axis's.
+                    // coefficient = axial + 2 share (oblique - axial), the share being the other
+                    // axis's.
                     let square = o.measured.map(|v| v * v);
                     let share = square[1 - n] / (square[0] + square[1]);
                     let coefficient = o.believed[n] / o.measured[n];
@@ -161,7 +163,8 @@ impl Found {
         }
     }
 
-    /// One coefficient an axis: the mean of its rows, of the lateral ones less what the rollers' hand-over loses.
+    /// One coefficient an axis: the mean of its rows, of the lateral ones less what the rollers'
+    /// hand-over loses.
     ///
     /// # Errors
     /// When they are none.
@@ -181,8 +184,8 @@ impl Found {
         VelocityCompensation::new(x, y, turn).map_err(unusable)
     }
 
-    /// By how much the lateral coefficient grows with the speed, s/m: what the rollers' hand-over loses. 0 where the rows
-    /// do not show with two standard deviations that it grows.
+    /// By how much the lateral coefficient grows with the speed, s/m: what the rollers' hand-over
+    /// loses. 0 where the rows do not show with two standard deviations that it grows.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "a group file holds f32")]
     pub fn hand_over_loss(&self) -> f32 {
@@ -338,8 +341,8 @@ mod tests {
         assert!((f64::from(coefficient) - ASIDE).abs() < 1e-6);
     }
 
-    /// Rows of 1.005 and 0.002 s/m, to a hundred-thousandth; the rest is what stays of the mean. Rows that scatter by more
-    /// than they rise show nothing, and neither does one row.
+    /// Rows of 1.005 and 0.002 s/m, to a hundred-thousandth; the rest is what stays of the mean.
+    /// Rows that scatter by more than they rise show nothing, and neither does one row.
     #[test]
     fn what_grows_with_speed_is_told_apart() {
         let rows = |speeds: &[f64], coefficient: &dyn Fn(f64) -> f64, sure: f64| {

@@ -1,8 +1,10 @@
-//! The motions that show what a floor takes away: along each axis, obliquely and turning, both ways, at several speeds.
+//! The motions that show what a floor takes away: along each axis, obliquely and turning, both
+//! ways, at several speeds.
 //!
-//! Each goes from rest to rest over whole passages of a roller of every wheel, so that the ripple of the rollers does
-//! not pass for loss. Oblique ones go at atan(3/5) to an axis and not at 45 degrees, where two wheels stand and what is
-//! lost depends on the roller they happen to stand on: here the slow wheels turn a quarter as fast as the others.
+//! Each goes from rest to rest over whole passages of a roller of every wheel, so that the ripple
+//! of the rollers does not pass for loss. Oblique ones go at atan(3/5) to an axis and not at 45
+//! degrees, where two wheels stand and what is lost depends on the roller they happen to stand on:
+//! here the slow wheels turn a quarter as fast as the others.
 
 use std::f64::consts::TAU;
 

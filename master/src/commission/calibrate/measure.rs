@@ -1,8 +1,9 @@
 //! Drives the motions and puts side by side what the wheels say of them and what was measured.
 //!
-//! What was asked is not the setpoint but the way the robots themselves work out from their wheels, with the
-//! compensation in force taken off again: so ramps, delays and a scaled-down speed do not matter, and both are read at
-//! rest. Robots bolted to one load are one subject with the pose of the group; robots apart are a subject each.
+//! What was asked is not the setpoint but the way the robots themselves work out from their wheels,
+//! with the compensation in force taken off again: so ramps, delays and a scaled-down speed do not
+//! matter, and both are read at rest. Robots bolted to one load are one subject with the pose of
+//! the group; robots apart are a subject each.
 
 use std::f64::consts::{PI, TAU};
 
@@ -112,7 +113,8 @@ fn compose([x, y, heading]: [f64; 3], [dx, dy, turn]: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// The way from one pose to another in the frame of the body half-way; `turn` is about how far it has turned.
+/// The way from one pose to another in the frame of the body half-way; `turn` is about how far it
+/// has turned.
 fn way(from: [f64; 3], to: [f64; 3], turn: f64) -> [f64; 3] {
     let off = (to[2] - from[2] - turn + PI).rem_euclid(TAU) - PI;
     let turned = turn + off;
@@ -148,8 +150,8 @@ impl Observation {
 /// Poses of the subjects now: m, m, rad in any fixed frame.
 pub type Poses<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<[f64; 3]>, MasterError>;
 
-/// Asks a person how far the only subject has come, in its frame at the start: m, m, rad; `None` to leave the motion
-/// out. The group stands and the one who asks must keep listening to it.
+/// Asks a person how far the only subject has come, in its frame at the start: m, m, rad; `None` to
+/// leave the motion out. The group stands and the one who asks must keep listening to it.
 pub type Ask<'a, L> =
     &'a mut dyn FnMut(&mut Group<L>, &Manoeuvre) -> Result<Option<[f64; 3]>, MasterError>;
 

@@ -1,13 +1,15 @@
 //! Working out what robots have to be told about themselves, from motions and a source of poses.
 //!
-//! [`calibrate`] finds the compensation for wheel slip. First the straight motions are driven without compensation
-//! and give the tables ahead, sideways and oblique. With these in force the turns are driven, because robots bolted far
-//! from the middle turn the group mostly by going sideways; their coefficient is corrected until the turn is right.
-//! Then every axis is driven once more with everything in force: what is left then is what the calibration is worth, and
-//! one that does not hold is refused. [`phase`] finds how the rollers stand.
+//! [`calibrate`] finds the compensation for wheel slip. First the straight motions are driven
+//! without compensation and give the tables ahead, sideways and oblique. With these in force the
+//! turns are driven, because robots bolted far from the middle turn the group mostly by going
+//! sideways; their coefficient is corrected until the turn is right. Then every axis is driven once
+//! more with everything in force: what is left then is what the calibration is worth, and one that
+//! does not hold is refused. [`phase`] finds how the rollers stand.
 //!
-//! Robots that know their rollers are given constants. What grows with speed there is what the rollers lose that meet the
-//! floor at rest; it is told apart and becomes a number of the group ([`crate::path::roller_transition`]), in force from the turns on.
+//! Robots that know their rollers are given constants. What grows with speed there is what the
+//! rollers lose that meet the floor at rest; it is told apart and becomes a number of the group
+//! ([`crate::path::roller_transition`]), in force from the turns on.
 
 pub mod chart;
 mod error;
@@ -74,11 +76,12 @@ pub struct Calibration {
 /// Told the motion that begins, and how many have been driven.
 pub type Progress<'a> = &'a mut dyn FnMut(&Manoeuvre, usize);
 
-/// Calibrates the compensation of a connected group. The group stands afterwards and its robots hold the new
-/// coefficients, unsaved.
+/// Calibrates the compensation of a connected group. The group stands afterwards and its robots
+/// hold the new coefficients, unsaved.
 ///
 /// # Errors
-/// When driving or measuring fails, and when the data do not determine the coefficients or the result does not hold.
+/// When driving or measuring fails, and when the data do not determine the coefficients or the
+/// result does not hold.
 pub fn calibrate<L: Link>(
     group: &mut Group<L>,
     settings: &Settings,
@@ -176,8 +179,8 @@ pub fn calibrate<L: Link>(
     })
 }
 
-/// Coefficients of the turns corrected by what was seen with those in force, and the errors seen. `sensitivity` says how
-/// much of a change of the coefficient shows in the turn.
+/// Coefficients of the turns corrected by what was seen with those in force, and the errors seen.
+/// `sensitivity` says how much of a change of the coefficient shows in the turn.
 fn turned(
     rows: &[Row],
     seen: &[Observation],
@@ -202,8 +205,8 @@ fn turned(
     Ok((out, errors))
 }
 
-/// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of the robots: shares of
-/// its own twist.
+/// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of
+/// the robots: shares of its own twist.
 fn more<L: Link>(group: &Group<L>, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
     let heading = subjects.first().map_or(0.0, Subject::heading) as f32;

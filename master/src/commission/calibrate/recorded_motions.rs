@@ -1,11 +1,12 @@
 //! The slow motions that show how the rollers stand, and what was seen of them.
 //!
-//! [`motions`] are mixed ones: sideways, with a little forward and a little turn, so that the four wheels turn at four
-//! rates and each ripples at a frequency of its own. That is what a gyro needs to tell them apart, which sees one axis
-//! only; poses would do with less. There and back, and with the slow and the fast wheels exchanged.
+//! [`motions`] are mixed ones: sideways, with a little forward and a little turn, so that the four
+//! wheels turn at four rates and each ripples at a frequency of its own. That is what a gyro needs
+//! to tell them apart, which sees one axis only; poses would do with less. There and back, and with
+//! the slow and the fast wheels exchanged.
 //!
-//! Wheel angles are those the robots give at rest before and after; between, their measured wheel rates are summed up
-//! and brought to fit. What is seen comes from whoever calls, at every SYNC.
+//! Wheel angles are those the robots give at rest before and after; between, their measured wheel
+//! rates are summed up and brought to fit. What is seen comes from whoever calls, at every SYNC.
 
 use kinematics::{FourWheelGeometry, Twist};
 use std::f64::consts::TAU;
@@ -20,16 +21,17 @@ use crate::source::gyro::RateSample;
 const REST: f64 = 0.3;
 /// How long each motion lasts, s.
 pub const SECONDS: f64 = 10.0;
-/// Speed of the slowest wheel's rim, m/s: slow enough that slip and loop lag are small, and the fastest wheel's ripple
-/// is no more than some hertz.
+/// Speed of the slowest wheel's rim, m/s: slow enough that slip and loop lag are small, and the
+/// fastest wheel's ripple is no more than some hertz.
 const RIM: f64 = 0.12;
-/// Shares of that speed which go forward, sideways and into the turn: the rims of front left, front right, rear left
-/// and rear right get -1.4, 2.3, 1.9 and -1.0 of it.
+/// Shares of that speed which go forward, sideways and into the turn: the rims of front left, front
+/// right, rear left and rear right get -1.4, 2.3, 1.9 and -1.0 of it.
 const SHARES: [f64; 3] = [0.45, 1.65, 0.2];
 
 /// Poses of the robots in the order of the group file, now: m, m, rad, heading unwrapped.
 pub type Poses<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<[f64; 3]>, MasterError>;
-/// Yaw rates of the robots in the order of the group file: those that have come since the last call.
+/// Yaw rates of the robots in the order of the group file: those that have come since the last
+/// call.
 pub type YawRates<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<Vec<RateSample>>, MasterError>;
 
 /// Who sees the robots.
@@ -40,7 +42,8 @@ pub enum Source<'a, L> {
     Gyro(YawRates<'a, L>),
 }
 
-/// The motions for robots like this one within the limits of their group, each given number of times there and back.
+/// The motions for robots like this one within the limits of their group, each given number of
+/// times there and back.
 #[must_use]
 #[expect(clippy::cast_possible_truncation, reason = "setpoints are f32")]
 pub fn motions(
@@ -62,8 +65,8 @@ pub fn motions(
     (0..repeats).flat_map(|_| one.concat()).collect()
 }
 
-/// Starts a group, drives it through motions and records every robot: one list of motions a robot. The group is stopped
-/// afterwards, whatever happened.
+/// Starts a group, drives it through motions and records every robot: one list of motions a robot.
+/// The group is stopped afterwards, whatever happened.
 ///
 /// # Errors
 /// When driving fails, or the source does.
@@ -178,8 +181,8 @@ fn sum_up(
     (times, angles)
 }
 
-/// A gyro's samples on the clock of the link: its own times, moved by what the promptest sample took. (What that took
-/// too is the same for all and comes out as a delay.)
+/// A gyro's samples on the clock of the link: its own times, moved by what the promptest sample
+/// took. (What that took too is the same for all and comes out as a delay.)
 fn aligned(samples: &[RateSample]) -> Vec<(f64, f64)> {
     let late = samples.iter().map(|sample| sample.arrived - sample.t);
     let least = late.fold(f64::INFINITY, f64::min);
@@ -198,7 +201,8 @@ fn angles<L: Link>(group: &mut Group<L>, nodes: &[u8]) -> Result<Vec<[f64; 4]>, 
         .collect()
 }
 
-/// Spreads over a motion what its end is off from the angles read there, which are known but for whole pitches.
+/// Spreads over a motion what its end is off from the angles read there, which are known but for
+/// whole pitches.
 fn fit(angles: &mut [[f64; 4]], end: &[f64; 4], pitch: f64) {
     let (Some(first), Some(last)) = (angles.first().copied(), angles.last().copied()) else {
         return;
@@ -256,7 +260,8 @@ mod tests {
         }
     }
 
-    /// The promptest sample takes 3 ms between clocks that are 5 s apart; the others are late, their times are not.
+    /// The promptest sample takes 3 ms between clocks that are 5 s apart; the others are late,
+    /// their times are not.
     #[test]
     fn a_late_line_does_not_move_its_sample() {
         let sample = |t: f64, late: f64| RateSample {

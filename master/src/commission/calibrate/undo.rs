@@ -135,11 +135,12 @@ pub fn section(constant: &VelocityCompensation, table: &CompensationTable) -> St
     )
 }
 
-/// A group file's text with this section in place of the `[robot.compensation]` it has and the comment above that; all else
-/// stays as it is.
+/// A group file's text with this section in place of the `[robot.compensation]` it has and the
+/// comment above that; all else stays as it is.
 ///
 /// # Errors
-/// When the result does not say what `wanted` says: a robot has coefficients of its own, or they stand elsewhere.
+/// When the result does not say what `wanted` says: a robot has coefficients of its own, or they
+/// stand elsewhere.
 pub fn rewrite(path: &Path, section: &str, wanted: &GroupFile) -> Result<String, CalibrateError> {
     let text = std::fs::read_to_string(path).map_err(|error| file(path, error.to_string()))?;
     let mut out = String::new();

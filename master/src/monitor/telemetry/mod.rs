@@ -1,13 +1,14 @@
-//! What a running group tells those who watch it: live views, recorders, the page, your own program.
+//! What a running group tells those who watch it: live views, recorders, the page, your own
+//! program.
 //!
-//! The session makes one [`Snapshot`] per SYNC period, when everything that belongs to that SYNC has come
-//! in: one period after it happened. Snapshots, single frames and events go to every [`Subscription`] of the
-//! session's [`Hub`]. A reader that is slow loses its oldest items and can see how many; it never holds up
-//! the session. With nobody subscribed nothing is made or copied.
+//! The session makes one [`Snapshot`] per SYNC period, when everything that belongs to that SYNC
+//! has come in: one period after it happened. Snapshots, single frames and events go to every
+//! [`Subscription`] of the session's [`Hub`]. A reader that is slow loses its oldest items and can
+//! see how many; it never holds up the session. With nobody subscribed nothing is made or copied.
 //!
-//! All values are SI and in the group frame (x forward, y left, counter-clockwise positive). `None` is
-//! "not known": no frame came, or nobody measures it. Times are those of the link's clock since the session
-//! began; on a simulated bus they are virtual.
+//! All values are SI and in the group frame (x forward, y left, counter-clockwise positive). `None`
+//! is "not known": no frame came, or nobody measures it. Times are those of the link's clock since
+//! the session began; on a simulated bus they are virtual.
 
 mod stream;
 
@@ -70,8 +71,8 @@ pub struct Snapshot {
     pub command: Twist,
     /// Where the group should be at this instant, on a curve; frame of `pose`.
     pub target: Option<Pose>,
-    /// Where the group is: the mean of what the members work out from their wheels, in the frame in which
-    /// they were configured.
+    /// Where the group is: the mean of what the members work out from their wheels, in the frame in
+    /// which they were configured.
     pub pose: Option<Pose>,
     /// How fast the group moves: the mean of the members' measured twists.
     pub measured: Option<Twist>,
@@ -112,8 +113,8 @@ pub struct MemberSample {
     pub wheel_rates: Option<WheelRates>,
 }
 
-/// How late frames of a schedule went out, in µs. What is measured is when the system took the frame, after
-/// the time it was due.
+/// How late frames of a schedule went out, in µs. What is measured is when the system took the
+/// frame, after the time it was due.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Punctuality {
     /// How many were sent.

@@ -1,7 +1,8 @@
-//! The channel behind the telemetry: one writer, any number of readers, nobody waits for the slowest.
+//! The channel behind the telemetry: one writer, any number of readers, nobody waits for the
+//! slowest.
 //!
-//! Every subscription has a queue of its own with a fixed capacity. When it is full the oldest item goes and
-//! is counted. The writer takes one short lock per subscription and item.
+//! Every subscription has a queue of its own with a fixed capacity. When it is full the oldest item
+//! goes and is counted. The writer takes one short lock per subscription and item.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
@@ -42,7 +43,8 @@ impl Shared {
     }
 }
 
-/// Where the items come from. Cheap to clone: a clone can hand out subscriptions from another thread.
+/// Where the items come from. Cheap to clone: a clone can hand out subscriptions from another
+/// thread.
 #[derive(Clone, Default)]
 pub struct Hub(Arc<Mutex<Vec<Weak<Shared>>>>);
 

@@ -1,7 +1,7 @@
 //! One robot on the bench: an image on an emulated board with its motors, its bus and its log.
 //!
-//! Whoever lets time pass, the clock on the wall or a debugger, does it here, so that endpoints are served, the log
-//! is printed and the trace is written whatever else goes on.
+//! Whoever lets time pass, the clock on the wall or a debugger, does it here, so that endpoints are
+//! served, the log is printed and the trace is written whatever else goes on.
 
 use std::fs::File;
 use std::io::BufWriter;

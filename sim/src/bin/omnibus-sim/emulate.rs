@@ -1,5 +1,5 @@
-//! `omnibus-sim emulate` runs one robot's image on an emulated board: its log on the terminal, its bus at the
-//! endpoints, a trace in a file, a debugger at a port.
+//! `omnibus-sim emulate` runs one robot's image on an emulated board: its log on the terminal, its
+//! bus at the endpoints, a trace in a file, a debugger at a port.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -38,11 +38,12 @@ pub struct Emulate {
     /// A group file with one robot: its motors, encoders and floor. Without it, groups/single.toml.
     #[arg(long, value_name = "FILE")]
     group: Option<PathBuf>,
-    /// Waits for GDB at this port of this machine, or at HOST:PORT, before the first instruction. While GDB has
-    /// stopped the core, the world stands still.
+    /// Waits for GDB at this port of this machine, or at HOST:PORT, before the first instruction.
+    /// While GDB has stopped the core, the world stands still.
     #[arg(long, value_name = "PORT")]
     gdb: Option<String>,
-    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. Some ten times slower.
+    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. Some ten times
+    /// slower.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]

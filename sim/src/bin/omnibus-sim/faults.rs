@@ -1,8 +1,8 @@
 //! The faults of a run: those of the command line, and those that come as lines on standard input.
 //!
 //! A line is what `--fault` takes; without `t=` it happens at once. A line that cannot be meant is
-//! answered on standard error and changes nothing. A thread waits for lines, because reading them blocks;
-//! it ends with standard input or with the program.
+//! answered on standard error and changes nothing. A thread waits for lines, because reading them
+//! blocks; it ends with standard input or with the program.
 
 use std::io::BufRead as _;
 use std::sync::mpsc::{Receiver, channel};

@@ -1,8 +1,10 @@
-//! GDB at the emulated board: the remote serial protocol, as far as a Cortex-M needs it, by the crate gdbstub.
+//! GDB at the emulated board: the remote serial protocol, as far as a Cortex-M needs it, by the
+//! crate gdbstub.
 //!
-//! The core waits at its first instruction until GDB is there. Whenever GDB has stopped the core, the world stands
-//! still: no watchdog bites, no master gives up. Breakpoints are the emulator's own and change nothing in flash.
-//! `monitor reset` presses the reset button. When GDB leaves, the robot goes on, and GDB may come back.
+//! The core waits at its first instruction until GDB is there. Whenever GDB has stopped the core,
+//! the world stands still: no watchdog bites, no master gives up. Breakpoints are the emulator's
+//! own and change nothing in flash. `monitor reset` presses the reset button. When GDB leaves, the
+//! robot goes on, and GDB may come back.
 
 use std::io::Write as _;
 use std::net::{TcpListener, TcpStream};
@@ -30,7 +32,8 @@ use gdbstub::target::{Target, TargetError, TargetResult};
 
 use crate::bench::Bench;
 
-/// Virtual time between two looks at whether the core has stopped, ns: what the rest of the world may go on after it.
+/// Virtual time between two looks at whether the core has stopped, ns: what the rest of the world
+/// may go on after it.
 const SLICE_NS: u64 = 20_000;
 /// Between two looks at whether GDB has come or left, ns.
 const GLANCE_NS: u64 = 1_000_000;

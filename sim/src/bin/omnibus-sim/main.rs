@@ -1,7 +1,7 @@
 //! The `omnibus-sim` command: a simulated group that other programs reach over a bus.
 //!
-//! One file per subcommand; each either finishes, or says what failed and what to do about it, and exits
-//! with 1.
+//! One file per subcommand; each either finishes, or says what failed and what to do about it, and
+//! exits with 1.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,5 @@
-//! `omnibus-sim paper` runs the source paper's experiments and puts what comes out beside what it prints.
+//! `omnibus-sim paper` runs the source paper's experiments and puts what comes out beside what it
+//! prints.
 
 use std::path::{Path, PathBuf};
 

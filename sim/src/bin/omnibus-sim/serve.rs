@@ -1,6 +1,6 @@
-//! `omnibus-sim serve` builds the world of a group file, opens its endpoints, prints one line per endpoint
-//! when it is ready, and lets time pass until Ctrl-C: as fast as the clock on the wall, or as fast as it
-//! can.
+//! `omnibus-sim serve` builds the world of a group file, opens its endpoints, prints one line per
+//! endpoint when it is ready, and lets time pass until Ctrl-C: as fast as the clock on the wall, or
+//! as fast as it can.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -55,8 +55,8 @@ pub struct Serve {
     /// Seed instead of the file's.
     #[arg(long)]
     seed: Option<u64>,
-    /// Lets something go wrong, for example t=5:node=3:power-cycle; again for more. A single - reads more
-    /// of them, one a line, from standard input. docs/simulation.md lists them.
+    /// Lets something go wrong, for example t=5:node=3:power-cycle; again for more. A single -
+    /// reads more of them, one a line, from standard input. docs/simulation.md lists them.
     #[arg(long, value_name = "SPEC")]
     fault: Vec<String>,
 }

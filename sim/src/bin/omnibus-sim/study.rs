@@ -1,5 +1,5 @@
-//! `omnibus-sim study` drives many copies of a group along a motion without a bus; `omnibus-sim scale`
-//! measures what a robot costs, in a study and on a bus.
+//! `omnibus-sim study` drives many copies of a group along a motion without a bus; `omnibus-sim
+//! scale` measures what a robot costs, in a study and on a bus.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -105,8 +105,8 @@ const FLAT: f64 = 1.2;
 /// How much faster than real time 16 robots on a bus have to be.
 const BUS_FACTOR: f64 = 20.0;
 
-/// Measures and prints; fails when the cost of a robot is not flat within 20 %, or 16 robots on a bus are
-/// not 20 times faster than real time.
+/// Measures and prints; fails when the cost of a robot is not flat within 20 %, or 16 robots on a
+/// bus are not 20 times faster than real time.
 ///
 /// # Errors
 /// See above.

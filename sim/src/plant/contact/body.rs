@@ -1,9 +1,9 @@
 //! Robots that move as one, and the friction that moves them.
 //!
-//! In a step the velocity goes from `v0` to the `v` at which momentum and friction agree,
-//! `M (v - v0) = -dt sum(row F(row . v - rest))`, with `F` proportional to slip up to the friction limit.
-//! That is where a convex function of the three velocities has its minimum; Newton's method finds it,
-//! exactly as soon as it knows which contacts are at their limit, which is mostly at once.
+//! In a step the velocity goes from `v0` to the `v` at which momentum and friction agree, `M (v -
+//! v0) = -dt sum(row F(row . v - rest))`, with `F` proportional to slip up to the friction limit.
+//! That is where a convex function of the three velocities has its minimum; Newton's method finds
+//! it, exactly as soon as it knows which contacts are at their limit, which is mostly at once.
 
 use group::{Patch, Payload};
 use kinematics::{FourWheelGeometry, Pose};
@@ -286,7 +286,8 @@ fn derivatives(
     (gradient, curvature)
 }
 
-/// Solves a symmetric positive definite system by Cholesky's method, from what is on and below the diagonal.
+/// Solves a symmetric positive definite system by Cholesky's method, from what is on and below the
+/// diagonal.
 fn solve(a: [[f64; 3]; 3], b: [f64; 3]) -> [f64; 3] {
     let l00 = a[0][0].sqrt();
     let (l10, l20) = (a[1][0] / l00, a[2][0] / l00);
@@ -317,8 +318,8 @@ mod tests {
         }
     }
 
-    /// One contact that wants 1 m/s of 10 kg in a second: at its limit of 3 N it gives 0.3 m/s; far below
-    /// it, with 90 N s/m against 10, it gives 0.9.
+    /// One contact that wants 1 m/s of 10 kg in a second: at its limit of 3 N it gives 0.3 m/s; far
+    /// below it, with 90 N s/m against 10, it gives 0.9.
     #[test]
     fn a_contact_gives_its_limit_and_no_more() {
         let push = Push {

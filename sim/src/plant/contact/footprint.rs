@@ -1,9 +1,9 @@
 //! Which rollers of a wheel are on the floor, and how much each of them carries.
 //!
-//! A loaded wheel settles, so its rim touches the floor over some angle to both sides of its lowest place. It presses as
-//! a bed of springs would, by a parabola: most in the middle, nothing at the ends. Where two rollers meet within that
-//! angle both carry, each what presses on its side. So a roller takes over little by little, and keeps its axle's
-//! direction while it does.
+//! A loaded wheel settles, so its rim touches the floor over some angle to both sides of its lowest
+//! place. It presses as a bed of springs would, by a parabola: most in the middle, nothing at the
+//! ends. Where two rollers meet within that angle both carry, each what presses on its side. So a
+//! roller takes over little by little, and keeps its axle's direction while it does.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,8 @@ use std::f64::consts::TAU;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint {
     rollers: i64,
-    /// Angle from one roller to the next, and how far the wheel has rolled on past a roller's middle at angle 0, rad.
+    /// Angle from one roller to the next, and how far the wheel has rolled on past a roller's
+    /// middle at angle 0, rad.
     pitch: f64,
     phase: f64,
     /// From its middle to its ends, rad.
@@ -51,7 +52,8 @@ impl Footprint {
         }
     }
 
-    /// On what the wheel stands at this angle: the roller at its lowest place, and the one that shares the load with it.
+    /// On what the wheel stands at this angle: the roller at its lowest place, and the one that
+    /// shares the load with it.
     // Inlined, because its result is read back wider than it is written, which stalls.
     #[inline]
     pub fn feet(&self, angle: f64) -> (Foot, Option<Foot>) {
@@ -86,8 +88,8 @@ impl Footprint {
         (number as i64).rem_euclid(self.rollers) as usize
     }
 
-    /// Part of the load that presses further than an angle from the middle: with the parabola `3/4 (1 - x^2)`, x from -1
-    /// to 1 between the ends, it is `1/2 - 3/4 (x - x^3/3)`.
+    /// Part of the load that presses further than an angle from the middle: with the parabola `3/4
+    /// (1 - x^2)`, x from -1 to 1 between the ends, it is `1/2 - 3/4 (x - x^3/3)`.
     fn share_beyond(&self, angle: f64) -> f64 {
         if angle < self.half {
             let x = angle / self.half;
@@ -118,7 +120,8 @@ mod tests {
         }
     }
 
-    /// Half each where they meet; the next one begins to carry, and the last one ends to, at acos(1 - settling) from it.
+    /// Half each where they meet; the next one begins to carry, and the last one ends to, at acos(1
+    /// - settling) from it.
     #[test]
     fn the_load_goes_over_while_the_edge_passes_below() {
         let footprint = Footprint::new(8, 0.0, SETTLING);
@@ -144,7 +147,8 @@ mod tests {
         }
     }
 
-    /// Wherever the wheel stands its rollers carry all of it, are neighbours, and their middles are a pitch apart.
+    /// Wherever the wheel stands its rollers carry all of it, are neighbours, and their middles are
+    /// a pitch apart.
     #[test]
     fn two_rollers_carry_the_whole_load() {
         let footprint = Footprint::new(12, 0.1, SETTLING);
@@ -160,7 +164,8 @@ mod tests {
             // The lowest place is between their middles.
             let (near, far) = (first.tilt.acos(), other.tilt.acos());
             assert!((near + far - pitch).abs() < 1e-9, "{first:?} {other:?}");
-            // The first touches where the lowest place is, the other at its end, on the side of the first.
+            // The first touches where the lowest place is, the other at its end, on the side of the
+            // first.
             assert!((first.secant * first.tilt - 1.0).abs() < 1e-12);
             assert!((other.secant * (0.5 * pitch).cos() - 1.0).abs() < 1e-12);
             assert!((first.tan - first.tan.signum() * near.tan()).abs() < 1e-9);

@@ -1,26 +1,29 @@
 //! The contact plant: rigid bodies on rollers with friction.
 //!
-//! A Mecanum wheel touches the ground with a roller. The roller turns freely about its axle, so the ground can
-//! only push along the axle's horizontal projection, and with no more than dry friction allows. While the wheel
-//! turns by `phi` away from a roller's lowest position, the axle tilts: its projection is `(sin g cos phi)` along the
-//! wheel and `(cos g)` along the wheel's axle, `g` the roller angle; the point of contact wanders along the wheel's
-//! axle by `(r - r_roller) tan phi cot g`. With `n` rollers `phi` runs from `-pi/n` to `pi/n` again and again: that
-//! alone is why strafing loses `1 - sin(pi/n)/(pi/n)` and ripples. A wheel that settles under its load stands on two
-//! rollers while one takes over from the other ([`footprint`]).
+//! A Mecanum wheel touches the ground with a roller. The roller turns freely about its axle, so the
+//! ground can only push along the axle's horizontal projection, and with no more than dry friction
+//! allows. While the wheel turns by `phi` away from a roller's lowest position, the axle tilts: its
+//! projection is `(sin g cos phi)` along the wheel and `(cos g)` along the wheel's axle, `g` the
+//! roller angle; the point of contact wanders along the wheel's axle by `(r - r_roller) tan phi cot
+//! g`. With `n` rollers `phi` runs from `-pi/n` to `pi/n` again and again: that alone is why
+//! strafing loses `1 - sin(pi/n)/(pi/n)` and ripples. A wheel that settles under its load stands on
+//! two rollers while one takes over from the other ([`footprint`]).
 //!
-//! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase; free
-//! robots are bodies of their own. In every step the friction of all wheels of a body is found together
-//! ([`body`]): below its limit rubber creeps, a contact slips in proportion to its force. Rollers resist
-//! their own turning in proportion to it, and have inertia: one that comes down hardly turns, and what
-//! brings it up to speed is a jolt ([`roller`]). A payload shifts the centre of mass and loads the wheels
-//! as equal springs would share it; parts of the floor may have a friction of their own.
+//! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase;
+//! free robots are bodies of their own. In every step the friction of all wheels of a body is found
+//! together ([`body`]): below its limit rubber creeps, a contact slips in proportion to its force.
+//! Rollers resist their own turning in proportion to it, and have inertia: one that comes down
+//! hardly turns, and what brings it up to speed is a jolt ([`roller`]). A payload shifts the centre
+//! of mass and loads the wheels as equal springs would share it; parts of the floor may have a
+//! friction of their own.
 //!
-//! The motors are velocity sources here: their inertia already contains the robot's. With a `wheel_inertia`
-//! they are not: each wheel then turns under its motor and the floor, so that one that runs away pushes the
-//! body and, through it, all other wheels. Motors and floor take turns: a motor turns for a step under the
-//! floor's force of the step before, and that force is worked out with what the wheel gives way in a step,
-//! `1 / (1 / k + r^2 dt / J)` in place of a contact's stiffness `k`, which keeps the two from chattering
-//! whatever `k` is. What it cannot do: wheel load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
+//! The motors are velocity sources here: their inertia already contains the robot's. With a
+//! `wheel_inertia` they are not: each wheel then turns under its motor and the floor, so that one
+//! that runs away pushes the body and, through it, all other wheels. Motors and floor take turns: a
+//! motor turns for a step under the floor's force of the step before, and that force is worked out
+//! with what the wheel gives way in a step, `1 / (1 / k + r^2 dt / J)` in place of a contact's
+//! stiffness `k`, which keeps the two from chattering whatever `k` is. What it cannot do: wheel
+//! load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
 //! one limit of friction for both directions together.
 
 mod body;
@@ -53,13 +56,14 @@ pub struct Contact {
     pub roller_density: f64,
     /// Dry friction between roller and floor.
     pub friction: f64,
-    /// Resistance to a roller's own turning: force at the floor over the wheel's load, per m/s at which
-    /// the roller rolls, s/m.
+    /// Resistance to a roller's own turning: force at the floor over the wheel's load, per m/s at
+    /// which the roller rolls, s/m.
     pub roller_damping: f64,
-    /// Slip velocity at which friction is fully developed, m/s; below, it grows in proportion, as rubber
-    /// creeps. 0 is ideal dry friction.
+    /// Slip velocity at which friction is fully developed, m/s; below, it grows in proportion, as
+    /// rubber creeps. 0 is ideal dry friction.
     pub creep: f64,
-    /// By which part of the radius a loaded wheel settles, and so over which angle it touches the floor.
+    /// By which part of the radius a loaded wheel settles, and so over which angle it touches the
+    /// floor.
     pub settling: f64,
     /// Mass of a robot, kg, spread evenly over the rectangle of its wheels.
     pub mass: f64,
@@ -70,11 +74,11 @@ pub struct Contact {
 }
 
 impl Default for Contact {
-    /// The paper's virtual robot: 8 rollers with a radius of 33.5 mm, friction 0.35, 200 kg (section
-    /// 3.1). The settling is Table 3's longitudinal loss; creep and roller damping are chosen so that
-    /// every row of Tables 3 to 6 is met within half a point. Rollers are as hard to turn as solid ones
-    /// of 2800 kg/m^3: steel (7850) to seven tenths of the radius and rubber (1200) around, for inertia
-    /// goes with the fourth power of the radius.
+    /// The paper's virtual robot: 8 rollers with a radius of 33.5 mm, friction 0.35, 200 kg
+    /// (section 3.1). The settling is Table 3's longitudinal loss; creep and roller damping are
+    /// chosen so that every row of Tables 3 to 6 is met within half a point. Rollers are as hard to
+    /// turn as solid ones of 2800 kg/m^3: steel (7850) to seven tenths of the radius and rubber
+    /// (1200) around, for inertia goes with the fourth power of the radius.
     fn default() -> Self {
         Self {
             rollers: 8,
@@ -124,8 +128,8 @@ pub struct ContactPlant {
 }
 
 impl ContactPlant {
-    /// The robots of a group with the group frame at `start`, on these contacts. Payload and floor are the
-    /// group file's.
+    /// The robots of a group with the group frame at `start`, on these contacts. Payload and floor
+    /// are the group file's.
     ///
     /// # Errors
     /// When a robot's geometry has no solution, or the payload lifts a wheel off the floor.
@@ -177,7 +181,8 @@ impl ContactPlant {
         })
     }
 
-    /// Velocity of the body that carries a robot, at its centre of mass: world frame, m/s, m/s, rad/s.
+    /// Velocity of the body that carries a robot, at its centre of mass: world frame, m/s, m/s,
+    /// rad/s.
     #[must_use]
     pub fn velocity(&self, robot: usize) -> Option<[f64; 3]> {
         self.joined
@@ -186,7 +191,8 @@ impl ContactPlant {
             .map(Body::velocity)
     }
 
-    /// Pushes the body that carries a robot to a velocity, as [`velocity`](Self::velocity) gives it.
+    /// Pushes the body that carries a robot to a velocity, as [`velocity`](Self::velocity) gives
+    /// it.
     pub fn set_velocity(&mut self, robot: usize, velocity: [f64; 3]) {
         if let Some(body) = self.joined.as_mut().or(self.single.get_mut(robot)) {
             body.set_velocity(velocity);
@@ -257,7 +263,8 @@ pub fn phases(group: &GroupFile, contact: &Contact) -> Vec<[f64; 4]> {
     robots.map(|_| std::array::from_fn(|_| phase())).collect()
 }
 
-/// Mean lateral velocity over what the wheels ask for, all wheels in one phase: `sin(pi/n) / (pi/n)`.
+/// Mean lateral velocity over what the wheels ask for, all wheels in one phase: `sin(pi/n) /
+/// (pi/n)`.
 #[must_use]
 pub fn mean_lateral_ratio(rollers: u8) -> f64 {
     let half = PI / f64::from(rollers);

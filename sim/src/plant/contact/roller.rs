@@ -1,9 +1,10 @@
 //! The rollers of one wheel, as bodies that turn about their own axles.
 //!
-//! A roller that carries the wheel rolls along with the floor. It resists in proportion to how fast, and it has
-//! inertia: one that comes down hardly turns, and friction has to bring it up to speed. That costs the robot a jolt at
-//! every hand-over, and so a part of its speed that grows with the speed. A roller is a barrel: towards its ends it is
-//! thinner, so the same velocity over the floor turns it faster there.
+//! A roller that carries the wheel rolls along with the floor. It resists in proportion to how
+//! fast, and it has inertia: one that comes down hardly turns, and friction has to bring it up to
+//! speed. That costs the robot a jolt at every hand-over, and so a part of its speed that grows
+//! with the speed. A roller is a barrel: towards its ends it is thinner, so the same velocity over
+//! the floor turns it faster there.
 
 use std::f64::consts::PI;
 
@@ -17,8 +18,8 @@ const THINNEST: f64 = 0.1;
 /// Intervals of Simpson's rule over half a barrel.
 const INTERVALS: u32 = 64;
 
-/// The rollers of a wheel. Their rates are positive when the surface on the floor goes where friction across the axle
-/// pushes.
+/// The rollers of a wheel. Their rates are positive when the surface on the floor goes where
+/// friction across the axle pushes.
 #[derive(Debug, Clone)]
 pub(super) struct Rollers {
     shape: Barrel,
@@ -48,13 +49,15 @@ struct Barrel {
 }
 
 impl Barrel {
-    /// Radius where it touches the floor when the wheel has turned from the barrel's middle by an angle of this secant, m.
+    /// Radius where it touches the floor when the wheel has turned from the barrel's middle by an
+    /// angle of this secant, m.
     fn radius(self, secant: f64) -> f64 {
         (self.wheel - self.axle * secant).max(THINNEST * (self.wheel - self.axle))
     }
 
-    /// Moment of inertia about its axle, if it were solid: half of density times pi times the integral of the fourth
-    /// power of the radius. Where the wheel touches at `phi`, it is `axle tan(phi) / sin(roller angle)` from the middle.
+    /// Moment of inertia about its axle, if it were solid: half of density times pi times the
+    /// integral of the fourth power of the radius. Where the wheel touches at `phi`, it is `axle
+    /// tan(phi) / sin(roller angle)` from the middle.
     fn inertia(self, density: f64, sin_roller: f64, half_pitch: f64) -> f64 {
         let step = half_pitch / f64::from(INTERVALS);
         let sum: f64 = (0..=INTERVALS)
@@ -98,8 +101,8 @@ impl Rollers {
         }
     }
 
-    /// From now on one or two are `down` on the floor. An axle resists with `drag`, as a force at the floor under all of the
-    /// wheel's load, N s/m; in the air as much.
+    /// From now on one or two are `down` on the floor. An axle resists with `drag`, as a force at
+    /// the floor under all of the wheel's load, N s/m; in the air as much.
     pub fn stand_on(&mut self, down: (usize, Option<usize>), drag: f64) {
         if self.down == Some(down) {
             return;
@@ -122,8 +125,9 @@ impl Rollers {
         }
     }
 
-    /// Velocity across the axle of a roller on the floor at which that does not push it in the next `dt`, m/s, and force
-    /// over the difference from that velocity, N s/m, when friction creeps with `grip`.
+    /// Velocity across the axle of a roller on the floor at which that does not push it in the next
+    /// `dt`, m/s, and force over the difference from that velocity, N s/m, when friction creeps
+    /// with `grip`.
     pub fn resistance(&self, foot: &Foot, grip: f64, drag: f64, dt: f64) -> (f64, f64) {
         let radius = self.shape.radius(foot.secant);
         let over = dt * radius * radius;
@@ -182,7 +186,8 @@ mod tests {
         }
     }
 
-    /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of the floor's impulses, N s.
+    /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of
+    /// the floor's impulses, N s.
     fn spin_up(rollers: &mut Rollers, foot: &Foot, speed: f64, drag: f64, seconds: f64) -> f64 {
         rollers.stand_on((foot.roller, None), drag);
         let mut impulse = 0.0;
@@ -200,9 +205,9 @@ mod tests {
         rollers.each[foot.roller].rate * rollers.shape.radius(foot.secant)
     }
 
-    /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by
-    /// `0.1189 (1 / cos(1.4 degrees) - 1)` = 0.036 mm of 33.5 mm, a part in a thousand. The fourth power of that,
-    /// over the length, takes 4/3 parts in a thousand off the inertia of a cylinder.
+    /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by `0.1189
+    /// (1 / cos(1.4 degrees) - 1)` = 0.036 mm of 33.5 mm, a part in a thousand. The fourth power of
+    /// that, over the length, takes 4/3 parts in a thousand off the inertia of a cylinder.
     #[test]
     fn a_barrel_that_hardly_narrows_is_a_cylinder() {
         let contact = Contact {
@@ -220,7 +225,8 @@ mod tests {
         );
     }
 
-    /// With eight it narrows to seven tenths. The integral of `(R - A sqrt(1 + u^2))^4` over u = tan(phi), term by term.
+    /// With eight it narrows to seven tenths. The integral of `(R - A sqrt(1 + u^2))^4` over u =
+    /// tan(phi), term by term.
     #[test]
     fn a_barrel_of_eight_has_the_inertia_of_the_integral() {
         let contact = Contact::default();
@@ -241,7 +247,8 @@ mod tests {
         assert!((ratio - 1.0).abs() < 1e-8, "{ratio}");
     }
 
-    /// The floor pushes with the momentum that it leaves in the roller, wherever on the barrel it does.
+    /// The floor pushes with the momentum that it leaves in the roller, wherever on the barrel it
+    /// does.
     #[test]
     fn the_floor_spins_a_roller_up() {
         for phi in [0.0, PI / 8.0] {
@@ -250,7 +257,8 @@ mod tests {
             let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
             let radius = WHEEL - (WHEEL - 0.0335) / phi.cos();
             let expected = rollers.inertia * 0.7 / (radius * radius);
-            // Contacts of 10^4 N s/m under a mass of a kilogram are there after a tenth of a millisecond.
+            // Contacts of 10^4 N s/m under a mass of a kilogram are there after a tenth of a
+            // millisecond.
             let reached = surface(&rollers, &foot);
             assert!((reached - 0.7).abs() < 1e-9, "{reached}");
             assert!(
@@ -260,8 +268,8 @@ mod tests {
         }
     }
 
-    /// Once it turns, drag is all that the floor has to overcome: in series with the creep of the contact. A roller with a
-    /// quarter of the load has a quarter of the drag.
+    /// Once it turns, drag is all that the floor has to overcome: in series with the creep of the
+    /// contact. A roller with a quarter of the load has a quarter of the drag.
     #[test]
     fn a_spinning_roller_resists_by_its_drag() {
         let mut rollers = rollers(Contact::default());
@@ -292,7 +300,8 @@ mod tests {
         assert!((rollers.each[0].rate - rate).abs() < 1e-12);
         let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
         assert!(impulse.abs() < 1e-9, "{impulse}");
-        // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of the middle.
+        // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of
+        // the middle.
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
         rollers.stand_on((0, None), drag);
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();

@@ -24,7 +24,8 @@ pub(super) struct Wheel {
     cos_roller: f64,
     /// Rolling radius, settled, m.
     radius: f64,
-    /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's tilt, m.
+    /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's
+    /// tilt, m.
     wander: f64,
     /// Slip velocity at which friction is fully developed, m/s.
     creep: f64,
@@ -68,7 +69,8 @@ const CORNERS: [(f64, f64, f64); 4] = [
 ];
 
 impl Wheel {
-    /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load yet.
+    /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load
+    /// yet.
     pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> [Self; 4] {
         let geometry: &FourWheelGeometry<f64> = &part.geometry;
         let (sin, cos) = part.place.heading.sin_cos();
@@ -105,8 +107,9 @@ impl Wheel {
         })
     }
 
-    /// Puts the wheel at this angle, turning at `rate`, and adds to `pushes` what the floor can do to it in the next `dt`:
-    /// along the axle of a roller that carries it and across, and the same again where two do.
+    /// Puts the wheel at this angle, turning at `rate`, and adds to `pushes` what the floor can do
+    /// to it in the next `dt`: along the axle of a roller that carries it and across, and the same
+    /// again where two do.
     pub fn stand(
         &mut self,
         angle: f64,
@@ -137,7 +140,8 @@ impl Wheel {
             let dx = self.cos * ahead - self.sin * left;
             let dy = self.sin * ahead + self.cos * left;
             let lever = self.radius * ahead;
-            // By what the wheel gives way to a newton in this step, as far as it stands on this foot.
+            // By what the wheel gives way to a newton in this step, as far as it stands on this
+            // foot.
             let gives = self
                 .inertia
                 .map_or(0.0, |inertia| lever * lever * dt / (inertia * foot.share));

@@ -1,10 +1,11 @@
 //! The fit: linear start, then Gauss-Newton on the whole model.
 //!
-//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the rollers' drag, the angle over
-//! which a wheel touches the floor, by what source and bus are apart in time (one delay for translation and one for turns,
-//! because contacts that creep make them trail differently), a gain for each axis, and for a gyro a bias and a drift in
-//! every motion. Each has a prior, mostly so wide that it only decides where the data say nothing: an axis without motion
-//! has no gain of its own.
+//! Beside the four phases go along: the distance between a wheel's axle and its rollers', the
+//! rollers' drag, the angle over which a wheel touches the floor, by what source and bus are apart
+//! in time (one delay for translation and one for turns, because contacts that creep make them
+//! trail differently), a gain for each axis, and for a gyro a bias and a drift in every motion.
+//! Each has a prior, mostly so wide that it only decides where the data say nothing: an axis
+//! without motion has no gain of its own.
 
 use super::model::{Back, Lean, Model, Shape};
 use super::solve::{dot, invert};
@@ -33,7 +34,8 @@ struct Interval {
     motion: usize,
     from: f64,
     to: f64,
-    /// Displacement in the robot's own frame at the middle of the interval: m, m, rad; those that are measured.
+    /// Displacement in the robot's own frame at the middle of the interval: m, m, rad; those that
+    /// are measured.
     moved: [f64; 3],
 }
 
@@ -97,10 +99,11 @@ impl<'a> Problem<'a> {
         let mut out = vec![(0.0, self.model.rollers.pitch()); 4];
         // A roller's radius is between a tenth and four tenths of the wheel's.
         out.push((0.75 * radius, 0.1 * radius));
-        // At a calibration's 0.2 m/s, rolling about their own axles costs rollers up to a hundredth or two of the load;
-        // creeping by 0.02 m/s costs a third of it. A factor of e either way.
+        // At a calibration's 0.2 m/s, rolling about their own axles costs rollers up to a hundredth
+        // or two of the load; creeping by 0.02 m/s costs a third of it. A factor of e either way.
         out.push((0.002_f64.ln(), 1.0));
-        // A wheel that settles by a thousandth of its radius touches the floor 2.6 degrees to both sides.
+        // A wheel that settles by a thousandth of its radius touches the floor 2.6 degrees to both
+        // sides.
         out.push((0.045, 0.045));
         out.extend([(0.0, 0.05); 2]);
         if self.has_bias() {
@@ -291,7 +294,8 @@ impl<'a> Problem<'a> {
         self.refine(self.priors().iter().map(|(mean, _)| *mean).collect(), false)
     }
 
-    /// The phases, from where the fundamental of each wheel's ripple stands in what the fit without left.
+    /// The phases, from where the fundamental of each wheel's ripple stands in what the fit without
+    /// left.
     pub fn with_ripple(&self, without: &Fit) -> Result<Fit, PhaseError> {
         let unseen = PhaseError::NotObservable { percent: 0.0 };
         let mut columns = vec![Vec::new(); 8];
@@ -322,7 +326,8 @@ impl<'a> Problem<'a> {
         if !invert(&mut normal, 8) {
             return Err(unseen);
         }
-        // What two wheels do together is known when neither alone is: a second best fit would be as good.
+        // What two wheels do together is known when neither alone is: a second best fit would be as
+        // good.
         for (wheel, name) in WHEELS.into_iter().enumerate() {
             let unsure = [18 * wheel, 18 * wheel + 9].map(|n| (variance * normal[n]).sqrt());
             if unsure.into_iter().fold(0.0, f64::max) > TOLD {
@@ -339,8 +344,8 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Cuts a motion into intervals in which the fastest wheel turns by about `finest` rad, ramps left out: there contacts
-/// carry what accelerates the robot and slip as they do at no other time.
+/// Cuts a motion into intervals in which the fastest wheel turns by about `finest` rad, ramps left
+/// out: there contacts carry what accelerates the robot and slip as they do at no other time.
 fn cut(number: usize, motion: &Motion, finest: f64) -> Vec<Interval> {
     let mut out = match &motion.seen {
         Seen::Poses(poses) => cut_poses(number, motion, poses, finest),

@@ -1,16 +1,17 @@
 //! Roller phases from a robot's motion.
 //!
-//! A wheel whose index has been seen knows its angle, but not how its rollers stand there. While the robot moves, each
-//! wheel's ripple shows in its pose, and in its yaw rate alone when all wheels turn at rates of their own. Wheel angles
-//! and what was seen are cut into intervals of about a twelfth of a roller; for assumed phases the wheels' angle
-//! increments predict the robot's displacement in each ([`model`]); the phases are those with the smallest squared
-//! difference ([`fit`]). Gains, delays and, for a gyro, its bias go along, so that constant slip and late clocks do not
-//! matter.
+//! A wheel whose index has been seen knows its angle, but not how its rollers stand there. While
+//! the robot moves, each wheel's ripple shows in its pose, and in its yaw rate alone when all
+//! wheels turn at rates of their own. Wheel angles and what was seen are cut into intervals of
+//! about a twelfth of a roller; for assumed phases the wheels' angle increments predict the robot's
+//! displacement in each ([`model`]); the phases are those with the smallest squared difference
+//! ([`fit`]). Gains, delays and, for a gyro, its bias go along, so that constant slip and late
+//! clocks do not matter.
 //!
-//! The interval of 95 % follows from the residual and the curvature, widened for residuals that are not independent and
-//! for what the model leaves out.
-//! Nothing is returned that the data do not show: too few rollers passed, samples too slow for the ripple, a turn that
-//! is not the wheels', a ripple that explains too little, or an interval that is wide against a roller are refused by
+//! The interval of 95 % follows from the residual and the curvature, widened for residuals that are
+//! not independent and for what the model leaves out. Nothing is returned that the data do not
+//! show: too few rollers passed, samples too slow for the ripple, a turn that is not the wheels', a
+//! ripple that explains too little, or an interval that is wide against a roller are refused by
 //! name.
 
 mod fit;
@@ -29,13 +30,14 @@ const PASSAGES: f64 = 3.0;
 const INTERVALS: f64 = 12.0;
 /// Samples of a gyro that a passage needs.
 const SAMPLES: f64 = 6.0;
-/// Share that the phases have to explain of what wheels without ripple leave. Where there is none, or one of other
-/// rollers, a ripple explains less than nothing; the rest is for the intervals of confidence to say.
+/// Share that the phases have to explain of what wheels without ripple leave. Where there is none,
+/// or one of other rollers, a ripple explains less than nothing; the rest is for the intervals of
+/// confidence to say.
 const EXPLAINED: f64 = 0.1;
 /// Widest half interval of confidence, pitches.
 const CONFIDENCE: f64 = 1.0 / 16.0;
-/// What every half interval of confidence has in it for what the model leaves out, pitches: without any noise the fit
-/// ends about that close to the contact plant's phases.
+/// What every half interval of confidence has in it for what the model leaves out, pitches: without
+/// any noise the fit ends about that close to the contact plant's phases.
 const MODEL: f64 = 1e-3;
 /// The least and the most that a gyro may show of the wheels' turn.
 const YAW_GAIN: std::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -46,7 +48,8 @@ const ASIDE: f64 = 0.1;
 /// Two-sided 95 % of the normal distribution.
 const NORMAL_95: f64 = 1.96;
 
-/// What a source saw of a robot, with times (s) on one clock with the wheels' but for a constant delay.
+/// What a source saw of a robot, with times (s) on one clock with the wheels' but for a constant
+/// delay.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Seen {
     /// Poses in any fixed frame, m and rad, heading unwrapped.
@@ -60,7 +63,8 @@ pub enum Seen {
 pub struct Motion {
     /// Times of the wheel angles, s, rising.
     pub times: Vec<f64>,
-    /// Wheel angles since their index, rad, unwrapped: front left, front right, rear left, rear right.
+    /// Wheel angles since their index, rad, unwrapped: front left, front right, rear left, rear
+    /// right.
     pub angles: Vec<[f64; 4]>,
     /// What was seen meanwhile.
     pub seen: Seen,
@@ -83,7 +87,8 @@ impl Motion {
         std::array::from_fn(|n| from[n] + share * (to[n] - from[n]))
     }
 
-    /// Whether the wheels turn as fast before a stretch of time as they do after it, but for the ripple of their rates.
+    /// Whether the wheels turn as fast before a stretch of time as they do after it, but for the
+    /// ripple of their rates.
     fn is_even(&self, from: f64, to: f64) -> bool {
         let most = UNEVEN * self.fastest() * ASIDE;
         let [a, b, c, d] = [from - ASIDE, from, to, to + ASIDE].map(|t| self.angles_at(t));

@@ -1,19 +1,23 @@
-//! A robot on its rollers as the fit sees it: how far it goes while its wheels turn, for assumed phases.
+//! A robot on its rollers as the fit sees it: how far it goes while its wheels turn, for assumed
+//! phases.
 //!
-//! Two things change while a roller sweeps by the angle t, both as in `docs/kinematics.md`: the wheel's row of J has its
-//! sideways part multiplied by `sec t`, and the point of contact wanders along the wheel's axle by
-//! `rho tan t cot g`, `rho` being the distance between the wheel's axle and a roller's. The wander acts on turns only
-//! and is odd where the secant is even, so whoever leaves it out finds phases that are off by degrees as soon as the
-//! robot turns. Both enter as means over an interval, in closed form.
+//! Two things change while a roller sweeps by the angle t, both as in `docs/kinematics.md`: the
+//! wheel's row of J has its sideways part multiplied by `sec t`, and the point of contact wanders
+//! along the wheel's axle by `rho tan t cot g`, `rho` being the distance between the wheel's axle
+//! and a roller's. The wander acts on turns only and is odd where the secant is even, so whoever
+//! leaves it out finds phases that are off by degrees as soon as the robot turns. Both enter as
+//! means over an interval, in closed form.
 //!
-//! A loaded wheel touches the floor over some angle, so a roller takes over little by little: while the edge of two rollers
-//! is within half of that angle of the lowest place, both carry, and the wheel does the mean of what they want by what
-//! presses on each side of it, a parabola. Nobody knows how far a wheel settles, so that angle is found as well.
+//! A loaded wheel touches the floor over some angle, so a roller takes over little by little: while
+//! the edge of two rollers is within half of that angle of the lowest place, both carry, and the
+//! wheel does the mean of what they want by what presses on each side of it, a parabola. Nobody
+//! knows how far a wheel settles, so that angle is found as well.
 //!
-//! Wheels that contradict each other share the slip: the twist is least squares over the slip along the rollers' axles,
-//! which is what contacts do whose force grows in proportion to their slip. Across their axles rollers resist being
-//! turned, some thousandths as stiffly. That is small, but it pulls at the wandering point of contact: left out, it
-//! moves front wheels' phases one way and rear wheels' the other, by a tenth of a degree.
+//! Wheels that contradict each other share the slip: the twist is least squares over the slip along
+//! the rollers' axles, which is what contacts do whose force grows in proportion to their slip.
+//! Across their axles rollers resist being turned, some thousandths as stiffly. That is small, but
+//! it pulls at the wandering point of contact: left out, it moves front wheels' phases one way and
+//! rear wheels' the other, by a tenth of a degree.
 
 use kinematics::{FourWheelGeometry, Rollers};
 
@@ -21,7 +25,8 @@ use super::solve::invert;
 
 /// Points at which a wave is averaged.
 const POINTS: u32 = 64;
-/// Half the least turn of a wheel in an interval, rad: a wheel that stands still is averaged over that.
+/// Half the least turn of a wheel in an interval, rad: a wheel that stands still is averaged over
+/// that.
 const STANDING: f64 = 1e-6;
 
 /// What all wheels' rollers have in common and nobody has measured.
@@ -29,7 +34,8 @@ const STANDING: f64 = 1e-6;
 pub(super) struct Shape {
     /// Between a wheel's axle and its rollers', m.
     pub distance: f64,
-    /// From a wheel's lowest place to the ends of where it touches the floor, rad; its sign says nothing.
+    /// From a wheel's lowest place to the ends of where it touches the floor, rad; its sign says
+    /// nothing.
     pub footprint: f64,
 }
 
@@ -45,7 +51,8 @@ pub(super) struct Lean {
 /// Integrals over the wheel's angle.
 #[derive(Clone, Copy)]
 struct Shared {
-    /// Of the further roller's share times the angle from the edge, over all edges that have passed, rad^2.
+    /// Of the further roller's share times the angle from the edge, over all edges that have
+    /// passed, rad^2.
     sum: f64,
     /// Of the share, against the sense before an edge and with it behind, rad.
     ends: f64,
@@ -96,9 +103,10 @@ impl Model {
         }
     }
 
-    /// What the roller that is further away has carried up to a wheel angle. At the angle e from where two meet it carries
-    /// `1/2 - 3/4 (x - x^3/3)` with `x = |e| / footprint`. Its cosine is less than the nearer one's by `2 sin(a) |e|`, a
-    /// being half a pitch. Its tangent, that of its end, is on the other side, `2 tan(a) - |e| / cos(a)^2` away.
+    /// What the roller that is further away has carried up to a wheel angle. At the angle e from
+    /// where two meet it carries `1/2 - 3/4 (x - x^3/3)` with `x = |e| / footprint`. Its cosine is
+    /// less than the nearer one's by `2 sin(a) |e|`, a being half a pitch. Its tangent, that of its
+    /// end, is on the other side, `2 tan(a) - |e| / cos(a)^2` away.
     fn shared(&self, angle: f64, phase: f64, footprint: f64) -> Shared {
         let place = (angle + phase) / self.rollers.pitch() + 0.5;
         let e = (place - place.round()) * self.rollers.pitch();
@@ -120,8 +128,8 @@ impl Model {
         }
     }
 
-    /// From wheel angles to the displacement, for rollers that resist their own turning by this share of the
-    /// contacts' stiffness.
+    /// From wheel angles to the displacement, for rollers that resist their own turning by this
+    /// share of the contacts' stiffness.
     pub fn back(&self, leans: &[Lean; 4], drag: f64) -> Option<Back> {
         let mut normal = [0.0; 9];
         let mut right = [[0.0; 4]; 3];
@@ -153,9 +161,9 @@ impl Model {
         }))
     }
 
-    /// What the cosine and the sine of a wheel's roller angle `n phase` change of the displacement `moved`, to first
-    /// order: the fundamentals of secant and tangent, that wheel standing `n angle` further. (The linear start of the
-    /// fit.)
+    /// What the cosine and the sine of a wheel's roller angle `n phase` change of the displacement
+    /// `moved`, to first order: the fundamentals of secant and tangent, that wheel standing `n
+    /// angle` further. (The linear start of the fit.)
     pub fn fundamentals(
         &self,
         back: &Back,
@@ -172,7 +180,8 @@ impl Model {
         [cosine, sine].map(|change| [0, 1, 2].map(|axis| -back[axis][wheel] * change))
     }
 
-    /// Amplitudes of the fundamental of the secant (a cosine) and of the tangent (a sine), a pitch being its period.
+    /// Amplitudes of the fundamental of the secant (a cosine) and of the tangent (a sine), a pitch
+    /// being its period.
     fn waves(&self) -> (f64, f64) {
         let (mut even, mut odd) = (0.0, 0.0);
         for point in 0..POINTS {
@@ -191,7 +200,8 @@ impl Model {
 mod tests {
     use super::*;
 
-    /// Cosine and tangent at a wheel angle as the two rollers on the floor make them; `a` is half a pitch.
+    /// Cosine and tangent at a wheel angle as the two rollers on the floor make them; `a` is half a
+    /// pitch.
     fn by_shares(angle: f64, a: f64, footprint: f64) -> (f64, f64) {
         let place = (angle / (2.0 * a)).round();
         let sweep = angle - place * 2.0 * a;
@@ -207,9 +217,9 @@ mod tests {
         (cos, tan)
     }
 
-    /// Intervals anywhere, either way, with an edge in them and without, shorter and longer than a roller, against the mean
-    /// over small steps. The nearer roller's cosine and tangent are taken for straight within the footprint, which leaves
-    /// a tenth of its square.
+    /// Intervals anywhere, either way, with an edge in them and without, shorter and longer than a
+    /// roller, against the mean over small steps. The nearer roller's cosine and tangent are taken
+    /// for straight within the footprint, which leaves a tenth of its square.
     #[test]
     fn an_interval_has_the_mean_of_what_carries_in_it() {
         const STEPS: u32 = 20_000;

@@ -1,6 +1,7 @@
 //! Normal equations of any size.
 
-/// Inverts a symmetric positive definite matrix of `size` rows in place; `false` when it is not one, or nearly not.
+/// Inverts a symmetric positive definite matrix of `size` rows in place; `false` when it is not
+/// one, or nearly not.
 pub(super) fn invert(matrix: &mut [f64], size: usize) -> bool {
     // Gauss-Jordan; no pivoting, because the matrix is positive.
     let first: Vec<f64> = (0..size).map(|n| matrix[n * size + n]).collect();
@@ -32,7 +33,8 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Whole numbers: the inverse of [[2, 1], [1, 1]] is [[1, -1], [-1, 2]]; [[1, 1], [1, 1]] has none.
+    /// Whole numbers: the inverse of [[2, 1], [1, 1]] is [[1, -1], [-1, 2]]; [[1, 1], [1, 1]] has
+    /// none.
     #[test]
     fn inverts_what_has_an_inverse() {
         let mut matrix = [2.0, 1.0, 1.0, 1.0];

@@ -1,4 +1,5 @@
-//! The fit against robots that roll by the swept wheels of the kinematics crate, in small steps of time.
+//! The fit against robots that roll by the swept wheels of the kinematics crate, in small steps of
+//! time.
 
 use kinematics::{FourWheelGeometry, Platform, Rollers};
 
@@ -55,8 +56,8 @@ fn step(rollers: &Rollers<f64>, angles: &[f64; 4], rates: &[f64; 4]) -> [f64; 3]
     [twist.vx, 0.98 * twist.vy, twist.omega].map(|v| v * DT)
 }
 
-/// Wheels that stand, turn evenly for so many seconds, and stand. Poses and yaw rates 100 times a second, with this
-/// noise, the yaw rates 20 ms late and with a bias.
+/// Wheels that stand, turn evenly for so many seconds, and stand. Poses and yaw rates 100 times a
+/// second, with this noise, the yaw rates 20 ms late and with a bias.
 fn driven(rates: [f64; 4], seconds: f64, noise: f64) -> [Motion; 2] {
     let rollers = Rollers::<f64>::new(8).unwrap();
     let (mut pose, mut angles) = ([0.0_f64; 3], [0.0; 4]);
@@ -114,8 +115,8 @@ fn finds_the_phases_it_was_made_with() {
     }
 }
 
-/// With noise the truth lies within the interval it gives (times 1.5 for four wheels at once), and the interval grows
-/// with the noise.
+/// With noise the truth lies within the interval it gives (times 1.5 for four wheels at once), and
+/// the interval grows with the noise.
 #[test]
 fn says_how_sure_it_is() {
     for (gyro, noises) in [(false, [3e-5, 1e-4]), (true, [5e-4, 2e-3])] {
@@ -149,7 +150,8 @@ fn refuses_what_shows_no_ripple() {
         ),
         "{short:?}"
     );
-    // A ripple of millimetres under centimetres of noise, and one of milliradians a second under some tenths.
+    // A ripple of millimetres under centimetres of noise, and one of milliradians a second under
+    // some tenths.
     for (gyro, noise) in [(false, 0.02), (true, 0.2)] {
         let noisy = found(&MIXED, gyro, noise);
         assert!(noisy.is_err(), "{noisy:?}");
@@ -161,8 +163,8 @@ fn refuses_what_shows_no_ripple() {
     }
 }
 
-/// Sideways and on the spot all wheels turn equally fast. Poses tell their ripples apart by where they act; a gyro with
-/// the noise of an inexpensive one does not know whose they are.
+/// Sideways and on the spot all wheels turn equally fast. Poses tell their ripples apart by where
+/// they act; a gyro with the noise of an inexpensive one does not know whose they are.
 #[test]
 fn a_gyro_needs_a_rate_of_its_own_for_every_wheel() {
     let plain = [LEFT, LEFT.map(|r| -r), TURN, TURN.map(|r| -r)];
