@@ -565,7 +565,8 @@ fn decisions_have_one_form_and_are_in_the_index() {
         let superseded = state.starts_with("superseded by [");
         if !lines[1].is_empty() || !(state == "accepted" || superseded) || !rest.starts_with("0") {
             complain(
-                "line 3 is not 'Status: accepted, YYYY-MM' or '... superseded by [NNNN](file), ...'",
+                "line 3 is not 'Status: accepted, YYYY-MM' or '... superseded by [NNNN](file), \
+                 ...'",
             );
         }
         let headings: Vec<&str> = lines

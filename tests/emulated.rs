@@ -86,8 +86,9 @@ fn native_and_emulated_robots_agree() {
         .map(|t| t.group.x.hypot(t.group.y))
         .fold(0.0, f64::max);
     println!(
-        "native against emulated over {} SYNCs, {far:.2} m from the origin: position {position:.3} mm, \
-         heading {heading:.4} mrad, mean wheel rate {rate:.4} rad/s, shape {:.2} and {:.2} mm",
+        "native against emulated over {} SYNCs, {far:.2} m from the origin: position \
+         {position:.3} mm, heading {heading:.4} mrad, mean wheel rate {rate:.4} rad/s, shape \
+         {:.2} and {:.2} mm",
         native.truth.len(),
         native.world.worst_shape_error_mm(),
         emulated.world.worst_shape_error_mm(),
@@ -191,7 +192,8 @@ fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
         .unwrap();
     let rms = (sum / count).sqrt();
     println!(
-        "wheel tracking in the figure-eight: {rms:.4} rad/s rms, {:.2} % of the peak {peak:.2} rad/s",
+        "wheel tracking in the figure-eight: {rms:.4} rad/s rms, {:.2} % of the peak {peak:.2} \
+         rad/s",
         rms / peak * 100.0
     );
     assert!(peak > 5.0, "{peak} rad/s is no figure-eight");

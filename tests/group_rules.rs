@@ -450,7 +450,8 @@ fn rule_2_keeps_free_robots_in_shape_where_clipping_tears_the_load(backend: &Bac
     let scaled = free_robots_with_a_slow_one(backend, false);
     let clipped = free_robots_with_a_slow_one(backend, true);
     println!(
-        "a member at half speed: shape error {scaled:.2} mm by group scale, {clipped:.0} mm by clipping"
+        "a member at half speed: shape error {scaled:.2} mm by group scale, {clipped:.0} mm by \
+         clipping"
     );
     assert!(scaled < 2.0, "{scaled} mm");
     // Distances are from the middle of the three: two thirds of what the last one falls back, 0.5 m
@@ -502,7 +503,8 @@ fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
     let (known, kept, naive) = (rms(known, count), rms(kept, count), rms(naive, 200.0));
     let lag = mean / count / asked * 100.0;
     println!(
-        "20 mm/s, 2048 counts: observer {known:.2} % rms, mean {lag:.3} %, wheels {kept:.2} % rms; counts over 1 ms {naive:.0} %"
+        "20 mm/s, 2048 counts: observer {known:.2} % rms, mean {lag:.3} %, wheels {kept:.2} % \
+         rms; counts over 1 ms {naive:.0} %"
     );
     assert!(known < 1.0 && kept < 1.0, "{known} % and {kept} %");
     assert!(lag.abs() < 0.1, "{lag} %");

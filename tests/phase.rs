@@ -53,7 +53,8 @@ fn drive(group: &GroupFile, elf: Option<&PathBuf>, curve: Curve, compensation: b
     };
     let run = simulated(&drive, &mut |_, _| {}).unwrap();
     println!(
-        "{:>12} {:>8}: x {:+.3} % y {:+.3} % turn {:+.3} % rms {:.2} mm ripple {:.3} % heading {:+.3} deg",
+        "{:>12} {:>8}: x {:+.3} % y {:+.3} % turn {:+.3} % rms {:.2} mm ripple {:.3} % heading \
+         {:+.3} deg",
         curve.name(),
         run.compensation_word(),
         run.errors.x_percent,

@@ -39,7 +39,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wall = started.elapsed().as_secs_f64();
     let (cycles, slept) = board.cycles();
     println!(
-        "{:.1} x real time; {} instructions, {:.1} million per second of wall time; load {:.2} %; {} resets",
+        "{:.1} x real time; {} instructions, {:.1} million per second of wall time; load {:.2} %; \
+         {} resets",
         seconds / wall,
         board.instructions(),
         board.instructions() as f64 / wall * 1e-6,

@@ -168,7 +168,8 @@ impl Checker<'_> {
                 &e.roller_angle_deg,
                 &d.roller_angle_deg,
                 &format!("is {angle}"),
-                "give the angle between roller axle and wheel axle in degrees, above 0 and below 90",
+                "give the angle between roller axle and wheel axle in degrees, above 0 and below \
+                 90",
             ));
         }
         FourWheelGeometry::new(half_track, half_wheelbase, wheel_radius, angle.to_radians())
@@ -320,7 +321,8 @@ impl Checker<'_> {
                 _ => {
                     let path = format!("{path}.index_tolerance");
                     let problem = format!("is {}", given.get_ref());
-                    let remedy = "give encoder counts, 1 to 10000: the play between encoder and wheel, and two";
+                    let remedy = "give encoder counts, 1 to 10000: the play between encoder and \
+                        wheel, and two";
                     return Err(self.refuse(given, &path, &problem, remedy));
                 }
             },

@@ -74,7 +74,8 @@ fn a_loss_that_is_no_rollers_is_refused() {
     };
     assert_eq!(
         with_rollers("0.06"),
-        "pair.toml:9: hand_over.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a roller"
+        "pair.toml:9: hand_over.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a \
+         roller"
     );
     assert_eq!(
         with_rollers("-0.001"),
@@ -82,8 +83,8 @@ fn a_loss_that_is_no_rollers_is_refused() {
     );
     assert_eq!(
         refusal("[robot]", "[hand_over]\nloss_s_per_m = 0.001\n\n[robot]"),
-        "pair.toml:9: hand_over.loss_s_per_m: is for robots that know their rollers; give the robots' rollers, or remove \
-         it"
+        "pair.toml:9: hand_over.loss_s_per_m: is for robots that know their rollers; give the \
+         robots' rollers, or remove it"
     );
 }
 
@@ -94,7 +95,8 @@ fn unknown_key_lists_the_keys_there_are() {
             "compensation = { lateral = 1.033 }",
             "compensation = { sideways = 1.033 }"
         ),
-        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, yaw, table"
+        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, \
+         yaw, table"
     );
 }
 
@@ -118,8 +120,9 @@ fn negative_dimension() {
 fn radius_that_is_zero_in_the_robot() {
     assert_eq!(
         refusal("wheel_radius = 0.1524", "wheel_radius = 1e-60"),
-        "pair.toml:11: robot.wheel_radius: is 0.000000000000000000000000000000000000000000000000000000000001; \
-         give a number greater than 0"
+        "pair.toml:11: robot.wheel_radius: is \
+         0.000000000000000000000000000000000000000000000000000000000001; give a number greater \
+         than 0"
     );
 }
 
@@ -143,7 +146,8 @@ fn infinite() {
 fn two_robots_with_one_node() {
     assert_eq!(
         refusal("node = 3", "node = 2"),
-        "pair.toml:22: robots[1].node: node 2 is already robots[0]; give every robot a node of its own"
+        "pair.toml:22: robots[1].node: node 2 is already robots[0]; give every robot a node of \
+         its own"
     );
 }
 
@@ -203,7 +207,8 @@ fn seventeen_robots() {
 fn compensation_of_zero() {
     assert_eq!(
         refusal("lateral = 1.033", "lateral = 0"),
-        "pair.toml:24: robots[1].compensation.lateral: is 0; give 1 for no compensation; 0 would delete the axis"
+        "pair.toml:24: robots[1].compensation.lateral: is 0; give 1 for no compensation; 0 would \
+         delete the axis"
     );
 }
 
@@ -224,8 +229,8 @@ fn an_index_tolerance_no_robot_takes() {
                 &format!("node = 2\nrollers = {{ count = 8, index_tolerance = {counts} }}\n")
             ),
             format!(
-                "pair.toml:19: robots[0].rollers.index_tolerance: is {counts}; give encoder counts, 1 to 10000: the \
-                 play between encoder and wheel, and two"
+                "pair.toml:19: robots[0].rollers.index_tolerance: is {counts}; give encoder \
+                 counts, 1 to 10000: the play between encoder and wheel, and two"
             )
         );
     }
@@ -235,8 +240,8 @@ fn an_index_tolerance_no_robot_takes() {
 fn roller_angle_of_a_right_angle() {
     assert_eq!(
         refusal("roller_angle_deg = 45", "roller_angle_deg = 90"),
-        "pair.toml:12: robot.roller_angle_deg: is 90; give the angle between roller axle and wheel axle in degrees, \
-         above 0 and below 90"
+        "pair.toml:12: robot.roller_angle_deg: is 90; give the angle between roller axle and \
+         wheel axle in degrees, above 0 and below 90"
     );
 }
 
@@ -301,7 +306,8 @@ fn text_where_a_number_belongs() {
 fn crystals_of_other_robots() {
     assert_eq!(
         refusal("[0, 20]", "[0, 20, 40]"),
-        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value a robot, in their order"
+        "pair.toml:27: simulation.crystal_ppm: has 3 values for 2 robots; give one value a robot, \
+         in their order"
     );
 }
 
@@ -317,7 +323,8 @@ fn crystal_that_no_crystal_has() {
 fn plant_nobody_knows() {
     assert_eq!(
         refusal("[simulation]\n", "[simulation]\nplant = \"ice\"\n"),
-        "pair.toml:27: plant: \"ice\" is not one of its values; use one of: table, contact, external"
+        "pair.toml:27: plant: \"ice\" is not one of its values; use one of: table, contact, \
+         external"
     );
 }
 
@@ -355,8 +362,8 @@ fn table(rows: &str) -> String {
 fn compensation_table_with_a_zero() {
     assert_eq!(
         table("lateral = [[0.1, 1.1], [0.2, 0]]"),
-        "pair.toml:24: robots[1].compensation.table.lateral[1]: has coefficient 0; give 0.5 to 1.9999; 1 is no \
-         compensation, 0 would delete the axis"
+        "pair.toml:24: robots[1].compensation.table.lateral[1]: has coefficient 0; give 0.5 to \
+         1.9999; 1 is no compensation, 0 would delete the axis"
     );
 }
 
@@ -373,8 +380,8 @@ fn compensation_table_whose_speeds_do_not_rise() {
 fn compensation_table_that_cannot_be_inverted() {
     assert_eq!(
         table("lateral = [[0.3, 0.6], [0.31, 1.9]]"),
-        "pair.toml:24: robots[1].compensation.table.lateral: row 1: the coefficient changes too fast with speed to be \
-         inverted; mend the rows"
+        "pair.toml:24: robots[1].compensation.table.lateral: row 1: the coefficient changes too \
+         fast with speed to be inverted; mend the rows"
     );
     let text = table("oblique = [[0.3, 1.5, 1.5]]");
     assert!(

@@ -159,11 +159,13 @@ fn numbers_out_of_range_are_refused_by_name() {
         ),
         (
             "battery = { resistance = 0, curve = [[0, 21], [0, 22]] }",
-            "simulation.battery.curve: has the row [0, 22]; give the rows in order of rising charge",
+            "simulation.battery.curve: has the row [0, 22]; give the rows in order of rising \
+             charge",
         ),
         (
             "battery = { resistance = 0, curve = [[2, 21]] }",
-            "simulation.battery.curve: has the row [2, 21]; give rows [charge 0 to 1, volts above 0]",
+            "simulation.battery.curve: has the row [2, 21]; give rows [charge 0 to 1, volts above \
+             0]",
         ),
         (
             "backlash_deg = 45",
@@ -191,7 +193,8 @@ fn numbers_out_of_range_are_refused_by_name() {
         ),
         (
             "encoder_faults = [{ node = 9, wheel = \"rear-left\", kind = \"dead\" }]",
-            "simulation.encoder_faults[0].node: is 9, which no robot has; give the node of a robot in this file",
+            "simulation.encoder_faults[0].node: is 9, which no robot has; give the node of a \
+             robot in this file",
         ),
     ] {
         assert_eq!(refusal(text), format!("pair.toml:18: {expected}"));
@@ -202,7 +205,8 @@ fn numbers_out_of_range_are_refused_by_name() {
 fn only_the_contact_plant_knows_floors_and_loads() {
     assert_eq!(
         refusal("friction = 0.5"),
-        "pair.toml:18: simulation.friction: means nothing to this plant; set plant = \"contact\", or remove it"
+        "pair.toml:18: simulation.friction: means nothing to this plant; set plant = \"contact\", \
+         or remove it"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nfriction = 0"),
@@ -210,10 +214,12 @@ fn only_the_contact_plant_knows_floors_and_loads() {
     );
     assert_eq!(
         refusal("plant = \"contact\"\nfloor = [{ x = [2, 1], y = [0, 1], friction = 0.1 }]"),
-        "pair.toml:19: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller first"
+        "pair.toml:19: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller \
+         first"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nrigid = false\npayload = { mass = 50 }"),
-        "pair.toml:20: simulation.payload: lies on robots that are not connected; set rigid = true, or remove it"
+        "pair.toml:20: simulation.payload: lies on robots that are not connected; set rigid = \
+         true, or remove it"
     );
 }

@@ -128,7 +128,8 @@ impl FixedMember {
 /// The nearest step; the ends for what lies beyond, zero for a NaN.
 #[expect(
     clippy::cast_possible_truncation,
-    reason = "the cast saturates, and a float has no more digits than the step once it is that large"
+    reason = "the cast saturates, and a float has no more digits than the step once it is that \
+        large"
 )]
 #[inline]
 fn fixed(value: f32) -> I16F16 {

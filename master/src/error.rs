@@ -74,8 +74,8 @@ pub enum MasterError {
     },
     /// A parameter read back is not what was written.
     #[error(
-        "node {node}: {object} reads back as {found} after {written} was written; another master may \
-         be writing to it"
+        "node {node}: {object} reads back as {found} after {written} was written; another master \
+         may be writing to it"
     )]
     ReadBack {
         /// The node.
@@ -133,8 +133,8 @@ pub enum MasterError {
     },
     /// A robot started anew while the group was running.
     #[error(
-        "node {node} restarted by itself while the group was moving; the group ramps down. Read its \
-         reset cause (2001:3) and its supply"
+        "node {node} restarted by itself while the group was moving; the group ramps down. Read \
+         its reset cause (2001:3) and its supply"
     )]
     MemberRestarted {
         /// The node.
@@ -150,7 +150,8 @@ pub enum MasterError {
     },
     /// The source of poses went silent.
     #[error(
-        "no pose of the group has arrived for one second; the group ramps down. Check what sends the poses"
+        "no pose of the group has arrived for one second; the group ramps down. Check what sends \
+         the poses"
     )]
     PoseLost,
     /// Giving node ids did not work.
@@ -158,8 +159,8 @@ pub enum MasterError {
     Lss(String),
     /// Somebody else commands this bus.
     #[error(
-        "another master is on the bus (its heartbeat or SYNC was heard); stop it first: robots stop when \
-         two command them"
+        "another master is on the bus (its heartbeat or SYNC was heard); stop it first: robots \
+         stop when two command them"
     )]
     AnotherMaster,
     /// Something was to drive that does not listen to setpoints.
@@ -190,8 +191,8 @@ pub enum MasterError {
     },
     /// A wheel turned once and its encoder's index was not seen.
     #[error(
-        "node {node}: the index of the {wheel} wheel was not seen within one turn (object 0x2114 says {state}); check \
-         its wire, or set rollers to none for this robot in the group file"
+        "node {node}: the index of the {wheel} wheel was not seen within one turn (object 0x2114 \
+         says {state}); check its wire, or set rollers to none for this robot in the group file"
     )]
     NoIndex {
         /// The robot.

@@ -116,8 +116,8 @@ impl Feedback {
 pub enum DriveError {
     /// The source of poses.
     #[error(
-        "no poses from {address}: {problem}; start what sends them (omnibus-sim serve --pose-tcp prints its \
-         address) or correct --pose"
+        "no poses from {address}: {problem}; start what sends them (omnibus-sim serve --pose-tcp \
+         prints its address) or correct --pose"
     )]
     Pose {
         /// Where they were to come from.

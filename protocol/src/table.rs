@@ -54,7 +54,8 @@ const IDENTITY: &[Object] = &[
         "Reset cause",
         "",
         Kind::U8,
-        "0 power, 1 reset pin, 2 software, 3 independent watchdog, 4 window watchdog, 5 low power, 6 brown-out.",
+        "0 power, 1 reset pin, 2 software, 3 independent watchdog, 4 window watchdog, 5 low \
+         power, 6 brown-out.",
     ),
     Object::state(
         at::NODE_SWITCHES,
@@ -75,21 +76,27 @@ const IDENTITY: &[Object] = &[
         "Configuration status",
         "",
         Kind::U32,
-        "0 when the configuration is complete and valid. Otherwise index, sub-index and reason of the first objection from the top down: reason 1 not written, 2 does not fit the rest, 3 refused as stored (0 for the object: the stored image as a whole).",
+        "0 when the configuration is complete and valid. Otherwise index, sub-index and reason of \
+         the first objection from the top down: reason 1 not written, 2 does not fit the rest, 3 \
+         refused as stored (0 for the object: the stored image as a whole).",
     ),
     Object::state(
         at::CONFIGURATION_CRC,
         "Configuration CRC",
         "",
         Kind::U32,
-        "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each (of the compensation set its CRC), so that a master can tell whether a robot has the configuration it means.",
+        "CRC-32 (IEEE 802.3) over all parameters in the order of this table, four bytes each (of \
+         the compensation set its CRC), so that a master can tell whether a robot has the \
+         configuration it means.",
     ),
     Object::state(
         at::GROUP_CRC,
         "Group CRC",
         "",
         Kind::U32,
-        "The same over the parameters that must be equal in all members of a group: acceleration, jerk, deceleration, group, members, times, restart and stops of the group. Members that differ here would not move as one.",
+        "The same over the parameters that must be equal in all members of a group: acceleration, \
+         jerk, deceleration, group, members, times, restart and stops of the group. Members that \
+         differ here would not move as one.",
     ),
 ];
 
@@ -118,7 +125,8 @@ const fn wire_version() -> Object {
         "Wire version",
         "",
         [version, version, version],
-        "Changes with the meaning of any byte on the bus. A master refuses a robot that has another.",
+        "Changes with the meaning of any byte on the bus. A master refuses a robot that has \
+         another.",
     );
     object.access = Access::Const;
     object.persistent = false;
@@ -159,7 +167,8 @@ const ROBOT: &[Object] = &[
         "Individual wheels",
         "",
         byte(0, 1, 0),
-        "0: four wheels alike, placed by the values above. 1: each wheel is what 0x2014 to 0x2017 say; the values above then only have to be written.",
+        "0: four wheels alike, placed by the values above. 1: each wheel is what 0x2014 to 0x2017 \
+         say; the values above then only have to be written.",
     ),
     Object::required(
         at::MOUNT_X,
@@ -187,7 +196,8 @@ const ROBOT: &[Object] = &[
         "Longitudinal compensation",
         "",
         real(0.5, 2.0, 1.0),
-        "Commanded over achieved velocity along x of the robot, at any speed. For an axis that has no rows in 0x2013.",
+        "Commanded over achieved velocity along x of the robot, at any speed. For an axis that \
+         has no rows in 0x2013.",
     ),
     Object::required(
         at::COMPENSATION_LATERAL,
@@ -206,7 +216,10 @@ const ROBOT: &[Object] = &[
     Object::block(
         at::COMPENSATION_SET,
         "Compensation set",
-        "Tables of these coefficients over speed and direction, as one block with its version and CRC; layout above. Taken whole or refused: 0x06090030 for a wrong CRC, format or order of rows, 0x06090032 for a coefficient below 0.5, 0x06040043 for tables that cannot be inverted. After a reset to defaults a set without rows.",
+        "Tables of these coefficients over speed and direction, as one block with its version and \
+         CRC; layout above. Taken whole or refused: 0x06090030 for a wrong CRC, format or order \
+         of rows, 0x06090032 for a coefficient below 0.5, 0x06040043 for tables that cannot be \
+         inverted. After a reset to defaults a set without rows.",
     ),
     Object::state(
         at::COMPENSATION_VERSION,
@@ -245,14 +258,17 @@ const fn wheel_record(at: u16) -> [Object; 5] {
             "Radius",
             "m",
             real(0.0, 1.0, 0.0),
-            "From the axle to the ground under a roller; used where 0x2010:5 is 1, and then above 0.",
+            "From the axle to the ground under a roller; used where 0x2010:5 is 1, and then above \
+             0.",
         ),
         Object::parameter(
             wheel::roller_angle(at),
             "Roller angle",
             "rad",
             real(-1.47, 1.47, 0.0),
-            "Of the ground roller's axle against the wheel's axle, counter-clockwise from above; on the usual robot positive front left and rear right, negative on the others. Not 0 where 0x2010:5 is 1.",
+            "Of the ground roller's axle against the wheel's axle, counter-clockwise from above; \
+             on the usual robot positive front left and rear right, negative on the others. Not 0 \
+             where 0x2010:5 is 1.",
         ),
         Object::parameter(
             wheel::encoder_counts(at),
@@ -269,7 +285,8 @@ const DRIVE: &[Object] = &[Object::parameter(
     "Gear ratio",
     "",
     real(0.01, 1_000.0, 1.0),
-    "Revolutions of the encoder's shaft in one of the wheel. 1 where the counts are those of the wheel.",
+    "Revolutions of the encoder's shaft in one of the wheel. 1 where the counts are those of the \
+     wheel.",
 )];
 
 const WHEELS: &[Object] = &[
@@ -278,14 +295,16 @@ const WHEELS: &[Object] = &[
         "Encoder counts per revolution",
         "counts",
         real(16.0, 1_000_000.0, 2048.0),
-        "All edges counted, in a revolution of the encoder's shaft: of the wheel where 0x2018:1 is 1. May be a fraction.",
+        "All edges counted, in a revolution of the encoder's shaft: of the wheel where 0x2018:1 \
+         is 1. May be a fraction.",
     ),
     Object::required(
         at::ENCODER_REVERSED,
         "Reversed encoders",
         "",
         byte(0, 15, 0),
-        "Bit 0 front left, 1 front right, 2 rear left, 3 rear right: this encoder counts down when the wheel rolls the base forward.",
+        "Bit 0 front left, 1 front right, 2 rear left, 3 rear right: this encoder counts down \
+         when the wheel rolls the base forward.",
     ),
     Object::required(
         at::MOTOR_REVERSED,
@@ -313,7 +332,8 @@ const fn roller_record(phase: bool) -> [Object; 4] {
                 name,
                 "rad",
                 real(-1.048, 1.048, 0.0),
-                "How far the wheel has rolled on past the middle of its ground roller when its index comes, once a turn of the wheel. From calibration.",
+                "How far the wheel has rolled on past the middle of its ground roller when its \
+                 index comes, once a turn of the wheel. From calibration.",
             )
         } else {
             Object::parameter(
@@ -339,7 +359,10 @@ const ENCODER_INPUTS: &[Object] = &[Object::parameter(
     "Filter",
     "",
     byte(0, 15, 3),
-    "Digital filter of the encoder channels, ICxF of RM0390 18.4.7 at 90 MHz: a level counts once it has lasted 0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192 or 256 clocks of 11.1 ns; 3 is 89 ns. Refused where the counts at the maximum wheel rate come faster than one in that time.",
+    "Digital filter of the encoder channels, ICxF of RM0390 18.4.7 at 90 MHz: a level counts once \
+     it has lasted 0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192 or 256 clocks of \
+     11.1 ns; 3 is 89 ns. Refused where the counts at the maximum wheel rate come faster than one \
+     in that time.",
 )];
 
 const ROLLER_REFERENCE: &[Object] = &[
@@ -348,14 +371,18 @@ const ROLLER_REFERENCE: &[Object] = &[
         "Source",
         "",
         byte(0, 1, 0),
-        "Where the angle of the rollers comes from: 0 nowhere, every wheel computes with the mean over its rollers; 1 the index inputs, once a turn of the wheel each: behind a gear that takes a sensor on the wheel.",
+        "Where the angle of the rollers comes from: 0 nowhere, every wheel computes with the mean \
+         over its rollers; 1 the index inputs, once a turn of the wheel each: behind a gear that \
+         takes a sensor on the wheel.",
     ),
     Object::parameter(
         at::INDEX_TOLERANCE,
         "Index tolerance",
         "counts",
         word(1, 10_000, 20),
-        "An index further than this from a whole number of turns after the last is unexpected. Covers two counts and the play between encoder and wheel; at most 1/64 of a turn is used.",
+        "An index further than this from a whole number of turns after the last is unexpected. \
+         Covers two counts and the play between encoder and wheel; at most 1/64 of a turn is \
+         used.",
     ),
 ];
 
@@ -367,7 +394,8 @@ const fn roller_state(sweep: bool) -> [Object; 4] {
                 name,
                 "rad",
                 Kind::F32,
-                "How far the wheel has rolled on past the middle of its ground roller now; true when the state is 2.",
+                "How far the wheel has rolled on past the middle of its ground roller now; true \
+                 when the state is 2.",
             )
         } else {
             Object::state(
@@ -375,7 +403,8 @@ const fn roller_state(sweep: bool) -> [Object; 4] {
                 name,
                 "",
                 Kind::U8,
-                "0 ideal rollers; 1 the mean over a roller, index not seen yet; 2 the roller's angle; 3 the mean, the reference was wrong or has slipped.",
+                "0 ideal rollers; 1 the mean over a roller, index not seen yet; 2 the roller's \
+                 angle; 3 the mean, the reference was wrong or has slipped.",
             )
         }
     }
@@ -441,14 +470,16 @@ const SUPPLY: &[Object] = &[
         "Minimum supply",
         "V",
         real(0.0, 100.0, 0.0),
-        "Below this for 100 ms the robot comes to rest. 0 says that the supply is not measured: no check, and no correction of the duty.",
+        "Below this for 100 ms the robot comes to rest. 0 says that the supply is not measured: \
+         no check, and no correction of the duty.",
     ),
     Object::parameter(
         at::SUPPLY_MAXIMUM,
         "Maximum supply",
         "V",
         real(0.0, 100.0, 0.0),
-        "Above this for 10 ms the drivers are switched off, because braking on would raise it further. 0 for no check. Not checked where the supply is not measured (0x2025:2 is 0).",
+        "Above this for 10 ms the drivers are switched off, because braking on would raise it \
+         further. 0 for no check. Not checked where the supply is not measured (0x2025:2 is 0).",
     ),
     Object::parameter(
         at::SUPPLY_MARGIN,
@@ -462,7 +493,8 @@ const SUPPLY: &[Object] = &[
         "Supply divider",
         "",
         real(1.0, 100.0, 11.0),
-        "Supply voltage per voltage at the measuring input; 11 is 100 kOhm and 10 kOhm, for at most 36 V at 3.3 V.",
+        "Supply voltage per voltage at the measuring input; 11 is 100 kOhm and 10 kOhm, for at \
+         most 36 V at 3.3 V.",
     ),
 ];
 
@@ -479,28 +511,33 @@ const TORQUE: &[Object] = &[
         "Largest current",
         "A",
         real(0.0, 1000.0, 0.0),
-        "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With both 0 the bound is half of the nominal supply; one without the other is refused.",
+        "Of a motor. A wheel gets at most this times the resistance beyond its back EMF. With \
+         both 0 the bound is half of the nominal supply; one without the other is refused.",
     ),
     Object::parameter(
         at::CURRENT_SCALE,
         "Current scale",
         "A/V",
         real(0.0, 1000.0, 0.0),
-        "Current per voltage at a current sensor's input; 0: none is connected. More than 1.25 times what four motors may take (0x2026:2), or an input at the end of its range, for 20 ms is fault OverCurrent. The range must reach that far.",
+        "Current per voltage at a current sensor's input; 0: none is connected. More than 1.25 \
+         times what four motors may take (0x2026:2), or an input at the end of its range, for 20 \
+         ms is fault OverCurrent. The range must reach that far.",
     ),
     Object::parameter(
         at::CURRENT_OFFSET,
         "Current offset",
         "V",
         real(0.0, 3.3, 0.0),
-        "Voltage at the input without current: 0 for a shunt, half of the range for most Hall sensors.",
+        "Voltage at the input without current: 0 for a shunt, half of the range for most Hall \
+         sensors.",
     ),
     Object::parameter(
         at::CURRENT_INPUTS,
         "Current inputs",
         "",
         byte(1, 3, 1),
-        "How many inputs are added up, from the first: 1 for one sensor that sees all motors, 2 or 3 for sensors that each see some of them. They have the same scale and offset.",
+        "How many inputs are added up, from the first: 1 for one sensor that sees all motors, 2 \
+         or 3 for sensors that each see some of them. They have the same scale and offset.",
     ),
 ];
 
@@ -524,14 +561,16 @@ const OUTPUT_STAGE: &[Object] = &[
         "Brake release time",
         "ms",
         word(0, 1000, 0),
-        "What the brake takes to let go. So long after it was released nothing is followed and no wheel is judged; the loops hold.",
+        "What the brake takes to let go. So long after it was released nothing is followed and no \
+         wheel is judged; the loops hold.",
     ),
     Object::parameter(
         at::BRAKE_ENGAGE,
         "Brake engage time",
         "ms",
         word(0, 1000, 0),
-        "What the brake takes to hold. So long after it was engaged at standstill the drivers stay on and the loops hold. A cut does not wait.",
+        "What the brake takes to hold. So long after it was engaged at standstill the drivers \
+         stay on and the loops hold. A cut does not wait.",
     ),
 ];
 
@@ -597,21 +636,26 @@ const LIMITS: &[Object] = &[
         "Slip fault",
         "rad/s",
         real(0.0, 60.0, 2.5),
-        "Slip residual above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.1 for that long; one wheel that stands still while the others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
+        "Slip residual above which, for 300 ms, the robot comes to rest; 0 for never. No drive of \
+         the tests without a fault has 0.1 for that long; one wheel that stands still while the \
+         others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
     ),
     Object::parameter(
         at::STRAIN_LIMIT,
         "Strain limit",
         "m/s",
         real(0.0, 5.0, 0.05),
-        "Difference between this robot's and another member's measured group twist, at this robot's place, above which the strain limit is reported; 0 for never.",
+        "Difference between this robot's and another member's measured group twist, at this \
+         robot's place, above which the strain limit is reported; 0 for never.",
     ),
     Object::parameter(
         at::STRAIN_FAULT,
         "Strain fault",
         "m/s",
         real(0.0, 5.0, 0.3),
-        "The same, above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.",
+        "The same, above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the \
+         tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s \
+         has 0.21, and is named by its wheel watch.",
     ),
     Object::parameter(
         at::BLOCKED_RATE,
@@ -635,14 +679,16 @@ const GROUP: &[Object] = &[
         "Group",
         "",
         byte(0, 255, 0),
-        "Group twists for another group are not for this robot: they are neither taken nor counted, so several groups can share a bus, its SYNC and its master's heartbeat.",
+        "Group twists for another group are not for this robot: they are neither taken nor \
+         counted, so several groups can share a bus, its SYNC and its master's heartbeat.",
     ),
     Object::required(
         at::MEMBERS,
         "Members",
         "",
         long(4, MEMBER_MASK, 4),
-        "Bit n stands for node n; robots are 2 to 17. This robot must be among them; only a robot that is alone among them may move on its own (0x2050:1).",
+        "Bit n stands for node n; robots are 2 to 17. This robot must be among them; only a robot \
+         that is alone among them may move on its own (0x2050:1).",
     ),
     Object::parameter(
         at::SYNC_PERIOD,
@@ -656,7 +702,8 @@ const GROUP: &[Object] = &[
         "SYNC timeout",
         "ms",
         word(0, 1000, 0),
-        "Moving, without SYNC for this long: ramp down; 0 for two and a quarter periods. When a member's status is missing, too, a period and a quarter is enough.",
+        "Moving, without SYNC for this long: ramp down; 0 for two and a quarter periods. When a \
+         member's status is missing, too, a period and a quarter is enough.",
     ),
     Object::parameter(
         at::SETPOINT_TIMEOUT,
@@ -670,28 +717,32 @@ const GROUP: &[Object] = &[
         "Master heartbeat timeout",
         "ms",
         word(10, 10_000, 500),
-        "Armed or moving, without the master's heartbeat for this long: ramp down. Only one that says OPERATIONAL counts; a boot-up message is a stop.",
+        "Armed or moving, without the master's heartbeat for this long: ramp down. Only one that \
+         says OPERATIONAL counts; a boot-up message is a stop.",
     ),
     Object::parameter(
         at::STANDSTILL_SYNCS,
         "Standstill before motion",
         "SYNCs",
         byte(1, 250, 3),
-        "After a start, so many SYNCs in a row must bring a setpoint of less than 0.01 m/s and 0.01 rad/s that all members agree on; until then any other is a scale of 0.",
+        "After a start, so many SYNCs in a row must bring a setpoint of less than 0.01 m/s and \
+         0.01 rad/s that all members agree on; until then any other is a scale of 0.",
     ),
     Object::parameter(
         at::PROTECTIVE_STOP,
         "Protective stop",
         "",
         byte(0, 1, 0),
-        "1: a normally closed contact is connected to the protective stop input; open is a ramp, then outputs off.",
+        "1: a normally closed contact is connected to the protective stop input; open is a ramp, \
+         then outputs off.",
     ),
     Object::parameter(
         at::CUTS_TOGETHER,
         "Cut together",
         "",
         byte(0, 1, 0),
-        "1: the emergency stop of one member is a cut for all, announced by its emergency message; 0: the others ramp.",
+        "1: the emergency stop of one member is a cut for all, announced by its emergency \
+         message; 0: the others ramp.",
     ),
 ];
 
@@ -700,7 +751,10 @@ const COMMISSIONING: &[Object] = &[Object::command(
     "Commissioning permission",
     "",
     Kind::U8,
-    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone. Gone after every change of the NMT state and after 60 s; writing 1 again gives another 60 s. A commissioning twist is followed up to 0.25 m/s and 0.5 rad/s.",
+    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area \
+     clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone. Gone after every \
+     change of the NMT state and after 60 s; writing 1 again gives another 60 s. A commissioning \
+     twist is followed up to 0.25 m/s and 0.5 rad/s.",
 )];
 
 const IDENTIFICATION: &[Object] = &[
@@ -709,21 +763,26 @@ const IDENTIFICATION: &[Object] = &[
         "Identification",
         "",
         Kind::U8,
-        "1 begins to identify the motors: all wheels forward on a slow ramp of voltage, then backward on a step. Refused unless the robot is started, stands, and 0x2050:1 is 1. 0 stops. However it ends, the robot comes to rest and needs an NMT start.",
+        "1 begins to identify the motors: all wheels forward on a slow ramp of voltage, then \
+         backward on a step. Refused unless the robot is started, stands, and 0x2050:1 is 1. 0 \
+         stops. However it ends, the robot comes to rest and needs an NMT start.",
     ),
     Object::state(
         at::IDENTIFY_STATUS,
         "Identification status",
         "",
         Kind::U8,
-        "0 never run, 1 running, 2 done; stopped: 3 by the master, 4 by a fault, 5 by its time limit of 20 s, 6 wheel too fast, 7 wheel too far, 8 wheel does not turn, 9 wheel turns backwards, 10 no motor's behaviour.",
+        "0 never run, 1 running, 2 done; stopped: 3 by the master, 4 by a fault, 5 by its time \
+         limit of 20 s, 6 wheel too fast, 7 wheel too far, 8 wheel does not turn, 9 wheel turns \
+         backwards, 10 no motor's behaviour.",
     ),
     Object::state(
         at::IDENTIFY_WHEEL,
         "Identification wheel",
         "",
         Kind::U8,
-        "The wheel that stopped it: 0 front left, 1 front right, 2 rear left, 3 rear right; 255 none.",
+        "The wheel that stopped it: 0 front left, 1 front right, 2 rear left, 3 rear right; 255 \
+         none.",
     ),
     Object::setting(
         at::IDENTIFY_RATE,
@@ -758,7 +817,8 @@ const IDENTIFICATION: &[Object] = &[
         "Identification wheels",
         "",
         byte(0, 15, 0),
-        "Wheels that get the voltage: bit 0 front left, 1 front right, 2 rear left, 3 rear right; 0 is all. The others need not turn: for wheels off the floor.",
+        "Wheels that get the voltage: bit 0 front left, 1 front right, 2 rear left, 3 rear right; \
+         0 is all. The others need not turn: for wheels off the floor.",
     ),
 ];
 
@@ -767,12 +827,14 @@ const BLINK: &[Object] = &[Object::command(
     "Blink",
     "s",
     Kind::U8,
-    "For so many seconds the LED shows which robot this is: five short flashes and a pause. 0 ends it. Reads as the seconds left.",
+    "For so many seconds the LED shows which robot this is: five short flashes and a pause. 0 \
+     ends it. Reads as the seconds left.",
 )];
 
 const fn identified_record(wheel: u16) -> [Object; 6] {
     const fn result(wheel: u16, sub: u8, name: &'static str, unit: &'static str) -> Object {
-        let text = "Found by the last identification; 0 before. Not in effect until it is written to the motor's object.";
+        let text = "Found by the last identification; 0 before. Not in effect until it is written \
+            to the motor's object.";
         Object::state(identified::value(wheel, sub), name, unit, Kind::F32, text)
     }
     [
@@ -878,7 +940,8 @@ const STATUS: &[Object] = &[
         "Slip residual",
         "20 mrad/s",
         Kind::U8,
-        "Magnitude of the wheel rates that no rigid motion explains; 254 is this or more, 255 not measured. With its sign and in full: 0x2120:2.",
+        "Magnitude of the wheel rates that no rigid motion explains; 254 is this or more, 255 not \
+         measured. With its sign and in full: 0x2120:2.",
     )
     .mapped(),
     Object::state(
@@ -886,7 +949,8 @@ const STATUS: &[Object] = &[
         "Limit or fault",
         "",
         Kind::U16,
-        "0 nothing, below 0x1000 a limit, else a fault; the number is that of the emergency message.",
+        "0 nothing, below 0x1000 a limit, else a fault; the number is that of the emergency \
+         message.",
     )
     .mapped(),
     Object::state(
@@ -894,7 +958,8 @@ const STATUS: &[Object] = &[
         "Plan checksum",
         "",
         Kind::U8,
-        "Over what this robot is about to do: the setpoint as it understood it, its group parameters, its communication objects. Members that differ stop the group.",
+        "Over what this robot is about to do: the setpoint as it understood it, its group \
+         parameters, its communication objects. Members that differ stop the group.",
     )
     .mapped(),
 ];
@@ -1012,26 +1077,31 @@ const CAN: &[Object] = &[
         "Transmit errors",
         "",
         Kind::U8,
-        "Transmit error counter (ISO 11898-1): 8 up with a frame that failed, 1 down with one that did not; from 128 on the controller is error passive, above 255 it is off the bus.",
+        "Transmit error counter (ISO 11898-1): 8 up with a frame that failed, 1 down with one \
+         that did not; from 128 on the controller is error passive, above 255 it is off the bus.",
     ),
     Object::state(
         at::CAN_RECEIVE_ERRORS,
         "Receive errors",
         "",
         Kind::U8,
-        "Receive error counter: 1 to 9 up with a frame that was broken, 1 down with a good one; from 128 on error passive.",
+        "Receive error counter: 1 to 9 up with a frame that was broken, 1 down with a good one; \
+         from 128 on error passive.",
     ),
     Object::state(
         at::CAN_LAST_ERROR,
         "Last error",
         "",
         Kind::U8,
-        "0 none since the start, 1 stuffing, 2 form, 3 not acknowledged, 4 recessive bit read as dominant, 5 dominant bit read as recessive, 6 checksum. Looked at every few ms, so one of several may be missed.",
+        "0 none since the start, 1 stuffing, 2 form, 3 not acknowledged, 4 recessive bit read as \
+         dominant, 5 dominant bit read as recessive, 6 checksum. Looked at every few ms, so one \
+         of several may be missed.",
     ),
     counter(
         at::CAN_PASSIVES,
         "Times error passive",
-        "Since power came. Each is announced by emergency message 0x8120 and taken back once both error counters are below 96.",
+        "Since power came. Each is announced by emergency message 0x8120 and taken back once both \
+         error counters are below 96.",
     ),
     counter(at::CAN_BUS_OFFS, "Times bus-off", "Since power came."),
 ];
@@ -1045,7 +1115,8 @@ const STORE: &[Object] = &[
     counter(
         at::ERASES,
         "Erases",
-        "Sectors erased since the store was new, each of the two half as often; a save that was cut off counts as one. The chip is made for 10 000 of each.",
+        "Sectors erased since the store was new, each of the two half as often; a save that was \
+         cut off counts as one. The chip is made for 10 000 of each.",
     ),
     counter(
         at::CUT_SAVES,
@@ -1067,7 +1138,8 @@ const POWER: &[Object] = &[
         "Brown-out reset",
         "",
         Kind::U8,
-        "Level of the processor's brown-out reset: 3, programmed at the first start, resets below 2.8 V. Below 2.7 V the processor is not reliable; 0 is off.",
+        "Level of the processor's brown-out reset: 3, programmed at the first start, resets below \
+         2.8 V. Below 2.7 V the processor is not reliable; 0 is off.",
     ),
 ];
 
@@ -1077,7 +1149,8 @@ const FAULT_MEMORY: &[Object] = &[
         "Stored faults",
         "",
         Kind::Domain,
-        "The last eight faults, kept over power losses, the newest first: 32 bytes each, layout above. Shorter while there have been fewer.",
+        "The last eight faults, kept over power losses, the newest first: 32 bytes each, layout \
+         above. Shorter while there have been fewer.",
     ),
     counter(
         at::START_NUMBER,
@@ -1089,7 +1162,8 @@ const FAULT_MEMORY: &[Object] = &[
         "Unstored",
         "",
         Kind::U8,
-        "How many of these faults are not in flash yet: they are written at rest, at most eight every 10 s.",
+        "How many of these faults are not in flash yet: they are written at rest, at most eight \
+         every 10 s.",
     ),
 ];
 

@@ -295,7 +295,8 @@ fn neither_the_count_nor_the_size_of_saves_makes_a_start_or_a_save_slower() {
         }
     }
     println!(
-        "{slowest_start} words read at a start, {slowest_save} and {most_operations} operations in a save"
+        "{slowest_start} words read at a start, {slowest_save} and {most_operations} operations \
+         in a save"
     );
     assert!(slowest_start <= 2 * words, "{slowest_start} words");
     assert!(slowest_save <= 4 * words, "{slowest_save} words");

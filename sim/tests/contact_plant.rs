@@ -372,7 +372,8 @@ fn a_payload_beyond_the_wheels_is_refused() {
         .unwrap();
     assert_eq!(
         error.to_string(),
-        "plant: simulation.payload: tips the group over; put it between the wheels, or make it lighter"
+        "plant: simulation.payload: tips the group over; put it between the wheels, or make it \
+         lighter"
     );
     assert!(simulated("single", "payload = { mass = 400, y = 0.2 }").is_ok());
 }

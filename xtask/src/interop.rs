@@ -159,7 +159,8 @@ fn system_packages() -> anyhow::Result<()> {
         return Ok(());
     }
     bail!(
-        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 python3-venv tshark chromium gdb-multiarch",
+        "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 \
+         python3-venv tshark chromium gdb-multiarch",
         missing.join(", ")
     )
 }

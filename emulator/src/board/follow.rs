@@ -120,8 +120,9 @@ mod tests {
 
     #[test]
     fn a_task_is_named_by_what_is_inlined_into_its_poll_function() {
-        let location = "core::ptr::read (ptr.rs:1) < omnibus_firmware::start::__led_task::inner::{async_fn#0} (led.rs:3) \
-                        < embassy_executor::raw::TaskStorage<F>::poll (raw/mod.rs:9)";
+        let location = "core::ptr::read (ptr.rs:1) < \
+            omnibus_firmware::start::__led_task::inner::{async_fn#0} (led.rs:3) < \
+            embassy_executor::raw::TaskStorage<F>::poll (raw/mod.rs:9)";
         assert_eq!(task_name(location), Some("led"));
         assert_eq!(task_name("memcpy (x.rs:1)"), None);
     }

@@ -66,7 +66,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say("That does not fit. Lower --rate (sync_period_ms in the group file).")?;
     } else if high > BUSY {
         say(
-            "That is too full for comfort: parameters and node management hardly get through. Lower --rate.",
+            "That is too full for comfort: parameters and node management hardly get through. \
+             Lower --rate.",
         )?;
     }
     Ok(())

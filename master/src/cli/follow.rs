@@ -171,8 +171,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let simulated = matches!(target.bus, BusAddress::Sim(_));
     if simulated && matches!(arguments.pose, Some(Source::Stream(_))) {
         bail!(
-            "--pose tcp://: a bus in this process has virtual time, which no other program shares; give \
-             --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
+            "--pose tcp://: a bus in this process has virtual time, which no other program \
+             shares; give --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
         );
     }
     if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {

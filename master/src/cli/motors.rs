@@ -52,8 +52,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     if !arguments.wheels_free {
         bail!(
-            "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) to either side; lift them or \
-             clear the area, then say --wheels-free",
+            "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) to either \
+             side; lift them or clear the area, then say --wheels-free",
             arguments.travel,
             arguments.travel * robot.geometry.wheel_radius()
         );
@@ -113,10 +113,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     say(match (arguments.accept, arguments.save) {
         (false, _) => "Nothing of this is in effect; --accept writes it into the robot.",
         (true, false) => {
-            "In effect from the next start, until a group file is written or the power goes; --save keeps it."
+            "In effect from the next start, until a group file is written or the power goes; \
+             --save keeps it."
         }
         (true, true) => {
-            "Kept. Add `identified = true` under [robot.control] in the group file, or it is written over."
+            "Kept. Add `identified = true` under [robot.control] in the group file, or it is \
+             written over."
         }
     })
 }

@@ -109,8 +109,8 @@ fn state_name(state: Option<NmtState>) -> String {
 /// Says that nobody answers, with what the adapter knows.
 fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
-        "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
-         everywhere"
+        "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate \
+         is 1 Mbit/s everywhere"
             .into()
     });
     Found(format!("no robot answers on {}; {diagnosis}", target.bus)).into()
@@ -179,7 +179,8 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
     for node in &survey.missing {
         wrong += 1;
         say(format_args!(
-            "node {node} of group '{}' does not answer; check its power, its node switches and its plug",
+            "node {node} of group '{}' does not answer; check its power, its node switches and \
+             its plug",
             name.unwrap_or_default()
         ))?;
     }

@@ -136,8 +136,8 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
         .zip(u8::from_str_radix(sub, 16).ok());
     let Some((index, sub)) = parsed else {
         bail!(
-            "'{text}' is no object; write index and sub-index in hex, such as 2010:3, or a name from \
-             `omnibus param list`"
+            "'{text}' is no object; write index and sub-index in hex, such as 2010:3, or a name \
+             from `omnibus param list`"
         );
     };
     let at = Address::new(index, sub);

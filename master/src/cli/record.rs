@@ -61,8 +61,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     heard?;
     if summary.frames == 0 {
         bail!(
-            "{}: nothing was heard; check that the robots are on, the bit rate (1 Mbit/s), and that \
-             another node is on the bus to acknowledge frames",
+            "{}: nothing was heard; check that the robots are on, the bit rate (1 Mbit/s), and \
+             that another node is on the bus to acknowledge frames",
             arguments.target.bus
         );
     }

@@ -61,8 +61,8 @@ fn token(arguments: &Arguments, address: SocketAddr) -> anyhow::Result<String> {
     }
     if !address.ip().is_loopback() {
         bail!(
-            "--http {address}: other machines reach this address; give --token-file FILE, or serve on \
-             127.0.0.1 and go there through an SSH tunnel"
+            "--http {address}: other machines reach this address; give --token-file FILE, or \
+             serve on 127.0.0.1 and go there through an SSH tunnel"
         );
     }
     let mut bytes = [0; TOKEN_BYTES];

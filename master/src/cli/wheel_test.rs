@@ -78,7 +78,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if !arguments.wheels_free {
         bail!(
-            "the wheels of node {node} will turn one by one; lift them off the floor, then say --wheels-free"
+            "the wheels of node {node} will turn one by one; lift them off the floor, then say \
+             --wheels-free"
         );
     }
     let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
@@ -103,7 +104,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     say("All four turn the right way, and their own encoders say so.")?;
     if !arguments.ask {
         say(
-            "Not checked by eye: a motor and its encoder both reversed would look the same. Use --ask.",
+            "Not checked by eye: a motor and its encoder both reversed would look the same. Use \
+             --ask.",
         )?;
     }
     Ok(())
@@ -140,8 +142,8 @@ fn ask(wheel: usize) -> Result<Option<Seen>, MasterError> {
     let name = WHEELS.get(wheel).copied().unwrap_or("");
     loop {
         note(format!(
-            "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or another wheel: fl, fr, rl, \
-             rr with f or b (`rl f`); Enter: did not look"
+            "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or \
+             another wheel: fl, fr, rl, rr with f or b (`rl f`); Enter: did not look"
         ));
         let mut line = String::new();
         match std::io::stdin().lock().read_line(&mut line) {

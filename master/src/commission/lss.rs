@@ -75,7 +75,8 @@ pub fn unconfigured<L: Link>(wire: &mut Wire<L>) -> Result<Vec<Identity>, Master
             Scanned::Lost => {
                 leave(wire)?;
                 return Err(problem(
-                    "a robot stopped answering in the middle of a scan; check its power and try again",
+                    "a robot stopped answering in the middle of a scan; check its power and try \
+                     again",
                 ));
             }
         }

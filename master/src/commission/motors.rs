@@ -195,10 +195,12 @@ fn reason(status: u32, wheel: u32) -> String {
         }
         7 => "a wheel went farther than permitted; lower the rate or allow more way",
         8 => {
-            "a wheel does not turn at a quarter of the nominal supply; look for a blocked wheel, the motor's or the encoder's cable"
+            "a wheel does not turn at a quarter of the nominal supply; look for a blocked wheel, \
+             the motor's or the encoder's cable"
         }
         9 => {
-            "a wheel turns backwards; swap its motor's wires or its encoder's channels, or set 0x2020:2 or 3"
+            "a wheel turns backwards; swap its motor's wires or its encoder's channels, or set \
+             0x2020:2 or 3"
         }
         10 => {
             "a wheel did not behave like a motor; look for slip, a loose coupling, a sagging supply"

@@ -191,9 +191,9 @@ fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
             let serials = robot.serials.iter().map(|serial| format!("{serial:08X}"));
             let serials: Vec<String> = serials.collect();
             out.push(format!(
-                "{} robots answer as node {node}, serial numbers {}; set the node switches of all but one to \
-                 another number (docs/bring-up.md says which switch counts what), or use `omnibus lss`, and \
-                 switch them off and on",
+                "{} robots answer as node {node}, serial numbers {}; set the node switches of all \
+                 but one to another number (docs/bring-up.md says which switch counts what), or \
+                 use `omnibus lss`, and switch them off and on",
                 robot.answers,
                 serials.join(", ")
             ));
@@ -201,8 +201,8 @@ fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
         }
         if robot.wire_version != u32::from(protocol::WIRE_VERSION) {
             out.push(format!(
-                "node {node} speaks wire version {}, this master {}; flash the robot with the firmware of \
-                 this release",
+                "node {node} speaks wire version {}, this master {}; flash the robot with the \
+                 firmware of this release",
                 robot.wire_version,
                 protocol::WIRE_VERSION
             ));
@@ -217,8 +217,8 @@ fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
             .find(|o| o.answers == 1 && o.node < node && o.serial == robot.serial);
         if let Some(twin) = twin {
             out.push(format!(
-                "nodes {} and {node} have the same serial number {:08X}; one of them runs a copy of the \
-                 other's settings",
+                "nodes {} and {node} have the same serial number {:08X}; one of them runs a copy \
+                 of the other's settings",
                 twin.node, robot.serial
             ));
         }

@@ -122,20 +122,24 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
         let name = |n: usize| WHEELS.get(n).copied().unwrap_or("unknown");
         let problem = match (moved(wheel).as_slice(), seen) {
             ([], Some(Seen::Wheel { wheel: other, .. })) if other != wheel => Some(format!(
-                "the motor of the {} wheel turns instead, and no encoder counts: exchange the plugs of the two motors, \
-                 then test again",
+                "the motor of the {} wheel turns instead, and no encoder counts: exchange the \
+                 plugs of the two motors, then test again",
                 name(other)
             )),
             ([], Some(Seen::Wheel { .. })) => Some(
-                "it turns, and its encoder counts nothing: look at the encoder's plug, supply and both channels".into(),
+                "it turns, and its encoder counts nothing: look at the encoder's plug, supply and \
+                 both channels"
+                    .into(),
             ),
             ([], Some(Seen::Nothing)) => Some(
-                "it does not turn: look at the motor's plug, the driver and its enable, and whether the wheel is blocked"
+                "it does not turn: look at the motor's plug, the driver and its enable, and \
+                 whether the wheel is blocked"
                     .into(),
             ),
             ([], None) => Some(
-                "no encoder counts: where the wheel turned, look at its encoder's plug, supply and both channels; where it \
-                 did not, at the motor's plug, the driver, and whether it is blocked"
+                "no encoder counts: where the wheel turned, look at its encoder's plug, supply \
+                 and both channels; where it did not, at the motor's plug, the driver, and \
+                 whether it is blocked"
                     .into(),
             ),
             ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one != wheel && turns == *one => {
@@ -146,26 +150,41 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
             }
             ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one == wheel && turns != wheel => {
                 Some(format!(
-                    "the {} wheel turns instead, and this one's encoder counts it: exchange the plugs of both, motors and \
-                     encoders",
+                    "the {} wheel turns instead, and this one's encoder counts it: exchange the \
+                     plugs of both, motors and encoders",
                     name(turns)
                 ))
             }
             ([one], seen) if *one != wheel => {
                 let what = if moved(*one) == [wheel] {
-                    format!("the two are in each other's places, so exchange the plugs of the {} and the {} wheel's", name(wheel), name(*one))
+                    format!(
+                        "the two are in each other's places, so exchange the plugs of the {} \
+                        and the {} wheel's",
+                        name(wheel),
+                        name(*one)
+                    )
                 } else {
-                    format!("so plug the {} wheel's in where the {} one's is,", name(wheel), name(*one))
+                    format!(
+                        "so plug the {} wheel's in where the {} one's is,",
+                        name(wheel),
+                        name(*one)
+                    )
                 };
                 let which = match seen {
                     None => "encoders, or of their motors where the other wheel turned",
                     Some(_) => "encoders",
                 };
-                Some(format!("the {} wheel's encoder counts instead: {what} {which}", name(*one)))
+                Some(format!(
+                    "the {} wheel's encoder counts instead: {what} {which}",
+                    name(*one)
+                ))
             }
             ([_], Some(Seen::Wheel { forward, .. })) => match (way > 0.0, forward) {
                 (true, true) => unlike(turned.speed, usual),
-                (false, true) => Some(format!("its encoder counts backwards: {}", reversed.encoder(wheel))),
+                (false, true) => Some(format!(
+                    "its encoder counts backwards: {}",
+                    reversed.encoder(wheel)
+                )),
                 (false, false) => Some(format!("it turns backwards: {}", reversed.motor(wheel))),
                 (true, false) => Some(format!(
                     "it turns backwards and its encoder, too: {}; and {}",
@@ -173,18 +192,21 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
                     reversed.encoder(wheel)
                 )),
             },
-            ([_], Some(Seen::Nothing)) => {
-                Some("its encoder counts, and nothing was seen to turn: is this the robot you look at?".into())
-            }
+            ([_], Some(Seen::Nothing)) => Some(
+                "its encoder counts, and nothing was seen to turn: is this the robot you \
+                    look at?"
+                    .into(),
+            ),
             ([_], None) if way < 0.0 => Some(format!(
-                "its encoder says backwards: where the wheel rolled the base forward first, {}; where it did not, {}",
+                "its encoder says backwards: where the wheel rolled the base forward first, {}; \
+                 where it did not, {}",
                 reversed.encoder(wheel),
                 reversed.motor(wheel)
             )),
             ([_], None) => unlike(turned.speed, usual),
             (many, _) => Some(format!(
-                "{} encoders count at once ({}): look for wheels that touch, and for channels of different encoders in one \
-                 plug",
+                "{} encoders count at once ({}): look for wheels that touch, and for channels of \
+                 different encoders in one plug",
                 many.len(),
                 many.iter().map(|n| name(*n)).collect::<Vec<_>>().join(", ")
             )),
@@ -204,8 +226,9 @@ fn unlike(speed: Option<f32>, usual: Option<f32>) -> Option<String> {
     let ratio = usual / speed;
     ((ratio - 1.0).abs() > ALIKE).then(|| {
         format!(
-            "at one voltage it seems {ratio:.2} times as fast as the others: look at its encoder's counts per revolution \
-             (2020:1, 2014:5 to 2017:5) and gear, or for a wheel that drags"
+            "at one voltage it seems {ratio:.2} times as fast as the others: look at its \
+             encoder's counts per revolution (2020:1, 2014:5 to 2017:5) and gear, or for a wheel \
+             that drags"
         )
     })
 }

@@ -161,8 +161,8 @@ pub enum CourseError {
     },
     /// The path does not come back to where it began.
     #[error(
-        "{name} does not end where and as it begins (within 1 mm, 1 mrad, 1 mm/s), so it cannot be repeated; \
-         drive it once"
+        "{name} does not end where and as it begins (within 1 mm, 1 mrad, 1 mm/s), so it cannot \
+         be repeated; drive it once"
     )]
     Open {
         /// Name of the path.
@@ -170,7 +170,8 @@ pub enum CourseError {
     },
     /// There is no direction of travel.
     #[error(
-        "{name} stands still at {t:.2} s, so there is no direction of travel to face; use --frame world"
+        "{name} stands still at {t:.2} s, so there is no direction of travel to face; use --frame \
+         world"
     )]
     NoDirection {
         /// Name of the path.

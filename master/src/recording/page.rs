@@ -116,7 +116,8 @@ pub fn to_html(recording: &Recording) -> Result<String, ChartError> {
     let mut out = begin(&title, &title);
     let _ = write!(
         out,
-        "<p class=\"lead\">Recorded on <code>{}</code>: {} frames in {:.1} s, {} SYNC periods, nodes {:?}.</p>",
+        "<p class=\"lead\">Recorded on <code>{}</code>: {} frames in {:.1} s, {} SYNC periods, \
+         nodes {:?}.</p>",
         escape(&figures.bus),
         figures.frames,
         figures.seconds,
@@ -133,8 +134,8 @@ pub fn to_html(recording: &Recording) -> Result<String, ChartError> {
     cards(&mut out, &figures);
     figure(&mut out, "", &charts::map(recording, &rows))?;
     out.push_str(
-        "<p>The path by the wheels is the mean of the robots' odometry; slip that their compensation \
-         does not know of is not in it.</p><h2>Velocity</h2>",
+        "<p>The path by the wheels is the mean of the robots' odometry; slip that their \
+         compensation does not know of is not in it.</p><h2>Velocity</h2>",
     );
     for chart in charts::velocities(&rows) {
         figure(&mut out, "", &chart)?;

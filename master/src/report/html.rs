@@ -92,10 +92,10 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
          extent over half of the curve's, minus one. The tracking error is the distance to where \
          the curve is at the same instant, the known delay of the setpoint pipeline included in \
          the setpoints. The lag is what of that error goes with the velocity, freed of gain and \
-         start. The ripple is the standard deviation of the speed where the curve is fastest, over \
-         the speed asked for. The shape error is the largest distance of a robot from its place in the \
-         group. The paper's robot was one virtual prototype; it printed no numbers for its \
-         compensated curves.</p>",
+         start. The ripple is the standard deviation of the speed where the curve is fastest, \
+         over the speed asked for. The shape error is the largest distance of a robot from its \
+         place in the group. The paper's robot was one virtual prototype; it printed no numbers \
+         for its compensated curves.</p>",
     );
     out.push_str("<h2>Displacement</h2><div class=\"pair\">");
     for chart in charts::displacements(report) {
@@ -110,9 +110,9 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     figure(&mut out, "", &charts::heading(report))?;
     figure(&mut out, "", &charts::shape(report))?;
     out.push_str(
-        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. Wheels on \
-         one diagonal turn alike, and their lines lie on each other, as long as the group does not \
-         turn.</p>",
+        "<h2>Wheel rates</h2><p>Rate of the wheels' hubs, positive rolls the base forward. Wheels \
+         on one diagonal turn alike, and their lines lie on each other, as long as the group does \
+         not turn.</p>",
     );
     for robot in 0..robots {
         out.push_str("<div class=\"pair\">");
@@ -132,10 +132,10 @@ fn provenance(report: &Report) -> &'static str {
         super::BackendName::Emulator => {
             "<h2>Where this comes from</h2><p>Every robot is an emulated STM32F446 that runs the \
              release image of the firmware unmodified. The master sends group twists and SYNC as \
-             CAN frames over a virtual bus; the emulated timers' PWM registers drive motor models; \
-             the wheels' motion comes back through the encoder counters and, through the simulated \
-             floor (tables of the paper, or rollers with friction), becomes the path drawn here. Nothing of this has run on \
-             hardware.</p>"
+             CAN frames over a virtual bus; the emulated timers' PWM registers drive motor \
+             models; the wheels' motion comes back through the encoder counters and, through the \
+             simulated floor (tables of the paper, or rollers with friction), becomes the path \
+             drawn here. Nothing of this has run on hardware.</p>"
         }
         super::BackendName::Robots => {
             "<h2>Where this comes from</h2><p>The path drawn here is what the robots' own wheels \

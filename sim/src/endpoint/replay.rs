@@ -41,7 +41,8 @@ impl Replay {
                 Line::Empty => {}
                 Line::Bad => {
                     return Err(format!(
-                        "line {}: `{line}` is no line of `candump -L`; write (SECONDS.MICROSECONDS) can0 ID#DATA",
+                        "line {}: `{line}` is no line of `candump -L`; write \
+                         (SECONDS.MICROSECONDS) can0 ID#DATA",
                         number + 1
                     ));
                 }

@@ -45,7 +45,8 @@ pub const ACTIONS: &[(&str, &str)] = &[
     ("bus-cut", "CAN connector pulled; `=off` plugs it"),
     (
         "bus-parts",
-        "cable broken before it: it and all after it in the group file are a bus of their own; `=off` mends it",
+        "cable broken before it: it and all after it in the group file are a bus of their own; \
+         `=off` mends it",
     ),
     (
         "bus-off",
@@ -72,11 +73,13 @@ pub const ACTIONS: &[(&str, &str)] = &[
     ("encoder-works", "with `wheel`"),
     (
         "encoder-noise=HZ",
-        "with `wheel`: strikes a second on its wires, pulses of 60 ns; on an open wire an edge each; `=off` ends it",
+        "with `wheel`: strikes a second on its wires, pulses of 60 ns; on an open wire an edge \
+         each; `=off` ends it",
     ),
     (
         "encoder-slow-edges=US",
-        "with `wheel`: open collector, R times C in us; at most 1 / (RC ln 2) counts a second; `=off` ends it",
+        "with `wheel`: open collector, R times C in us; at most 1 / (RC ln 2) counts a second; \
+         `=off` ends it",
     ),
     (
         "wheel-drag=NM",
@@ -100,7 +103,8 @@ pub const ACTIONS: &[(&str, &str)] = &[
     ),
     (
         "driver-trip=A",
-        "its driver switches off and pulls the fault line when a motor draws more; `=off` resets it",
+        "its driver switches off and pulls the fault line when a motor draws more; `=off` resets \
+         it",
     ),
     ("supply=V", "its supply has this voltage"),
     (

@@ -173,9 +173,9 @@ pub(super) fn run(kind: Kind, setting: &Setting) -> Result<Parts, SimError> {
     let mut parts = Parts {
         columns: columns(&plants),
         notes: vec![format!(
-            "Robots {SPACING} m apart, which the paper does not say; rollers in random phase on the \
-             contact plant. The paper prints no numbers for groups: Table 6 has a single robot's \
-             circle (-3.48, -0.14) and figure-eight (-2.92, -0.28)."
+            "Robots {SPACING} m apart, which the paper does not say; rollers in random phase on \
+             the contact plant. The paper prints no numbers for groups: Table 6 has a single \
+             robot's circle (-3.48, -0.14) and figure-eight (-2.92, -0.28)."
         )],
         ..Parts::default()
     };

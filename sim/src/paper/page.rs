@@ -104,10 +104,11 @@ pub fn to_html(all: &[Findings], backend: &str) -> Result<String, ChartError> {
     );
     let _ = write!(
         out,
-        "<p class=\"lead\">Every table beside the one of <i>Kinematic Modeling of a Combined System of \
-         Multiple Mecanum-Wheeled Robots with Velocity Compensation</i>, on the <code>{}</code> backend. \
-         Axes are the paper's: x to the right, y forward. A difference is ours less the paper's, in the \
-         row's unit (for per cent: points). Nothing here has run on hardware.</p><ul>",
+        "<p class=\"lead\">Every table beside the one of <i>Kinematic Modeling of a Combined \
+         System of Multiple Mecanum-Wheeled Robots with Velocity Compensation</i>, on the \
+         <code>{}</code> backend. Axes are the paper's: x to the right, y forward. A difference \
+         is ours less the paper's, in the row's unit (for per cent: points). Nothing here has run \
+         on hardware.</p><ul>",
         escape(backend)
     );
     for findings in all {

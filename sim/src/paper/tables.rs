@@ -282,9 +282,9 @@ pub(super) fn table_3(setting: &Setting) -> Result<Parts, SimError> {
 pub(super) fn table_4(setting: &Setting) -> Result<Parts, SimError> {
     let mut parts = steady(&TABLE_4, setting, &BOTH, robots::virtual_robot)?;
     parts.notes.push(
-        "The table plant loses on each axis what Table 3 says for it alone, so it cannot have these \
-         rows. In the contact plant one diagonal stands still here, and what is lost depends on the \
-         roller it stands on; the runs begin with all wheels on the middle of one."
+        "The table plant loses on each axis what Table 3 says for it alone, so it cannot have \
+         these rows. In the contact plant one diagonal stands still here, and what is lost \
+         depends on the roller it stands on; the runs begin with all wheels on the middle of one."
             .into(),
     );
     Ok(parts)
@@ -293,16 +293,16 @@ pub(super) fn table_4(setting: &Setting) -> Result<Parts, SimError> {
 pub(super) fn table_5(setting: &Setting) -> Result<Parts, SimError> {
     let mut parts = steady(&TABLE_5, setting, &BOTH, robots::virtual_robot)?;
     parts.notes.push(
-        "Compared with the paper's error column. Its velocities are printed to a thousandth, which is \
-         up to 0.2 points; the table plant follows them."
+        "Compared with the paper's error column. Its velocities are printed to a thousandth, \
+         which is up to 0.2 points; the table plant follows them."
             .into(),
     );
     Ok(parts)
 }
 
 /// What the paper measured has other causes than rollers; the contact plant does not have them.
-const PHYSICAL: &str = "The paper's measured robot. The contact plant knows nothing of what made it \
-                        slip and is only run when asked for.";
+const PHYSICAL: &str = "The paper's measured robot. The contact plant knows nothing of what made \
+    it slip and is only run when asked for.";
 
 pub(super) fn table_7(setting: &Setting) -> Result<Parts, SimError> {
     let mut parts = steady(&TABLE_7, setting, &[OnPlant::Table], robots::physical_robot)?;
@@ -314,8 +314,8 @@ pub(super) fn table_8(setting: &Setting) -> Result<Parts, SimError> {
     let mut parts = steady(&TABLE_8, setting, &[OnPlant::Table], robots::physical_robot)?;
     parts.notes.push(PHYSICAL.into());
     parts.notes.push(
-        "The paper's percentages do not follow from the velocities it prints, which the table plant \
-         has: 0.511 of 0.5236 rad/s is -2.41 %, 1.020 of 1.0472 is -2.60 %."
+        "The paper's percentages do not follow from the velocities it prints, which the table \
+         plant has: 0.511 of 0.5236 rad/s is -2.41 %, 1.020 of 1.0472 is -2.60 %."
             .into(),
     );
     Ok(parts)
@@ -500,9 +500,9 @@ pub(super) fn table_9(setting: &Setting) -> Result<Parts, SimError> {
     }
     parts.notes.push(PHYSICAL.into());
     parts.notes.push(
-        "Table 9 contradicts itself: an error of -2.85 % driven 1.04 times as far is +1.04 %, and -1.50 % \
-         is printed. C3's 1.04 is above every longitudinal coefficient of Table 7 (1.019 to 1.027), so \
-         it over-compensates here. Judge the improvement sideways."
+        "Table 9 contradicts itself: an error of -2.85 % driven 1.04 times as far is +1.04 %, and \
+         -1.50 % is printed. C3's 1.04 is above every longitudinal coefficient of Table 7 (1.019 \
+         to 1.027), so it over-compensates here. Judge the improvement sideways."
             .into(),
     );
     Ok(parts)

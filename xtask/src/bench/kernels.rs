@@ -162,7 +162,8 @@ fn build(target: &str) -> anyhow::Result<PathBuf> {
         .context("cannot start cargo")?;
     if !status.success() {
         bail!(
-            "the counting image does not build for {target}; if that is not installed: rustup target add {target}"
+            "the counting image does not build for {target}; if that is not installed: rustup \
+             target add {target}"
         );
     }
     let folder = cargo::target_folder().join(target);

@@ -20,14 +20,16 @@ impl Diagnosis {
     }
 }
 
-pub(super) const NO_ACKNOWLEDGE: &str = "no other node acknowledges frames: is any robot powered, are CAN \
-     high and low the right way round, is there 120 ohm at both ends, is the bit rate 1 Mbit/s at both ends?";
-pub(super) const BUS_OFF: &str = "the adapter has gone off the bus after too many errors: check CAN high and low \
-     for a short circuit, 120 ohm at both ends, and that the bit rate is 1 Mbit/s everywhere";
-pub(super) const BUS_ERRORS: &str = "there are errors on the bus: check that the bit rate is 1 Mbit/s \
-     everywhere, the wiring, and 120 ohm at both ends";
-pub(super) const REFUSES: &str = "the adapter refuses to send: nobody acknowledges its frames, or its channel \
-     is not open; is any robot powered, is there 120 ohm at both ends?";
+pub(super) const NO_ACKNOWLEDGE: &str = "no other node acknowledges frames: is any robot powered, \
+    are CAN high and low the right way round, is there 120 ohm at both ends, is the bit rate 1 \
+    Mbit/s at both ends?";
+pub(super) const BUS_OFF: &str = "the adapter has gone off the bus after too many errors: check \
+    CAN high and low for a short circuit, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
+    everywhere";
+pub(super) const BUS_ERRORS: &str = "there are errors on the bus: check that the bit rate is 1 \
+    Mbit/s everywhere, the wiring, and 120 ohm at both ends";
+pub(super) const REFUSES: &str = "the adapter refuses to send: nobody acknowledges its frames, or \
+    its channel is not open; is any robot powered, is there 120 ohm at both ends?";
 
 /// From the class bits of a SocketCAN error frame (linux/can/error.h).
 #[cfg(target_os = "linux")]

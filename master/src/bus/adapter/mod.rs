@@ -208,8 +208,8 @@ fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
                  (sudo usermod -aG dialout $USER) and log in again",
                 device.display()
             ),
-            _ => "check the device's name (ls /dev/ttyACM* /dev/ttyUSB*), its plug, that nothing else \
-                  has it open, and that you may use it (group dialout on Linux)"
+            _ => "check the device's name (ls /dev/ttyACM* /dev/ttyUSB*), its plug, that nothing \
+                else has it open, and that you may use it (group dialout on Linux)"
                 .into(),
         },
         BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) if refused => {

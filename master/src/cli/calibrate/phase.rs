@@ -29,8 +29,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut group = target.group()?;
     if group.simulation.rigid && group.robots.len() > 1 {
         bail!(
-            "the robots of {} are bolted to one load, which hides the ripple of each behind the others'; calibrate them \
-             apart (simulation.rigid = false in the group file says so)",
+            "the robots of {} are bolted to one load, which hides the ripple of each behind the \
+             others'; calibrate them apart (simulation.rigid = false in the group file says so)",
             group.name
         );
     }
@@ -76,8 +76,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }
         (_, None, None) => bail!(
-            "no source of measurements: give --pose tcp://HOST:PORT (their poses) or --gyro tcp://HOST:PORT (their yaw rates), \
-             JSON lines both"
+            "no source of measurements: give --pose tcp://HOST:PORT (their poses) or --gyro \
+             tcp://HOST:PORT (their yaw rates), JSON lines both"
         ),
     }
 }
@@ -110,7 +110,8 @@ fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, MasterErr
 fn gyro_stream(source: &str) -> anyhow::Result<GyroStream> {
     if source == SIM {
         bail!(
-            "--gyro {SIM} is for simulated buses; give --gyro tcp://HOST:PORT, where yaw rates come as JSON lines"
+            "--gyro {SIM} is for simulated buses; give --gyro tcp://HOST:PORT, where yaw rates \
+             come as JSON lines"
         );
     }
     let address = source
@@ -194,7 +195,8 @@ fn show(node: u8, count: u8, found: &Phases) -> anyhow::Result<()> {
         Residual::YawRate(rate) => format!("{:.3} degrees/s", rate.to_degrees()),
     };
     say(format!(
-        "# ± {:.2} {:.2} {:.2} {:.2} degrees (95 %); residual {residual} over {} intervals; {:.1} % of the ripple explained",
+        "# ± {:.2} {:.2} {:.2} {:.2} degrees (95 %); residual {residual} over {} intervals; {:.1} \
+         % of the ripple explained",
         sure[0],
         sure[1],
         sure[2],

@@ -122,7 +122,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let subjects = Subject::all(&group)?;
     if slip.tape && subjects.len() > 1 {
         bail!(
-            "--tape measures one body, and the {} robots of {} are apart; calibrate them one by one",
+            "--tape measures one body, and the {} robots of {} are apart; calibrate them one by \
+             one",
             subjects.len(),
             group.name
         );
@@ -160,7 +161,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.link(&group)?),
         (_, None) => bail!(
-            "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to be asked after every motion"
+            "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to be \
+             asked after every motion"
         ),
         (_, Some(source)) => {
             let stream = super::pose_stream(source)?;
@@ -317,11 +319,13 @@ fn work<L: Link>(
     }
     say(match (written, rewritten) {
         (false, _) => {
-            "The robots hold what they held before; --write writes this into them and the group file."
+            "The robots hold what they held before; --write writes this into them and the group \
+             file."
         }
         (true, true) => "Written into the robots and the group file; --undo takes it back.",
         (true, false) => {
-            "Written into the robots. Put the lines above into the group file by hand, or it is written over."
+            "Written into the robots. Put the lines above into the group file by hand, or it is \
+             written over."
         }
     })
 }

@@ -95,8 +95,8 @@ pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
     let gamepad = match &arguments.gamepad {
         Some(path) => Some(Gamepad::open(path).with_context(|| {
             format!(
-                "cannot open the gamepad {}; ls /dev/input/js* lists them, and you may need to be in the \
-                 group input",
+                "cannot open the gamepad {}; ls /dev/input/js* lists them, and you may need to be \
+                 in the group input",
                 path.display()
             )
         })?),

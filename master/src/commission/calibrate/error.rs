@@ -10,14 +10,14 @@ pub enum CalibrateError {
     Master(#[from] MasterError),
     /// No speed is left within the limits.
     #[error(
-        "no speed to calibrate at is within the group's limits; give --speeds and --rates below limits.linear_speed and \
-         limits.yaw_rate"
+        "no speed to calibrate at is within the group's limits; give --speeds and --rates below \
+         limits.linear_speed and limits.yaw_rate"
     )]
     NoSpeeds,
     /// Bolted robots that do not face one way.
     #[error(
-        "node {node} faces {degrees:.1} degrees away from the first robot; bolted together they cannot be told apart: \
-         calibrate the robots one by one, then bolt them"
+        "node {node} faces {degrees:.1} degrees away from the first robot; bolted together they \
+         cannot be told apart: calibrate the robots one by one, then bolt them"
     )]
     FacesElsewhere {
         /// The node.
@@ -27,7 +27,8 @@ pub enum CalibrateError {
     },
     /// A motion that was left out.
     #[error(
-        "nothing was measured of {motion} motion; nothing is written. Measure at least one speed, both ways"
+        "nothing was measured of {motion} motion; nothing is written. Measure at least one speed, \
+         both ways"
     )]
     NotMeasured {
         /// Which motion.
@@ -35,8 +36,8 @@ pub enum CalibrateError {
     },
     /// Bad or too few data.
     #[error(
-        "{motion} at {speed} {unit}: {reason}; nothing is written. Look for slip, play and a source of poses that \
-             jumps, then measure again"
+        "{motion} at {speed} {unit}: {reason}; nothing is written. Look for slip, play and a \
+         source of poses that jumps, then measure again"
     )]
     NotDetermined {
         /// Which motion.
@@ -50,8 +51,9 @@ pub enum CalibrateError {
     },
     /// The source of poses looks askew.
     #[error(
-        "every motion leads {degrees:.1} degrees to the left of where it should (negative: right): the source of poses \
-         and the robots do not agree about what is ahead; turn the tracked body's axes by that and measure again"
+        "every motion leads {degrees:.1} degrees to the left of where it should (negative: \
+         right): the source of poses and the robots do not agree about what is ahead; turn the \
+         tracked body's axes by that and measure again"
     )]
     Askew {
         /// By how much, counter-clockwise.
@@ -59,8 +61,8 @@ pub enum CalibrateError {
     },
     /// One motion leads elsewhere.
     #[error(
-        "{motion} at {speed} m/s led {degrees:.1} degrees aside; look for a wheel that stands, slips, or is mounted in \
-         another's place (`omnibus wheel-test`)"
+        "{motion} at {speed} m/s led {degrees:.1} degrees aside; look for a wheel that stands, \
+         slips, or is mounted in another's place (`omnibus wheel-test`)"
     )]
     Sidelong {
         /// Which motion.
@@ -72,8 +74,8 @@ pub enum CalibrateError {
     },
     /// A straight motion turned the group.
     #[error(
-        "{motion} at {speed} m/s turned by {degrees:.1} degrees; look for a wheel of another size, one that slips, or a \
-         load far off the middle"
+        "{motion} at {speed} m/s turned by {degrees:.1} degrees; look for a wheel of another \
+         size, one that slips, or a load far off the middle"
     )]
     Turned {
         /// Which motion.
@@ -85,13 +87,14 @@ pub enum CalibrateError {
     },
     /// Coefficients that no robot takes.
     #[error(
-        "the coefficients cannot be used: {0}; nothing is written. Look for a wheel that slips or stands"
+        "the coefficients cannot be used: {0}; nothing is written. Look for a wheel that slips or \
+         stands"
     )]
     Unusable(String),
     /// Driven again, the group is not where it should be.
     #[error(
-        "with the new coefficients {motion} motion is still off by {percent:.2} %, more than 1 %; nothing is written. Measure \
-         again with more --repeats, and over a longer --distance"
+        "with the new coefficients {motion} motion is still off by {percent:.2} %, more than 1 %; \
+         nothing is written. Measure again with more --repeats, and over a longer --distance"
     )]
     DoesNotHold {
         /// Which motion.

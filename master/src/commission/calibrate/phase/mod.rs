@@ -148,7 +148,8 @@ pub struct Phases {
 pub enum PhaseError {
     /// The robot has not moved far enough.
     #[error(
-        "{wheel} wheel: {passages:.1} rollers have passed, {PASSAGES} are needed; drive further (--repeats)"
+        "{wheel} wheel: {passages:.1} rollers have passed, {PASSAGES} are needed; drive further \
+         (--repeats)"
     )]
     TooShort {
         /// Which wheel.
@@ -158,8 +159,8 @@ pub enum PhaseError {
     },
     /// The gyro is too slow for the wheels.
     #[error(
-        "the gyro sent {hz:.1} samples a second where it was slowest; {needed:.0} are needed while a roller of the fastest \
-         wheel passes: let it send more, 100 or 200 a second"
+        "the gyro sent {hz:.1} samples a second where it was slowest; {needed:.0} are needed \
+         while a roller of the fastest wheel passes: let it send more, 100 or 200 a second"
     )]
     TooSlow {
         /// Its samples.
@@ -169,8 +170,8 @@ pub enum PhaseError {
     },
     /// The gyro turns otherwise than the wheels.
     #[error(
-        "the gyro shows {gain:.2} times the turn that the wheels make; yaw_rate is in rad/s about the axis that points \
-         up, counter-clockwise positive: {advice}"
+        "the gyro shows {gain:.2} times the turn that the wheels make; yaw_rate is in rad/s about \
+         the axis that points up, counter-clockwise positive: {advice}"
     )]
     OtherTurn {
         /// Measured over expected.
@@ -180,8 +181,9 @@ pub enum PhaseError {
     },
     /// The ripple is not there, or drowns.
     #[error(
-        "the ripple is not observable: the best phases explain {percent:.0} % of what wheels without ripple leave, 10 are \
-         needed; check the number of rollers, and use a quieter source of poses or gyro"
+        "the ripple is not observable: the best phases explain {percent:.0} % of what wheels \
+         without ripple leave, 10 are needed; check the number of rollers, and use a quieter \
+         source of poses or gyro"
     )]
     NotObservable {
         /// Share explained, per cent.
@@ -189,7 +191,9 @@ pub enum PhaseError {
     },
     /// The motions do not show a wheel's ripple by itself, or noise hides it.
     #[error(
-        "{wheel} wheel: its ripple cannot be told from the other wheels' or from noise; every wheel has to go sideways at a rate of its own: calibrate robots one by one, facing the way their group file does, or use a quieter source of poses or gyro"
+        "{wheel} wheel: its ripple cannot be told from the other wheels' or from noise; every \
+         wheel has to go sideways at a rate of its own: calibrate robots one by one, facing the \
+         way their group file does, or use a quieter source of poses or gyro"
     )]
     Alike {
         /// Which wheel.
@@ -197,8 +201,8 @@ pub enum PhaseError {
     },
     /// One wheel's phase could be nearly anything.
     #[error(
-        "{wheel} wheel: the phase is only known to ±{degrees:.1} degrees, ±{limit:.1} are needed; drive longer \
-         (--repeats), or use a quieter source of poses or gyro"
+        "{wheel} wheel: the phase is only known to ±{degrees:.1} degrees, ±{limit:.1} are needed; \
+         drive longer (--repeats), or use a quieter source of poses or gyro"
     )]
     Unsure {
         /// Which wheel.
