@@ -17,10 +17,9 @@ use kinematics::FixedMember as Kinematics;
 #[cfg(not(feature = "fixed-point"))]
 use kinematics::MemberKinematics as Kinematics;
 use kinematics::{
-    AxisTable, CompensationError, DirectionalCompensation, FourWheelGeometry, GeometryError,
-    GridCompensation, Mount, SpeedCompensation, Twist, VelocityCompensation, Wheel, WheelRates,
+    FourWheelGeometry, GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel,
+    WheelRates,
 };
-use protocol::compensation::{CompensationSet, ROWS};
 
 use crate::rollers::{self, RollerConfiguration, Secants, Wheels};
 
@@ -243,124 +242,16 @@ fn times(twist: Twist, [x, y, w]: &Coefficients) -> Twist {
     }
 }
 
-/// The compensation a set means; axes without rows have the constant.
-///
-/// # Errors
-/// [`CompensationError`] for tables that cannot be inverted.
-#[inline(never)]
-pub fn compensation(
-    set: &CompensationSet<'_>,
-    constant: &VelocityCompensation,
-) -> Result<GridCompensation, CompensationError> {
-    if set.is_empty() {
-        return Ok(GridCompensation::from(constant));
-    }
-    let longitudinal = AxisTable::<ROWS>::filled(set.longitudinal(), constant.longitudinal())?;
-    let lateral = AxisTable::<ROWS>::filled(set.lateral(), constant.lateral())?;
-    let yaw = AxisTable::<ROWS>::filled(set.yaw(), constant.yaw())?;
-    if set.oblique().next().is_none() {
-        return Ok(GridCompensation::from(&SpeedCompensation {
-            longitudinal,
-            lateral,
-            yaw,
-        }));
-    }
-    let oblique_x = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, x, _)| (speed, x)), 1.0)?;
-    let oblique_y = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, _, y)| (speed, y)), 1.0)?;
-    let tables = DirectionalCompensation::new(longitudinal, lateral, oblique_x, oblique_y, yaw)?;
-    Ok(GridCompensation::from(&tables))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinematics::{Compensation as _, Pose};
-    use protocol::compensation::{LENGTH_MAX, Tables};
+    use kinematics::{AxisTable, Pose, SpeedCompensation};
 
-    fn drivetrain(tables: &Tables<'_>, constant: [f32; 3]) -> Drivetrain {
-        let mut bytes = [0; LENGTH_MAX];
-        let length = tables.encode(&mut bytes).unwrap();
-        let set = CompensationSet::decode(&bytes[..length]).unwrap();
-        let [x, y, w] = constant;
-        let constant = VelocityCompensation::new(x, y, w).unwrap();
+    fn drivetrain(compensation: GridCompensation) -> Drivetrain {
         let geometry =
             FourWheelGeometry::new(0.370, 0.350, 0.1524, core::f32::consts::FRAC_PI_4).unwrap();
         let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).unwrap();
-        Drivetrain::new(
-            &geometry.wheels().unwrap(),
-            mount,
-            compensation(&set, &constant).unwrap(),
-            None,
-        )
-        .unwrap()
-    }
-
-    const SPEED: Tables<'_> = Tables {
-        version: 1,
-        longitudinal: &[(0.1, 1.022), (0.5, 1.027)],
-        lateral: &[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)],
-        oblique: &[],
-        yaw: &[],
-    };
-
-    #[test]
-    fn a_set_means_what_its_tables_mean() {
-        let drivetrain = drivetrain(&SPEED, [1.5, 1.5, 1.0195]);
-        let tables = SpeedCompensation {
-            longitudinal: AxisTable::new(&[(0.1, 1.022), (0.5, 1.027)]).unwrap(),
-            lateral: AxisTable::new(&[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)]).unwrap(),
-            // No rows: the constant.
-            yaw: AxisTable::new(&[(1.0, 1.0195)]).unwrap(),
-        };
-        for twist in [
-            Twist::new(0.3, 0.0, 0.0),
-            Twist::new(0.1, -0.25, 0.2),
-            Twist::new(2.0, 0.5, -0.5),
-            Twist::ZERO,
-        ] {
-            let want = tables.apply(twist);
-            let found = drivetrain.compensation.apply(twist);
-            // Coefficients in steps of 1/32768, and 1e-4 for the samples.
-            let bound = |of: f32| of.abs() * 1.5e-4 + 1e-7;
-            assert!((want.vx - found.vx).abs() <= bound(want.vx), "{twist:?}");
-            assert!((want.vy - found.vy).abs() <= bound(want.vy), "{twist:?}");
-            assert!((want.omega - found.omega).abs() <= bound(want.omega));
-        }
-        assert!(!drivetrain.is_constant());
-    }
-
-    #[test]
-    fn oblique_rows_make_the_direction_count() {
-        let tables = Tables {
-            oblique: &[(0.3, 1.017, 1.0175)],
-            ..Tables::default()
-        };
-        let drivetrain = drivetrain(&tables, [1.0022, 1.0326, 1.0195]);
-        let at = |vx, vy| {
-            drivetrain
-                .compensation
-                .coefficients(Twist::new(vx, vy, 0.0))
-        };
-        // Half a step of 1/32768.
-        let near = |found: f32, want: f32| (found - want).abs() <= 0.6 / 32_768.0;
-        assert!(near(at(0.2, 0.2)[0], 1.017) && near(at(0.2, -0.2)[1], 1.0175));
-        assert!(near(at(0.2, 0.0)[0], 1.0022) && near(at(0.0, 0.2)[1], 1.0326));
-    }
-
-    #[test]
-    fn one_row_is_the_constant_case() {
-        let one = Tables {
-            longitudinal: &[(0.3, 1.002)],
-            lateral: &[(0.3, 1.033)],
-            yaw: &[(0.3, 1.0195)],
-            ..Tables::default()
-        };
-        let from_table = drivetrain(&one, [1.0; 3]);
-        let constant = drivetrain(&Tables::default(), [1.002, 1.033, 1.0195]);
-        assert!(from_table.is_constant() && constant.is_constant());
-        let twist = Twist::new(0.4, -0.3, 0.2);
-        let (a, b) = (from_table.inverse(twist), constant.inverse(twist));
-        assert!((a.front_left - b.front_left).abs() < 1e-3);
+        Drivetrain::new(&geometry.wheels().unwrap(), mount, compensation, None).unwrap()
     }
 
     /// Achieved(asked(v)) is v once the factors have settled; with constant coefficients at once.
@@ -380,8 +271,17 @@ mod tests {
             assert!(far < BOUND, "{a:?} {b:?}");
         };
         let twist = Twist::new(0.31, -0.22, 0.2);
-        for (tables, ticks) in [(Tables::default(), 0), (SPEED, 20)] {
-            let drivetrain = drivetrain(&tables, [1.002, 1.033, 1.0195]);
+        let constant = VelocityCompensation::new(1.002, 1.033, 1.0195).unwrap();
+        let speed = SpeedCompensation {
+            longitudinal: AxisTable::<2>::new(&[(0.1, 1.022), (0.5, 1.027)]).unwrap(),
+            lateral: AxisTable::new(&[(0.1, 1.141), (0.5, 1.157)]).unwrap(),
+            yaw: AxisTable::new(&[(1.0, 1.0195)]).unwrap(),
+        };
+        for (compensation, ticks) in [
+            (GridCompensation::from(&constant), 0),
+            (GridCompensation::from(&speed), 20),
+        ] {
+            let drivetrain = drivetrain(compensation);
             let mut factors = drivetrain.factors();
             let mut back = Twist::ZERO;
             for _ in 0..=ticks {
@@ -396,20 +296,5 @@ mod tests {
             let moved = WheelRates::from(angles.map(|rate| rate * 1e-3));
             same(drivetrain.displacement(&moved, &factors) * 1e3, twist);
         }
-    }
-
-    #[test]
-    fn tables_that_cannot_be_inverted_are_refused() {
-        let tables = Tables {
-            lateral: &[(0.3, 0.6), (0.31, 1.9)],
-            ..Tables::default()
-        };
-        let mut bytes = [0; LENGTH_MAX];
-        let length = tables.encode(&mut bytes).unwrap();
-        let set = CompensationSet::decode(&bytes[..length]).unwrap();
-        assert_eq!(
-            compensation(&set, &VelocityCompensation::NONE),
-            Err(CompensationError::TooSteep(1))
-        );
     }
 }

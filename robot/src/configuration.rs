@@ -8,7 +8,7 @@ use control::brake::BrakeTimes;
 pub use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use control::control::TICK_US;
 use control::current::CurrentConfiguration;
-use control::drivetrain::{Drivetrain, compensation};
+use control::drivetrain::Drivetrain;
 use control::limiter::ChangeLimits;
 use control::rollers::{RollerConfiguration, RollerWheel};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
@@ -17,6 +17,7 @@ use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::{Address, MEMBER_MASK};
 
+use crate::compensation::compensation;
 use crate::parameters::Parameters;
 
 /// Longest ramp while the bus side is silent, s: the watchdog waits no longer.

@@ -12,12 +12,12 @@ use protocol::object::ValueError;
 use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highest_sub};
 
 use crate::bus::{CanRecord, Record};
+use crate::compensation::compensation;
 use crate::configuration;
 use crate::fault_memory::FaultMemory;
 use crate::history::History;
 use crate::parameters::Parameters;
 use crate::store::Store;
-use control::drivetrain::compensation;
 
 /// What the robot counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

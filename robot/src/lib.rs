@@ -40,6 +40,7 @@ use control::{math, threshold};
 
 pub mod agreement;
 mod bus;
+mod compensation;
 pub mod configuration;
 mod dictionary;
 mod fault_memory;
