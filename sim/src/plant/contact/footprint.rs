@@ -120,8 +120,8 @@ mod tests {
         }
     }
 
-    /// Half each where they meet; the next one begins to carry, and the last one ends to, at acos(1
-    /// - settling) from it.
+    /// Half each where they meet; the next one begins to carry, and the last one ends to, at
+    /// acos(1 - settling) from it.
     #[test]
     fn the_load_goes_over_while_the_edge_passes_below() {
         let footprint = Footprint::new(8, 0.0, SETTLING);
