@@ -1,7 +1,8 @@
 //! The two flash sectors that belong to the parameters (RM0390 rev 6 section 3; `memory.x` has the
 //! map).
 //!
-//! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased (16 KiB:
+//! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased
+//! (16 KiB:
 //! 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10 table 49)
 //! it executes nothing. For that long no interrupt is served, and frames that do not fit into
 //! the CAN controller's FIFO are lost; during an erase the local time stands still. Between the
