@@ -12,18 +12,18 @@
 use robot::rollers::RollerConfiguration;
 use robot::{ControlSide, Inputs, TickPhase};
 
-use crate::board::drive::Drive;
 use crate::board::index::Indexes;
+use crate::board::outputs::Outputs;
 use crate::board::tick::TickTimer;
 use crate::board::{Encoders, Lines, Meters, now};
-use crate::handover::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
+use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
 
 /// Turns commands and encoder counts into motor outputs.
 #[embassy_executor::task]
 pub async fn control(
-    mut drive: Drive,
+    mut outputs: Outputs,
     encoders: Encoders,
     mut indexes: Indexes,
     lines: Lines,
@@ -38,7 +38,7 @@ pub async fn control(
     let mut announced = (None, false);
     loop {
         let begin = timer.until(due).await;
-        if CONFIGURATION.is_there() {
+        if CONFIGURATION.is_full() {
             senses = take_over(&mut side, &mut phase, &encoders, &mut indexes);
         }
         // Before the counts, so that no pulse is ahead of them.
@@ -46,31 +46,27 @@ pub async fn control(
         let inputs = Inputs {
             index,
             encoder_counts: encoders.counts(),
-            emergency_stop: drive.emergency_stop(),
+            emergency_stop: outputs.emergency_stop(),
             // What a bench image may not drive is a driver in fault, so an NMT start is refused.
             driver_fault: lines.driver_fault.is_low() || cfg!(feature = "bench"),
             protective_stop: lines.protective_stop.is_high(),
             supply_input: Some(meters.supply()),
             current_inputs: senses.then(|| meters.currents()),
         };
-        let outputs = side.tick(begin, &COMMAND.get(), &inputs);
-        drive.set(
-            outputs.duty,
-            outputs.drivers_enabled,
-            outputs.brake_released,
-        );
+        let wanted = side.tick(begin, &COMMAND.get(), &inputs);
+        outputs.set(wanted.duty, wanted.drivers_enabled, wanted.brake_released);
         let report = side.report();
         REPORT.put(report);
         guard.tick(report);
         // What the bus side is to know at once.
         let news = (report.fault, report.standstill);
         if let Some(outcome) = side.take_identification() {
-            IDENTIFIED.leave(&outcome);
-            wake::BUS.ring();
+            IDENTIFIED.put(&outcome);
+            wake::BUS.signal();
         }
         if news != announced {
             announced = news;
-            wake::BUS.ring();
+            wake::BUS.signal();
         }
         wake::BUS.tick(begin);
 
@@ -95,7 +91,7 @@ fn take_over(
     indexes: &mut Indexes,
 ) -> bool {
     let mut senses = false;
-    CONFIGURATION.take_with(|configuration| {
+    CONFIGURATION.receive_with(|configuration| {
         *phase = TickPhase::with_period(configuration.times.sync_period_us);
         let rollers = configuration.rollers.as_ref();
         encoders.set_filter(configuration.encoder_filter);

@@ -4,7 +4,7 @@
 use embassy_time::{Duration, Ticker};
 
 use crate::board::stack;
-use crate::handover::CONTROL_LATENESS;
+use crate::shared::CONTROL_LATENESS;
 
 /// Lateness of a control tick worth a line, in microseconds: a tenth of its period.
 const LATE_US: u32 = 100;
@@ -25,7 +25,7 @@ pub async fn health() {
             defmt::info!("stack: {=usize} of {=usize} bytes used", used, size);
             stack_worst = used;
         }
-        let late_us = CONTROL_LATENESS.take_us();
+        let late_us = CONTROL_LATENESS.reset_us();
         if late_us > late_worst_us {
             defmt::warn!("control tick {=u32} us late", late_us);
             late_worst_us = late_us;

@@ -6,7 +6,7 @@
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
-//! | [`bus`] | bus | a frame, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store |
+//! | [`bus_task`] | bus | a frame, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
 //! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while bus and control both come round |
@@ -15,12 +15,12 @@
 //! |---|---|---|---|---|
 //! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |
-//! | bus | control | [`handover`]: command, configuration, SYNC time | no, the latest wins | |
-//! | control | bus | [`handover`]: report | no, the latest wins | |
-//! | CAN interrupts, control | bus | [`wake`]: a bell | no, rung is rung | |
-//! | bus | control | [`handover`]: count of turns | no | no progress: the watchdog is not fed, reset |
+//! | bus | control | [`shared`]: command, configuration, SYNC time | no, the latest wins | |
+//! | control | bus | [`shared`]: report | no, the latest wins | |
+//! | CAN interrupts, control | bus | [`wake`]: a signal | no, one is enough | |
+//! | bus | control | [`shared`]: count of turns | no | no progress: the watchdog is not fed, reset |
 //! | bus | led | pattern | no, the latest wins | |
-//! | control | health | [`handover`]: worst lateness | no | |
+//! | control | health | [`shared`]: worst lateness | no | |
 //! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it, whatever mode a debugger has left |
 //!
 //! On the host this is an empty program, so that the workspace builds as a whole.
@@ -29,15 +29,15 @@
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
-mod bus;
+mod bus_task;
 #[cfg(target_os = "none")]
 mod control;
-#[cfg(target_os = "none")]
-mod handover;
 #[cfg(target_os = "none")]
 mod health;
 #[cfg(target_os = "none")]
 mod led;
+#[cfg(target_os = "none")]
+mod shared;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]

@@ -16,7 +16,7 @@ use crate::board::flash::ParameterFlash;
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, ResetCause, executors, now};
 use crate::watchdog::Guard;
-use crate::{bus, control, health, led};
+use crate::{bus_task, control, health, led};
 
 /// Node id with all switches open.
 const FIRST_NODE: u8 = 2;
@@ -62,7 +62,7 @@ fn node_stored(store: &RecordStore<ParameterFlash>) -> Option<NodeId> {
 pub fn start() -> ! {
     let parts = prepare();
     executors::bus().run(|spawner: Spawner| {
-        spawner.spawn(unwrap!(bus::bus(parts.can, parts.side, parts.store)));
+        spawner.spawn(unwrap!(bus_task::bus(parts.can, parts.side, parts.store)));
         spawner.spawn(unwrap!(led::led(parts.led)));
         spawner.spawn(unwrap!(health::health()));
     })
@@ -93,7 +93,7 @@ fn prepare() -> Parts {
     if cfg!(feature = "bench") {
         defmt::warn!("bench image: no output is ever switched on");
     }
-    let crash = post_mortem::take();
+    let crash = post_mortem::consume();
     if let Some(failure) = crash {
         defmt::error!("the last run ended with {}", failure);
     }
@@ -128,7 +128,7 @@ fn prepare() -> Parts {
     }
 
     executors::start_control().spawn(unwrap!(control::control(
-        board.drive,
+        board.outputs,
         board.encoders,
         board.indexes,
         board.lines,

@@ -18,7 +18,7 @@ use robot::{Mode, Report, TICK_US};
 
 use crate::board::iwdg::Watchdog;
 use crate::board::post_mortem::{self, Failure};
-use crate::handover::BUS_PROGRESS;
+use crate::shared::BUS_PROGRESS;
 
 /// Control ticks between two feedings: 10 ms.
 const PERIOD_TICKS: u32 = 10_000 / TICK_US;
@@ -58,7 +58,7 @@ impl Guard {
             }
             if self.alone > 0 {
                 self.alone = 0;
-                cortex_m::interrupt::free(|_| post_mortem::take());
+                cortex_m::interrupt::free(|_| post_mortem::consume());
             }
         } else if starved && report.mode == Mode::Ramp && !report.standstill {
             if self.alone == 0 {

@@ -279,7 +279,7 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             let fifo = can.rfr(0).read();
             if fifo.fovr() {
                 OVERRUNS.fetch_add(1, Ordering::Relaxed);
-                wake::BUS.ring();
+                wake::BUS.signal();
                 // The flags of this register are cleared by writing one, and only this one is to be
                 // cleared.
                 can.rfr(0).write(|w| w.set_fovr(true));
@@ -308,9 +308,9 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
                     QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
                 }
                 if taken && !own && is_in(&CAN_WAIT) {
-                    wake::BUS.ring_soon();
+                    wake::BUS.signal_at_next_tick();
                 } else {
-                    wake::BUS.ring();
+                    wake::BUS.signal();
                 }
             }
         }
@@ -323,7 +323,7 @@ struct TxHandler;
 impl Handler<typelevel::CAN1_TX> for TxHandler {
     unsafe fn on_interrupt() {
         pac::CAN1.ier().modify(|w| w.set_tmeie(false));
-        wake::BUS.ring();
+        wake::BUS.signal();
     }
 }
 
@@ -335,6 +335,6 @@ impl Handler<typelevel::CAN1_SCE> for OffHandler {
         // Flags of this register are cleared by writing one; bus-off is the only error that is
         // enabled.
         pac::CAN1.msr().write(|w| w.set_erri(true));
-        wake::BUS.ring();
+        wake::BUS.signal();
     }
 }

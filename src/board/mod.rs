@@ -6,7 +6,6 @@
 //! about a robot.
 
 pub mod can;
-pub mod drive;
 pub mod executors;
 pub mod flash;
 #[cfg(feature = "bench")]
@@ -15,6 +14,7 @@ pub mod index;
 pub mod iwdg;
 mod memory;
 mod nucleo_f446re;
+pub mod outputs;
 pub mod post_mortem;
 pub mod power;
 mod safe_state;

@@ -40,11 +40,11 @@ use embassy_stm32::{Config, Peri, pac, uid};
 use embassy_time::Instant;
 
 use super::can::Can;
-use super::drive::{Drive, Pins};
 use super::executors;
 use super::flash::ParameterFlash;
 use super::index::Indexes;
 use super::iwdg::Watchdog;
+use super::outputs::{Outputs, Pins};
 use super::power;
 use super::tick::TickTimer;
 
@@ -74,7 +74,7 @@ pub struct Board {
     /// CAN controller.
     pub can: Can,
     /// Motor outputs and brake.
-    pub drive: Drive,
+    pub outputs: Outputs,
     /// Encoder counters.
     pub encoders: Encoders,
     /// Encoder index inputs.
@@ -275,7 +275,7 @@ impl Board {
             direction,
             gate,
         };
-        let drive = Drive::new(p.TIM1, p.TIM8, pins);
+        let outputs = Outputs::new(p.TIM1, p.TIM8, pins);
 
         let encoder = qei::Config {
             ch1_pull: Pull::Up,
@@ -323,7 +323,7 @@ impl Board {
 
         Self {
             can,
-            drive,
+            outputs,
             encoders,
             indexes,
             lines,

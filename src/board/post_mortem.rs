@@ -95,9 +95,9 @@ pub fn write(failure: Failure) {
     unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
 }
 
-/// Takes the record of the last run, if there is one. Interrupts must be masked, or the executors
+/// Returns the record of the last run, if there is one, and erases it. Interrupts must be masked, or the executors
 /// not run yet.
-pub fn take() -> Option<Failure> {
+pub fn consume() -> Option<Failure> {
     // SAFETY: nothing else runs: start-up comes before the executors, and the watchdog's guard
     // masks interrupts. Any bit pattern is a valid array of words; RAM is never truly
     // uninitialised.

@@ -22,7 +22,7 @@ use cortex_m_rt::exception;
 use embassy_stm32::{interrupt, pac};
 
 use super::post_mortem::{self, Failure};
-use super::{drive, stack};
+use super::{outputs, stack};
 
 /// Set by the first failure. What fails on the way from there, the log above all, must not replace
 /// its record.
@@ -39,7 +39,7 @@ fn is_first() -> bool {
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    drive::cut();
+    outputs::cut();
     if is_first()
         && let Some(location) = info.location()
     {
@@ -56,7 +56,7 @@ fn panic(info: &PanicInfo) -> ! {
 #[defmt::panic_handler]
 fn defmt_panic() -> ! {
     cortex_m::interrupt::disable();
-    drive::cut();
+    outputs::cut();
     wait_for_reset()
 }
 
@@ -75,7 +75,7 @@ extern "C" fn hard_fault_entry() -> ! {
 
 extern "C" fn hard_fault(sp: u32) -> ! {
     cortex_m::interrupt::disable();
-    drive::cut();
+    outputs::cut();
     // The core has pushed r0..r3, r12, lr, pc, psr, unless the stack had no room for them.
     const FRAME_BYTES: u32 = 32;
     const PC_OFFSET: u32 = 24;
@@ -104,7 +104,7 @@ fn record(failure: Failure) {
 /// themselves. Nothing is logged: this can come in the middle of a line.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
-    drive::cut();
+    outputs::cut();
     let failure = if pac::RCC.cir().read().cssf() {
         Failure::ClockLost
     } else {
@@ -124,7 +124,7 @@ const NMI: i16 = -14;
 #[interrupt]
 fn PVD() {
     cortex_m::interrupt::disable();
-    drive::cut();
+    outputs::cut();
     if is_first() {
         post_mortem::write(Failure::SupplyCollapse);
     }
@@ -134,7 +134,7 @@ fn PVD() {
 #[exception]
 unsafe fn DefaultHandler(interrupt: i16) {
     cortex_m::interrupt::disable();
-    drive::cut();
+    outputs::cut();
     record(Failure::UnhandledInterrupt(interrupt));
     wait_for_reset()
 }

@@ -36,7 +36,7 @@ const CHANNELS: [Channel; 4] = [Channel::Ch1, Channel::Ch2, Channel::Ch3, Channe
 
 /// Four motor drivers and the holding brake. Wheels in the order front left, front right, rear
 /// left, rear right.
-pub struct Drive {
+pub struct Outputs {
     timer: Timer<'static, TIM1>,
     /// Timer clocks in one PWM period.
     period: f32,
@@ -49,7 +49,7 @@ pub struct Drive {
     enabled: bool,
 }
 
-/// The pins of [`Drive`].
+/// The pins of [`Outputs`].
 pub struct Pins {
     /// TIM1 channels 1 to 4, alternate function 1.
     pub pwm: [Flex<'static>; 4],
@@ -62,7 +62,7 @@ pub struct Pins {
     pub gate: [Flex<'static>; 2],
 }
 
-impl Drive {
+impl Outputs {
     /// Takes the outputs; drivers disabled, brake engaged.
     pub fn new(timer: Peri<'static, TIM1>, _gate_timer: Peri<'static, TIM8>, pins: Pins) -> Self {
         // Data sheet DS10693 rev 10, table 11: TIM1 is alternate function 1 on PA8..PA11 and PB12,

@@ -1,6 +1,6 @@
 //! What the two sides share: these cells, and nothing else.
 //!
-//! | cell | from | to | when it is not taken in time |
+//! | cell | from | to | when it is not read in time |
 //! |---|---|---|---|
 //! | [`COMMAND`] | bus | control | the newer command replaces it; the older one is never wanted |
 //! | [`CONFIGURATION`] | bus | control | the newer configuration replaces it |
@@ -43,32 +43,32 @@ impl<T: Copy> Latest<T> {
     }
 }
 
-/// A value that one side leaves and the other takes, once: the latest wins.
-pub struct Parcel<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>);
+/// A value that one side puts in and the other receives, once: the latest wins.
+pub struct Mailbox<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>);
 
-impl<T: Copy> Parcel<T> {
+impl<T: Copy> Mailbox<T> {
     const fn new() -> Self {
         Self(Mutex::new(RefCell::new(None)))
     }
 
-    /// Leaves a value. By reference, so that it is copied once.
-    pub fn leave(&self, value: &T) {
+    /// Puts a value in. By reference, so that it is copied once.
+    pub fn put(&self, value: &T) {
         self.0.lock(|cell| *cell.borrow_mut() = Some(*value));
     }
 
-    /// Whether there is one to take.
-    pub fn is_there(&self) -> bool {
+    /// Whether there is a value to receive.
+    pub fn is_full(&self) -> bool {
         self.0.lock(|cell| cell.borrow().is_some())
     }
 
-    /// Takes the value if there is one.
-    pub fn take(&self) -> Option<T> {
+    /// Empties it: returns the value if there is one.
+    pub fn receive(&self) -> Option<T> {
         self.0.lock(RefCell::take)
     }
 
-    /// Takes the value if there is one, and uses it where it is: for what is too large to be copied
-    /// onto the stack.
-    pub fn take_with(&self, mut use_it: impl FnMut(&T)) {
+    /// Empties it, and uses the value where it is if there is one: for what is too large to be
+    /// copied onto the stack.
+    pub fn receive_with(&self, mut use_it: impl FnMut(&T)) {
         self.0.lock(|cell| {
             let mut cell = cell.borrow_mut();
             if let Some(value) = &*cell {
@@ -88,16 +88,16 @@ pub static SYNC: Latest<Option<Micros>> = Latest::new(None);
 /// What the control side measured and decided.
 pub static REPORT: Latest<Report> = Latest::new(Report::NONE);
 
-/// What an identification came to, until the bus side has taken it.
-pub static IDENTIFIED: Parcel<Outcome> = Parcel::new();
+/// What an identification came to, until the bus side has received it.
+pub static IDENTIFIED: Mailbox<Outcome> = Mailbox::new();
 
-/// A new configuration, until the control side has taken it.
-pub static CONFIGURATION: Parcel<Configuration> = Parcel::new();
+/// A new configuration, until the control side has received it.
+pub static CONFIGURATION: Mailbox<Configuration> = Mailbox::new();
 
 /// Turns that the bus task has completed.
 pub static BUS_PROGRESS: Progress = Progress::new();
 
-/// Longest time by which a control tick started late, since it was last asked for.
+/// Longest time by which a control tick started late, since it was last read.
 pub static CONTROL_LATENESS: Longest = Longest::new();
 
 /// A count that shows that a task still runs.
@@ -133,8 +133,8 @@ impl Longest {
         self.0.fetch_max(time_us, Ordering::Relaxed);
     }
 
-    /// Returns the longest time noted, in microseconds, and forgets it.
-    pub fn take_us(&self) -> u32 {
+    /// Returns the longest time noted, in microseconds, and starts again from zero.
+    pub fn reset_us(&self) -> u32 {
         self.0.swap(0, Ordering::Relaxed)
     }
 }

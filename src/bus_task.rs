@@ -25,8 +25,8 @@ use crate::board::can::{Can, Health};
 use crate::board::flash::ParameterFlash;
 use crate::board::iwdg::patiently;
 use crate::board::now;
-use crate::handover::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::led::{self, Pattern};
+use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
 
 /// Longest time between two turns. The watchdog is fed every 10 ms, if there has been one.
@@ -38,10 +38,10 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        wake::BUS.rung().await;
+        wake::BUS.wait().await;
 
         side.on_report(&REPORT.get());
-        if let Some(outcome) = IDENTIFIED.take() {
+        if let Some(outcome) = IDENTIFIED.receive() {
             side.on_identification(now(), &outcome);
         }
         while let Some(received) = can.try_receive() {
@@ -55,7 +55,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         }
 
         if let Some(configuration) = side.take_configuration() {
-            CONFIGURATION.leave(configuration);
+            CONFIGURATION.put(configuration);
         }
         COMMAND.put(side.command());
         if save(side, &mut store) || remember(side, &mut store) {
@@ -85,7 +85,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         BUS_PROGRESS.made();
 
         let latest = now() + LONGEST_WAIT;
-        wake::BUS.ring_at(side.next_deadline().map_or(latest, |at| at.min(latest)));
+        wake::BUS.signal_at(side.next_deadline().map_or(latest, |at| at.min(latest)));
     }
 }
 
