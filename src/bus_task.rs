@@ -16,7 +16,8 @@
 //! rule, a quarter of a second when a sector has to be erased. Frames lost meanwhile are counted,
 //! but no fault.
 
-use canopen::{Frame, Micros, NmtState};
+use canopen::{Frame, NmtState};
+use control::time::Micros;
 use protocol::Fault;
 use robot::record_store::{RecordStore, StoreError};
 use robot::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};

@@ -9,8 +9,10 @@
 //! logs. A tick that cannot start in time starts late, and the lateness is noted; ticks that were
 //! missed are not made up for.
 
-use robot::rollers::RollerConfiguration;
-use robot::{ControlSide, Inputs, TickPhase};
+use ::control::clock::TickSchedule;
+use ::control::interface::Inputs;
+use ::control::rollers::RollerConfiguration;
+use ::control::tick::ControlSide;
 
 use crate::board::index::Indexes;
 use crate::board::outputs::Outputs;
@@ -32,14 +34,14 @@ pub async fn control(
     mut guard: Guard,
 ) {
     let mut side = ControlSide::new();
-    let mut phase = TickPhase::new();
+    let mut schedule = TickSchedule::new();
     let mut senses = false;
-    let mut due = phase.next(now());
+    let mut due = schedule.next(now());
     let mut announced = (None, false);
     loop {
         let begin = timer.until(due).await;
         if CONFIGURATION.is_full() {
-            senses = take_over(&mut side, &mut phase, &encoders, &mut indexes);
+            senses = take_over(&mut side, &mut schedule, &encoders, &mut indexes);
         }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
@@ -72,11 +74,11 @@ pub async fn control(
 
         CONTROL_LATENESS.note(begin.since(due));
         if let Some(sync) = SYNC.get() {
-            phase.on_sync(sync);
+            schedule.on_sync(sync);
         }
-        due = phase.next(due);
+        due = schedule.next(due);
         if due <= begin {
-            due = phase.next(now());
+            due = schedule.next(now());
         }
     }
 }
@@ -86,13 +88,13 @@ pub async fn control(
 #[inline(never)]
 fn take_over(
     side: &mut ControlSide,
-    phase: &mut TickPhase,
+    schedule: &mut TickSchedule,
     encoders: &Encoders,
     indexes: &mut Indexes,
 ) -> bool {
     let mut senses = false;
     CONFIGURATION.receive_with(|configuration| {
-        *phase = TickPhase::with_period(configuration.times.sync_period_us);
+        *schedule = TickSchedule::with_period(configuration.times.sync_period_us);
         let rollers = configuration.rollers.as_ref();
         encoders.set_filter(configuration.encoder_filter);
         indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));

@@ -18,11 +18,12 @@
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use canopen::Micros;
+use control::configuration::Configuration;
+use control::identification::Outcome;
+use control::interface::{Command, Report};
+use control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use robot::identification::Outcome;
-use robot::{Command, Configuration, Report};
 
 /// A value that one side replaces and the other reads: the latest wins.
 pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<T>>);

@@ -6,7 +6,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use canopen::Micros;
+use control::time::Micros;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 
 /// The bus task's signal.

@@ -13,8 +13,9 @@
 //! earlier than any reset, and ramps down. While it does, its own progress is enough, for
 //! [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
 
+use control::interface::{Mode, Report};
+use control::time::TICK_US;
 use protocol::Fault;
-use robot::{Mode, Report, TICK_US};
 
 use crate::board::iwdg::Watchdog;
 use crate::board::post_mortem::{self, Failure};

@@ -4,7 +4,7 @@
 //! wheels at zero: a load on a slope hangs on the motors until the brake has it, and nothing is
 //! followed, and no wheel judged, against a brake that is still closed.
 
-use canopen::Micros;
+use crate::time::Micros;
 
 /// What a brake takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

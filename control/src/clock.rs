@@ -8,15 +8,13 @@
 //! differs between members, the crystals, the integral part removes. A test shows two members 100
 //! ppm apart ticking together to a few microseconds.
 //!
-//! The control tick hangs on that estimate: [`TickPhase`] moves each tick by at most
+//! The control tick hangs on that estimate: [`TickSchedule`] moves each tick by at most
 //! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
 //! arrive. And a target takes effect [`protocol::APPLY_DELAY_US`] after the estimated SYNC, when
 //! the latest of the jittering frames has surely come, so that no member is a tick ahead of
 //! another.
 
-use canopen::Micros;
-
-use crate::control::TICK_US;
+use crate::time::{Micros, TICK_US};
 
 /// Part of the phase error that is corrected at once.
 const PHASE_GAIN: f32 = 1.0 / 32.0;
@@ -120,13 +118,13 @@ fn whole_us(value: f32) -> u32 {
 
 /// Decides when the next control tick begins, so that all members tick together.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct TickPhase {
+pub struct TickSchedule {
     clock: SyncClock,
     period_us: u32,
     last_sync: Micros,
 }
 
-impl TickPhase {
+impl TickSchedule {
     /// Ticks that run free.
     #[must_use]
     pub const fn new() -> Self {
@@ -193,7 +191,7 @@ mod tests {
     struct Member {
         rate: f64,
         offset_us: f64,
-        phase: TickPhase,
+        phase: TickSchedule,
         scheduled: Option<Micros>,
         /// True times of its ticks, ns.
         ticks: Vec<i64>,
@@ -204,7 +202,7 @@ mod tests {
             Self {
                 rate: 1.0 + ppm * 1e-6,
                 offset_us,
-                phase: TickPhase::with_period(10_000),
+                phase: TickSchedule::with_period(10_000),
                 scheduled: None,
                 ticks: Vec::new(),
             }
@@ -332,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_tick_moves_by_two_percent_at_most() {
-        let mut phase = TickPhase::with_period(10_000);
+        let mut phase = TickSchedule::with_period(10_000);
         phase.on_sync(Micros(10_000));
         for due in 20_000..22_000_u64 {
             let length = phase.next(Micros(due)).0 - due;
@@ -346,7 +344,7 @@ mod tests {
 
     #[test]
     fn a_grid_ahead_of_the_tick_is_as_good() {
-        let mut phase = TickPhase::with_period(10_000);
+        let mut phase = TickSchedule::with_period(10_000);
         phase.on_sync(Micros(10_000));
         for due in (500..10_000).step_by(1_000) {
             assert_eq!(phase.next(Micros(due)), Micros(due + 1_000));
@@ -355,8 +353,8 @@ mod tests {
 
     #[test]
     fn ticks_run_free_without_sync_or_with_a_period_they_cannot_divide() {
-        assert_eq!(TickPhase::new().next(Micros(123)), Micros(1_123));
-        let mut phase = TickPhase::with_period(2_500);
+        assert_eq!(TickSchedule::new().next(Micros(123)), Micros(1_123));
+        let mut phase = TickSchedule::with_period(2_500);
         phase.on_sync(Micros(10_000));
         assert_eq!(phase.next(Micros(123)), Micros(1_123));
     }

@@ -6,7 +6,7 @@
 //! model. A sensor that shows the end of its range measures nothing any more, and counts like too
 //! much.
 
-use canopen::Micros;
+use crate::time::Micros;
 
 use crate::supply::FULL_SCALE;
 use crate::threshold::Lasting;

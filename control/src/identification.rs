@@ -27,7 +27,7 @@
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 
-use crate::control::TICK_US;
+use crate::time::TICK_US;
 use crate::wheel::Gains;
 
 /// Ticks in a window of a tenth of a second.
@@ -128,7 +128,7 @@ pub(crate) enum Step {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Phase {
+enum Stage {
     Ramp,
     CoastToStep,
     Step,
@@ -136,7 +136,7 @@ enum Phase {
     Ended,
 }
 
-/// Sums over the rows of one phase: voltage u, rate w, acceleration a.
+/// Sums over the rows of one stage: voltage u, rate w, acceleration a.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 struct Sums {
     rows: u16,
@@ -162,8 +162,8 @@ struct Half {
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 struct Wheel {
     travel: f32,
-    /// In this phase.
-    phase_travel: f32,
+    /// In this stage.
+    stage_travel: f32,
     half: Half,
     last: Half,
     /// Windows in a row in which it moved.
@@ -177,9 +177,9 @@ struct Wheel {
 pub(crate) struct Identification {
     bounds: Bounds,
     nominal: f32,
-    phase: Phase,
+    stage: Stage,
     elapsed: f32,
-    phase_time: f32,
+    stage_time: f32,
     standing: f32,
     voltage: f32,
     step_voltage: f32,
@@ -200,9 +200,9 @@ impl Identification {
         Self {
             bounds,
             nominal,
-            phase: Phase::Ramp,
+            stage: Stage::Ramp,
             elapsed: 0.0,
-            phase_time: 0.0,
+            stage_time: 0.0,
             standing: 0.0,
             voltage: 0.0,
             step_voltage: 0.0,
@@ -223,15 +223,15 @@ impl Identification {
             return Step::Ended;
         }
         self.elapsed += dt;
-        self.phase_time += dt;
-        self.take(turned, dt);
+        self.stage_time += dt;
+        self.add(turned, dt);
         if let Some((why, wheel)) = self.objection(rates) {
             return Step::Finished(Err((why, wheel)));
         }
         let fastest = largest(rates);
-        let way = largest(self.wheels.map(|wheel| wheel.phase_travel));
-        match self.phase {
-            Phase::Ramp => {
+        let way = largest(self.wheels.map(|wheel| wheel.stage_travel));
+        match self.stage {
+            Stage::Ramp => {
                 self.voltage += RAMP_SHARE * self.nominal * dt;
                 let high = self.voltage >= VOLTAGE_SHARE * self.nominal;
                 if high || fastest >= self.bounds.rate || way >= WAY_SHARE * self.bounds.travel {
@@ -242,25 +242,25 @@ impl Identification {
                         return failed(Stopped::DoesNotMove, wheel);
                     }
                     self.step_voltage = self.voltage;
-                    self.enter(Phase::CoastToStep, 0.0);
+                    self.enter(Stage::CoastToStep, 0.0);
                 }
             }
-            Phase::Step => {
-                if self.phase_time >= STEP_TIME || way >= WAY_SHARE * self.bounds.travel {
-                    self.enter(Phase::CoastToEnd, 0.0);
+            Stage::Step => {
+                if self.stage_time >= STEP_TIME || way >= WAY_SHARE * self.bounds.travel {
+                    self.enter(Stage::CoastToEnd, 0.0);
                 }
             }
-            Phase::CoastToStep | Phase::CoastToEnd | Phase::Ended => {
+            Stage::CoastToStep | Stage::CoastToEnd | Stage::Ended => {
                 self.standing = if fastest < STANDING_RATE {
                     self.standing + dt
                 } else {
                     0.0
                 };
-                if self.standing >= STANDING_TIME || self.phase_time >= COAST_TIME {
-                    if self.phase == Phase::CoastToEnd {
+                if self.standing >= STANDING_TIME || self.stage_time >= COAST_TIME {
+                    if self.stage == Stage::CoastToEnd {
                         return Step::Finished(self.solve());
                     }
-                    self.enter(Phase::Step, -self.step_voltage);
+                    self.enter(Stage::Step, -self.step_voltage);
                 }
             }
         }
@@ -269,30 +269,30 @@ impl Identification {
 
     /// No more voltage, whatever comes.
     pub const fn end(&mut self) {
-        self.phase = Phase::Ended;
+        self.stage = Stage::Ended;
     }
 
     /// Whether it is over.
     pub const fn has_ended(&self) -> bool {
-        matches!(self.phase, Phase::Ended)
+        matches!(self.stage, Stage::Ended)
     }
 
-    fn enter(&mut self, phase: Phase, voltage: f32) {
-        self.phase = phase;
+    fn enter(&mut self, stage: Stage, voltage: f32) {
+        self.stage = stage;
         self.voltage = voltage;
-        self.phase_time = 0.0;
+        self.stage_time = 0.0;
         self.standing = 0.0;
         self.ticks = 0;
         (self.rising, self.falling) = (0.0, 0.0);
         for wheel in &mut self.wheels {
-            wheel.phase_travel = 0.0;
+            wheel.stage_travel = 0.0;
             wheel.half = Half::default();
             wheel.moving = 0;
         }
     }
 
     /// Takes in the last tick, which the present voltage has driven.
-    fn take(&mut self, turned: [f32; 4], dt: f32) {
+    fn add(&mut self, turned: [f32; 4], dt: f32) {
         let place = (f32::from(self.ticks) + 0.5) / f32::from(HALF_TICKS);
         self.rising += self.voltage * place;
         self.falling += self.voltage * (1.0 - place);
@@ -302,7 +302,7 @@ impl Identification {
         let voltage = (self.last_rising + self.falling) / f32::from(HALF_TICKS);
         for (wheel, turned) in self.wheels.iter_mut().zip(turned) {
             wheel.travel += turned;
-            wheel.phase_travel += turned;
+            wheel.stage_travel += turned;
             // The trapezoid of the angle over this tick.
             wheel.half.mean += (wheel.half.way + 0.5 * turned) / f32::from(HALF_TICKS);
             wheel.half.way += turned;
@@ -310,10 +310,10 @@ impl Identification {
                 continue;
             }
             // Of the ramp, the window in which the wheel broke loose and the next are left out.
-            let (direction, needed) = match self.phase {
-                Phase::Ramp => (1.0, 3),
-                Phase::Step => (-1.0, 2),
-                Phase::CoastToStep | Phase::CoastToEnd | Phase::Ended => (0.0, u16::MAX),
+            let (direction, needed) = match self.stage {
+                Stage::Ramp => (1.0, 3),
+                Stage::Step => (-1.0, 2),
+                Stage::CoastToStep | Stage::CoastToEnd | Stage::Ended => (0.0, u16::MAX),
             };
             let (last, half) = (wheel.last, wheel.half);
             let moved = half.way * direction > MOVED;
@@ -321,7 +321,7 @@ impl Identification {
             if wheel.moving >= needed {
                 let w = (half.mean - (last.mean - last.way)) / length;
                 let a = (half.way - last.way) / (length * length);
-                let sums = if self.phase == Phase::Ramp {
+                let sums = if self.stage == Stage::Ramp {
                     &mut wheel.ramp
                 } else {
                     &mut wheel.step
@@ -343,10 +343,10 @@ impl Identification {
         if self.elapsed > Self::TIME_LIMIT {
             return Some((Stopped::TimedOut, None));
         }
-        let must_turn = self.phase == Phase::Ramp && self.voltage > BREAKAWAY_SHARE * self.nominal;
+        let must_turn = self.stage == Stage::Ramp && self.voltage > BREAKAWAY_SHARE * self.nominal;
         for ((number, wheel), rate) in (0_u8..).zip(&self.wheels).zip(rates) {
             let drives = self.bounds.drives(usize::from(number));
-            let why = if drives && self.phase == Phase::Ramp && wheel.travel < -TURNED {
+            let why = if drives && self.stage == Stage::Ramp && wheel.travel < -TURNED {
                 Stopped::TurnsBackwards
             } else if rate.abs() > OVERSPEED * self.bounds.rate {
                 Stopped::TooFast

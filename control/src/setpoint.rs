@@ -6,7 +6,7 @@
 //! members whose ticks lie differently still walk the same line. Its slope is handed on as the
 //! acceleration to expect.
 
-use canopen::Micros;
+use crate::time::Micros;
 use kinematics::Twist;
 
 /// A straight line from the last target to this one.

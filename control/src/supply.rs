@@ -10,7 +10,7 @@
 //! takes the energy. An input at the end of its range says that the divider's ground is open, or
 //! that there is even more than it can show: the same.
 
-use canopen::Micros;
+use crate::time::Micros;
 use protocol::Fault;
 
 use crate::threshold::Lasting;

@@ -1,6 +1,6 @@
 //! A threshold with hysteresis, and one that must last.
 
-use canopen::Micros;
+use crate::time::Micros;
 
 /// Below this part of its threshold a limit is over.
 const RELEASE: f32 = 0.8;

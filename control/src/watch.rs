@@ -17,7 +17,7 @@
 //!
 //! Inversion is the dangerous one, because the loop drives it to full speed; hence its short time.
 
-use canopen::Micros;
+use crate::time::Micros;
 use protocol::Fault;
 
 use crate::configuration::{Configuration, WheelConfiguration};
@@ -105,7 +105,7 @@ impl Watch {
 
     /// The encoder is dead, as others know.
     #[cold]
-    pub(crate) fn note_dead(&mut self) {
+    pub(crate) fn latch_dead(&mut self) {
         self.fault.get_or_insert(Fault::EncoderDead);
     }
 

@@ -77,7 +77,7 @@ impl Agreement {
     }
 
     /// A member's status came in.
-    pub fn hear(&mut self, node: u8, status: &MemberStatus) {
+    pub fn record(&mut self, node: u8, status: &MemberStatus) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(vote) = self.votes.get_mut(place) {
             *vote = Some(Vote {
@@ -163,7 +163,7 @@ mod tests {
     fn after(heard: &[(u8, MemberStatus)]) -> Verdict {
         let mut agreement = Agreement::new();
         for (node, status) in heard {
-            agreement.hear(*node, status);
+            agreement.record(*node, status);
         }
         agreement.decide(MEMBERS, 2, own(Scale(50_000)))
     }
@@ -240,11 +240,11 @@ mod tests {
     fn votes_are_complete_when_all_others_were_heard() {
         let mut agreement = Agreement::new();
         assert!(agreement.is_complete(0b100, 2));
-        agreement.hear(3, &status(Moving, 7, 9));
+        agreement.record(3, &status(Moving, 7, 9));
         assert!(!agreement.is_complete(MEMBERS, 2));
-        agreement.hear(5, &status(Moving, 7, 9));
+        agreement.record(5, &status(Moving, 7, 9));
         assert!(!agreement.is_complete(MEMBERS, 2));
-        agreement.hear(4, &status(Moving, 7, 9));
+        agreement.record(4, &status(Moving, 7, 9));
         assert!(agreement.is_complete(MEMBERS, 2));
         agreement.decide(MEMBERS, 2, own(Scale::ONE));
         assert!(!agreement.is_complete(MEMBERS, 2));
@@ -266,8 +266,8 @@ mod tests {
     #[test]
     fn votes_count_for_one_sync_only() {
         let mut agreement = Agreement::new();
-        agreement.hear(3, &status(Moving, 7, 9));
-        agreement.hear(4, &status(Moving, 7, 9));
+        agreement.record(3, &status(Moving, 7, 9));
+        agreement.record(4, &status(Moving, 7, 9));
         assert!(matches!(
             agreement.decide(MEMBERS, 2, own(Scale::ONE)),
             Verdict::Go { .. }
@@ -294,9 +294,9 @@ mod tests {
     #[test]
     fn strangers_have_no_vote() {
         let mut agreement = Agreement::new();
-        agreement.hear(17, &status(Faulted, 9, 0));
-        agreement.hear(1, &status(Faulted, 9, 0));
-        agreement.hear(18, &status(Faulted, 9, 0));
+        agreement.record(17, &status(Faulted, 9, 0));
+        agreement.record(1, &status(Faulted, 9, 0));
+        agreement.record(18, &status(Faulted, 9, 0));
         assert!(matches!(
             agreement.decide(0b100, 2, own(Scale::ONE)),
             Verdict::Go { .. }

@@ -5,13 +5,13 @@
 //! angles per count, limits as reciprocals. After this there is nothing left to go wrong.
 
 use control::brake::BrakeTimes;
-pub use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
-use control::control::TICK_US;
+use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use control::current::CurrentConfiguration;
 use control::drivetrain::Drivetrain;
 use control::limiter::ChangeLimits;
 use control::rollers::{RollerConfiguration, RollerWheel};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
+use control::time::TICK_US;
 use control::wheel::Gains;
 use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
 use protocol::address::{self as at, motor, rollers, wheel};

@@ -10,7 +10,7 @@
 //! start does that is refused, is kept once. If the flash fails, nothing more is written in this
 //! run.
 
-use canopen::Micros;
+use control::time::Micros;
 use protocol::StoredFault;
 use protocol::address::history::DEPTH;
 
@@ -101,7 +101,7 @@ impl FaultMemory {
     }
 
     /// Notes whether the outputs are off.
-    pub fn note_off(&mut self, now: Micros, is_off: bool) {
+    pub fn record_off(&mut self, now: Micros, is_off: bool) {
         self.off_since = is_off.then(|| self.off_since.unwrap_or(now));
     }
 
@@ -174,14 +174,14 @@ mod tests {
     fn nothing_is_stored_while_outputs_are_on_or_just_off_or_at_start_up() {
         let mut memory = FaultMemory::new();
         memory.push(7, 0, None, MOVING);
-        memory.note_off(Micros(0), true);
+        memory.record_off(Micros(0), true);
         assert_eq!(memory.next(Micros(FIRST_US - 1)), None);
         assert_eq!(memory.next(Micros(FIRST_US)), Some(Memorable::Start));
-        memory.note_off(Micros(FIRST_US), false);
+        memory.record_off(Micros(FIRST_US), false);
         assert_eq!(memory.next(Micros(2 * FIRST_US)), None);
         let off = Micros(3 * FIRST_US);
-        memory.note_off(off, true);
-        memory.note_off(off + Micros(1), true);
+        memory.record_off(off, true);
+        memory.record_off(off + Micros(1), true);
         assert_eq!(memory.next(off + Micros(REST_US - 1)), None);
         assert_eq!(store(&mut memory, off + Micros(REST_US)), 2);
     }
@@ -194,7 +194,7 @@ mod tests {
         let mut written = 0;
         for ms in 0..3_600_000_u32 {
             let now = Micros(u64::from(ms) * 1_000);
-            memory.note_off(now, true);
+            memory.record_off(now, true);
             memory.push((ms & 1) as u16, ms, None, MOVING);
             written += store(&mut memory, now);
         }
@@ -217,7 +217,7 @@ mod tests {
             memory.push(code, 0, Some(24.0), MOVING);
         }
         assert_eq!(codes(&memory), [15, 14, 13, 12, 11, 10, 3, 2]);
-        memory.note_off(Micros(0), true);
+        memory.record_off(Micros(0), true);
         let now = Micros(FIRST_US);
         let mut order = Vec::new();
         while let Some(next) = memory.next(now) {
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn flash_that_fails_is_left_alone() {
         let mut memory = FaultMemory::new();
-        memory.note_off(Micros(0), true);
+        memory.record_off(Micros(0), true);
         memory.push(7, 1, None, MOVING);
         let now = Micros(FIRST_US);
         assert_eq!(memory.next(now), Some(Memorable::Start));

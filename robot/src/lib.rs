@@ -8,9 +8,10 @@
 //! ```
 //!
 //! The [`BusSide`] is driven by frames and deadlines: CANopen device, object dictionary, state
-//! machine, agreement with the other members. The [`ControlSide`] is driven by a 1 kHz tick:
+//! machine, agreement with the other members. The [`ControlSide`](control::tick::ControlSide) is driven by a 1 kHz tick:
 //! measurement, limits, wheel loops, and every decision about the outputs. Between them pass a
-//! [`Command`], a [`Report`] and, at a start, a [`Configuration`]; all are `Copy`. Time is an
+//! [`Command`](control::interface::Command), a [`Report`](control::interface::Report) and, at a
+//! start, a [`Configuration`](control::configuration::Configuration); all are `Copy`. Time is an
 //! argument everywhere, so a robot runs as well in virtual time.
 //!
 //! From a group twist to a duty:
@@ -36,8 +37,6 @@
 #[cfg(test)]
 extern crate std;
 
-use control::{math, threshold};
-
 pub mod agreement;
 mod bus;
 mod compensation;
@@ -56,15 +55,9 @@ mod store;
 mod strain;
 
 pub use bus::{BusSide, CanErrors, Event};
-pub use clock::{SyncClock, TickPhase};
-pub use configuration::{Configuration, ConfigurationError};
-pub use control::control::{ControlSide, TICK_US};
-pub use control::{
-    clock, drivetrain, handover, identification, limiter, observer, rollers, setpoint, wheel,
-};
+pub use configuration::ConfigurationError;
 pub use dictionary::{Counters, StoreWear};
 pub use fault_memory::Memorable;
-pub use handover::{Command, Inputs, Mode, Outputs, Report};
 pub use identity::{Identity, SYNC_OVERFLOW};
 pub use parameters::Parameters;
 pub use state::State;

@@ -4,7 +4,7 @@
 //! one that runs backwards, stands still or jumps ahead of the clock belongs to a second master.
 //! Without counters the clock alone is left.
 
-use canopen::Micros;
+use control::time::Micros;
 
 use crate::identity::SYNC_OVERFLOW;
 

@@ -12,7 +12,7 @@
 //! that a single doubled frame is forgiven and two masters are found out within six SYNCs. SYNCs
 //! that are lost are no disorder: see [`crate::rhythm`].
 
-use canopen::Micros;
+use control::time::Micros;
 use protocol::{DecodeError, GroupTwist};
 
 use crate::rhythm::Beat;
@@ -123,12 +123,12 @@ impl Setpoints {
     }
 
     /// A setpoint frame passed by.
-    pub const fn note_frame(&mut self) {
+    pub const fn count_frame(&mut self) {
         self.frames = self.frames.saturating_add(1);
     }
 
     /// Something was out of order.
-    const fn note_disorder(&mut self) {
+    const fn count_disorder(&mut self) {
         self.disorder = self.disorder.saturating_add(2);
     }
 
@@ -141,15 +141,15 @@ impl Setpoints {
         group: u8,
     ) -> Reception {
         if core::mem::take(&mut self.frames) > beat.periods {
-            self.note_disorder();
+            self.count_disorder();
         }
         if beat.disorder {
-            self.note_disorder();
+            self.count_disorder();
         }
         let reception = match received.map(|bytes| GroupTwist::try_from(&bytes[..])) {
             None => Reception::Nothing,
             Some(Ok(setpoint)) if setpoint.group != group => Reception::Nothing,
-            Some(Ok(setpoint)) => self.take(at, setpoint),
+            Some(Ok(setpoint)) => self.accept(at, setpoint),
             Some(Err(error)) => {
                 self.refuse(error);
                 Reception::Nothing
@@ -161,7 +161,7 @@ impl Setpoints {
         reception
     }
 
-    fn take(&mut self, at: Micros, setpoint: GroupTwist) -> Reception {
+    fn accept(&mut self, at: Micros, setpoint: GroupTwist) -> Reception {
         let sequence = setpoint.sequence;
         let ahead = match self.sequence {
             Some(last) => sequence.wrapping_sub(last),
@@ -185,7 +185,7 @@ impl Setpoints {
             }
             128..=255 => {
                 self.ignored = self.ignored.wrapping_add(1);
-                self.note_disorder();
+                self.count_disorder();
                 Reception::Nothing
             }
         }
@@ -219,7 +219,7 @@ mod tests {
     }
 
     fn sync(setpoints: &mut Setpoints, at: u64, vx: f32, sequence: u8) -> Reception {
-        setpoints.note_frame();
+        setpoints.count_frame();
         setpoints.on_sync(Micros(at), BEAT, Some(&bytes(vx, sequence)), GROUP)
     }
 
@@ -287,7 +287,7 @@ mod tests {
     fn two_masters_with_one_sync_are_found_out() {
         let mut setpoints = Setpoints::new();
         for round in 0..6 {
-            setpoints.note_frame();
+            setpoints.count_frame();
             if sync(&mut setpoints, 1, 0.1, round) == Reception::TwoMasters {
                 return;
             }
@@ -313,7 +313,7 @@ mod tests {
         let mut setpoints = Setpoints::new();
         for round in 0..100 {
             if round % 4 == 0 {
-                setpoints.note_frame();
+                setpoints.count_frame();
             }
             assert_eq!(sync(&mut setpoints, 1, 0.1, round), Reception::Fresh);
         }

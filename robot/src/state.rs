@@ -3,7 +3,7 @@
 //! Terms: *started* is an accepted NMT start; *ready* is stopped and well; *armed* is started, with
 //! drivers on, standing; *ramping* is on the way to standstill; *faulted* is at rest with the cause
 //! kept. The function knows no time and no messages: whoever watches timers, members and wheels
-//! turns what it sees into one of eight [`Happening`]s. There are two ways out of a standstill, and
+//! turns what it sees into one of eight [`Event`]s. There are two ways out of a standstill, and
 //! both begin with a start from the master.
 
 use protocol::{Fault, MemberState, Reaction};
@@ -36,7 +36,7 @@ pub enum State {
 
 /// What happens to a robot.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Happening {
+pub enum Event {
     /// NMT start, and nothing speaks against it.
     Started,
     /// NMT start, but this does.
@@ -56,57 +56,57 @@ pub enum Happening {
 }
 
 impl State {
-    /// The state after `happening`.
+    /// The state after `event`.
     ///
     /// The first fault is kept: what follows from a stop must not hide its cause. Only a fault that
     /// cuts replaces one that ramps, while the ramp still runs.
     #[must_use]
-    pub const fn after(self, happening: Happening) -> Self {
-        use Happening as H;
-        match (self, happening) {
+    pub const fn after(self, event: Event) -> Self {
+        use Event as E;
+        match (self, event) {
             // A start begins from standstill only.
-            (Self::Ready | Self::Armed | Self::Faulted(_), H::Started) => Self::Armed,
-            (Self::Ready | Self::Armed | Self::Faulted(_), H::StartRefused(fault)) => {
+            (Self::Ready | Self::Armed | Self::Faulted(_), E::Started) => Self::Armed,
+            (Self::Ready | Self::Armed | Self::Faulted(_), E::StartRefused(fault)) => {
                 Self::Faulted(fault)
             }
-            (Self::Moving | Self::Alone | Self::Ramping(_), H::Started | H::StartRefused(_)) => {
+            (Self::Moving | Self::Alone | Self::Ramping(_), E::Started | E::StartRefused(_)) => {
                 self
             }
 
-            (Self::Ready | Self::Armed, H::Left) => Self::Ready,
-            (Self::Moving | Self::Alone, H::Left) => Self::Ramping(After::Ready),
-            (Self::Ramping(_) | Self::Faulted(_), H::Left) => self,
+            (Self::Ready | Self::Armed, E::Left) => Self::Ready,
+            (Self::Moving | Self::Alone, E::Left) => Self::Ramping(After::Ready),
+            (Self::Ramping(_) | Self::Faulted(_), E::Left) => self,
 
-            (Self::Armed | Self::Moving, H::GroupSetpoint) => Self::Moving,
-            (Self::Ready | Self::Alone | Self::Ramping(_) | Self::Faulted(_), H::GroupSetpoint) => {
+            (Self::Armed | Self::Moving, E::GroupSetpoint) => Self::Moving,
+            (Self::Ready | Self::Alone | Self::Ramping(_) | Self::Faulted(_), E::GroupSetpoint) => {
                 self
             }
 
-            (Self::Armed | Self::Alone, H::OwnSetpoint) => Self::Alone,
-            (Self::Ready | Self::Moving | Self::Ramping(_) | Self::Faulted(_), H::OwnSetpoint) => {
+            (Self::Armed | Self::Alone, E::OwnSetpoint) => Self::Alone,
+            (Self::Ready | Self::Moving | Self::Ramping(_) | Self::Faulted(_), E::OwnSetpoint) => {
                 self
             }
 
-            (Self::Armed, H::Failed(fault)) => Self::Faulted(fault),
-            (Self::Moving | Self::Alone, H::Failed(fault)) => match fault.reaction() {
+            (Self::Armed, E::Failed(fault)) => Self::Faulted(fault),
+            (Self::Moving | Self::Alone, E::Failed(fault)) => match fault.reaction() {
                 Reaction::Ramp => Self::Ramping(After::Faulted(fault)),
                 Reaction::Cut => Self::Faulted(fault),
             },
-            (Self::Ramping(after), H::Failed(fault)) => match (fault.reaction(), after) {
+            (Self::Ramping(after), E::Failed(fault)) => match (fault.reaction(), after) {
                 (Reaction::Cut, _) => Self::Faulted(fault),
                 (Reaction::Ramp, After::Ready) => Self::Ramping(After::Faulted(fault)),
                 (Reaction::Ramp, After::Faulted(_)) => self,
             },
-            (Self::Ready | Self::Faulted(_), H::Failed(_) | H::Cut(_)) => self,
-            (Self::Armed | Self::Moving | Self::Alone | Self::Ramping(_), H::Cut(fault)) => {
+            (Self::Ready | Self::Faulted(_), E::Failed(_) | E::Cut(_)) => self,
+            (Self::Armed | Self::Moving | Self::Alone | Self::Ramping(_), E::Cut(fault)) => {
                 Self::Faulted(fault)
             }
 
-            (Self::Ramping(After::Ready), H::Standstill) => Self::Ready,
-            (Self::Ramping(After::Faulted(fault)), H::Standstill) => Self::Faulted(fault),
+            (Self::Ramping(After::Ready), E::Standstill) => Self::Ready,
+            (Self::Ramping(After::Faulted(fault)), E::Standstill) => Self::Faulted(fault),
             (
                 Self::Ready | Self::Armed | Self::Moving | Self::Alone | Self::Faulted(_),
-                H::Standstill,
+                E::Standstill,
             ) => self,
         }
     }
@@ -163,18 +163,18 @@ mod tests {
         all
     }
 
-    fn happenings() -> Vec<Happening> {
+    fn events() -> Vec<Event> {
         let mut all = std::vec![
-            Happening::Started,
-            Happening::Left,
-            Happening::GroupSetpoint,
-            Happening::OwnSetpoint,
-            Happening::Standstill,
+            Event::Started,
+            Event::Left,
+            Event::GroupSetpoint,
+            Event::OwnSetpoint,
+            Event::Standstill,
         ];
         for fault in Fault::ALL {
-            all.push(Happening::Failed(*fault));
-            all.push(Happening::Cut(*fault));
-            all.push(Happening::StartRefused(*fault));
+            all.push(Event::Failed(*fault));
+            all.push(Event::Cut(*fault));
+            all.push(Event::StartRefused(*fault));
         }
         all
     }
@@ -183,11 +183,11 @@ mod tests {
         matches!(state, State::Ready | State::Faulted(_))
     }
 
-    /// Every state with every happening, against a table written out by hand. A dash is "no
+    /// Every state with every event, against a table written out by hand. A dash is "no
     /// change".
     #[test]
-    fn every_state_with_every_happening() {
-        use Happening as H;
+    fn every_state_with_every_event() {
+        use Event as E;
         use State as S;
         let ramping = S::Ramping(After::Ready);
         let failing = S::Ramping(After::Faulted(RAMP));
@@ -203,7 +203,7 @@ mod tests {
         ];
         let table = [
             (
-                H::Started,
+                E::Started,
                 [
                     S::Armed,
                     S::Armed,
@@ -215,7 +215,7 @@ mod tests {
                 ],
             ),
             (
-                H::StartRefused(CUT),
+                E::StartRefused(CUT),
                 [
                     S::Faulted(CUT),
                     S::Faulted(CUT),
@@ -227,7 +227,7 @@ mod tests {
                 ],
             ),
             (
-                H::Left,
+                E::Left,
                 [
                     S::Ready,
                     S::Ready,
@@ -239,7 +239,7 @@ mod tests {
                 ],
             ),
             (
-                H::GroupSetpoint,
+                E::GroupSetpoint,
                 [
                     S::Ready,
                     S::Moving,
@@ -251,7 +251,7 @@ mod tests {
                 ],
             ),
             (
-                H::OwnSetpoint,
+                E::OwnSetpoint,
                 [
                     S::Ready,
                     S::Alone,
@@ -263,7 +263,7 @@ mod tests {
                 ],
             ),
             (
-                H::Failed(RAMP_TOO),
+                E::Failed(RAMP_TOO),
                 [
                     S::Ready,
                     S::Faulted(RAMP_TOO),
@@ -275,7 +275,7 @@ mod tests {
                 ],
             ),
             (
-                H::Failed(CUT),
+                E::Failed(CUT),
                 [
                     S::Ready,
                     S::Faulted(CUT),
@@ -287,7 +287,7 @@ mod tests {
                 ],
             ),
             (
-                H::Cut(RAMP_TOO),
+                E::Cut(RAMP_TOO),
                 [
                     S::Ready,
                     S::Faulted(RAMP_TOO),
@@ -299,7 +299,7 @@ mod tests {
                 ],
             ),
             (
-                H::Standstill,
+                E::Standstill,
                 [
                     S::Ready,
                     S::Armed,
@@ -311,9 +311,9 @@ mod tests {
                 ],
             ),
         ];
-        for (happening, to) in table {
+        for (event, to) in table {
             for (from, to) in from.into_iter().zip(to) {
-                assert_eq!(from.after(happening), to, "{from:?} with {happening:?}");
+                assert_eq!(from.after(event), to, "{from:?} with {event:?}");
             }
         }
     }
@@ -321,12 +321,9 @@ mod tests {
     #[test]
     fn nothing_but_a_start_leaves_rest() {
         for state in states().into_iter().filter(|state| is_at_rest(*state)) {
-            for happening in happenings() {
-                if happening != Happening::Started {
-                    assert!(
-                        is_at_rest(state.after(happening)),
-                        "{state:?} {happening:?}"
-                    );
+            for event in events() {
+                if event != Event::Started {
+                    assert!(is_at_rest(state.after(event)), "{state:?} {event:?}");
                 }
             }
         }
@@ -335,7 +332,7 @@ mod tests {
     #[test]
     fn a_start_never_moves_anything_by_itself() {
         for state in states().into_iter().filter(|state| is_at_rest(*state)) {
-            assert_eq!(state.after(Happening::Started), State::Armed);
+            assert_eq!(state.after(Event::Started), State::Armed);
         }
     }
 
@@ -343,9 +340,9 @@ mod tests {
     fn a_fault_that_cuts_is_at_rest_at_once() {
         for state in states() {
             for fault in Fault::ALL {
-                assert!(is_at_rest(state.after(Happening::Cut(*fault))));
+                assert!(is_at_rest(state.after(Event::Cut(*fault))));
                 if fault.reaction() == Reaction::Cut {
-                    assert!(is_at_rest(state.after(Happening::Failed(*fault))));
+                    assert!(is_at_rest(state.after(Event::Failed(*fault))));
                 }
             }
         }
@@ -356,7 +353,7 @@ mod tests {
         for state in [State::Moving, State::Alone] {
             for fault in Fault::ALL {
                 if fault.reaction() == Reaction::Ramp {
-                    let next = state.after(Happening::Failed(*fault));
+                    let next = state.after(Event::Failed(*fault));
                     assert_eq!(next, State::Ramping(After::Faulted(*fault)));
                 }
             }
@@ -367,13 +364,13 @@ mod tests {
     fn the_first_cause_is_kept() {
         for state in states() {
             let Some(first) = state.fault() else { continue };
-            for happening in happenings() {
-                match (state, happening) {
-                    (State::Faulted(_), Happening::Started | Happening::StartRefused(_)) => {}
-                    (State::Ramping(_), Happening::Failed(fault))
+            for event in events() {
+                match (state, event) {
+                    (State::Faulted(_), Event::Started | Event::StartRefused(_)) => {}
+                    (State::Ramping(_), Event::Failed(fault))
                         if fault.reaction() == Reaction::Cut => {}
-                    (State::Ramping(_), Happening::Cut(_)) => {}
-                    _ => assert_eq!(state.after(happening).fault(), Some(first)),
+                    (State::Ramping(_), Event::Cut(_)) => {}
+                    _ => assert_eq!(state.after(event).fault(), Some(first)),
                 }
             }
         }
@@ -382,7 +379,7 @@ mod tests {
     #[test]
     fn only_a_ramp_ends_by_standstill() {
         for state in states() {
-            let next = state.after(Happening::Standstill);
+            let next = state.after(Event::Standstill);
             match state {
                 State::Ramping(After::Ready) => assert_eq!(next, State::Ready),
                 State::Ramping(After::Faulted(fault)) => assert_eq!(next, State::Faulted(fault)),

@@ -5,13 +5,13 @@
 //! looked at where it acts: as a velocity at this robot's own place, so that a difference in yaw
 //! counts the more the longer the lever is.
 
-use canopen::Micros;
+use control::time::Micros;
 use kinematics::Twist;
 use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS};
 
-use crate::configuration::Configuration;
-use crate::math::sqrt;
-use crate::threshold::{Hysteresis, Lasting};
+use control::configuration::Configuration;
+use control::math::sqrt;
+use control::threshold::{Hysteresis, Lasting};
 
 /// How long the fault threshold must be exceeded, us. A wheel that is blocked strains the load at
 /// once, and the wheel watch of its robot needs 200 ms by default to name it: a consequence must
@@ -41,7 +41,7 @@ impl Strain {
     }
 
     /// A member's measured group twist came in.
-    pub fn hear(&mut self, node: u8, measured: Twist) {
+    pub fn record(&mut self, node: u8, measured: Twist) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(heard) = self.heard.get_mut(place) {
             *heard = Some(measured);

@@ -27,7 +27,8 @@
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
-use canopen::{Frame, Micros};
+use canopen::Frame;
+use control::time::Micros;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::interrupt::typelevel::{self, Handler};

@@ -14,10 +14,10 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use control::rollers::IndexPulse;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::{Peri, interrupt, pac, peripherals};
-use robot::rollers::IndexPulse;
 
 /// Lines of the pins, which are their numbers: front left, front right, rear left, rear right.
 const LINES: [usize; 4] = [10, 12, 14, 15];

@@ -25,7 +25,7 @@
     reason = "the first instructions after reset are assembly"
 )]
 
-use canopen::Micros;
+use control::time::Micros;
 use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Flex, Input, Level, Output, Pull, Speed};
 use embassy_stm32::pac::adc::vals::SampleTime;

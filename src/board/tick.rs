@@ -11,7 +11,7 @@
 use core::future::poll_fn;
 use core::task::Poll;
 
-use canopen::Micros;
+use control::time::Micros;
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::peripherals::TIM7;

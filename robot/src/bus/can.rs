@@ -6,9 +6,10 @@
 //! message CiA 301 has for it (0x8120) and shown as a limit for as long as it lasts. It stops
 //! nobody: what stops a group is a frame that did not come.
 
-use canopen::{Emergency, ErrorClass, Micros};
+use canopen::{Emergency, ErrorClass};
+use control::time::Micros;
 
-use super::BusSide;
+use super::{BusSide, device_time};
 
 /// Error counters of the CAN controller (ISO 11898-1).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -48,7 +49,8 @@ impl BusSide {
             self.announce_passive(now);
         } else if worst < WARNING && record.passive {
             record.passive = false;
-            self.device.clear_error(now, Emergency::CAN_PASSIVE, 0);
+            self.device
+                .clear_error(device_time(now), Emergency::CAN_PASSIVE, 0);
         }
     }
 
@@ -58,7 +60,7 @@ impl BusSide {
             let class = ErrorClass::Communication;
             let info = [0; 5];
             self.device
-                .raise_error(now, Emergency::CAN_PASSIVE, class, info);
+                .raise_error(device_time(now), Emergency::CAN_PASSIVE, class, info);
         }
     }
 }

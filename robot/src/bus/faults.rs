@@ -1,13 +1,14 @@
 //! What runs out, and how a fault is announced.
 
-use canopen::{ErrorClass, Micros};
+use canopen::ErrorClass;
+use control::time::Micros;
 use protocol::Fault;
 use protocol::code::FaultClass;
 
-use super::{BusSide, Event};
-use crate::configuration::Configuration;
+use super::{BusSide, Event, device_time};
 use crate::sequence::Setpoints;
-use crate::state::{Happening, State};
+use crate::state::{self, State};
+use control::configuration::Configuration;
 
 impl BusSide {
     /// What runs out, since when, and what it means.
@@ -24,7 +25,7 @@ impl BusSide {
         let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
         // Whoever misses a status at the next SYNC stops there; without a SYNC it is as certain a
         // moment later.
-        let members = (!self.has_heard_members(configuration)).then_some((
+        let members = (!self.has_all_votes(configuration)).then_some((
             self.last_sync,
             configuration.times.silence_us(),
             Fault::MemberSilent,
@@ -58,7 +59,7 @@ impl BusSide {
                 .min_by_key(|(at, _)| *at)
         });
         match first {
-            Some((at, fault)) if at <= now => self.happen(Happening::Failed(fault), now),
+            Some((at, fault)) if at <= now => self.transition(state::Event::Failed(fault), now),
             Some((at, _)) => self.runs_out = at,
             None => self.runs_out = Micros::MAX,
         }
@@ -84,16 +85,17 @@ impl BusSide {
             }
             _ => [0; 5],
         };
-        self.device.raise_error(now, fault.code(), class, info);
+        self.device
+            .raise_error(device_time(now), fault.code(), class, info);
         self.announced |= announced_bit(fault);
-        self.tell(Event::Fault(fault));
+        self.emit(Event::Fault(fault));
     }
 
     /// Says that everything announced is over.
     pub(super) fn clear_record(&mut self, now: Micros) {
         for fault in Fault::ALL {
             if self.announced & announced_bit(*fault) != 0 {
-                self.device.clear_error(now, fault.code(), 0);
+                self.device.clear_error(device_time(now), fault.code(), 0);
             }
         }
         self.announced = 0;

@@ -3,16 +3,17 @@
 //! The rules themselves are in [`crate::agreement`] and [`crate::interlock`]; here they meet the
 //! frames.
 
-use canopen::{Frame, Micros, NmtState};
+use canopen::{Frame, NmtState};
+use control::time::Micros;
 use kinematics::{Twist, desaturate};
 use protocol::{Fault, Limit, MeasuredTwist, MemberStatus, Plan, Scale, cob};
 
 use super::BusSide;
 use crate::agreement::{Agreement, Own, Verdict};
-use crate::configuration::Configuration;
 use crate::interlock::is_standstill;
 use crate::rhythm::Beat;
-use crate::state::{Happening, State};
+use crate::state::{self, State};
+use control::configuration::Configuration;
 
 /// What of an object is part of a plan.
 #[derive(Clone, Copy)]
@@ -56,40 +57,40 @@ const WORDS: usize = PARTS.len() + 3 * canopen::MAX_MAPPED;
 impl BusSide {
     /// The master's heartbeat. Only one that says OPERATIONAL is a sign of life; one that says
     /// boot-up means that the master has been restarted and does not know what it was doing.
-    pub(super) fn hear_master(&mut self, at: Micros, data: &[u8]) {
+    pub(super) fn on_master_heartbeat(&mut self, at: Micros, data: &[u8]) {
         match data {
             [state] if *state == NmtState::Operational.code() => self.last_heartbeat = at,
             [state] if *state == NmtState::Initialising.code() => {
-                self.happen(Happening::Failed(Fault::MasterSilent), at);
+                self.transition(state::Event::Failed(Fault::MasterSilent), at);
             }
             _ => {}
         }
     }
 
     /// A frame while OPERATIONAL that may be another member's, or a setpoint.
-    pub(super) fn hear_member(&mut self, at: Micros, frame: &Frame) {
+    pub(super) fn on_member_frame(&mut self, at: Micros, frame: &Frame) {
         let (id, data) = (frame.id(), frame.data());
         if id == cob::GROUP_TWIST {
-            self.setpoints.note_frame();
+            self.setpoints.count_frame();
         } else if let Some(node) = cob::status_sender(id) {
             if let Ok(status) = MemberStatus::try_from(data) {
-                self.agreement.hear(node, &status);
+                self.agreement.record(node, &status);
             }
         } else if let Some(node) = cob::measured_sender(id) {
             if let Ok(measured) = MeasuredTwist::try_from(data) {
-                self.strain.hear(node, measured.twist);
+                self.strain.record(node, measured.twist);
             }
         } else if let Some(node) = cob::emergency_sender(id)
             && let [low, high, _, _, _, _, _, _] = data
             && let Some(fault) = Fault::from_code(u16::from_le_bytes([*low, *high]))
         {
-            self.hear_fault(at, node, fault);
+            self.on_member_fault(at, node, fault);
         }
     }
 
     /// Another robot has announced a fault. One of a member stops the group at once: its vote would
     /// say the same, up to two SYNCs later.
-    fn hear_fault(&mut self, at: Micros, node: u8, fault: Fault) {
+    fn on_member_fault(&mut self, at: Micros, node: u8, fault: Fault) {
         let Some(configuration) = &self.configuration else {
             return;
         };
@@ -97,14 +98,14 @@ impl BusSide {
             return;
         }
         if fault == Fault::EmergencyStop && configuration.cuts_together {
-            self.happen(Happening::Cut(Fault::MemberStopped), at);
+            self.transition(state::Event::Cut(Fault::MemberStopped), at);
         } else if self.state == State::Moving {
-            self.happen(Happening::Failed(Fault::MemberStopped), at);
+            self.transition(state::Event::Failed(Fault::MemberStopped), at);
         }
     }
 
     /// Whether every other member has voted since the last SYNC.
-    pub(super) fn has_heard_members(&self, configuration: &Configuration) -> bool {
+    pub(super) fn has_all_votes(&self, configuration: &Configuration) -> bool {
         let node = self.identity.node.get();
         self.agreement.is_complete(configuration.members, node)
     }
@@ -177,14 +178,14 @@ impl BusSide {
                 }
                 self.scale = scale;
                 self.scale_is_own = own;
-                self.happen(Happening::GroupSetpoint, at);
+                self.transition(state::Event::GroupSetpoint, at);
                 self.aim(at, latched.twist * scale.factor(), latched.sequence);
             }
             Verdict::Stop(fault) => {
                 self.interlock.disagree();
                 // Before motion everything else may be over at the next SYNC.
                 if self.state == State::Moving || fault == Fault::PlanMismatch {
-                    self.happen(Happening::Failed(fault), at);
+                    self.transition(state::Event::Failed(fault), at);
                 }
             }
         }

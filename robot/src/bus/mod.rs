@@ -15,34 +15,37 @@
 
 mod can;
 mod faults;
-mod identify;
+mod identification;
 mod members;
 mod publish;
 mod storage;
 
 pub use can::CanErrors;
 pub(crate) use can::CanRecord;
-pub(crate) use identify::Record;
+pub(crate) use identification::Record;
 
-use canopen::{Device, Frame, Micros, NmtCommand, NmtState};
+use canopen::{Device, Frame, NmtCommand, NmtState};
+use control::time::Micros;
 use heapless::Deque;
 use kinematics::Twist;
 use protocol::address::SYNC_PERIOD;
 use protocol::{APPLY_DELAY_US, Fault, Limit, Plan, Scale, cob};
 
 use crate::agreement::{Agreement, Own};
-use crate::clock::SyncClock;
-use crate::configuration::{self, Configuration};
+use control::clock::SyncClock;
+use control::configuration::Configuration;
+
+use crate::configuration;
 use crate::dictionary::{Counters, Dictionary};
-use crate::handover::{Command, Mode, Report};
 use crate::identity::{self, Identity};
 use crate::interlock::Interlock;
-use crate::math::sqrt;
 use crate::parameters::Parameters;
 use crate::rhythm::{Beat, Rhythm};
 use crate::sequence::{Reception, Setpoints};
-use crate::state::{Happening, State};
+use crate::state::{self, State};
 use crate::strain::Strain;
+use control::interface::{Command, Mode, Report};
+use control::math::sqrt;
 use members::permitted;
 
 /// Longest time between two polls, us.
@@ -194,11 +197,12 @@ impl BusSide {
             return;
         }
         if id == cob::MASTER_HEARTBEAT {
-            self.hear_master(at, frame.data());
+            self.on_master_heartbeat(at, frame.data());
         } else if self.device.state() == NmtState::Operational {
-            self.hear_member(at, frame);
+            self.on_member_frame(at, frame);
         }
-        self.device.on_frame(at, frame, &mut self.dictionary);
+        self.device
+            .on_frame(device_time(at), frame, &mut self.dictionary);
         self.drain(at);
     }
 
@@ -206,7 +210,7 @@ impl BusSide {
     pub fn poll(&mut self, now: Micros) {
         self.supervise(now);
         self.command.alive = now;
-        self.device.poll(now, &mut self.dictionary);
+        self.device.poll(device_time(now), &mut self.dictionary);
         self.drain(now);
     }
 
@@ -250,13 +254,13 @@ impl BusSide {
             return;
         }
         if let Some(fault) = report.fault {
-            self.happen(Happening::Failed(fault), report.at);
+            self.transition(state::Event::Failed(fault), report.at);
         }
         if report.standstill && matches!(self.state, State::Ramping(_)) {
-            self.happen(Happening::Standstill, report.at);
+            self.transition(state::Event::Standstill, report.at);
         }
         let is_off = self.is_off();
-        self.dictionary.memory.note_off(report.at, is_off);
+        self.dictionary.memory.record_off(report.at, is_off);
     }
 
     /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this
@@ -268,7 +272,7 @@ impl BusSide {
         if matches!(self.state, State::Ready | State::Faulted(_)) {
             self.record(fault, now);
         } else {
-            self.happen(Happening::Failed(fault), now);
+            self.transition(state::Event::Failed(fault), now);
         }
     }
 
@@ -276,7 +280,7 @@ impl BusSide {
     /// [`BusSide::on_bus_recovered`]. [`Event::RecoverBus`] says when to try.
     pub fn on_bus_off(&mut self, now: Micros) {
         self.on_fault(now, Fault::BusOff);
-        self.device.on_bus_off(now);
+        self.device.on_bus_off(device_time(now));
         self.dictionary.can.off = true;
         self.dictionary.can.bus_offs = self.device.counters().bus_off;
         self.drain(now);
@@ -285,7 +289,7 @@ impl BusSide {
     /// The CAN controller is back on the bus.
     pub fn on_bus_recovered(&mut self, now: Micros) {
         self.dictionary.can.off = false;
-        self.device.on_bus_recovered(now);
+        self.device.on_bus_recovered(device_time(now));
         self.drain(now);
     }
 
@@ -303,7 +307,7 @@ impl BusSide {
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
         let alive = self.command.alive + Micros(ALIVE_US);
-        let device = self.device.next_deadline().unwrap_or(Micros::MAX);
+        let device = self.device.next_deadline().map_or(Micros::MAX, local_time);
         Some(alive.min(device).min(self.runs_out))
     }
 
@@ -386,34 +390,37 @@ impl BusSide {
     }
 
     fn drain(&mut self, now: Micros) {
-        self.look_at_permission(now);
-        self.look_at_identification(now);
-        self.look_at_blinking(now);
+        self.update_permission(now);
+        self.update_identification(now);
+        self.update_blinking(now);
         while let Some(event) = self.device.pop_event() {
             match event {
                 canopen::Event::NmtCommand(NmtCommand::Start) => self.on_start(now),
                 canopen::Event::NmtChanged { from, to } => {
                     self.dictionary.commissioning = false;
                     if from == NmtState::Operational {
-                        self.happen(Happening::Left, now);
+                        self.transition(state::Event::Left, now);
                     }
                     if from == NmtState::Initialising {
                         self.listened = now + Micros(LISTEN_US);
                         self.announce_passive(now);
                     }
                     self.follow_node();
-                    self.tell(Event::Nmt(to));
+                    self.emit(Event::Nmt(to));
                 }
                 canopen::Event::Sync { counter, at, .. } => {
-                    self.on_sync(at, counter);
+                    self.on_sync(local_time(at), counter);
                     self.device.on_sync_done(at, &mut self.dictionary);
-                    self.tell(Event::Sync { counter, at });
+                    self.emit(Event::Sync {
+                        counter,
+                        at: local_time(at),
+                    });
                 }
                 canopen::Event::SyncGap { .. } => {
                     let lost = &mut self.dictionary.counters.lost_syncs;
                     *lost = lost.wrapping_add(1);
                 }
-                canopen::Event::RecoverBus => self.tell(Event::RecoverBus),
+                canopen::Event::RecoverBus => self.emit(Event::RecoverBus),
                 _ => {}
             }
         }
@@ -439,21 +446,21 @@ impl BusSide {
             return;
         }
         if self.dictionary.store.corrupt.is_some() {
-            return self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
+            return self.transition(state::Event::StartRefused(Fault::ParametersCorrupt), now);
         }
         let node = self.identity.node.get();
         // Looked at where it is: on the stack it is a kilobyte each time it moves.
         let built = configuration::build(&self.dictionary.parameters, node);
         let Ok(configuration) = &built else {
-            return self.happen(Happening::StartRefused(Fault::Unconfigured), now);
+            return self.transition(state::Event::StartRefused(Fault::Unconfigured), now);
         };
         if now < self.doubled_until {
-            return self.happen(Happening::StartRefused(Fault::DuplicateNode), now);
+            return self.transition(state::Event::StartRefused(Fault::DuplicateNode), now);
         }
         let protective = configuration.protective_stop && self.report.protective_stop;
         let obstacle = self.report.obstacle;
         if let Some(fault) = obstacle.or(protective.then_some(Fault::ProtectiveStop)) {
-            return self.happen(Happening::StartRefused(fault), now);
+            return self.transition(state::Event::StartRefused(fault), now);
         }
         if self.configuration.as_ref() != Some(configuration) {
             self.configuration = Some(*configuration);
@@ -471,7 +478,7 @@ impl BusSide {
         self.agreement = Agreement::new();
         self.interlock = Interlock::new(configuration.standstill_syncs);
         self.plan = self.make_plan();
-        self.happen(Happening::Started, now);
+        self.transition(state::Event::Started, now);
     }
 
     /// SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
@@ -498,13 +505,13 @@ impl BusSide {
         let counter = &mut self.dictionary.counters.ignored_setpoints;
         *counter = counter.wrapping_add(ignored);
         if reception == Reception::TwoMasters {
-            self.happen(Happening::Failed(Fault::TwoMasters), at);
+            self.transition(state::Event::Failed(Fault::TwoMasters), at);
         }
         if let Some(configuration) = &self.configuration
             && let Some(fault) = self.strain.on_sync(at, self.report.measured, configuration)
             && self.state == State::Moving
         {
-            self.happen(Happening::Failed(fault), at);
+            self.transition(state::Event::Failed(fault), at);
         }
         self.vote(beat);
         self.follow_alone(at, beat);
@@ -547,13 +554,13 @@ impl BusSide {
         let twist = configuration.mount.to_group(slowly(latched.twist));
         self.scale = permitted(configuration, twist);
         self.scale_is_own = true;
-        self.happen(Happening::OwnSetpoint, at);
+        self.transition(state::Event::OwnSetpoint, at);
         self.aim(at, twist * self.scale.factor(), latched.sequence);
     }
 
     fn aim(&mut self, at: Micros, target: Twist, sequence: u8) {
         if matches!(self.state, State::Moving | State::Alone) {
-            self.command.target = target;
+            self.command.twist_cmd = target;
             self.command.sequence = sequence;
             self.command.at = self.clock.estimate().unwrap_or(at) + Micros(APPLY_DELAY_US);
             self.command.update = self.command.update.wrapping_add(1);
@@ -561,9 +568,9 @@ impl BusSide {
     }
 
     /// Moves the state machine and does what that brings with it.
-    fn happen(&mut self, happening: Happening, now: Micros) {
+    fn transition(&mut self, event: state::Event, now: Micros) {
         let from = self.state;
-        let to = from.after(happening);
+        let to = from.after(event);
         if to == from {
             return;
         }
@@ -586,12 +593,22 @@ impl BusSide {
         } else if to == State::Armed {
             self.clear_record(now);
         }
-        self.tell(Event::State { from, to });
+        self.emit(Event::State { from, to });
     }
 
-    fn tell(&mut self, event: Event) {
+    fn emit(&mut self, event: Event) {
         let _ = self.events.push_back(event);
     }
+}
+
+/// Time as the CANopen device has it.
+pub(super) const fn device_time(at: Micros) -> canopen::Micros {
+    canopen::Micros(at.0)
+}
+
+/// Time as the robot has it.
+const fn local_time(at: canopen::Micros) -> Micros {
+    Micros(at.0)
 }
 
 /// A twist in the robot's frame, brought down to what is safe beside a person.

@@ -1,6 +1,6 @@
 //! What the robot says about itself at every SYNC.
 
-use canopen::Micros;
+use control::time::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
 
 use super::BusSide;

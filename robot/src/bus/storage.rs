@@ -1,13 +1,14 @@
 //! The way between the bus side and the platform's memory.
 
-use canopen::{AbortCode, Micros, NmtState};
+use canopen::{AbortCode, NmtState};
+use control::time::Micros;
 use protocol::{Fault, StoredFault};
 
 use super::BusSide;
 use crate::fault_memory::Memorable;
-use crate::handover::Mode;
-use crate::state::{Happening, State};
+use crate::state::{self, State};
 use crate::store::{IMAGE_MAX, Stored};
+use control::interface::Mode;
 
 impl BusSide {
     /// Takes in what the platform has stored, at start, before anything else, and the memory it may
@@ -19,7 +20,7 @@ impl BusSide {
         self.dictionary.store.keep(stored);
         self.dictionary.parameters = self.dictionary.store.parameters();
         if self.dictionary.store.corrupt.is_some() {
-            self.happen(Happening::StartRefused(Fault::ParametersCorrupt), now);
+            self.transition(state::Event::StartRefused(Fault::ParametersCorrupt), now);
         }
     }
 

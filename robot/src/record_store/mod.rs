@@ -202,8 +202,8 @@ impl<F: Flash> RecordStore<F> {
             .filter_map(|(sector, header)| Some((sector, header?)))
             .max_by_key(|(_, header)| header.generation);
         match newest {
-            Some((sector, header)) => store.take(sector, header),
-            None => store.take_legacy(),
+            Some((sector, header)) => store.adopt(sector, header),
+            None => store.adopt_legacy(),
         }
         store
     }
@@ -296,7 +296,7 @@ impl<F: Flash> RecordStore<F> {
     }
 
     /// Takes over what a sector in use holds.
-    fn take(&mut self, sector: u32, header: Header) {
+    fn adopt(&mut self, sector: u32, header: Header) {
         self.sector = Some(sector);
         self.counts = header;
         let last = sector + F::SECTOR;
@@ -328,7 +328,7 @@ impl<F: Flash> RecordStore<F> {
             self.end = None;
         } else if self.header(other).is_none() && !self.is_blank(other, other + F::SECTOR) {
             // An erase or a copy that did not end.
-            self.note_cut();
+            self.count_cut();
             self.counts.wear.erases = self.counts.wear.erases.saturating_add(1);
         }
         if let Image::At(at, length) = self.image
@@ -344,18 +344,18 @@ impl<F: Flash> RecordStore<F> {
         if !self.is_blank(behind, last) {
             self.image = Image::Unreadable;
         } else if torn.is_some_and(|record| record.kind == kind::IMAGE) {
-            self.note_cut();
+            self.count_cut();
         }
     }
 
-    fn note_cut(&mut self) {
+    fn count_cut(&mut self) {
         self.end = None;
         self.cut = true;
         self.counts.wear.cut = self.counts.wear.cut.saturating_add(1);
     }
 
     /// Takes over what an older version has left, or finds the flash empty.
-    fn take_legacy(&mut self) {
+    fn adopt_legacy(&mut self) {
         if let Some(found) = legacy::find(&self.flash) {
             self.legacy = Some(found.sector);
             self.counts.wear = found.wear;
@@ -367,7 +367,7 @@ impl<F: Flash> RecordStore<F> {
             // The very first write was cut off, which has written no header yet; or nothing that is
             // known.
             if self.flash.word(RETIRED - WORD) == BLANK && self.is_blank(F::SECTOR, 2 * F::SECTOR) {
-                self.note_cut();
+                self.count_cut();
             } else {
                 self.image = Image::Unreadable;
             }

@@ -3,7 +3,8 @@
 use std::boxed::Box;
 use std::vec::Vec;
 
-use canopen::{Micros, NmtCommand, NodeId};
+use canopen::{NmtCommand, NodeId};
+use control::time::Micros;
 use kinematics::Twist;
 use protocol::address as at;
 use protocol::compensation::{EMPTY, LENGTH_MAX, Tables};

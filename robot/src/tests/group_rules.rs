@@ -11,7 +11,7 @@ use crate::state::State;
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 
 fn reference(world: &World, robot: usize) -> Twist {
-    world.robots[robot].control.report().reference
+    world.robots[robot].control.report().twist_ref
 }
 
 /// Largest difference between any two members' references since the last call's end.
@@ -70,9 +70,9 @@ fn rule_2_twist_takes_effect_at_the_next_sync() {
     world.twist = Some(FORWARD);
     // SYNC k is in the first of these ten milliseconds.
     world.run(10);
-    assert_eq!(world.robots[0].bus.command().target, Twist::ZERO);
+    assert_eq!(world.robots[0].bus.command().twist_cmd, Twist::ZERO);
     world.run(1);
-    let target = world.robots[0].bus.command().target;
+    let target = world.robots[0].bus.command().twist_cmd;
     assert!((target.vx - FORWARD.vx).abs() < 1e-4);
 }
 
@@ -305,7 +305,7 @@ fn leaving_operational_ramps_down_first() {
     assert!(reference(&world, 0).vx > 0.4);
     world.run(900);
     assert_eq!(world.robots[0].bus.state(), State::Ready);
-    assert_eq!(world.robots[0].outputs, crate::Outputs::SAFE);
+    assert_eq!(world.robots[0].outputs, control::interface::Outputs::SAFE);
     assert!(world.emergencies(2).is_empty());
 }
 

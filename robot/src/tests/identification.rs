@@ -5,8 +5,8 @@ use protocol::address as at;
 use protocol::{Fault, Value};
 
 use super::world::{ACCELERATION, SPEED, STATIC_FRICTION, World};
-use crate::Outputs;
 use crate::state::State;
+use control::interface::Outputs;
 
 const DEVICE_STATE: u32 = 0x0800_0022;
 const RUNNING: u32 = 1;

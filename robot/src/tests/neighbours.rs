@@ -194,7 +194,7 @@ fn alone_it_is_slow_and_not_for_long() {
     let mut fastest = 0.0_f32;
     for _ in 0..100 {
         ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 1, &mut sequence);
-        fastest = fastest.max(world.robots[0].control.report().reference.vy);
+        fastest = fastest.max(world.robots[0].control.report().twist_ref.vy);
     }
     assert_eq!(world.robots[0].bus.state(), State::Alone);
     // 250 mm/s, and the least step of the scale it is brought down by.
@@ -297,7 +297,7 @@ fn an_nmt_reset_in_motion_is_a_ramp() {
             let (mut last, mut steepest) = (0.6_f32, 0.0_f32);
             for _ in 0..1500 {
                 world.step();
-                let vx = world.robots[0].control.report().reference.vx;
+                let vx = world.robots[0].control.report().twist_ref.vx;
                 steepest = steepest.max((last - vx) / 1e-3);
                 last = vx;
             }
@@ -320,7 +320,7 @@ fn an_error_passive_controller_is_announced_and_taken_back() {
             receive,
             last,
         };
-        let now = canopen::Micros(world.now + world.robots[0].offset);
+        let now = control::time::Micros(world.now + world.robots[0].offset);
         world.robots[0].bus.on_can_errors(now, &errors);
         world.run(10);
     };
@@ -373,12 +373,12 @@ fn bus_off_is_announced_before_error_passive_is_taken_back() {
         receive: 0,
         last: 0,
     };
-    let now = canopen::Micros(world.now + offset);
+    let now = control::time::Micros(world.now + offset);
     let bus = &mut world.robots[0].bus;
     bus.on_can_errors(now, &told(255));
     bus.on_bus_off(now);
     world.run(200);
-    let now = canopen::Micros(world.now + offset);
+    let now = control::time::Micros(world.now + offset);
     let bus = &mut world.robots[0].bus;
     bus.on_can_errors(now, &told(0));
     bus.on_bus_recovered(now);

@@ -6,8 +6,8 @@ use protocol::address::{self as at, motor};
 use protocol::{Address, Fault, Limit, Value};
 
 use super::world::{SPEED, SUPPLY, World};
-use crate::Outputs;
 use crate::state::State;
+use control::interface::Outputs;
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 /// Of a motor of these tests.
@@ -302,7 +302,7 @@ fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
         }
         world.step();
         let report = *world.robots[0].control.report();
-        assert_eq!(report.reference, Twist::ZERO);
+        assert_eq!(report.twist_ref, Twist::ZERO);
         assert!(world.robots[0].outputs.drivers_enabled);
     }
     assert_eq!(world.robots[0].bus.state(), State::Moving);

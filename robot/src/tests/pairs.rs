@@ -4,13 +4,13 @@
 //! A cause that cuts has to cut within its own promise, whatever else is latched, and has to be
 //! named.
 
-use canopen::Micros;
+use control::time::Micros;
 use protocol::{Fault, Reaction};
 
 use super::reaction::{CASES, Case, driving, keep};
 use super::world::World;
-use crate::Outputs;
 use crate::state::State;
+use control::interface::Outputs;
 
 /// When the second cause appears, ms after the first.
 const DELAYS: [u32; 3] = [0, 20, 200];

@@ -62,7 +62,7 @@ fn a_fault_that_ramps_tears_nothing() {
     let mut torn = 0.0_f32;
     for _ in 0..2000 {
         world.step();
-        let speed = |robot: usize| world.robots[robot].control.report().reference.vx;
+        let speed = |robot: usize| world.robots[robot].control.report().twist_ref.vx;
         torn += (speed(0) - speed(1)) * 1e-3;
     }
     std::println!("supply low in one: {:.2} mm torn", torn * 1e3);
@@ -110,7 +110,7 @@ fn torn(phase: u64, cut_votes: bool) -> f32 {
     let mut torn = 0.0_f32;
     for _ in 0..2000 {
         world.step();
-        let speed = |robot: usize| world.robots[robot].control.report().reference.vx;
+        let speed = |robot: usize| world.robots[robot].control.report().twist_ref.vx;
         assert_eq!(speed(0), speed(1));
         assert_eq!(speed(2), speed(3));
         torn += (speed(2) - speed(0)) * 1e-3;
@@ -155,7 +155,7 @@ fn a_protective_stop_ramps_the_group_down() {
     assert_eq!(world.emergencies(4), [0xFF1D]);
     world.run(1000);
     for robot in &world.robots {
-        assert_eq!(robot.outputs, crate::Outputs::SAFE);
+        assert_eq!(robot.outputs, control::interface::Outputs::SAFE);
     }
     // Held, it refuses a start; released, it waits for one.
     world.start();
@@ -178,7 +178,7 @@ fn a_protective_stop_refuses_the_first_start() {
     world.start();
     for _ in 0..50 {
         world.step();
-        assert_eq!(world.robots[0].outputs, crate::Outputs::SAFE);
+        assert_eq!(world.robots[0].outputs, control::interface::Outputs::SAFE);
     }
     let state = world.robots[0].bus.state();
     assert_eq!(state, State::Faulted(Fault::ProtectiveStop));

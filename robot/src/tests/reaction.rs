@@ -4,14 +4,14 @@
 //! (ramp) or the outputs are off (cut), in a group of three that drives at 0.6 m/s. The causes
 //! appear at the worst moment of the SYNC period: just after a SYNC.
 
-use canopen::Micros;
+use control::time::Micros;
 use kinematics::Twist;
 use protocol::address as at;
 use protocol::{Fault, GroupTwist, Reaction, Value, cob};
 
 use super::world::{COUNTS, GROUP, World};
-use crate::Outputs;
 use crate::state::State;
+use control::interface::Outputs;
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 
@@ -202,12 +202,12 @@ pub(super) fn driving() -> World {
 fn measure((cause, fault, _): &Case) -> u32 {
     let mut world = driving();
     cause(&mut world);
-    let before = world.robots[0].control.report().reference.vx;
+    let before = world.robots[0].control.report().twist_ref.vx;
     for millis in 0..1000 {
         let robot = &world.robots[0];
         let reacted = match fault.reaction() {
             Reaction::Cut => !robot.outputs.drivers_enabled,
-            Reaction::Ramp => robot.control.report().reference.vx < before - 1e-6,
+            Reaction::Ramp => robot.control.report().twist_ref.vx < before - 1e-6,
         };
         if reacted {
             let seen = robot.bus.state().fault().or(robot.control.report().fault);

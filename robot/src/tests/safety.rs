@@ -1,13 +1,13 @@
 //! What brings one robot to rest, and what keeps it there.
 
-use canopen::Micros;
+use control::time::Micros;
 use kinematics::Twist;
 use protocol::address::{self as at, history};
 use protocol::{Fault, StoredFault, Value, cob};
 
 use super::world::{SUPPLY, World};
-use crate::Outputs;
 use crate::state::State;
+use control::interface::Outputs;
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 
@@ -375,7 +375,7 @@ fn members_that_disagree_report_strain_then_stop() {
 #[test]
 fn a_robot_that_was_reset_by_its_watchdog_remembers_it_and_stays_off() {
     let mut world = World::new(&[2]);
-    let now = canopen::Micros(world.robots[0].offset);
+    let now = control::time::Micros(world.robots[0].offset);
     world.robots[0].bus.on_fault(now, Fault::WatchdogReset);
     world.run(200);
     assert_eq!(
@@ -396,7 +396,7 @@ fn a_robot_that_was_reset_by_its_watchdog_remembers_it_and_stays_off() {
 #[test]
 fn bus_off_ramps_down() {
     let mut world = moving(&[2]);
-    let now = canopen::Micros(world.now + world.robots[0].offset);
+    let now = control::time::Micros(world.now + world.robots[0].offset);
     world.robots[0].bus.on_fault(now, Fault::BusOff);
     world.run(50);
     assert!(world.robots[0].outputs.drivers_enabled, "braking");
@@ -407,8 +407,8 @@ fn bus_off_ramps_down() {
 #[test]
 fn a_fault_from_before_the_boot_up_is_announced_after_it() {
     let mut bus = crate::BusSide::new(crate::Identity::new(canopen::NodeId::new(2).unwrap(), 1));
-    bus.on_fault(canopen::Micros(10), Fault::Crash);
-    bus.poll(canopen::Micros(20));
+    bus.on_fault(control::time::Micros(10), Fault::Crash);
+    bus.poll(control::time::Micros(20));
     let frames: std::vec::Vec<_> = core::iter::from_fn(|| bus.pop_frame()).collect();
     assert_eq!(frames[0].id(), cob::heartbeat(2));
     let [low, high] = Fault::Crash.code().to_le_bytes();
@@ -421,14 +421,14 @@ fn after_bus_off_nothing_is_sent_until_the_bus_is_back() {
     let mut world = moving(&[2]);
     let offset = world.robots[0].offset;
     let bus = &mut world.robots[0].bus;
-    bus.on_bus_off(canopen::Micros(world.now + offset));
+    bus.on_bus_off(control::time::Micros(world.now + offset));
     let before = world.log.len();
     world.run(60);
     let own = |frame: &canopen::Frame| frame.id() == cob::member_status(2);
     assert!(!world.log[before..].iter().any(|(_, frame)| own(frame)));
     world.run(1200);
     assert_eq!(faulted(&world), Some(Fault::BusOff));
-    let now = canopen::Micros(world.now + offset);
+    let now = control::time::Micros(world.now + offset);
     assert!(world.events.contains(&(2, crate::Event::RecoverBus)));
     world.robots[0].bus.on_bus_recovered(now);
     world.run(10);

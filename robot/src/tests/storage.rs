@@ -3,7 +3,8 @@
 use std::boxed::Box;
 use std::vec::Vec;
 
-use canopen::{Frame, Micros, NodeId};
+use canopen::{Frame, NodeId};
+use control::time::Micros;
 use protocol::address as at;
 use protocol::{Fault, cob, crc32};
 

@@ -44,7 +44,7 @@ fn setpoint_pipeline_reproduces_the_curve() {
     let mut world = fast(&[2]);
     let mut worst = 0.0_f32;
     figure_eight(&mut world, 20, |world, want| {
-        let error = world.robots[0].control.report().reference - want;
+        let error = world.robots[0].control.report().twist_ref - want;
         worst = worst.max(error.vx.abs()).max(error.vy.abs());
     });
     // Two chords of 10 ms on a curve of at most 2.5 m * (2 w)^3 = 0.62 m/s^3: 0.62 * 0.01^2 / 8 =

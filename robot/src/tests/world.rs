@@ -4,12 +4,16 @@ use std::collections::VecDeque;
 use std::vec::Vec;
 
 use canopen::client::{Outcome, SdoClient, SdoError};
-use canopen::{Frame, Micros, NmtCommand, NodeId};
+use canopen::{Frame, NmtCommand, NodeId};
+use control::time::Micros;
 use kinematics::Twist;
 use protocol::address::{self as at, motor};
 use protocol::{Address, ENTRIES, GroupTwist, MASTER, MemberStatus, Value, cob};
 
-use crate::{BusSide, ControlSide, Event, Identity, Inputs, Outputs};
+use control::interface::{Inputs, Outputs};
+use control::tick::ControlSide;
+
+use crate::{BusSide, Event, Identity};
 
 /// Motor of every wheel, in the units of the feedforward.
 pub const STATIC_FRICTION: f32 = 0.5;
@@ -252,16 +256,16 @@ impl World {
 
     /// A segmented SDO write; the abort code if it was refused.
     pub fn write_block(&mut self, node: u8, address: Address, data: &[u8]) -> Result<(), u32> {
-        let mut client = SdoClient::new(NodeId::new(node).unwrap(), Micros(1_000_000));
-        let started = client.download(Micros(self.now), address.index, address.sub, data);
+        let mut client = SdoClient::new(NodeId::new(node).unwrap(), canopen::Micros(1_000_000));
+        let started = client.download(canopen::Micros(self.now), address.index, address.sub, data);
         started.unwrap();
         self.transfer(node, &mut client).map(|_| ())
     }
 
     /// A segmented SDO read.
     pub fn read_block(&mut self, node: u8, address: Address) -> Result<Vec<u8>, u32> {
-        let mut client = SdoClient::new(NodeId::new(node).unwrap(), Micros(1_000_000));
-        let started = client.upload(Micros(self.now), address.index, address.sub);
+        let mut client = SdoClient::new(NodeId::new(node).unwrap(), canopen::Micros(1_000_000));
+        let started = client.upload(canopen::Micros(self.now), address.index, address.sub);
         started.unwrap();
         self.transfer(node, &mut client)
     }
@@ -271,7 +275,7 @@ impl World {
             let request = client.pop_frame().expect("a request");
             let answer = self.sdo(node, request.data().try_into().unwrap());
             let answer = Frame::new(cob::sdo_response(node), &answer).unwrap();
-            match client.on_frame(Micros(self.now), &answer) {
+            match client.on_frame(canopen::Micros(self.now), &answer) {
                 None => {}
                 Some(Outcome::Failed(SdoError::Aborted(code))) => return Err(code),
                 Some(Outcome::Failed(error)) => panic!("{error:?}"),

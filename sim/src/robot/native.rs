@@ -15,11 +15,14 @@
 //!
 //! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
 
-use canopen::{Frame, Micros, NodeId};
+use canopen::{Frame, NodeId};
+use control::clock::TickSchedule;
+use control::interface::{Inputs, Outputs, Report};
+use control::tick::ControlSide;
+use control::time::{Micros, TICK_US};
 use protocol::{Fault, StoredFault};
 use robot::{
-    BusSide, CanErrors, ControlSide, Event, IMAGE_MAX, Identity, Inputs, Memorable, Outputs,
-    StoreWear, Stored, TICK_US, TickPhase, stored_node,
+    BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
 };
 
 use super::{LogLine, Robot, Wake};
@@ -96,7 +99,7 @@ struct Live {
     control: ControlSide,
     next_tick: Micros,
     /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.
-    phase: TickPhase,
+    schedule: TickSchedule,
     sync: Option<Micros>,
     outputs: Outputs,
     mailboxes: Vec<Frame>,
@@ -128,7 +131,7 @@ impl Live {
             bus,
             control: ControlSide::new(),
             next_tick: Micros(TICK_US.into()),
-            phase: TickPhase::new(),
+            schedule: TickSchedule::new(),
             sync: None,
             outputs: Outputs::SAFE,
             mailboxes: Vec::with_capacity(MAILBOXES),
@@ -182,7 +185,7 @@ impl NativeRobot {
 
     /// What the control side last reported.
     #[must_use]
-    pub fn report(&self) -> robot::Report {
+    pub fn report(&self) -> Report {
         *self.live.control.report()
     }
 
@@ -223,7 +226,7 @@ impl NativeRobot {
 
     fn tick(&mut self) {
         if let Some(configuration) = self.live.bus.take_configuration() {
-            self.live.phase = TickPhase::with_period(configuration.times.sync_period_us);
+            self.live.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
             self.live.control.configure(configuration);
         }
         let command = *self.live.bus.command();
@@ -237,9 +240,9 @@ impl NativeRobot {
             self.live.bus.on_identification(now, &outcome);
         }
         if let Some(sync) = self.live.sync.take() {
-            self.live.phase.on_sync(sync);
+            self.live.schedule.on_sync(sync);
         }
-        self.live.next_tick = self.live.phase.next(self.live.next_tick);
+        self.live.next_tick = self.live.schedule.next(self.live.next_tick);
     }
 
     /// Moves frames from the controller to free mailboxes, and events to the log.

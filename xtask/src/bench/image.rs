@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn a_function_belongs_to_the_crate_its_path_begins_with() {
         assert_eq!(
-            crate_of("omnibus_control::control::ControlSide::tick"),
+            crate_of("omnibus_control::tick::ControlSide::tick"),
             "omnibus_control"
         );
         assert_eq!(

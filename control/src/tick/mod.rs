@@ -9,7 +9,6 @@
 //! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults
 //! are latched until the bus side's next start, and cleared then only if their cause is gone.
 
-use canopen::Micros;
 use kinematics::{Odometry, Twist, WheelRates};
 use protocol::{Fault, Limit, Reaction};
 
@@ -17,8 +16,8 @@ use crate::brake::Brake;
 use crate::configuration::Configuration;
 use crate::current::Current;
 use crate::drivetrain::Factors;
-use crate::handover::{Command, Inputs, Mode, Outputs, Report};
 use crate::identification::{Identification, Outcome, Step, Stopped};
+use crate::interface::{Command, Inputs, Mode, Outputs, Report};
 use crate::limiter::Limiter;
 use crate::observer::Observer;
 use crate::rollers::{RollerState, Rollers};
@@ -26,18 +25,9 @@ use crate::setpoint::{Input, Interpolator};
 use crate::silence::{Silence, Trust};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
+use crate::time::{Micros, TICK_US};
 use crate::watch::Watch;
 use crate::wheel::{Available, Held, WheelLoop, WheelMeasurement, WheelReference};
-
-/// Nominal period of the tick, us: a millisecond, unless a build asks for another with the variable
-/// `OMNIBUS_TICK_US`, as `cargo xtask bench` does to find out how fast it may be.
-pub const TICK_US: u32 = match option_env!("OMNIBUS_TICK_US") {
-    None => 1_000,
-    Some(text) => match u32::from_str_radix(text, 10) {
-        Ok(period) if period >= 10 && period <= 1_000 => period,
-        _ => panic!("OMNIBUS_TICK_US is not a number of microseconds from 10 to 1000"),
-    },
-};
 
 /// A tick later than this after the last one counts as late, us.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
@@ -110,7 +100,7 @@ struct Wheel {
     /// Voltage at the last tick, V, where it pauses.
     given: f32,
     observer: Observer,
-    drive: WheelLoop,
+    wheel_loop: WheelLoop,
     silence: Silence,
     watch: Watch,
 }
@@ -136,7 +126,7 @@ impl Wheel {
                 0.0
             },
             observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
-            drive: WheelLoop::new(wheel.gains, wheel.torque),
+            wheel_loop: WheelLoop::new(wheel.gains, wheel.torque),
             silence: Silence::new(wheel.step.abs(), listens),
             watch: Watch::new(configuration, &wheel),
         }
@@ -162,12 +152,12 @@ impl Wheel {
             dt: tick.dt,
         };
         let voltage = if trust == Trust::Full {
-            self.drive.command(reference, rate, available, held)
+            self.wheel_loop.command(reference, rate, available, held)
         } else {
             if trust == Trust::None {
-                self.watch.note_dead();
+                self.watch.latch_dead();
             }
-            let (voltage, by) = self.drive.doubt(reference, rate, trust, available);
+            let (voltage, by) = self.wheel_loop.doubt(reference, rate, trust, available);
             *held = *held | by;
             voltage
         };
@@ -472,7 +462,7 @@ impl Supervision {
         self.brake = Brake::Engaged;
         self.report.standstill = standstill;
         self.report.limit = None;
-        self.report.reference = Twist::ZERO;
+        self.report.twist_ref = Twist::ZERO;
         self.report.rates_ref = WheelRates::ZERO;
         Outputs::SAFE
     }
@@ -496,7 +486,7 @@ impl Supervision {
             self.report.sequence = command.sequence;
         }
         let limited = motion.shape(mode, command, tick);
-        self.report.reference = motion.limiter.velocity();
+        self.report.twist_ref = motion.limiter.velocity();
         if mode == Mode::Ramp {
             let (limiter, rates) = (&motion.limiter, &self.report.rates);
             let stands =
@@ -554,7 +544,7 @@ impl Supervision {
     ) -> Outputs {
         let mode = self.report.mode;
         self.report.limit = None;
-        self.report.reference = Twist::ZERO;
+        self.report.twist_ref = Twist::ZERO;
         self.report.rates_ref = WheelRates::ZERO;
         motion.rest(command.update);
         let voltage = self.identification_voltage(motion, command, turned, tick.dt);
@@ -693,7 +683,7 @@ impl Motion {
     #[inline]
     fn shape(&mut self, mode: Mode, command: &Command, tick: &Tick) -> bool {
         let (input, limits) = if mode == Mode::Follow {
-            let (target, at) = (command.target, command.at);
+            let (target, at) = (command.twist_cmd, command.at);
             let input = self.interpolator.at(tick.now, target, command.update, at);
             (input, &self.configuration.follow)
         } else {
@@ -804,7 +794,7 @@ impl Motion {
         self.accelerations = [0.0; 4];
         self.interpolator.restart(Twist::ZERO, update);
         for wheel in &mut self.wheels {
-            wheel.drive.reset();
+            wheel.wheel_loop.reset();
         }
     }
 }

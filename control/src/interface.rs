@@ -5,7 +5,7 @@
 //! section the platform has. Nothing else is shared. Both are latest-wins: neither side waits for
 //! the other, and each says in what it hands over which of the other's it has acted on.
 
-use canopen::Micros;
+use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
@@ -30,12 +30,12 @@ pub enum Mode {
 }
 
 /// The bus side's word to the control side.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Command {
     /// What to do.
     pub mode: Mode,
     /// Where to pass to within one SYNC period, group frame, group scale applied.
-    pub target: Twist,
+    pub twist_cmd: Twist,
     /// Sequence of the setpoint behind the target.
     pub sequence: u8,
     /// Counts the targets: a new one begins when this changes.
@@ -53,10 +53,10 @@ pub struct Command {
 }
 
 impl Command {
-    /// Nothing has been asked for. Also the default.
+    /// Nothing has been asked for.
     pub const NONE: Self = Self {
         mode: Mode::Off,
-        target: Twist::ZERO,
+        twist_cmd: Twist::ZERO,
         sequence: 0,
         update: 0,
         at: Micros::ZERO,
@@ -93,7 +93,7 @@ pub struct Inputs {
 }
 
 /// What the control side sets each tick.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Outputs {
     /// Duty of each motor, -1 to 1; positive rolls the base forward. Order as the encoders.
     pub duty: [f32; 4],
@@ -104,7 +104,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// No torque, drivers off, braked. Also the default.
+    /// No torque, drivers off, braked.
     pub const SAFE: Self = Self {
         duty: [0.0; 4],
         drivers_enabled: false,
@@ -113,7 +113,7 @@ impl Outputs {
 }
 
 /// The control side's word to the bus side.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Report {
     /// When the tick began.
     pub at: Micros,
@@ -136,7 +136,7 @@ pub struct Report {
     /// Sequence of the setpoint it follows.
     pub sequence: u8,
     /// Group twist after all limits, group frame.
-    pub reference: Twist,
+    pub twist_ref: Twist,
     /// Group twist as the wheels measure it, group frame.
     pub measured: Twist,
     /// Wheel rates that no rigid motion explains, rad/s.
@@ -160,7 +160,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// There has been no tick. Also the default.
+    /// There has been no tick.
     pub const NONE: Self = Self {
         at: Micros::ZERO,
         start: 0,
@@ -172,7 +172,7 @@ impl Report {
         protective_stop: false,
         limit: None,
         sequence: 0,
-        reference: Twist::ZERO,
+        twist_ref: Twist::ZERO,
         measured: Twist::ZERO,
         slip_residual: 0.0,
         rates_ref: WheelRates::ZERO,

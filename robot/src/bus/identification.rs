@@ -6,12 +6,12 @@
 //! all ramp to standstill and switch off, and only an NMT start goes on from there. Nothing it
 //! finds takes effect by itself. Heartbeat and SYNC of the master are watched as in any motion.
 
-use canopen::Micros;
+use control::time::Micros;
 use protocol::Address;
 
 use super::BusSide;
-use crate::identification::{Bounds, Outcome, Stopped, WheelModel};
-use crate::state::{Happening, State};
+use crate::state::{self, State};
+use control::identification::{Bounds, Outcome, Stopped, WheelModel};
 
 /// How long a permission to move alone lasts, us. An identification ends within 20 s by itself.
 const PERMISSION_US: u64 = 60_000_000;
@@ -95,7 +95,7 @@ impl BusSide {
     }
 
     /// Blinks, and no longer.
-    pub(super) fn look_at_blinking(&mut self, now: Micros) {
+    pub(super) fn update_blinking(&mut self, now: Micros) {
         if let Some(seconds) = self.dictionary.blink_asked.take() {
             self.blinks_until = now + Micros(u64::from(seconds) * 1_000_000);
         }
@@ -108,14 +108,14 @@ impl BusSide {
     }
 
     /// A permission to move alone ends by itself: whoever needs it longer gives it again.
-    pub(super) fn look_at_permission(&mut self, now: Micros) {
+    pub(super) fn update_permission(&mut self, now: Micros) {
         if core::mem::take(&mut self.dictionary.permission_renewed) {
             self.permitted_until = now + Micros(PERMISSION_US);
         }
         if self.dictionary.commissioning && now >= self.permitted_until {
             self.dictionary.commissioning = false;
             if self.state == State::Alone && !self.identifying {
-                self.happen(Happening::Left, now);
+                self.transition(state::Event::Left, now);
             }
         }
     }
@@ -125,7 +125,7 @@ impl BusSide {
     }
 
     /// Does what was asked for, and stops when it is no longer permitted.
-    pub(super) fn look_at_identification(&mut self, now: Micros) {
+    pub(super) fn update_identification(&mut self, now: Micros) {
         let asked = self.dictionary.identification.asked.take();
         if self.identifying && (asked == Some(false) || !self.dictionary.commissioning) {
             self.end_identification(now);
@@ -136,13 +136,13 @@ impl BusSide {
             record.models = [WheelModel::default(); 4];
             self.command.bounds = record.bounds;
             self.identifying = true;
-            self.happen(Happening::OwnSetpoint, now);
+            self.transition(state::Event::OwnSetpoint, now);
         }
     }
 
     fn end_identification(&mut self, now: Micros) {
         if self.state == State::Alone && self.identifying {
-            self.happen(Happening::Left, now);
+            self.transition(state::Event::Left, now);
         }
         if self.dictionary.identification.status == RUNNING {
             self.dictionary.identification.status = Stopped::Asked.code();
