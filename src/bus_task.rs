@@ -22,10 +22,7 @@ use protocol::Fault;
 use robot::record_store::{RecordStore, StoreError};
 use robot::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 
-use crate::board::can::{Can, Health};
-use crate::board::flash::ParameterFlash;
-use crate::board::iwdg::patiently;
-use crate::board::now;
+use crate::board::{Can, Health, ParameterFlash, now, patiently};
 use crate::led::{self, Pattern};
 use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::wake;

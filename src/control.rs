@@ -14,10 +14,7 @@ use ::control::interface::Inputs;
 use ::control::rollers::RollerConfiguration;
 use ::control::tick::ControlSide;
 
-use crate::board::index::Indexes;
-use crate::board::outputs::Outputs;
-use crate::board::tick::TickTimer;
-use crate::board::{Encoders, Lines, Meters, now};
+use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickTimer, now};
 use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
@@ -50,8 +47,8 @@ pub async fn control(
             encoder_counts: encoders.counts(),
             emergency_stop: outputs.emergency_stop(),
             // What a bench image may not drive is a driver in fault, so an NMT start is refused.
-            driver_fault: lines.driver_fault.is_low() || cfg!(feature = "bench"),
-            protective_stop: lines.protective_stop.is_high(),
+            driver_fault: lines.driver_fault() || cfg!(feature = "bench"),
+            protective_stop: lines.protective_stop(),
             supply_input: Some(meters.supply()),
             current_inputs: senses.then(|| meters.currents()),
         };

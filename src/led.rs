@@ -17,8 +17,9 @@
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
-use embassy_stm32::gpio::Output;
 use embassy_time::Timer;
+
+use crate::board::Led;
 
 /// What the LED shows.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -78,7 +79,7 @@ pub fn show(pattern: Pattern) {
 
 /// Shows the pattern asked for.
 #[embassy_executor::task]
-pub async fn led(mut led: Output<'static>) {
+pub async fn led(mut led: Led) {
     loop {
         let asked = usize::from(PATTERN.load(Ordering::Relaxed));
         let pattern = Pattern::ALL
@@ -87,10 +88,10 @@ pub async fn led(mut led: Output<'static>) {
             .unwrap_or(Pattern::Blinking);
         let (flashes, on_ms, pause_ms) = pattern.timing();
         for flash in 0..flashes {
-            led.set_high();
+            led.set(true);
             Timer::after_millis(on_ms).await;
             if pause_ms > 0 {
-                led.set_low();
+                led.set(false);
             }
             if flash + 1 < flashes {
                 Timer::after_millis(on_ms).await;

@@ -5,16 +5,13 @@ use core::mem::MaybeUninit;
 use canopen::NodeId;
 use defmt::unwrap;
 use embassy_executor::Spawner;
-use embassy_stm32::gpio::Output;
 use protocol::Fault;
 use robot::record_store::RecordStore;
 use robot::{BusSide, IMAGE_MAX, Identity, Stored, stored_node};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::board::can::Can;
-use crate::board::flash::ParameterFlash;
 use crate::board::post_mortem::{self, Failure};
-use crate::board::{Board, ResetCause, executors, now};
+use crate::board::{Board, Can, Led, ParameterFlash, ResetCause, executors, now};
 use crate::watchdog::Guard;
 use crate::{bus_task, control, health, led};
 
@@ -73,7 +70,7 @@ struct Parts {
     can: Can,
     side: &'static mut BusSide,
     store: RecordStore<ParameterFlash>,
-    led: Output<'static>,
+    led: Led,
 }
 
 /// Everything before the tasks, and the control task. Not inlined, for the same reason.

@@ -17,7 +17,7 @@ use control::interface::{Mode, Report};
 use control::time::TICK_US;
 use protocol::Fault;
 
-use crate::board::iwdg::Watchdog;
+use crate::board::Watchdog;
 use crate::board::post_mortem::{self, Failure};
 use crate::shared::BUS_PROGRESS;
 
@@ -59,11 +59,11 @@ impl Guard {
             }
             if self.alone > 0 {
                 self.alone = 0;
-                cortex_m::interrupt::free(|_| post_mortem::consume());
+                post_mortem::consume();
             }
         } else if starved && report.mode == Mode::Ramp && !report.standstill {
             if self.alone == 0 {
-                cortex_m::interrupt::free(|_| post_mortem::write(Failure::BusStarved));
+                post_mortem::write(Failure::BusStarved);
             }
             self.alone += 1;
             if self.alone < GRACE_TICKS {

@@ -355,7 +355,7 @@ fn pins(text: &str) -> Vec<String> {
     for at in 0..bytes.len().saturating_sub(2) {
         let starts = at == 0 || !bytes[at - 1].is_ascii_alphanumeric();
         let pin = bytes[at] == b'P'
-            && (b'A'..=b'H').contains(&bytes[at + 1])
+            && (b'A'..=b'I').contains(&bytes[at + 1])
             && bytes[at + 2].is_ascii_digit();
         if starts && pin {
             let number: String = text[at + 2..]
@@ -423,53 +423,66 @@ fn pins_are_those_of_the_board() {
         "docs/bring-up.md against the head of {BOARD}"
     );
     assert_eq!(readme, board_table, "README.md against the head of {BOARD}");
+}
 
-    let code = board
-        .lines()
-        .filter(|line| !line.trim_start().starts_with("//"))
-        .flat_map(|line| line.split("p.").skip(1))
-        .filter_map(|rest| {
-            let name: String = rest
-                .chars()
-                .take_while(char::is_ascii_alphanumeric)
-                .collect();
-            pins(&name).pop()
-        })
-        .collect::<Vec<_>>();
-    for (function, expected) in &board_table {
-        let there = code
-            .windows(expected.len())
-            .any(|window| window == expected.as_slice());
-        assert!(
-            there,
-            "{function}: {expected:?} in the table of {BOARD}, not in its code"
-        );
-    }
-    let in_tables: BTreeSet<&String> = board_table.values().flatten().collect();
-    for pin in &code {
-        assert!(
-            in_tables.contains(pin),
-            "{pin} is used in {BOARD} and in no row of its table"
-        );
+#[test]
+fn the_table_of_a_board_is_that_of_its_code() {
+    for board in [BOARD, "src/board/robomaster_c.rs"] {
+        let text = read(board);
+        let table = pin_table(&text, 2);
+        let code: Vec<String> = text
+            .lines()
+            .filter(|line| !line.trim_start().starts_with("//"))
+            .flat_map(pins)
+            .collect();
+        for (function, expected) in &table {
+            let there = code
+                .windows(expected.len())
+                .any(|window| window == expected.as_slice());
+            assert!(
+                there,
+                "{function}: {expected:?} in the table of {board}, not in its code"
+            );
+        }
+        let in_table: BTreeSet<&String> = table.values().flatten().collect();
+        for pin in &code {
+            assert!(
+                in_table.contains(pin),
+                "{pin} is used in {board} and in no row of its table"
+            );
+        }
     }
 }
 
 /// The number that a constant of this name has in a source.
 fn constant(source: &str, name: &str) -> f64 {
     let after = source.split(&format!("const {name}:")).nth(1);
-    let value = after.and_then(|rest| rest.split('=').nth(1)?.split(';').next());
+    number(
+        after.and_then(|rest| rest.split('=').nth(1)?.split(';').next()),
+        name,
+    )
+}
+
+/// The number that a field of this name has in a source.
+fn field(source: &str, name: &str) -> f64 {
+    let after = source.split(&format!(" {name}: ")).nth(1);
+    number(after.and_then(|rest| rest.split(',').next()), name)
+}
+
+fn number(value: Option<&str>, name: &str) -> f64 {
     let value = value.and_then(|value| value.trim().replace('_', "").parse().ok());
     value.unwrap_or_else(|| panic!("no number {name}"))
 }
 
 #[test]
 fn the_bit_timing_is_that_of_the_code() {
-    let can = read("src/board/can.rs");
-    let prescaler = constant(&can, "PRESCALER");
-    let before = 1.0 + constant(&can, "SEGMENT_1");
-    let quanta = before + constant(&can, "SEGMENT_2");
-    // APB1, as the table of clocks says.
-    let bit_rate = 45.0 / prescaler / quanta;
+    let (can, board) = (read("src/board/stm32f4/can.rs"), read(BOARD));
+    // Half of the PLL's output is the core's clock, a quarter of that APB1's.
+    let apb1_hz =
+        field(&board, "hse_hz") / field(&board, "divide_by") * field(&board, "multiply_by") / 8.0;
+    let quanta = apb1_hz / constant(&can, "PRESCALER") / constant(&can, "BIT_HZ");
+    let before = quanta - constant(&can, "SEGMENT_2");
+    let bit_rate = constant(&can, "BIT_HZ") / 1e6;
     let row = format!(
         "| CAN | {bit_rate} Mbit/s, {quanta} quanta, sampled at {:.1} %, jump width {} |",
         100.0 * before / quanta,
@@ -490,7 +503,7 @@ fn interrupt_priorities_are_those_of_the_code() {
         ("CAN1 transmit", &["CAN1_TX", "CAN1_SCE"]),
         ("TIM7", &["TIM7"]),
     ];
-    let table: BTreeMap<String, String> = read("src/board/executors.rs")
+    let table: BTreeMap<String, String> = read("src/board/stm32f4/executors.rs")
         .lines()
         .filter_map(|line| line.strip_prefix("//! | "))
         .filter(|row| row.starts_with(|first: char| first.is_ascii_digit()))
@@ -519,7 +532,7 @@ fn interrupt_priorities_are_those_of_the_code() {
     }
     assert_eq!(
         table, code,
-        "the table of src/board/executors.rs against the code"
+        "the table of src/board/stm32f4/executors.rs against the code"
     );
 }
 

@@ -1,24 +1,52 @@
 //! The board: the only place that knows the microcontroller, its pins and its registers.
 //!
-//! A board is one file that builds [`Board`] from the chip's peripherals; this one is the
-//! NUCLEO-F446RE. The other files are what boards with this chip family share: the CAN controller,
-//! the motor outputs, the way into the safe state, the two executors. Nothing here decides anything
-//! about a robot.
+//! One image is for one board, which a cargo feature selects (`build.rs` refuses none). A board is
+//! one file: a table of its pins and clocks. The drivers are its chip family's (`stm32f4/`). What
+//! the tasks see is the same for every board and stands in this file: the names it re-exports, and
+//! [`Board`], which holds what there is one of. `docs/boards.md` says how to add a board.
 
-pub mod can;
-pub mod executors;
-pub mod flash;
-#[cfg(feature = "bench")]
-mod freeze;
-pub mod index;
-pub mod iwdg;
 mod memory;
-mod nucleo_f446re;
-pub mod outputs;
 pub mod post_mortem;
-pub mod power;
-mod safe_state;
 pub mod stack;
-pub mod tick;
+mod stm32f4;
 
-pub use nucleo_f446re::{Board, Encoders, Lines, Meters, ResetCause, now};
+#[cfg(feature = "board-nucleo-f446re")]
+mod nucleo_f446re;
+#[cfg(feature = "board-robomaster-c")]
+mod robomaster_c;
+
+#[cfg(feature = "board-nucleo-f446re")]
+use nucleo_f446re::WIRING;
+#[cfg(feature = "board-robomaster-c")]
+use robomaster_c::WIRING;
+
+pub use stm32f4::can::{Can, Health};
+pub use stm32f4::encoders::Encoders;
+pub use stm32f4::executors;
+pub use stm32f4::flash::ParameterFlash;
+pub use stm32f4::index::Indexes;
+pub use stm32f4::iwdg::{Watchdog, patiently};
+pub use stm32f4::meters::Meters;
+pub use stm32f4::outputs::Outputs;
+pub use stm32f4::tick::TickTimer;
+pub use stm32f4::{Board, Led, Lines, now};
+
+/// Why the chip was reset, with the numbers of the object "reset cause".
+#[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
+#[repr(u8)]
+pub enum ResetCause {
+    /// Power-on.
+    Power = 0,
+    /// The reset pin alone: button or debugger.
+    Pin = 1,
+    /// Reset by software.
+    Software = 2,
+    /// The independent watchdog: a task made no progress, or the program failed.
+    Watchdog = 3,
+    /// The window watchdog, which the firmware does not use.
+    WindowWatchdog = 4,
+    /// A low-power mode entered by mistake.
+    LowPower = 5,
+    /// The supply sagged.
+    BrownOut = 6,
+}

@@ -9,6 +9,8 @@
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
+use cortex_m::interrupt;
+
 /// How the program failed.
 #[derive(Clone, Copy, defmt::Format)]
 pub enum Failure {
@@ -67,7 +69,7 @@ pub fn count_watchdog_reset(is_one: bool) -> u32 {
     }
 }
 
-/// Keeps `failure` for the next start. Interrupts must be masked, or whoever calls never returns.
+/// Keeps `failure` for the next start.
 pub fn write(failure: Failure) {
     let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];
     match failure {
@@ -90,22 +92,20 @@ pub fn write(failure: Failure) {
         Failure::SupplyCollapse => words[1] = 6,
     }
     words[0] = MAGIC ^ fold(&words);
-    // SAFETY: there is one core, and either interrupts are masked or this is an exception that
+    // SAFETY: there is one core. Interrupts are masked, and an exception that comes nevertheless
     // never returns to what it has interrupted, so nothing else accesses the record.
-    unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) }
+    interrupt::free(|_| unsafe { addr_of_mut!(RECORD).write_volatile(MaybeUninit::new(words)) });
 }
 
-/// Returns the record of the last run, if there is one, and erases it. Interrupts must be masked, or the executors
-/// not run yet.
+/// Returns the record of the last run, if there is one, and erases it.
 pub fn consume() -> Option<Failure> {
-    // SAFETY: nothing else runs: start-up comes before the executors, and the watchdog's guard
-    // masks interrupts. Any bit pattern is a valid array of words; RAM is never truly
+    // SAFETY: as in `write`. Any bit pattern is a valid array of words; RAM is never truly
     // uninitialised.
-    let words = unsafe {
+    let words = interrupt::free(|_| unsafe {
         let words = addr_of_mut!(RECORD).read_volatile().assume_init();
         addr_of_mut!(RECORD).write_volatile(MaybeUninit::new([0; WORDS]));
         words
-    };
+    });
     if words[0] != MAGIC ^ fold(&words) {
         return None;
     }

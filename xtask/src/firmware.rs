@@ -20,6 +20,9 @@ const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
 /// Name of the firmware's binary.
 const BINARY: &str = "omnibus-firmware";
 
+/// The features of the boards, the reference board first.
+const BOARDS: [&str; 2] = ["board-nucleo-f446re", "board-robomaster-c"];
+
 /// Builds the release image for the board and returns its path.
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     match scalar {
@@ -42,6 +45,18 @@ pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {
         command.env("OMNIBUS_TICK_US", period_us.to_string());
     })
+}
+
+/// Builds the release image for every board, which checks it.
+pub fn build_all_boards() -> anyhow::Result<()> {
+    build(Scalar::F32)?;
+    for board in &BOARDS[1..] {
+        build_variant(|command| {
+            command.args(["--no-default-features", "--features", board]);
+        })?;
+    }
+    println!("images with a vector table: {}", BOARDS.join(", "));
+    Ok(())
 }
 
 /// An image that is not the one that ships. It has a folder of its own, where nobody expects that

@@ -1,11 +1,11 @@
 //! Clock and supply of the chip: what has to be there before anything starts, and what happens when
 //! it goes.
 //!
-//! HSE is the 8 MHz that the debugger's microcontroller feeds in. It may come late or never, so
-//! [`wait`] runs on the internal oscillator with safe outputs and the watchdog running, shows a
-//! code on the LED while HSE or supply are missing, and tries again and again. Without HSE there is
-//! no CAN: the internal oscillator is off by up to 1 % (DS10693 rev 10, table 41), and the bus
-//! stands 0.5 %.
+//! HSE is what feeds the clocks: on the reference board the debugger's microcontroller, elsewhere a
+//! crystal. It may come late or never, so [`wait`] runs on the internal oscillator with safe
+//! outputs and the watchdog running, shows a code on the LED while HSE or supply are missing, and
+//! tries again and again. Without HSE there is no CAN: the internal oscillator is off by up to 1 %
+//! (DS10693 rev 10, table 41), and the bus stands 0.5 %.
 //!
 //! When HSE stops later, the clock security system (RM0390 6.2.7) takes the outputs of TIM1 and
 //! TIM8 away through their break, which needs no program, and the NMI leaves a record
@@ -19,7 +19,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::{interrupt, pac};
 
 use super::iwdg;
-use super::nucleo_f446re::LED_PA;
+use crate::board::WIRING;
 
 /// Core cycles of a millisecond on the internal oscillator, which runs after reset.
 const CYCLES_PER_MS: u32 = 16_000;
@@ -87,15 +87,14 @@ fn millisecond() {
 }
 
 fn start_hse() {
-    pac::RCC.cr().modify(|w| w.set_hsebyp(true));
+    pac::RCC
+        .cr()
+        .modify(|w| w.set_hsebyp(WIRING.clocks.hse_is_clock));
     pac::RCC.cr().modify(|w| w.set_hseon(true));
 }
 
 fn light(on: bool) {
-    pac::GPIOA.bsrr().write(|w| {
-        w.set_bs(LED_PA, on);
-        w.set_br(LED_PA, !on);
-    });
+    WIRING.led.set(on);
 }
 
 /// Switches the voltage detector on.

@@ -14,32 +14,31 @@ use core::task::Poll;
 use control::time::Micros;
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::pac::timer::vals::Urs;
-use embassy_stm32::peripherals::TIM7;
-use embassy_stm32::{Peri, interrupt, pac, rcc};
+use embassy_stm32::{interrupt, pac};
 use embassy_sync::waitqueue::AtomicWaker;
 
-use super::now;
+use crate::board::{WIRING, now};
 
-/// APB1's timers run at 90 MHz.
-const CLOCKS_PER_US: u16 = 90;
+/// Clocks of the timers of APB1 in a microsecond.
+const CLOCKS_PER_US: u16 = {
+    let hz = WIRING.clocks.apb1_timers_hz();
+    assert!(hz.is_multiple_of(1_000_000));
+    (hz / 1_000_000) as u16
+};
 
 static WAKER: AtomicWaker = AtomicWaker::new();
 
 /// The timer of the control task.
-pub struct TickTimer {
-    _peripheral: Peri<'static, TIM7>,
-}
+pub struct TickTimer(());
 
 impl TickTimer {
     /// Takes the timer; it does not run yet.
-    pub fn new(peripheral: Peri<'static, TIM7>) -> Self {
-        rcc::enable_and_reset::<TIM7>();
+    pub fn new() -> Self {
+        pac::RCC.apb1enr().modify(|w| w.set_tim7en(true));
         pac::TIM7.psc().write_value(CLOCKS_PER_US - 1);
         pac::TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
         pac::TIM7.dier().write(|w| w.set_uie(true));
-        Self {
-            _peripheral: peripheral,
-        }
+        Self(())
     }
 
     /// Waits until `due`, not at all if that has been, and returns the time it is then.

@@ -29,18 +29,17 @@ use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use canopen::Frame;
 use control::time::Micros;
-use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::interrupt::typelevel::{self, Handler};
 use embassy_stm32::pac::can::regs;
 use embassy_stm32::pac::can::vals::{Ide, Rtr};
-use embassy_stm32::peripherals::{CAN1, PB8, PB9};
-use embassy_stm32::{Peri, bind_interrupts, interrupt, pac, rcc};
+use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use robot::CanErrors;
 
-use super::now;
+use super::pin::{Pull, Role, Speed};
+use crate::board::{WIRING, now};
 use crate::wake;
 
 /// Frames the receive queue can hold.
@@ -86,31 +85,43 @@ bind_interrupts!(struct Irqs {
     CAN1_SCE => OffHandler;
 });
 
+/// The bit rate.
+const BIT_HZ: u32 = 1_000_000;
+
+/// A time quantum in clocks of APB1: a fifteenth of a bit at 45 MHz, a fourteenth at 42 MHz.
+const PRESCALER: u16 = 3;
+
+/// Time quanta behind the sample, of [`QUANTA`]; the first is the synchronisation's, all others lie
+/// before the sample.
+const SEGMENT_2: u8 = 2;
+
+/// Largest step of resynchronisation, in quanta.
+const JUMP_WIDTH: u8 = 2;
+
+/// Time quanta in a bit.
+const QUANTA: u32 = {
+    let quantum_hz = WIRING.clocks.apb1_hz() / PRESCALER as u32;
+    assert!(
+        quantum_hz.is_multiple_of(BIT_HZ)
+            && quantum_hz * PRESCALER as u32 == WIRING.clocks.apb1_hz(),
+        "the clock of APB1 gives no 1 Mbit/s"
+    );
+    quantum_hz / BIT_HZ
+};
+
 /// The CAN controller.
-pub struct Can {
-    _peripheral: Peri<'static, CAN1>,
-    _rx: Flex<'static>,
-    _tx: Flex<'static>,
-}
+pub struct Can(());
 
 impl Can {
     /// Starts the controller. It joins the bus by itself after 11 recessive bits.
-    pub fn new(
-        peripheral: Peri<'static, CAN1>,
-        rx: Peri<'static, PB8>,
-        tx: Peri<'static, PB9>,
-    ) -> Self {
-        // Data sheet DS10693 rev 10, table 11: CAN1 is alternate function 9 on PB8 and PB9.
+    pub fn new() -> Self {
+        // Data sheet DS10693 rev 10, table 11; DS8626, table 9: CAN1 is alternate function 9.
         const CAN1_AF: u8 = 9;
-        let mut rx = Flex::new(rx);
-        let mut tx = Flex::new(tx);
-        rx.set_as_af_unchecked(CAN1_AF, AfType::input(Pull::Up));
-        tx.set_as_af_unchecked(
-            CAN1_AF,
-            AfType::output(OutputType::PushPull, Speed::VeryHigh),
-        );
+        let crate::board::stm32f4::wiring::Can { receive, transmit } = WIRING.can;
+        receive.become_a(Role::PeripheralInput(CAN1_AF, Pull::Up));
+        transmit.become_a(Role::PeripheralOutput(CAN1_AF, Pull::None, Speed::VeryHigh));
 
-        rcc::enable_and_reset::<CAN1>();
+        pac::RCC.apb1enr().modify(|w| w.set_can1en(true));
         let can = pac::CAN1;
         can.mcr().write(|w| {
             w.set_inrq(true);
@@ -119,15 +130,11 @@ impl Can {
         });
         while !can.msr().read().inak() {}
 
-        // APB1 runs at 45 MHz; prescaler 3 gives time quanta of 1/15 us. One bit is 1 (sync) + 12 +
-        // 2 = 15 quanta, so 1 Mbit/s, sampled after 13 of 15: 86.7 %. Bosch, CAN 2.0 part A,
-        // oscillator tolerance: each clock may be off by SJW / (20 x 15) = 0.67 % while frames go
-        // well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame. Every field holds one
-        // less than its value.
-        const PRESCALER: u16 = 3;
-        const SEGMENT_1: u8 = 12;
-        const SEGMENT_2: u8 = 2;
-        const JUMP_WIDTH: u8 = 2;
+        // At 45 MHz one bit is 1 (sync) + 12 + 2 = 15 quanta, sampled after 13 of 15: 86.7 %.
+        // Bosch, CAN 2.0 part A, oscillator tolerance: each clock may be off by SJW / (20 x 15) =
+        // 0.67 % while frames go well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame.
+        // Every field holds one less than its value.
+        const SEGMENT_1: u8 = QUANTA as u8 - 1 - SEGMENT_2;
         can.btr().write(|w| {
             w.set_brp(PRESCALER - 1);
             w.set_ts(0, SEGMENT_1 - 1);
@@ -161,11 +168,7 @@ impl Can {
         enable_interrupts();
 
         can.mcr().modify(|w| w.set_inrq(false));
-        Self {
-            _peripheral: peripheral,
-            _rx: rx,
-            _tx: tx,
-        }
+        Self(())
     }
 
     /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers

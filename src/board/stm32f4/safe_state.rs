@@ -21,8 +21,9 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use embassy_stm32::{interrupt, pac};
 
-use super::post_mortem::{self, Failure};
-use super::{outputs, stack};
+use super::outputs;
+use crate::board::post_mortem::{self, Failure};
+use crate::board::stack;
 
 /// Set by the first failure. What fails on the way from there, the log above all, must not replace
 /// its record.

@@ -10,6 +10,8 @@
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 
+use crate::board::WIRING;
+
 /// A time without feeding after which the chip is reset.
 #[derive(Clone, Copy)]
 struct Setting {
@@ -31,8 +33,7 @@ const PATIENT: Setting = Setting {
     reload: 3000 - 1,
 };
 
-/// Longest wait for a setting to arrive, in steps of 180 core cycles: 2 ms at 180 MHz, for what
-/// takes 294 us.
+/// Longest wait for a setting to arrive, in steps of a microsecond: 2 ms, for what takes 294 us.
 const WAIT_STEPS: u32 = 2_000;
 
 /// An update does not end. LSI stands still, and so does the watchdog.
@@ -95,7 +96,7 @@ fn wait() -> Result<(), Stuck> {
         if pac::IWDG.sr().read().0 == 0 {
             return Ok(());
         }
-        cortex_m::asm::delay(180);
+        cortex_m::asm::delay(WIRING.clocks.cycles_per_us());
     }
     Err(Stuck)
 }

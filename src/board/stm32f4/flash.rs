@@ -15,10 +15,8 @@
     reason = "flash is memory that is read and written by address"
 )]
 
-use embassy_stm32::Peri;
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::vals::Psize;
-use embassy_stm32::peripherals::FLASH;
 use robot::record_store::{Flash, StoreError};
 
 /// First sector of the two, and its address; `__parameters_start` in `memory.x`.
@@ -30,7 +28,7 @@ pub struct ParameterFlash(());
 
 impl ParameterFlash {
     /// Takes the flash interface.
-    pub fn new(_flash: Peri<'static, FLASH>) -> Self {
+    pub fn new() -> Self {
         Self(())
     }
 }

@@ -15,56 +15,63 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use control::rollers::IndexPulse;
-use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::{Peri, interrupt, pac, peripherals};
+use embassy_stm32::{interrupt, pac};
 
-/// Lines of the pins, which are their numbers: front left, front right, rear left, rear right.
-const LINES: [usize; 4] = [10, 12, 14, 15];
+use super::encoders::count;
+use super::pin::{Pull, Role};
+use crate::board::WIRING;
+
+/// Lines of the pins, which are their numbers: front left, front right, rear left, rear right. All
+/// share one interrupt vector, EXTI15_10.
+const LINES: Option<[u8; 4]> = {
+    match WIRING.index {
+        None => None,
+        Some([a, b, c, d]) => {
+            let lines = [a.bit, b.bit, c.bit, d.bit];
+            let mask: u32 = 1 << a.bit | 1 << b.bit | 1 << c.bit | 1 << d.bit;
+            assert!(
+                mask.count_ones() == 4 && mask.trailing_zeros() >= 10,
+                "the index pins need different numbers from 10 to 15"
+            );
+            Some(lines)
+        }
+    }
+};
 
 /// The four lines in a register.
-const MASK: u32 = 1 << 10 | 1 << 12 | 1 << 14 | 1 << 15;
+const MASK: u32 = match LINES {
+    None => 0,
+    Some([a, b, c, d]) => 1 << a | 1 << b | 1 << c | 1 << d,
+};
 
 /// Number of the last pulse in the upper half, the counter at it in the lower.
 static PULSES: [AtomicU32; 4] = [const { AtomicU32::new(0) }; 4];
 
 /// The index inputs.
 pub struct Indexes {
-    _pins: [Input<'static>; 4],
     /// The lines in a register that are listened to: all or none.
     lines: u32,
 }
 
 impl Indexes {
-    /// Takes the pins of the front left, front right, rear left and rear right index. A pulse is a
-    /// rising edge.
-    pub fn new(
-        front_left: Peri<'static, peripherals::PB10>,
-        front_right: Peri<'static, peripherals::PA12>,
-        rear_left: Peri<'static, peripherals::PB14>,
-        rear_right: Peri<'static, peripherals::PB15>,
-    ) -> Self {
-        let pins = [
-            Input::new(front_left, Pull::Down),
-            Input::new(front_right, Pull::Down),
-            Input::new(rear_left, Pull::Down),
-            Input::new(rear_right, Pull::Down),
-        ];
-        // RM0390 rev 6, 8.2.5 and 8.2.6: which port a line listens to; 0 is A, 1 is B.
-        const PORTS: [u8; 4] = [1, 0, 1, 1];
-        for (line, port) in LINES.into_iter().zip(PORTS) {
-            pac::SYSCFG
-                .exticr(line / 4)
-                .modify(|w| w.set_exti(line % 4, port));
+    /// Takes the pins. A pulse is a rising edge.
+    pub fn new() -> Self {
+        if let Some(pins) = WIRING.index {
+            for pin in pins {
+                pin.become_a(Role::Input(Pull::Down));
+                // RM0390 rev 6, 8.2.5 and 8.2.6: which port a line listens to; 0 is A.
+                let line = usize::from(pin.bit);
+                pac::SYSCFG
+                    .exticr(line / 4)
+                    .modify(|w| w.set_exti(line % 4, pin.port));
+            }
+            pac::EXTI.rtsr(0).modify(|w| w.0 |= MASK);
+            interrupt::EXTI15_10.set_priority(Priority::P2);
+            // SAFETY: the handler below touches its own registers and atomics only.
+            unsafe { interrupt::EXTI15_10.enable() };
         }
-        pac::EXTI.rtsr(0).modify(|w| w.0 |= MASK);
-        interrupt::EXTI15_10.set_priority(Priority::P2);
-        // SAFETY: the handler below touches its own registers and atomics only.
-        unsafe { interrupt::EXTI15_10.enable() };
-        Self {
-            _pins: pins,
-            lines: 0,
-        }
+        Self { lines: 0 }
     }
 
     /// Whether pulses are wanted, from the next [`Indexes::pulses`] on.
@@ -96,21 +103,17 @@ impl Indexes {
 #[interrupt]
 fn EXTI15_10() {
     // The counters first: everything else can wait.
-    let counts = [
-        pac::TIM2.cnt().read(),
-        pac::TIM3.cnt().read().0,
-        pac::TIM4.cnt().read().0,
-        pac::TIM5.cnt().read(),
-    ];
+    let counts = WIRING.encoders.map(count);
     // A line that is masked may be pending: its counter is not that of its edge.
     let listening = pac::EXTI.imr(0).read().0;
     let pending = pac::EXTI.pr(0).read().0 & listening & MASK;
     pac::EXTI.imr(0).write(|w| w.0 = listening & !pending);
     pac::EXTI.pr(0).write(|w| w.0 = pending);
-    for ((line, count), pulse) in LINES.into_iter().zip(counts).zip(&PULSES) {
+    let lines = LINES.into_iter().flatten();
+    for ((line, count), pulse) in lines.zip(counts).zip(&PULSES) {
         if pending >> line & 1 == 1 {
             let number = (pulse.load(Ordering::Relaxed) >> 16).wrapping_add(1) & 0xFF;
-            pulse.store(number << 16 | count & 0xFFFF, Ordering::Relaxed);
+            pulse.store(number << 16 | u32::from(count), Ordering::Relaxed);
         }
     }
 }

@@ -1,0 +1,68 @@
+//! RoboMaster Development Board C (STM32F407IGH6, UFBGA176): clocks and pins.
+//!
+//! The image builds. It is not emulated and was never run, and no robot drives with it: of the four
+//! encoders none is reachable, see below.
+//!
+//! | function | peripheral | pins |
+//! |---|---|---|
+//! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PE9 PE11 PE13 PE14, the PWM header |
+//! | direction, same order; high rolls the base forward | GPIO | PC6 PI6 PI7 (PWM header), PF1 (I2C2) |
+//! | CAN of the group | CAN1 | PD0 receive, PD1 transmit |
+//! | driver enable, high is enabled | TIM8 CH2N | PB14 (SPI2 MISO) |
+//! | holding brake, high is released | TIM8 CH3N | PB15 (SPI2 MOSI) |
+//! | emergency stop, normally closed to ground; high stops | TIM1 BKIN | PB12 (SPI2 CS) |
+//! | supply voltage, by the board's divider | ADC3 IN8 | PF10 |
+//! | driver fault, low is a fault | GPIO | PF0 (I2C2 SDA) |
+//! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
+//! | LED, green | GPIO | PH11 |
+//!
+//! What the board does not give:
+//! - **Encoders**: TIM2 to TIM5 need channels 1 and 2 of one timer. TIM5 has them on the LEDs
+//!   (PH10, PH11), TIM4 one on CAN2 (PB6), TIM3 and TIM2 theirs on the inertial sensor (PB4, PA7,
+//!   PB3) and the key (PA0); PC6 and PI6 are TIM8, whose other channels are driver enable and
+//!   brake. The counts stand still, and a robot that should move is cut as one whose encoders are
+//!   broken.
+//! - **Break input of TIM8**: PA6 and PI4 are not brought out. The emergency stop takes the PWM
+//!   back in hardware, driver enable and brake with the next control tick.
+//! - Encoder index, current sensors, switches for the node-ID: it is 2, or what LSS has stored.
+//!
+//! Sources: the vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
+//! `5.servo_motor/servo_motor.ioc` of RoboMaster/Development-Board-C-Examples at bd594e1 (pins, 12
+//! MHz crystal, PLL 6 and 168); RM0090 (chip); DS8626 (alternate functions). Which connector
+//! carries SPI2 and I2C2 was not looked up.
+
+use super::stm32f4::pin::{pin, pins};
+use super::stm32f4::wiring::{Analog, Can, Clocks, Wiring};
+
+/// Pins and clocks of this board.
+pub const WIRING: Wiring = Wiring {
+    // 168 MHz from the crystal of 12 MHz: 12 / 6 x 168 / 2. APB1 42 MHz, APB2 84 MHz.
+    clocks: Clocks {
+        hse_hz: 12_000_000,
+        hse_is_clock: false,
+        divide_by: 6,
+        multiply_by: 168,
+    },
+    pwm: pins(["PE9", "PE11", "PE13", "PE14"]),
+    direction: pins(["PC6", "PI6", "PI7", "PF1"]),
+    encoders: [None; 4],
+    index: None,
+    can: Can {
+        receive: pin("PD0"),
+        transmit: pin("PD1"),
+    },
+    driver_enable: pin("PB14"),
+    brake_release: pin("PB15"),
+    stop: pin("PB12"),
+    gate_stop: None,
+    converter: 3,
+    supply: Analog {
+        pin: pin("PF10"),
+        channel: 8,
+    },
+    currents: None,
+    driver_fault: pin("PF0"),
+    protective_stop: pin("PB13"),
+    node_switches: &[],
+    led: pin("PH11"),
+};
