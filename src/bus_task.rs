@@ -1,8 +1,8 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
 //! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a
-//! frame waits for one, for bus-off, when the control side has a fault or stands, and in any case
-//! every 5 ms. For deadlines, and for frames that mean nothing before the next SYNC, the control
+//! frame waits for one, for error passive and bus-off, when the control side has a fault or stands,
+//! and in any case every 5 ms. For deadlines, and for frames that mean nothing before the next SYNC, the control
 //! task wakes it, so they are met at its next tick. Frames that nobody here reads do not get this
 //! far. Each turn it hands over the control side's latest report, then the frames in the order they
 //! were received, each with the time its interrupt noted, and leaves the command that results. A

@@ -108,6 +108,39 @@ fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     assert_eq!(world.robot_errors(0), active);
 }
 
+/// One repetition takes 0.08 ms and a frame that stands makes the node error active again: a spell
+/// far shorter than the 5 ms after which the firmware looks at the counters anyway.
+#[test]
+fn a_spell_of_error_passive_shorter_than_a_millisecond_is_announced() {
+    let mut world = world("single");
+    world.set_lost_acknowledge(all(0x702));
+    let mut spell_us = (0, 0);
+    for at_us in (0..20_000).step_by(10) {
+        run(&mut world, at_us);
+        let passive = world.robot_errors(0).0 == ErrorState::Passive;
+        if passive && spell_us.0 == 0 {
+            spell_us.0 = at_us;
+            world.set_lost_acknowledge(Share::NONE);
+        } else if !passive && spell_us.0 > 0 {
+            spell_us.1 = at_us;
+            break;
+        }
+    }
+    let (from, until) = spell_us;
+    assert!(
+        (50..1_000).contains(&(until - from)),
+        "{from} to {until} us"
+    );
+    // The bus is sound from here on, so what comes is the announcement.
+    run(&mut world, until + 2_000);
+    let emergencies = heard(&mut world);
+    let announced = emergencies.iter().find(|(_, id)| *id == 0x082);
+    assert!(
+        announced.is_some(),
+        "{from} to {until} us: {emergencies:X?}"
+    );
+}
+
 /// Fifteen times 9 for what it is the first to see; error passive it destroys nothing more and
 /// counts 1.
 #[test]

@@ -19,6 +19,9 @@
 //! until they are acknowledged. Whoever sends holds a frame back while the mailboxes are full;
 //! nothing is dropped here.
 //!
+//! An interrupt tells of error passive and of bus-off. The counters are kept as they were then: a
+//! frame that goes well ends a spell of error passive, maybe before the bus task looks.
+//!
 //! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
 //! caller's policy.
 //!
@@ -76,13 +79,15 @@ static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = C
 static LISTENS_TO: AtomicU16 = AtomicU16::new(u16::MAX);
 static CAN_WAIT: AtomicU16 = AtomicU16::new(0);
 static OWN_NODE: AtomicU16 = AtomicU16::new(0);
+/// The error register as it was when the controller became error passive; 0 once it was read.
+static PASSIVE_AT: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static QUEUE_OVERFLOWS: AtomicU32 = AtomicU32::new(0);
 
 bind_interrupts!(struct Irqs {
     CAN1_RX0 => RxHandler;
     CAN1_TX => TxHandler;
-    CAN1_SCE => OffHandler;
+    CAN1_SCE => ErrorHandler;
 });
 
 /// The bit rate.
@@ -158,6 +163,7 @@ impl Can {
         can.ier().write(|w| {
             w.set_fmpie(0, true);
             w.set_fovie(0, true);
+            w.set_epvie(true);
             w.set_bofie(true);
             w.set_errie(true);
         });
@@ -237,9 +243,16 @@ impl Can {
         can.mcr().modify(|w| w.set_inrq(false));
     }
 
-    /// Returns the error counters.
+    /// Returns the error counters: those of the moment at which the controller became error passive
+    /// if it has since the last call, even if a frame went well meanwhile.
     pub fn errors(&self) -> CanErrors {
-        let error = pac::CAN1.esr().read();
+        let error = match PASSIVE_AT.load(Ordering::Relaxed) {
+            0 => pac::CAN1.esr().read(),
+            passive => {
+                PASSIVE_AT.store(0, Ordering::Relaxed);
+                regs::Esr(passive)
+            }
+        };
         CanErrors {
             transmit: error.tec(),
             receive: error.rec(),
@@ -331,14 +344,17 @@ impl Handler<typelevel::CAN1_TX> for TxHandler {
     }
 }
 
-struct OffHandler;
+struct ErrorHandler;
 
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
-impl Handler<typelevel::CAN1_SCE> for OffHandler {
+impl Handler<typelevel::CAN1_SCE> for ErrorHandler {
     unsafe fn on_interrupt() {
-        // Flags of this register are cleared by writing one; bus-off is the only error that is
-        // enabled.
+        // Error passive or bus-off. Flags of this register are cleared by writing one.
         pac::CAN1.msr().write(|w| w.set_erri(true));
+        let error = pac::CAN1.esr().read();
+        if error.epvf() {
+            PASSIVE_AT.store(error.0, Ordering::Relaxed);
+        }
         wake::BUS.signal();
     }
 }

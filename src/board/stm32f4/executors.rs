@@ -10,7 +10,7 @@
 //! | 1 | TIM9 (time) | counts on, wakes the slow tasks; a few microseconds at most |
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
-//! | 3 | CAN1 transmit, bus-off | refills a mailbox; tells the bus task |
+//! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
 //! | 6 | TIM7 (control executor) | the control tick |
 //! | - | thread mode | the bus side |
 
