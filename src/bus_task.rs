@@ -2,14 +2,14 @@
 //!
 //! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a
 //! frame waits for one, for error passive and bus-off, when the control side has a fault or stands,
-//! and in any case every 5 ms. For deadlines, and for frames that mean nothing before the next SYNC, the control
-//! task wakes it, so they are met at its next tick. Frames that nobody here reads do not get this
-//! far. Each turn it hands over the control side's latest report, then the frames in the order they
-//! were received, each with the time its interrupt noted, and leaves the command that results. A
-//! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and
-//! when one of those is full the bus side counts what it drops. What only the CAN controller can
-//! see, bus-off and lost frames, is reported to the bus side, which also says when to come back
-//! from bus-off. Events are logged; nothing is decided here.
+//! and in any case every 5 ms. For deadlines, and for frames that mean nothing before the next
+//! SYNC, the control task wakes it, so they are met at its next tick. Frames that nobody here reads
+//! do not get this far. Each turn it hands over the control side's latest report, then the frames
+//! in the order they were received, each with the time its interrupt noted, and leaves the command
+//! that results. A frame that finds no free mailbox waits here; the others wait in the bus side's
+//! own queues, and when one of those is full the bus side counts what it drops. What only the CAN
+//! controller can see, bus-off and lost frames, is reported to the bus side, which also says when
+//! to come back from bus-off. Events are logged; nothing is decided here.
 //!
 //! It also stores faults and the parameters, the latter when the bus side hands out an image, which
 //! it does only while the outputs are off. Until that is done no other task runs here: 3 ms as a

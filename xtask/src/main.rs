@@ -9,7 +9,6 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use omnibus::report::Scalar;
 
 mod bench;
 mod cargo;
