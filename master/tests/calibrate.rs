@@ -4,6 +4,7 @@
 use group::{GroupFile, Plant, Tables};
 use kinematics::Pose;
 use omnibus::abort::Abort;
+use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::Settings;
 use omnibus::commission::calibrate::measure::Witness;
 use omnibus::commission::calibrate::{Calibration, calibrate};
@@ -66,7 +67,14 @@ fn calibrated(file: &GroupFile, speeds: &[f64]) -> Calibration {
     };
     let mut witness = Witness::Poses(&mut poses);
     let settings = settings(speeds);
-    calibrate(&mut session, &settings, 1, &mut witness, &mut |_, _| {}).unwrap()
+    calibrate(
+        &mut session,
+        &settings,
+        1,
+        &mut witness,
+        &mut Journal::new(|_| {}),
+    )
+    .unwrap()
 }
 
 /// Errors of a curve, lateral and longitudinal, per cent.

@@ -237,9 +237,15 @@ fn calibrate_and_undo() {
     assert!(transcript(&shown).ends_with("exit code 0\n"), "quiet");
     let shown = [&["calibrate", "--bus", BUS], &few[..]].concat();
     check("calibrate", &masked(&transcript(&shown)));
-    let written = [&["calibrate", "--bus", &bus, "--write", "--json"], &few[..]].concat();
+    let written = [
+        &["calibrate", "--bus", &bus, "--write", "--save", "--json"],
+        &few[..],
+    ]
+    .concat();
     let found = json(&written);
     assert_eq!(found["group_file"], true);
+    assert_eq!(found["saved"], true);
+    assert!(!path.with_extension("calibration.jsonl").exists());
     assert_ne!(std::fs::read_to_string(&path).unwrap(), before);
     // Table 3: 483.2 mm/s of 500.
     let rows = found["outcomes"][0]["coefficients"].as_array().unwrap();

@@ -17,6 +17,7 @@ use group::{GroupFile, Rollers};
 use kinematics::{Pose, Twist, VelocityCompensation};
 use omnibus::abort::Abort;
 use omnibus::bus::link::Link as _;
+use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::recorded_motions::{self, Source};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
@@ -264,7 +265,12 @@ fn a_robot_whose_gyro_is_lost_is_stopped() {
         gyro.take(&[2], link.now())
     };
     let sideways = Twist::new(0.0, 0.15, 0.0);
-    let error = recorded_motions::record(&mut group, &[sideways], &mut Source::Gyro(&mut rates));
+    let error = recorded_motions::record(
+        &mut group,
+        &[sideways],
+        &mut Source::Gyro(&mut rates),
+        &mut Journal::new(|_| {}),
+    );
     let error = error.unwrap_err().to_string();
     assert!(error.contains("connection was closed"), "{error}");
     assert!(speed > 0.9, "it was moving: {speed}");

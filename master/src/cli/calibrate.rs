@@ -7,11 +7,15 @@ use omnibus::source::pose::PoseStream;
 use super::{Target, abort_on_ctrl_c, say};
 
 mod phase;
+mod progress;
 mod slip;
+mod tape;
 
 const EXAMPLES: &str = "Examples:
   omnibus calibrate --bus sim:groups/tcc-2.toml
   omnibus calibrate --pose tcp://127.0.0.1:7702 --plot floor.svg --write --save --bus socketcan:can0 --group my-group.toml
+  omnibus calibrate --all --write --save --plot fit.html --pose tcp://127.0.0.1:7702 \\
+      --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --tape --speeds 0.3 --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --undo --bus socketcan:can0 --group my-group.toml
   omnibus calibrate --phase --bus sim:groups/single-rollers.toml
@@ -36,14 +40,9 @@ pub struct Arguments {
     /// Where poses come from: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
-    /// With --phase, finds it from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or
+    /// Finds phases from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or
     /// on a simulated bus sim, the gyros of its robots.
-    #[arg(
-        long,
-        value_name = "tcp://HOST:PORT|sim",
-        requires = "phase",
-        conflicts_with = "pose"
-    )]
+    #[arg(long, value_name = "tcp://HOST:PORT|sim")]
     gyro: Option<String>,
     /// Writes what was found into the robots; coefficients into the group file, too.
     #[arg(long)]
@@ -53,11 +52,27 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.gyro.is_some() {
+        if !arguments.phase && !arguments.slip.all {
+            wrong("--gyro finds the phases of rollers: give --phase or --all with it");
+        }
+        if arguments.phase && arguments.pose.is_some() {
+            wrong("--phase takes '--pose' or '--gyro', not both");
+        }
+    }
     if arguments.phase {
         phase::run(arguments)
     } else {
         slip::run(arguments)
     }
+}
+
+/// Ends the program as for any other options that do not go together.
+fn wrong(problem: &str) -> ! {
+    let mut command = clap::Command::new("omnibus calibrate");
+    command
+        .error(clap::error::ErrorKind::ArgumentConflict, problem)
+        .exit()
 }
 
 /// Connects to `tcp://HOST:PORT`.

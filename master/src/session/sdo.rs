@@ -22,6 +22,10 @@ const STORE: (Address, Value) = (Address::new(0x1010, 1), Value::U32(0x6576_6173
 const RESTORE: (Address, Value) = (Address::new(0x1011, 1), Value::U32(0x6461_6F6C));
 /// How long storing may take, in µs: a sector of flash has to be erased first.
 const STORE_TIMEOUT_US: u64 = 3_000_000;
+/// How long a robot that has just been stopped may take until its outputs are off and its brake
+/// holds, and how often it is asked meanwhile to save.
+const REST_TIMEOUT_US: u64 = 2_000_000;
+const SAVE_AGAIN_US: u64 = 50_000;
 
 /// An object as people know it: its name and its address.
 #[must_use]
@@ -107,9 +111,34 @@ impl<L: Link> Wire<L> {
     /// When the robot refuses (it must not be OPERATIONAL) or does not answer.
     pub fn save(&mut self, node: u8) -> Result<(), MasterError> {
         let before = std::mem::replace(&mut self.patience_us, STORE_TIMEOUT_US);
-        let stored = self.write(node, STORE.0, STORE.1);
+        let deadline = self.now().0 + REST_TIMEOUT_US;
+        let stored = loop {
+            let stored = self.write(node, STORE.0, STORE.1);
+            let comes_to_rest = matches!(
+                &stored,
+                Err(MasterError::Refused {
+                    abort: AbortCode::DeviceState,
+                    ..
+                })
+            );
+            if !comes_to_rest || self.now().0 > deadline {
+                break stored;
+            }
+            self.pass(SAVE_AGAIN_US)?;
+        };
         self.patience_us = before;
         stored
+    }
+
+    /// Lets time pass and sends heartbeats; what is heard waits for whoever listens next.
+    fn pass(&mut self, us: u64) -> Result<(), MasterError> {
+        let until = Micros(self.now().0 + us);
+        let mut heard = Vec::new();
+        while let Some(frame) = self.next(until)? {
+            heard.push(frame);
+        }
+        self.backlog.extend(heard);
+        Ok(())
     }
 
     /// Lets a robot have its default parameters after the next reset.

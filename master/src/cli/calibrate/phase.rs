@@ -3,11 +3,12 @@
 
 use anyhow::{Context as _, bail};
 use group::GroupFile;
-use kinematics::{FourWheelGeometry, Rollers, VelocityCompensation};
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::commission::calibrate::phase::{self, Phases, Residual};
-use omnibus::commission::calibrate::recorded_motions::{self, Source};
+use omnibus::commission::calibrate::journal::Journal;
+use omnibus::commission::calibrate::phase::Residual;
+use omnibus::commission::calibrate::recorded_motions::Source;
+use omnibus::commission::calibrate::rollers::{self, RobotPhases};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 #[cfg(feature = "simulation")]
@@ -18,6 +19,7 @@ use omnibus::source::gyro::RateSample;
 use protocol::{Value, address};
 use serde_json::json;
 
+use super::progress::Progress;
 use super::{Arguments, abort_on_ctrl_c, pose_stream, say};
 use crate::cli::{json, print_json};
 
@@ -26,25 +28,7 @@ const SIM: &str = "sim";
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
-    let mut group = target.group()?;
-    if group.simulation.rigid && group.robots.len() > 1 {
-        bail!(
-            "the robots of {} are bolted to one load, which hides the ripple of each behind the \
-             others'; calibrate them apart (simulation.rigid = false in the group file says so)",
-            group.name
-        );
-    }
-    for robot in &mut group.robots {
-        let count = robot
-            .rollers
-            .map_or(arguments.rollers, |rollers| rollers.count);
-        robot.rollers = Some(group::Rollers {
-            count,
-            phases: [0.0; 4],
-            index_tolerance: robot.rollers.and_then(|rollers| rollers.index_tolerance),
-            compensation: VelocityCompensation::NONE,
-        });
-    }
+    let group = rollers::without_phases(&target.group()?, arguments.rollers)?;
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
     match (&target.bus, &arguments.gyro, &arguments.pose) {
         (BusAddress::Sim(_), _, Some(_)) => {
@@ -57,9 +41,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), Some(gyro), None) => {
-            if gyro != SIM {
-                bail!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
-            }
+            is_simulated(gyro)?;
             let source = &mut Source::Gyro(&mut simulated_gyros);
             calibrate(arguments, &group, target.simulated(&group)?, source)
         }
@@ -82,6 +64,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// Refuses a gyro that has no place on a simulated bus.
+#[cfg(feature = "simulation")]
+pub fn is_simulated(gyro: &str) -> anyhow::Result<()> {
+    if gyro != SIM {
+        bail!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
+    }
+    Ok(())
+}
+
 #[cfg(feature = "simulation")]
 fn true_poses(link: &mut SimLink) -> Result<Vec<[f64; 3]>, MasterError> {
     let truth = link.world.truth();
@@ -89,8 +80,9 @@ fn true_poses(link: &mut SimLink) -> Result<Vec<[f64; 3]>, MasterError> {
     Ok(poses.map(|pose| [pose.x, pose.y, pose.heading]).collect())
 }
 
+/// Yaw rates that the simulated gyros have measured since the last call.
 #[cfg(feature = "simulation")]
-fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, MasterError> {
+pub fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, MasterError> {
     let robots = link.world.truth().robots.len();
     let mut out = vec![Vec::new(); robots];
     for sample in link.world.take_gyros() {
@@ -107,7 +99,7 @@ fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, MasterErr
 }
 
 /// Connects to `tcp://HOST:PORT`.
-fn gyro_stream(source: &str) -> anyhow::Result<GyroStream> {
+pub fn gyro_stream(source: &str) -> anyhow::Result<GyroStream> {
     if source == SIM {
         bail!(
             "--gyro {SIM} is for simulated buses; give --gyro tcp://HOST:PORT, where yaw rates \
@@ -132,55 +124,42 @@ fn calibrate<L: Link>(
     link: L,
     source: &mut Source<'_, L>,
 ) -> anyhow::Result<()> {
-    let geometries: Vec<_> = file
-        .robots
-        .iter()
-        .map(|robot| {
-            let g = robot.geometry;
-            FourWheelGeometry::new(
-                f64::from(g.half_track()),
-                f64::from(g.half_wheelbase()),
-                f64::from(g.wheel_radius()),
-                f64::from(g.roller_angle()),
-            )
-        })
-        .collect::<Result<_, _>>()?;
-    let Some(first) = geometries.first() else {
-        bail!("{} has no robots", file.name);
-    };
-    let twists = recorded_motions::motions(first, &file.limits, arguments.slip.repeats()?);
     let mut group = Group::connect(link, file)?;
     group.set_abort(abort_on_ctrl_c()?);
-    group.configure(false)?;
-    group.find_rollers()?;
-    let motions = recorded_motions::record(&mut group, &twists, source)?;
-    let mut outcomes = Vec::new();
-    for ((robot, geometry), motions) in file.robots.iter().zip(&geometries).zip(&motions) {
-        let count = robot
-            .rollers
-            .map_or(arguments.rollers, |rollers| rollers.count);
-        let found = phase::estimate(geometry, Rollers::new(u16::from(count))?, motions)
-            .with_context(|| format!("node {}", robot.node))?;
-        show(robot.node, count, &found)?;
-        outcomes.push(json!({
-            "node": robot.node,
-            "rollers": count,
-            "phases_deg": found.phases.map(f64::to_degrees),
-            "confidence_deg": found.confidence.map(f64::to_degrees),
-            "explained_percent": 100.0 * found.explained,
-            "intervals": found.intervals,
-        }));
-        if arguments.write {
-            write(&mut group, robot.node, &found)?;
+    let mut progress = Progress::new(None);
+    let journal = &mut Journal::new(|step| progress.show(step));
+    let found = rollers::find(&mut group, arguments.slip.repeats()?, source, journal)?;
+    for robot in &found {
+        show(robot)?;
+    }
+    if arguments.write {
+        let known = rollers::with_phases(file, &found)?;
+        for robot in &known.robots {
+            let phases = robot.rollers.map_or([0.0; 4], |rollers| rollers.phases);
+            write(&mut group, robot.node, phases)?;
         }
     }
     if json() {
-        print_json(&json!({"robots": outcomes, "written": arguments.write}))?;
+        let robots: Vec<_> = found.iter().map(to_json).collect();
+        print_json(&json!({"robots": robots, "written": arguments.write}))?;
     }
     Ok(())
 }
 
-fn show(node: u8, count: u8, found: &Phases) -> anyhow::Result<()> {
+/// A robot's phases as JSON.
+pub fn to_json(RobotPhases { node, count, found }: &RobotPhases) -> serde_json::Value {
+    json!({
+        "node": node,
+        "rollers": count,
+        "phases_deg": found.phases.map(f64::to_degrees),
+        "confidence_deg": found.confidence.map(f64::to_degrees),
+        "explained_percent": 100.0 * found.explained,
+        "intervals": found.intervals,
+    })
+}
+
+/// Prints a robot's phases as its line of the group file.
+pub fn show(RobotPhases { node, count, found }: &RobotPhases) -> anyhow::Result<()> {
     let degrees = found.phases.map(f64::to_degrees);
     let sure = found.confidence.map(f64::to_degrees);
     say(format!(
@@ -206,16 +185,10 @@ fn show(node: u8, count: u8, found: &Phases) -> anyhow::Result<()> {
     ))
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "a robot holds an angle as f32"
-)]
-fn write<L: Link>(group: &mut Group<L>, node: u8, found: &Phases) -> anyhow::Result<()> {
-    for (wheel, phase) in (0..).zip(found.phases) {
-        let value = Value::F32(phase as f32);
-        group
-            .wire()
-            .write(node, address::rollers::phase(wheel), value)?;
+fn write<L: Link>(group: &mut Group<L>, node: u8, phases: [f32; 4]) -> anyhow::Result<()> {
+    for (wheel, phase) in (0..).zip(phases) {
+        let at = address::rollers::phase(wheel);
+        group.wire().write_checked(node, at, Value::F32(phase))?;
     }
     say(format!(
         "# node {node}: written; `omnibus param save` keeps it through a power cycle"

@@ -1,33 +1,38 @@
 //! `omnibus calibrate`: the compensation for wheel slip, from a source of poses or a tape measure.
 
-use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
-use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use canopen::{Micros, NmtCommand};
+use canopen::NmtCommand;
 use comfy_table::{Table, presets};
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
 use omnibus::commission::calibrate::fit::Row;
+use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
 use omnibus::commission::calibrate::measure::{Subject, Witness};
-use omnibus::commission::calibrate::undo::{Held, UndoRecord, rewrite, section};
-use omnibus::commission::calibrate::{Calibration, calibrate, chart};
+use omnibus::commission::calibrate::recorded_motions::{Source, YawRates};
+use omnibus::commission::calibrate::rollers::{self, RobotPhases};
+use omnibus::commission::calibrate::undo::{Held, UndoRecord};
+use omnibus::commission::calibrate::{Calibration, calibrate, chart, group_file};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::link::SimLink;
 use serde_json::{Value, json};
 
-use super::Arguments;
-use crate::cli::{abort_on_ctrl_c, json, note, plot, print_json, say};
+use super::progress::{self, Progress};
+use super::{Arguments, phase, tape};
+use crate::cli::{abort_on_ctrl_c, json, note, print_json, say};
 
 /// How the motions are measured and driven, where it is not the usual.
 #[derive(clap::Args)]
 pub struct Slip {
+    /// Finds everything in one go: the phases of the rollers, where the group file has rollers,
+    /// then slip, the loss by their hand-over, and the lag of the contacts.
+    #[arg(long, conflicts_with_all = ["phase", "tape", "undo"])]
+    pub all: bool,
     /// Asks for every motion how far the group has come, instead of a source of poses.
     #[arg(long, conflicts_with_all = ["pose", "phase"])]
     tape: bool,
@@ -52,9 +57,20 @@ pub struct Slip {
     /// Where what --write replaces is kept for --undo; beside the group file without this.
     #[arg(long, value_name = "FILE.json")]
     kept: Option<PathBuf>,
-    /// Draws the coefficients over speed.
-    #[arg(long, value_name = "FILE.svg|FILE.png")]
+    /// Draws the coefficients over speed, anew after every motion. A page loads itself anew, too.
+    #[arg(long, value_name = "FILE.svg|FILE.png|FILE.html")]
     plot: Option<PathBuf>,
+    /// Goes on with a calibration that ended early: motions that were driven are not driven again.
+    #[arg(long, conflicts_with_all = ["undo", "phase"])]
+    resume: bool,
+    /// Leaves out these motions, by their numbers.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "NUMBER,...",
+        conflicts_with_all = ["undo", "phase"]
+    )]
+    without: Vec<usize>,
 }
 
 impl Slip {
@@ -100,6 +116,7 @@ impl Slip {
             distance: self.distance,
             repeats,
             rollers,
+            lag: self.all,
         };
         Ok(settings.within(&group.limits))
     }
@@ -116,7 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--save needs --write: it saves what --write has written");
     }
     if let Some(path) = &slip.plot {
-        plot::form(path, "--plot")?;
+        progress::form(path)?;
     }
     let settings = slip.settings(&group, arguments.rollers)?;
     let subjects = Subject::all(&group)?;
@@ -148,15 +165,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 })
             };
             if slip.tape {
-                by_tape(arguments, &group, &settings, link)
-            } else {
-                work(
-                    arguments,
-                    &group,
-                    &settings,
-                    link,
-                    &mut Witness::Poses(&mut poses),
-                )
+                return by_tape(arguments, &group, &settings, link);
+            }
+            let witness = &mut Witness::Poses(&mut poses);
+            match &arguments.gyro {
+                Some(gyro) => {
+                    phase::is_simulated(gyro)?;
+                    let gyro = &mut phase::simulated_gyros;
+                    work(arguments, &group, &settings, link, witness, Some(gyro))
+                }
+                None => work(arguments, &group, &settings, link, witness, None),
             }
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.link(&group)?),
@@ -175,13 +193,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                     stream.robots(&nodes)
                 }
             };
-            work(
-                arguments,
-                &group,
-                &settings,
-                link,
-                &mut Witness::Poses(&mut poses),
-            )
+            let witness = &mut Witness::Poses(&mut poses);
+            match &arguments.gyro {
+                Some(gyro) => {
+                    let stream = phase::gyro_stream(gyro)?;
+                    let mut rates = |link: &mut Box<dyn Link>| stream.take(&nodes, link.now());
+                    work(
+                        arguments,
+                        &group,
+                        &settings,
+                        link,
+                        witness,
+                        Some(&mut rates),
+                    )
+                }
+                None => work(arguments, &group, &settings, link, witness, None),
+            }
         }
     }
 }
@@ -192,80 +219,10 @@ fn by_tape<L: Link>(
     settings: &Settings,
     link: L,
 ) -> anyhow::Result<()> {
-    let (send, answers) = mpsc::channel();
-    std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines() {
-            let Ok(line) = line else { return };
-            if send.send(line).is_err() {
-                return;
-            }
-        }
-    });
-    let mut ask = |group: &mut Group<L>, motion: &Manoeuvre| {
-        // Nobody goes near robots that could move.
-        group.stop()?;
-        let told = question(group, motion, &answers)?;
-        group.start()?;
-        Ok(told)
-    };
-    work(
-        arguments,
-        file,
-        settings,
-        link,
-        &mut Witness::Tape(&mut ask),
-    )
-}
-
-/// Asks until the answer makes sense.
-fn question<L: Link>(
-    group: &mut Group<L>,
-    motion: &Manoeuvre,
-    answers: &mpsc::Receiver<String>,
-) -> Result<Option<[f64; 3]>, MasterError> {
-    let [x, y, turn] = motion.displacement();
-    let (asked, wanted) = match motion.way {
-        Way::Ahead => (format!("{x:+.3} m ahead"), "m ahead"),
-        Way::Aside => (format!("{y:+.3} m to the left"), "m to the left"),
-        Way::Oblique => (
-            format!("{x:+.3} m ahead and {y:+.3} m to the left"),
-            "m ahead, m to the left",
-        ),
-        Way::Turn => (
-            format!("{:+.1} degrees to the left", turn.to_degrees()),
-            "degrees to the left",
-        ),
-    };
-    loop {
-        note(format!(
-            "asked for {asked}; measured ({wanted}; Enter leaves this motion out): "
-        ));
-        let line = loop {
-            match answers.recv_timeout(Duration::from_millis(20)) {
-                Ok(line) => break line,
-                Err(mpsc::RecvTimeoutError::Timeout) => {
-                    let until = Micros(group.wire().now().0 + 50_000);
-                    group.listen(until)?;
-                }
-                Err(mpsc::RecvTimeoutError::Disconnected) => return Err(MasterError::Aborted),
-            }
-            if group.abort().is_asked() {
-                return Err(MasterError::Aborted);
-            }
-        };
-        if line.trim().is_empty() {
-            return Ok(None);
-        }
-        let numbers = line.split([' ', ',', '\t']).filter(|part| !part.is_empty());
-        let numbers: Result<Vec<f64>, _> = numbers.map(str::parse).collect();
-        match (motion.way, numbers.as_deref()) {
-            (Way::Ahead, Ok([x])) => return Ok(Some([*x, 0.0, 0.0])),
-            (Way::Aside, Ok([y])) => return Ok(Some([0.0, *y, 0.0])),
-            (Way::Oblique, Ok([x, y])) => return Ok(Some([*x, *y, 0.0])),
-            (Way::Turn, Ok([degrees])) => return Ok(Some([0.0, 0.0, degrees.to_radians()])),
-            _ => note(format!("'{}' is not {wanted}", line.trim())),
-        }
-    }
+    let answers = tape::answers();
+    let mut ask = |group: &mut Group<L>, motion: &Manoeuvre| tape::ask(group, motion, &answers);
+    let witness = &mut Witness::Tape(&mut ask);
+    work(arguments, file, settings, link, witness, None)
 }
 
 fn work<L: Link>(
@@ -274,7 +231,9 @@ fn work<L: Link>(
     settings: &Settings,
     link: L,
     witness: &mut Witness<'_, L>,
+    gyro: Option<YawRates<'_, L>>,
 ) -> anyhow::Result<()> {
+    let slip = &arguments.slip;
     let mut group = Group::connect(link, file)?;
     group.set_abort(abort_on_ctrl_c()?);
     group.command(NmtCommand::EnterPreOperational)?;
@@ -282,40 +241,77 @@ fn work<L: Link>(
     let newest = file.robots.iter().map(|r| r.compensation_table.version);
     let newest = newest.chain(before.iter().map(Held::version)).max();
     let version = newest.unwrap_or(0).saturating_add(1);
-    let done = calibrate(&mut group, settings, version, witness, &mut |motion, n| {
-        let (way, unit) = (motion.way.name(), motion.way.unit());
-        note(format!(
-            "motion {}: {way} at {} {unit}",
-            n + 1,
-            motion.speed
-        ));
-    });
+    let mut progress = Progress::new(slip.plot.clone());
+    let mut journal = Journal::new(|step| progress.show(step)).without(slip.without.clone());
+    match (&arguments.target.bus, arguments.target.group_path()) {
+        (BusAddress::Sim(_), _) if slip.resume => {
+            bail!("--resume: a simulated bus begins anew with every command, and costs no time")
+        }
+        (BusAddress::Sim(_), _) => {}
+        (_, path) => {
+            let record = path?.with_extension("calibration.jsonl");
+            let of = format!("{file:?} {settings:?} {} {}", slip.tape, gyro.is_some());
+            journal = journal.kept_in(&record, protocol::crc32(of.bytes()), slip.resume)?;
+        }
+    }
+    let done = find(
+        arguments,
+        &mut group,
+        (settings, version),
+        witness,
+        gyro,
+        &mut journal,
+    );
     let written = done.as_ref().is_ok_and(|_| arguments.write);
     if !written {
         // The robots end as they were, whatever happened.
+        group.command(NmtCommand::EnterPreOperational)?;
         for held in &before {
             held.write(group.wire())?;
         }
     }
-    let calibration = done?;
-    if let Some(path) = &arguments.slip.plot {
-        plot::write_sheet(path, &chart::sheet(&calibration))?;
+    let (phases, calibration) = match done {
+        Ok(done) => {
+            journal.finish();
+            done
+        }
+        Err(error) => {
+            if journal.has_record() {
+                note("The motions that were driven are kept; --resume goes on from there.");
+            }
+            return Err(error);
+        }
+    };
+    drop(progress);
+    if let Some(path) = &slip.plot {
+        progress::write(path, &chart::sheet(&calibration), false)?;
     }
     if !json() {
+        for found in &phases {
+            phase::show(found)?;
+        }
         show(&calibration)?;
     }
     let rewritten = if written {
-        write(arguments, file, &calibration, before, &mut group)?
+        write(arguments, &calibration, before, &mut group)?
     } else {
         false
     };
     if json() {
         let outcomes: Vec<Value> = calibration.outcomes.iter().map(outcome_json).collect();
-        return print_json(
-            &json!({"version": version, "outcomes": outcomes, "written": written,
-            "saved": arguments.slip.save, "group_file": rewritten,
-            "hand_over_loss_s_per_m": calibration.file.hand_over_loss}),
-        );
+        let phases: Vec<Value> = phases.iter().map(phase::to_json).collect();
+        let lag = &calibration.file.contact_lag;
+        return print_json(&json!({
+            "version": version, "outcomes": outcomes, "phases": phases,
+            "constants": constants_json(&calibration),
+            "hand_over_loss_s_per_m": calibration.file.hand_over_loss,
+            "contact_lag_ms": {
+                "longitudinal": f64::from(lag.longitudinal) * 1e3,
+                "lateral": f64::from(lag.lateral) * 1e3,
+                "yaw": f64::from(lag.yaw) * 1e3,
+            },
+            "written": written, "saved": slip.save, "group_file": rewritten,
+        }));
     }
     say(match (written, rewritten) {
         (false, _) => {
@@ -330,36 +326,58 @@ fn work<L: Link>(
     })
 }
 
+/// Everything that is asked for: with --all phases, too, where the group file has rollers.
+fn find<L: Link>(
+    arguments: &Arguments,
+    group: &mut Group<L>,
+    (settings, version): (&Settings, u32),
+    witness: &mut Witness<'_, L>,
+    gyro: Option<YawRates<'_, L>>,
+    journal: &mut Journal<'_>,
+) -> anyhow::Result<(Vec<RobotPhases>, Calibration)> {
+    let file = group.config();
+    let has_rollers = file.robots.iter().any(|robot| robot.rollers.is_some());
+    let mut phases = Vec::new();
+    if arguments.slip.all && has_rollers {
+        if rollers::is_bolted(file) {
+            note(format!(
+                "The robots of {} are bolted to one load, which hides the ripple of each; their \
+                 phases stay as the group file has them.",
+                file.name
+            ));
+        } else {
+            let source = &mut match (gyro, &mut *witness) {
+                (Some(gyro), _) => Source::Gyro(gyro),
+                (None, Witness::Poses(poses)) => Source::Poses(*poses),
+                (None, Witness::Tape(_)) => bail!("--all needs a source of poses"),
+            };
+            phases = rollers::learn(group, settings, source, journal)?;
+        }
+    }
+    let calibration = calibrate(group, settings, version, witness, journal)?;
+    Ok((phases, calibration))
+}
+
 fn held<L: Link>(group: &mut Group<L>, file: &GroupFile) -> Result<Vec<Held>, MasterError> {
     let nodes = file.robots.iter().map(|robot| robot.node);
     nodes.map(|node| Held::read(group.wire(), node)).collect()
 }
 
 /// Writes a calibration where it has to go, keeps what was there, and says whether the group file
-/// has it.
+/// has it. The robots hold it already: the last motions were driven with it.
 fn write<L: Link>(
     arguments: &Arguments,
-    file: &GroupFile,
     calibration: &Calibration,
     before: Vec<Held>,
     group: &mut Group<L>,
 ) -> anyhow::Result<bool> {
     let path = arguments.target.group_path()?;
-    let new = match (
-        calibration.outcomes.as_slice(),
-        calibration.file.robots.first(),
-    ) {
-        ([_], Some(robot)) if robot.rollers.is_none() => {
-            let lines = section(&robot.compensation, &robot.compensation_table);
-            match rewrite(path, &lines, &calibration.file) {
-                Ok(text) => Some(text),
-                Err(error) => {
-                    note(error);
-                    None
-                }
-            }
+    let new = match group_file::rewrite(path, &calibration.file) {
+        Ok(text) => Some(text),
+        Err(error) => {
+            note(error);
+            None
         }
-        _ => None,
     };
     let old = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let record = UndoRecord {
@@ -369,12 +387,24 @@ fn write<L: Link>(
     // First what would be lost.
     record.save(&undo_path(arguments, path))?;
     if let Some(text) = &new {
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        replace(path, text)?;
     }
     if arguments.slip.save {
-        save(group, file)?;
+        group.command(NmtCommand::EnterPreOperational)?;
+        save(group, &calibration.file).context(
+            "the robots and the group file hold the calibration, but not every robot has saved \
+             it; `omnibus param save` does",
+        )?;
     }
     Ok(new.is_some())
+}
+
+/// Writes a file beside the one it replaces, so that neither is ever half a file.
+fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
+    let beside = path.with_extension("toml.new");
+    std::fs::write(&beside, text)
+        .and_then(|()| std::fs::rename(&beside, path))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn save<L: Link>(group: &mut Group<L>, file: &GroupFile) -> anyhow::Result<()> {
@@ -402,7 +432,7 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
         save(&mut group, file)?;
     }
     if let Some(text) = &record.group_file {
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        replace(path, text)?;
     }
     std::fs::remove_file(&from).with_context(|| format!("cannot remove {}", from.display()))?;
     if json() {
@@ -493,43 +523,63 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
         if outcome.missed > 0 {
             say(format!("{} motions were left out.", outcome.missed))?;
         }
-        let robot = outcome.nodes.first().and_then(|node| {
-            let mut robots = calibration.file.robots.iter();
-            robots.find(|robot| robot.node == *node)
-        });
-        if let Some(robot) = robot {
-            match &robot.rollers {
-                Some(rollers) => say(format!(
-                    "\nBeside the phases in `rollers`: longitudinal = {:.5}, lateral = {:.5}, yaw = {:.5}\n\
-                     For the whole group:\n\n[hand_over]\nloss_s_per_m = {:.5}\n",
-                    rollers.compensation.longitudinal(),
-                    rollers.compensation.lateral(),
-                    rollers.compensation.yaw(),
-                    calibration.file.hand_over_loss
-                ))?,
-                None => say(format!(
-                    "\n{}",
-                    section(&robot.compensation, &robot.compensation_table)
-                ))?,
-            }
-        }
     }
-    Ok(())
+    say(format!("\n{}", group_file::lines(&calibration.file)))
+}
+
+/// What every robot computes with, as it was written.
+fn constants_json(calibration: &Calibration) -> Vec<Value> {
+    let robots = calibration.file.robots.iter();
+    let each = robots.map(|robot| {
+        let rollers = robot.rollers.as_ref();
+        let constant = rollers.map_or(&robot.compensation, |rollers| &rollers.compensation);
+        let table = rollers
+            .is_none()
+            .then_some(&robot.compensation_table)
+            .map(|table| {
+                json!({"longitudinal": table.longitudinal, "lateral": table.lateral,
+                "oblique": table.oblique, "yaw": table.yaw})
+            });
+        json!({
+            "node": robot.node,
+            "longitudinal": constant.longitudinal(),
+            "lateral": constant.lateral(),
+            "yaw": constant.yaw(),
+            "table": table,
+            "phases_deg": rollers.map(|r| r.phases.map(f32::to_degrees)),
+        })
+    });
+    each.collect()
 }
 
 fn outcome_json(outcome: &omnibus::commission::calibrate::Outcome) -> Value {
     let rows: Vec<Value> = coefficients(outcome)
         .into_iter()
         .map(|(axis, way, row)| {
-            json!({"motion": way.name(), "speed": row.speed, "unit": way.unit(), "axis": axis,
-                "coefficient": row.fit.coefficient, "low": row.fit.interval.0, "high": row.fit.interval.1,
-                "residual": row.fit.residual, "used": row.fit.used, "rejected": row.fit.rejected})
+            json!({
+                "motion": way.name(),
+                "speed": row.speed,
+                "unit": way.unit(),
+                "axis": axis,
+                "coefficient": row.fit.coefficient,
+                "low": row.fit.interval.0,
+                "high": row.fit.interval.1,
+                "residual": row.fit.residual,
+                "used": row.fit.used,
+                "rejected": row.fit.rejected,
+            })
         })
         .collect();
     let left: Vec<Value> = outcome
         .left
         .iter()
-        .map(|left| json!({"motion": left.way.name(), "speed": left.speed, "percent": left.error * 100.0}))
+        .map(|left| {
+            json!({
+                "motion": left.way.name(),
+                "speed": left.speed,
+                "percent": left.error * 100.0,
+            })
+        })
         .collect();
     json!({"nodes": outcome.nodes, "coefficients": rows, "left": left, "missed": outcome.missed})
 }

@@ -4,7 +4,11 @@ use chart::{Chart, PALETTE, RGBColor, Series, Sheet, Stroke};
 
 use super::Calibration;
 use super::fit::Row;
+use super::manoeuvre::Way;
+use super::measure::Observation;
 
+/// Half the width of a tick that stands for one motion, m/s or rad/s.
+const TICK: f64 = 0.008;
 /// Size of one chart, in pixels.
 const SIZE: (u32, u32) = (640, 400);
 
@@ -36,6 +40,95 @@ pub fn sheet(calibration: &Calibration) -> Sheet {
     sheet
 }
 
+/// One motion of one subject, as the picture of a running calibration has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    way: Way,
+    /// m/s or rad/s.
+    speed: f64,
+    /// Way by the wheels over way measured.
+    ratio: f64,
+}
+
+/// What a step's observations show; nothing for steps that are not about slip.
+#[must_use]
+pub fn seen(observed: &serde_json::Value) -> Vec<Seen> {
+    let each: Vec<Option<Observation>> =
+        serde_json::from_value(observed.clone()).unwrap_or_default();
+    let each = each.into_iter().flatten().map(|o| {
+        let along = |way: [f64; 3]| match o.way {
+            Way::Turn => way[2],
+            _ => way[0].hypot(way[1]),
+        };
+        Seen {
+            way: o.way,
+            speed: o.speed,
+            ratio: (along(o.believed) / along(o.measured)).abs(),
+        }
+    });
+    each.filter(|seen| seen.ratio.is_finite()).collect()
+}
+
+/// The picture of a calibration that still runs: every motion a point.
+#[must_use]
+pub fn so_far(seen: &[Seen]) -> Sheet {
+    let points = |ways: &[(&'static str, Way)]| -> Vec<Series> {
+        let mut series = Vec::new();
+        for ((label, way), color) in ways.iter().zip(PALETTE) {
+            let mut label = *label;
+            for seen in seen.iter().filter(|seen| seen.way == *way) {
+                let (from, to) = (seen.speed - TICK, seen.speed + TICK);
+                series.push(Series {
+                    label: std::mem::take(&mut label).into(),
+                    color: Some(color),
+                    stroke: Stroke::Line,
+                    points: vec![(from, seen.ratio), (to, seen.ratio)],
+                });
+            }
+        }
+        series
+    };
+    let straight = [
+        ("ahead", Way::Ahead),
+        ("sideways", Way::Aside),
+        ("oblique", Way::Oblique),
+    ];
+    let mut sheet = Sheet::default();
+    for (left, title, x_label, series) in [
+        (
+            0,
+            "motions so far: by the wheels over measured",
+            "speed / m/s",
+            points(&straight),
+        ),
+        (
+            SIZE.0,
+            "turning",
+            "rate / rad/s",
+            points(&[("turning", Way::Turn)]),
+        ),
+    ] {
+        if !series.is_empty() {
+            sheet
+                .charts
+                .push(((left, 0), framed(title, x_label, series)));
+        }
+    }
+    sheet
+}
+
+fn framed(title: &str, x_label: &str, series: Vec<Series>) -> Chart {
+    Chart {
+        title: title.into(),
+        x_label: x_label.into(),
+        y_label: "coefficient".into(),
+        size: SIZE,
+        equal_axes: false,
+        series,
+        outlines: vec![],
+    }
+}
+
 fn chart(title: &str, x_label: &str, lines: &[(&str, Vec<Row>)]) -> Chart {
     let mut series = Vec::new();
     for ((label, rows), color) in lines.iter().zip(PALETTE) {
@@ -63,13 +156,5 @@ fn chart(title: &str, x_label: &str, lines: &[(&str, Vec<Row>)]) -> Chart {
         stroke: Stroke::Line,
         points: vec![(0.0, high + 0.5 * (high - low).max(0.002))],
     });
-    Chart {
-        title: title.into(),
-        x_label: x_label.into(),
-        y_label: "coefficient".into(),
-        size: SIZE,
-        equal_axes: false,
-        series,
-        outlines: vec![],
-    }
+    framed(title, x_label, series)
 }

@@ -1,5 +1,6 @@
 //! Why a calibration gives nothing.
 
+use super::phase::PhaseError;
 use crate::error::MasterError;
 
 /// Why no coefficients can be given.
@@ -101,6 +102,20 @@ pub enum CalibrateError {
         motion: &'static str,
         /// By how much.
         percent: f64,
+    },
+    /// Bolted robots whose rollers are looked for.
+    #[error(
+        "the robots of {0} are bolted to one load, which hides the ripple of each behind the \
+         others'; calibrate them apart (simulation.rigid = false in the group file says so)"
+    )]
+    Bolted(String),
+    /// Phases that the data do not determine.
+    #[error("node {node}: {reason}")]
+    Phases {
+        /// The robot.
+        node: u8,
+        /// Why.
+        reason: PhaseError,
     },
     /// A file to be read or written.
     #[error("{path}: {problem}")]

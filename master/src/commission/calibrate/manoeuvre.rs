@@ -14,6 +14,9 @@ use kinematics::{
     FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates,
 };
 
+use serde::{Deserialize, Serialize};
+
+use super::measure;
 use crate::path::course::Motion;
 use crate::path::curve::Plan;
 
@@ -25,7 +28,7 @@ const ACCELERATION: f64 = 0.4;
 const STANDING: f64 = 0.01;
 
 /// What a motion shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Way {
     /// Longitudinal.
     Ahead,
@@ -72,6 +75,8 @@ pub struct Settings {
     pub repeats: u32,
     /// Rollers of a wheel, where the group file does not say.
     pub rollers: u8,
+    /// Whether the lag of the contacts is measured, too.
+    pub lag: bool,
 }
 
 impl Default for Settings {
@@ -82,6 +87,7 @@ impl Default for Settings {
             distance: 1.0,
             repeats: 2,
             rollers: 8,
+            lag: false,
         }
     }
 }
@@ -135,6 +141,12 @@ impl Manoeuvre {
             twist,
             seconds,
         }
+    }
+
+    /// How long it takes with its ramps and the rest before and after, s.
+    #[must_use]
+    pub fn lasts(&self) -> f64 {
+        self.seconds + RAMP + 2.0 * (measure::SETTLE + measure::AVERAGE)
     }
 
     /// Where it leads, in the frame of the robots: m, m, rad.

@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use group::GroupFile;
 use kinematics::{Pose, Twist};
+use serde::{Deserialize, Serialize};
 
 use super::CalibrateError;
 use super::manoeuvre::{Manoeuvre, Way};
@@ -19,8 +20,8 @@ use crate::monitor::rows::MemberRow;
 use crate::session::Group;
 
 /// How long the group stands before poses are read, and how long they are averaged, s.
-const SETTLE: f64 = 0.3;
-const AVERAGE: f64 = 0.3;
+pub(super) const SETTLE: f64 = 0.3;
+pub(super) const AVERAGE: f64 = 0.3;
 
 /// What moves as one body: a bolted group, or one robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,7 +125,7 @@ fn way(from: [f64; 3], to: [f64; 3], turn: f64) -> [f64; 3] {
 }
 
 /// One motion of one subject.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// What the motion shows.
     pub way: Way,

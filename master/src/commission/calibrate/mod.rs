@@ -14,25 +14,31 @@
 pub mod chart;
 mod error;
 pub mod fit;
+pub mod group_file;
+pub mod journal;
+mod lag;
 pub mod manoeuvre;
 pub mod measure;
 pub mod phase;
 pub mod recorded_motions;
+pub mod rollers;
 pub mod undo;
 
 pub use error::CalibrateError;
 
-use group::GroupFile;
+use group::{ContactLag, GroupFile};
 use kinematics::Twist;
 
 use crate::bus::link::Link;
 use crate::session::Group;
 use fit::{Found, Row};
+use journal::Journal;
 use manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
 use measure::{Observation, Subject, Witness, observe};
 
-/// How often the turns are driven at most.
+/// How often the turns are driven at most, and how often they usually are.
 const ROUNDS: usize = 5;
+const LIKELY_ROUNDS: usize = 2;
 /// A turn this exact is good enough, relative.
 const EXACT: f64 = 1e-3;
 /// A calibration that leaves more than this is refused, relative.
@@ -73,9 +79,6 @@ pub struct Calibration {
     pub version: u32,
 }
 
-/// Told the motion that begins, and how many have been driven.
-pub type Progress<'a> = &'a mut dyn FnMut(&Manoeuvre, usize);
-
 /// Calibrates the compensation of a connected group. The group stands afterwards and its robots
 /// hold the new coefficients, unsaved.
 ///
@@ -87,7 +90,7 @@ pub fn calibrate<L: Link>(
     settings: &Settings,
     version: u32,
     witness: &mut Witness<'_, L>,
-    progress: Progress<'_>,
+    journal: &mut Journal<'_>,
 ) -> Result<Calibration, CalibrateError> {
     let mut bare = group.config().clone();
     bare.hand_over_loss = 0.0;
@@ -96,29 +99,22 @@ pub fn calibrate<L: Link>(
     if settings.speeds.is_empty() || settings.rates.is_empty() {
         return Err(CalibrateError::NoSpeeds);
     }
-    let mut driven = 0;
-    let mut drive = |group: &mut Group<L>, motions: &[Manoeuvre]| {
-        let mut seen = vec![Vec::new(); subjects.len()];
-        group.start()?;
-        let all = motions.iter().try_for_each(|motion| {
-            progress(motion, driven);
-            driven += 1;
-            let each = observe(group, &subjects, motion, witness)?;
-            let more = more(group, &subjects, motion);
-            for (seen, one) in seen.iter_mut().zip(each) {
-                seen.extend(one.map(|one| one.without(more)));
-            }
-            Ok(())
-        });
-        let stopped = group.stop();
-        all.and(stopped)?;
-        Ok::<_, CalibrateError>(seen)
-    };
-
     group.configure(false)?;
     group.find_rollers()?;
     let motions = straight(&bare, settings);
-    let seen = drive(group, &motions)?;
+    let turning = turns(&bare, settings);
+    let checking = checks(&bare, settings);
+    let ahead = |rounds: usize| {
+        let turns = (0..rounds).flat_map(|_| &turning);
+        turns.chain(&checking).map(Manoeuvre::lasts)
+    };
+    journal.ahead(
+        motions
+            .iter()
+            .map(Manoeuvre::lasts)
+            .chain(ahead(LIKELY_ROUNDS)),
+    );
+    let seen = drive(group, &subjects, &motions, witness, journal)?;
     let mut outcomes = Vec::new();
     for (subject, seen) in subjects.iter().zip(&seen) {
         outcomes.push(Outcome {
@@ -129,14 +125,15 @@ pub fn calibrate<L: Link>(
         });
     }
 
-    let motions = turns(&bare, settings);
     let mut sensitivity: Vec<f64> = subjects.iter().map(|subject| subject.turning).collect();
     let mut before: Vec<Vec<f64>> = vec![Vec::new(); subjects.len()];
     for round in 0..ROUNDS {
         let file = filled(&bare, &subjects, &outcomes, version)?;
         group.set_config(file);
         group.configure(true)?;
-        let seen = drive(group, &motions)?;
+        journal.ahead(ahead(LIKELY_ROUNDS.saturating_sub(round).max(1)));
+        journal.depends();
+        let seen = drive(group, &subjects, &turning, witness, journal)?;
         let mut exact = true;
         for (n, outcome) in outcomes.iter_mut().enumerate() {
             let (rows, errors) = turned(&outcome.found.yaw, &seen[n], settings, sensitivity[n])?;
@@ -159,10 +156,24 @@ pub fn calibrate<L: Link>(
         }
     }
 
-    let file = filled(&bare, &subjects, &outcomes, version)?;
+    let mut file = filled(&bare, &subjects, &outcomes, version)?;
+    if settings.lag {
+        file.contact_lag = ContactLag::default();
+        group.set_config(file.clone());
+        group.configure(true)?;
+        let motions = lag::motions(&bare, settings);
+        journal.ahead(motions.iter().chain(&checking).map(Manoeuvre::lasts));
+        journal.depends();
+        if let Some(lag) = lag::find(group, &subjects, &motions, witness, journal)? {
+            file.contact_lag = lag;
+            file = group_file::rounded(file)?;
+        }
+    }
     group.set_config(file.clone());
     group.configure(true)?;
-    let seen = drive(group, &checks(&bare, settings))?;
+    journal.ahead(ahead(0));
+    journal.depends();
+    let seen = drive(group, &subjects, &checking, witness, journal)?;
     for (outcome, seen) in outcomes.iter_mut().zip(&seen) {
         outcome.left = left(seen);
         if let Some(bad) = outcome.left.iter().find(|left| left.error.abs() > HOLDS) {
@@ -177,6 +188,48 @@ pub fn calibrate<L: Link>(
         file,
         version,
     })
+}
+
+/// Drives motions, starting the group before the first that has to be driven and stopping it after
+/// the last; what was seen of every subject.
+fn drive<L: Link>(
+    group: &mut Group<L>,
+    subjects: &[Subject],
+    motions: &[Manoeuvre],
+    witness: &mut Witness<'_, L>,
+    journal: &mut Journal<'_>,
+) -> Result<Vec<Vec<Observation>>, CalibrateError> {
+    let mut seen = vec![Vec::new(); subjects.len()];
+    let mut started = false;
+    let all = motions.iter().try_for_each(|motion| {
+        let name = format!(
+            "{} at {} {}",
+            motion.way.name(),
+            motion.speed,
+            motion.way.unit()
+        );
+        let each = journal.motion(&name, &mut || {
+            if !started {
+                group.start()?;
+                started = true;
+            }
+            let each = observe(group, subjects, motion, witness);
+            if each.is_err() {
+                started = false;
+                group.stop()?;
+            }
+            each
+        })?;
+        let more = more(group, subjects, motion);
+        for (seen, one) in seen.iter_mut().zip(each.unwrap_or_default()) {
+            seen.extend(one.map(|one| one.without(more)));
+        }
+        Ok(())
+    });
+    if started {
+        group.stop()?;
+    }
+    all.map(|()| seen)
 }
 
 /// Coefficients of the turns corrected by what was seen with those in force, and the errors seen.
@@ -252,7 +305,7 @@ fn filled(
             }
         }
     }
-    Ok(file)
+    group_file::rounded(file)
 }
 
 /// One motion of each kind, both ways, at a middle speed.

@@ -11,6 +11,8 @@
 use kinematics::{FourWheelGeometry, Twist};
 use std::f64::consts::TAU;
 
+use super::CalibrateError;
+use super::journal::Journal;
 use super::phase::{Motion, Seen};
 use crate::bus::link::Link;
 use crate::error::MasterError;
@@ -24,6 +26,8 @@ pub const SECONDS: f64 = 10.0;
 /// Speed of the slowest wheel's rim, m/s: slow enough that slip and loop lag are small, and the
 /// fastest wheel's ripple is no more than some hertz.
 const RIM: f64 = 0.12;
+/// How long one of them takes with the rest before and after, s.
+pub(super) const LASTS: f64 = SECONDS + 2.0 * REST;
 /// Shares of that speed which go forward, sideways and into the turn: the rims of front left, front
 /// right, rear left and rear right get -1.4, 2.3, 1.9 and -1.0 of it.
 const SHARES: [f64; 3] = [0.45, 1.65, 0.2];
@@ -65,8 +69,8 @@ pub fn motions(
     (0..repeats).flat_map(|_| one.concat()).collect()
 }
 
-/// Starts a group, drives it through motions and records every robot: one list of motions a robot.
-/// The group is stopped afterwards, whatever happened.
+/// Drives a group through motions and records every robot: one list of motions a robot. The group
+/// is stopped afterwards, whatever happened.
 ///
 /// # Errors
 /// When driving fails, or the source does.
@@ -74,19 +78,32 @@ pub fn record<L: Link>(
     group: &mut Group<L>,
     twists: &[Twist],
     source: &mut Source<'_, L>,
-) -> Result<Vec<Vec<Motion>>, MasterError> {
-    group.start()?;
+    journal: &mut Journal<'_>,
+) -> Result<Vec<Vec<Motion>>, CalibrateError> {
     let mut out = vec![Vec::new(); group.config().robots.len()];
+    let mut started = false;
     let driven = twists.iter().try_for_each(|twist| {
-        let motion = record_one(group, *twist, source)?;
-        for (all, motion) in out.iter_mut().zip(motion) {
+        let motion = journal.motion("roller phases", &mut || {
+            if !started {
+                group.start()?;
+                started = true;
+            }
+            let motion = record_one(group, *twist, source);
+            if motion.is_err() {
+                started = false;
+                group.stop()?;
+            }
+            motion
+        })?;
+        for (all, motion) in out.iter_mut().zip(motion.unwrap_or_default()) {
             all.push(motion);
         }
         Ok(())
     });
-    let stopped = group.stop();
-    driven.and(stopped)?;
-    Ok(out)
+    if started {
+        group.stop()?;
+    }
+    driven.map(|()| out)
 }
 
 fn record_one<L: Link>(

@@ -19,6 +19,7 @@ mod model;
 mod solve;
 
 use kinematics::{FourWheelGeometry, Rollers};
+use serde::{Deserialize, Serialize};
 
 use fit::{Fit, Problem};
 use model::Model;
@@ -50,7 +51,7 @@ const NORMAL_95: f64 = 1.96;
 
 /// What a source saw of a robot, with times (s) on one clock with the wheels' but for a constant
 /// delay.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Seen {
     /// Poses in any fixed frame, m and rad, heading unwrapped.
     Poses(Vec<(f64, [f64; 3])>),
@@ -59,7 +60,7 @@ pub enum Seen {
 }
 
 /// A stretch of continuous motion, from rest to rest.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
     /// Times of the wheel angles, s, rising.
     pub times: Vec<f64>,

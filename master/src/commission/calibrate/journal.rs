@@ -1,0 +1,381 @@
+//! What goes along with a calibration: progress, motions to leave out, and a record of finished
+//! motions, from which a calibration that ended early goes on.
+//!
+//! A calibration drives some thirty motions in ten minutes. Each has a number. When one is
+//! finished, its observations are appended to a file of JSON lines, so nothing that was driven is
+//! lost when the bus, the source of poses or the program fails. A later run with the same group and
+//! settings reads the file and drives only what is missing. The first line is a fingerprint of
+//! both; another one is refused, because its observations belong to other motions.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::CalibrateError;
+use crate::error::MasterError;
+
+/// How often a motion is driven again after a passing failure.
+const TRIES: u32 = 3;
+
+/// One step of a calibration, as a user sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Its number; motions count from 1.
+    pub number: usize,
+    /// Motions of the whole calibration, as far as known: turns are driven until they are exact.
+    pub of: usize,
+    /// What is driven.
+    pub name: String,
+    /// Time that the rest takes, s, this motion included.
+    pub seconds_left: f64,
+    /// What happens to it.
+    pub what: What,
+}
+
+/// What happens to a motion.
+#[derive(Clone, Debug, PartialEq)]
+pub enum What {
+    /// It is driven.
+    Begins,
+    /// It is driven again, for this reason.
+    Again(String),
+    /// An earlier run has driven it.
+    Kept,
+    /// The user leaves it out.
+    LeftOut,
+    /// It is finished; what was observed, as the record holds it.
+    Finished(Value),
+}
+
+/// A finished motion, as a line of the file.
+#[derive(Serialize, Deserialize)]
+struct Line {
+    number: usize,
+    name: String,
+    /// Nothing where it was left out.
+    observed: Option<Value>,
+}
+
+/// Where finished motions are kept.
+struct Record {
+    path: PathBuf,
+    /// What the file begins with: the fingerprint and what an earlier run has driven.
+    begins: String,
+    /// Opened for the first motion that is kept.
+    file: Option<File>,
+}
+
+impl Record {
+    fn write(&mut self, line: &str) -> std::io::Result<()> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => {
+                // Written whole, so that half a line of an earlier run does not stay.
+                let mut file = File::create(&self.path)?;
+                file.write_all(self.begins.as_bytes())?;
+                self.file.insert(file)
+            }
+        };
+        writeln!(file, "{line}")
+    }
+}
+
+/// Progress and record of one calibration.
+pub struct Journal<'a> {
+    kept: VecDeque<Line>,
+    file: Option<Record>,
+    left_out: Vec<usize>,
+    number: usize,
+    /// Something was driven or left out that an earlier run has otherwise.
+    changed: bool,
+    left: VecDeque<f64>,
+    report: Box<dyn FnMut(&Step) + 'a>,
+}
+
+impl<'a> Journal<'a> {
+    /// Reports every step; keeps nothing.
+    pub fn new(report: impl FnMut(&Step) + 'a) -> Self {
+        Self {
+            kept: VecDeque::new(),
+            file: None,
+            left_out: Vec::new(),
+            number: 0,
+            changed: false,
+            left: VecDeque::new(),
+            report: Box::new(report),
+        }
+    }
+
+    /// Leaves out the motions with these numbers.
+    #[must_use]
+    pub fn without(mut self, numbers: Vec<usize>) -> Self {
+        self.left_out = numbers;
+        self
+    }
+
+    /// Keeps finished motions in a file, and goes on from those that are in it where `resume` is
+    /// asked for.
+    ///
+    /// # Errors
+    /// When the file cannot be read or written, or belongs to another calibration.
+    pub fn kept_in(
+        mut self,
+        path: &Path,
+        fingerprint: u32,
+        resume: bool,
+    ) -> Result<Self, CalibrateError> {
+        let problem = |problem: String| CalibrateError::File {
+            path: path.display().to_string(),
+            problem,
+        };
+        let io = |error: std::io::Error| problem(error.to_string());
+        if resume {
+            let file = File::open(path).map_err(|error| {
+                problem(format!(
+                    "{error}; there is no calibration to resume, run it whole"
+                ))
+            })?;
+            let mut lines = BufReader::new(file).lines();
+            let first = lines.next().transpose().map_err(io)?;
+            if first != Some(head(fingerprint)) {
+                return Err(problem(
+                    "is of another group file or of other options; give the same, or calibrate \
+                     without --resume"
+                        .into(),
+                ));
+            }
+            for line in lines {
+                // The last line of a run that was cut off may be half a line.
+                let Ok(line) = serde_json::from_str(&line.map_err(io)?) else {
+                    break;
+                };
+                self.kept.push_back(line);
+            }
+        }
+        let mut begins = head(fingerprint) + "\n";
+        for line in &self.kept {
+            begins += &serde_json::to_string(line).map_err(|e| problem(e.to_string()))?;
+            begins += "\n";
+        }
+        self.file = Some(Record {
+            path: path.into(),
+            begins,
+            file: None,
+        });
+        Ok(self)
+    }
+
+    /// Whether finished motions are kept in a file.
+    #[must_use]
+    pub fn has_record(&self) -> bool {
+        self.file
+            .as_ref()
+            .is_some_and(|record| record.file.is_some())
+    }
+
+    /// The calibration is complete: the record has done its service.
+    pub fn finish(self) {
+        if let Some(record) = self.file {
+            // A record that stays is only in the way.
+            let _ = std::fs::remove_file(record.path);
+        }
+    }
+
+    /// Says how long the motions that follow take, s each. Replaces what was said before.
+    pub(super) fn ahead(&mut self, seconds: impl IntoIterator<Item = f64>) {
+        self.left = seconds.into_iter().collect();
+    }
+
+    /// The motions that follow are driven with what was found so far. Those of an earlier run only
+    /// count where that is the same.
+    pub(super) fn depends(&mut self) {
+        if self.changed {
+            self.kept.clear();
+        }
+    }
+
+    /// Drives a motion, or takes it from an earlier run; `None` where it is left out. `drive` is
+    /// called again after a failure that passes.
+    ///
+    /// # Errors
+    /// Those of `drive`, and when the record cannot be written.
+    pub(super) fn motion<T: Serialize + DeserializeOwned>(
+        &mut self,
+        name: &str,
+        drive: &mut dyn FnMut() -> Result<T, MasterError>,
+    ) -> Result<Option<T>, CalibrateError> {
+        self.number += 1;
+        let number = self.number;
+        let kept = self
+            .kept
+            .pop_front_if(|line| line.number == number && line.name == name);
+        let observed = if self.left_out.contains(&number) {
+            self.say(name, What::LeftOut);
+            if kept.is_none_or(|line| line.observed.is_some()) {
+                self.changed = true;
+                self.keep(name, None)?;
+            }
+            None
+        } else if let Some(kept) = kept.and_then(|line| line.observed)
+            && let Ok(observed) = serde_json::from_value(kept)
+        {
+            self.say(name, What::Kept);
+            Some(observed)
+        } else {
+            self.changed = true;
+            let observed = self.drive(name, drive)?;
+            let value = serde_json::to_value(&observed).map_err(|e| self.problem(&e))?;
+            self.keep(name, Some(value.clone()))?;
+            self.say(name, What::Finished(value));
+            Some(observed)
+        };
+        self.left.pop_front();
+        Ok(observed)
+    }
+
+    fn drive<T>(
+        &mut self,
+        name: &str,
+        drive: &mut dyn FnMut() -> Result<T, MasterError>,
+    ) -> Result<T, MasterError> {
+        self.say(name, What::Begins);
+        for _ in 1..TRIES {
+            match drive() {
+                Err(error) if passes(&error) => self.say(name, What::Again(error.to_string())),
+                done => return done,
+            }
+        }
+        drive()
+    }
+
+    fn keep(&mut self, name: &str, observed: Option<Value>) -> Result<(), CalibrateError> {
+        let Some(record) = &mut self.file else {
+            return Ok(());
+        };
+        let line = Line {
+            number: self.number,
+            name: name.into(),
+            observed,
+        };
+        let written = serde_json::to_string(&line)
+            .map_err(std::io::Error::from)
+            .and_then(|line| record.write(&line));
+        written.map_err(|error| self.problem(&error))
+    }
+
+    fn problem(&self, error: &dyn std::error::Error) -> CalibrateError {
+        let path = self
+            .file
+            .as_ref()
+            .map(|record| record.path.display().to_string());
+        CalibrateError::File {
+            path: path.unwrap_or_default(),
+            problem: format!("{error}; make room, then go on with --resume"),
+        }
+    }
+
+    fn say(&mut self, name: &str, what: What) {
+        let step = Step {
+            number: self.number,
+            of: self.number - 1 + self.left.len().max(1),
+            name: name.into(),
+            seconds_left: self.left.iter().sum(),
+            what,
+        };
+        (self.report)(&step);
+    }
+}
+
+fn head(fingerprint: u32) -> String {
+    format!("{{\"calibration\":\"{fingerprint:08x}\"}}")
+}
+
+/// Whether the same motion may well succeed when it is driven again: the master or the source of
+/// poses was late, and nothing is broken.
+fn passes(error: &MasterError) -> bool {
+    use protocol::Fault;
+    match error {
+        MasterError::MemberFault { fault, .. } => matches!(
+            fault,
+            Fault::SyncLost | Fault::SetpointOverdue | Fault::MasterSilent | Fault::MemberSilent
+        ),
+        MasterError::MemberMissing { .. } | MasterError::PoseLost => true,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(name: &str) -> PathBuf {
+        std::env::temp_dir().join(format!("omnibus-{name}-{}.jsonl", std::process::id()))
+    }
+
+    #[test]
+    fn a_calibration_goes_on_where_it_ended() {
+        let path = path("resume");
+        let mut driven = Vec::new();
+        let mut run =
+            |resume: bool, broken: usize, fingerprint: u32| {
+                let mut steps = Vec::new();
+                let mut journal = Journal::new(|step: &Step| steps.push(step.what.clone()))
+                    .kept_in(&path, fingerprint, resume)?;
+                let mut out = Vec::new();
+                for n in 1..=4_usize {
+                    out.extend(journal.motion("ahead", &mut || {
+                        driven.push(n);
+                        if n == broken {
+                            Err(MasterError::Aborted)
+                        } else {
+                            Ok(n * 10)
+                        }
+                    })?);
+                }
+                drop(journal);
+                Ok::<_, CalibrateError>((out, steps))
+            };
+        assert!(run(false, 3, 7).is_err());
+        // Half a line, as a cut leaves it.
+        let text = std::fs::read_to_string(&path).unwrap() + "{\"number\":3,";
+        std::fs::write(&path, text).unwrap();
+        assert!(matches!(run(true, 0, 8), Err(CalibrateError::File { .. })));
+        let (out, steps) = run(true, 0, 7).unwrap();
+        assert_eq!(out, [10, 20, 30, 40]);
+        assert_eq!(steps[..2], [What::Kept, What::Kept]);
+        assert_eq!(driven, [1, 2, 3, 3, 4]);
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_passing_failure_is_driven_again_and_a_motion_can_be_left_out() {
+        let mut left = 2;
+        let mut again = 0;
+        let mut journal = Journal::new(|step: &Step| {
+            again += usize::from(matches!(step.what, What::Again(_)));
+        })
+        .without(vec![2]);
+        let late = || MasterError::MemberFault {
+            node: 3,
+            fault: protocol::Fault::SyncLost,
+        };
+        let first = journal.motion("ahead", &mut || {
+            left -= 1;
+            if left == 0 { Ok(1) } else { Err(late()) }
+        });
+        assert_eq!(first.unwrap(), Some(1));
+        let second = journal.motion("ahead", &mut || -> Result<i32, MasterError> {
+            unreachable!()
+        });
+        assert_eq!(second.unwrap(), None);
+        let never = journal.motion("ahead", &mut || Err::<i32, _>(late()));
+        assert!(never.is_err());
+        drop(journal);
+        assert_eq!(again, 1 + 2);
+    }
+}

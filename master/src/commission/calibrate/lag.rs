@@ -1,0 +1,147 @@
+//! How far the group trails what its wheels turn: the creep of its contacts, as times.
+//!
+//! The group drives straight ahead, sideways and turns, each there and back, with its slip already
+//! compensated, and is seen at every SYNC. The lag of an axis is the time by which what is seen
+//! trails what was asked for, fitted free of gain and start ([`crate::monitor::metrics`]). A source
+//! of poses that is late adds its own delay, which is why a lag below zero counts as none.
+
+use std::f64::consts::{PI, TAU};
+
+use group::{ContactLag, GroupFile};
+use kinematics::Pose;
+
+use super::CalibrateError;
+use super::journal::Journal;
+use super::manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
+use super::measure::{Poses, Subject, Witness};
+use crate::bus::link::Link;
+use crate::error::MasterError;
+use crate::monitor::metrics::{PathPoint, evenness};
+use crate::session::Group;
+
+/// Longest lag that a group file takes, s.
+const LONGEST: f64 = 0.1;
+
+/// The motions that show it.
+pub fn motions(file: &GroupFile, settings: &Settings) -> Vec<Manoeuvre> {
+    let fastest = |all: &[f64]| all.last().copied().into_iter().collect();
+    let few = Settings {
+        speeds: fastest(&settings.speeds),
+        rates: fastest(&settings.rates),
+        repeats: 1,
+        ..settings.clone()
+    };
+    let mut out = straight(file, &few);
+    out.retain(|motion| motion.way != Way::Oblique);
+    out.extend(turns(file, &few));
+    out
+}
+
+/// Drives the motions and works out the lag; nothing where a tape measures.
+pub fn find<L: Link>(
+    group: &mut Group<L>,
+    subjects: &[Subject],
+    motions: &[Manoeuvre],
+    witness: &mut Witness<'_, L>,
+    journal: &mut Journal<'_>,
+) -> Result<Option<ContactLag>, CalibrateError> {
+    let Witness::Poses(poses) = witness else {
+        return Ok(None);
+    };
+    let heading = subjects.first().map_or(0.0, Subject::heading);
+    // The file's axes are the group's, the motions go along the robots'.
+    let across = usize::from(heading.sin().abs() > heading.cos().abs());
+    let mut found: [Vec<f64>; 3] = Default::default();
+    let mut started = false;
+    let all = motions.iter().try_for_each(|motion| {
+        let name = format!(
+            "lag {} at {} {}",
+            motion.way.name(),
+            motion.speed,
+            motion.way.unit()
+        );
+        let lags: Option<Vec<f64>> = journal.motion(&name, &mut || {
+            if !started {
+                group.start()?;
+                started = true;
+            }
+            let lags = observe(group, subjects, motion, poses);
+            if lags.is_err() {
+                started = false;
+                group.stop()?;
+            }
+            lags
+        })?;
+        let axis = match motion.way {
+            Way::Ahead => across,
+            Way::Aside | Way::Oblique => 1 - across,
+            Way::Turn => 2,
+        };
+        found[axis].extend(lags.unwrap_or_default());
+        Ok::<_, CalibrateError>(())
+    });
+    if started {
+        group.stop()?;
+    }
+    all?;
+    #[expect(clippy::cast_possible_truncation, reason = "a group file holds f32")]
+    let mean = |lags: &[f64]| {
+        let sum: f64 = lags.iter().sum();
+        (sum / lags.len().max(1) as f64).clamp(0.0, LONGEST) as f32
+    };
+    let [longitudinal, lateral, yaw] = found.each_ref().map(|lags| mean(lags));
+    Ok(Some(ContactLag {
+        longitudinal,
+        lateral,
+        yaw,
+    }))
+}
+
+/// One motion: the lag of every subject, s.
+fn observe<L: Link>(
+    group: &mut Group<L>,
+    subjects: &[Subject],
+    motion: &Manoeuvre,
+    poses: Poses<'_, L>,
+) -> Result<Vec<f64>, MasterError> {
+    let heading = subjects.first().map_or(0.0, Subject::heading);
+    let plan = motion.plan(heading, group.config());
+    let mut paths: Vec<Vec<PathPoint>> = vec![Vec::new(); subjects.len()];
+    let mut first: Vec<[f64; 3]> = Vec::new();
+    let mut failed = None;
+    group.drive(&plan, None, &mut |link, instant| match poses(link) {
+        Err(error) => failed = Some(error),
+        Ok(seen) => {
+            if first.is_empty() {
+                first.clone_from(&seen);
+            }
+            for (path, (from, to)) in paths.iter_mut().zip(first.iter().zip(seen)) {
+                path.push(PathPoint {
+                    t: instant.t,
+                    theory: instant.pose,
+                    actual: moved(*from, to, heading, instant.pose.heading),
+                });
+            }
+        }
+    })?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    // A subject that was never seen to move has no lag; the checks say so.
+    let lags = paths
+        .iter()
+        .map(|path| evenness(path).map_or(0.0, |e| e.lag_ms * 1e-3));
+    Ok(lags.collect())
+}
+
+/// The way from one pose to another, in the frame of a group in which the body faces `heading`;
+/// `turned` is about how far it has turned.
+fn moved(from: [f64; 3], to: [f64; 3], heading: f64, turned: f32) -> Pose {
+    let (sin, cos) = (heading - from[2]).sin_cos();
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let turned = f64::from(turned);
+    let turn = turned + (to[2] - from[2] - turned + PI).rem_euclid(TAU) - PI;
+    #[expect(clippy::cast_possible_truncation, reason = "metrics go by f32")]
+    let [x, y, turn] = [cos * dx - sin * dy, sin * dx + cos * dy, turn].map(|v| v as f32);
+    Pose::new(x, y, turn)
+}
