@@ -21,7 +21,8 @@ use crate::phase::{FixedPhaseMember, PhaseMember};
 ///
 /// ```
 /// use mecanum_kinematics::{
-///     FourWheelGeometry, Kinematics, MemberKinematics, Mount, PhaseMember, RollerAngle, Rollers, Secant,
+///     FourWheelGeometry, Kinematics, MemberKinematics, Mount, PhaseMember, RollerAngle, Rollers,
+///     Secant,
 ///     Twist, VelocityCompensation,
 /// };
 ///
@@ -37,7 +38,8 @@ use crate::phase::{FixedPhaseMember, PhaseMember};
 /// assert!(error(&MemberKinematics::new(&robot, &mount, &slip)?, twist) < 1e-6);
 ///
 /// let secant = Secant::new(Some(&Rollers::new(8)?));
-/// let secants = [0, 1 << 28, 1 << 29, 1 << 30].map(|bits| secant.at(RollerAngle::from_bits(bits)));
+/// let angles = [0, 1 << 28, 1 << 29, 1 << 30].map(RollerAngle::from_bits);
+/// let secants = angles.map(|angle| secant.at(angle));
 /// assert!(error(&PhaseMember::new(&robot, &mount, &slip).at(secants), twist) < 1e-6);
 /// # Ok::<(), mecanum_kinematics::GeometryError>(())
 /// ```

@@ -102,7 +102,8 @@ impl<S: Real> MemberKinematics<S> {
     ///
     /// let rates = fixed.inverse(Twist { vx: 0.5, vy: 0.0, omega: 0.0 }.convert());
     /// assert!(!rates.is_saturated());
-    /// assert!((rates.front_left.to_num::<f64>() - 0.5 / 0.1524).abs() < 1.6e-5); // one step of 2^-16
+    /// // One step of 2^-16.
+    /// assert!((rates.front_left.to_num::<f64>() - 0.5 / 0.1524).abs() < 1.6e-5);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///

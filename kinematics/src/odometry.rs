@@ -193,7 +193,8 @@ fn turned_far(heading: i64, turn: u64) -> i64 {
 /// for _ in 0..100 {
 ///     odometry.advance(Twist::new(0.01, 0.0, 0.0), &step);
 /// }
-/// // 1 m straight ahead: the heading is known to 0.1 rad, the side by as much less as it was known better before.
+/// // 1 m straight ahead: the heading is known to 0.1 rad, the side by as much less as it was known
+/// // better before.
 /// let covariance = odometry.covariance();
 /// assert!((covariance.ww.sqrt() - 0.1_f32).abs() < 1e-3);
 /// assert!((covariance.yy.sqrt() - 0.0577).abs() < 2e-3);

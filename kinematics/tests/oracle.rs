@@ -92,7 +92,13 @@ fn roller() -> impl Strategy<Value = f64> {
 }
 
 prop_compose! {
-    fn plan()(x in -0.8..0.8, y in -0.8..0.8, mounting in angle(), roller in roller(), radius in 0.05..0.3) -> Plan {
+    fn plan()(
+        x in -0.8..0.8,
+        y in -0.8..0.8,
+        mounting in angle(),
+        roller in roller(),
+        radius in 0.05..0.3,
+    ) -> Plan {
         Plan { x, y, mounting, roller, radius }
     }
 }
@@ -190,7 +196,12 @@ proptest! {
     }
 
     #[test]
-    fn members_agree_with_the_oracle(r in robot(), at in pose(), c in coefficients(), t in twist()) {
+    fn members_agree_with_the_oracle(
+        r in robot(),
+        at in pose(),
+        c in coefficients(),
+        t in twist(),
+    ) {
         let k = member(r, at, c);
         let asked = oracle_member(at, c, t);
         let want = plans(r).map(|p| oracle_rate(p, asked));
@@ -221,7 +232,12 @@ proptest! {
     }
 
     #[test]
-    fn forward_agrees_with_the_oracle(r in robot(), at in pose(), c in coefficients(), rates in [-20.0..20.0, -20.0..20.0, -20.0..20.0, -20.0..20.0]) {
+    fn forward_agrees_with_the_oracle(
+        r in robot(),
+        at in pose(),
+        c in coefficients(),
+        rates in [-20.0..20.0, -20.0..20.0, -20.0..20.0, -20.0..20.0],
+    ) {
         let k = member(r, at, c);
         let column = |t: [f64; 3]| -> Vec<f64> {
             let asked = oracle_member(at, c, t);
@@ -238,7 +254,13 @@ proptest! {
     }
 
     #[test]
-    fn six_wheels_agree_with_the_oracle(ps in proptest::array::uniform6(plan()), at in pose(), c in coefficients(), t in twist(), rates in proptest::array::uniform6(-20.0..20.0)) {
+    fn six_wheels_agree_with_the_oracle(
+        ps in proptest::array::uniform6(plan()),
+        at in pose(),
+        c in coefficients(),
+        t in twist(),
+        rates in proptest::array::uniform6(-20.0..20.0),
+    ) {
         let Ok(platform) = Platform::new(&ps.map(wheel)) else { return Ok(()); };
         let k = WheelKinematics::new(&platform, &mount(at), &compensation(c));
         let column = |t: [f64; 3]| -> Vec<f64> {
@@ -272,7 +294,13 @@ proptest! {
     }
 
     #[test]
-    fn the_choice_of_group_frame_does_not_matter(r in robot(), at in pose(), frame in pose(), c in coefficients(), t in twist()) {
+    fn the_choice_of_group_frame_does_not_matter(
+        r in robot(),
+        at in pose(),
+        frame in pose(),
+        c in coefficients(),
+        t in twist(),
+    ) {
         // The same member and the same motion, described in a group frame placed elsewhere.
         let whole = Pose::new(frame[0], frame[1], frame[2]);
         let inner = Pose::new(at[0], at[1], at[2]);
@@ -284,7 +312,12 @@ proptest! {
     }
 
     #[test]
-    fn a_mirrored_robot_mirrors_the_motion(r in robot(), at in pose(), c in coefficients(), t in twist()) {
+    fn a_mirrored_robot_mirrors_the_motion(
+        r in robot(),
+        at in pose(),
+        c in coefficients(),
+        t in twist(),
+    ) {
         let here = member(r, at, c).inverse(of(t));
         let there = member(r, [at[0], -at[1], -at[2]], c).inverse(of([t[0], -t[1], -t[2]]));
         let got = [there.front_right, there.front_left, there.rear_right, there.rear_left];
@@ -293,7 +326,12 @@ proptest! {
     }
 
     #[test]
-    fn desaturate_scales_the_motion_and_nothing_else(r in robot(), at in pose(), t in twist(), limit in 0.1..30.0) {
+    fn desaturate_scales_the_motion_and_nothing_else(
+        r in robot(),
+        at in pose(),
+        t in twist(),
+        limit in 0.1..30.0,
+    ) {
         let k = member(r, at, [1.0; 3]);
         let (limited, scale) = desaturate(k.inverse(of(t)), limit);
         prop_assert!((0.0..=1.0).contains(&scale));

@@ -199,14 +199,23 @@ proptest! {
         let rollers = Rollers::<f64>::new(8).unwrap();
         let secant = Secant::new(Some(&rollers));
         let member = PhaseMember::new(&robot(45.0), &mount(0.5, 0.2, 0.4), &compensation());
-        let at = |angles: [f64; 4]| angles.map(|a| secant.at(RollerAngle::new(a * rollers.pitch(), &rollers)));
+        let at = |angles: [f64; 4]| {
+            angles.map(|a| secant.at(RollerAngle::new(a * rollers.pitch(), &rollers)))
+        };
         let rates = member.inverse(twist, &at(angles));
-        let slopes = angles.map(|a| secant.with_slope(RollerAngle::new(a * rollers.pitch(), &rollers)).1);
-        let found: [f64; 4] = member.accelerations((twist, change), &rates, &at(angles), &slopes).into();
+        let slopes = angles.map(|a| {
+            secant
+                .with_slope(RollerAngle::new(a * rollers.pitch(), &rollers))
+                .1
+        });
+        let found: [f64; 4] = member
+            .accelerations((twist, change), &rates, &at(angles), &slopes)
+            .into();
         const DT: f64 = 1e-5;
         let turned: [f64; 4] = rates.into();
         let step = |sign: f64| -> [f64; 4] {
-            let later = std::array::from_fn(|n| angles[n] + sign * turned[n] * DT / rollers.pitch());
+            let later =
+                std::array::from_fn(|n| angles[n] + sign * turned[n] * DT / rollers.pitch());
             member.inverse(twist + change * (sign * DT), &at(later)).into()
         };
         let (after, before) = (step(1.0), step(-1.0));
@@ -227,7 +236,10 @@ proptest! {
         let secant = Secant::<f64>::for_count(8).unwrap();
         let fixed_secant = FixedSecant::new(&secant).unwrap();
         let angles = angles.map(RollerAngle::from_bits);
-        let (secants, fixed_secants) = (angles.map(|a| secant.at(a)), angles.map(|a| fixed_secant.at(a)));
+        let (secants, fixed_secants) = (
+            angles.map(|a| secant.at(a)),
+            angles.map(|a| fixed_secant.at(a)),
+        );
         let rates: [f64; 4] = exact.inverse(twist, &secants).into();
         let single = twist.convert::<f32>();
         let found: [f32; 4] = fixed.inverse(single, &fixed_secants).into();
@@ -256,7 +268,8 @@ proptest! {
         slips in prop::array::uniform4(-1.0..1.0),
         angles in prop::array::uniform4(any::<i32>()),
     ) {
-        let robot = FourWheelGeometry::new(half_track, half_wheelbase, radius, angle.to_radians()).unwrap();
+        let robot =
+            FourWheelGeometry::new(half_track, half_wheelbase, radius, angle.to_radians()).unwrap();
         let (mount, c) = (mount(x, y, heading), compensation());
         let exact = PhaseMember::new(&robot, &mount, &c);
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
@@ -266,7 +279,11 @@ proptest! {
         let secants = fixed_secants.map(|s| f64::from(s) / f64::from(1 << FixedSecant::FRACTION));
         let single = twist.convert::<f32>();
         let rates: [f64; 4] = exact.inverse(single.convert(), &secants).into();
-        let units = [Twist::new(1.0, 0.0, 0.0), Twist::new(0.0, 1.0, 0.0), Twist::new(0.0, 0.0, 1.0)];
+        let units = [
+            Twist::new(1.0, 0.0, 0.0),
+            Twist::new(0.0, 1.0, 0.0),
+            Twist::new(0.0, 0.0, 1.0),
+        ];
         let sizes = units.map(|unit| <[f64; 4]>::from(exact.inverse(unit, &[2.01; 4])));
         let size = (0..4).map(|n| sizes.iter().map(|s| s[n].abs()).sum()).fold(0.0, f64::max);
         // Three steps, and 2^-25 of what goes in.
@@ -298,7 +315,11 @@ proptest! {
         // A quarter of the sum of all rates, and what front and rear pair see sideways, each as 1
         // rad/s.
         let (side, turn) = (0.5 * radius * angle.to_radians().tan(), 1.0 / half_wheelbase);
-        let meant = [Twist::new(0.25 * radius, 0.0, 0.0), Twist::new(0.0, side, side * turn), Twist::new(0.0, side, -side * turn)]
+        let meant = [
+            Twist::new(0.25 * radius, 0.0, 0.0),
+            Twist::new(0.0, side, side * turn),
+            Twist::new(0.0, side, -side * turn),
+        ]
             .map(|twist| mount.to_group(c.remove(twist)));
         let row = |axis: fn(&Twist<f64>) -> f64| meant.iter().map(|t| axis(t).abs()).sum::<f64>();
         let longest = row(|t| t.vx).max(row(|t| t.vy)).max(row(|t| t.omega));
@@ -351,7 +372,10 @@ proptest! {
         let secant = Secant::<f64>::for_count(8).unwrap();
         let fixed_secant = FixedSecant::new(&secant).unwrap();
         let angles = angles.map(RollerAngle::from_bits);
-        let (secants, fixed_secants) = (angles.map(|a| secant.at(a)), angles.map(|a| fixed_secant.at(a)));
+        let (secants, fixed_secants) = (
+            angles.map(|a| secant.at(a)),
+            angles.map(|a| fixed_secant.at(a)),
+        );
         let expected = exact.forward(&WheelRates::from(rates.map(f64::from)), &secants);
         let found = fixed.forward(&WheelRates::from(rates), &fixed_secants).convert::<f64>();
         // 32000 units of input at half a step of 2^-26, and what an f32 of that size rounds.
@@ -385,7 +409,11 @@ proptest! {
     /// A count is rollers over counts, in steps of 2^-64 to the nearest: against whole numbers of
     /// 128 bits. The angle shows the upper 32 bits, so 2^32 counts of it show the rest.
     #[test]
-    fn a_count_is_a_fraction_of_a_pitch(rollers in 3..200_u16, counts in 800..4_000_000_u32, down in any::<bool>()) {
+    fn a_count_is_a_fraction_of_a_pitch(
+        rollers in 3..200_u16,
+        counts in 800..4_000_000_u32,
+        down in any::<bool>(),
+    ) {
         let sign = if down { -1 } else { 1 };
         let mut track = RollerTrack::new(rollers, f64::from(counts) * f64::from(sign)).unwrap();
         let exact = ((u128::from(rollers) << 65) / u128::from(counts)).div_ceil(2);
@@ -394,18 +422,30 @@ proptest! {
             (0..4).for_each(|_| track.advance(1 << 30));
             shown += 1;
             let expected = (exact * shown) as u32 as i32;
-            prop_assert_eq!(track.angle().to_bits(), if down { expected.wrapping_neg() } else { expected });
+            prop_assert_eq!(
+                track.angle().to_bits(),
+                if down {
+                    expected.wrapping_neg()
+                } else {
+                    expected
+                }
+            );
         }
     }
 
     /// Closed form over any stretch: the integral of the cosine of the sweep, against a fine sum.
     #[test]
-    fn lateral_travel_is_the_integral(from in -3.0..3.0, turned in -4.0..4.0, rollers in 3..16_u16) {
+    fn lateral_travel_is_the_integral(
+        from in -3.0..3.0,
+        turned in -4.0..4.0,
+        rollers in 3..16_u16,
+    ) {
         let known = Rollers::<f64>::new(rollers).unwrap();
         const PARTS: u32 = 20_000;
         let step = turned / f64::from(PARTS);
         let sum: f64 = (0..PARTS)
-            .map(|k| known.lateral_ratio(known.sweep(from + (f64::from(k) + 0.5) * step, 0.0)) * step)
+            .map(|k| from + (f64::from(k) + 0.5) * step)
+            .map(|at| known.lateral_ratio(known.sweep(at, 0.0)) * step)
             .sum();
         let travel = known.lateral_travel(turned, from);
         prop_assert!((travel - sum).abs() < 1e-6, "{travel} {sum}");

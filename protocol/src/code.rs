@@ -30,7 +30,9 @@ pub enum FaultClass {
 }
 
 macro_rules! codes {
-    ($(#[$meta:meta])* $name:ident { $($(#[doc = $text:literal])+ $variant:ident = $code:literal,)+ }) => {
+    ($(#[$meta:meta])* $name:ident {
+        $($(#[doc = $text:literal])+ $variant:ident = $code:literal,)+
+    }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, PartialEq, Eq, Debug)]
         #[repr(u16)]

@@ -6,9 +6,10 @@
 //! wheel, floor, encoder.
 //!
 //! ```text
-//!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --angle--> plant::Plant
-//!                                               ^---- encoder counts ----'                     |
-//!                                                                        truth: poses <--------'
+//!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --.
+//!                                                ^                            angle |
+//!                                                '-- encoder counts --- plant::Plant <'
+//!                                                                  truth: poses <--'
 //! ```
 //!
 //! - [`robot`]: native robots and emulated ones behind one trait.

@@ -1,11 +1,13 @@
 #!/bin/sh
-# What the guest does: native robots on vcan0, and everybody talks to them through it. Arguments: the simulator, the
-# master, the root of the workspace. Any command that fails ends it; what was said until then is on the console.
+# What the guest does: native robots on vcan0, and everybody talks to them through it. Arguments:
+# the simulator, the master, the root of the workspace. Any command that fails ends it; what was
+# said until then is on the console.
 set -eu
 sim=$1 omnibus=$2 root=$3
 cd /mnt
 group=$root/groups/tcc-2.toml
-# Reading a file from the host takes real time, which the guest's clock counts: what is needed is read beforehand.
+# Reading a file from the host takes real time, which the guest's clock counts: what is needed is
+# read beforehand.
 cat "$sim" "$omnibus" >/dev/null
 
 # What was said last, when something fails.

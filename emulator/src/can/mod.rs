@@ -1,9 +1,8 @@
 //! The CAN controller bxCAN as CAN1 (RM0390 rev 6, section 30).
 //!
 //! This file: modes, registers, interrupts. [`transmit`]: the three mailboxes. [`receive`]: filters
-//! and FIFOs.
-//! [`errors`]: error counters and bus-off. The bus itself is outside: it asks for the frame that wants to go out,
-//! and says what became of it.
+//! and FIFOs. [`errors`]: error counters and bus-off. The bus itself is outside: it asks for the
+//! frame that wants to go out, and reports what became of it.
 //!
 //! Joining the bus takes 11 recessive bits (30.4), and the bus is taken to be idle then. Loop-back
 //! mode sends to itself after the time the frame takes on the wire. With TTCM a counter of bit

@@ -64,8 +64,8 @@ impl<const X: usize, const Y: usize, const O: usize, const W: usize, S: Real>
         oblique_lateral: AxisTable<O, S>,
         yaw: AxisTable<W, S>,
     ) -> Result<Self, CompensationError> {
-        // A change of direction by d changes s by at most d, so a coefficient by at most
-        // 2 |oblique - axial| d; a change of speed changes it by at most what the steeper table does, three
+        // A change of direction by d changes s by at most d, so a coefficient by at most 2 |oblique
+        // - axial| d; a change of speed changes it by at most what the steeper table does, three
         // times over at the far end of s.
         let spread = |(low, high): (S, S), (other_low, other_high): (S, S)| {
             let apart = (high - other_low).max(other_high - low);

@@ -18,7 +18,8 @@ const BIAS: i32 = 1023;
 /// use mecanum_kinematics::{RollerAngle, Rollers};
 ///
 /// let eight = Rollers::<f64>::new(8)?;
-/// // Four tenths of a pitch further than three tenths is three tenths before the next roller's middle.
+/// // Four tenths of a pitch further than three tenths is three tenths before the middle of the
+/// // next roller.
 /// let start = RollerAngle::new(0.3 * eight.pitch(), &eight);
 /// let later = start.advanced(RollerAngle::new(0.4 * eight.pitch(), &eight));
 /// assert!((later.sweep(&eight) + 0.3 * eight.pitch()).abs() < 1e-9);

@@ -161,7 +161,8 @@ fn size(row: &[f64; 3]) -> f64 {
 ///
 /// ```
 /// use mecanum_kinematics::{
-///     FixedPhaseMember, FixedSecant, FourWheelGeometry, Mount, RollerAngle, Rollers, Secant, Twist,
+///     FixedPhaseMember, FixedSecant, FourWheelGeometry, Mount, RollerAngle, Rollers, Secant,
+///     Twist,
 ///     VelocityCompensation,
 /// };
 ///

@@ -41,14 +41,16 @@ use crate::mount::Mount;
 ///
 /// ```
 /// use mecanum_kinematics::{
-///     FourWheelGeometry, Mount, PhaseMember, Rollers, Secant, Twist, VelocityCompensation, RollerAngle,
+///     FourWheelGeometry, Mount, PhaseMember, RollerAngle, Rollers, Secant, Twist,
+///     VelocityCompensation,
 /// };
 ///
 /// let robot = FourWheelGeometry::new(0.370, 0.350, 0.1524, 45_f32.to_radians())?;
 /// let kinematics = PhaseMember::new(&robot, &Mount::IDENTITY, &VelocityCompensation::NONE);
 /// let secant = Secant::new(Some(&Rollers::new(8)?));
 /// // Each wheel stands elsewhere on its roller.
-/// let secants = [0, 1 << 28, 1 << 29, 1 << 30].map(|bits| secant.at(RollerAngle::from_bits(bits)));
+/// let angles = [0, 1 << 28, 1 << 29, 1 << 30].map(RollerAngle::from_bits);
+/// let secants = angles.map(|angle| secant.at(angle));
 /// let twist = Twist { vx: 0.1, vy: 0.4, omega: 0.2 };
 /// let rates = kinematics.inverse(twist, &secants);
 /// assert!((kinematics.forward(&rates, &secants).vy - 0.4).abs() < 1e-6);

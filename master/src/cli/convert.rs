@@ -84,7 +84,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // On the standard output is the recording itself, unless it went into a file.
     if super::json() && arguments.output.is_some() {
         return super::print_json(&json!({
-            "file": arguments.output.as_ref().map(|p| p.display().to_string()), "frames": recording.frames.len(),
+            "file": arguments.output.as_ref().map(|p| p.display().to_string()),
+            "frames": recording.frames.len(),
             "seconds": recording.seconds(), "damage": recording.damage,
         }));
     }

@@ -9,77 +9,89 @@ use crate::table::{OBJECTS, RECORDS};
 use crate::{Fault, Limit, Reaction};
 
 const INTRODUCTION: &str = "\
-CANopen (CiA 301) at 1 Mbit/s, 11-bit identifiers, little-endian. The master is node 1, robots are nodes 2 to
-17. This page, `omnibus.eds` and `omnibus.dbc` are generated from the object table in `protocol/`; a test fails
-when they are stale. Frames and units are REP-103: x forward, y left, heading counter-clockwise.
+CANopen (CiA 301) at 1 Mbit/s, 11-bit identifiers, little-endian. The master is node 1, robots are
+nodes 2 to
+17. This page, `omnibus.eds` and `omnibus.dbc` are generated from the object table in `protocol/`; a
+    test fails when they are stale. Frames and units are REP-103: x forward, y left, heading
+    counter-clockwise.
 
 ## Bringing a group up
 
 1. The robots boot into PRE-OPERATIONAL (boot-up frame 0x700 + node, data 00).
 2. The master reads 0x2000 (wire version) and refuses a robot that has another.
-3. It writes every object marked *required* by expedited SDO. 0x2002:1 reads 0 when the configuration is complete
-   and consistent; otherwise it names the first object that is not. 0x2002:2 is the CRC of all parameters.
-4. NMT start. Each robot checks its whole configuration, its stop input and its drivers, and arms: drivers on,
-   reference zero. A robot with an objection sends an emergency message and stays off.
-5. Once a SYNC period, the master sends a group twist with the next sequence, then SYNC with its counter (1 to
-   240). Its heartbeat (0x701) goes on all the while.
+3. It writes every object marked *required* by expedited SDO. 0x2002:1 reads 0 when the
+   configuration is complete and consistent; otherwise it names the first object that is not.
+   0x2002:2 is the CRC of all parameters.
+4. NMT start. Each robot checks its whole configuration, its stop input and its drivers, and arms:
+   drivers on, reference zero. A robot with an objection sends an emergency message and stays off.
+5. Once a SYNC period, the master sends a group twist with the next sequence, then SYNC with its
+   counter (1 to 240). Its heartbeat (0x701) goes on all the while.
 
 ## What happens to a group twist
 
-At SYNC *k* every member latches the twist received before it and publishes the scale at which its own wheels can
-follow, with the sequence it latched and a checksum of what it is about to do. At SYNC *k+1* all apply twist(*k*) times
-the smallest scale of all members. A member that is not heard, is in no state to follow, echoes another sequence, has
-another checksum or permits 0, stops the group: all ramp down along the direction of motion with the common
-deceleration. The same ramp follows a member's emergency message with the code of a fault, at once; a silent master, a
-missing SYNC and an overdue setpoint. Of the master's heartbeats only those count that say OPERATIONAL (one byte, 05);
-its boot-up message is a stop.
+At SYNC *k* every member latches the twist received before it and publishes the scale at which its
+own wheels can follow, with the sequence it latched and a checksum of what it is about to do. At
+SYNC *k+1* all apply twist(*k*) times the smallest scale of all members. A member that is not heard,
+is in no state to follow, echoes another sequence, has another checksum or permits 0, stops the
+group: all ramp down along the direction of motion with the common deceleration. The same ramp
+follows a member's emergency message with the code of a fault, at once; a silent master, a missing
+SYNC and an overdue setpoint. Of the master's heartbeats only those count that say OPERATIONAL (one
+byte, 05); its boot-up message is a stop.
 
-Only an NMT start, standstill and a new sequence end that: after a start, setpoints of less than 0.01 m/s and 0.01 rad/s
-must come, and be agreed on, at three SYNCs in a row (0x2042:1). Until then a member permits 0 for every other setpoint
-and reports limit 0x000C. A master therefore begins with setpoints of zero until all members are *moving*.
+Only an NMT start, standstill and a new sequence end that: after a start, setpoints of less than
+0.01 m/s and 0.01 rad/s must come, and be agreed on, at three SYNCs in a row (0x2042:1). Until then
+a member permits 0 for every other setpoint and reports limit 0x000C. A master therefore begins with
+setpoints of zero until all members are *moving*.
 ";
 
 const PROCESS_DATA: &str = "\
-All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to nearest and
-saturate; the most negative value (-32768, or -8388608 in 24 bits; of an unsigned magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to
-127 ahead of the last one, wrapping; what repeats or lies behind is not followed and does not reset the time-out.
+All PDOs are synchronous, transmission type 1, and exactly eight bytes. Scaled fields are rounded to
+nearest and saturate; the most negative value (-32768, or -8388608 in 24 bits; of an unsigned
+magnitude 255) means *invalid*. A setpoint's sequence must lie 1 to 127 ahead of the last one,
+wrapping; what repeats or lies behind is not followed and does not reset the time-out.
 ";
 
 const FAULTS: &str = "\
-A fault is latched: the robot comes to rest, by *ramp* along the direction of motion or by *cut* (drivers off and brake
-engaged in the same tick), and stays so until an NMT start finds the cause gone. Each appearance is announced by an
-emergency message with this number as error code, and its end by one with error code 0.
+A fault is latched: the robot comes to rest, by *ramp* along the direction of motion or by *cut*
+(drivers off and brake engaged in the same tick), and stays so until an NMT start finds the cause
+gone. Each appearance is announced by an emergency message with this number as error code, and its
+end by one with error code 0.
 ";
 
 const OBJECT_NOTES: &str = "\
-Access: *const* never changes, *ro* is written by the robot only, *rw* at any time, *set* is a parameter: refused while
-OPERATIONAL (abort 0x08000022). **Required** parameters must be written before the drivers can be enabled. A value out
-of its limits is refused with 0x06090031 (too high), 0x06090032 (too low) or 0x06090030 (not a number), and nothing
-changes. Sub-index 0 of a record reads its highest sub-index.
+Access: *const* never changes, *ro* is written by the robot only, *rw* at any time, *set* is a
+parameter: refused while OPERATIONAL (abort 0x08000022). **Required** parameters must be written
+before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too high),
+0x06090032 (too low) or 0x06090030 (not a number), and nothing changes. Sub-index 0 of a record
+reads its highest sub-index.
 ";
 
 const PLAN: &str = "\
 ## The plan checksum
 
-The last byte of a status (0x2110:6) is the top byte of a 32-bit hash over sixteen bytes, all little-endian:
+The last byte of a status (0x2110:6) is the top byte of a 32-bit hash over sixteen bytes, all
+little-endian:
 
 1. 4 bytes: the group CRC, 0x2002:3;
-2. 4 bytes: CRC-32 (IEEE 802.3) over the communication objects of the group, four bytes each: 0x1005, 0x1006, 0x1007,
-   0x1014 *; 0x1400:1, :2, :5, 0x1600:0 and its entries; 0x1800:1 *, :2, :3, :5, :6, 0x1A00:0 and its entries; 0x1801:1 *,
-   :2, :3, :5, :6, 0x1A01:0 and its entries. The node number is subtracted from those with a star;
+2. 4 bytes: CRC-32 (IEEE 802.3) over the communication objects of the group, four bytes each:
+   0x1005, 0x1006, 0x1007, 0x1014 *; 0x1400:1, :2, :5, 0x1600:0 and its entries; 0x1800:1 *, :2, :3,
+   :5, :6, 0x1A00:0 and its entries; 0x1801:1 *, :2, :3, :5, :6, 0x1A01:0 and its entries. The node
+   number is subtracted from those with a star;
 3. 8 bytes: the setpoint latched at this SYNC as the robot understood it, laid out as GroupTwist.
 
-The hash is FNV-1a, `h = 0x811C9DC5`, then for each byte `h = (h ^ byte) * 0x01000193`; and at the end `h ^= h >> 16`,
-`h *= 0x85EBCA6B`, `h ^= h >> 13`, `h *= 0xC2B2AE35`, `h ^= h >> 16`, all modulo 2^32. Before the first setpoint of a start
-the byte is 0. Items 1 and 2 are taken at the NMT start; neither parameters nor objects 0x1005 to 0x1007, 0x1014 to 0x1017,
-0x1019, 0x1029, 0x1400 to 0x1BFF and 0x1F80 can be written while OPERATIONAL (abort 0x08000022).
+The hash is FNV-1a, `h = 0x811C9DC5`, then for each byte `h = (h ^ byte) * 0x01000193`; and at the
+end `h ^= h >> 16`, `h *= 0x85EBCA6B`, `h ^= h >> 13`, `h *= 0xC2B2AE35`, `h ^= h >> 16`, all modulo
+2^32. Before the first setpoint of a start the byte is 0. Items 1 and 2 are taken at the NMT start;
+neither parameters nor objects 0x1005 to 0x1007, 0x1014 to 0x1017, 0x1019, 0x1029, 0x1400 to 0x1BFF
+and 0x1F80 can be written while OPERATIONAL (abort 0x08000022).
 ";
 
 const COMPENSATION: &str = "\
 ## Compensation tables
 
-Object 0x2013:1 takes a whole set of tables in one SDO transfer, segmented or block. The robot checks it before any of it
-takes effect; a set that is refused leaves the one before. It acts from the next NMT start on. All numbers are little-endian.
+Object 0x2013:1 takes a whole set of tables in one SDO transfer, segmented or block. The robot
+checks it before any of it takes effect; a set that is refused leaves the one before. It acts from
+the next NMT start on. All numbers are little-endian.
 
 | bytes | |
 |---|---|
@@ -92,11 +104,12 @@ takes effect; a set that is refused leaves the one before. It acts from the next
 | then 6 a row | oblique, at 45 degrees: speed, longitudinal coefficient, lateral coefficient |
 | then 4 a row | yaw: rate, coefficient |
 
-A speed is the achieved one, UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, above zero and rising from row to row. A coefficient
-is commanded over achieved velocity, UNSIGNED16 in 1/32768, at least 0.5; 0 is refused. Between rows the coefficient
-follows a curve without overshoot, outside it stays. An axis without rows has the constant of 0x2012. Without oblique
-rows each axis goes by its own speed; with them longitudinal and lateral go by the speed of the whole motion, and with
-*s* the lateral share of its square
+A speed is the achieved one, UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, above zero and rising from row to
+row. A coefficient is commanded over achieved velocity, UNSIGNED16 in 1/32768, at least 0.5; 0 is
+refused. Between rows the coefficient follows a curve without overshoot, outside it stays. An axis
+without rows has the constant of 0x2012. Without oblique rows each axis goes by its own speed; with
+them longitudinal and lateral go by the speed of the whole motion, and with *s* the lateral share of
+its square
 
     longitudinal = ahead + 2 s (oblique - ahead)        lateral = aside + 2 (1 - s) (oblique - aside)
 
@@ -104,31 +117,35 @@ A robot without tables reads a set without rows, version 0.
 
 ## Node number
 
-The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the one, 0x2001:5 the
-other. A node given by LSS takes effect at the next reset; LSS `store` keeps it (nodes 2 to 17), LSS node 255 and `store`
-forgets it. Saving and restoring parameters leaves it alone. Both are refused (error 0xFF) while the robot is OPERATIONAL
-or not at rest, and when it was addressed together with other robots that it has heard. Configure bit timing (0x13) is
-answered with error 1: the bit rate is 1 Mbit/s.
+The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the
+one, 0x2001:5 the other. A node given by LSS takes effect at the next reset; LSS `store` keeps it
+(nodes 2 to 17), LSS node 255 and `store` forgets it. Saving and restoring parameters leaves it
+alone. Both are refused (error 0xFF) while the robot is OPERATIONAL or not at rest, and when it was
+addressed together with other robots that it has heard. Configure bit timing (0x13) is answered with
+error 1: the bit rate is 1 Mbit/s.
 
-Two robots with one number are a fault of both (0xFF1C, DuplicateNode): each hears an identifier that only it should send.
+Two robots with one number are a fault of both (0xFF1C, DuplicateNode): each hears an identifier
+that only it should send.
 
 ## Several groups on one bus
 
-One master sends SYNC, the heartbeat of node 1 and, in every period, one 0x181 for each group; byte 7 is the group's number
-(0x2040:1). A robot neither takes nor counts a twist for another group. Node numbers are those of the bus: all groups on it
-have sixteen robots together.
+One master sends SYNC, the heartbeat of node 1 and, in every period, one 0x181 for each group; byte
+7 is the group's number (0x2040:1). A robot neither takes nor counts a twist for another group. Node
+numbers are those of the bus: all groups on it have sixteen robots together.
 
 ## Saving
 
-A save (0x1010) is taken with outputs off and not while OPERATIONAL. As a rule the answer comes in milliseconds; when a sector
-has to be erased, after up to 2 s, in which the robot sends nothing. If power is lost before the answer, the next start
-finds the old set or the new one, whole, and says so by fault 0xFF15.
+A save (0x1010) is taken with outputs off and not while OPERATIONAL. As a rule the answer comes in
+milliseconds; when a sector has to be erased, after up to 2 s, in which the robot sends nothing. If
+power is lost before the answer, the next start finds the old set or the new one, whole, and says so
+by fault 0xFF15.
 ";
 
 const STORED_FAULTS: &str = "\
 ## Stored faults
 
-Object 0x2128:1 is read in one SDO transfer. All numbers are little-endian; each of up to eight faults has 32 bytes:
+Object 0x2128:1 is read in one SDO transfer. All numbers are little-endian; each of up to eight
+faults has 32 bytes:
 
 | bytes | |
 |---|---|

@@ -5,7 +5,8 @@
 //!
 //! ```json
 //! {"omnibus_plant": 1, "robots": [{"x": 1.2, "y": 0.0, "heading": 0.0, "half_track": 0.37,
-//!   "half_wheelbase": 0.35, "wheel_radius": 0.1524, "roller_angle": 0.785, "rigid_group": 0}, ...]}
+//!   "half_wheelbase": 0.35, "wheel_radius": 0.1524, "roller_angle": 0.785,
+//!   "rigid_group": 0}, ...]}
 //! ```
 //!
 //! Poses are where the robots stand in the world at the beginning; robots with one `rigid_group`
