@@ -206,13 +206,11 @@ fn one_dead_wheel_is_named() {
         let mut rates = platform.rates(twist);
         let was = rates[wheel];
         rates[wheel] = 0.0;
-        assert!(
-            matches!(
-                platform.suspect(&rates, 0.01),
-                Suspect::Wheel { index, excess }
-                    if index == wheel && (excess + was).abs() < 1e-9
-            )
-        );
+        assert!(matches!(
+            platform.suspect(&rates, 0.01),
+            Suspect::Wheel { index, excess }
+                if index == wheel && (excess + was).abs() < 1e-9
+        ));
     }
     // Four wheels have one check only: they know that something is wrong, and the command knows
     // what.
@@ -222,13 +220,11 @@ fn one_dead_wheel_is_named() {
         let was = rates[wheel];
         rates[wheel] = 0.0;
         assert_eq!(platform.suspect(&rates, 0.01), Suspect::Unclear);
-        assert!(
-            matches!(
-                platform.suspect_against(twist, &rates, 0.05),
-                Suspect::Wheel { index, excess }
-                    if index == wheel && (excess + was).abs() < 1e-9
-            )
-        );
+        assert!(matches!(
+            platform.suspect_against(twist, &rates, 0.05),
+            Suspect::Wheel { index, excess }
+                if index == wheel && (excess + was).abs() < 1e-9
+        ));
     }
     assert_eq!(
         platform.suspect_against(twist, &platform.rates(twist), 0.05),
