@@ -1,9 +1,10 @@
 //! The health task: once a second it compares how the robot's own machinery is doing with the worst
-//! so far, and logs what got worse. Silent when nothing did.
+//! so far, and logs what got worse. Silent when nothing did. It also has the meters compare their
+//! reference with the chip's own, which drifts no faster.
 
 use embassy_time::{Duration, Ticker};
 
-use crate::board::stack;
+use crate::board::{calibrate_meters, stack};
 use crate::shared::CONTROL_LATENESS;
 
 /// Lateness of a control tick worth a line, in microseconds: a tenth of its period.
@@ -19,6 +20,7 @@ pub async fn health() {
     let mut stack_worst = 0;
     let mut late_worst_us = LATE_US;
     loop {
+        calibrate_meters();
         ticker.next().await;
         let (used, size) = stack::high_water();
         if used >= stack_worst + STACK_STEP_BYTES {

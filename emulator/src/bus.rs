@@ -18,12 +18,15 @@ use crate::firmware::FLASH_BASE;
 use crate::ram::{self, Ram};
 use crate::rtt::RAM_BASE;
 use crate::soc::{DBGMCU, IrqLines, Soc};
+use crate::system::adc::VREFINT_CALIBRATION;
 use crate::system::flash;
 
-/// First address and size of system memory, where ST keeps the unique number and the flash size.
+/// First address and size of system memory, where ST keeps the unique number, the flash size and
+/// calibrations.
 const SYSTEM_MEMORY: (u32, usize) = (0x1FFF_0000, 0x8000);
 const UID: usize = 0x7A10;
 const FLASH_SIZE_KIB: usize = 0x7A22;
+const VREFIN_CAL: usize = 0x7A2A;
 
 /// What the core and the peripherals share.
 #[derive(Debug)]
@@ -224,6 +227,7 @@ pub(crate) fn address_space(
     let mut system = vec![0xFF; SYSTEM_MEMORY.1];
     system[UID..UID + 12].copy_from_slice(&uid);
     system[FLASH_SIZE_KIB..FLASH_SIZE_KIB + 2].copy_from_slice(&512_u16.to_le_bytes());
+    system[VREFIN_CAL..VREFIN_CAL + 2].copy_from_slice(&VREFINT_CALIBRATION.to_le_bytes());
     let system = Region::rom(
         "system memory",
         Arc::new(RomStore::new(system)),

@@ -26,7 +26,7 @@ pub use stm32f4::executors;
 pub use stm32f4::flash::ParameterFlash;
 pub use stm32f4::index::Indexes;
 pub use stm32f4::iwdg::{Watchdog, patiently};
-pub use stm32f4::meters::Meters;
+pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
 pub use stm32f4::outputs::Outputs;
 pub use stm32f4::tick::TickTimer;
 pub use stm32f4::{Board, Led, Lines, now};

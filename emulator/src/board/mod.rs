@@ -286,7 +286,8 @@ impl Board {
         self.shared.with(|soc| soc.set_hse(runs));
     }
 
-    /// Sets the supply of the chip in V: 3.3 until this is called. Below the level of the brown-out
+    /// Sets the supply of the chip, and with it the converter's reference, in V: 3.3 until this is
+    /// called. Below the level of the brown-out
     /// reset, which the option bytes set, the chip is held in reset; above it and below what its
     /// clock needs, the run ends.
     pub fn set_vdd(&mut self, volts: f64) {

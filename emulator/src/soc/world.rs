@@ -44,6 +44,7 @@ impl Soc {
     pub(crate) fn set_vdd(&mut self, volts: f64) {
         let before = self.pwr.is_low();
         self.pwr.set_vdd(volts);
+        self.adc.set_reference(volts);
         self.detected(before);
         self.check_clocks();
         self.settle();

@@ -11,16 +11,24 @@
 //! | JSQR | 13.13.12 | the injected sequence, converted after the regular channel each time |
 //! | JDR1..4 | 13.13.13 | the last results of the injected channels |
 //! | DR | 13.13.14 | the last result; reading clears EOC |
-//! | CCR | 13.13.16 | ADCPRE |
+//! | CCR | 13.13.16 | ADCPRE, TSVREFE |
 //!
 //! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when
-//! sampling ended. The result is the input over [`VREF`], rounded down to 12 bits. ADC2, ADC3, the
-//! watchdog and the internal channels are not modelled.
+//! sampling ended. The result is the input over the reference, rounded down to 12 bits. The
+//! reference is the supply of the chip, as on the NUCLEO board. Of the internal channels VREFINT is
+//! modelled. ADC2, ADC3 and the watchdog are not.
 
 use std::cell::Cell;
 
-/// Reference voltage of the board, V.
-pub const VREF: f64 = 3.3;
+/// Reference voltage of the board, V, until another is set. At this one ST measures VREFINT.
+const VREF: f64 = 3.3;
+/// The chip's internal reference, V: typical (DS10693, embedded reference voltage), and its
+/// channel.
+const VREFINT: f64 = 1.21;
+const VREFINT_CHANNEL: usize = 17;
+/// VREFIN_CAL (the same): what the converter makes of VREFINT at [`VREF`].
+pub const VREFINT_CALIBRATION: u16 = (VREFINT / VREF * STEPS) as u16;
+const STEPS: f64 = 4096.0;
 /// Clocks of a 12-bit conversion after sampling (13.5).
 const CONVERSION: u64 = 12;
 /// Sampling times by SMP, ADC clocks (13.13.4).
@@ -39,6 +47,11 @@ mod cr2 {
     pub const ADON: u32 = 1;
     pub const CONT: u32 = 1 << 1;
     pub const SWSTART: u32 = 1 << 30;
+}
+
+mod ccr {
+    pub const ADCPRE: u32 = 3 << 16;
+    pub const TSVREFE: u32 = 1 << 23;
 }
 
 mod sr {
@@ -70,6 +83,8 @@ pub struct Adc {
     seen: Cell<u64>,
     strt: bool,
     inputs: [Input; 16],
+    /// Below [`VREF`] or above, V.
+    reference_offset: f64,
 }
 
 impl Adc {
@@ -77,6 +92,7 @@ impl Adc {
     pub fn reset(&mut self) {
         *self = Self {
             inputs: self.inputs,
+            reference_offset: self.reference_offset,
             pclk2: self.pclk2,
             ..Self::default()
         };
@@ -91,6 +107,11 @@ impl Adc {
                 since_ps: now_ps,
             };
         }
+    }
+
+    /// Sets the reference, V. It counts for every conversion that is read from now on.
+    pub fn set_reference(&mut self, volts: f64) {
+        self.reference_offset = volts - VREF;
     }
 
     /// Takes over the bus clock.
@@ -161,18 +182,21 @@ impl Adc {
             return 0;
         };
         let sampled = began + self.times_ps(place).0;
-        let input = self.inputs.get(self.channel(place));
+        let channel = self.channel(place);
+        let input = self.inputs.get(channel);
         let input = input.copied().unwrap_or_default();
-        let volts = if sampled < input.since_ps {
+        let volts = if channel == VREFINT_CHANNEL {
+            // Unconnected without TSVREFE.
+            f64::from(u8::from(self.ccr & ccr::TSVREFE != 0)) * VREFINT
+        } else if !analog {
+            0.0
+        } else if sampled < input.since_ps {
             input.before
         } else {
             input.volts
         };
-        if analog {
-            (volts / VREF * 4096.0).clamp(0.0, 4095.0) as u32
-        } else {
-            0
-        }
+        let reference = VREF + self.reference_offset;
+        (volts / reference * STEPS).clamp(0.0, STEPS - 1.0) as u32
     }
 
     /// The place whose result this register holds.
@@ -267,7 +291,9 @@ impl Adc {
             0x30 => self.sqr[1] = value,
             0x34 => self.sqr[2] = value,
             0x38 => self.jsqr = value,
-            0x304 if value & !(3 << 16) != 0 => return Err("multi mode, internal channels"),
+            0x304 if value & !(ccr::ADCPRE | ccr::TSVREFE) != 0 => {
+                return Err("multi mode, battery channel");
+            }
             0x304 => self.ccr = value,
             _ => return Err(""),
         }

@@ -1,14 +1,21 @@
 //! The supply voltage, behind a divider, and the current sensors' outputs; the configuration knows
 //! both.
 //!
-//! The converter converts its channels over and over, four of them in 87.5 us at 22.5 MHz, and
+//! The converter converts its channels over and over, five of them in 109 us at 22.5 MHz, and
 //! nobody waits for it: reading takes the last result. The sensors' are injected channels, which
 //! have result registers of their own (RM0390 rev 6, 13.3.9, auto-injection).
+//!
+//! The converter's reference is the chip's supply, and a regulator gives 3.3 V within per cents
+//! only. So ADC1 converts the chip's own reference, VREFINT, as well, and [`calibrate`] compares
+//! the result with the one ST took at 3.3 V. ADC2 and ADC3 have no such channel; there the supply
+//! counts as 3.3 V.
 
 #![expect(
     unsafe_code,
     reason = "a converter's registers are found by its number"
 )]
+
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::Adc;
@@ -17,9 +24,26 @@ use embassy_stm32::pac::adccommon::vals::Adcpre;
 use super::pin::Role;
 use crate::board::WIRING;
 
-/// The board's analog reference, V, and steps of the converter.
+/// The converter's reference, V, at which ST measures VREFINT, and its steps.
 const REFERENCE: f32 = 3.3;
 const STEPS: f32 = 4096.0;
+
+/// Volts of one step, the bits of an `f32`.
+static STEP: AtomicU32 = AtomicU32::new((REFERENCE / STEPS).to_bits());
+
+/// Channel of VREFINT on ADC1 (RM0390 13.10).
+const VREFINT_CHANNEL: u8 = 17;
+
+/// What ST got for VREFINT at 3.3 V and 30 C (VREFIN_CAL, DS10693 and DS8626, embedded reference
+/// voltage).
+const VREFIN_CAL: *const u16 = 0x1FFF_7A2A as *const u16;
+
+/// Channels converted after the supply's: those of the sensors, then VREFINT.
+const INJECTED: usize = {
+    let sensors = if WIRING.currents.is_some() { 3 } else { 0 };
+    let reference = if WIRING.converter == 1 { 1 } else { 0 };
+    sensors + reference
+};
 
 /// DS10693 rev 10, table 74, and DS8626, table 67: the converter's clock is 36 MHz at most.
 const LARGEST_CLOCK_HZ: u32 = 36_000_000;
@@ -40,16 +64,23 @@ impl Meters {
     /// Starts the converter.
     pub fn new() -> Self {
         // SMPR1 and SMPR2 side by side, three bits a channel: 480 clocks. The source has 9.1 kOhm.
-        // RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it may have 500 kOhm.
+        // RM0390 13.5, DS10693 table 78: with 480 clocks of 22.5 MHz it may have 500 kOhm. VREFINT
+        // wants 10 us; these are 21.
         const CYCLES480: u64 = 7;
+        // RM0390 13.13.12: a sequence of n ends with JSQ4.
         let mut sampling = CYCLES480 << (3 * WIRING.supply.channel);
-        // RM0390 13.13.12: a sequence of three begins with JSQ2.
-        let mut injected = 2 << 20;
+        let mut sequence = 0;
+        let mut inject = |channel: u8| {
+            sampling |= CYCLES480 << (3 * channel);
+            sequence = sequence >> 5 | u32::from(channel) << 15;
+        };
         WIRING.supply.pin.become_a(Role::Analog);
-        for (place, input) in WIRING.currents.into_iter().flatten().enumerate() {
+        for input in WIRING.currents.into_iter().flatten() {
             input.pin.become_a(Role::Analog);
-            sampling |= CYCLES480 << (3 * input.channel);
-            injected |= u32::from(input.channel) << (5 * (place + 1));
+            inject(input.channel);
+        }
+        if WIRING.converter == 1 {
+            inject(VREFINT_CHANNEL);
         }
         // RM0390 6.3.14: ADC1 is bit 8.
         pac::RCC
@@ -58,15 +89,16 @@ impl Meters {
         const {
             assert!(WIRING.clocks.apb2_hz() / 4 <= LARGEST_CLOCK_HZ);
         }
-        pac::ADC123_COMMON
-            .ccr()
-            .modify(|w| w.set_adcpre(Adcpre::DIV4));
+        pac::ADC123_COMMON.ccr().write(|w| {
+            w.set_adcpre(Adcpre::DIV4);
+            w.set_tsvrefe(true);
+        });
         // Channels 0 to 9 are in SMPR2.
         ADC.smpr2().write(|w| w.0 = (sampling & 0x3FFF_FFFF) as u32);
         ADC.smpr1().write(|w| w.0 = (sampling >> 30) as u32);
         ADC.sqr3().write(|w| w.set_sq(0, WIRING.supply.channel));
-        if WIRING.currents.is_some() {
-            ADC.jsqr().write(|w| w.0 = injected);
+        if let Some(last) = INJECTED.checked_sub(1) {
+            ADC.jsqr().write(|w| w.0 = sequence | (last as u32) << 20);
             ADC.cr1().write(|w| {
                 w.set_scan(true);
                 w.set_jauto(true);
@@ -94,5 +126,21 @@ impl Meters {
 }
 
 fn volts(steps: u16) -> f32 {
-    f32::from(steps) * (REFERENCE / STEPS)
+    f32::from(steps) * f32::from_bits(STEP.load(Ordering::Relaxed))
+}
+
+/// Compares the converter's reference with the chip's own. To be called now and then.
+pub fn calibrate() {
+    if WIRING.converter != 1 {
+        return;
+    }
+    // SAFETY: a half-word of system memory, which can always be read.
+    let at_reference = f32::from(unsafe { VREFIN_CAL.read_volatile() });
+    let now = f32::from(ADC.jdr(const { INJECTED - 1 }).read().jdata());
+    let reference = REFERENCE * at_reference / now;
+    // The chip is made for 3.6 V at most, and below 2.9 V nothing runs here; else there is no
+    // calibration, or no conversion yet.
+    if (2.9..=3.6).contains(&reference) {
+        STEP.store((reference / STEPS).to_bits(), Ordering::Relaxed);
+    }
 }
