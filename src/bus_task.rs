@@ -45,8 +45,10 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
         }
-        side.on_can_errors(now(), &can.errors());
-        side.poll(now());
+        // One time for the whole turn: to work it out costs as much as to look at a queue.
+        let at = now();
+        side.on_can_errors(at, &can.errors());
+        side.poll(at);
         if supervise(&can, &mut health, side) {
             can.discard();
             waiting = None;
@@ -56,7 +58,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
             CONFIGURATION.put(configuration);
         }
         COMMAND.put(side.command());
-        if save(side, &mut store) || remember(side, &mut store) {
+        if save(side, &mut store) || remember(side, &mut store, at) {
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()
@@ -75,14 +77,14 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         while let Some(event) = side.pop_event() {
             match event {
                 Event::RecoverBus => can.recover(),
-                Event::Sync { at, .. } => SYNC.put(&Some(at)),
+                Event::Sync { at, .. } => SYNC.put(&at),
                 other => log(other),
             }
         }
         led::show(pattern(side, health.bus_off));
         BUS_PROGRESS.made();
 
-        let latest = now() + LONGEST_WAIT;
+        let latest = at + LONGEST_WAIT;
         wake::BUS.signal_at(side.next_deadline().map_or(latest, |at| at.min(latest)));
     }
 }
@@ -112,8 +114,7 @@ fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
 
 /// Writes to the fault memory what is to be kept there. Not inlined, for the same reason.
 #[inline(never)]
-fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
-    let at = now();
+fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Micros) -> bool {
     if side.to_remember(at).is_none() {
         return false;
     }

@@ -70,7 +70,7 @@ pub async fn control(
         wake::BUS.tick(begin);
 
         CONTROL_LATENESS.note(begin.since(due));
-        if let Some(sync) = SYNC.get() {
+        if let Some(sync) = SYNC.receive() {
             schedule.on_sync(sync);
         }
         due = schedule.next(due);

@@ -15,8 +15,8 @@
 //! on the bus (50 us at least), so it can delay a receive time stamp but never lose a frame. What
 //! wakes the bus task is in [`wake`](crate::wake).
 
-use core::cell::RefCell;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::cell::{Cell, RefCell};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use control::configuration::Configuration;
 use control::identification::Outcome;
@@ -26,51 +26,69 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 
 /// A value that one side replaces and the other reads: the latest wins.
-pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<T>>);
+pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, Cell<T>>);
 
 impl<T: Copy> Latest<T> {
     const fn new(first: T) -> Self {
-        Self(Mutex::new(RefCell::new(first)))
+        Self(Mutex::new(Cell::new(first)))
     }
 
     /// Replaces the value.
     pub fn put(&self, value: &T) {
-        self.0.lock(|cell| *cell.borrow_mut() = *value);
+        self.0.lock(|cell| cell.set(*value));
     }
 
     /// Returns the latest value.
     pub fn get(&self) -> T {
-        self.0.lock(|cell| *cell.borrow())
+        self.0.lock(Cell::get)
     }
 }
 
 /// A value that one side puts in and the other receives, once: the latest wins.
-pub struct Mailbox<T: Copy>(Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>);
+pub struct Mailbox<T: Copy> {
+    content: Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>,
+    /// Read without a critical section, by a task that looks every tick. Relaxed: there is one
+    /// core, and the critical section around the content keeps the compiler's order.
+    full: AtomicBool,
+}
 
 impl<T: Copy> Mailbox<T> {
     const fn new() -> Self {
-        Self(Mutex::new(RefCell::new(None)))
+        Self {
+            content: Mutex::new(RefCell::new(None)),
+            full: AtomicBool::new(false),
+        }
     }
 
     /// Puts a value in. By reference, so that it is copied once.
     pub fn put(&self, value: &T) {
-        self.0.lock(|cell| *cell.borrow_mut() = Some(*value));
+        self.content.lock(|cell| *cell.borrow_mut() = Some(*value));
+        self.full.store(true, Ordering::Relaxed);
     }
 
     /// Whether there is a value to receive.
     pub fn is_full(&self) -> bool {
-        self.0.lock(|cell| cell.borrow().is_some())
+        self.full.load(Ordering::Relaxed)
     }
 
     /// Empties it: returns the value if there is one.
     pub fn receive(&self) -> Option<T> {
-        self.0.lock(RefCell::take)
+        if !self.is_full() {
+            return None;
+        }
+        // Before the content: a value that is put in between is found twice rather than not.
+        self.full.store(false, Ordering::Relaxed);
+        self.content.lock(RefCell::take)
     }
 
     /// Empties it, and uses the value where it is if there is one: for what is too large to be
     /// copied onto the stack.
     pub fn receive_with(&self, mut use_it: impl FnMut(&T)) {
-        self.0.lock(|cell| {
+        if !self.is_full() {
+            return;
+        }
+        self.full.store(false, Ordering::Relaxed);
+        self.content.lock(|cell| {
             let mut cell = cell.borrow_mut();
             if let Some(value) = &*cell {
                 use_it(value);
@@ -83,8 +101,8 @@ impl<T: Copy> Mailbox<T> {
 /// What the bus side asks for.
 pub static COMMAND: Latest<Command> = Latest::new(Command::NONE);
 
-/// When the last SYNC was received, local time.
-pub static SYNC: Latest<Option<Micros>> = Latest::new(None);
+/// When the last SYNC was received, local time, until the control side has received it.
+pub static SYNC: Mailbox<Micros> = Mailbox::new();
 
 /// What the control side measured and decided.
 pub static REPORT: Latest<Report> = Latest::new(Report::NONE);

@@ -76,12 +76,25 @@ impl Indexes {
 
     /// Whether pulses are wanted, from the next [`Indexes::pulses`] on.
     pub fn listen(&mut self, wanted: bool) {
+        if wanted && self.lines == 0 {
+            // Nothing listens yet, so nothing writes them.
+            for pulse in &PULSES {
+                pulse.store(0, Ordering::Relaxed);
+            }
+        }
         self.lines = if wanted { MASK } else { 0 };
         cortex_m::interrupt::free(|_| pac::EXTI.imr(0).modify(|w| w.0 &= !MASK));
     }
 
-    /// The last pulse of each wheel. Lines that have had one listen again.
+    /// The last pulse of each wheel since the lines listen. Lines that have had one listen again.
     pub fn pulses(&self) -> [IndexPulse; 4] {
+        if self.lines == 0 {
+            const NONE: IndexPulse = IndexPulse {
+                number: 0,
+                count: 0,
+            };
+            return [NONE; 4];
+        }
         let deaf = self.lines & !pac::EXTI.imr(0).read().0;
         if deaf != 0 {
             // Edges that came meanwhile are pending.

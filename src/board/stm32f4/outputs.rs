@@ -116,7 +116,7 @@ impl Outputs {
         }
         let duty = if drivers_enabled { duty } else { [0.0; 4] };
         let set = |wheel: usize, duty: f32| {
-            pac::TIM1.ccr(wheel).write(|w| w.set_ccr(compare(duty)));
+            pac::TIM1.ccr(wheel).write(|w| w.0 = compare(duty));
             WIRING.direction[wheel].level(duty >= 0.0)
         };
         // Written out, not looped over: 39 instructions fewer.
@@ -185,12 +185,11 @@ fn force(drivers_enabled: bool, brake_released: bool) {
     clippy::cast_sign_loss,
     reason = "the value is between 0 and the period, which fits; NaN becomes 0"
 )]
-fn compare(duty: f32) -> u16 {
+fn compare(duty: f32) -> u32 {
     let share = duty.abs();
     // Not `min`: that is a function of the library, and makes a whole of what is no number.
     let share = if share > 1.0 { 1.0 } else { share };
-    // By way of 32 bits, which the core converts to in one instruction.
-    ((share * const { PERIOD as f32 } + 0.5) as u32).min(0xFFFF) as u16
+    (share * const { PERIOD as f32 } + 0.5) as u32
 }
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.

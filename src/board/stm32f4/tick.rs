@@ -15,7 +15,6 @@ use control::time::Micros;
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::{interrupt, pac};
-use embassy_sync::waitqueue::AtomicWaker;
 
 use crate::board::{WIRING, now};
 
@@ -25,8 +24,6 @@ const CLOCKS_PER_US: u16 = {
     assert!(hz.is_multiple_of(1_000_000));
     (hz / 1_000_000) as u16
 };
-
-static WAKER: AtomicWaker = AtomicWaker::new();
 
 /// The timer of the control task.
 pub struct TickTimer(());
@@ -43,24 +40,21 @@ impl TickTimer {
 
     /// Waits until `due`, not at all if that has been, and returns the time it is then.
     pub async fn until(&mut self, due: Micros) -> Micros {
-        loop {
+        poll_fn(|context| {
             let now = now();
             let left = due.since(now).0;
             if left == 0 {
-                return now;
+                return Poll::Ready(now);
             }
+            // Ready at once, but not before the timer's interrupt: that is the executor's, and it
+            // has no other task. So the interrupt needs nobody to wake. Nothing counts yet, so what
+            // is taken back is this request alone.
+            context.waker().wake_by_ref();
+            NVIC::unpend(interrupt::TIM7);
             start(u16::try_from(left).unwrap_or(u16::MAX));
-            // The interrupt runs this task, so it cannot come between looking and registering.
-            poll_fn(|context| {
-                if pac::TIM7.cr1().read().cen() {
-                    WAKER.register(context.waker());
-                    Poll::Pending
-                } else {
-                    Poll::Ready(())
-                }
-            })
-            .await;
-        }
+            Poll::Pending
+        })
+        .await
     }
 }
 
@@ -80,7 +74,4 @@ fn start(us: u16) {
 /// For the interrupt handler, before it runs the executor: a wait is over.
 pub fn over() {
     pac::TIM7.sr().write(|w| w.set_uif(false));
-    WAKER.wake();
-    // The executor is about to run. It need not once more.
-    NVIC::unpend(interrupt::TIM7);
 }
