@@ -349,11 +349,13 @@ fn random_phases_halve_the_ripple_in_the_mean() {
 
 /// The rim settles by 0.22 % of the radius, so it touches the floor up to `b = acos(1 - 0.0022)`,
 /// 3.8 degrees, from its lowest place, and presses there by `3/4 (1 - x^2)`, `x = angle / b`. While
-/// the edge of two rollers is under that, the one whose middle is `a - e` behind has the share `1/2+3/4(x-x^3/3)`, `x = e/b`, and the other, `a + e` ahead, the rest. Each wants its own speed:
-/// an axle that has turned by phi points by `cos(phi) / n` ahead and `1 / n` aside, `n^2=1+cos(phi)^2`, and is pushed by `k (v / n - v0 cos(phi) / n)` with k in proportion to the share.
-/// So they agree on `v = v0 sum(share cos(phi) / n^2) / sum(share / n^2)`, when nothing else costs
-/// anything. The robot lags by 0.6 ms of creep, in which that changes by 3e-5; with one roller down
-/// at a time it would be off by up to 5e-3.
+/// the edge of two rollers is under that, the one whose middle is `a - e` behind has the share
+/// `1/2+3/4(x-x^3/3)`, `x = e/b`, and the other, `a + e` ahead, the rest. Each wants its own speed:
+/// an axle that has turned by phi points by `cos(phi) / n` ahead and `1 / n` aside,
+/// `n^2=1+cos(phi)^2`, and is pushed by `k (v / n - v0 cos(phi) / n)` with k in proportion to the
+/// share. So they agree on `v = v0 sum(share cos(phi) / n^2) / sum(share / n^2)`, when nothing else
+/// costs anything. The robot lags by 0.6 ms of creep, in which that changes by 3e-5; with one
+/// roller down at a time it would be off by up to 5e-3.
 #[test]
 fn near_the_hand_over_two_rollers_agree_on_a_speed() {
     let contact = Contact {
