@@ -5,6 +5,7 @@
 use canopen::{AbortCode, NmtState};
 use protocol::{Fault, MemberState};
 
+use crate::bus::foreign::Sign;
 use crate::bus::link::LinkError;
 
 /// An error of the master.
@@ -157,12 +158,15 @@ pub enum MasterError {
     /// Giving node ids did not work.
     #[error("LSS: {0}")]
     Lss(String),
-    /// Somebody else commands this bus.
+    /// Another master commands this bus.
     #[error(
-        "another master is on the bus (its heartbeat or SYNC was heard); stop it first: robots \
-         stop when two command them"
+        "another master is on the bus ({0} was heard); stop it first: robots stop when two \
+         command them"
     )]
-    AnotherMaster,
+    AnotherMaster(Sign),
+    /// Another master has begun to command the robots of this one.
+    #[error("another master took the robots ({0} was heard that this program did not send)")]
+    Displaced(Sign),
     /// Something was to drive that does not listen to setpoints.
     #[error("the group is not started, so nothing would move; start it before each drive")]
     NotStarted,

@@ -109,3 +109,65 @@ fn usage_errors_exit_with_2() {
         assert_eq!(omnibus(arguments).status.code(), Some(2), "{arguments:?}");
     }
 }
+
+/// An adapter on whose bus another master sends SYNC; returns what was sent to it.
+fn bus_with_a_master() -> (String, std::thread::JoinHandle<Vec<u8>>) {
+    use std::io::{Read as _, Write as _};
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let server = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        stream.set_nonblocking(true).unwrap();
+        let mut received = Vec::new();
+        let mut counter = 0_u8;
+        loop {
+            let mut bytes = [0; 256];
+            match stream.read(&mut bytes) {
+                Ok(0) => return received,
+                Ok(count) => {
+                    received.extend(&bytes[..count]);
+                    // Commands that an adapter acknowledges.
+                    let ends = bytes[..count].iter().filter(|b| **b == b'\r').count();
+                    if stream.write_all(&vec![b'\r'; ends]).is_err() {
+                        return received;
+                    }
+                }
+                Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {}
+                Err(_) => return received,
+            }
+            counter = counter % 240 + 1;
+            let _ = stream.write_all(format!("t0801{counter:02X}\r").as_bytes());
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+    });
+    (format!("slcan-tcp://{address}"), server)
+}
+
+/// Every command that takes robots refuses a bus that another master commands, and sends nothing.
+#[test]
+fn no_command_takes_robots_from_another_master() {
+    for command in [
+        &["drive", "--vx", "0.1", "--for", "1"][..],
+        &["follow", "circle"],
+        &["group", "apply"],
+        &["wheel-test", "--node", "2", "--wheels-free"],
+        &["identify-motors", "--node", "2", "--wheels-free"],
+        &["calibrate", "--tape"],
+        &["lss", "set", "9", "--now", "3", "--reset"],
+    ] {
+        let (bus, server) = bus_with_a_master();
+        let group = ["--bus", &bus, "--group", "groups/single.toml"];
+        let output = omnibus(&[command, &group[..]].concat());
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(4), "{command:?}: {message}");
+        assert!(
+            message.contains("another master is on the bus (SYNC was heard)"),
+            "{message}"
+        );
+        let received = String::from_utf8(server.join().unwrap()).unwrap();
+        assert!(
+            !received.contains(['t', 'T']),
+            "{command:?} sent {received:?}"
+        );
+    }
+}

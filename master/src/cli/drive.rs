@@ -47,7 +47,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if !(arguments.seconds > 0.0 && arguments.seconds <= 3600.0) {
         bail!("--for: {} s is not between 0 and 3600 s", arguments.seconds);
     }
-    let link = arguments.target.link(&file)?;
+    let link = arguments.target.command(&file)?;
     let recorder = arguments
         .record
         .as_ref()

@@ -268,7 +268,7 @@ fn drive_once(
     let done = match &target.bus {
         #[cfg(feature = "simulation")]
         BusAddress::Sim(_) => (simulated(drive, tell)?, None),
-        _ => run::measured(target.link(group)?, drive, tell)?,
+        _ => run::measured(target.command(group)?, drive, tell)?,
     };
     progress.finish_and_clear();
     Ok(done)

@@ -119,7 +119,7 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
 
 fn apply(target: &Target, save: bool) -> anyhow::Result<()> {
     let file = target.group()?;
-    let mut group = Group::connect(target.link(&file)?, &file)?;
+    let mut group = Group::connect(target.command(&file)?, &file)?;
     group.configure(true)?;
     let counts: Vec<_> = file
         .robots

@@ -118,7 +118,7 @@ fn set(
     let Some(wanted) = wanted else {
         bail!("{node} is no robot's node id; robots are 2 to 17");
     };
-    let mut wire = target.visit()?;
+    let mut wire = target.exclusive()?;
     let taken = Survey::take(&mut wire, None)?;
     if now != Some(node) && taken.found.iter().any(|robot| robot.node == node) {
         bail!("node {node} is another robot's; give that one another id first");

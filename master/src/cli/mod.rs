@@ -8,8 +8,10 @@ use anyhow::{Context as _, bail};
 use canopen::Micros;
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
+use omnibus::bus::foreign;
 use omnibus::bus::link::Link;
 use omnibus::bus::wire::Wire;
+use omnibus::error::MasterError;
 use omnibus::pilot::Pilot;
 use omnibus::recording::{Header, Recorder};
 use omnibus::report::BackendName;
@@ -62,6 +64,10 @@ pub struct Target {
     /// Firmware image for emulated robots.
     #[arg(long, value_name = "PATH", default_value = DEFAULT_ELF)]
     elf: PathBuf,
+    /// For commands that need the robots to themselves: takes them even where another master
+    /// commands the bus.
+    #[arg(long)]
+    pub force: bool,
 }
 
 impl Target {
@@ -104,6 +110,14 @@ impl Target {
             (BusAddress::Sim(_), None) => self.link(&self.group()?),
             (real, _) => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
         }
+    }
+
+    /// Opens the bus to change something on it, unless another master commands it.
+    pub fn exclusive(&self) -> anyhow::Result<Wire<Box<dyn Link>>> {
+        let group = self.group_if_any()?;
+        let mut link = self.link_if_any(group.as_ref())?;
+        self.refuse_foreign(&mut link)?;
+        Ok(Wire::visiting(link))
     }
 
     /// Opens the bus without claiming to be its master.
@@ -182,6 +196,31 @@ impl Target {
             omnibus::bus::open(&bus, &file)
         };
         Ok(Pilot::launch(open, group.clone()))
+    }
+
+    /// Opens the bus to command the robots on it, unless another master does.
+    pub fn command(&self, group: &GroupFile) -> anyhow::Result<Box<dyn Link>> {
+        let mut link = self.link(group)?;
+        self.refuse_foreign(&mut link)?;
+        Ok(link)
+    }
+
+    /// Refuses a bus that another master commands. A simulated one has nobody else on it.
+    pub fn refuse_foreign(&self, link: &mut Box<dyn Link>) -> anyhow::Result<()> {
+        if matches!(self.bus, BusAddress::Sim(_)) {
+            return Ok(());
+        }
+        match foreign::look(link)? {
+            Some(sign) if self.force => {
+                note(format!(
+                    "{}: another master is on the bus ({sign} was heard); --force takes its robots",
+                    self.bus
+                ));
+                Ok(())
+            }
+            Some(sign) => Err(MasterError::AnotherMaster(sign).into()),
+            None => Ok(()),
+        }
     }
 
     /// Opens the bus. A simulated one is built with freshly booted robots.

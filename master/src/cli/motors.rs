@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         damping: arguments.damping,
         ..Settings::default()
     };
-    let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
+    let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;
     let period_us = session.period_us();
     let wire = session.wire();

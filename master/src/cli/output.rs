@@ -22,7 +22,8 @@ pub const EXIT_CODES: &str = "Exit codes:
   1    failed for a reason not below: a file, a value, a limit
   2    wrong usage
   3    the bus could not be opened, or failed
-  4    a robot did not answer, refused something, or did not get ready
+  4    a robot did not answer, refused something, or did not get ready; or another master
+       commands the bus
   5    a robot faulted or was lost while moving; the group was ramped down
   6    compared or checked, and found different or wrong
   130  stopped on request (Ctrl-C); the group was ramped down";
@@ -142,7 +143,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         return 3;
     }
     match master {
-        Some(MasterError::Link(_) | MasterError::AnotherMaster) => 3,
+        Some(MasterError::Link(_)) => 3,
         Some(
             MasterError::NodeSilent { .. }
             | MasterError::BusDiagnosis { .. }
@@ -154,13 +155,15 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::NotReady { .. }
             | MasterError::Identification { .. }
             | MasterError::NoIndex { .. }
+            | MasterError::AnotherMaster(_)
             | MasterError::Lss(_),
         ) => 4,
         Some(
             MasterError::MemberFault { .. }
             | MasterError::MemberMissing { .. }
             | MasterError::MemberRestarted { .. }
-            | MasterError::MemberLeft { .. },
+            | MasterError::MemberLeft { .. }
+            | MasterError::Displaced(_),
         ) => 5,
         Some(MasterError::Aborted) => 130,
         Some(

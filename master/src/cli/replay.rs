@@ -43,9 +43,6 @@ pub struct Arguments {
     /// Really sends the frames of the recorded master: robots on the bus move as they did.
     #[arg(long)]
     drive: bool,
-    /// Sends even though another master or started robots are on the bus.
-    #[arg(long, requires = "drive")]
-    force: bool,
 }
 
 /// Whether a frame is one that a master sends.
@@ -76,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let abort = super::abort_on_ctrl_c()?;
     let mut link: Box<dyn Link> = arguments.target.link_alone()?;
     let heard = look(&mut link)?;
-    if arguments.drive && !arguments.force {
+    if arguments.drive && !arguments.target.force {
         refuse_if_live(&heard, &arguments.target.bus)?;
     }
     let sent = if arguments.drive {

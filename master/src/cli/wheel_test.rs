@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
              --wheels-free"
         );
     }
-    let mut session = Group::connect(arguments.target.link(&group)?, &group)?;
+    let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;
     let period_us = session.period_us();
     let findings = test_wheels(session.wire(), node, period_us, &mut |wheel| {

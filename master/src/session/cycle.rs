@@ -125,6 +125,9 @@ impl<L: Link> Group<L> {
         if self.phase != SessionState::Running {
             return Ok(());
         }
+        if let Some(sign) = self.displaced {
+            return Err(MasterError::Displaced(sign));
+        }
         let faults = self.members.iter().filter_map(|member| {
             let Code::Fault(fault) = member.status?.code else {
                 return None;
@@ -164,6 +167,13 @@ impl<L: Link> Group<L> {
     pub fn ramp_down(&mut self, patience_us: u64) -> Result<(), MasterError> {
         self.set_phase(SessionState::Stopping);
         self.set_target(None);
+        if self.displaced.take().is_some() {
+            // The robots are the other's now: a setpoint or NMT command from here would stop them.
+            self.end_sync()?;
+            self.wire.claim(false);
+            self.set_phase(SessionState::Idle);
+            return Ok(());
+        }
         let deadline = self.wire.now().0 + patience_us;
         if !self.paced {
             self.next_sync = Micros(self.next_sync.0.max(self.wire.now().0 + self.lead_us()));

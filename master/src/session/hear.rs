@@ -4,21 +4,22 @@
 //! out of the record, and their sender will be missed. On a bus that is only observed, another
 //! master's SYNC closes the row and its group twist is taken for the command.
 
-use canopen::{Frame, Micros, client};
+use canopen::{Frame, Micros, NmtCommand, client};
 use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};
 
 use super::Group;
+use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
-use crate::monitor::telemetry::EventKind;
+use crate::monitor::telemetry::{EventKind, SessionState};
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.
     pub(crate) fn hear(&mut self, at: Micros, frame: &Frame) {
         let (id, data) = (frame.id(), frame.data());
+        self.note_foreign(at, frame);
         if let Some((node, state)) = client::parse_heartbeat(frame) {
             let node = node.get();
             if node == protocol::MASTER {
-                self.foreign = Some(at);
                 return;
             }
             match self.members.iter_mut().find(|m| m.node == node) {
@@ -33,7 +34,6 @@ impl<L: Link> Group<L> {
                 }
             }
         } else if id == cob::SYNC {
-            self.foreign = Some(at);
             if !self.wire.is_master() {
                 self.hear_sync(at);
             }
@@ -45,6 +45,30 @@ impl<L: Link> Group<L> {
             }
         } else {
             self.hear_member(id, data);
+        }
+    }
+
+    /// Remembers signs of another master. An adapter may return what this program has sent, so
+    /// while it commands only what it cannot have sent counts as displacing it.
+    fn note_foreign(&mut self, at: Micros, frame: &Frame) {
+        let Some(sign) = Sign::of(frame) else { return };
+        if sign != Sign::Nmt {
+            self.foreign = Some((at, sign));
+        }
+        if self.phase != SessionState::Running {
+            return;
+        }
+        let displaces = match sign {
+            // Its own come every 100 ms, with the same content.
+            Sign::Heartbeat => false,
+            Sign::Sync => frame.data() != [self.wire.sync_counter()],
+            Sign::GroupTwist => GroupTwist::try_from(frame.data()).is_ok_and(|twist| {
+                twist.group == self.file.group_id && twist.sequence != self.sequence
+            }),
+            Sign::Nmt => frame.data() != [NmtCommand::Start as u8, 0],
+        };
+        if displaces {
+            self.displaced = Some(sign);
         }
     }
 

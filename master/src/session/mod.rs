@@ -54,6 +54,7 @@ use kinematics::{Pose, Twist};
 use protocol::{Code, MemberState, MemberStatus};
 
 use crate::abort::Abort;
+use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
 use crate::bus::wire::{HubOwner, Wire};
 use crate::error::MasterError;
@@ -112,7 +113,9 @@ pub struct Group<L> {
     /// Where the group should be at the SYNC whose row is being filled.
     target: Option<Pose>,
     /// When another master's SYNC or heartbeat was last heard.
-    foreign: Option<Micros>,
+    foreign: Option<(Micros, Sign)>,
+    /// What another master sent while this one commanded.
+    displaced: Option<Sign>,
     abort: Abort,
 }
 
@@ -156,6 +159,7 @@ impl<L: Link> Group<L> {
             twist: Twist::default(),
             target: None,
             foreign: None,
+            displaced: None,
             abort: Abort::default(),
         }
     }
@@ -168,8 +172,8 @@ impl<L: Link> Group<L> {
         if self.wire.is_master() {
             return Ok(());
         }
-        if self.foreign_master() {
-            return Err(MasterError::AnotherMaster);
+        if let Some(sign) = self.foreign_sign() {
+            return Err(MasterError::AnotherMaster(sign));
         }
         self.wire.claim(true);
         self.find_members()
@@ -178,8 +182,14 @@ impl<L: Link> Group<L> {
     /// Whether another master's frames have been heard in the last second.
     #[must_use]
     pub fn foreign_master(&self) -> bool {
+        self.foreign_sign().is_some()
+    }
+
+    /// What gave away another master in the last second.
+    fn foreign_sign(&self) -> Option<Sign> {
         let now = self.wire.now().0;
-        self.foreign.is_some_and(|at| now < at.0 + 1_000_000)
+        let (at, sign) = self.foreign?;
+        (now < at.0 + 1_000_000).then_some(sign)
     }
 
     fn find_members(&mut self) -> Result<(), MasterError> {

@@ -7,6 +7,8 @@ use group::GroupFile;
 use kinematics::Twist;
 use protocol::{Address, Fault, GroupTwist, address, cob};
 
+use crate::bus::foreign::Sign;
+use crate::bus::link::Link as _;
 use crate::error::MasterError;
 use crate::fake::FakeBus;
 use crate::monitor::telemetry::{EventKind, SessionState, Subscription, Telemetry};
@@ -452,11 +454,41 @@ fn an_observer_sends_nothing_and_does_not_take_over_from_another_master() {
     for counter in 1..=3 {
         group.hear(now, &canopen::client::sync(Some(counter)));
     }
-    assert_eq!(group.claim(), Err(MasterError::AnotherMaster));
+    assert_eq!(group.claim(), Err(MasterError::AnotherMaster(Sign::Sync)));
     assert!(matches!(stream.try_next(), Some(Telemetry::Snapshot(_))));
     group.listen(canopen::Micros(1_100_000)).unwrap();
     drop(group);
     assert!(bus.sent.is_empty());
     let mut group = Group::observe(&mut bus, &file);
     group.claim().unwrap();
+}
+
+/// Another master's setpoint, while this one drives. An echo of its own frames is no other master.
+#[test]
+fn a_displaced_master_says_so_and_leaves_the_robots_to_the_other() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.start().unwrap();
+    group.cycle(Twist::new(0.1, 0.0, 0.0)).unwrap();
+    let echo = group.link().sent.iter().map(|(_, frame)| *frame);
+    let echo: Vec<_> = echo.rev().take(2).collect();
+    let now = group.link().now();
+    for frame in &echo {
+        group.hear(now, frame);
+    }
+    group.cycle(Twist::new(0.1, 0.0, 0.0)).unwrap();
+    let foreign = GroupTwist {
+        twist: Twist::new(-0.1, 0.0, 0.0),
+        sequence: 200,
+        group: file.group_id,
+    };
+    let frame = canopen::Frame::of(cob::GROUP_TWIST, foreign.encode());
+    let now = group.link().now();
+    group.hear(now, &frame);
+    let error = group.cycle(Twist::new(0.1, 0.0, 0.0)).unwrap_err();
+    assert_eq!(error, MasterError::Displaced(Sign::GroupTwist));
+    let sent = group.link().sent.len();
+    group.stop().unwrap();
+    assert_eq!(group.link().sent.len(), sent, "nothing more is sent");
 }

@@ -47,13 +47,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         (_, Some(gyro), _) => {
             let stream = gyro_stream(gyro)?;
-            let link = target.link(&group)?;
+            let link = target.command(&group)?;
             let mut rates = |link: &mut Box<dyn Link>| stream.take(&nodes, link.now());
             calibrate(arguments, &group, link, &mut Source::Gyro(&mut rates))
         }
         (_, None, Some(pose)) => {
             let stream = pose_stream(pose)?;
-            let link = target.link(&group)?;
+            let link = target.command(&group)?;
             let mut poses = |_: &mut Box<dyn Link>| stream.robots(&nodes);
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }

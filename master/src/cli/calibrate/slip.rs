@@ -177,7 +177,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 None => work(arguments, &group, &settings, link, witness, None),
             }
         }
-        (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.link(&group)?),
+        (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.command(&group)?),
         (_, None) => bail!(
             "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to be \
              asked after every motion"
@@ -185,7 +185,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (_, Some(source)) => {
             let stream = super::pose_stream(source)?;
             let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
-            let link = target.link(&group)?;
+            let link = target.command(&group)?;
             let mut poses = |_: &mut Box<dyn Link>| {
                 if rigid {
                     Ok(vec![stream.group()?])
@@ -423,7 +423,7 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
     let path = arguments.target.group_path()?;
     let from = undo_path(arguments, path);
     let record = UndoRecord::load(&from)?;
-    let mut group = Group::connect(arguments.target.link(file)?, file)?;
+    let mut group = Group::connect(arguments.target.command(file)?, file)?;
     group.command(NmtCommand::EnterPreOperational)?;
     for held in &record.robots {
         held.write(group.wire())?;
