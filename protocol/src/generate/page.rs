@@ -63,7 +63,9 @@ Access: *const* never changes, *ro* is written by the robot only, *rw* at any ti
 parameter: refused while OPERATIONAL (abort 0x08000022). **Required** parameters must be written
 before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too high),
 0x06090032 (too low) or 0x06090030 (not a number), and nothing changes. Sub-index 0 of a record
-reads its highest sub-index.
+reads its highest sub-index. What is read by SDO is what is at that moment; what is sent as a PDO is
+what was at its SYNC. The code of a robot that is not started (0x2110:5) is what speaks against a
+start, like an emergency stop that is pressed.
 ";
 
 const PLAN: &str = "\

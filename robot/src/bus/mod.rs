@@ -196,6 +196,10 @@ impl BusSide {
         if id == cob::GROUP_TWIST && self.is_for_another_group(frame) {
             return;
         }
+        if id == cob::sdo_request(self.identity.node.get()) {
+            // Who asks wants to know what is, not what was at the last SYNC.
+            self.publish(at);
+        }
         if id == cob::MASTER_HEARTBEAT {
             self.on_master_heartbeat(at, frame.data());
         } else if self.device.state() == NmtState::Operational {

@@ -1,4 +1,4 @@
-//! What the robot says about itself at every SYNC.
+//! What the robot reports about itself, at every SYNC and to everybody who reads it.
 
 use control::time::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
@@ -7,7 +7,7 @@ use super::BusSide;
 use crate::state::State;
 
 impl BusSide {
-    /// Process data as it is at this SYNC.
+    /// Brings the process data up to date.
     pub(super) fn publish(&mut self, at: Micros) {
         let code = self.code();
         self.remember(at, code);
@@ -54,6 +54,9 @@ impl BusSide {
     fn code(&self) -> Code {
         if let Some(fault) = self.state.fault() {
             return Code::Fault(fault);
+        }
+        if let (State::Ready, Some(obstacle)) = (self.state, self.report.obstacle) {
+            return Code::Fault(obstacle);
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
         let limit = self.waits.or(self.report.limit).or_else(|| {

@@ -3,7 +3,7 @@
 use control::time::Micros;
 use kinematics::Twist;
 use protocol::address::{self as at, history};
-use protocol::{Fault, StoredFault, Value, cob};
+use protocol::{Fault, MemberState, StoredFault, Value, cob};
 
 use super::world::{SUPPLY, World};
 use crate::state::State;
@@ -493,4 +493,37 @@ fn a_sticky_start_is_not_a_fault() {
     world.run(30);
     world.drive(Twist::new(0.02, 0.0, 0.0), 3000);
     assert_eq!(world.robots[0].bus.state(), State::Moving);
+}
+
+/// What a robot answers to SDO is what is, also when nobody sends SYNC.
+#[test]
+fn what_is_read_is_not_older_than_the_request() {
+    let mut world = World::started(&[2, 3]);
+    let configured = |world: &mut World| world.read(2, at::STATE).unwrap();
+    world.drive(Twist::new(0.3, 0.0, 0.0), 500);
+    assert_eq!(configured(&mut world), MemberState::Moving as u32);
+    // The master falls silent: no SYNC, no heartbeat.
+    (world.sync, world.heartbeat, world.twist) = (false, false, None);
+    world.run(3_000);
+    assert_eq!(configured(&mut world), MemberState::Faulted as u32);
+    let code = world.read(2, at::STATUS_CODE).unwrap();
+    assert_eq!(
+        code,
+        u32::from(world.robots[0].bus.state().fault().unwrap().code())
+    );
+
+    let mut world = World::new(&[2]);
+    world.configure();
+    world.robots[0].inputs.emergency_stop = true;
+    world.run(10);
+    let code = world.read(2, at::STATUS_CODE).unwrap();
+    assert_eq!(
+        code,
+        u32::from(Fault::EmergencyStop.code()),
+        "pressed while idle"
+    );
+    world.robots[0].inputs.emergency_stop = false;
+    world.run(10);
+    let code = world.read(2, at::STATUS_CODE).unwrap();
+    assert_ne!(code, u32::from(Fault::EmergencyStop.code()), "released");
 }
