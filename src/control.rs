@@ -38,7 +38,9 @@ pub async fn control(
     loop {
         let begin = timer.until(due).await;
         if CONFIGURATION.is_full() {
-            senses = take_over(&mut side, &mut schedule, &encoders, &mut indexes);
+            let taken = take_over(&mut side, &mut schedule, &encoders, &mut indexes);
+            senses = taken.senses;
+            outputs.set_frequency(taken.pwm_hz);
         }
         // Before the counts, so that no pulse is ahead of them.
         let index = indexes.pulses();
@@ -80,23 +82,36 @@ pub async fn control(
     }
 }
 
-/// Takes over a new configuration; returns whether it knows of current sensors. Not inlined, so
-/// that the stack it takes is given back.
+/// What of a configuration the task itself needs.
+struct Taken {
+    /// Whether it knows of current sensors.
+    senses: bool,
+    /// Frequency of the PWM.
+    pwm_hz: u32,
+}
+
+/// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
 #[inline(never)]
 fn take_over(
     side: &mut ControlSide,
     schedule: &mut TickSchedule,
     encoders: &Encoders,
     indexes: &mut Indexes,
-) -> bool {
-    let mut senses = false;
+) -> Taken {
+    let mut taken = Taken {
+        senses: false,
+        pwm_hz: 0,
+    };
     CONFIGURATION.receive_with(|configuration| {
         *schedule = TickSchedule::with_period(configuration.times.sync_period_us);
         let rollers = configuration.rollers.as_ref();
         encoders.set_filter(configuration.encoder_filter);
         indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));
         side.configure(configuration);
-        senses = configuration.current.is_some();
+        taken = Taken {
+            senses: configuration.current.is_some(),
+            pwm_hz: configuration.pwm_hz,
+        };
     });
-    senses
+    taken
 }

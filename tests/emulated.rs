@@ -285,6 +285,45 @@ fn the_supply_is_measured_whatever_the_chips_supply_is() {
     }
 }
 
+/// PWM of 8 kHz to 40 kHz: the period on the pins is the one asked for, and a duty is the same
+/// share of it: the loops ask for the same duty to drive as fast.
+#[test]
+fn the_bridges_switch_at_the_frequency_asked_for() {
+    let mut duties = Vec::new();
+    for (hz, period_ns) in [(20_000, 50_000), (8_000, 125_000), (40_000, 25_000)] {
+        let group = common::group("single");
+        let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+        let mut link = SimLink::new(world, "test");
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        let at = address::PWM_FREQUENCY;
+        session.wire().write(2, at, Value::U16(hz)).unwrap();
+        session.start().unwrap();
+        // While it follows, it stays what it is.
+        assert!(session.wire().write(2, at, Value::U16(10_000)).is_err());
+        for _ in 0..100 {
+            session.cycle(kinematics::Twist::ZERO).unwrap();
+        }
+        for _ in 0..200 {
+            session
+                .cycle(kinematics::Twist::new(0.3, 0.0, 0.0))
+                .unwrap();
+        }
+        let world = &mut session.link().world;
+        for channel in 1..=4 {
+            let pwm = world.board(2).unwrap().pwm(1, channel);
+            assert_eq!((pwm.period_ns, pwm.active), (period_ns, true), "{hz} Hz");
+        }
+        duties.push(world.truth().robots[0].duties);
+    }
+    let [first, others @ ..] = &duties[..] else {
+        unreachable!("three runs")
+    };
+    for (one, other) in others.iter().flat_map(|run| first.iter().zip(run)) {
+        assert!((one - other).abs() < 0.01 * one.abs(), "{duties:?}");
+    }
+}
+
 /// The release image finds the constants of the simulated motors, and gains that drive them.
 #[test]
 fn motors_are_identified_over_the_bus() {

@@ -101,6 +101,8 @@ pub struct Configuration {
     pub supply: SupplyConfiguration,
     /// Sensors of the motors' current; `None` where there are none.
     pub current: Option<CurrentConfiguration>,
+    /// Frequency of the PWM, for the board, Hz.
+    pub pwm_hz: u32,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
     /// What the holding brake takes.

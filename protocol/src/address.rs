@@ -133,6 +133,8 @@ addresses! {
     BRAKE_RELEASE = 0x2027:3;
     /// How long the brake takes to hold.
     BRAKE_ENGAGE = 0x2027:4;
+    /// Frequency of the bridges' PWM.
+    PWM_FREQUENCY = 0x2027:5;
 
     /// Where the angle of the rollers comes from.
     ROLLER_REFERENCE = 0x202A:1;

@@ -572,6 +572,14 @@ const OUTPUT_STAGE: &[Object] = &[
         "What the brake takes to hold. So long after it was engaged at standstill the drivers \
          stay on and the loops hold. A cut does not wait.",
     ),
+    Object::parameter(
+        at::PWM_FREQUENCY,
+        "PWM frequency",
+        "Hz",
+        word(8_000, 40_000, 20_000),
+        "What drivers and motors want. Below 16 kHz it is heard; above 20 kHz many drivers lose \
+         more.",
+    ),
 ];
 
 const LIMITS: &[Object] = &[

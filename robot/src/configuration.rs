@@ -163,6 +163,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
             duty_max: real(at::DUTY_MAX),
         },
         current,
+        pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {
             release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,

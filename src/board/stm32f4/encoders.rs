@@ -75,6 +75,7 @@ impl Encoders {
 
     /// Sets the digital filter of all channels, 0 to 15: ICxF of RM0390 18.4.7, at the clock of the
     /// timers of APB1.
+    #[inline(never)]
     pub fn set_filter(&self, filter: u8) {
         let filter = FilterValue::from_bits(filter);
         for encoder in WIRING.encoders.into_iter().flatten() {

@@ -1,10 +1,10 @@
 //! What turns the wheels: four PWM channels with direction pins, the driver enable, the holding
 //! brake.
 //!
-//! TIM1 makes 20 kHz on four channels. Its master output enable (MOE) is set only while the drivers
-//! are enabled, and the emergency-stop input clears it in hardware (break input), with the core
-//! halted or not. With MOE clear the outputs are driven to their idle level, low, not left floating
-//! (`OSSI`).
+//! TIM1 makes the PWM on four channels, 20 kHz unless the configuration wants another frequency.
+//! Its master output enable (MOE) is set only while the drivers are enabled, and the emergency-stop
+//! input clears it in hardware (break input), with the core halted or not. With MOE clear the
+//! outputs are driven to their idle level, low, not left floating (`OSSI`).
 //!
 //! Driver enable and brake release are outputs of TIM8, channels 2 and 3, complementary outputs
 //! alone, forced to a level instead of compared (RM0390 17.4.7, OCxM 100 and 101). TIM8 counts
@@ -24,10 +24,19 @@ use embassy_stm32::pac::timer::vals::{Bkp, Lock, Ocm, Ossi, Ossr};
 use super::pin::{Pin, Pull, Role, Speed};
 use crate::board::WIRING;
 
+/// Frequency of the PWM until there is a configuration, the same as its default.
 const PWM_HZ: u32 = 20_000;
 
-/// Timer clocks in one PWM period.
-const PERIOD: u32 = WIRING.clocks.apb2_timers_hz() / PWM_HZ;
+/// Timer clocks in one PWM period at a frequency in Hz. The slowest is what the counter allows:
+/// 2.75 kHz at 180 MHz.
+const fn period(hz: u32) -> u16 {
+    let clocks = WIRING.clocks.apb2_timers_hz() / if hz == 0 { 1 } else { hz };
+    if clocks > 0xFFFF {
+        0xFFFF
+    } else {
+        clocks as u16
+    }
+}
 
 /// Data sheet DS10693 rev 10, table 11; DS8626, table 9: TIM1 is alternate function 1, TIM8
 /// is 3.
@@ -37,6 +46,8 @@ const TIM8_AF: u8 = 3;
 /// Four motor drivers and the holding brake. Wheels in the order front left, front right, rear
 /// left, rear right.
 pub struct Outputs {
+    /// Timer clocks in one PWM period.
+    period: f32,
     enabled: bool,
 }
 
@@ -54,9 +65,6 @@ impl Outputs {
             w.set_tim8en(true);
         });
         let timer = pac::TIM1;
-        timer
-            .arr()
-            .write(|w| w.set_arr(const { (PERIOD - 1) as u16 }));
         for half in 0..2 {
             timer.ccmr_output(half).write(|w| {
                 w.set_ocm(0, Ocm::PWM_MODE1);
@@ -90,7 +98,21 @@ impl Outputs {
         for pwm in WIRING.pwm {
             pwm.become_a(Role::PeripheralOutput(TIM1_AF, Pull::Down, Speed::Medium));
         }
-        Self { enabled: false }
+        let mut outputs = Self {
+            period: 0.0,
+            enabled: false,
+        };
+        outputs.set_frequency(PWM_HZ);
+        outputs
+    }
+
+    /// Sets the frequency of the PWM, Hz; with the drivers disabled.
+    pub fn set_frequency(&mut self, hz: u32) {
+        let period = period(hz);
+        pac::TIM1.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
+        // A counter that is past the new end would go on to its last.
+        pac::TIM1.egr().write(|w| w.set_ug(true));
+        self.period = period.into();
     }
 
     /// Whether the emergency stop is pressed, its wire is broken, or it has cut the outputs since
@@ -116,7 +138,8 @@ impl Outputs {
         }
         let duty = if drivers_enabled { duty } else { [0.0; 4] };
         let set = |wheel: usize, duty: f32| {
-            pac::TIM1.ccr(wheel).write(|w| w.0 = compare(duty));
+            let clocks = compare(duty, self.period);
+            pac::TIM1.ccr(wheel).write(|w| w.0 = clocks);
             WIRING.direction[wheel].level(duty >= 0.0)
         };
         // Written out, not looped over: 39 instructions fewer.
@@ -185,11 +208,11 @@ fn force(drivers_enabled: bool, brake_released: bool) {
     clippy::cast_sign_loss,
     reason = "the value is between 0 and the period, which fits; NaN becomes 0"
 )]
-fn compare(duty: f32) -> u32 {
+fn compare(duty: f32, period: f32) -> u32 {
     let share = duty.abs();
     // Not `min`: that is a function of the library, and makes a whole of what is no number.
     let share = if share > 1.0 { 1.0 } else { share };
-    (share * const { PERIOD as f32 } + 0.5) as u32
+    (share * period + 0.5) as u32
 }
 
 /// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
