@@ -155,6 +155,11 @@ class Dictionary(Robot):
                 data = self.upload(variable)
                 self.refused(DEVICE_STATE, self.download, variable, data)
 
+    def test_arrays_of_the_standard_are_arrays(self):
+        for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029):
+            kind = type(self.node.object_dictionary[index])
+            self.assertIs(kind, canopen.objectdictionary.ODArray, f"{index:04X}")
+
     def test_the_eds_names_all_there_is(self):
         named = set(self.node.object_dictionary)
         for first, last in [

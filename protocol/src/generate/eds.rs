@@ -262,10 +262,14 @@ fn list(out: &mut impl Write, section: &str, indices: impl Iterator<Item = u16> 
     writeln!(out)
 }
 
+/// Objects that CiA 301 defines as an ARRAY; all others with sub-indices are a RECORD.
+const ARRAYS: [u16; 5] = [0x1003, 0x1010, 0x1011, 0x1016, 0x1029];
+
 fn record(out: &mut impl Write, index: u16, name: &str, subs: usize) -> Result {
     writeln!(
         out,
-        "[{index:04X}]\nParameterName={name}\nObjectType=0x9\nSubNumber={subs}\n"
+        "[{index:04X}]\nParameterName={name}\nObjectType=0x{:X}\nSubNumber={subs}\n",
+        if ARRAYS.contains(&index) { 8 } else { 9 }
     )
 }
 
