@@ -4,6 +4,7 @@ import math
 import struct
 import unittest
 
+from canopen.objectdictionary import ODArray
 from canopen.objectdictionary import datatypes as t
 
 from robot import (
@@ -158,7 +159,7 @@ class Dictionary(Robot):
     def test_arrays_of_the_standard_are_arrays(self):
         for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029):
             kind = type(self.node.object_dictionary[index])
-            self.assertIs(kind, canopen.objectdictionary.ODArray, f"{index:04X}")
+            self.assertIs(kind, ODArray, f"{index:04X}")
 
     def test_the_eds_names_all_there_is(self):
         named = set(self.node.object_dictionary)
