@@ -149,6 +149,15 @@ pub enum MasterError {
         /// Its state as last heard.
         state: NmtState,
     },
+    /// A robot's own pose began anew while the group was running.
+    #[error(
+        "node {node}: its pose jumped while the group was moving; the group ramps down. The robot \
+         was reset, or its encoders lost their count: read its reset cause (2001:3)"
+    )]
+    PoseJumped {
+        /// The node.
+        node: u8,
+    },
     /// The source of poses went silent.
     #[error(
         "no pose of the group has arrived for one second; the group ramps down. Check what sends \

@@ -163,6 +163,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::MemberMissing { .. }
             | MasterError::MemberRestarted { .. }
             | MasterError::MemberLeft { .. }
+            | MasterError::PoseJumped { .. }
             | MasterError::Displaced(_),
         ) => 5,
         Some(MasterError::Aborted) => 130,

@@ -18,6 +18,7 @@ use protocol::{
 
 use crate::bus::load::Meter;
 use crate::monitor::average::{mean_pose, mean_twist, strain};
+use crate::monitor::common_frame::CommonFrame;
 use crate::monitor::telemetry::{Event, EventKind, MemberSample, SessionState, Snapshot};
 
 /// Without a SYNC for this long, in s, no setpoint is in force.
@@ -38,6 +39,8 @@ pub struct Listener {
     commanded: bool,
     reckoning: Reckoning,
     load: Meter,
+    /// One frame for the poses that robots report.
+    frame: CommonFrame,
     events: Vec<Event>,
 }
 
@@ -65,6 +68,7 @@ impl Listener {
             commanded: false,
             reckoning: Reckoning::default(),
             load: Meter::default(),
+            frame: CommonFrame::default(),
             events: Vec::new(),
         }
     }
@@ -178,7 +182,11 @@ impl Listener {
                 }
             }
             1 => member.measured = MeasuredTwist::try_from(data).ok().map(|m| m.twist),
-            2 => member.pose = PoseReport::try_from(data).ok().map(|p| p.pose),
+            2 => {
+                if let Ok(report) = PoseReport::try_from(data) {
+                    member.pose = Some(self.frame.place(usize::from(node), t, report.pose).pose);
+                }
+            }
             _ => member.wheel_rates = WheelRateReport::try_from(data).ok().map(|w| w.rates),
         }
     }
@@ -348,8 +356,10 @@ mod tests {
             status(3, 0.25, Code::None),
             measured(2, 0.1, 0.0),
             measured(3, 0.1, 0.03),
-            pose(2, 1.0, 3.1),
-            pose(3, 2.0, -3.1),
+            pose(2, 1.5, 3.1),
+            pose(3, 1.5, 3.1),
+            pose(2, 1.45, 3.1),
+            pose(3, 1.55, -3.1),
         ] {
             assert_eq!(listener.take(1.005, &frame), None);
         }

@@ -156,6 +156,9 @@ impl<L: Link> Group<L> {
                 });
             }
         }
+        if let Some(node) = self.jumped {
+            return Err(MasterError::PoseJumped { node });
+        }
         Ok(())
     }
 

@@ -44,7 +44,7 @@ impl<L: Link> Group<L> {
                 (self.twist, self.sequence) = (setpoint.twist, setpoint.sequence);
             }
         } else {
-            self.hear_member(id, data);
+            self.hear_member(at, id, data);
         }
     }
 
@@ -83,7 +83,7 @@ impl<L: Link> Group<L> {
         }
     }
 
-    fn hear_member(&mut self, id: u16, data: &[u8]) {
+    fn hear_member(&mut self, at: Micros, id: u16, data: &[u8]) {
         let mut events = [None, None];
         let mut from = None;
         for (index, member) in self.members.iter_mut().enumerate() {
@@ -116,7 +116,17 @@ impl<L: Link> Group<L> {
             } else if id == cob::measured_twist(node) {
                 row.measured = MeasuredTwist::try_from(data).ok().map(|m| m.twist);
             } else if id == cob::pose(node) {
-                row.pose = PoseReport::try_from(data).ok().map(|p| p.pose);
+                if let Ok(report) = PoseReport::try_from(data) {
+                    if self.phase == SessionState::Starting {
+                        // A robot that takes over its configuration begins anew.
+                        self.frame.gather();
+                    }
+                    let placed = self.frame.place(index, at.0 as f64 * 1e-6, report.pose);
+                    row.pose = Some(placed.pose);
+                    if placed.jumped && self.phase == SessionState::Running {
+                        self.jumped = Some(node);
+                    }
+                }
             } else if id == cob::wheel_rates(node) {
                 row.wheel_rates = WheelRateReport::try_from(data).ok().map(|w| w.rates);
             } else {

@@ -58,6 +58,7 @@ use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
 use crate::bus::wire::{HubOwner, Wire};
 use crate::error::MasterError;
+use crate::monitor::common_frame::CommonFrame;
 use crate::monitor::rows::Recorder;
 use crate::monitor::telemetry::{
     DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, Punctuality, SessionState, Subscription,
@@ -116,6 +117,10 @@ pub struct Group<L> {
     foreign: Option<(Micros, Sign)>,
     /// What another master sent while this one commanded.
     displaced: Option<Sign>,
+    /// One frame for the poses that members report.
+    frame: CommonFrame,
+    /// A member whose pose jumped while the group was driven.
+    jumped: Option<u8>,
     abort: Abort,
 }
 
@@ -160,6 +165,8 @@ impl<L: Link> Group<L> {
             target: None,
             foreign: None,
             displaced: None,
+            frame: CommonFrame::default(),
+            jumped: None,
             abort: Abort::default(),
         }
     }
@@ -330,6 +337,7 @@ impl<L: Link> Group<L> {
         }
         self.set_phase(SessionState::Starting);
         self.twist = Twist::default();
+        self.jumped = None;
         let started = self.bring_up();
         if let Err(error) = &started {
             self.fail(error);

@@ -8,7 +8,7 @@ use kinematics::Twist;
 use protocol::{Address, Fault, GroupTwist, address, cob};
 
 use crate::bus::foreign::Sign;
-use crate::bus::link::Link as _;
+use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::fake::FakeBus;
 use crate::monitor::telemetry::{EventKind, SessionState, Subscription, Telemetry};
@@ -491,4 +491,27 @@ fn a_displaced_master_says_so_and_leaves_the_robots_to_the_other() {
     let sent = group.link().sent.len();
     group.stop().unwrap();
     assert_eq!(group.link().sent.len(), sent, "nothing more is sent");
+}
+
+/// A reset that no robot announces, or encoders that lose their count.
+#[test]
+fn a_pose_that_jumps_in_motion_ends_the_drive_by_name() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    let mut group = Group::connect(&mut bus, &file).unwrap();
+    group.start().unwrap();
+    let reports = |group: &mut Group<_>, x: f32| {
+        let pose = kinematics::Pose::new(x, 0.0, 0.0);
+        let report = protocol::PoseReport { pose };
+        let now = Link::now(group.link());
+        let frame = canopen::Frame::of(cob::pose(3), report.encode());
+        group.hear(now, &frame);
+        group.cycle(Twist::new(0.1, 0.0, 0.0))
+    };
+    // 10 mm in a period of 10 ms is 1 m/s.
+    for x in [0.0, 0.01, 0.02] {
+        reports(&mut group, x).unwrap();
+    }
+    let error = reports(&mut group, 3.0).unwrap_err();
+    assert_eq!(error, MasterError::PoseJumped { node: 3 });
 }
