@@ -374,6 +374,29 @@ mod tests {
         assert_eq!(at(109_500_000, 0x00), sr::EOC | sr::STRT);
     }
 
+    /// VREFINT stays what it is: at a lower reference it is more of it.
+    #[test]
+    fn the_internal_reference_shows_what_the_reference_is() {
+        let mut adc = Adc::default();
+        adc.set_clock(90_000_000);
+        for (offset, value) in [
+            (0x304, 1 << 16 | ccr::TSVREFE),
+            (0x0C, 7 << 21),
+            (0x34, VREFINT_CHANNEL as u32),
+            (0x08, cr2::ADON | cr2::CONT),
+            (0x08, cr2::ADON | cr2::CONT | cr2::SWSTART),
+        ] {
+            adc.write(0, offset, value).unwrap();
+        }
+        let at = |adc: &Adc| adc.read(21_900_000, 0x4C, false).unwrap();
+        assert_eq!(at(&adc), u32::from(VREFINT_CALIBRATION));
+        adc.set_reference(3.0);
+        // 1.21 / 3.0 x 4096.
+        assert_eq!(at(&adc), 1652);
+        adc.write(0, 0x304, 1 << 16).unwrap();
+        assert_eq!(at(&adc), 0, "not connected");
+    }
+
     #[test]
     fn what_is_not_modelled_is_refused() {
         let mut adc = running();

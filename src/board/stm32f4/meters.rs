@@ -38,11 +38,12 @@ const VREFINT_CHANNEL: u8 = 17;
 /// voltage).
 const VREFIN_CAL: *const u16 = 0x1FFF_7A2A as *const u16;
 
-/// Channels converted after the supply's: those of the sensors, then VREFINT.
-const INJECTED: usize = {
-    let sensors = if WIRING.currents.is_some() { 3 } else { 0 };
-    let reference = if WIRING.converter == 1 { 1 } else { 0 };
-    sensors + reference
+/// How many sensors are converted after the supply, and the place of VREFINT behind them, from 0,
+/// where the converter has it.
+const SENSORS: usize = if WIRING.currents.is_some() { 3 } else { 0 };
+const REFERENCE_AT: Option<usize> = match WIRING.converter {
+    1 => Some(SENSORS),
+    _ => None,
 };
 
 /// DS10693 rev 10, table 74, and DS8626, table 67: the converter's clock is 36 MHz at most.
@@ -79,7 +80,7 @@ impl Meters {
             input.pin.become_a(Role::Analog);
             inject(input.channel);
         }
-        if WIRING.converter == 1 {
+        if REFERENCE_AT.is_some() {
             inject(VREFINT_CHANNEL);
         }
         // RM0390 6.3.14: ADC1 is bit 8.
@@ -97,8 +98,9 @@ impl Meters {
         ADC.smpr2().write(|w| w.0 = (sampling & 0x3FFF_FFFF) as u32);
         ADC.smpr1().write(|w| w.0 = (sampling >> 30) as u32);
         ADC.sqr3().write(|w| w.set_sq(0, WIRING.supply.channel));
-        if let Some(last) = INJECTED.checked_sub(1) {
-            ADC.jsqr().write(|w| w.0 = sequence | (last as u32) << 20);
+        let injected = SENSORS as u32 + u32::from(REFERENCE_AT.is_some());
+        if injected > 0 {
+            ADC.jsqr().write(|w| w.0 = sequence | (injected - 1) << 20);
             ADC.cr1().write(|w| {
                 w.set_scan(true);
                 w.set_jauto(true);
@@ -131,12 +133,12 @@ fn volts(steps: u16) -> f32 {
 
 /// Compares the converter's reference with the chip's own. To be called now and then.
 pub fn calibrate() {
-    if WIRING.converter != 1 {
+    let Some(place) = REFERENCE_AT else {
         return;
-    }
+    };
     // SAFETY: a half-word of system memory, which can always be read.
     let at_reference = f32::from(unsafe { VREFIN_CAL.read_volatile() });
-    let now = f32::from(ADC.jdr(const { INJECTED - 1 }).read().jdata());
+    let now = f32::from(ADC.jdr(place).read().jdata());
     let reference = REFERENCE * at_reference / now;
     // The chip is made for 3.6 V at most, and below 2.9 V nothing runs here; else there is no
     // calibration, or no conversion yet.
