@@ -464,3 +464,36 @@ fn live_views_and_servers_say_what_they_need() {
     text += &transcript(&["group", "show", "groups/missing.toml"]);
     check("live-refused", &text);
 }
+
+/// Limits that the wheels cannot follow, as in a file that was written for other motors.
+#[test]
+fn a_group_that_cannot_keep_up_says_so() {
+    let (path, bus) = own_group("slow");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let text = text.replace("max_wheel_rate = 22.0", "max_wheel_rate = 3.0");
+    std::fs::write(&path, text).unwrap();
+    let drive = ["drive", "--vx", "0.9", "--for", "2", "--bus", &bus];
+    let said = transcript(&drive);
+    // 3 rad/s x 0.1524 m = 0.457 m/s of 0.9 m/s; the compensation takes 0.2 %.
+    assert!(
+        said.contains("The group ran at 51 % of what was asked at its slowest: "),
+        "{said}"
+    );
+    let found = json(&[&drive[..], &["--json"]].concat());
+    let scale = found["smallest_scale"].as_f64().unwrap();
+    assert!((scale - 0.457 / 0.9).abs() < 0.01, "{scale}");
+    let ahead = found["moved"]["x"].as_f64().unwrap();
+    assert!(ahead > 0.7 && ahead < 1.0, "{ahead}");
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_dump_is_written_also_where_json_is_asked_for() {
+    let path = std::env::temp_dir().join(format!("omnibus-dump-{}.toml", std::process::id()));
+    let file = path.to_str().unwrap();
+    json(&[
+        "param", "dump", "--node", "2", "--output", file, "--json", "--bus", BUS,
+    ]);
+    assert!(std::fs::read_to_string(&path).unwrap().contains("node = 2"));
+    std::fs::remove_file(path).unwrap();
+}

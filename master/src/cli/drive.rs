@@ -4,9 +4,12 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use kinematics::Twist;
+use kinematics::{Pose, Twist};
 use omnibus::Group;
 use omnibus::bus::link::Link;
+use omnibus::monitor::average::counted_on;
+use omnibus::monitor::odometry::seen_from;
+use omnibus::monitor::rows::{Row, slowdown};
 use serde_json::json;
 
 use super::{Target, json, note, print_json, say};
@@ -68,23 +71,54 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     driven?;
     let rows = group.recorder().rows();
+    let slowed = slowdown(rows);
+    if let Some(moved) = moved(rows) {
+        say(format_args!(
+            "moved {:.3} m ahead, {:.3} m to the left, turned {:.2} degrees (by the wheels)",
+            moved.x,
+            moved.y,
+            moved.heading.to_degrees()
+        ))?;
+    }
+    super::tell_slowdown(slowed, &file);
     let mut robots = Vec::new();
     for (index, robot) in file.robots.iter().enumerate() {
         let last = rows.iter().rev().find_map(|row| row.members[index].pose);
         if let Some(pose) = last {
-            say(format_args!(
-                "node {}: by its wheels the group came to x {:.3} m, y {:.3} m, heading {:.4} rad",
-                robot.node, pose.x, pose.y, pose.heading
-            ))?;
             robots.push(
                 json!({"node": robot.node, "x": pose.x, "y": pose.y, "heading": pose.heading}),
             );
         }
     }
     if json() {
-        print_json(&json!({"robots": robots, "sync": punctuality.map(|p| super::sync_json(&p))}))?;
+        print_json(&json!({
+            "robots": robots,
+            "moved": moved(rows).map(|p| json!({"x": p.x, "y": p.y, "heading": p.heading})),
+            "smallest_scale": slowed.map_or(1.0, |slowed| slowed.scale),
+            "sync": punctuality.map(|p| super::sync_json(&p)),
+        }))?;
     }
     Ok(())
+}
+
+/// How far the group has come since the first row, in the frame it had then.
+fn moved(rows: &[Row]) -> Option<Pose> {
+    let mut poses = rows.iter().filter_map(Row::pose);
+    let first = poses.next()?;
+    let last = poses.next_back()?;
+    let turned = counted_on(
+        0.0,
+        Pose {
+            heading: last.heading - first.heading,
+            ..last
+        },
+    )
+    .heading;
+    let way = seen_from(first, last);
+    Some(Pose {
+        heading: turned,
+        ..way
+    })
 }
 
 /// From finding the robots to their standing again.

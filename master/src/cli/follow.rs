@@ -7,6 +7,7 @@ use canopen::Micros;
 use clap::ValueEnum as _;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use omnibus::bus::address::BusAddress;
+use omnibus::monitor::rows::slowdown;
 use omnibus::monitor::telemetry::Punctuality;
 use omnibus::path::course::{Course, Frame, Shape};
 use omnibus::path::curve::{Curve, RAMP};
@@ -234,6 +235,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     say(report::table::to_table(&report))?;
     say("Axes as in the paper: x lateral, y longitudinal.")?;
+    let rows = report.runs.last().map(|run| run.rows.as_slice());
+    super::tell_slowdown(rows.and_then(slowdown), &group);
     if let Some(law) = law {
         say(format_args!("{law}"))?;
         match rms[..] {

@@ -12,12 +12,14 @@ use omnibus::bus::foreign;
 use omnibus::bus::link::Link;
 use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
+use omnibus::monitor::rows::Slowdown;
 use omnibus::pilot::Pilot;
 use omnibus::recording::{Header, Recorder};
 use omnibus::report::BackendName;
 use omnibus::run::DriveError;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::{self, link::SimLink};
+use protocol::Limit;
 
 pub mod bus_load;
 pub mod calibrate;
@@ -244,6 +246,24 @@ pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
     let shared = abort.clone();
     ctrlc::set_handler(move || shared.ask()).context("cannot watch for Ctrl-C")?;
     Ok(abort)
+}
+
+/// Says that a group ran slower than it was asked to, and because of whom.
+pub fn tell_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
+    let Some(Slowdown {
+        scale,
+        member,
+        limit,
+    }) = slowed
+    else {
+        return;
+    };
+    let node = group.robots.get(member).map_or(0, |robot| robot.node);
+    let limit = limit.map_or("the wheels", Limit::name);
+    note(format!(
+        "The group ran at {:.0} % of what was asked at its slowest: {limit} of node {node}.",
+        100.0 * scale
+    ));
 }
 
 /// How punctual SYNC was, as JSON.

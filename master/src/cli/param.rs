@@ -326,6 +326,10 @@ fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
             values.push((object, wire.read(at.node, object.address, object.kind)?));
         }
     }
+    let text = param_file::write(at.node, serial, &values, &blocks);
+    if let Some(path) = output {
+        std::fs::write(path, &text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     if json() {
         let line = |object: &Object, value: serde_json::Value| {
             json!({"object": object.address.to_string(), "name": object.name, "value": value,
@@ -340,11 +344,8 @@ fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
         let parameters: Vec<_> = values.chain(blocks).collect();
         return print_json(&json!({"node": at.node, "serial": serial, "parameters": parameters}));
     }
-    let text = param_file::write(at.node, serial, &values, &blocks);
     match output {
         Some(path) => {
-            std::fs::write(path, text)
-                .with_context(|| format!("cannot write {}", path.display()))?;
             let count = values.len() + blocks.len();
             say(format_args!("{count} parameters in {}", path.display()))
         }

@@ -87,6 +87,8 @@ pub struct Survey {
     pub found: Vec<Found>,
     /// Nodes of the group file that are silent.
     pub missing: Vec<u8>,
+    /// Nodes with a robot's id that answer but are none of these robots.
+    pub foreign: Vec<u8>,
     /// Another master's heartbeat was heard.
     pub master: bool,
     /// What cannot be right, in sentences that say what to do.
@@ -119,6 +121,7 @@ impl Survey {
             }
         }
         let mut found = Vec::new();
+        let mut foreign = Vec::new();
         for (node, serials) in answered {
             let answers = u32::try_from(serials.len()).unwrap_or(u32::MAX);
             if answers > 1 {
@@ -128,19 +131,28 @@ impl Survey {
             }
             let mut read =
                 |at, kind| -> Result<u32, MasterError> { Ok(wire.read(node, at, kind)?.to_bits()) };
-            let state = read(address::STATE, Kind::U8)?;
-            let code = read(address::STATUS_CODE, Kind::U16)?;
-            found.push(Found {
-                node,
-                answers,
-                serials,
-                nmt: heard.get(&node).copied(),
-                wire_version: read(address::WIRE_VERSION, Kind::U16)?,
-                serial: read(address::SERIAL_NUMBER, Kind::U32)?,
-                firmware: read(address::FIRMWARE_VERSION, Kind::U32)?,
-                state: u8::try_from(state).ok().and_then(|s| s.try_into().ok()),
-                code: u16::try_from(code).unwrap_or(u16::MAX),
-            });
+            let mut robot = || -> Result<Found, MasterError> {
+                let wire_version = read(address::WIRE_VERSION, Kind::U16)?;
+                let state = read(address::STATE, Kind::U8)?;
+                let code = read(address::STATUS_CODE, Kind::U16)?;
+                Ok(Found {
+                    node,
+                    answers,
+                    serials: serials.clone(),
+                    nmt: heard.get(&node).copied(),
+                    wire_version,
+                    serial: read(address::SERIAL_NUMBER, Kind::U32)?,
+                    firmware: read(address::FIRMWARE_VERSION, Kind::U32)?,
+                    state: u8::try_from(state).ok().and_then(|s| s.try_into().ok()),
+                    code: u16::try_from(code).unwrap_or(u16::MAX),
+                })
+            };
+            match robot() {
+                Ok(robot) => found.push(robot),
+                // Any CANopen device has a serial number; only these robots have the rest.
+                Err(MasterError::Refused { .. } | MasterError::Answer { .. }) => foreign.push(node),
+                Err(error) => return Err(error),
+            }
         }
         let missing = group.map_or_else(Vec::new, |group| {
             let nodes = group.robots.iter().map(|robot| robot.node);
@@ -148,10 +160,19 @@ impl Survey {
                 .filter(|n| !found.iter().any(|f| f.node == *n))
                 .collect()
         });
-        let conflicts = conflicts(&found, group);
+        let mut conflicts = conflicts(&found, group);
+        conflicts.extend(foreign.iter().map(|node| {
+            format!(
+                "node {node} is a CANopen device, but none of these robots; give it an id outside \
+                 {} to {}",
+                protocol::FIRST_ROBOT,
+                protocol::LAST_ROBOT
+            )
+        }));
         Ok(Self {
             found,
             missing,
+            foreign,
             master: heard.contains_key(&protocol::MASTER),
             conflicts,
         })
@@ -285,6 +306,19 @@ mod tests {
             requests,
             "a survey sends nothing but SDO reads and LSS identify"
         );
+    }
+
+    /// A device of another maker on node 5: it has a serial number and nothing else.
+    #[test]
+    fn a_foreign_device_hides_no_robot() {
+        let mut bus = bus(&[2, 3, 4, 5]);
+        let serial = bus.robots[3].store[&address::SERIAL_NUMBER].clone();
+        bus.robots[3].store.clear();
+        bus.robots[3].store.insert(address::SERIAL_NUMBER, serial);
+        let survey = Survey::take(&mut Wire::visiting(&mut bus), Some(&file())).unwrap();
+        let nodes: Vec<u8> = survey.found.iter().map(|robot| robot.node).collect();
+        assert_eq!((nodes, survey.foreign), (vec![2, 3, 4], vec![5]));
+        assert!(survey.conflicts[0].starts_with("node 5 is a CANopen device"));
     }
 
     #[test]

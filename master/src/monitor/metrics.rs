@@ -14,6 +14,8 @@
 //! Nothing here knows where a path came from: a simulated plant, odometry or a motion-capture
 //! system all end as [`PathPoint`]s.
 
+use std::f64::consts::{PI, TAU};
+
 use kinematics::Pose;
 
 /// Where the group was asked to be and where it was, at one instant. Both in one frame (REP-103,
@@ -111,8 +113,10 @@ pub fn evenness(path: &[PathPoint]) -> Result<Evenness, MetricsError> {
         / ratios.len().max(1) as f64;
     let heading =
         |pose: fn(&PathPoint) -> Pose| path.iter().map(move |p| f64::from(pose(p).heading));
+    // Whole turns that one of them counts and the other does not are no error.
     let last = path.last().map_or(0.0, |p| {
-        f64::from(p.actual.heading) - f64::from(p.theory.heading)
+        let off = f64::from(p.actual.heading) - f64::from(p.theory.heading);
+        (off + PI).rem_euclid(TAU) - PI
     });
     Ok(Evenness {
         lag_ms: lag(path, turns) * 1e3,
@@ -355,6 +359,23 @@ mod tests {
         // The share of the gain, and the velocity over a step of 20 ms: 2e-5 of it.
         let found = evenness(&path).unwrap().lag_ms;
         assert!((found - 0.97 * 12.0).abs() < 0.01, "{found}");
+    }
+
+    /// A circle that the curve counts as a whole turn and the robots as none.
+    #[test]
+    fn a_whole_turn_is_no_heading_error() {
+        let point = |t: f64, theory: f32, actual: f32| PathPoint {
+            t,
+            theory: Pose::new(t as f32, 0.0, theory),
+            actual: Pose::new(t as f32, 0.0, actual),
+        };
+        let path = [
+            point(0.0, 0.0, 0.0),
+            point(1.0, 3.0, 3.0),
+            point(2.0, 6.283_185, 0.01),
+        ];
+        let found = evenness(&path).unwrap().heading_error_deg;
+        assert!((found - 0.01_f64.to_degrees()).abs() < 1e-3, "{found}");
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! What is heard of a group and what is worked out from it; nothing here sends a frame.
 //!
 //! [`listener`] makes a snapshot of the frames of a bus that another master drives. A session fills
-//! [`rows`], one a SYNC period, and publishes [`telemetry`]; `common_frame` brings the
-//! members' poses into one frame, [`odometry`] and [`average`] make the group's pose of them, and [`metrics`] the errors of a drive.
+//! [`rows`], one a SYNC period, and publishes [`telemetry`]; `common_frame` brings the members'
+//! poses into one frame, [`odometry`] and [`average`] make the group's pose of them, and
+//! [`metrics`] the errors of a drive.
 
 pub mod average;
 pub(crate) mod common_frame;

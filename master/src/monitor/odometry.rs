@@ -7,12 +7,13 @@
 
 use kinematics::{Pose, WheelRates};
 
-use crate::monitor::average::{counted_on, mean_pose};
+use crate::monitor::average::counted_on;
 use crate::monitor::rows::{RobotTruth, Row, TruthRow};
 use crate::session::follow::Instant;
 
 /// `pose` in the frame that `frame` is.
-pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
+#[must_use]
+pub fn seen_from(frame: Pose, pose: Pose) -> Pose {
     let (sin, cos) = frame.heading.sin_cos();
     let (dx, dy) = (pose.x - frame.x, pose.y - frame.y);
     Pose {
@@ -22,17 +23,12 @@ pub(crate) fn seen_from(frame: Pose, pose: Pose) -> Pose {
     }
 }
 
-/// Where the members say the group was.
-fn mean(row: &Row) -> Option<Pose> {
-    mean_pose(row.members.iter().filter_map(|member| member.pose))
-}
-
 /// What was seen at every instant of a drive that began at `start` of the curve.
 #[must_use]
 pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let begun = instants
         .first()
-        .and_then(|instant| mean(rows.get(instant.row)?));
+        .and_then(|instant| rows.get(instant.row)?.pose());
     let Some(begun) = begun else {
         return Vec::new();
     };
@@ -40,7 +36,7 @@ pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let place = |pose: Pose| start.compose(seen_from(begun, pose));
     let one = |instant: &Instant| {
         let members = &rows.get(instant.row)?.members;
-        let group = mean(rows.get(instant.row)?)?;
+        let group = rows.get(instant.row)?.pose()?;
         let poses = members.iter().filter_map(|member| member.pose);
         let distance = poses.map(|p| (p.x - group.x).hypot(p.y - group.y));
         Some(TruthRow {

@@ -6,6 +6,9 @@
 //! judges nothing: [`crate::monitor::metrics`] and [`crate::report`] do.
 
 use kinematics::{Pose, Twist, WheelRates};
+use protocol::Limit;
+
+use super::average::mean_pose;
 
 /// What one member said in one SYNC period; `None` where its frame did not come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,6 +38,47 @@ pub struct Row {
     pub command: Twist,
     /// One entry per robot, in the order of the group file.
     pub members: Vec<MemberRow>,
+}
+
+impl Row {
+    /// Where the members say the group was: the mean.
+    #[must_use]
+    pub fn pose(&self) -> Option<Pose> {
+        mean_pose(self.members.iter().filter_map(|member| member.pose))
+    }
+}
+
+/// The slowest that a group was, and because of whom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slowdown {
+    /// Smallest share of what was asked for that all members could follow.
+    pub scale: f32,
+    /// Place of the member that allowed no more.
+    pub member: usize,
+    /// Its limit, where it named one.
+    pub limit: Option<Limit>,
+}
+
+/// Less than this is no rounding.
+const SLOWED: f32 = 0.99;
+
+/// Whether a group that was asked to move ran slower than that, from the rows of its run.
+#[must_use]
+pub fn slowdown(rows: &[Row]) -> Option<Slowdown> {
+    let moving = rows.iter().filter(|row| row.command != Twist::ZERO);
+    let each = moving.flat_map(|row| row.members.iter().enumerate());
+    let scales = each.filter_map(|(member, row)| {
+        let scale = row
+            .permitted_scale
+            .filter(|scale| *scale > 0.0 && *scale < SLOWED)?;
+        let limit = row.code.and_then(Limit::from_code);
+        Some(Slowdown {
+            scale,
+            member,
+            limit,
+        })
+    });
+    scales.min_by(|a, b| a.scale.total_cmp(&b.scale))
 }
 
 /// The rows of a run, and the one being filled.

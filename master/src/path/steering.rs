@@ -20,7 +20,7 @@ use canopen::Micros;
 use group::Limits;
 use kinematics::{Pose, Twist};
 
-use crate::monitor::average::{counted_on, mean_pose};
+use crate::monitor::average::counted_on;
 use crate::monitor::odometry::seen_from;
 use crate::monitor::rows::Row;
 use crate::source::pose::PoseStream;
@@ -97,7 +97,7 @@ impl Eyes {
         match self {
             Self::Odometry => rows.iter().rev().take(100).find_map(|row| {
                 let at = Micros((began.0 as f64 + row.t * 1e6).max(0.0).round() as u64);
-                Some((at, mean_pose(row.members.iter().filter_map(|m| m.pose))?))
+                Some((at, row.pose()?))
             }),
             Self::Observer(seen) => seen.get(),
             Self::Stream(stream) => stream.latest(now),
