@@ -372,7 +372,7 @@ mod tests {
         let path = [
             point(0.0, 0.0, 0.0),
             point(1.0, 3.0, 3.0),
-            point(2.0, 6.283_185, 0.01),
+            point(2.0, std::f32::consts::TAU, 0.01),
         ];
         let found = evenness(&path).unwrap().heading_error_deg;
         assert!((found - 0.01_f64.to_degrees()).abs() < 1e-3, "{found}");
