@@ -13,7 +13,7 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::address as at;
 use protocol::{Address, Code, Fault, Limit, MemberState, Scale, Value, cob};
-use sim::rig::Rig;
+use sim::test_master::TestMaster;
 use sim::{Backend, Options, RobotTruth, World};
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
@@ -26,7 +26,7 @@ const NODES: [u8; 3] = [2, 3, 4];
 const FOLLOWS: f64 = 0.15;
 
 /// A group of three, configured, waiting for its start.
-fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> Rig {
+fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> TestMaster {
     let options = Options {
         truth_period_ns: 0,
         threads: 1,
@@ -42,33 +42,33 @@ fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> R
             wire.write(node, *address, Value::F32(*value)).unwrap();
         }
     }
-    Rig::new(link.world, file)
+    TestMaster::new(link.world, file)
 }
 
 /// Starts a group and gives it a setpoint.
-fn start(rig: &mut Rig, twist: Twist, millis: u64) {
-    rig.run(60).unwrap();
-    rig.command(NmtCommand::Start, None);
-    rig.run(60).unwrap();
-    assert!(rig.all_are(MemberState::Moving));
-    rig.twist = Some(twist);
-    rig.run(millis).unwrap();
+fn start(master: &mut TestMaster, twist: Twist, millis: u64) {
+    master.run(60).unwrap();
+    master.command(NmtCommand::Start, None);
+    master.run(60).unwrap();
+    assert!(master.all_are(MemberState::Moving));
+    master.twist = Some(twist);
+    master.run(millis).unwrap();
 }
 
-fn moving(backend: &Backend, twist: Twist) -> Rig {
+fn moving(backend: &Backend, twist: Twist) -> TestMaster {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, twist, 600);
-    assert!(rig.all_are(MemberState::Moving));
-    rig
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, twist, 600);
+    assert!(master.all_are(MemberState::Moving));
+    master
 }
 
-fn code(rig: &Rig, node: u8) -> Code {
-    rig.status(node).unwrap().code
+fn code(master: &TestMaster, node: u8) -> Code {
+    master.status(node).unwrap().code
 }
 
-fn robots(rig: &Rig) -> Vec<RobotTruth> {
-    rig.world.truth().robots
+fn robots(master: &TestMaster) -> Vec<RobotTruth> {
+    master.world.truth().robots
 }
 
 fn rates(robot: &RobotTruth) -> [f64; 4] {
@@ -79,26 +79,29 @@ fn is_safe(robot: &RobotTruth) -> bool {
     !robot.drivers_enabled && !robot.brake_released && robot.duties == [0.0; 4]
 }
 
-fn codes(rig: &Rig, node: u8) -> Vec<u16> {
-    rig.emergencies(node).map(|(_, code)| code).collect()
+fn codes(master: &TestMaster, node: u8) -> Vec<u16> {
+    master.emergencies(node).map(|(_, code)| code).collect()
 }
 
 fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence(backend: &Backend) {
-    let mut rig = moving(backend, FORWARD);
-    rig.run_to_phase(10, 3).unwrap();
-    let latched = rig.sequence();
+    let mut master = moving(backend, FORWARD);
+    master.run_to_phase(10, 3).unwrap();
+    let latched = master.sequence();
     for node in NODES {
-        assert_eq!(rig.status(node).unwrap().sequence, latched);
+        assert_eq!(master.status(node).unwrap().sequence, latched);
     }
     // The next setpoint goes out 2 ms before SYNC and is not latched before it.
-    rig.run_to_phase(10, 9).unwrap();
-    assert_eq!(rig.sequence(), latched.wrapping_add(1));
+    master.run_to_phase(10, 9).unwrap();
+    assert_eq!(master.sequence(), latched.wrapping_add(1));
     for node in NODES {
-        assert_eq!(rig.status(node).unwrap().sequence, latched);
+        assert_eq!(master.status(node).unwrap().sequence, latched);
     }
-    rig.run_to_phase(10, 3).unwrap();
+    master.run_to_phase(10, 3).unwrap();
     for node in NODES {
-        assert_eq!(rig.status(node).unwrap().sequence, latched.wrapping_add(1));
+        assert_eq!(
+            master.status(node).unwrap().sequence,
+            latched.wrapping_add(1)
+        );
     }
 }
 
@@ -106,31 +109,31 @@ fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence(backend: &Bac
 fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.5 / RADIUS;
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, Twist::new(1.0, 0.0, 0.0), 100);
-    assert_eq!(rig.status(2).unwrap().scale, Scale::ONE);
-    assert_eq!(rig.status(3).unwrap().scale, Scale::ONE);
-    let scale = rig.status(4).unwrap().scale.factor();
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, Twist::new(1.0, 0.0, 0.0), 100);
+    assert_eq!(master.status(2).unwrap().scale, Scale::ONE);
+    assert_eq!(master.status(3).unwrap().scale, Scale::ONE);
+    let scale = master.status(4).unwrap().scale.factor();
     assert!((scale - 0.5).abs() < 1e-4, "scale {scale}");
 }
 
 fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, Twist::default(), 100);
-    rig.run_to_phase(10, 5).unwrap();
-    rig.twist = Some(FORWARD);
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, Twist::default(), 100);
+    master.run_to_phase(10, 5).unwrap();
+    master.twist = Some(FORWARD);
     // SYNC k, 5 ms from now, latches it; all that was in force before is standstill.
     for _ in 0..60 {
-        rig.step().unwrap();
-        for robot in robots(&rig) {
-            assert_eq!(robot.duties, [0.0; 4], "{} us", rig.world.now().0);
+        master.step().unwrap();
+        for robot in robots(&master) {
+            assert_eq!(robot.duties, [0.0; 4], "{} us", master.world.now().0);
         }
     }
     // SYNC k+1, at the end of this millisecond's step. Feedforward against friction alone is
     // 0.0156.
-    rig.run(5).unwrap();
-    for robot in robots(&rig) {
+    master.run(5).unwrap();
+    for robot in robots(&master) {
         assert!(robot.duties.iter().all(|duty| *duty > 0.005));
     }
 }
@@ -138,39 +141,39 @@ fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
 fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, FORWARD, 800);
-    assert!(rig.world.worst_shape_error_mm() < 1.0);
-    for robot in robots(&rig) {
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, FORWARD, 800);
+    assert!(master.world.worst_shape_error_mm() < 1.0);
+    for robot in robots(&master) {
         for rate in rates(&robot) {
             let expected = 0.3 / f64::from(RADIUS);
             assert!((rate / expected - 1.0).abs() < 0.01, "{rate} {expected}");
         }
     }
-    assert_eq!(code(&rig, 4), Code::Limit(Limit::WheelRate));
-    assert_eq!(code(&rig, 2), Code::Limit(Limit::GroupScale));
+    assert_eq!(code(&master, 4), Code::Limit(Limit::WheelRate));
+    assert_eq!(code(&master, 2), Code::Limit(Limit::GroupScale));
 }
 
 /// Drives, lets something happen, and checks that all that still drive ramp down together, along
 /// the direction of motion, with the common deceleration, and hold.
 fn ramps_down(
     backend: &Backend,
-    happen: impl Fn(&mut Rig),
+    happen: impl Fn(&mut TestMaster),
     still_drive: &[usize],
     fault: Fault,
     within_ms: f64,
 ) {
-    let mut rig = moving(backend, MIXED);
-    rig.run_to_phase(100, 1).unwrap();
-    let before = robots(&rig);
-    happen(&mut rig);
-    let began = rig.world.now().0;
+    let mut master = moving(backend, MIXED);
+    master.run_to_phase(100, 1).unwrap();
+    let before = robots(&master);
+    happen(&mut master);
+    let began = master.world.now().0;
     let speed = f64::from(MIXED.vx.hypot(MIXED.vy));
     let mut shares: Vec<f64> = Vec::new();
     let mut fell = None;
     for _ in 0..1_000 {
-        rig.run(1).unwrap();
-        let now = robots(&rig);
+        master.run(1).unwrap();
+        let now = robots(&master);
         let all = still_drive.iter().map(|n| share(&before[*n], &now[*n]));
         let all: Vec<f64> = all.collect();
         // Whoever notices one SYNC later is one period of deceleration behind, and what wheels
@@ -180,7 +183,7 @@ fn ramps_down(
         assert!(spread * speed < DECELERATION * 0.010 + 0.01, "{spread}");
         shares.push(all[0]);
         if fell.is_none() && all[0] < 0.99 {
-            fell = Some((rig.world.now().0 - began) as f64 / 1e3);
+            fell = Some((master.world.now().0 - began) as f64 / 1e3);
         }
     }
     let deceleration = shares.windows(11).map(|w| (w[0] - w[10]) * speed / 0.010);
@@ -192,9 +195,9 @@ fn ramps_down(
     let fell = fell.expect("a ramp");
     assert!(fell < within_ms + 15.0, "{fell} ms");
     for place in still_drive {
-        let robot = &robots(&rig)[*place];
+        let robot = &robots(&master)[*place];
         assert!(is_safe(robot) && rates(robot) == [0.0; 4]);
-        assert_eq!(codes(&rig, NODES[*place]), [fault.code()]);
+        assert_eq!(codes(&master, NODES[*place]), [fault.code()]);
     }
 }
 
@@ -211,91 +214,91 @@ fn share(before: &RobotTruth, now: &RobotTruth) -> f64 {
 }
 
 fn rule_3_a_missing_member_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.world.set_connected(2, false);
+    let happen = |master: &mut TestMaster| master.world.set_connected(2, false);
     ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
 }
 
 fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.command(NmtCommand::EnterPreOperational, Some(4));
+    let happen = |master: &mut TestMaster| master.command(NmtCommand::EnterPreOperational, Some(4));
     ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
 }
 
 fn rule_3_a_member_in_fault_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.world.set_driver_fault(2, true);
+    let happen = |master: &mut TestMaster| master.world.set_driver_fault(2, true);
     ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_3_a_member_with_another_sequence_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.world.set_misses(2, Some(cob::GROUP_TWIST));
+    let happen = |master: &mut TestMaster| master.world.set_misses(2, Some(cob::GROUP_TWIST));
     ramps_down(backend, happen, &[0, 1], Fault::SequenceMismatch, 21.0);
 }
 
 fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| {
-        rig.world.set_emergency_stop(2, true);
-        rig.run(1).unwrap();
-        assert!(is_safe(&robots(rig)[2]), "cut in the next tick");
+    let happen = |master: &mut TestMaster| {
+        master.world.set_emergency_stop(2, true);
+        master.run(1).unwrap();
+        assert!(is_safe(&robots(master)[2]), "cut in the next tick");
     };
     ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.heartbeat = false;
+    let happen = |master: &mut TestMaster| master.heartbeat = false;
     ramps_down(backend, happen, &[0, 1, 2], Fault::MasterSilent, 501.0);
 }
 
 fn rule_4_loss_of_sync_is_the_same_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.sync = false;
+    let happen = |master: &mut TestMaster| master.sync = false;
     ramps_down(backend, happen, &[0, 1, 2], Fault::SyncLost, 24.0);
 }
 
 fn rule_4_an_overdue_setpoint_is_the_same_ramp(backend: &Backend) {
-    let happen = |rig: &mut Rig| rig.twist = None;
+    let happen = |master: &mut TestMaster| master.twist = None;
     ramps_down(backend, happen, &[0, 1, 2], Fault::SetpointOverdue, 101.0);
 }
 
 fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
-    let mut rig = moving(backend, FORWARD);
-    rig.sync = false;
-    rig.run(600).unwrap();
-    rig.sync = true;
+    let mut master = moving(backend, FORWARD);
+    master.sync = false;
+    master.run(600).unwrap();
+    master.sync = true;
     // Everything is well again, and the master goes on as if nothing had been.
-    rig.run(300).unwrap();
-    assert!(rig.all_are(MemberState::Faulted));
-    assert!(robots(&rig).iter().all(is_safe));
-    rig.command(NmtCommand::Start, None);
-    rig.run(100).unwrap();
+    master.run(300).unwrap();
+    assert!(master.all_are(MemberState::Faulted));
+    assert!(robots(&master).iter().all(is_safe));
+    master.command(NmtCommand::Start, None);
+    master.run(100).unwrap();
     // Started, but it waits for standstill first.
-    assert!(rig.all_are(MemberState::Armed));
+    assert!(master.all_are(MemberState::Armed));
     for node in NODES {
-        assert_eq!(code(&rig, node), Code::Limit(Limit::AwaitingStandstill));
+        assert_eq!(code(&master, node), Code::Limit(Limit::AwaitingStandstill));
     }
-    for robot in robots(&rig) {
+    for robot in robots(&master) {
         assert_eq!(rates(&robot), [0.0; 4]);
     }
-    rig.twist = Some(Twist::ZERO);
-    rig.run(60).unwrap();
-    rig.twist = Some(FORWARD);
-    rig.run(100).unwrap();
-    assert!(rig.all_are(MemberState::Moving));
+    master.twist = Some(Twist::ZERO);
+    master.run(60).unwrap();
+    master.twist = Some(FORWARD);
+    master.run(100).unwrap();
+    assert!(master.all_are(MemberState::Moving));
 }
 
 /// One robot of three has another acceleration limit: nothing moves, and all say why.
 fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backend) {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &[]);
+    let mut master = configured(backend, &file, &[]);
     let [low, high] = at::ACCELERATION.index.to_le_bytes();
     let [a, b, c, d] = 0.3_f32.to_le_bytes();
     let write = [0x23, low, high, at::ACCELERATION.sub, a, b, c, d];
     let frame = canopen::Frame::new(cob::sdo_request(3), &write).unwrap();
-    rig.world.send(frame);
-    rig.run(20).unwrap();
-    rig.command(NmtCommand::Start, None);
-    rig.run(200).unwrap();
-    rig.twist = Some(FORWARD);
-    rig.run(200).unwrap();
-    for (node, robot) in NODES.into_iter().zip(robots(&rig)) {
-        assert_eq!(codes(&rig, node), [Fault::PlanMismatch.code()]);
+    master.world.send(frame);
+    master.run(20).unwrap();
+    master.command(NmtCommand::Start, None);
+    master.run(200).unwrap();
+    master.twist = Some(FORWARD);
+    master.run(200).unwrap();
+    for (node, robot) in NODES.into_iter().zip(robots(&master)) {
+        assert_eq!(codes(&master, node), [Fault::PlanMismatch.code()]);
         assert!(is_safe(&robot) && rates(&robot) == [0.0; 4]);
     }
 }
@@ -304,34 +307,34 @@ fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backen
 /// message.
 fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
     let file = common::group("tcc-3");
-    let mut rig = configured(backend, &file, &[]);
+    let mut master = configured(backend, &file, &[]);
     let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
     let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
     let frame = canopen::Frame::new(cob::sdo_request(4), &write).unwrap();
-    rig.world.send(frame);
-    rig.run(20).unwrap();
-    start(&mut rig, FORWARD, 600);
-    rig.run_to_phase(100, 1).unwrap();
-    rig.world.set_protective_stop(2, true);
-    let before = rig.world.now();
-    rig.run(50).unwrap();
+    master.world.send(frame);
+    master.run(20).unwrap();
+    start(&mut master, FORWARD, 600);
+    master.run_to_phase(100, 1).unwrap();
+    master.world.set_protective_stop(2, true);
+    let before = master.world.now();
+    master.run(50).unwrap();
     // All wheels turn more slowly, with the drivers on, by the same amount.
-    for robot in robots(&rig) {
+    for robot in robots(&master) {
         assert!(robot.drivers_enabled && robot.brake_released);
         for rate in rates(&robot) {
             assert!(rate < 0.95 * f64::from(0.6 / RADIUS), "{rate}");
         }
     }
-    rig.run(500).unwrap();
-    assert!(robots(&rig).iter().all(is_safe));
-    assert_eq!(codes(&rig, 4), [Fault::ProtectiveStop.code()]);
-    assert_eq!(codes(&rig, 2), [Fault::MemberStopped.code()]);
-    let heard = rig.emergencies(2).next().unwrap().0;
+    master.run(500).unwrap();
+    assert!(robots(&master).iter().all(is_safe));
+    assert_eq!(codes(&master, 4), [Fault::ProtectiveStop.code()]);
+    assert_eq!(codes(&master, 2), [Fault::MemberStopped.code()]);
+    let heard = master.emergencies(2).next().unwrap().0;
     assert!(heard.since(before).0 < 3_000, "{heard:?} {before:?}");
     // Release starts nothing.
-    rig.world.set_protective_stop(2, false);
-    rig.run(200).unwrap();
-    assert!(rig.all_are(MemberState::Faulted));
+    master.world.set_protective_stop(2, false);
+    master.run(200).unwrap();
+    assert!(master.all_are(MemberState::Faulted));
 }
 
 /// The cable breaks behind the first robot, in every millisecond of the SYNC period: two halves,
@@ -343,34 +346,37 @@ fn a_bus_that_comes_apart_keeps_the_shape_within_three_millimetres(backend: &Bac
     for phase in [1, 4, 7, 9] {
         let mut file = common::group("tcc-3");
         file.simulation.rigid = false;
-        let mut rig = configured(backend, &file, &[]);
-        start(&mut rig, FORWARD, 600);
-        rig.run_to_phase(10, phase).unwrap();
-        rig.world.set_partition(Some(1));
-        rig.run(1_000).unwrap();
-        assert!(robots(&rig).iter().all(is_safe), "cut in phase {phase} ms");
-        worst = worst.max(rig.world.worst_shape_error_mm());
+        let mut master = configured(backend, &file, &[]);
+        start(&mut master, FORWARD, 600);
+        master.run_to_phase(10, phase).unwrap();
+        master.world.set_partition(Some(1));
+        master.run(1_000).unwrap();
+        assert!(
+            robots(&master).iter().all(is_safe),
+            "cut in phase {phase} ms"
+        );
+        worst = worst.max(master.world.worst_shape_error_mm());
     }
     println!("a bus that comes apart: shape error {worst:.2} mm");
     assert!(worst < 3.0, "{worst} mm");
 }
 
 fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
-    let mut rig = moving(backend, FORWARD);
-    rig.twist = None;
-    rig.run(600).unwrap();
-    rig.command(NmtCommand::Start, None);
-    rig.counts = false;
-    rig.twist = Some(FORWARD);
-    rig.run(150).unwrap();
-    assert!(rig.all_are(MemberState::Armed));
-    for robot in robots(&rig) {
+    let mut master = moving(backend, FORWARD);
+    master.twist = None;
+    master.run(600).unwrap();
+    master.command(NmtCommand::Start, None);
+    master.counts = false;
+    master.twist = Some(FORWARD);
+    master.run(150).unwrap();
+    assert!(master.all_are(MemberState::Armed));
+    for robot in robots(&master) {
         assert_eq!(rates(&robot), [0.0; 4]);
     }
-    rig.counts = true;
-    rig.twist = Some(Twist::ZERO);
-    rig.run(100).unwrap();
-    assert!(rig.all_are(MemberState::Moving));
+    master.counts = true;
+    master.twist = Some(Twist::ZERO);
+    master.run(100).unwrap();
+    assert!(master.all_are(MemberState::Moving));
 }
 
 /// Something drags at the wheels of robot 4. Its loop and the motor's own back-EMF hold against it
@@ -385,38 +391,38 @@ fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend)
         // Wheels that stay behind are not to be blamed for it here.
         (at::BLOCKED_RATE, 0.0),
     ];
-    let mut rig = configured(backend, &file, &thresholds);
-    start(&mut rig, FORWARD, 800);
-    assert_eq!(code(&rig, 2), Code::None);
-    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 3.0));
-    rig.run(100).unwrap();
-    assert_eq!(code(&rig, 2), Code::Limit(Limit::Strain));
-    assert_eq!(code(&rig, 3), Code::Limit(Limit::Strain));
-    assert!(rig.all_are(MemberState::Moving));
-    let lost = FORWARD.vx - rig.measured(4).unwrap().vx;
+    let mut master = configured(backend, &file, &thresholds);
+    start(&mut master, FORWARD, 800);
+    assert_eq!(code(&master, 2), Code::None);
+    (0..4).for_each(|wheel| master.world.set_wheel_drag(2, wheel, 3.0));
+    master.run(100).unwrap();
+    assert_eq!(code(&master, 2), Code::Limit(Limit::Strain));
+    assert_eq!(code(&master, 3), Code::Limit(Limit::Strain));
+    assert!(master.all_are(MemberState::Moving));
+    let lost = FORWARD.vx - master.measured(4).unwrap().vx;
     assert!((0.02..0.097).contains(&lost), "{lost} m/s");
-    (0..4).for_each(|wheel| rig.world.set_wheel_drag(2, wheel, 30.0));
-    rig.run(1_000).unwrap();
-    let first = NODES.map(|node| codes(&rig, node)[0]);
+    (0..4).for_each(|wheel| master.world.set_wheel_drag(2, wheel, 30.0));
+    master.run(1_000).unwrap();
+    let first = NODES.map(|node| codes(&master, node)[0]);
     assert!(first.contains(&Fault::StrainExcess.code()), "{first:04x?}");
-    assert!(robots(&rig).iter().all(is_safe));
+    assert!(robots(&master).iter().all(is_safe));
 }
 
 fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backend) {
     let mut file = common::group("tcc-3");
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, FORWARD, 400);
-    assert!(matches!(code(&rig, 4), Code::Limit(_)));
-    assert_eq!(rig.status(4).unwrap().state, MemberState::Moving);
-    rig.world.set_emergency_stop(2, true);
-    rig.run(600).unwrap();
-    rig.world.set_emergency_stop(2, false);
-    rig.run(200).unwrap();
-    assert_eq!(code(&rig, 4), Code::Fault(Fault::EmergencyStop));
-    assert_eq!(code(&rig, 2), Code::Fault(Fault::MemberStopped));
-    assert!(rig.all_are(MemberState::Faulted));
-    assert!(robots(&rig).iter().all(is_safe));
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, FORWARD, 400);
+    assert!(matches!(code(&master, 4), Code::Limit(_)));
+    assert_eq!(master.status(4).unwrap().state, MemberState::Moving);
+    master.world.set_emergency_stop(2, true);
+    master.run(600).unwrap();
+    master.world.set_emergency_stop(2, false);
+    master.run(200).unwrap();
+    assert_eq!(code(&master, 4), Code::Fault(Fault::EmergencyStop));
+    assert_eq!(code(&master, 2), Code::Fault(Fault::MemberStopped));
+    assert!(master.all_are(MemberState::Faulted));
+    assert!(robots(&master).iter().all(is_safe));
 }
 
 /// Three robots that are not bolted together, the last of which can do half of what is asked;
@@ -426,7 +432,7 @@ fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
     let mut file = common::group("tcc-3");
     file.simulation.rigid = false;
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
-    let mut rig = configured(backend, &file, &[]);
+    let mut master = configured(backend, &file, &[]);
     if one_by_one {
         for node in NODES {
             let mask = (1_u32 << node).to_le_bytes();
@@ -434,13 +440,13 @@ fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
             let [a, b, c, d] = mask;
             let write = [0x23, low, high, at::MEMBERS.sub, a, b, c, d];
             let frame = canopen::Frame::new(cob::sdo_request(node), &write).unwrap();
-            rig.world.send(frame);
+            master.world.send(frame);
         }
-        rig.run(20).unwrap();
+        master.run(20).unwrap();
     }
-    start(&mut rig, FORWARD, 2_000);
-    assert!(rig.all_are(MemberState::Moving));
-    rig.world.worst_shape_error_mm()
+    start(&mut master, FORWARD, 2_000);
+    assert!(master.all_are(MemberState::Moving));
+    master.world.worst_shape_error_mm()
 }
 
 /// The group scale keeps the shape within 2 mm though nothing holds the robots together. Clipping
@@ -468,28 +474,28 @@ fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
         robot.encoder.counts_per_revolution = 2048.0;
         robot.compensation = kinematics::VelocityCompensation::new(1.0, 1.0, 1.0).unwrap();
     }
-    let mut rig = configured(backend, &file, &[]);
-    start(&mut rig, Twist::new(0.02, 0.0, 0.0), 3_000);
+    let mut master = configured(backend, &file, &[]);
+    start(&mut master, Twist::new(0.02, 0.0, 0.0), 3_000);
     let asked = 0.02 / f64::from(RADIUS);
     let (mut known, mut kept, mut mean, mut naive, mut count) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let step = std::f64::consts::TAU / 2048.0;
-    let angles = |rig: &Rig| {
-        robots(rig)[0]
+    let angles = |master: &TestMaster| {
+        robots(master)[0]
             .wheel_angles
             .map(|angle| (angle / step).floor())
     };
     for _ in 0..200 {
-        rig.run_to_phase(10, 0).unwrap();
-        let truth = robots(&rig);
-        let before = angles(&rig);
-        rig.run(1).unwrap();
-        let counted = angles(&rig);
+        master.run_to_phase(10, 0).unwrap();
+        let truth = robots(&master);
+        let before = angles(&master);
+        master.run(1).unwrap();
+        let counted = angles(&master);
         for (before, counted) in before.iter().zip(counted) {
             naive += ((counted - before) * step / 1e-3 - asked).powi(2) / 4.0;
         }
-        rig.run(4).unwrap();
+        master.run(4).unwrap();
         for (node, truth) in NODES.into_iter().zip(&truth) {
-            let said: [f32; 4] = rig.rates(node).unwrap().into();
+            let said: [f32; 4] = master.rates(node).unwrap().into();
             for (said, truth) in said.into_iter().zip(rates(truth)) {
                 let said = f64::from(said);
                 known += (said - truth).powi(2);

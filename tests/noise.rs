@@ -9,7 +9,7 @@ use omnibus::session::Group;
 use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
 use protocol::MemberState;
-use sim::rig::Rig;
+use sim::test_master::TestMaster;
 use sim::{Backend, Options, World};
 
 /// The pins of the encoders' indexes.
@@ -26,15 +26,15 @@ fn image(variable: &str) -> emulator::Firmware {
 }
 
 /// An emulated robot with this group file that holds still.
-fn armed(file: &GroupFile) -> Rig {
-    let rig = started(file, "OMNIBUS_ELF");
-    assert!(rig.all_are(MemberState::Armed) || rig.all_are(MemberState::Moving));
-    rig
+fn armed(file: &GroupFile) -> TestMaster {
+    let master = started(file, "OMNIBUS_ELF");
+    assert!(master.all_are(MemberState::Armed) || master.all_are(MemberState::Moving));
+    master
 }
 
 /// An emulated robot with this group file and the image that a variable names, configured and told
 /// to start.
-fn started(file: &GroupFile, variable: &str) -> Rig {
+fn started(file: &GroupFile, variable: &str) -> TestMaster {
     let options = Options {
         truth_period_ns: 0,
         threads: 1,
@@ -44,11 +44,11 @@ fn started(file: &GroupFile, variable: &str) -> Rig {
     let mut link = SimLink::new(world, "test");
     let mut session = Group::connect(&mut link, file).unwrap();
     session.configure(true).unwrap();
-    let mut rig = Rig::new(link.world, file);
-    rig.run(60).unwrap();
-    rig.command(NmtCommand::Start, None);
-    rig.run(100).unwrap();
-    rig
+    let mut master = TestMaster::new(link.world, file);
+    master.run(60).unwrap();
+    master.command(NmtCommand::Start, None);
+    master.run(100).unwrap();
+    master
 }
 
 /// Share of the time for which the core did not sleep since `before`.
@@ -60,8 +60,8 @@ fn load(board: &emulator::Board, before: (u64, u64)) -> f64 {
 /// The load of 100 ms in per cent of the processor, with a million edges a second on every index
 /// input or with none. The master is silent meanwhile.
 fn load_with(file: &GroupFile, chatter: bool) -> f64 {
-    let mut rig = armed(file);
-    let board = rig.world.board(file.robots[0].node).unwrap();
+    let mut master = armed(file);
+    let board = master.world.board(file.robots[0].node).unwrap();
     let (before, begin) = (board.cycles(), board.now_ns());
     for half in 1..=200_000_u64 {
         for (port, pin) in INDEX_PINS {
@@ -100,8 +100,8 @@ fn noise_on_an_index_that_is_used_leaves_the_control_tick_its_time() {
 fn a_bench_image_refuses_to_start_because_of_its_drivers() {
     let file = common::group("single");
     let node = file.robots[0].node;
-    let rig = started(&file, "OMNIBUS_ELF_BENCH");
-    assert!(!rig.all_are(MemberState::Armed) && !rig.all_are(MemberState::Moving));
-    let said: Vec<u16> = rig.emergencies(node).map(|(_, code)| code).collect();
+    let master = started(&file, "OMNIBUS_ELF_BENCH");
+    assert!(!master.all_are(MemberState::Armed) && !master.all_are(MemberState::Moving));
+    let said: Vec<u16> = master.emergencies(node).map(|(_, code)| code).collect();
     assert_eq!(said, [protocol::Fault::DriverFault.code()]);
 }

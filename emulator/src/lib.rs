@@ -50,8 +50,8 @@
 
 #![warn(missing_docs)]
 
+mod address_space;
 mod board;
-mod bus;
 pub mod can;
 pub mod clock;
 mod fast;

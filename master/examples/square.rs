@@ -1,6 +1,6 @@
 //! Drives a simulated group along the sides of a square, from the library instead of the command.
 //!
-//! `cargo run -p omnibus --example square`
+//! `cargo run -p omnibus-master --example square`
 
 use group::GroupFile;
 use kinematics::Twist;

@@ -14,7 +14,7 @@
 
 use group::Battery as Parameters;
 
-use crate::motor::{Drive, Motor};
+use crate::motor::{Bridge, Motor};
 
 const AS_PER_AH: f64 = 3600.0;
 
@@ -57,7 +57,7 @@ impl Supply {
     }
 
     /// Advances the motors by `dt` (s) under constant drive.
-    pub fn step(&mut self, motors: &mut [Motor; 4], drives: &[Drive; 4], dt: f64) {
+    pub fn step(&mut self, motors: &mut [Motor; 4], drives: &[Bridge; 4], dt: f64) {
         if self.battery.is_none() && self.capacitance.is_none() {
             self.volts = None;
             for (motor, drive) in motors.iter_mut().zip(drives) {
@@ -170,8 +170,8 @@ mod tests {
         supply.battery().unwrap().charge()
     }
 
-    fn drive(duty: f64, wheels: usize) -> [Drive; 4] {
-        std::array::from_fn(|n| Drive {
+    fn drive(duty: f64, wheels: usize) -> [Bridge; 4] {
+        std::array::from_fn(|n| Bridge {
             duty,
             enabled: n < wheels,
             brake_released: true,
@@ -185,7 +185,7 @@ mod tests {
     fn stalled_motors_pull_the_voltage_down() {
         for (resistance, expected) in [(0.1, 18.0), (100.0, 24.0 / (1.0 + 1000.0 / 3.0))] {
             let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
-            let held = drive(0.5, 4).map(|d| Drive {
+            let held = drive(0.5, 4).map(|d| Bridge {
                 brake_released: false,
                 ..d
             });
@@ -231,7 +231,7 @@ mod tests {
     #[test]
     fn charge_runs_down_by_the_current() {
         let mut motors = std::array::from_fn(|_| Motor::new(&MOTOR));
-        let held = drive(0.25, 4).map(|d| Drive {
+        let held = drive(0.25, 4).map(|d| Bridge {
             brake_released: false,
             ..d
         });

@@ -1,7 +1,8 @@
 //! The group file written into the robots of a world, over its bus.
 //!
-//! For programs that bring their own simple master, as [`crate::rig`] is one: the same objects with
-//! the same values as `omnibus` writes ([`group::parameters`]), over SDO, in PRE-OPERATIONAL.
+//! For programs that bring their own simple master, as [`crate::test_master`] is one: the same
+//! objects with the same values as `omnibus` writes ([`group::parameters`]), over SDO, in
+//! PRE-OPERATIONAL.
 
 use canopen::client::{Outcome, SdoClient};
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};

@@ -6,7 +6,7 @@
 
 use canopen::Frame;
 
-use crate::motor::Drive;
+use crate::motor::Bridge;
 
 const OFFSET: u64 = 0xCBF2_9CE4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01B3;
@@ -33,7 +33,7 @@ impl Digest {
         self.bytes(b"error");
     }
 
-    pub fn bridges(&mut self, now_ns: u64, node: u8, drives: &[Drive; 4]) {
+    pub fn bridges(&mut self, now_ns: u64, node: u8, drives: &[Bridge; 4]) {
         self.bytes(&now_ns.to_le_bytes());
         for drive in drives {
             self.bytes(&[

@@ -17,7 +17,7 @@
 //! - [`motor`], [`battery`], [`encoder`]: from duty to angle and back to counts.
 //! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
 //! - [`configure`]: the group file written into the robots.
-//! - [`rig`]: a master that can be told to do wrong, for trying what robots do about it.
+//! - [`test_master`]: a master that can be told to do wrong, for trying what robots do about it.
 //! - [`study`]: many groups without a bus.
 //! - [`scale`]: how fast all this is on the machine at hand.
 //! - [`paper`]: the source paper's experiments, beside its own numbers.
@@ -28,7 +28,6 @@
 pub mod battery;
 pub mod bus;
 pub mod configure;
-mod crew;
 mod digest;
 pub mod encoder;
 pub mod endpoint;
@@ -39,11 +38,12 @@ pub mod motor;
 pub mod paper;
 pub mod plant;
 mod random;
-pub mod rig;
 pub mod robot;
 pub mod scale;
 pub mod study;
+pub mod test_master;
 mod truth;
+mod worker_pool;
 mod world;
 
 pub use bus::BusLoad;

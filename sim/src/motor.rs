@@ -43,7 +43,7 @@ impl Default for Brake {
 
 /// What the robot's outputs do to one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Drive {
+pub struct Bridge {
     /// Mean bridge voltage over supply voltage, -1..=1; positive rolls the base forward.
     pub duty: f64,
     /// Whether the bridge conducts. If not, the motor turns freely.
@@ -99,12 +99,12 @@ impl Motor {
     }
 
     /// Advances by `dt` (s) under constant drive from the nominal supply.
-    pub fn step(&mut self, dt: f64, drive: Drive) {
+    pub fn step(&mut self, dt: f64, drive: Bridge) {
         self.step_on(self.supply, dt, drive);
     }
 
     /// Advances by `dt` (s) under constant drive from a supply of so many volts.
-    pub fn step_on(&mut self, supply: f64, dt: f64, drive: Drive) {
+    pub fn step_on(&mut self, supply: f64, dt: f64, drive: Bridge) {
         let (still, per_volt) = self.admittance(dt, drive);
         self.current = still + per_volt * supply;
         let torque = self.constant * self.current - self.viscous * self.rate;
@@ -151,7 +151,7 @@ impl Motor {
     /// The current at the end of a step of `dt`: what it is at 0 V of supply, A, and what each volt
     /// of supply adds, A/V.
     #[must_use]
-    pub fn admittance(&self, dt: f64, drive: Drive) -> (f64, f64) {
+    pub fn admittance(&self, dt: f64, drive: Bridge) -> (f64, f64) {
         if !drive.enabled {
             return (0.0, 0.0);
         }
@@ -241,15 +241,15 @@ mod tests {
     };
     const STEP: f64 = 100e-6;
 
-    fn driven(duty: f64) -> Drive {
-        Drive {
+    fn driven(duty: f64) -> Bridge {
+        Bridge {
             duty,
             enabled: true,
             brake_released: true,
         }
     }
 
-    fn run(motor: &mut Motor, seconds: f64, drive: Drive) {
+    fn run(motor: &mut Motor, seconds: f64, drive: Bridge) {
         for _ in 0..(seconds / STEP).round() as u32 {
             motor.step(STEP, drive);
         }
@@ -315,7 +315,7 @@ mod tests {
         let mut motor = Motor::new(&parameters);
         run(&mut motor, 3.0, driven(0.5));
         let before = motor.rate();
-        let off = Drive {
+        let off = Bridge {
             duty: 1.0,
             enabled: false,
             brake_released: true,
@@ -334,7 +334,7 @@ mod tests {
         run(
             &mut motor,
             1.0,
-            Drive {
+            Bridge {
                 duty: 0.2,
                 enabled: true,
                 brake_released: false,
@@ -355,7 +355,7 @@ mod tests {
             engage: 0.08,
         });
         motor.set_push(5.0);
-        let off = |released| Drive {
+        let off = |released| Bridge {
             duty: 0.0,
             enabled: false,
             brake_released: released,
@@ -390,7 +390,7 @@ mod tests {
             torque: 100.0,
             ..Brake::default()
         });
-        let held = Drive {
+        let held = Bridge {
             brake_released: false,
             ..driven(1.0)
         };

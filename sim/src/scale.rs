@@ -20,9 +20,9 @@ use crate::configure::configure;
 use crate::error::SimError;
 use crate::paper::OnPlant;
 use crate::paper::robots::{SPACING, virtual_robots};
-use crate::rig::Rig;
 use crate::robot::Backend;
 use crate::study::{Study, StudyOptions};
+use crate::test_master::TestMaster;
 use crate::world::{Options, World};
 
 /// Robots of the measured studies.
@@ -111,15 +111,16 @@ pub fn sixteen_on_a_bus(plant: OnPlant) -> Result<f64, SimError> {
 pub fn times_real_time(file: &GroupFile, backend: Backend, seconds: u16) -> Result<f64, SimError> {
     let mut world = World::new(file, backend, Options::default())?;
     configure(&mut world, file, true)?;
-    let mut rig = Rig::new(world, file);
-    rig.run_to_phase(10, 0)?;
-    rig.run(100)?;
-    rig.command(NmtCommand::Start, None);
-    rig.run(500)?;
-    rig.twist = Some(Twist::new(0.2, 0.1, 0.0));
-    rig.run(1_000)?;
+    let mut master = TestMaster::new(world, file);
+    master.run_to_phase(10, 0)?;
+    master.run(100)?;
+    master.command(NmtCommand::Start, None);
+    master.run(500)?;
+    master.twist = Some(Twist::new(0.2, 0.1, 0.0));
+    master.run(1_000)?;
     if let Some(robot) = file.robots.iter().find(|robot| {
-        rig.status(robot.node)
+        master
+            .status(robot.node)
             .is_none_or(|status| status.state != MemberState::Moving)
     }) {
         let problem = "does not move when it is told to".to_owned();
@@ -131,7 +132,7 @@ pub fn times_real_time(file: &GroupFile, backend: Backend, seconds: u16) -> Resu
     let mut most = 0.0f64;
     for _ in 0..BUS_ROUNDS {
         let began = Stopwatch::start();
-        rig.run(u64::from(seconds) * 1_000)?;
+        master.run(u64::from(seconds) * 1_000)?;
         most = most.max(f64::from(seconds) / began.seconds());
     }
     Ok(most)

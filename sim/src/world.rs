@@ -17,7 +17,7 @@
 //! The master's frames wait in a queue without limit, in order; a master that sends more than the
 //! bus carries sees its own delay grow. Frames for a port wait until they are taken.
 
-mod harm;
+mod fault_injection;
 pub mod index;
 mod nodes;
 mod unit;
@@ -32,7 +32,6 @@ use crate::bus::candump::Candump;
 use crate::bus::disturb::Disturbances;
 use crate::bus::errors::Confinement;
 use crate::bus::{Bus, BusLoad};
-use crate::crew::{Absent, Crew};
 use crate::digest::Digest;
 pub use crate::encoder::EncoderState;
 use crate::error::SimError;
@@ -40,6 +39,7 @@ use crate::gyro::{GyroSample, Gyros};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
 use crate::truth::{Eyes, TruthSample};
+use crate::worker_pool::{Absent, WorkerPool};
 use unit::Unit;
 
 /// Steps and periods, all in ns of virtual time.
@@ -124,7 +124,7 @@ pub struct World {
     truth_at: (u64, u64),
     worst_shape_error_mm: f64,
     digest: Digest,
-    crew: Option<Crew>,
+    worker_pool: Option<WorkerPool>,
     turned: Vec<[f64; 4]>,
     /// Encoders still to break, the last first: when (ns), whose, which, how.
     breaking: Vec<(u64, usize, usize, EncoderState)>,
@@ -210,7 +210,7 @@ impl World {
             truth_at: (0, 0),
             worst_shape_error_mm: 0.0,
             digest: Digest::default(),
-            crew: (threads > 0).then(|| Crew::new(threads)),
+            worker_pool: (threads > 0).then(|| WorkerPool::new(threads)),
             options,
         })
     }
@@ -476,7 +476,8 @@ impl World {
     /// Runs all robots to a time, heavy ones side by side if there are several.
     fn run_robots(&mut self, end_ns: u64) -> Result<(), SimError> {
         let heavy = |unit: &Unit| unit.robot.is_heavy(end_ns);
-        let several = self.crew.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
+        let several =
+            self.worker_pool.is_some() && self.units.iter().filter(|u| heavy(u)).count() > 1;
         let mut away = Vec::new();
         for (place, unit) in self.units.iter_mut().enumerate() {
             if !unit.is_due(end_ns) {
@@ -488,10 +489,10 @@ impl World {
                 unit.robot.run_until(end_ns)?;
             }
         }
-        match &self.crew {
-            Some(crew) if several => {
+        match &self.worker_pool {
+            Some(worker_pool) if several => {
                 let units = &mut self.units;
-                crew.run(away, end_ns, &mut |place, robot| units[place].robot = robot)
+                worker_pool.run(away, end_ns, &mut |place, robot| units[place].robot = robot)
             }
             _ => Ok(()),
         }

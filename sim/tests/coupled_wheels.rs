@@ -6,7 +6,7 @@
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
-use omnibus_sim::motor::Drive;
+use omnibus_sim::motor::Bridge;
 use omnibus_sim::plant::contact::{Contact, ContactPlant};
 use omnibus_sim::robot::{Robot, Wake};
 use omnibus_sim::{Options, SimError, World};
@@ -35,8 +35,8 @@ impl Robot for Idle {
     fn transmitted(&mut self) {}
     fn lost_arbitration(&mut self) {}
     fn receive(&mut self, _: &Frame) {}
-    fn drives(&self) -> [Drive; 4] {
-        [Drive {
+    fn drives(&self) -> [Bridge; 4] {
+        [Bridge {
             duty: 0.0,
             enabled: false,
             brake_released: self.brake_released,

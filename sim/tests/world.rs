@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
-use omnibus_sim::motor::Drive;
+use omnibus_sim::motor::Bridge;
 use omnibus_sim::robot::{Robot, Wake};
 use omnibus_sim::{Options, SimError, World, plant};
 
@@ -51,9 +51,9 @@ impl Robot for Puppet {
             .received
             .push((self.now_ns, *frame));
     }
-    fn drives(&self) -> [Drive; 4] {
+    fn drives(&self) -> [Bridge; 4] {
         let duty = self.strings.lock().unwrap().duty;
-        [Drive {
+        [Bridge {
             duty,
             enabled: true,
             brake_released: true,

@@ -56,8 +56,9 @@ class Gdb(unittest.TestCase):
             r"0x20000200\S*\t0x12345678\n",
             # RCC_CR with HSI on, ready, trimmed to 16 (RM0390 6.3.1).
             r"0x40023800:\t0x0000..83\n",
-            # A variable's change, found where defmt writes its first message.
-            r"Hardware watchpoint 2: [^$]*?Old value = 0\nNew value = \d+\n[^$]*?#0 .*defmt",
+            # A variable's change, found where defmt writes its first message, perhaps in a piece
+            # of it that the linker shares between functions.
+            r"Hardware watchpoint 2: [^$]*?Old value = 0\nNew value = \d+\n[^$]*?\n#[01] .*defmt",
             r"\n0\.00\d+ s\n",
             r"\nreset\n[^$]*?pc +0x[0-9a-f]+ +0x[0-9a-f]+ <Reset>",
         ):

@@ -21,7 +21,7 @@ use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::space::{AddressSpace, RamStore};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 
-use crate::bus::{self, Shared};
+use crate::address_space::{Shared, address_space};
 use crate::can::{Can, CanFrame, CanPort};
 use crate::fast::Fast;
 use crate::firmware::{FLASH_BASE, Firmware};
@@ -149,8 +149,8 @@ impl Board {
         );
         soc.flash.set_options(config.option_bytes);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
-        let space = bus::address_space(&shared, &flash, &ram, config.uid)
-            .expect("the address map is valid");
+        let space =
+            address_space(&shared, &flash, &ram, config.uid).expect("the address map is valid");
         // 16 priority levels (RM0390 section 10.1.1).
         let cpu = Arc::new(ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(4)));
         cpu.attach_space(Arc::new(space));

@@ -34,7 +34,7 @@ use rsemu::cpu::arm::v7m::isa::Insn;
 use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
-use crate::bus::Shared;
+use crate::address_space::Shared;
 use crate::fetch::Fetch;
 use crate::firmware::FLASH_BASE;
 use crate::ram::Ram;
@@ -453,8 +453,8 @@ fn exchangeable(target: u32) -> Done {
     }
 }
 
-/// Whether an access goes to a peripheral as [`crate::bus`] maps them, aligned and outside the
-/// bit-band alias.
+/// Whether an access goes to a peripheral as [`crate::address_space`] maps them, aligned and
+/// outside the bit-band alias.
 fn is_peripheral(address: u32, width: Width) -> bool {
     let mapped = matches!(address, 0x4000_0000..=0x41FF_FFFF | 0x5000_0000..=0x500F_FFFF);
     mapped && width.is_aligned(u64::from(address))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::soc::Soc;
-use crate::{bus, ram};
+use crate::{address_space, ram};
 
 /// A small generator of even quality and fixed seed (xorshift64*).
 struct Random(u64);
@@ -88,7 +88,7 @@ impl Machine {
             Soc::new(Arc::clone(&flash), 0.0, 0, 32_000),
             true,
         ));
-        let space = bus::address_space(&shared, &flash, &ram, [0; 12]).unwrap();
+        let space = address_space::address_space(&shared, &flash, &ram, [0; 12]).unwrap();
         let cpu = Arc::new(ArmV7m::new(rsemu::cpu::arm::v7m::Config::CORTEX_M4F));
         cpu.attach_space(Arc::new(space));
         cpu.step(); // the reset sequence

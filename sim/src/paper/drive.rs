@@ -1,8 +1,8 @@
 //! Drives simulated robots along a motion over their bus, and watches them.
 //!
-//! The master is [`crate::rig`]: one setpoint before every SYNC, sent ahead by the known way of a
-//! setpoint (two SYNC periods and the delay with which robots act), so that robots are where the
-//! motion says without any lag that could have been foreseen.
+//! The master is [`crate::test_master`]: one setpoint before every SYNC, sent ahead by the known
+//! way of a setpoint (two SYNC periods and the delay with which robots act), so that robots are
+//! where the motion says without any lag that could have been foreseen.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -15,8 +15,8 @@ use protocol::{Code, MemberState};
 
 use crate::configure::configure;
 use crate::error::SimError;
-use crate::rig::Rig;
 use crate::robot::Backend;
+use crate::test_master::TestMaster;
 use crate::world::{Options, World};
 
 /// How long robots may take from NMT start until they are ready, in SYNC periods.
@@ -61,16 +61,16 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
     };
     let mut world = World::new(file, backend.clone(), options)?;
     configure(&mut world, file, job.compensation)?;
-    let mut rig = Rig::new(world, file);
+    let mut master = TestMaster::new(world, file);
     let period_ms = period_us / 1_000;
-    rig.run_to_phase(period_ms, 0)?;
-    rig.run(4 * period_ms)?;
-    rig.command(NmtCommand::Start, None);
-    start(&mut rig, file, period_ms)?;
-    rig.world.take_truth();
+    master.run_to_phase(period_ms, 0)?;
+    master.run(4 * period_ms)?;
+    master.command(NmtCommand::Start, None);
+    start(&mut master, file, period_ms)?;
+    master.world.take_truth();
 
     // Now a SYNC is due; the next is the motion's first instant.
-    let begin_ns = rig.world.now_ns() + period_us * 1_000;
+    let begin_ns = master.world.now_ns() + period_us * 1_000;
     let period = period_us as f64 * 1e-6;
     let preview = (2 * period_us + protocol::APPLY_DELAY_US) as f64 * 1e-6;
     let mut points = Vec::new();
@@ -78,14 +78,14 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
     while syncs * period <= job.motion.duration() + TAIL {
         let (pose, twist) = job.motion.at(syncs * period + preview);
         let asked = twist.to_body(pose.heading);
-        rig.twist = Some(Twist::new(
+        master.twist = Some(Twist::new(
             asked.vx as f32,
             asked.vy as f32,
             asked.omega as f32,
         ));
-        rig.run(period_ms)?;
-        check(&rig, file)?;
-        for sample in rig.world.take_truth() {
+        master.run(period_ms)?;
+        check(&master, file)?;
+        for sample in master.world.take_truth() {
             if sample.time_ns < begin_ns {
                 continue;
             }
@@ -103,18 +103,19 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
 }
 
 /// Waits until all robots can follow.
-fn start(rig: &mut Rig, file: &GroupFile, period_ms: u64) -> Result<(), SimError> {
-    let ready = |rig: &Rig, node| {
-        rig.status(node)
+fn start(master: &mut TestMaster, file: &GroupFile, period_ms: u64) -> Result<(), SimError> {
+    let ready = |master: &TestMaster, node| {
+        master
+            .status(node)
             .is_some_and(|s| s.state == MemberState::Moving)
     };
     for _ in 0..START_SYNCS {
-        rig.run(period_ms)?;
-        if file.robots.iter().all(|robot| ready(rig, robot.node)) {
+        master.run(period_ms)?;
+        if file.robots.iter().all(|robot| ready(master, robot.node)) {
             return Ok(());
         }
     }
-    let late = file.robots.iter().find(|robot| !ready(rig, robot.node));
+    let late = file.robots.iter().find(|robot| !ready(master, robot.node));
     Err(SimError::Robot {
         node: late.map_or(0, |robot| robot.node),
         problem: "does not get ready".to_owned(),
@@ -122,9 +123,9 @@ fn start(rig: &mut Rig, file: &GroupFile, period_ms: u64) -> Result<(), SimError
 }
 
 /// The first fault of a robot is an error.
-fn check(rig: &Rig, file: &GroupFile) -> Result<(), SimError> {
+fn check(master: &TestMaster, file: &GroupFile) -> Result<(), SimError> {
     for robot in &file.robots {
-        if let Some(Code::Fault(fault)) = rig.status(robot.node).map(|status| status.code) {
+        if let Some(Code::Fault(fault)) = master.status(robot.node).map(|status| status.code) {
             return Err(SimError::Robot {
                 node: robot.node,
                 problem: format!("fault {}", fault.name()),

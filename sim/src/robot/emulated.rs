@@ -31,7 +31,7 @@ use super::{Crash, LogLine, Robot, Wake, code};
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
-use crate::motor::Drive;
+use crate::motor::Bridge;
 use canopen::bits::frame_bits;
 
 /// The PWM timer, and the encoder timers of the wheels.
@@ -101,7 +101,7 @@ pub struct EmulatedRobot {
     /// Whether the index pins are high.
     index_high: [bool; 4],
     pending: Option<Frame>,
-    drives: [Drive; 4],
+    drives: [Bridge; 4],
     /// As of the last look; nobody needs to look while there have been no errors.
     errors: (ErrorState, ErrorCounters),
 }
@@ -145,7 +145,7 @@ impl EmulatedRobot {
             pending_index: [None; 4],
             index_high: [false; 4],
             pending: None,
-            drives: [Drive::default(); 4],
+            drives: [Bridge::default(); 4],
             errors: Default::default(),
         };
         robot.wire();
@@ -312,7 +312,7 @@ impl EmulatedRobot {
             let forward = high(Port::C, wheel as u8);
             let pwm = self.board.pwm(PWM_TIMER, wheel + 1);
             let duty = f64::from(pwm.duty);
-            Drive {
+            Bridge {
                 duty: if forward { duty } else { -duty },
                 enabled: enabled && pwm.active,
                 brake_released,
@@ -419,7 +419,7 @@ impl Robot for EmulatedRobot {
         self.follow_errors();
     }
 
-    fn drives(&self) -> [Drive; 4] {
+    fn drives(&self) -> [Bridge; 4] {
         self.drives
     }
 
@@ -492,7 +492,7 @@ impl Robot for EmulatedRobot {
         self.pending_edges.clear();
         self.pending_index = [None; 4];
         self.index_high = [false; 4];
-        self.drives = [Drive::default(); 4];
+        self.drives = [Bridge::default(); 4];
         if on {
             self.instructions_before += self.board.instructions();
             self.log_before = self.take_log();

@@ -14,7 +14,7 @@ use canopen::Frame;
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
-use crate::motor::Drive;
+use crate::motor::Bridge;
 
 /// When a robot next does something by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +107,7 @@ pub trait Robot: Send {
     }
 
     /// What its outputs do to the motors: front left, front right, rear left, rear right.
-    fn drives(&self) -> [Drive; 4];
+    fn drives(&self) -> [Bridge; 4];
 
     /// The wheels went on by this many encoder counts.
     fn turn_encoders(&mut self, counts: [i32; 4]);

@@ -28,7 +28,7 @@ use robot::{
 use super::{LogLine, Robot, Wake};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
 use crate::error::SimError;
-use crate::motor::Drive;
+use crate::motor::Bridge;
 
 /// Time from power to the first instruction of the tasks, ns: about what the firmware takes.
 pub const BOOT_NS: u64 = 3_000_000;
@@ -410,8 +410,8 @@ impl Robot for NativeRobot {
         self.pump(now);
     }
 
-    fn drives(&self) -> [Drive; 4] {
-        self.live.outputs.duty.map(|duty| Drive {
+    fn drives(&self) -> [Bridge; 4] {
+        self.live.outputs.duty.map(|duty| Bridge {
             duty: f64::from(duty),
             enabled: self.live.outputs.drivers_enabled,
             brake_released: self.live.outputs.brake_released,

@@ -93,7 +93,7 @@ impl World {
             }
             let mut fate = disturbances.fate(frame, active);
             for (n, unit) in units.iter().enumerate() {
-                if !hears((n, unit)) || !disturbances.strikes(unit.harm.bad_receiver, frame) {
+                if !hears((n, unit)) || !disturbances.strikes(unit.injected.bad_receiver, frame) {
                     continue;
                 }
                 missed.push(n);
@@ -112,8 +112,8 @@ impl World {
             }
             unit.misses_this = missed.contains(&n);
             let sends = transfer.is_sent_by(first + n) || transfer.dropped.contains(&(first + n));
-            unit.sends_own = sends && unit.harm.babble.is_none();
-            if unit.harm.babble.is_some() || !unit.connected {
+            unit.sends_own = sends && unit.injected.babble.is_none();
+            if unit.injected.babble.is_some() || !unit.connected {
                 continue;
             }
             if unit.sends_own {
@@ -205,7 +205,7 @@ impl World {
             } else if unit.misses_this {
                 unit.robot.set_now(transfer.end_ns);
                 unit.robot.receive_failed(false);
-            } else if unit.harm.misses != Some(transfer.frame.id()) {
+            } else if unit.injected.misses != Some(transfer.frame.id()) {
                 unit.robot.set_now(transfer.end_ns);
                 unit.robot.receive(&transfer.frame);
             }
@@ -250,14 +250,14 @@ impl Unit {
         if !self.connected {
             return None;
         }
-        if self.powered && self.harm.babble.is_some() {
-            return self.harm.babble;
+        if self.powered && self.injected.babble.is_some() {
+            return self.injected.babble;
         }
         let frame = self.robot.pending()?;
-        let kept = self.harm.delay_ns > 0
+        let kept = self.injected.delay_ns > 0
             && self
                 .held
-                .is_none_or(|(_, since)| since + self.harm.delay_ns > now_ns);
+                .is_none_or(|(_, since)| since + self.injected.delay_ns > now_ns);
         (!kept).then_some(frame)
     }
 
@@ -267,12 +267,12 @@ impl Unit {
             return self.tries_alone().then_some(self.alone_ns);
         }
         let (_, since) = self.held?;
-        Some(since + self.harm.delay_ns)
+        Some(since + self.injected.delay_ns)
     }
 
     /// Notes since when it has had its frame, and lets it try alone on a stub without a bus.
     fn look(&mut self, now_ns: u64) {
-        if self.harm.delay_ns > 0 {
+        if self.injected.delay_ns > 0 {
             let pending = self.robot.pending();
             if self.held.map(|(frame, _)| frame) != pending {
                 self.held = pending.map(|frame| (frame, now_ns));

@@ -7,12 +7,12 @@ use kinematics::{Pose, WheelRates};
 use crate::battery::{Battery, Supply};
 use crate::encoder::wires::{Decoder, Edge};
 use crate::encoder::{EncoderState, WheelEncoder};
-use crate::motor::{Drive, Motor};
+use crate::motor::{Bridge, Motor};
 use crate::robot::{Robot, Wake};
 use crate::truth::RobotTruth;
 use crate::world::index::{self, Indexes};
 
-use super::harm::Harm;
+use super::fault_injection::InjectedFaults;
 
 /// A robot with its wheels.
 pub(super) struct Unit {
@@ -23,7 +23,7 @@ pub(super) struct Unit {
     /// In the half of a parted bus where the master is not.
     pub far: bool,
     pub powered: bool,
-    pub harm: Harm,
+    pub injected: InjectedFaults,
     /// What it has to send, since when, while that is kept back.
     pub held: Option<(Frame, u64)>,
     /// While it is alone on its stub: when it may try again, ns.
@@ -48,7 +48,7 @@ pub(super) struct Unit {
     /// Half of the play between motor and wheel, rad, and the wheels' angles.
     half_play: f64,
     wheels: [f64; 4],
-    drives: [Drive; 4],
+    drives: [Bridge; 4],
     /// Since when its bridges are off and its brake is told to hold, ns.
     pub safe_since_ns: Option<u64>,
     /// Angles that the plant has been told.
@@ -83,7 +83,7 @@ impl Unit {
             connected: true,
             far: false,
             powered: true,
-            harm: Harm::default(),
+            injected: InjectedFaults::default(),
             held: None,
             alone_ns: 0,
             misses_this: false,
@@ -163,7 +163,7 @@ impl Unit {
         let before = self.supply.volts();
         for _ in 0..steps {
             let drives = if self.tripped {
-                self.drives.map(|drive| Drive {
+                self.drives.map(|drive| Bridge {
                     enabled: false,
                     ..drive
                 })
@@ -226,9 +226,9 @@ impl Unit {
     }
 
     /// Looks at the bridges; what they do now, if anything changed.
-    pub fn look_at_bridges(&mut self, now_ns: u64) -> Option<&[Drive; 4]> {
+    pub fn look_at_bridges(&mut self, now_ns: u64) -> Option<&[Bridge; 4]> {
         let drives = self.robot.drives();
-        let live = |drive: &Drive| drive.enabled || drive.brake_released;
+        let live = |drive: &Bridge| drive.enabled || drive.brake_released;
         if drives.iter().any(live) {
             self.safe_since_ns = None;
         } else {
@@ -257,7 +257,7 @@ impl Unit {
     }
 
     pub fn truth(&self, pose: Pose<f64>) -> RobotTruth {
-        let on = |drive: &Drive| if drive.enabled { drive.duty } else { 0.0 };
+        let on = |drive: &Bridge| if drive.enabled { drive.duty } else { 0.0 };
         RobotTruth {
             node: self.node,
             pose,

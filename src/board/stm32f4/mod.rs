@@ -1,7 +1,7 @@
 //! Boards with an STM32F4: what they share. [`wiring`] says what a board has to tell.
 //!
 //! No driver here knows a pin or a clock; each reads those of the selected board's
-//! [`WIRING`](super::WIRING). Nothing here decides anything about a robot.
+//! [`WIRING`]. Nothing here decides anything about a robot.
 
 #![expect(
     unsafe_code,

@@ -9,7 +9,7 @@ use canopen::NmtCommand;
 use group::GroupFile;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
-use sim::rig::Rig;
+use sim::test_master::TestMaster;
 use sim::{Backend, Options, World};
 
 use super::figure::Figure;
@@ -63,15 +63,16 @@ fn measured(file: &GroupFile) -> anyhow::Result<f64> {
     let world = World::new(file, Backend::Native, options)?;
     let mut link = SimLink::new(world, "bench");
     Group::connect(&mut link, file)?.configure(false)?;
-    let mut rig = Rig::new(link.world, file);
-    rig.run(60)?;
-    rig.command(NmtCommand::Start, None);
-    rig.run(240)?;
-    let busy_s = |rig: &Rig| rig.world.bus_load().mean * rig.world.now_ns() as f64 * 1e-9;
-    let before = busy_s(&rig);
-    rig.twist = Some(kinematics::Twist::new(0.1, 0.05, 0.02));
-    rig.run(1_000)?;
-    Ok(100.0 * (busy_s(&rig) - before))
+    let mut master = TestMaster::new(link.world, file);
+    master.run(60)?;
+    master.command(NmtCommand::Start, None);
+    master.run(240)?;
+    let busy_s =
+        |master: &TestMaster| master.world.bus_load().mean * master.world.now_ns() as f64 * 1e-9;
+    let before = busy_s(&master);
+    master.twist = Some(kinematics::Twist::new(0.1, 0.05, 0.02));
+    master.run(1_000)?;
+    Ok(100.0 * (busy_s(&master) - before))
 }
 
 /// All combinations.

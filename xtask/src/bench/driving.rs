@@ -9,8 +9,8 @@ use kinematics::Twist;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::MemberState;
-use sim::rig::Rig;
 use sim::robot::Robot;
+use sim::test_master::TestMaster;
 use sim::{Options, World, plant};
 
 use super::watched::Watched;
@@ -21,7 +21,7 @@ const READY_MS: u64 = 60;
 /// A driving group.
 pub struct Driving {
     /// The master and the world.
-    pub rig: Rig,
+    pub master: TestMaster,
     /// Its robots, in the order of the group file.
     pub robots: Vec<Watched>,
     period_ms: u64,
@@ -34,7 +34,7 @@ impl Driving {
         driving.start()?;
         driving.drive(300)?;
         ensure!(
-            driving.rig.all_are(MemberState::Moving),
+            driving.master.all_are(MemberState::Moving),
             "the group does not drive"
         );
         Ok(driving)
@@ -56,10 +56,10 @@ impl Driving {
         let world = World::with_parts(group, boxed, floor, options)?;
         let mut link = SimLink::new(world, "bench");
         Group::connect(&mut link, group)?.configure(true)?;
-        let mut rig = Rig::new(link.world, group);
-        rig.run(READY_MS)?;
+        let mut master = TestMaster::new(link.world, group);
+        master.run(READY_MS)?;
         Ok(Self {
-            rig,
+            master,
             robots,
             period_ms: u64::from(group.sync_period_us) / 1_000,
         })
@@ -67,21 +67,21 @@ impl Driving {
 
     /// Switches the drivers on.
     pub fn start(&mut self) -> anyhow::Result<()> {
-        self.rig.command(NmtCommand::Start, None);
-        self.rig.run(READY_MS)?;
+        self.master.command(NmtCommand::Start, None);
+        self.master.run(READY_MS)?;
         Ok(())
     }
 
     /// Drives on for this many milliseconds.
     pub fn drive(&mut self, millis: u64) -> anyhow::Result<()> {
-        let end = self.rig.world.now().0 / 1_000 + millis;
+        let end = self.master.world.now().0 / 1_000 + millis;
         loop {
-            let now = self.rig.world.now().0 / 1_000;
+            let now = self.master.world.now().0 / 1_000;
             if now >= end {
                 return Ok(());
             }
-            self.rig.twist = Some(figure(now as f32 * 1e-3));
-            self.rig.run(self.period_ms.min(end - now))?;
+            self.master.twist = Some(figure(now as f32 * 1e-3));
+            self.master.run(self.period_ms.min(end - now))?;
         }
     }
 

@@ -32,20 +32,20 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let mut driving = Driving::ready(&group, firmware, options)?;
     driving.start()?;
     let period_ms = u64::from(group.sync_period_us) / 1_000;
-    let steps = period_ms * 1_000 / sim::rig::STEP_US;
+    let steps = period_ms * 1_000 / sim::test_master::STEP_US;
     let (mut calls, mut syncs) = (Vec::new(), Vec::new());
     for call in 0..CALLS {
-        driving.rig.twist = Some(Twist::ZERO);
-        driving.rig.run(STANDS_MS)?;
-        driving.rig.run_to_phase(period_ms, 0)?;
+        driving.master.twist = Some(Twist::ZERO);
+        driving.master.run(STANDS_MS)?;
+        driving.master.run_to_phase(period_ms, 0)?;
         for _ in 0..call % steps {
-            driving.rig.step()?;
+            driving.master.step()?;
         }
-        driving.rig.world.start_trace();
-        let called_ns = driving.rig.world.now_ns();
-        driving.rig.twist = Some(Twist::new(0.2, 0.0, 0.0));
-        driving.rig.run(MOVES_MS)?;
-        let changes = driving.rig.world.take_duty_changes(0);
+        driving.master.world.start_trace();
+        let called_ns = driving.master.world.now_ns();
+        driving.master.twist = Some(Twist::new(0.2, 0.0, 0.0));
+        driving.master.run(MOVES_MS)?;
+        let changes = driving.master.world.take_duty_changes(0);
         let later: Vec<u64> = changes.into_iter().filter(|at| *at > called_ns).collect();
         // A wheel that stands may still change its duty once; one that begins to move does in every
         // tick.

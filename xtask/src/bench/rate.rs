@@ -70,5 +70,5 @@ fn holds(group: &GroupFile, image: &Firmware, period_us: u32) -> anyhow::Result<
     let full = MEASURED_MS as f64 * 1e3 / period_us;
     // Steering towards SYNC makes a period at most 2 % longer.
     let all = begins.len() as f64 > 0.97 * full;
-    Ok(all && longest <= 1.5 * period_us && driving.rig.all_are(MemberState::Moving))
+    Ok(all && longest <= 1.5 * period_us && driving.master.all_are(MemberState::Moving))
 }

@@ -77,7 +77,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     driving.drive(MEASURED_MS / 2)?;
     // One request, as a master asks for a parameter while the group drives.
     let server = NodeId::new(node).context("no node")?;
-    driving.rig.world.send(request(server)?);
+    driving.master.world.send(request(server)?);
     driving.drive(MEASURED_MS / 2)?;
     let after = robot.board(|board| board.cycles());
     // Poses and wheel rates of other robots end in the interrupt.

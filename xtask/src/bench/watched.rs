@@ -10,7 +10,7 @@ use canopen::Frame;
 use emulator::profile::Profile;
 use emulator::{Board, Firmware};
 use sim::SimError;
-use sim::motor::Drive;
+use sim::motor::Bridge;
 use sim::robot::emulated::EmulatedRobot;
 use sim::robot::{LogLine, Robot, Wake};
 
@@ -98,7 +98,7 @@ impl Robot for Watched {
         inner.robot.receive(frame);
     }
 
-    fn drives(&self) -> [Drive; 4] {
+    fn drives(&self) -> [Bridge; 4] {
         self.lock().robot.drives()
     }
 

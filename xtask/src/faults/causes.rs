@@ -7,7 +7,7 @@
 use canopen::Frame;
 use kinematics::Twist;
 use protocol::{Fault, address as at, cob};
-use sim::rig::Rig;
+use sim::test_master::TestMaster;
 use sim::{Crash, EncoderState, SimError};
 
 /// The robot that is watched.
@@ -39,9 +39,9 @@ const SUPPLY_SETTLES_MS: u64 = 30;
 #[derive(Clone, Copy)]
 pub enum Trial {
     /// It appears at a word.
-    Now(fn(&mut Rig)),
+    Now(fn(&mut TestMaster)),
     /// It takes some time to bring about, and appears when this is done.
-    After(fn(&mut Rig) -> Result<(), SimError>),
+    After(fn(&mut TestMaster) -> Result<(), SimError>),
     /// It concerns what is stored, and is tried with one board: see [`super::power`].
     Stored(super::power::Trial),
 }
@@ -51,10 +51,10 @@ impl Trial {
     ///
     /// # Errors
     /// When a robot stops, or cannot be made to.
-    pub fn appear(self, rig: &mut Rig) -> Result<(), SimError> {
+    pub fn appear(self, master: &mut TestMaster) -> Result<(), SimError> {
         match self {
-            Self::Now(appear) => appear(rig),
-            Self::After(appear) => appear(rig)?,
+            Self::Now(appear) => appear(master),
+            Self::After(appear) => appear(master)?,
             Self::Stored(_) => {}
         }
         Ok(())
@@ -81,7 +81,7 @@ pub struct Case {
     /// Not for a pair with another.
     pub alone: bool,
     /// What is done before the start.
-    pub prepare: Option<fn(&mut Rig)>,
+    pub prepare: Option<fn(&mut TestMaster)>,
 }
 
 impl Case {
@@ -100,14 +100,14 @@ impl Case {
     }
 }
 
-const fn now(number: u8, variant: &'static str, appear: fn(&mut Rig)) -> Case {
+const fn now(number: u8, variant: &'static str, appear: fn(&mut TestMaster)) -> Case {
     Case::new(number, variant, Trial::Now(appear))
 }
 
 const fn after(
     number: u8,
     variant: &'static str,
-    appear: fn(&mut Rig) -> Result<(), SimError>,
+    appear: fn(&mut TestMaster) -> Result<(), SimError>,
 ) -> Case {
     Case::new(number, variant, Trial::After(appear))
 }
@@ -121,116 +121,129 @@ const CURRENT_SENSOR: (f64, f64) = (160.0, 1.65);
 
 /// All of them, by number.
 pub const CASES: &[Case] = &[
-    now(1, "", |rig| rig.heartbeat = false),
-    now(2, "", |rig| rig.sync = false),
-    now(3, "", |rig| rig.twist = None),
-    now(4, "", |rig| rig.world.set_connected(OTHER, false)),
-    now(5, "", |rig| rig.world.set_emergency_stop(OTHER, true)),
-    now(6, "", |rig| {
-        rig.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
+    now(1, "", |master| master.heartbeat = false),
+    now(2, "", |master| master.sync = false),
+    now(3, "", |master| master.twist = None),
+    now(4, "", |master| master.world.set_connected(OTHER, false)),
+    now(5, "", |master| master.world.set_emergency_stop(OTHER, true)),
+    now(6, "", |master| {
+        master.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
     }),
-    now(7, "", |rig| rig.second = true),
-    now(8, "NaN", |rig| {
-        rig.twist = Some(Twist::new(f32::NAN, 0.0, 0.0));
+    now(7, "", |master| master.second = true),
+    now(8, "NaN", |master| {
+        master.twist = Some(Twist::new(f32::NAN, 0.0, 0.0));
     }),
     // All that a field can carry is within its range, but for this one value.
-    now(8, "vy is -32768, out of range", |rig| {
-        rig.twist = Some(Twist::new(0.6, f32::NAN, 0.0));
+    now(8, "vy is -32768, out of range", |master| {
+        master.twist = Some(Twist::new(0.6, f32::NAN, 0.0));
     }),
-    now(8, "stale sequence", |rig| rig.counts = false),
+    now(8, "stale sequence", |master| master.counts = false),
     after(9, "", bus_off),
-    now(10, "", |rig| rig.world.overrun(WATCHED)),
-    now(11, "", |rig| {
-        rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
+    now(10, "", |master| master.world.overrun(WATCHED)),
+    now(11, "", |master| {
+        master.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
     }),
     // The same with so many stray counts a second, and slowly: what the page's text promises.
     Case {
         alone: true,
-        ..now(11, "15 stray counts a second", |rig| {
-            dead_and_noisy(rig, 15.0)
+        ..now(11, "15 stray counts a second", |master| {
+            dead_and_noisy(master, 15.0)
         })
     },
     Case {
         alone: true,
         speed: 0.3,
-        ..now(11, "0.3 m/s, 15 stray counts a second", |rig| {
-            dead_and_noisy(rig, 15.0);
+        ..now(11, "0.3 m/s, 15 stray counts a second", |master| {
+            dead_and_noisy(master, 15.0);
         })
     },
     Case {
         alone: true,
         speed: 0.1,
         millis: Some(300.0),
-        ..now(11, "0.1 m/s, 15 stray counts a second", |rig| {
-            dead_and_noisy(rig, 15.0);
+        ..now(11, "0.1 m/s, 15 stray counts a second", |master| {
+            dead_and_noisy(master, 15.0);
         })
     },
-    now(12, "", |rig| {
-        rig.world
+    now(12, "", |master| {
+        master
+            .world
             .set_encoder(WATCHED, WHEEL, EncoderState::Reversed);
     }),
-    now(13, "turns hardly", |rig| {
-        rig.world.set_wheel_drag(WATCHED, WHEEL, DRAG);
+    now(13, "turns hardly", |master| {
+        master.world.set_wheel_drag(WATCHED, WHEEL, DRAG);
     }),
-    now(14, "", |rig| rig.world.set_driver_fault(WATCHED, true)),
+    now(14, "", |master| {
+        master.world.set_driver_fault(WATCHED, true)
+    }),
     Case {
         alone: true,
-        ..now(14, "trips at a current", |rig| {
-            rig.world.set_driver_trip(WATCHED, Some(TRIPS_AT));
+        ..now(14, "trips at a current", |master| {
+            master.world.set_driver_trip(WATCHED, Some(TRIPS_AT));
         })
     },
-    now(15, "", |rig| rig.world.set_emergency_stop(WATCHED, true)),
+    now(15, "", |master| {
+        master.world.set_emergency_stop(WATCHED, true)
+    }),
     // The break inputs of the timers have to cut alone. The watchdog then resets the robot, which
     // announces that.
     Case {
         announced: Some(Fault::WatchdogReset),
-        ..now(15, "processor halted", |rig| {
-            rig.world.halt(WATCHED, true);
-            rig.world.set_emergency_stop(WATCHED, true);
+        ..now(15, "processor halted", |master| {
+            master.world.halt(WATCHED, true);
+            master.world.set_emergency_stop(WATCHED, true);
         })
     },
     Case {
         settles_ms: SUPPLY_SETTLES_MS,
-        ..now(16, "", |rig| rig.world.set_supply(WATCHED, LOW_SUPPLY))
+        ..now(16, "", |master| {
+            master.world.set_supply(WATCHED, LOW_SUPPLY)
+        })
     },
     after(17, "", late),
-    after(18, "loops for ever", |rig| crash(rig, Crash::Loop)),
-    now(19, "HardFault", |rig| {
-        _ = rig.world.crash(WATCHED, Crash::Nowhere);
+    after(18, "loops for ever", |master| crash(master, Crash::Loop)),
+    now(19, "HardFault", |master| {
+        _ = master.world.crash(WATCHED, Crash::Nowhere);
     }),
-    after(19, "panic", |rig| crash(rig, Crash::Panic)),
-    after(19, "stack overflow", |rig| crash(rig, Crash::StackOverflow)),
-    now(20, "processor halted", |rig| {
-        _ = rig.world.halt(WATCHED, true);
+    after(19, "panic", |master| crash(master, Crash::Panic)),
+    after(19, "stack overflow", |master| {
+        crash(master, Crash::StackOverflow)
+    }),
+    now(20, "processor halted", |master| {
+        _ = master.world.halt(WATCHED, true);
     }),
     stored(21, "in any of its operations", super::power::interrupted),
     stored(22, "a value out of its limits", super::power::corrupt),
     Case {
         settles_ms: SUPPLY_SETTLES_MS,
-        ..now(26, "", |rig| rig.world.set_supply(WATCHED, HIGH_SUPPLY))
+        ..now(26, "", |master| {
+            master.world.set_supply(WATCHED, HIGH_SUPPLY)
+        })
     },
     after(27, "another twist understood", another_twist),
     // Another robot switched on whose node switches are set to the same number.
     after(28, "boot-up", boot_up),
     Case {
         prepare: Some(connect_current_sensor),
-        ..now(32, "its wire comes off, the input is pulled up", |rig| {
+        ..now(32, "its wire comes off, the input is pulled up", |master| {
             let (scale, _) = CURRENT_SENSOR;
-            rig.world.set_current_sensor(WATCHED, Some((scale, 3.3)));
+            master.world.set_current_sensor(WATCHED, Some((scale, 3.3)));
         })
     },
     Case {
         prepare: Some(connect_protective_stop),
-        ..now(29, "", |rig| rig.world.set_protective_stop(WATCHED, true))
+        ..now(29, "", |master| {
+            master.world.set_protective_stop(WATCHED, true)
+        })
     },
-    now(30, "a gap", |rig| {
-        on_board(rig, |board| {
+    now(30, "a gap", |master| {
+        on_board(master, |board| {
             board.set_hse(false);
             board.set_hse(true);
         });
     }),
-    now(31, "a dip to 2.9 V", |rig| {
-        on_board(rig, |board| {
+    now(31, "a dip to 2.9 V", |master| {
+        on_board(master, |board| {
             board.set_vdd(2.9);
             board.set_vdd(3.3);
         });
@@ -248,107 +261,111 @@ pub const ELSEWHERE: &[(u8, &str)] = &[
 ];
 
 /// Does something to the watched robot's board.
-fn on_board(rig: &mut Rig, what: fn(&mut emulator::Board)) {
-    if let Some(board) = rig.world.board(WATCHED_NODE) {
+fn on_board(master: &mut TestMaster, what: fn(&mut emulator::Board)) {
+    if let Some(board) = master.world.board(WATCHED_NODE) {
         what(board);
     }
 }
 
 /// Says to the watched robot that a protective stop is connected.
-fn connect_protective_stop(rig: &mut Rig) {
+fn connect_protective_stop(master: &mut TestMaster) {
     let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
     let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
-    rig.world
+    master
+        .world
         .send(Frame::of(cob::sdo_request(WATCHED_NODE), write));
 }
 
 /// Gives the watched robot a current sensor of 160 A/V about 1.65 V, and says so.
-fn connect_current_sensor(rig: &mut Rig) {
-    rig.world.set_current_sensor(WATCHED, Some(CURRENT_SENSOR));
+fn connect_current_sensor(master: &mut TestMaster) {
+    master
+        .world
+        .set_current_sensor(WATCHED, Some(CURRENT_SENSOR));
     let (scale, offset) = CURRENT_SENSOR;
     for (address, value) in [(at::CURRENT_SCALE, scale), (at::CURRENT_OFFSET, offset)] {
         let [low, high] = address.index.to_le_bytes();
         let [a, b, c, d] = (value as f32).to_le_bytes();
         let write = [0x23, low, high, address.sub, a, b, c, d];
-        rig.world
+        master
+            .world
             .send(Frame::of(cob::sdo_request(WATCHED_NODE), write));
     }
 }
 
 /// One member misses a setpoint and hears another one aside, with the same sequence. The time
 /// counts from the SYNC that latches both.
-fn another_twist(rig: &mut Rig) -> Result<(), SimError> {
+fn another_twist(master: &mut TestMaster) -> Result<(), SimError> {
     const PERIOD_MS: u64 = 10;
     let others = [WATCHED, WATCHED + 1];
     // The regular one goes out 2 ms before SYNC.
-    rig.run_to_phase(PERIOD_MS, PERIOD_MS - 3)?;
-    rig.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
-    rig.run(2)?;
-    rig.world.set_misses(OTHER, None);
+    master.run_to_phase(PERIOD_MS, PERIOD_MS - 3)?;
+    master.world.set_misses(OTHER, Some(cob::GROUP_TWIST));
+    master.run(2)?;
+    master.world.set_misses(OTHER, None);
     for other in others {
-        rig.world.set_misses(other, Some(cob::GROUP_TWIST));
+        master.world.set_misses(other, Some(cob::GROUP_TWIST));
     }
-    rig.send_setpoint(Twist::new(0.5, 0.0, 0.0), 0);
-    rig.run(1)?;
+    master.send_setpoint(Twist::new(0.5, 0.0, 0.0), 0);
+    master.run(1)?;
     for other in others {
-        rig.world.set_misses(other, None);
+        master.world.set_misses(other, None);
     }
     Ok(())
 }
 
 /// A boot-up with the watched robot's number, while the bus is idle; the time counts from its end.
-fn boot_up(rig: &mut Rig) -> Result<(), SimError> {
+fn boot_up(master: &mut TestMaster) -> Result<(), SimError> {
     const IDLE_MS: u64 = 5;
     const FRAME_US: u64 = 80;
-    rig.run(IDLE_MS)?;
+    master.run(IDLE_MS)?;
     let boot_up = Frame::of(cob::heartbeat(WATCHED_NODE), [0]);
-    rig.world.send(boot_up);
-    let end = rig.world.now().0 + FRAME_US;
-    rig.world.run_until(canopen::Micros(end))
+    master.world.send(boot_up);
+    let end = master.world.now().0 + FRAME_US;
+    master.world.run_until(canopen::Micros(end))
 }
 
 /// An encoder whose wires are open, with so many strikes of noise a second on them.
-fn dead_and_noisy(rig: &mut Rig, hz: f64) {
-    rig.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
-    rig.world.set_encoder_noise(WATCHED, WHEEL, hz);
+fn dead_and_noisy(master: &mut TestMaster, hz: f64) {
+    master.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
+    master.world.set_encoder_noise(WATCHED, WHEEL, hz);
 }
 
 /// The program goes wrong as soon as it is where it can.
-fn crash(rig: &mut Rig, how: Crash) -> Result<(), SimError> {
+fn crash(master: &mut TestMaster, how: Crash) -> Result<(), SimError> {
     const PATIENCE_US: u64 = 100_000;
-    let begun = rig.world.now().0;
-    while !rig.world.crash(WATCHED, how) {
-        let now = rig.world.now().0;
+    let begun = master.world.now().0;
+    while !master.world.crash(WATCHED, how) {
+        let now = master.world.now().0;
         if now > begun + PATIENCE_US {
             let problem = format!("the image has no place for {how:?}");
             return Err(SimError::Plant { problem });
         }
-        rig.world.run_until(canopen::Micros(now + 10))?;
+        master.world.run_until(canopen::Micros(now + 10))?;
     }
     Ok(())
 }
 
 /// A robot goes off the bus with its next frame.
-fn bus_off(rig: &mut Rig) -> Result<(), SimError> {
+fn bus_off(master: &mut TestMaster) -> Result<(), SimError> {
     const PATIENCE_US: u64 = 1_000_000;
-    let begun = rig.world.now().0;
-    while !rig.world.force_bus_off(WATCHED) {
-        if rig.world.now().0 > begun + PATIENCE_US {
+    let begun = master.world.now().0;
+    while !master.world.force_bus_off(WATCHED) {
+        if master.world.now().0 > begun + PATIENCE_US {
             let problem = "the robot has nothing to send".to_owned();
             return Err(SimError::Plant { problem });
         }
-        let soon = canopen::Micros(rig.world.now().0 + 10);
-        rig.world.run_until(soon)?;
+        let soon = canopen::Micros(master.world.now().0 + 10);
+        master.world.run_until(soon)?;
     }
     Ok(())
 }
 
 /// The processor stands still a little longer than a control tick may be late; the time counts from
 /// its going on.
-fn late(rig: &mut Rig) -> Result<(), SimError> {
+fn late(master: &mut TestMaster) -> Result<(), SimError> {
     const STANDS_MS: u64 = 22;
-    rig.world.halt(WATCHED, true);
-    rig.run(STANDS_MS)?;
-    rig.world.halt(WATCHED, false);
+    master.world.halt(WATCHED, true);
+    master.run(STANDS_MS)?;
+    master.world.halt(WATCHED, false);
     Ok(())
 }

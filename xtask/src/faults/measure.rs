@@ -15,8 +15,8 @@ use kinematics::Twist;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::{Fault, MemberState, Reaction, Value, address as at};
-use sim::rig::{Rig, STEP_US};
 use sim::robot::Robot;
+use sim::test_master::{STEP_US, TestMaster};
 use sim::{Backend, Options, RobotTruth, SimError, World};
 
 use super::causes::{Case, Trial, WATCHED};
@@ -91,31 +91,31 @@ pub fn measure(
         return trial(firmware);
     }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
-    let mut rig = driving(group, Robots::Emulated(firmware), case.speed, &[case])?;
-    rig.run_to_phase(100, 1)?;
+    let mut master = driving(group, Robots::Emulated(firmware), case.speed, &[case])?;
+    master.run_to_phase(100, 1)?;
     let mut before = f64::INFINITY;
     for _ in 0..BEFORE_MS * 1_000 / STEP_US {
-        rig.step()?;
-        before = before.min(effort(&watched(&rig)?));
+        master.step()?;
+        before = before.min(effort(&watched(&master)?));
     }
-    let (asked, from) = (fastest(&rig), rig.world.truth().group);
+    let (asked, from) = (fastest(&master), master.world.truth().group);
     let mut wheel_rate: f64 = 0.0;
-    let announced_before = rig.emergencies(node).count();
-    case.trial.appear(&mut rig)?;
-    let began = rig.world.now().0;
+    let announced_before = master.emergencies(node).count();
+    case.trial.appear(&mut master)?;
+    let began = master.world.now().0;
     let cuts = reaction == Reaction::Cut;
     if case.settles_ms > 0 && cuts {
         // A cut is seen whatever the duty does.
         before = f64::NEG_INFINITY;
     } else if case.settles_ms > 0 {
-        rig.run(case.settles_ms)?;
-        before = effort(&watched(&rig)?);
+        master.run(case.settles_ms)?;
+        before = effort(&watched(&master)?);
     }
-    let since = |rig: &Rig| (rig.world.now().0 - began) as f64 / 1e3;
+    let since = |master: &TestMaster| (master.world.now().0 - began) as f64 / 1e3;
 
     let (mut reaction, mut rest) = (None, None);
-    while rest.is_none() || since(&rig) < reaction.unwrap_or(0.0) + REST_MS as f64 {
-        let robot = watched(&rig)?;
+    while rest.is_none() || since(&master) < reaction.unwrap_or(0.0) + REST_MS as f64 {
+        let robot = watched(&master)?;
         let off = !robot.drivers_enabled;
         if reaction.is_none() && (off || effort(&robot) < before - VISIBLE) {
             ensure!(
@@ -123,21 +123,21 @@ pub fn measure(
                 "the drivers are still on while the duty falls"
             );
             ensure!(!off || cuts, "the drivers are off without a ramp");
-            reaction = Some(since(&rig));
+            reaction = Some(since(&master));
         }
         let at_rest = off && !robot.brake_released;
         ensure!(rest.is_none() || at_rest, "came on again without a start");
         if rest.is_none() && at_rest {
-            rest = Some(since(&rig));
+            rest = Some(since(&master));
         }
-        if since(&rig) > (REACTION_MS + REST_MS) as f64 {
+        if since(&master) > (REACTION_MS + REST_MS) as f64 {
             bail!("no rest within {} ms", REACTION_MS + REST_MS);
         }
-        rig.step()?;
-        wheel_rate = wheel_rate.max(fastest(&rig) / asked);
+        master.step()?;
+        wheel_rate = wheel_rate.max(fastest(&master) / asked);
     }
-    let to = rig.world.truth().group;
-    let emergency = rig.emergencies(node).nth(announced_before);
+    let to = master.world.truth().group;
+    let emergency = master.emergencies(node).nth(announced_before);
     let (announced_at, code) = emergency.context("announces nothing")?;
     ensure!(code == announced.code(), "announces 0x{code:04X}");
     Ok(Measured {
@@ -155,7 +155,7 @@ pub fn driving(
     robots: Robots<'_>,
     speed: f32,
     cases: &[&Case],
-) -> anyhow::Result<Rig> {
+) -> anyhow::Result<TestMaster> {
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
@@ -175,27 +175,30 @@ pub fn driving(
         }
     }
     drop(session);
-    let mut rig = Rig::new(link.world, group);
+    let mut master = TestMaster::new(link.world, group);
     for prepare in cases.iter().filter_map(|case| case.prepare) {
-        prepare(&mut rig);
+        prepare(&mut master);
     }
-    rig.run(READY_MS)?;
-    rig.command(NmtCommand::Start, None);
-    rig.run(READY_MS)?;
-    rig.twist = Some(Twist::new(speed, 0.0, 0.0));
-    rig.run(SETTLE_MS)?;
-    ensure!(rig.all_are(MemberState::Moving), "the group does not drive");
-    Ok(rig)
+    master.run(READY_MS)?;
+    master.command(NmtCommand::Start, None);
+    master.run(READY_MS)?;
+    master.twist = Some(Twist::new(speed, 0.0, 0.0));
+    master.run(SETTLE_MS)?;
+    ensure!(
+        master.all_are(MemberState::Moving),
+        "the group does not drive"
+    );
+    Ok(master)
 }
 
-fn watched(rig: &Rig) -> anyhow::Result<RobotTruth> {
-    let truth = rig.world.truth();
+fn watched(master: &TestMaster) -> anyhow::Result<RobotTruth> {
+    let truth = master.world.truth();
     truth.robots.get(WATCHED).copied().context("no robots")
 }
 
 /// The largest rate of any wheel of the group, rad/s, either way.
-fn fastest(rig: &Rig) -> f64 {
-    let robots = rig.world.truth().robots;
+fn fastest(master: &TestMaster) -> f64 {
+    let robots = master.world.truth().robots;
     let rates = robots
         .iter()
         .flat_map(|robot| <[f64; 4]>::from(robot.wheel_rates));

@@ -20,7 +20,7 @@
 //! the end of the ramp.
 
 use group::GroupFile;
-use sim::rig::Rig;
+use sim::test_master::TestMaster;
 
 use protocol::Reaction;
 
@@ -139,16 +139,16 @@ impl Pair<'_> {
         slow: Slow,
         robots: Robots<'_>,
     ) -> anyhow::Result<Outcome> {
-        let mut rig = measure::driving(group, robots, SPEED, &[self.first.1, self.second.1])?;
-        rig.run_to_phase(100, 1)?;
+        let mut master = measure::driving(group, robots, SPEED, &[self.first.1, self.second.1])?;
+        master.run_to_phase(100, 1)?;
         let mut wheel = Wheel::default();
-        let at_first = wheel.rate(&rig);
-        self.first.1.trial.appear(&mut rig)?;
-        let first_ns = rig.world.now_ns();
-        wheel.run_to(&mut rig, first_ns + self.delay_ms * 1_000_000)?;
-        let at_second = wheel.rate(&rig);
-        self.second.1.trial.appear(&mut rig)?;
-        let second_ns = rig.world.now_ns();
+        let at_first = wheel.rate(&master);
+        self.first.1.trial.appear(&mut master)?;
+        let first_ns = master.world.now_ns();
+        wheel.run_to(&mut master, first_ns + self.delay_ms * 1_000_000)?;
+        let at_second = wheel.rate(&master);
+        self.second.1.trial.appear(&mut master)?;
+        let second_ns = master.world.now_ns();
         let reversed = [(self.first.1, at_first), (self.second.1, at_second)]
             .into_iter()
             .find_map(|(case, rate)| (case.number == REVERSED).then_some(rate));
@@ -169,9 +169,9 @@ impl Pair<'_> {
             .iter()
             .map(|(from_ns, ms)| *from_ns as f64 + ms * 1e6);
         let last = ends.fold(0.0, f64::max) + MARGIN_MS * 1e6;
-        wheel.run_to(&mut rig, last as u64)?;
+        wheel.run_to(&mut master, last as u64)?;
         let faster = is_slow.is_some_and(|rate| wheel.fastest > slow.factor * rate + RESOLUTION);
-        let safe_ns = rig.world.safe_since_ns(WATCHED);
+        let safe_ns = master.world.safe_since_ns(WATCHED);
         let outcome = |(from_ns, promise_ms): (u64, f64)| Outcome {
             promise_ms,
             measured_ms: safe_ns.map(|at| at.saturating_sub(from_ns) as f64 / 1e6),
@@ -251,8 +251,8 @@ struct Wheel {
 
 impl Wheel {
     /// Its true rate now, rad/s, either way.
-    fn rate(&mut self, rig: &Rig) -> f64 {
-        let truth = rig.world.truth();
+    fn rate(&mut self, master: &TestMaster) -> f64 {
+        let truth = master.world.truth();
         let robot = truth.robots.get(WATCHED);
         let rate = robot.map_or(0.0, |robot| robot.wheel_rates.front_left.abs());
         self.fastest = self.fastest.max(rate);
@@ -260,10 +260,10 @@ impl Wheel {
     }
 
     /// Goes on to a time, ns, by the steps of the master.
-    fn run_to(&mut self, rig: &mut Rig, end_ns: u64) -> anyhow::Result<()> {
-        while rig.world.now_ns() < end_ns {
-            rig.step()?;
-            self.rate(rig);
+    fn run_to(&mut self, master: &mut TestMaster, end_ns: u64) -> anyhow::Result<()> {
+        while master.world.now_ns() < end_ns {
+            master.step()?;
+            self.rate(master);
         }
         Ok(())
     }

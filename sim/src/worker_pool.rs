@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use canopen::Frame;
 
 use crate::error::SimError;
-use crate::motor::Drive;
+use crate::motor::Bridge;
 use crate::robot::{Robot, Wake};
 
 /// How often to look before going to sleep: some tens of microseconds.
@@ -38,12 +38,12 @@ struct Worker {
 }
 
 /// The threads.
-pub(crate) struct Crew {
+pub(crate) struct WorkerPool {
     workers: Vec<Worker>,
     done: Receiver<Done>,
 }
 
-impl Crew {
+impl WorkerPool {
     /// This many threads beside the caller's.
     pub fn new(threads: usize) -> Self {
         let (send_done, done) = channel();
@@ -111,7 +111,7 @@ impl Crew {
     }
 }
 
-impl Drop for Crew {
+impl Drop for WorkerPool {
     fn drop(&mut self) {
         for worker in &mut self.workers {
             worker.jobs = None;
@@ -160,8 +160,8 @@ impl Robot for Absent {
     fn lost_arbitration(&mut self) {}
     fn receive(&mut self, _: &Frame) {}
 
-    fn drives(&self) -> [Drive; 4] {
-        [Drive::default(); 4]
+    fn drives(&self) -> [Bridge; 4] {
+        [Bridge::default(); 4]
     }
 
     fn turn_encoders(&mut self, _: [i32; 4]) {}

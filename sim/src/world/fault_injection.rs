@@ -18,7 +18,7 @@ use crate::robot::Crash;
 
 /// What is wrong with one robot on the bus.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Harm {
+pub(super) struct InjectedFaults {
     /// The identifier of the frames that it does not get.
     pub misses: Option<u16>,
     /// Frames that its receiver gets wrong.
@@ -29,7 +29,7 @@ pub(super) struct Harm {
     pub delay_ns: u64,
 }
 
-impl Default for Harm {
+impl Default for InjectedFaults {
     fn default() -> Self {
         Self {
             misses: None,
@@ -137,7 +137,7 @@ impl World {
     /// Lets a robot's receiver get this share of the frames wrong.
     pub fn set_bad_receiver(&mut self, robot: usize, share: Share) {
         if let Some(unit) = self.units.get_mut(robot) {
-            unit.harm.bad_receiver = share;
+            unit.injected.bad_receiver = share;
         }
     }
 
@@ -145,14 +145,14 @@ impl World {
     /// own.
     pub fn set_babbling(&mut self, robot: usize, id: Option<u16>) {
         if let Some(unit) = self.units.get_mut(robot) {
-            unit.harm.babble = id.and_then(babble);
+            unit.injected.babble = id.and_then(babble);
         }
     }
 
     /// Lets everything that a robot sends reach the bus later by this, ns.
     pub fn set_delay(&mut self, robot: usize, delay_ns: u64) {
         if let Some(unit) = self.units.get_mut(robot) {
-            unit.harm.delay_ns = delay_ns;
+            unit.injected.delay_ns = delay_ns;
             unit.held = None;
         }
     }
@@ -270,7 +270,7 @@ impl World {
     /// Keeps frames with this identifier from a robot, or none.
     pub fn set_misses(&mut self, robot: usize, id: Option<u16>) {
         if let Some(unit) = self.touched(robot) {
-            unit.harm.misses = id;
+            unit.injected.misses = id;
         }
     }
 

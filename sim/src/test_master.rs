@@ -4,8 +4,8 @@
 //!
 //! It drives robots that are configured already. Its frames go out on whole milliseconds: the
 //! heartbeat every 100 ms, SYNC every period, the setpoint [`LEAD_MS`] before it. Everything the
-//! robots say is kept until the rig is dropped, some hundred kilobytes for a second of a group of
-//! three.
+//! robots say is kept until the test master is dropped, some hundred kilobytes for a second of a
+//! group of three.
 
 use std::collections::BTreeMap;
 
@@ -20,13 +20,13 @@ use crate::world::{MASTER, World};
 pub const HEARTBEAT_MS: u64 = 100;
 /// The setpoint goes out this long before its SYNC, ms.
 pub const LEAD_MS: u64 = 2;
-/// One step of [`Rig::step`], µs.
+/// One step of [`TestMaster::step`], µs.
 pub const STEP_US: u64 = 250;
 /// SYNC's counter runs from 1 to this (object 0x1019).
 const SYNC_OVERFLOW: u8 = 240;
 
 /// The master, what it does at the moment, and what it has heard.
-pub struct Rig {
+pub struct TestMaster {
     /// The world it drives.
     pub world: World,
     /// Whether it sends its heartbeat.
@@ -49,7 +49,7 @@ pub struct Rig {
     emergencies: Vec<(Micros, u8, u16)>,
 }
 
-impl Rig {
+impl TestMaster {
     /// Takes over a world of configured robots: heartbeat and SYNC run, the setpoint is standstill.
     #[must_use]
     pub fn new(world: World, file: &group::GroupFile) -> Self {
@@ -91,7 +91,7 @@ impl Rig {
     /// Lets this many milliseconds pass.
     ///
     /// # Errors
-    /// As [`Rig::step`].
+    /// As [`TestMaster::step`].
     pub fn run(&mut self, millis: u64) -> Result<(), SimError> {
         (0..millis * 1_000 / STEP_US).try_for_each(|_| self.step())
     }
@@ -99,7 +99,7 @@ impl Rig {
     /// Lets time pass until it is `offset` ms after a whole multiple of `period` ms.
     ///
     /// # Errors
-    /// As [`Rig::step`].
+    /// As [`TestMaster::step`].
     pub fn run_to_phase(&mut self, period: u64, offset: u64) -> Result<(), SimError> {
         self.step()?;
         while self.world.now().0 % (period * 1_000) != offset * 1_000 {
