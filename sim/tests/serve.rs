@@ -147,6 +147,30 @@ fn two_programs_and_two_robots_on_one_bus() {
     assert_eq!(heard, ["t702100", "t703100"]);
 }
 
+/// LAWICEL's `L` and `Z1`: what comes is heard, with its time in four digits; nothing can be sent.
+#[test]
+fn a_channel_that_only_listens_hears_with_time_stamps() {
+    let served = Served::new(&["--slcan-tcp", "127.0.0.1:0"]);
+    let mut client = served.connect("slcan-tcp");
+    client.get_mut().write_all(b"S6\rZ1\rL\rt7E10\r").unwrap();
+    // 500 kbit/s is not this bus's rate.
+    assert_eq!(line(&mut client), "\u{7}");
+    assert_eq!((line(&mut client), line(&mut client)), Default::default());
+    let mut refused = false;
+    let mut heard = Vec::new();
+    while heard.len() < 2 || !refused {
+        let text = line(&mut client);
+        refused |= text == "\u{7}";
+        if let Some(stamp) = text.strip_prefix("t70217F") {
+            heard.push(u16::from_str_radix(stamp, 16).unwrap());
+            assert_eq!(stamp.len(), 4);
+        }
+    }
+    // The heartbeat of a robot comes every 100 ms; its crystal may be off by less than 1 %.
+    let between = (heard[1] + 60_000 - heard[0]) % 60_000;
+    assert!((99..=101).contains(&between), "{heard:?}");
+}
+
 #[test]
 fn socketcand_and_slcan_share_the_bus() {
     let served = Served::new(&["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0"]);
@@ -164,6 +188,8 @@ fn socketcand_and_slcan_share_the_bus() {
     let mut slcan = served.connect("slcan-tcp");
     slcan.get_mut().write_all(b"O\r").unwrap();
     assert_eq!(line(&mut slcan), "");
+    // An extended frame is no error of the bus: nothing is said about it.
+    raw.get_mut().write_all(b"< send 000007EF 0 >").unwrap();
     let (sent, wanted) = (b"< send 7EF 2 e8 3 >", "t7EF2E803");
     raw.get_mut().write_all(sent).unwrap();
     while line(&mut slcan) != wanted {}

@@ -3,10 +3,10 @@
 
 use std::io::{BufRead, Write};
 
-use canopen::Frame;
+use can_text::candump::{Line, parse_line, write_line};
 
+use super::Header;
 use super::read::{Recorded, Recording};
-use super::{Header, from_hex, to_hex};
 
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -42,16 +42,23 @@ pub fn read(input: impl BufRead) -> Result<Recording, CandumpError> {
     let mut epoch = None;
     for (line, text) in input.lines().enumerate() {
         let text = text?;
-        if text.trim().is_empty() {
-            continue;
-        }
-        let parsed = parse(text.trim()).ok_or_else(|| CandumpError::Line {
-            line: line + 1,
-            text: text.chars().take(80).collect(),
-        })?;
-        let Parsed { t_ns, bus, frame } = parsed;
+        let (t_ns, bus, frame) = match parse_line(&text) {
+            Line::Empty => continue,
+            Line::Frame {
+                at_ns,
+                interface,
+                frame,
+            } => (at_ns, interface, Some(frame)),
+            Line::Foreign { at_ns, interface } => (at_ns, interface, None),
+            Line::Bad => {
+                return Err(CandumpError::Line {
+                    line: line + 1,
+                    text: text.chars().take(80).collect(),
+                });
+            }
+        };
         if recording.header.bus.is_empty() {
-            recording.header.bus = bus;
+            recording.header.bus = bus.to_owned();
         }
         // Logs count from 1970 or from 0; the whole second of the first frame is taken for the
         // start.
@@ -72,62 +79,20 @@ pub fn read(input: impl BufRead) -> Result<Recording, CandumpError> {
 /// # Errors
 /// When it cannot be written.
 pub fn write(recording: &Recording, out: &mut impl Write) -> std::io::Result<()> {
+    let mut line = String::new();
     for recorded in &recording.frames {
-        let us = (recording.header.epoch_ns + recorded.t_ns) / 1_000;
-        writeln!(
-            out,
-            "({}.{:06}) can0 {:03X}#{}",
-            us / 1_000_000,
-            us % 1_000_000,
-            recorded.frame.id(),
-            to_hex(recorded.frame.data())
-        )?;
+        line.clear();
+        let at_ns = recording.header.epoch_ns + recorded.t_ns;
+        write_line(&mut line, at_ns, "can0", &recorded.frame).map_err(std::io::Error::other)?;
+        out.write_all(line.as_bytes())?;
     }
     out.flush()
-}
-
-struct Parsed {
-    t_ns: u64,
-    bus: String,
-    /// `None` for a frame of a kind that is left out.
-    frame: Option<Frame>,
-}
-
-fn parse(line: &str) -> Option<Parsed> {
-    let (time, rest) = line.strip_prefix('(')?.split_once(')')?;
-    let (seconds, micros) = time.trim().split_once('.')?;
-    if micros.len() != 6 {
-        return None;
-    }
-    let digits = |text: &str| {
-        text.bytes()
-            .all(|b| b.is_ascii_digit())
-            .then(|| text.parse::<u64>().ok())?
-    };
-    let t_us = digits(seconds)?
-        .checked_mul(1_000_000)?
-        .checked_add(digits(micros)?)?;
-    let mut words = rest.split_whitespace();
-    let (bus, frame) = (words.next()?.to_owned(), words.next()?);
-    let (id, data) = frame.split_once('#')?;
-    let number = u32::from_str_radix(id, 16).ok()?;
-    let frame = if data.starts_with('R') || data.starts_with('#') || id.len() == 8 {
-        None
-    } else if id.len() == 3 {
-        Some(Frame::new(u16::try_from(number).ok()?, &from_hex(data)?)?)
-    } else {
-        return None;
-    };
-    Some(Parsed {
-        t_ns: t_us.checked_mul(1_000)?,
-        bus,
-        frame,
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use canopen::Frame;
 
     const LOG: &str = "(1700000000.250000) can0 181#E8030000000007A1\n\
                        (1700000000.252001) can0 080#01\n\
@@ -158,7 +123,8 @@ mod tests {
     fn anything_else_is_refused_with_its_line() {
         for bad in [
             "hello",
-            "(1.5) can0 080#",
+            "(1.) can0 080#",
+            "(1.0000000001) can0 080#",
             "(1.000000) can0",
             "(1.000000) can0 080",
             "(1.000000) can0 800#",

@@ -4,12 +4,16 @@
 //! and Wireshark read this form. Writing errors (a full disk) are kept, not thrown: a lost log must
 //! not stop a moving robot; [`Candump::finish`] reports the first one.
 
-use std::fmt::Write as _;
+use std::fmt;
 use std::io::{self, Write};
 
+use can_text::candump::{write_error, write_line};
 use canopen::Frame;
 
 use super::Fate;
+
+/// What the virtual bus is called in logs.
+const INTERFACE: &str = "can0";
 
 /// The writer of a log.
 pub struct Candump {
@@ -31,15 +35,16 @@ impl Candump {
 
     /// Appends one frame that ended at this time, ns.
     pub fn frame(&mut self, end_ns: u64, frame: &Frame) {
-        self.write(|line| format_line(line, end_ns, frame));
+        self.write(|line| write_line(line, end_ns, INTERFACE, frame));
     }
 
-    fn write(&mut self, format: impl FnOnce(&mut String)) {
+    fn write(&mut self, format: impl FnOnce(&mut String) -> fmt::Result) {
         if self.failed.is_some() {
             return;
         }
         self.line.clear();
-        format(&mut self.line);
+        // Writing into a string cannot fail.
+        let _ = format(&mut self.line);
         if let Err(error) = self.out.write_all(self.line.as_bytes()) {
             self.failed = Some(error);
         }
@@ -59,15 +64,8 @@ impl Candump {
             Fate::CutOff => (0x88, 4),
             Fate::Collided { .. } => (0x88, 1),
         };
-        self.write(|line| {
-            let us = end_ns / 1_000;
-            let (s, us) = (us / 1_000_000, us % 1_000_000);
-            // Writing into a string cannot fail.
-            let _ = writeln!(
-                line,
-                "({s}.{us:06}) can0 200000{class:02X}#0000{violation:02X}0000000000"
-            );
-        });
+        let data = [0, 0, violation, 0, 0, 0, 0, 0];
+        self.write(|line| write_error(line, end_ns, INTERFACE, class, data));
     }
 
     /// Writes out what is buffered.
@@ -84,116 +82,5 @@ impl std::fmt::Debug for Candump {
         f.debug_struct("Candump")
             .field("failed", &self.failed)
             .finish_non_exhaustive()
-    }
-}
-
-fn format_line(line: &mut String, end_ns: u64, frame: &Frame) {
-    let us = end_ns / 1_000;
-    // Writing into a string cannot fail.
-    let _ = write!(
-        line,
-        "({}.{:06}) can0 {:03X}#",
-        us / 1_000_000,
-        us % 1_000_000,
-        frame.id()
-    );
-    for byte in frame.data() {
-        let _ = write!(line, "{byte:02X}");
-    }
-    line.push('\n');
-}
-
-/// What a line of a log is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Line {
-    /// A classic base frame with its time, ns.
-    Frame(u64, Frame),
-    /// A frame that this bus does not carry: extended, remote, error, CAN FD.
-    Foreign,
-    /// Nothing.
-    Empty,
-    /// No line of `candump -L`.
-    Bad,
-}
-
-/// Reads a line of `candump -L`, with or without the direction at its end.
-#[must_use]
-pub fn parse_line(line: &str) -> Line {
-    let mut words = line.split_ascii_whitespace();
-    let (time, frame) = match (words.next(), words.next(), words.next()) {
-        (None, _, _) => return Line::Empty,
-        (Some(time), Some(_), Some(frame)) => (time, frame),
-        (Some(_), _, _) => return Line::Bad,
-    };
-    let direction = words.next().is_none_or(|word| word == "R" || word == "T");
-    match (time_ns(time), frame.split_once('#')) {
-        (Some(at), Some((id, data))) if direction && words.next().is_none() => {
-            frame_or_foreign(at, id, data)
-        }
-        _ => Line::Bad,
-    }
-}
-
-fn frame_or_foreign(at_ns: u64, id: &str, data: &str) -> Line {
-    let is_hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_hexdigit());
-    // `#` begins the flags of CAN FD, `R` a remote frame and its length.
-    let rest = data.trim_start_matches(['#', 'R']);
-    if !is_hex(id) || !is_hex(rest) {
-        return Line::Bad;
-    }
-    match id.len() {
-        8 => return Line::Foreign,
-        3 if rest.len() != data.len() => return Line::Foreign,
-        3 => {}
-        _ => return Line::Bad,
-    }
-    let bytes: Option<Vec<u8>> = (0..data.len())
-        .step_by(2)
-        .map(|at| u8::from_str_radix(data.get(at..at + 2)?, 16).ok())
-        .collect();
-    let id = u16::from_str_radix(id, 16).ok();
-    match id.zip(bytes).and_then(|(id, bytes)| Frame::new(id, &bytes)) {
-        Some(frame) => Line::Frame(at_ns, frame),
-        None => Line::Bad,
-    }
-}
-
-/// `(SECONDS.FRACTION)`, exactly.
-fn time_ns(text: &str) -> Option<u64> {
-    let text = text.strip_prefix('(')?.strip_suffix(')')?;
-    let (seconds, fraction) = text.split_once('.')?;
-    let digits = fraction.get(..fraction.len().min(9))?;
-    let scale = 10_u64.pow(9 - u32::try_from(digits.len()).ok()?);
-    let nanos = digits.parse::<u64>().ok()?.checked_mul(scale)?;
-    let seconds: u64 = seconds.parse().ok()?;
-    seconds.checked_mul(1_000_000_000)?.checked_add(nanos)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_what_candump_writes() {
-        let mut line = String::new();
-        format_line(
-            &mut line,
-            12_000_345_678,
-            &Frame::new(0x81, &[0xE8, 0x03]).unwrap(),
-        );
-        assert_eq!(line, "(12.000345) can0 081#E803\n");
-        line.clear();
-        format_line(&mut line, 0, &Frame::new(0x80, &[]).unwrap());
-        assert_eq!(line, "(0.000000) can0 080#\n");
-    }
-
-    #[test]
-    fn what_is_written_is_read() {
-        for data in [&[][..], &[0xE8, 0x03], &[0; 8]] {
-            let frame = Frame::new(0x7FF, data).unwrap();
-            let mut line = String::new();
-            format_line(&mut line, 12_000_345_000, &frame);
-            assert_eq!(parse_line(&line), Line::Frame(12_000_345_000, frame));
-        }
     }
 }

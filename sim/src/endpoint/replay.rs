@@ -8,10 +8,10 @@
 use std::collections::VecDeque;
 use std::io;
 
+use can_text::candump::{Line, parse_line};
 use canopen::Frame;
 
 use super::Endpoint;
-use crate::bus::candump::{Line, parse_line};
 use crate::world::{Port, World};
 
 /// How far ahead frames are queued, ns. The world sends each at its own time.
@@ -36,8 +36,8 @@ impl Replay {
         let mut left_out = 0;
         for (number, line) in text.lines().enumerate() {
             match parse_line(line) {
-                Line::Frame(at_ns, frame) => frames.push((at_ns, frame)),
-                Line::Foreign => left_out += 1,
+                Line::Frame { at_ns, frame, .. } => frames.push((at_ns, frame)),
+                Line::Foreign { .. } => left_out += 1,
                 Line::Empty => {}
                 Line::Bad => {
                     return Err(format!(

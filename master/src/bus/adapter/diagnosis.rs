@@ -53,11 +53,9 @@ pub(super) const fn of_error_frame(bits: u32) -> Option<&'static str> {
     }
 }
 
-/// From the status flags of an slcan adapter (LAWICEL CAN232 manual, command F).
+/// From the status flags of an slcan adapter.
 pub(super) const fn of_slcan_flags(flags: u8) -> Option<&'static str> {
-    const PASSIVE: u8 = 1 << 5;
-    const BUS_ERROR: u8 = 1 << 7;
-    const TRANSMIT_FULL: u8 = 1 << 1;
+    use can_text::slcan::flags::{BUS_ERROR, PASSIVE, TRANSMIT_FULL};
     if flags & PASSIVE != 0 || flags & TRANSMIT_FULL != 0 {
         Some(NO_ACKNOWLEDGE)
     } else if flags & BUS_ERROR != 0 {

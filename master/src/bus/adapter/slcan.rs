@@ -1,16 +1,15 @@
 //! slcan: CAN frames as lines of text over a serial line (the LAWICEL protocol), or over TCP.
 //!
-//! `tIIILDD..` is a frame: identifier in three hex digits, length, data; a carriage return ends a
-//! line. Adapters answer commands with a carriage return or, refusing, a bell; `z` acknowledges a
-//! frame; `F` asks for status flags. Anything else (extended and remote frames, other status lines)
-//! is passed over. A bell is no error by itself (closing a closed channel rings one), many in a row
-//! are: then the adapter takes no frames.
+//! [`can_text::slcan`] has the protocol. `F` asks for status flags. A refusal is no error by itself
+//! (closing a closed channel is refused by some adapters), many in a row are: then the adapter takes
+//! no frames.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::Duration;
 
+use can_text::slcan::{Answer, Answers, frame as line_of};
 use canopen::Frame;
 
 use super::AdapterLink;
@@ -23,82 +22,43 @@ const OPEN: &[u8] = b"C\rS8\rO\r";
 const BAUD: u32 = 1_000_000;
 /// How long a read may block before it is tried again.
 const READ_TIMEOUT: Duration = Duration::from_millis(100);
-/// Longest line that can hold a frame, with a time stamp.
-const LONGEST: usize = 32;
 
-/// The line of a frame, with its end.
-#[must_use]
-pub fn encode(frame: &Frame) -> String {
-    let mut line = format!("t{:03X}{}", frame.id(), frame.data().len());
-    for byte in frame.data() {
-        line.push_str(&format!("{byte:02X}"));
-    }
-    line.push('\r');
-    line
-}
-
-/// The frame on a line, without its end; `None` for every other line.
-#[must_use]
-pub fn decode(line: &str) -> Option<Frame> {
-    let rest = line.strip_prefix('t')?;
-    if !rest.is_ascii() {
-        return None;
-    }
-    let id = u16::from_str_radix(rest.get(..3)?, 16).ok()?;
-    let length = usize::from_str_radix(rest.get(3..4)?, 16).ok()?;
-    let digits = rest.get(4..4 + 2 * length)?;
-    let bytes: Option<Vec<u8>> = (0..length)
-        .map(|n| u8::from_str_radix(digits.get(2 * n..2 * n + 2)?, 16).ok())
-        .collect();
-    Frame::new(id, &bytes?)
-}
-
-/// Puts lines together from what arrives in pieces.
+/// What the adapter says, byte by byte: its frames, and what it lets know about the bus.
 #[derive(Default)]
-struct Lines {
-    line: String,
+struct Hearing {
+    answers: Answers,
     /// Refusals since the last sign of success.
-    bells: u32,
+    refusals: u32,
     diagnosis: Diagnosis,
 }
 
 /// So many refusals in a row mean that the adapter takes no frames.
-const BELLS: u32 = 10;
+const REFUSALS: u32 = 10;
 
-impl Lines {
+impl Hearing {
     /// Takes one byte; returns the frame that it completes.
     fn push(&mut self, byte: u8) -> Option<Frame> {
-        match byte {
-            b'\r' | b'\n' => {
-                let frame = decode(&self.line);
-                if let Some(flags) = self.line.strip_prefix('F')
-                    && let Ok(flags) = u8::from_str_radix(flags, 16)
-                {
-                    self.diagnosis.report(diagnosis::of_slcan_flags(flags));
-                }
-                if frame.is_some() || self.line == "z" {
-                    self.bells = 0;
-                    self.diagnosis.report(None);
-                }
-                self.line.clear();
-                frame
+        match self.answers.push(byte)? {
+            Answer::Frame(frame, _) => {
+                self.succeeded();
+                return Some(frame);
             }
-            // A bell ends whatever was going on.
-            0x07 => {
-                self.line.clear();
-                self.bells += 1;
-                if self.bells == BELLS {
+            Answer::Sent => self.succeeded(),
+            Answer::Flags(flags) => self.diagnosis.report(diagnosis::of_slcan_flags(flags)),
+            Answer::Refused => {
+                self.refusals += 1;
+                if self.refusals == REFUSALS {
                     self.diagnosis.report(Some(diagnosis::REFUSES));
                 }
-                None
             }
-            _ => {
-                if self.line.len() < LONGEST {
-                    self.line.push(char::from(byte));
-                }
-                None
-            }
+            Answer::Other => {}
         }
+        None
+    }
+
+    fn succeeded(&mut self) {
+        self.refusals = 0;
+        self.diagnosis.report(None);
     }
 }
 
@@ -110,14 +70,14 @@ fn start(
     mut inquiry: impl Write + Send + 'static,
 ) -> io::Result<AdapterLink> {
     output.write_all(OPEN)?;
-    let mut lines = Lines::default();
-    let diagnosis = lines.diagnosis.clone();
+    let mut hearing = Hearing::default();
+    let diagnosis = hearing.diagnosis.clone();
     let (mut buffer, mut filled, mut taken) = ([0; 256], 0, 0);
     let read = move || {
         loop {
             while taken < filled {
                 taken += 1;
-                if let Some(frame) = lines.push(buffer[taken - 1]) {
+                if let Some(frame) = hearing.push(buffer[taken - 1]) {
                     return Ok(frame);
                 }
             }
@@ -140,7 +100,7 @@ fn start(
         }
     };
     let write = move |frame: &Frame| {
-        output.write_all(encode(frame).as_bytes())?;
+        output.write_all(line_of(frame, None).as_bytes())?;
         output.flush()
     };
     let mut link = AdapterLink::start(bus, read, write);
@@ -172,46 +132,6 @@ mod tests {
     use crate::bus::link::Link as _;
     use canopen::Micros;
 
-    #[test]
-    fn golden_lines() {
-        let frame = Frame::of(0x181, [0x10, 0xFF, 0x00]);
-        assert_eq!(encode(&frame), "t181310FF00\r");
-        assert_eq!(decode("t181310FF00"), Some(frame));
-        assert_eq!(encode(&Frame::of(0x80, [])), "t0800\r");
-        // A time stamp after the data is passed over.
-        assert_eq!(decode("t181310FF001234"), Some(frame));
-    }
-
-    #[test]
-    fn anything_that_is_no_frame_is_none() {
-        for line in [
-            "",
-            "z",
-            "t",
-            "t18",
-            "t181",
-            "t1812A",
-            "t8001FF",
-            "T0000018110",
-            "r1810",
-            "t18x1FF",
-            "tüüü",
-            "t1819000000000000000000",
-        ] {
-            assert_eq!(decode(line), None, "{line}");
-        }
-    }
-
-    #[test]
-    fn lines_arrive_in_pieces_and_after_noise() {
-        let mut lines = Lines::default();
-        let text = b"\rz\r\x07V1013\rt0801";
-        assert!(text.iter().all(|byte| lines.push(*byte).is_none()));
-        assert!(lines.push(b'0').is_none());
-        assert!(lines.push(b'5').is_none());
-        assert_eq!(lines.push(b'\r'), Some(Frame::of(0x80, [5])));
-    }
-
     /// SYNC comes from the link's own thread while nobody calls the link, counted without gaps, and
     /// stops when the schedule is taken back.
     #[test]
@@ -223,11 +143,11 @@ mod tests {
             let (mut stream, _) = server.accept().unwrap();
             let mut hello = [0; OPEN.len()];
             stream.read_exact(&mut hello).unwrap();
-            let (mut lines, mut frames) = (Lines::default(), Vec::new());
+            let (mut hearing, mut frames) = (Hearing::default(), Vec::new());
             let mut byte = [0];
             while frames.len() < SYNCS {
                 stream.read_exact(&mut byte).unwrap();
-                frames.extend(lines.push(byte[0]));
+                frames.extend(hearing.push(byte[0]));
             }
             frames
         });
@@ -260,13 +180,13 @@ mod tests {
             let mut hello = [0; OPEN.len()];
             stream.read_exact(&mut hello).unwrap();
             assert_eq!(hello, OPEN);
-            let mut lines = Lines::default();
+            let mut hearing = Hearing::default();
             let mut byte = [0];
             loop {
                 stream.read_exact(&mut byte).unwrap();
-                if let Some(frame) = lines.push(byte[0]) {
+                if let Some(frame) = hearing.push(byte[0]) {
                     let answer = Frame::new(frame.id() + 1, frame.data()).unwrap();
-                    stream.write_all(encode(&answer).as_bytes()).unwrap();
+                    stream.write_all(line_of(&answer, None).as_bytes()).unwrap();
                     return;
                 }
             }
@@ -302,14 +222,16 @@ mod tests {
             adapter.read_exact(&mut hello).unwrap();
             assert_eq!(hello, OPEN);
             adapter.write_all(b"\r\r\r").unwrap();
-            let mut lines = Lines::default();
+            let mut hearing = Hearing::default();
             let mut byte = [0];
             loop {
                 adapter.read_exact(&mut byte).unwrap();
-                if let Some(frame) = lines.push(byte[0]) {
+                if let Some(frame) = hearing.push(byte[0]) {
                     let answer = Frame::new(frame.id() + 1, frame.data()).unwrap();
                     adapter.write_all(b"z\r").unwrap();
-                    adapter.write_all(encode(&answer).as_bytes()).unwrap();
+                    adapter
+                        .write_all(line_of(&answer, None).as_bytes())
+                        .unwrap();
                     break;
                 }
             }
@@ -329,16 +251,16 @@ mod tests {
 
     #[test]
     fn refusals_in_a_row_are_trouble_until_a_frame_goes_through() {
-        let mut lines = Lines::default();
-        for _ in 0..BELLS - 1 {
-            lines.push(7);
+        let mut hearing = Hearing::default();
+        for _ in 0..REFUSALS - 1 {
+            hearing.push(7);
         }
-        assert_eq!(lines.diagnosis.read(), None);
-        lines.push(7);
-        assert_eq!(lines.diagnosis.read(), Some(diagnosis::REFUSES));
+        assert_eq!(hearing.diagnosis.read(), None);
+        hearing.push(7);
+        assert_eq!(hearing.diagnosis.read(), Some(diagnosis::REFUSES));
         for byte in b"z\r" {
-            lines.push(*byte);
+            hearing.push(*byte);
         }
-        assert_eq!(lines.diagnosis.read(), None);
+        assert_eq!(hearing.diagnosis.read(), None);
     }
 }

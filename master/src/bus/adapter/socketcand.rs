@@ -1,15 +1,15 @@
-//! The socketcand protocol: a CAN interface of another machine, as lines of text over TCP.
+//! A CAN interface of another machine, by the socketcand protocol ([`can_text::socketcand`]).
 //!
-//! Messages stand between `<` and `>`, words between blanks. The server greets with `< hi >`, the
-//! client asks `< open can0 >` and `< rawmode >`, each answered with `< ok >` or `< error .. >`;
-//! then frames go to and fro: `< send 181 2 e8 03 >`, `< frame 181 12.345678 E803 >`. Whatever else
-//! the server says is passed over. The server's time stamps are not used: they are of another
-//! clock. The bit rate is the server's business.
+//! The server greets with `< hi >`, the client asks `< open can0 >` and `< rawmode >`, each answered
+//! with `< ok >` or `< error .. >`; then frames go to and fro. Whatever else the server says is
+//! passed over. The server's time stamps are not used: they are of another clock. The bit rate is
+//! the server's business.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::time::{Duration, Instant};
 
+use can_text::socketcand::{Messages, parse_frame, send};
 use canopen::Frame;
 
 use super::AdapterLink;
@@ -17,68 +17,6 @@ use crate::bus::address::BusAddress;
 
 /// How long connecting and each answer while opening may take.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Longest message: a frame of eight bytes, its time stamp, blanks, and room to spare.
-const LONGEST: usize = 256;
-
-/// The message that sends a frame.
-#[must_use]
-pub fn encode(frame: &Frame) -> String {
-    let mut text = format!("< send {:X} {}", frame.id(), frame.data().len());
-    for byte in frame.data() {
-        text.push_str(&format!(" {byte:02x}"));
-    }
-    text.push_str(" >");
-    text
-}
-
-/// The frame in a message without its brackets; `None` for every other message, and for frames that
-/// the bus of ours does not have: extended identifiers have eight digits.
-#[must_use]
-pub fn decode(message: &str) -> Option<Frame> {
-    let mut words = message.split_ascii_whitespace();
-    if words.next() != Some("frame") {
-        return None;
-    }
-    let id = words.next().filter(|id| id.len() <= 3)?;
-    let id = u16::from_str_radix(id, 16).ok()?;
-    let _time = words.next()?;
-    let digits: String = words.collect();
-    if !digits.is_ascii() || !digits.len().is_multiple_of(2) {
-        return None;
-    }
-    let bytes: Option<Vec<u8>> = (0..digits.len())
-        .step_by(2)
-        .map(|n| u8::from_str_radix(digits.get(n..n + 2)?, 16).ok())
-        .collect();
-    Frame::new(id, &bytes?)
-}
-
-/// Puts messages together from what arrives in pieces.
-#[derive(Default)]
-struct Messages {
-    message: Option<String>,
-}
-
-impl Messages {
-    /// Takes one byte; returns the message that it completes, without brackets.
-    fn push(&mut self, byte: u8) -> Option<String> {
-        match byte {
-            b'<' => {
-                self.message = Some(String::new());
-                None
-            }
-            b'>' => self.message.take().map(|text| text.trim().to_owned()),
-            _ => {
-                if let Some(message) = &mut self.message
-                    && message.len() < LONGEST
-                {
-                    message.push(char::from(byte));
-                }
-                None
-            }
-        }
-    }
-}
 
 /// Reads messages from a stream, blocking.
 struct Reader {
@@ -95,7 +33,7 @@ impl Reader {
             while self.taken < self.filled {
                 self.taken += 1;
                 if let Some(message) = self.messages.push(self.buffer[self.taken - 1]) {
-                    return Ok(message);
+                    return Ok(message.to_owned());
                 }
             }
             self.taken = 0;
@@ -143,7 +81,7 @@ pub(super) fn open(bus: &BusAddress, address: &str, interface: &str) -> io::Resu
     input.set_read_timeout(Some(PATIENCE))?;
     let mut reader = Reader {
         stream: input,
-        messages: Messages::default(),
+        messages: Messages::new(),
         buffer: [0; 1024],
         filled: 0,
         taken: 0,
@@ -157,12 +95,12 @@ pub(super) fn open(bus: &BusAddress, address: &str, interface: &str) -> io::Resu
     reader.stream.set_read_timeout(None)?;
     let read = move || {
         loop {
-            if let Some(frame) = decode(&reader.next()?) {
+            if let Some(frame) = parse_frame(&reader.next()?) {
                 return Ok(frame);
             }
         }
     };
-    let write = move |frame: &Frame| output.write_all(encode(frame).as_bytes());
+    let write = move |frame: &Frame| output.write_all(send(frame).as_bytes());
     Ok(AdapterLink::start(bus, read, write))
 }
 
@@ -173,45 +111,6 @@ mod tests {
     use canopen::Micros;
     use std::net::{SocketAddr, TcpListener};
     use std::thread::JoinHandle;
-
-    #[test]
-    fn golden_messages() {
-        let frame = Frame::of(0x181, [0xE8, 0x03]);
-        assert_eq!(encode(&frame), "< send 181 2 e8 03 >");
-        assert_eq!(encode(&Frame::of(0x80, [])), "< send 80 0 >");
-        assert_eq!(decode("frame 181 12.345678 E803"), Some(frame));
-        // Both spellings of data are in use.
-        assert_eq!(decode("frame 181 12.345678 e8 03"), Some(frame));
-        assert_eq!(decode("frame 080 0.0"), Some(Frame::of(0x80, [])));
-    }
-
-    #[test]
-    fn anything_that_is_no_frame_of_ours_is_none() {
-        for message in [
-            "",
-            "hi",
-            "frame",
-            "frame 181",
-            "frame 00000181 1.0 00",
-            "frame 8FF 1.0 00",
-            "frame 181 1.0 0",
-            "frame 181 1.0 GG",
-            "frame 181 1.0 112233445566778899",
-            "frame 181 1.0 üü",
-            "error 5",
-        ] {
-            assert_eq!(decode(message), None, "{message}");
-        }
-    }
-
-    #[test]
-    fn messages_arrive_in_pieces_and_after_noise() {
-        let mut messages = Messages::default();
-        let text = b"x > y < hi > <fr<frame 181 1.0 E8";
-        let found: Vec<_> = text.iter().filter_map(|b| messages.push(*b)).collect();
-        assert_eq!(found, ["hi"]);
-        assert_eq!(messages.push(b'>').as_deref(), Some("frame 181 1.0 E8"));
-    }
 
     /// A server that plays a script: what it says, what it then wants to hear.
     fn scripted(script: Vec<(&'static str, &'static str)>) -> (SocketAddr, JoinHandle<()>) {

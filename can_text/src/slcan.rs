@@ -1,0 +1,288 @@
+//! slcan: the LAWICEL protocol of serial CAN adapters.
+//!
+//! A command is a line that ends in a carriage return; the answer ends in one too, or is a bell for
+//! a refusal. [`Commands`] is the adapter's end, [`Answers`] that of the program that uses it, and
+//! [`frame`] the line of a frame for both. Sources: LAWICEL CAN232 manual 1.4 (commands and status
+//! flags), slcan.c of Linux and python-can (what is sent in practice).
+//!
+//! | command | meaning | answer |
+//! |---|---|---|
+//! | `O` | opens the channel | CR |
+//! | `L` | opens it to listen only: `t` is refused | CR |
+//! | `C` | closes it | CR |
+//! | `S8` | 1 Mbit/s, the rate of the bus | CR; other rates are refused |
+//! | `tIIILDD..` | sends a frame | `z` CR |
+//! | `T`, `r`, `R` | sends an extended or a remote frame, which this bus does not carry | bell |
+//! | `F` | reads and clears the status [`flags`] | `F` two digits CR |
+//! | `V`, `N` | version, serial number | text, CR |
+//! | `Z0`, `Z1` | time stamps off, on: four digits after the data, ms modulo 60 000 | CR |
+//! | `s`, `M`, `m`, `W` and empty lines | bit timing, filters: change nothing | CR |
+//!
+//! A line that is too long, or holds anything else, is refused as a whole.
+
+use canopen::Frame;
+
+use crate::hex;
+
+/// Longest line: an extended frame of eight bytes with a time stamp, without its end.
+pub const LONGEST: usize = 1 + 8 + 1 + 16 + 4;
+
+/// End of every line, and the answer to a command that is accepted.
+pub const ACCEPTED: u8 = b'\r';
+/// The answer to a command that is refused.
+pub const REFUSED: u8 = 7;
+/// The answer to a frame that is accepted.
+pub const SENT: &[u8] = b"z\r";
+
+/// Time stamps count from 0 to this many milliseconds, this one not included.
+pub const STAMP_PERIOD_MS: u16 = 60_000;
+
+/// A line with its end.
+pub type Line = heapless::String<{ LONGEST + 1 }>;
+
+/// Bits of the answer to `F`.
+pub mod flags {
+    /// Frames from the bus found no room on their way to the program.
+    pub const RECEIVE_FULL: u8 = 1 << 0;
+    /// Frames of the program found no room on their way to the bus.
+    pub const TRANSMIT_FULL: u8 = 1 << 1;
+    /// An error counter is at 96 or more.
+    pub const WARNING: u8 = 1 << 2;
+    /// Bytes of the serial line were lost, or frames in the CAN controller.
+    pub const OVERRUN: u8 = 1 << 3;
+    /// Error passive: as a rule nobody acknowledges.
+    pub const PASSIVE: u8 = 1 << 5;
+    /// Arbitration was lost.
+    pub const ARBITRATION_LOST: u8 = 1 << 6;
+    /// Bus error: here, bus-off.
+    pub const BUS_ERROR: u8 = 1 << 7;
+}
+
+/// The line of a frame, with its end and, if there is one, its time stamp in milliseconds.
+#[must_use]
+pub fn frame(frame: &Frame, stamp_ms: Option<u16>) -> Line {
+    let mut line = Line::new();
+    let [high, low] = frame.id().to_be_bytes();
+    // None of these can fail: a line holds the longest frame.
+    let mut push = |value| {
+        let _ = line.push(value);
+    };
+    push('t');
+    push(hex::upper(high));
+    push(hex::upper(low >> 4));
+    push(hex::upper(low));
+    push(hex::upper(frame.len()));
+    let mut pair = |byte: u8| {
+        push(hex::upper(byte >> 4));
+        push(hex::upper(byte));
+    };
+    frame.data().iter().copied().for_each(&mut pair);
+    if let Some(stamp) = stamp_ms {
+        stamp.to_be_bytes().into_iter().for_each(pair);
+    }
+    let _ = line.push('\r');
+    line
+}
+
+/// The answer to `F`.
+#[must_use]
+pub fn flags_answer(flags: u8) -> Line {
+    let mut line = Line::new();
+    for letter in ['F', hex::upper(flags >> 4), hex::upper(flags), '\r'] {
+        let _ = line.push(letter);
+    }
+    line
+}
+
+/// What a program asks of an adapter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// Open the channel.
+    Open,
+    /// Open it to listen only.
+    Listen,
+    /// Close it.
+    Close,
+    /// Send a frame.
+    Send(Frame),
+    /// Tell the status flags.
+    Flags,
+    /// Tell the version.
+    Version,
+    /// Tell the serial number.
+    Serial,
+    /// Send time stamps, or do not.
+    Stamps(bool),
+    /// Something to accept that changes nothing.
+    Accept,
+    /// Something to refuse.
+    Refuse,
+}
+
+impl Command {
+    /// What a line without its end asks for.
+    #[must_use]
+    pub fn parse(line: &[u8]) -> Self {
+        match line {
+            b"O" => Self::Open,
+            b"L" => Self::Listen,
+            b"C" => Self::Close,
+            b"F" => Self::Flags,
+            b"V" => Self::Version,
+            b"N" => Self::Serial,
+            b"Z0" => Self::Stamps(false),
+            b"Z1" => Self::Stamps(true),
+            b"" | b"S8" | [b's' | b'M' | b'm' | b'W', ..] => Self::Accept,
+            [b't', rest @ ..] => match data_frame(rest) {
+                Some((frame, [])) => Self::Send(frame),
+                _ => Self::Refuse,
+            },
+            _ => Self::Refuse,
+        }
+    }
+}
+
+/// `IIILDD..` and what follows it.
+fn data_frame(text: &[u8]) -> Option<(Frame, &[u8])> {
+    let (id, rest) = text.split_at_checked(3)?;
+    let (length, rest) = rest.split_first()?;
+    let (data, rest) = rest.split_at_checked(2 * usize::from(hex::digit(*length)?))?;
+    Some((hex::frame(hex::number(id)?, data)?, rest))
+}
+
+/// Puts commands together from bytes: the adapter's end.
+#[derive(Debug, Clone, Default)]
+pub struct Commands(Lines);
+
+impl Commands {
+    /// With nothing received.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(Lines::new())
+    }
+
+    /// Takes one byte; returns the command that it completes.
+    pub fn push(&mut self, byte: u8) -> Option<Command> {
+        if byte != b'\r' {
+            self.0.add(byte);
+            return None;
+        }
+        let command = self.0.content().map_or(Command::Refuse, Command::parse);
+        self.0.clear();
+        Some(command)
+    }
+
+    /// Something was lost here: what has come of this line is refused at its end.
+    pub fn spoil(&mut self) {
+        self.0.spoilt = true;
+    }
+}
+
+/// What an adapter says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answer {
+    /// A frame of the bus, with its time stamp in milliseconds if it has one.
+    Frame(Frame, Option<u16>),
+    /// A frame was accepted.
+    Sent,
+    /// A command was refused.
+    Refused,
+    /// The status flags.
+    Flags(u8),
+    /// The version or the serial number, or the bare end of a command that was accepted; extended
+    /// and remote frames, too.
+    Other,
+}
+
+impl Answer {
+    /// What a line without its end says.
+    #[must_use]
+    pub fn parse(line: &[u8]) -> Self {
+        match line {
+            b"z" => Some(Self::Sent),
+            [b'F', high, low] => hex::digit(*high)
+                .zip(hex::digit(*low))
+                .map(|(high, low)| Self::Flags(high << 4 | low)),
+            [b't', rest @ ..] => match data_frame(rest) {
+                Some((frame, [])) => Some(Self::Frame(frame, None)),
+                Some((frame, stamp)) if stamp.len() == 4 => {
+                    hex::number(stamp).map(|stamp| Self::Frame(frame, Some(stamp)))
+                }
+                _ => None,
+            },
+            _ => None,
+        }
+        .unwrap_or(Self::Other)
+    }
+}
+
+/// Puts answers together from bytes: the program's end.
+#[derive(Debug, Clone, Default)]
+pub struct Answers(Lines);
+
+impl Answers {
+    /// With nothing received.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(Lines::new())
+    }
+
+    /// Takes one byte; returns the answer that it completes. A bell ends whatever line it stands
+    /// in.
+    pub fn push(&mut self, byte: u8) -> Option<Answer> {
+        let answer = match byte {
+            b'\r' | b'\n' => self.0.content().map_or(Answer::Other, Answer::parse),
+            REFUSED => Answer::Refused,
+            _ => {
+                self.0.add(byte);
+                return None;
+            }
+        };
+        self.0.clear();
+        Some(answer)
+    }
+}
+
+/// A line that is being received.
+#[derive(Debug, Clone)]
+struct Lines {
+    text: [u8; LONGEST],
+    length: usize,
+    /// Too long, or something of it was lost.
+    spoilt: bool,
+}
+
+impl Default for Lines {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Lines {
+    const fn new() -> Self {
+        Self {
+            text: [0; LONGEST],
+            length: 0,
+            spoilt: false,
+        }
+    }
+
+    fn add(&mut self, byte: u8) {
+        match self.text.get_mut(self.length) {
+            Some(place) => {
+                *place = byte;
+                self.length += 1;
+            }
+            None => self.spoilt = true,
+        }
+    }
+
+    fn content(&self) -> Option<&[u8]> {
+        self.text.get(..self.length).filter(|_| !self.spoilt)
+    }
+
+    fn clear(&mut self) {
+        self.length = 0;
+        self.spoilt = false;
+    }
+}
