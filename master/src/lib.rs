@@ -10,6 +10,7 @@
 //! | [`commission`] | finding, numbering, testing and calibrating robots |
 //! | [`source`] | poses and yaw rates that come from outside as JSON lines |
 //! | [`recording`] | files of everything on a bus, and what is made of them |
+//! | [`mod@file`] | files that are never half a file |
 //! | [`report`] | what a drive came to, as table, JSON and HTML |
 //! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
@@ -18,6 +19,7 @@ pub mod abort;
 pub mod bus;
 pub mod commission;
 pub mod error;
+pub mod file;
 pub mod monitor;
 pub mod path;
 pub mod pilot;

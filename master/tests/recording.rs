@@ -8,11 +8,14 @@ use canopen::{Frame, Micros};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use omnibus::bus::link::Link as _;
-use omnibus::recording::{self, FrameSink, Header, Recorder, Tap, candump};
+use omnibus::recording::{
+    self, FrameSink, Header, Recorder, RecordingError, Settings, Summary, Tap, candump,
+};
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 
-type Heard = Arc<Mutex<Vec<(Micros, Frame, bool)>>>;
+type Frames = Vec<(Micros, Frame, bool)>;
+type Heard = Arc<Mutex<Frames>>;
 
 /// A folder of this test's own.
 fn folder(name: &str) -> PathBuf {
@@ -30,7 +33,20 @@ fn group_text() -> String {
 
 /// Drives two native robots for half a second in virtual time and records it; returns what was on
 /// the bus by another tap's account.
-fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
+fn drive(file: &Path) -> Frames {
+    let (summary, heard) = drive_with(file, WAITS);
+    assert_eq!(summary.unwrap().frames, heard.len() as u64);
+    heard
+}
+
+/// Time is virtual, so it may wait for the disk.
+const WAITS: Settings = Settings {
+    rotate_bytes: None,
+    waits: true,
+    told: None,
+};
+
+fn drive_with(file: &Path, settings: Settings) -> (Result<Summary, RecordingError>, Frames) {
     let text = group_text();
     let group_file = GroupFile::parse("tcc-2", &text).unwrap();
     let header = Header {
@@ -39,7 +55,7 @@ fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
         group: Some(text),
         epoch_ns: 0,
     };
-    let recorder = Recorder::create(file, &header).unwrap();
+    let recorder = Recorder::create(file, &header, settings).unwrap();
     let heard = Heard::default();
     let witness: FrameSink = {
         let heard = Arc::clone(&heard);
@@ -58,10 +74,9 @@ fn drive(file: &Path) -> Vec<(Micros, Frame, bool)> {
         recorder.pose(recording::TRUTH, at, Pose::new(1.0, 2.0, 3.0));
     }
     group.ramp_down(2_000_000).unwrap();
-    let summary = recorder.finish().unwrap();
+    let summary = recorder.finish();
     let heard = std::mem::take(&mut *heard.lock().unwrap());
-    assert_eq!(summary.frames, heard.len() as u64);
-    heard
+    (summary, heard)
 }
 
 #[test]
@@ -145,7 +160,7 @@ fn what_is_no_recording_is_refused() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("cannot be read"), "{error}");
-    let error = Recorder::create(&folder.join("none/x.mcap"), &Header::default());
+    let error = Recorder::create(&folder.join("none/x.mcap"), &Header::default(), WAITS);
     assert!(
         error
             .err()
@@ -162,7 +177,7 @@ fn a_log_becomes_a_recording_and_back() {
                (1700000003.000000) can0 702#05\n";
     let from_log = candump::read(log.as_bytes()).unwrap();
     let file = folder.join("log.mcap");
-    let recorder = Recorder::create(&file, &from_log.header).unwrap();
+    let recorder = Recorder::create(&file, &from_log.header, WAITS).unwrap();
     let sink = recorder.sink();
     for recorded in &from_log.frames {
         sink(
@@ -175,4 +190,105 @@ fn a_log_becomes_a_recording_and_back() {
     let mut out = Vec::new();
     candump::write(&recording::read(&file).unwrap(), &mut out).unwrap();
     assert_eq!(String::from_utf8(out).unwrap(), log);
+}
+
+/// All files of one recording together hold every frame once, in order, and each says which it is.
+#[test]
+fn a_large_recording_goes_on_in_another_file() {
+    let folder = folder("rotated");
+    for old in std::fs::read_dir(&folder).unwrap() {
+        std::fs::remove_file(old.unwrap().path()).unwrap();
+    }
+    let settings = Settings {
+        rotate_bytes: Some(1),
+        ..WAITS
+    };
+    let (summary, mut sent) = drive_with(&folder.join("drive.mcap"), settings);
+    sent.sort_by_key(|(at, ..)| at.0);
+    let files = summary.unwrap().files;
+    assert!(files > 1, "{files}");
+    let mut read = Vec::new();
+    for number in 1..=files {
+        let name = match number {
+            1 => "drive.mcap".to_owned(),
+            _ => format!("drive-{number:03}.mcap"),
+        };
+        let recording = recording::read(&folder.join(name)).unwrap();
+        assert_eq!(recording.damage, None, "file {number}");
+        assert_eq!(recording.group().unwrap().unwrap().name, "tcc-2");
+        let frames = recording.frames.iter();
+        read.extend(frames.map(|f| (Micros(f.t_ns / 1_000), f.frame, f.sent)));
+    }
+    read.sort_by_key(|(at, ..)| at.0);
+    assert_eq!(read, sent);
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), files as usize);
+}
+
+/// /dev/full takes nothing, as a full disk. The drive goes on; the reason is told at once and
+/// returned at the end, in the system's words.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_is_named_at_once_and_the_drive_goes_on() {
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let settings = Settings {
+        told: Some({
+            let told = Arc::clone(&told);
+            Box::new(move |error| told.lock().unwrap().push(error.to_string()))
+        }),
+        ..WAITS
+    };
+    let full = Path::new("/dev/full");
+    let refused = Recorder::create(full, &Header::default(), settings);
+    let refused = refused.err().unwrap().to_string();
+    assert!(refused.contains("No space left on device"), "{refused}");
+
+    // A disk that becomes full on the way: a pipe whose reader has gone refuses as well.
+    let fifo = folder("pipe").join("pipe.mcap");
+    let _ = std::fs::remove_file(&fifo);
+    let made = std::process::Command::new("mkfifo").arg(&fifo).status();
+    assert!(made.unwrap().success());
+    let reader = {
+        let fifo = fifo.clone();
+        std::thread::spawn(move || {
+            use std::io::Read as _;
+            let mut first = [0; 8];
+            std::fs::File::open(fifo)
+                .unwrap()
+                .read_exact(&mut first)
+                .unwrap();
+        })
+    };
+    let settings = Settings {
+        told: Some({
+            let told = Arc::clone(&told);
+            Box::new(move |error| told.lock().unwrap().push(error.to_string()))
+        }),
+        ..WAITS
+    };
+    let (summary, heard) = drive_with(&fifo, settings);
+    reader.join().unwrap();
+    let error = summary.unwrap_err().to_string();
+    assert!(error.contains("Broken pipe"), "{error}");
+    assert_eq!(*told.lock().unwrap(), [error]);
+    assert!(heard.len() > 1_000, "{} frames", heard.len());
+}
+
+/// A file that grows is not there under its name until it is complete; the old one is.
+#[test]
+fn a_file_is_replaced_whole_or_not_at_all() {
+    use std::io::Write as _;
+    let path = folder("beside").join("file");
+    omnibus::file::replace(&path, "old").unwrap();
+    let mut beside = omnibus::file::Beside::create(&path).unwrap();
+    beside.write_all(b"new").unwrap();
+    beside.flush().unwrap();
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+    drop(beside);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+    assert_eq!(
+        std::fs::read_dir(path.parent().unwrap()).unwrap().count(),
+        1
+    );
+    omnibus::file::replace(&path, "new").unwrap();
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
 }

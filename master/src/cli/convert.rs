@@ -1,12 +1,12 @@
 //! `omnibus convert FILE --to csv|candump|mcap`: recordings in other forms, without a bus.
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use canopen::Micros;
-use omnibus::recording::{self, Recorder, Recording, candump, csv};
+use omnibus::file::Beside;
+use omnibus::recording::{self, Recorder, Recording, Settings, candump, csv};
 use serde_json::json;
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -62,7 +62,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match (arguments.to, &arguments.output) {
         (Form::Mcap, None) => bail!("--output FILE.mcap is missing: a recording is no text"),
         (Form::Mcap, Some(path)) => {
-            let recorder = Recorder::create(path, &recording.header)?;
+            let recorder = Recorder::create(
+                path,
+                &recording.header,
+                Settings {
+                    waits: true,
+                    ..Settings::default()
+                },
+            )?;
             let sink = recorder.sink();
             for recorded in &recording.frames {
                 sink(
@@ -74,9 +81,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             recorder.finish()?;
         }
         (form, Some(path)) => {
-            let file = File::create(path);
-            let file = file.with_context(|| format!("cannot write {}", path.display()))?;
-            let written = write(form, &recording, &mut BufWriter::new(file));
+            let written = Beside::create(path).and_then(|mut file| {
+                write(form, &recording, &mut file)?;
+                file.commit()
+            });
             written.with_context(|| format!("cannot write {}", path.display()))?;
         }
         (form, None) => write(form, &recording, &mut BufWriter::new(io::stdout().lock()))?,

@@ -1,18 +1,20 @@
 //! `omnibus drive --vx --vy --omega --for`: one velocity of the group for a time, with ramps that
 //! the robots make by their own limits.
 
-use std::path::PathBuf;
-
 use anyhow::bail;
 use kinematics::{Pose, Twist};
 use omnibus::Group;
 use omnibus::bus::link::Link;
 use omnibus::monitor::average::counted_on;
 use omnibus::monitor::odometry::seen_from;
-use omnibus::monitor::rows::{Row, slowdown};
+use omnibus::monitor::rows::{Recorder, Row};
 use serde_json::json;
 
+use super::recorder::{self, RecordTo};
 use super::{Target, json, note, print_json, say};
+
+/// Rows that are kept; a drive of an hour has 360 000.
+const ROWS: usize = 1_000;
 
 const EXAMPLES: &str = "Examples:
   omnibus drive --vx 0.2 --for 3 --bus sim:groups/tcc-2.toml
@@ -37,9 +39,8 @@ pub struct Arguments {
     /// For how long, s.
     #[arg(long = "for", value_name = "SECONDS")]
     seconds: f64,
-    /// Records everything on the bus meanwhile.
-    #[arg(long, value_name = "FILE.mcap")]
-    record: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordTo,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -53,26 +54,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let link = arguments.target.command(&file)?;
     let recorder = arguments
         .record
-        .as_ref()
-        .map(|path| arguments.target.recorder(path, "drive", link.now()))
-        .transpose()?;
+        .begin(&arguments.target, "drive", link.now())?;
     let mut group = Group::observe(link, &file);
+    group.keep_last(ROWS);
     if let Some(recorder) = &recorder {
         group.wire().tap(recorder.sink());
     }
     let driven = drive(arguments, &mut group, twist);
-    // What was heard is kept however it ended.
-    if let Some(recorder) = recorder {
-        recorder.finish()?;
-    }
+    // What was heard is kept however it ended, and the result is printed whatever became of it.
+    let recorded = recorder::finish(recorder);
     let punctuality = group.punctuality();
     if let Some(punctuality) = punctuality {
         note(punctuality);
     }
     driven?;
     let rows = group.recorder().rows();
-    let slowed = slowdown(rows);
-    if let Some(moved) = moved(rows) {
+    let slowed = group.recorder().outline().slowest;
+    let moved = moved(group.recorder());
+    if let Some(moved) = moved {
         say(format_args!(
             "moved {:.3} m ahead, {:.3} m to the left, turned {:.2} degrees (by the wheels)",
             moved.x,
@@ -93,19 +92,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if json() {
         print_json(&json!({
             "robots": robots,
-            "moved": moved(rows).map(|p| json!({"x": p.x, "y": p.y, "heading": p.heading})),
+            "moved": moved.map(|p| json!({"x": p.x, "y": p.y, "heading": p.heading})),
             "smallest_scale": slowed.map_or(1.0, |slowed| slowed.scale),
             "sync": punctuality.map(|p| super::sync_json(&p)),
         }))?;
     }
-    Ok(())
+    recorded
 }
 
 /// How far the group has come since the first row, in the frame it had then.
-fn moved(rows: &[Row]) -> Option<Pose> {
-    let mut poses = rows.iter().filter_map(Row::pose);
-    let first = poses.next()?;
-    let last = poses.next_back()?;
+fn moved(recorder: &Recorder) -> Option<Pose> {
+    let first = recorder.outline().first?;
+    let last = recorder.rows().iter().rev().find_map(Row::pose)?;
     let turned = counted_on(
         0.0,
         Pose {

@@ -7,6 +7,7 @@ use canopen::Micros;
 use clap::ValueEnum as _;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use omnibus::bus::address::BusAddress;
+use omnibus::file;
 use omnibus::monitor::rows::slowdown;
 use omnibus::monitor::telemetry::Punctuality;
 use omnibus::path::course::{Course, Frame, Shape};
@@ -18,6 +19,7 @@ use omnibus::run::{self, Drive, Feedback, Source};
 use omnibus::simulation::run::simulated;
 use serde_json::{Value, json};
 
+use super::recorder::{self, RecordTo};
 use super::{Target, json, note, print_json, say, sync_json};
 
 /// Resolution of the progress bar.
@@ -97,9 +99,9 @@ pub struct Arguments {
     /// Writes an HTML report with charts.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Records everything on the bus, the curve, and what an observer saw.
-    #[arg(long, value_name = "FILE.mcap")]
-    record: Option<PathBuf>,
+    /// Recorded are the curve and what an observer saw, too.
+    #[command(flatten)]
+    record: RecordTo,
     /// Writes every frame as a candump log.
     #[arg(long, value_name = "FILE.log")]
     candump: Option<PathBuf>,
@@ -180,16 +182,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--candump and --log are for simulated buses; use candump itself");
     }
     let abort = super::abort_on_ctrl_c()?;
-    let (mut runs, mut syncs) = (Vec::new(), Vec::new());
+    let (mut runs, mut syncs, mut recorded) = (Vec::new(), Vec::new(), Ok(()));
     for (n, feedback) in feedbacks.iter().enumerate() {
         // Of two drives the second is the one that counts.
-        let path = arguments
-            .record
-            .as_ref()
-            .filter(|_| n + 1 == feedbacks.len());
-        let activity = format!("follow {name}");
-        let recorder = path.map(|path| target.recorder(path, &activity, Micros(0)));
-        let recorder = recorder.transpose()?;
+        let recorder = if n + 1 == feedbacks.len() {
+            let activity = format!("follow {name}");
+            arguments.record.begin(target, &activity, Micros(0))?
+        } else {
+            None
+        };
         let drive = Drive {
             group: &group,
             course: course.clone(),
@@ -202,10 +203,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             record: recorder.as_ref(),
         };
         let driven = drive_once(target, &group, &drive, &name);
-        // What was heard is kept however it ended.
-        if let Some(recorder) = recorder {
-            recorder.finish()?;
-        }
+        // What was heard is kept however it ended, and the result is printed whatever became of it.
+        recorded = recorder::finish(recorder);
         let (run, sync) = driven?;
         runs.push(run);
         syncs.push(sync);
@@ -219,7 +218,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let report = run::report(&group, &name, backend, vec![last]);
     if let Some(path) = &arguments.report {
-        std::fs::write(path, report::html::to_html(&report)?)
+        file::replace(path, report::html::to_html(&report)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let law = feedbacks.last().and_then(|f| f.as_ref()).map(|f| f.law);
@@ -231,7 +230,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 "rms_mm_without": rounded((rms.len() > 1).then(|| rms[0]))});
         }
         document["sync"] = json!(syncs.last().and_then(|s| s.as_ref()).map(sync_json));
-        return print_json(&document);
+        print_json(&document)?;
+        return recorded;
     }
     say(report::table::to_table(&report))?;
     say("Axes as in the paper: x lateral, y longitudinal.")?;
@@ -249,7 +249,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for sync in syncs.iter().flatten() {
         note(sync);
     }
-    Ok(())
+    recorded
 }
 
 /// Four decimals.

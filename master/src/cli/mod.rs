@@ -14,7 +14,7 @@ use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
 use omnibus::monitor::rows::Slowdown;
 use omnibus::pilot::Pilot;
-use omnibus::recording::{Header, Recorder};
+use omnibus::recording::Header;
 use omnibus::report::BackendName;
 use omnibus::run::DriveError;
 #[cfg(feature = "simulation")]
@@ -37,6 +37,7 @@ pub mod param;
 pub mod param_file;
 pub mod plot;
 pub mod record;
+pub mod recorder;
 pub mod replay;
 pub mod serve;
 pub mod wheel_test;
@@ -128,8 +129,8 @@ impl Target {
         Ok(Wire::visiting(self.link_if_any(group.as_ref())?))
     }
 
-    /// Begins a recording of this bus, whose link has `now` on its clock.
-    pub fn recorder(&self, file: &Path, activity: &str, now: Micros) -> anyhow::Result<Recorder> {
+    /// What is known about a recording of this bus, whose link has `now` on its clock.
+    pub fn header(&self, activity: &str, now: Micros) -> anyhow::Result<Header> {
         let group = match self.group_path() {
             Ok(path) => Some(
                 std::fs::read_to_string(path)
@@ -145,13 +146,12 @@ impl Target {
                 u64::try_from(since_1970.as_nanos())?.saturating_sub(now.0 * 1_000)
             }
         };
-        let header = Header {
+        Ok(Header {
             bus: self.bus.to_string(),
             activity: activity.into(),
             group,
             epoch_ns,
-        };
-        Ok(Recorder::create(file, &header)?)
+        })
     }
 
     /// The firmware image, when the robots are emulated ones.

@@ -328,7 +328,8 @@ fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
     }
     let text = param_file::write(at.node, serial, &values, &blocks);
     if let Some(path) = output {
-        std::fs::write(path, &text).with_context(|| format!("cannot write {}", path.display()))?;
+        omnibus::file::replace(path, &text)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if json() {
         let line = |object: &Object, value: serde_json::Value| {

@@ -37,7 +37,8 @@ pub struct Report {
 }
 
 fn write(path: &Path, content: &[u8]) -> anyhow::Result<()> {
-    std::fs::write(path, content).with_context(|| format!("cannot write {}", path.display()))
+    omnibus::file::replace(path, content)
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// What a picture's name asks for.

@@ -10,9 +10,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::recording::{Summary, Tap};
+use omnibus::recording::{Recorder, Summary, Tap};
 use serde_json::json;
 
+use super::recorder::Rotate;
 use super::{Target, say};
 
 /// Time between two looks at whether to stop, in µs.
@@ -29,6 +30,8 @@ It only listens. `follow` and `drive` record what they do themselves with --reco
 pub struct Arguments {
     /// The file to write; one that exists is replaced.
     file: PathBuf,
+    #[command(flatten)]
+    rotate: Rotate,
     #[command(flatten)]
     target: Target,
     /// For how long, s; until Ctrl-C without this.
@@ -51,11 +54,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let link = arguments.target.link_alone()?;
     let abort = super::abort_on_ctrl_c()?;
-    let recorder = arguments
-        .target
-        .recorder(&arguments.file, "record", link.now())?;
+    let recorder =
+        arguments
+            .rotate
+            .begin(&arguments.file, &arguments.target, "record", link.now())?;
     let mut link = Tap::new(link, [recorder.sink()]);
-    let heard = listen(&mut link, arguments, &abort);
+    let heard = listen(&mut link, arguments, &abort, &recorder);
     // However it ended, what was heard is kept.
     let summary = recorder.finish()?;
     heard?;
@@ -86,7 +90,12 @@ fn show(arguments: &Arguments, summary: &Summary) -> serde_json::Value {
            "messages": summary.messages, "seconds": summary.seconds})
 }
 
-fn listen(link: &mut impl Link, arguments: &Arguments, abort: &Abort) -> anyhow::Result<()> {
+fn listen(
+    link: &mut impl Link,
+    arguments: &Arguments,
+    abort: &Abort,
+    recorder: &Recorder,
+) -> anyhow::Result<()> {
     let bar = if super::quiet() || super::json() {
         ProgressBar::hidden()
     } else {
@@ -101,7 +110,7 @@ fn listen(link: &mut impl Link, arguments: &Arguments, abort: &Abort) -> anyhow:
     )]
     let duration = arguments.seconds.map(|seconds| (seconds * 1e6) as u64);
     let end = duration.map(|duration| link.now().0 + duration);
-    while !abort.is_asked() {
+    while !abort.is_asked() && !recorder.is_over() {
         let slice = link.now().0 + SLICE_US;
         let until = end.map_or(slice, |end| end.min(slice));
         while link.receive(Micros(until))?.is_some() {

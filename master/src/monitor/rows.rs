@@ -64,8 +64,8 @@ const SLOWED: f32 = 0.99;
 
 /// Whether a group that was asked to move ran slower than that, from the rows of its run.
 #[must_use]
-pub fn slowdown(rows: &[Row]) -> Option<Slowdown> {
-    let moving = rows.iter().filter(|row| row.command != Twist::ZERO);
+pub fn slowdown<'a>(rows: impl IntoIterator<Item = &'a Row>) -> Option<Slowdown> {
+    let moving = rows.into_iter().filter(|row| row.command != Twist::ZERO);
     let each = moving.flat_map(|row| row.members.iter().enumerate());
     let scales = each.filter_map(|(member, row)| {
         let scale = row
@@ -81,11 +81,29 @@ pub fn slowdown(rows: &[Row]) -> Option<Slowdown> {
     scales.min_by(|a, b| a.scale.total_cmp(&b.scale))
 }
 
+/// What is kept of all rows, also of those that were dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outline {
+    /// Where the group was first seen.
+    pub first: Option<Pose>,
+    /// The slowest that it was, where it was slower than asked.
+    pub slowest: Option<Slowdown>,
+}
+
+impl Outline {
+    fn take(&mut self, row: &Row) {
+        self.first = self.first.or_else(|| row.pose());
+        let both = [self.slowest, slowdown([row])].into_iter().flatten();
+        self.slowest = both.min_by(|a, b| a.scale.total_cmp(&b.scale));
+    }
+}
+
 /// The rows of a run, and the one being filled.
 #[derive(Clone, Debug, Default)]
 pub struct Recorder {
     rows: Vec<Row>,
     limit: Option<usize>,
+    dropped: Outline,
 }
 
 impl Recorder {
@@ -100,7 +118,9 @@ impl Recorder {
         if let Some(limit) = self.limit
             && self.rows.len() >= 2 * limit
         {
-            self.rows.drain(..limit);
+            for row in self.rows.drain(..limit) {
+                self.dropped.take(&row);
+            }
         }
         self.rows.push(Row {
             t,
@@ -113,6 +133,16 @@ impl Recorder {
     /// The entry of a member in the row being filled; `None` before the first SYNC.
     pub fn member(&mut self, index: usize) -> Option<&mut MemberRow> {
         self.rows.last_mut()?.members.get_mut(index)
+    }
+
+    /// What all rows come to, those that were dropped among them.
+    #[must_use]
+    pub fn outline(&self) -> Outline {
+        let mut outline = self.dropped;
+        for row in &self.rows {
+            outline.take(row);
+        }
+        outline
     }
 
     /// All rows in order of time.

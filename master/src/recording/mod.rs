@@ -6,14 +6,16 @@
 //! units, for people and their tools. `docs/recording.md` describes them all.
 //!
 //! Frames come in through a [`FrameSink`], which [`Tap`] puts between a program and its bus. It
-//! hands them to a thread of its own over a channel without limit, so a slow disk holds up nobody's
-//! SYNC and loses nothing; a full one is reported at the end. Chunks are closed once a second of
-//! the bus's time, so that a file that was cut off is readable up to its last second.
+//! hands them to a thread of its own over a queue, so a slow disk holds up nobody's SYNC; a full
+//! disk ends the recording and is reported at once. Chunks are compressed and closed once a second
+//! of the bus's time, so that a file that was cut off is readable up to its last second.
 
 pub mod candump;
 pub mod charts;
 pub mod csv;
+pub mod messages;
 pub mod page;
+mod part;
 mod read;
 mod schema;
 mod tap;
@@ -25,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 pub use read::{Recorded, Recording, read};
 pub use tap::{FrameSink, Tap};
-pub use write::{Header, Recorder, Summary};
+pub use write::{Recorder, Settings, Summary, Told};
 
 /// Every frame on the bus.
 pub const CAN: &str = "/can";
@@ -43,6 +45,20 @@ pub const EVENTS: &str = "/events";
 pub const TRANSFORMS: &str = "/tf";
 /// Name of the metadata record.
 const METADATA: &str = "omnibus";
+
+/// What is known about a recording before it begins.
+#[derive(Clone, Debug, Default)]
+pub struct Header {
+    /// The bus as the user named it.
+    pub bus: String,
+    /// What was done: `record`, `drive`, or `follow circle`.
+    pub activity: String,
+    /// The group file's text, when there is one.
+    pub group: Option<String>,
+    /// Time of the link's zero, in ns since 1970; 0 on a simulated bus, whose recordings are the
+    /// same every time.
+    pub epoch_ns: u64,
+}
 
 /// A pose as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,47 +1,46 @@
-//! Writing a recording: a thread that turns frames into channels and closes a chunk every second.
+//! Writing a recording: a thread that turns frames into messages, compresses a chunk every second
+//! and begins a new file when one is large enough.
+//!
+//! The queue to the thread has room for [`QUEUE`] items. On a bus with virtual time the sender
+//! waits when it is full, and so does time. On a real one nobody may wait: what comes then is left
+//! out and counted. Memory does not grow with the length of a recording but for the index, some
+//! 300 B a second, which a new file begins anew.
+//!
+//! An error ends the recording, never the drive: [`Told`] hears of it at once, frames are dropped
+//! from then on, and [`Recorder::finish`] returns it.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 
 use canopen::{Frame, Micros};
 use group::GroupFile;
-use kinematics::{Pose, Twist, WheelRates};
-use mcap::records::MessageHeader;
-use mcap::{McapResult, WriteOptions};
-use protocol::Code;
-use serde_json::{Map, Value, json};
+use kinematics::Pose;
+use mcap::McapError;
 
-use super::{
-    CAN, EVENTS, FrameRecord, FrameSink, GROUP, METADATA, PoseRecord, ROBOT, RecordingError,
-    TRANSFORMS, frame_name, schema, to_hex,
-};
-use crate::monitor::listener::Listener;
-use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
+use super::messages::{Message, Messages};
+use super::part::{Part, in_words};
+use super::{FrameSink, Header, RecordingError};
 
 /// Chunks are closed after this much of the bus's time, in ns.
 const CHUNK_NS: u64 = 1_000_000_000;
-/// Levels of `foxglove.Log`.
-const INFO: u8 = 2;
-const WARNING: u8 = 3;
-const ERROR: u8 = 4;
+/// Items that may wait for the disk: ten seconds of a full bus of 1 Mbit/s, some 3 MB.
+const QUEUE: usize = 65_536;
 
-/// What is known about a recording before it begins.
-#[derive(Clone, Debug, Default)]
-pub struct Header {
-    /// The bus as the user named it.
-    pub bus: String,
-    /// What was done: `record`, `drive`, or `follow circle`.
-    pub activity: String,
-    /// The group file's text, when there is one.
-    pub group: Option<String>,
-    /// Time of the link's zero, in ns since 1970; 0 on a simulated bus, whose recordings are the
-    /// same every time.
-    pub epoch_ns: u64,
+/// Hears at once when a recording cannot go on. Called from the recording's thread.
+pub type Told = Box<dyn Fn(&RecordingError) + Send>;
+
+/// How a recording is written.
+#[derive(Default)]
+pub struct Settings {
+    /// A new file is begun when one has as many bytes.
+    pub rotate_bytes: Option<u64>,
+    /// Whether frames wait when the disk is slow: where time is virtual.
+    pub waits: bool,
+    /// Who hears of errors at once.
+    pub told: Option<Told>,
 }
 
 /// What was written.
@@ -53,6 +52,8 @@ pub struct Summary {
     pub messages: u64,
     /// From the first to the last frame, in s.
     pub seconds: f64,
+    /// Files.
+    pub files: u32,
 }
 
 enum Item {
@@ -64,34 +65,59 @@ enum Item {
 
 /// A recording in the making. Dropping it finishes the file as well, without a word about errors.
 pub struct Recorder {
-    path: PathBuf,
-    sender: Option<Sender<Item>>,
-    thread: Option<JoinHandle<McapResult<Summary>>>,
+    queue: Option<Queue>,
+    thread: Option<JoinHandle<Result<Summary, RecordingError>>>,
 }
 
 impl Recorder {
-    /// Begins a recording; an existing file is replaced.
+    /// Begins a recording. An existing file is replaced when the new one is complete.
     ///
     /// # Errors
     /// When the file cannot be written or the group file is not one.
-    pub fn create(path: &Path, header: &Header) -> Result<Self, RecordingError> {
+    pub fn create(
+        path: &Path,
+        header: &Header,
+        settings: Settings,
+    ) -> Result<Self, RecordingError> {
         let refuse = |problem: &dyn std::fmt::Display| RecordingError::new(path, problem);
         let group = header
             .group
             .as_ref()
             .map(|text| GroupFile::parse("group file", text));
         let group = group.transpose().map_err(|error| refuse(&error))?;
-        let file = File::create(path)
-            .map_err(|error| refuse(&format_args!("cannot be written: {error}")))?;
-        let writer = Writer::begin(file, header, group).map_err(|error| refuse(&error))?;
-        let (sender, items) = channel();
+        let (sender, items) = sync_channel(QUEUE);
+        let queue = Queue {
+            sender,
+            waits: settings.waits,
+            lost: Arc::default(),
+        };
+        let writer = Writer {
+            part: Some(Part::begin(path, header, 1)?),
+            path: path.into(),
+            header: header.clone(),
+            rotate_bytes: settings.rotate_bytes.unwrap_or(u64::MAX),
+            messages: Messages::new(header.epoch_ns, group),
+            chunk_ends_ns: CHUNK_NS,
+            summary: Summary {
+                files: 1,
+                ..Summary::default()
+            },
+            span_us: None,
+        };
+        let (lost, told, path) = (Arc::clone(&queue.lost), settings.told, PathBuf::from(path));
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || writer.run(&items))
-            .map_err(|error| refuse(&error))?;
+            .spawn(move || {
+                let tell = |error: &RecordingError| {
+                    if let Some(told) = &told {
+                        told(error);
+                    }
+                };
+                writer.run(&items, &lost, &tell)
+            })
+            .map_err(|error| RecordingError::new(&path, error))?;
         Ok(Self {
-            path: path.into(),
-            sender: Some(sender),
+            queue: Some(queue),
             thread: Some(thread),
         })
     }
@@ -99,11 +125,10 @@ impl Recorder {
     /// Where frames go. Once the recording is finished it takes them and drops them.
     #[must_use]
     pub fn sink(&self) -> FrameSink {
-        let sender = self.sender.clone();
+        let queue = self.queue.clone();
         Arc::new(move |at, frame, sent| {
-            if let Some(sender) = &sender {
-                // The writer ends early only when the disk is full; that is reported at the end.
-                let _ = sender.send(Item::Frame(at, *frame, sent));
+            if let Some(queue) = &queue {
+                queue.put(Item::Frame(at, *frame, sent));
             }
         })
     }
@@ -111,9 +136,15 @@ impl Recorder {
     /// Where the group is to be ([`super::PLAN`]) or was seen ([`super::TRUTH`]) at `at` on the
     /// link's clock.
     pub fn pose(&self, channel: &'static str, at: Micros, pose: Pose) {
-        if let Some(sender) = &self.sender {
-            let _ = sender.send(Item::Pose(channel, at, pose));
+        if let Some(queue) = &self.queue {
+            queue.put(Item::Pose(channel, at, pose));
         }
+    }
+
+    /// Whether it has ended by itself, because of an error.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Ends the recording.
@@ -121,295 +152,167 @@ impl Recorder {
     /// # Errors
     /// The first error since it began; what was written until then is readable.
     pub fn finish(mut self) -> Result<Summary, RecordingError> {
-        self.join()
-            .unwrap_or(Ok(Summary::default()))
-            .map_err(|error| {
-                RecordingError::new(&self.path, format_args!("is incomplete: {error}"))
-            })
+        self.join().unwrap_or_else(|| Ok(Summary::default()))
     }
 
-    fn join(&mut self) -> Option<McapResult<Summary>> {
-        let _ = self.sender.take()?.send(Item::End);
-        let ended = self.thread.take()?.join();
-        Some(ended.unwrap_or_else(|_| Err(std::io::Error::other("the recorder failed").into())))
+    fn join(&mut self) -> Option<Result<Summary, RecordingError>> {
+        let _ = self.queue.take()?.sender.send(Item::End);
+        match self.thread.take()?.join() {
+            Ok(ended) => Some(ended),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        let _ = self.join();
+        if !std::thread::panicking() {
+            let _ = self.join();
+        }
     }
 }
 
-/// A channel and how many messages it has.
-struct Channel {
-    id: u16,
-    count: u32,
+/// The way to the recording's thread.
+#[derive(Clone)]
+struct Queue {
+    sender: SyncSender<Item>,
+    waits: bool,
+    /// Items for which there was no room.
+    lost: Arc<AtomicU64>,
+}
+
+impl Queue {
+    /// A thread that has ended has said why; what comes afterwards is dropped.
+    fn put(&self, item: Item) {
+        if self.waits {
+            let _ = self.sender.send(item);
+        } else if let Err(TrySendError::Full(_)) = self.sender.try_send(item) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
 }
 
 struct Writer {
-    out: mcap::Writer<BufWriter<File>>,
-    epoch_ns: u64,
-    group: Option<GroupFile>,
-    listener: Listener,
-    channels: BTreeMap<String, Channel>,
-    schemas: BTreeMap<&'static str, u16>,
+    /// `None` only while one file follows another.
+    part: Option<Part>,
+    path: PathBuf,
+    header: Header,
+    rotate_bytes: u64,
+    messages: Messages,
     chunk_ends_ns: u64,
-    frames: u64,
-    messages: u64,
+    summary: Summary,
     span_us: Option<(u64, u64)>,
 }
 
 impl Writer {
-    fn begin(file: File, header: &Header, group: Option<GroupFile>) -> McapResult<Self> {
-        let options = WriteOptions::new()
-            .compression(None)
-            .chunk_size(None)
-            // A chunk is put together in memory, so that a file cut off ends in whole chunks.
-            .disable_seeking(true)
-            .profile("omnibus")
-            .library(concat!("omnibus ", env!("CARGO_PKG_VERSION")));
-        let mut out = options.create(BufWriter::new(file))?;
-        let mut metadata = BTreeMap::from([
-            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-            ("bus".into(), header.bus.clone()),
-            ("activity".into(), header.activity.clone()),
-            ("epoch_ns".into(), header.epoch_ns.to_string()),
-        ]);
-        metadata.extend(header.group.clone().map(|text| ("group_file".into(), text)));
-        out.write_metadata(&mcap::records::Metadata {
-            name: METADATA.into(),
-            metadata,
-        })?;
-        out.flush()?;
-        let nodes = group.iter().flat_map(|group| &group.robots).map(|r| r.node);
-        let listener = Listener::new(nodes.collect::<Vec<_>>());
-        Ok(Self {
-            out,
-            epoch_ns: header.epoch_ns,
-            group,
-            listener,
-            channels: BTreeMap::new(),
-            schemas: BTreeMap::new(),
-            chunk_ends_ns: CHUNK_NS,
-            frames: 0,
-            messages: 0,
-            span_us: None,
-        })
-    }
-
-    fn run(mut self, items: &Receiver<Item>) -> McapResult<Summary> {
+    fn run(
+        mut self,
+        items: &Receiver<Item>,
+        lost: &AtomicU64,
+        tell: &dyn Fn(&RecordingError),
+    ) -> Result<Summary, RecordingError> {
+        let mut said = false;
         for item in items {
-            match item {
-                Item::Frame(at, frame, sent) => self.frame(at, &frame, sent)?,
+            let done = match item {
+                Item::Frame(at, frame, sent) => self.frame(at, &frame, sent),
                 Item::Pose(channel, at, pose) => {
-                    let value = json!(PoseRecord::from(pose));
-                    self.write(
-                        channel,
-                        ("omnibus.Pose", schema::pose_only),
-                        at.0 * 1_000,
-                        &value,
-                    )?;
+                    let message = self.messages.pose(channel, at, pose);
+                    write(&mut self.part, &mut self.summary, &message)
                 }
                 Item::End => break,
+            };
+            if let Err(error) = done {
+                let error = self.failed(&error);
+                tell(&error);
+                return Err(error);
+            }
+            if !said && lost.load(Ordering::Relaxed) > 0 {
+                said = true;
+                tell(&self.too_slow(lost));
             }
         }
-        self.out.finish()?;
+        if let Some(part) = self.part.take()
+            && let Err(error) = part.finish()
+        {
+            return Err(incomplete(&self.path, &error));
+        }
+        if lost.load(Ordering::Relaxed) > 0 {
+            return Err(self.too_slow(lost));
+        }
         let (first, last) = self.span_us.unwrap_or_default();
-        Ok(Summary {
-            frames: self.frames,
-            messages: self.messages,
-            seconds: (last - first) as f64 * 1e-6,
-        })
+        self.summary.seconds = (last - first) as f64 * 1e-6;
+        Ok(self.summary)
     }
 
-    fn frame(&mut self, at: Micros, frame: &Frame, sent: bool) -> McapResult<()> {
+    fn frame(&mut self, at: Micros, frame: &Frame, sent: bool) -> Result<(), McapError> {
         let at_ns = at.0 * 1_000;
         if at_ns >= self.chunk_ends_ns {
-            self.out.flush()?;
+            self.end_chunk()?;
             self.chunk_ends_ns = at_ns - at_ns % CHUNK_NS + CHUNK_NS;
         }
         let (first, last) = self.span_us.unwrap_or((at.0, at.0));
         self.span_us = Some((first.min(at.0), last.max(at.0)));
-        self.frames += 1;
-        let record = FrameRecord {
-            id: frame.id(),
-            name: frame_name(frame.id()),
-            data: to_hex(frame.data()),
-            sent,
-        };
-        self.write(
-            CAN,
-            ("omnibus.CanFrame", schema::can),
-            at_ns,
-            &json!(record),
-        )?;
-        if let Some(snapshot) = self.listener.take(at.0 as f64 * 1e-6, frame) {
-            self.snapshot(&snapshot)?;
-        }
-        for event in self.listener.take_events() {
-            self.event(&event)?;
-        }
-        Ok(())
+        self.summary.frames += 1;
+        let (part, summary) = (&mut self.part, &mut self.summary);
+        self.messages.frame(at, frame, sent, &mut |message| {
+            write(part, summary, message)
+        })
     }
 
-    fn snapshot(&mut self, snapshot: &Snapshot) -> McapResult<()> {
-        let at_ns = to_ns(snapshot.t);
-        let group = filled(&[
-            ("sequence", Some(json!(snapshot.sequence))),
-            ("phase", Some(json!(snapshot.phase.name()))),
-            ("command", Some(twist(snapshot.command))),
-            ("measured", snapshot.measured.map(twist)),
-            ("pose", snapshot.pose.map(pose)),
-            ("target", snapshot.target.map(pose)),
-            ("scale", snapshot.scale.map(|v| json!(v))),
-            ("strain", snapshot.strain.map(|v| json!(v))),
-            ("bus_load", snapshot.bus_load.map(|v| json!(v))),
-        ]);
-        self.write(GROUP, ("omnibus.Group", schema::group), at_ns, &group)?;
-        for member in &snapshot.members {
-            let topic = format!("{ROBOT}{}", member.node);
-            self.write(
-                &topic,
-                ("omnibus.Robot", schema::robot),
-                at_ns,
-                &robot(member),
-            )?;
-        }
-        if let Some(pose) = snapshot.pose {
-            let value = self.transforms(at_ns, pose);
-            let kind = (
-                "foxglove.FrameTransforms",
-                schema::transforms as fn() -> Value,
-            );
-            self.write(TRANSFORMS, kind, at_ns, &value)?;
-        }
-        Ok(())
-    }
-
-    /// The group in the world, and the robots in the group where the group file says.
-    fn transforms(&self, at_ns: u64, group: Pose) -> Value {
-        let one = |parent: &str, child: String, pose: Pose| {
-            let (sin, cos) = (f64::from(pose.heading) / 2.0).sin_cos();
-            json!({"timestamp": self.stamp(at_ns), "parent_frame_id": parent, "child_frame_id": child,
-                   "translation": {"x": pose.x, "y": pose.y, "z": 0.0},
-                   "rotation": {"x": 0.0, "y": 0.0, "z": sin, "w": cos}})
-        };
-        let robots = self.group.iter().flat_map(|file| &file.robots);
-        let robots = robots.map(|robot| one("group", format!("robot_{}", robot.node), robot.mount));
-        let all: Vec<_> = std::iter::once(one("world", "group".into(), group))
-            .chain(robots)
-            .collect();
-        json!({"transforms": all})
-    }
-
-    fn event(&mut self, event: &Event) -> McapResult<()> {
-        let level = match event.what {
-            EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => WARNING,
-            EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => ERROR,
-            EventKind::Emergency(code) if code != 0 => ERROR,
-            _ => INFO,
-        };
-        let at_ns = to_ns(event.t);
-        let name = event
-            .node
-            .map_or_else(|| "master".into(), |node| format!("node {node}"));
-        let value = json!({"timestamp": self.stamp(at_ns), "level": level, "name": name,
-                           "message": format!("{name}: {}", event.what), "file": "", "line": 0});
-        self.write(EVENTS, ("foxglove.Log", schema::log), at_ns, &value)
-    }
-
-    fn stamp(&self, at_ns: u64) -> Value {
-        let ns = self.epoch_ns + at_ns;
-        json!({"sec": ns / 1_000_000_000, "nsec": ns % 1_000_000_000})
-    }
-
-    fn write(
-        &mut self,
-        topic: &str,
-        (name, schema): (&'static str, fn() -> Value),
-        at_ns: u64,
-        value: &Value,
-    ) -> McapResult<()> {
-        if !self.channels.contains_key(topic) {
-            let id = match self.schemas.get(name) {
-                Some(id) => *id,
-                None => {
-                    let text = schema().to_string();
-                    let id = self.out.add_schema(name, "jsonschema", text.as_bytes())?;
-                    self.schemas.insert(name, id);
-                    id
-                }
-            };
-            let id = self.out.add_channel(id, topic, "json", &BTreeMap::new())?;
-            self.channels.insert(topic.into(), Channel { id, count: 0 });
-        }
-        let Some(channel) = self.channels.get_mut(topic) else {
+    /// Puts the chunk into the file, and begins the next file when this one is large enough.
+    fn end_chunk(&mut self) -> Result<(), McapError> {
+        let Some(part) = &mut self.part else {
             return Ok(());
         };
-        channel.count = channel.count.wrapping_add(1);
-        self.messages += 1;
-        let time = self.epoch_ns + at_ns;
-        let header = MessageHeader {
-            channel_id: channel.id,
-            sequence: channel.count,
-            log_time: time,
-            publish_time: time,
-        };
-        self.out
-            .write_to_known_channel(&header, value.to_string().as_bytes())
+        if part.flush()? < self.rotate_bytes {
+            return Ok(());
+        }
+        if let Some(part) = self.part.take() {
+            part.finish()?;
+        }
+        self.summary.files += 1;
+        let path = part_path(&self.path, self.summary.files);
+        let part = Part::begin(&path, &self.header, self.summary.files);
+        self.part = Some(part.map_err(|error| std::io::Error::other(error.problem))?);
+        Ok(())
+    }
+
+    /// Keeps what could be written.
+    fn failed(&mut self, error: &McapError) -> RecordingError {
+        if let Some(part) = self.part.take() {
+            part.keep();
+        }
+        incomplete(&part_path(&self.path, self.summary.files), error)
+    }
+
+    fn too_slow(&self, lost: &AtomicU64) -> RecordingError {
+        let lost = lost.load(Ordering::Relaxed);
+        RecordingError::new(
+            &self.path,
+            format_args!("is incomplete: the disk was too slow for {lost} frames"),
+        )
     }
 }
 
-/// A time on the link's clock, s, in whole microseconds, as ns.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "positive, and years fit"
-)]
-fn to_ns(t: f64) -> u64 {
-    (t * 1e6).round().max(0.0) as u64 * 1_000
+fn write(
+    part: &mut Option<Part>,
+    summary: &mut Summary,
+    message: &Message,
+) -> Result<(), McapError> {
+    summary.messages += 1;
+    part.as_mut().map_or(Ok(()), |part| part.write(message))
 }
 
-/// The fields that are known.
-fn filled(fields: &[(&str, Option<Value>)]) -> Value {
-    let known = fields
-        .iter()
-        .filter_map(|(name, value)| Some(((*name).to_owned(), value.clone()?)));
-    Value::Object(known.collect::<Map<_, _>>())
+/// The name of a recording's file: `run.mcap`, `run-002.mcap`, ...
+fn part_path(path: &Path, number: u32) -> PathBuf {
+    if number < 2 {
+        return path.into();
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{number:03}.{extension}"))
 }
 
-fn pose(pose: Pose) -> Value {
-    json!(PoseRecord::from(pose))
-}
-
-fn twist(twist: Twist) -> Value {
-    json!({"vx": twist.vx, "vy": twist.vy, "omega": twist.omega})
-}
-
-fn wheels(rates: WheelRates) -> Value {
-    json!({"front_left": rates.front_left, "front_right": rates.front_right,
-           "rear_left": rates.rear_left, "rear_right": rates.rear_right})
-}
-
-fn robot(member: &MemberSample) -> Value {
-    let code_name = match member.code {
-        Code::None => "none",
-        Code::Limit(limit) => limit.name(),
-        Code::Fault(fault) => fault.name(),
-    };
-    filled(&[
-        ("nmt", member.nmt.map(|state| json!(format!("{state:?}")))),
-        (
-            "state",
-            member.state.map(|state| json!(format!("{state:?}"))),
-        ),
-        ("code", Some(json!(member.code.code()))),
-        ("code_name", Some(json!(code_name))),
-        ("permitted_scale", member.permitted_scale.map(|v| json!(v))),
-        ("slip_residual", member.slip_residual.map(|v| json!(v))),
-        ("measured", member.measured.map(twist)),
-        ("pose", member.pose.map(pose)),
-        ("wheel_rates", member.wheel_rates.map(wheels)),
-    ])
+fn incomplete(path: &Path, error: &McapError) -> RecordingError {
+    RecordingError::new(path, format_args!("is incomplete: {}", in_words(error)))
 }

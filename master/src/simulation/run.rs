@@ -74,11 +74,22 @@ fn largest_load(rows: &[TruthRow]) -> f64 {
     windows.map(mean).fold(0.0, f64::max) * 100.0
 }
 
-/// Builds the simulated world of a group.
+/// Builds the simulated world of a group, which keeps a sample of the truth every SYNC period for
+/// an observer to take.
 ///
 /// # Errors
 /// When the image cannot be loaded or the world cannot be built.
 pub fn world(group: &GroupFile, elf: Option<&Path>, start: Pose<f64>) -> Result<World, DriveError> {
+    build(group, elf, start, u64::from(group.sync_period_us) * 1_000)
+}
+
+/// As [`world`], with a sample of the truth every `truth_period_ns`; 0 for none.
+pub(super) fn build(
+    group: &GroupFile,
+    elf: Option<&Path>,
+    start: Pose<f64>,
+    truth_period_ns: u64,
+) -> Result<World, DriveError> {
     let backend = match elf {
         None => Backend::Native,
         Some(path) => {
@@ -90,7 +101,7 @@ pub fn world(group: &GroupFile, elf: Option<&Path>, start: Pose<f64>) -> Result<
         }
     };
     let options = Options {
-        truth_period_ns: u64::from(group.sync_period_us) * 1_000,
+        truth_period_ns,
         start,
         ..Options::default()
     };

@@ -114,6 +114,6 @@ pub fn write(path: &Path, sheet: &::chart::Sheet, live: bool) -> anyhow::Result<
         "<!doctype html><meta charset=\"utf-8\">{refresh}<title>Calibration</title>\n{}",
         sheet.to_svg()?
     );
-    std::fs::write(path, page)?;
+    omnibus::file::replace(path, page)?;
     Ok(())
 }

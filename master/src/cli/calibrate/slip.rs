@@ -387,7 +387,8 @@ fn write<L: Link>(
     // First what would be lost.
     record.save(&undo_path(arguments, path))?;
     if let Some(text) = &new {
-        replace(path, text)?;
+        omnibus::file::replace(path, text)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.slip.save {
         group.command(NmtCommand::EnterPreOperational)?;
@@ -397,14 +398,6 @@ fn write<L: Link>(
         )?;
     }
     Ok(new.is_some())
-}
-
-/// Writes a file beside the one it replaces, so that neither is ever half a file.
-fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
-    let beside = path.with_extension("toml.new");
-    std::fs::write(&beside, text)
-        .and_then(|()| std::fs::rename(&beside, path))
-        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn save<L: Link>(group: &mut Group<L>, file: &GroupFile) -> anyhow::Result<()> {
@@ -432,7 +425,8 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
         save(&mut group, file)?;
     }
     if let Some(text) = &record.group_file {
-        replace(path, text)?;
+        omnibus::file::replace(path, text)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     std::fs::remove_file(&from).with_context(|| format!("cannot remove {}", from.display()))?;
     if json() {

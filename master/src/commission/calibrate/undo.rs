@@ -110,7 +110,7 @@ impl UndoRecord {
     /// When it cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), CalibrateError> {
         let text = serde_json::to_string_pretty(self).map_err(|e| file(path, e.to_string()))?;
-        std::fs::write(path, text + "\n").map_err(|error| file(path, error.to_string()))
+        crate::file::replace(path, text + "\n").map_err(|error| file(path, error.to_string()))
     }
 }
 

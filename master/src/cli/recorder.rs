@@ -1,0 +1,83 @@
+//! What commands that record share: `--record`, `--rotate-mb`, and what is said when the disk is
+//! full.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use canopen::Micros;
+use omnibus::bus::address::BusAddress;
+use omnibus::recording::{Recorder, RecordingError, Settings};
+
+use super::{Target, note};
+
+/// Where a drive is recorded.
+#[derive(clap::Args)]
+pub struct RecordTo {
+    /// Records everything on the bus meanwhile.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
+    #[command(flatten)]
+    rotate: Rotate,
+}
+
+impl RecordTo {
+    /// Begins the recording, if one is wanted. The link has `now` on its clock.
+    pub fn begin(
+        &self,
+        target: &Target,
+        activity: &str,
+        now: Micros,
+    ) -> anyhow::Result<Option<Recorder>> {
+        let Some(path) = &self.record else {
+            if self.rotate.megabytes.is_some() {
+                bail!("--rotate-mb: nothing is recorded; give --record FILE.mcap");
+            }
+            return Ok(None);
+        };
+        Ok(Some(self.rotate.begin(path, target, activity, now)?))
+    }
+}
+
+/// How large a file of a recording may become.
+#[derive(clap::Args)]
+pub struct Rotate {
+    /// Begins a new file (FILE-002.mcap, FILE-003.mcap, ...) when one has this many megabytes.
+    #[arg(long = "rotate-mb", value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    megabytes: Option<u64>,
+}
+
+impl Rotate {
+    /// Begins a recording.
+    pub fn begin(
+        &self,
+        path: &Path,
+        target: &Target,
+        activity: &str,
+        now: Micros,
+    ) -> anyhow::Result<Recorder> {
+        let settings = Settings {
+            rotate_bytes: self.megabytes.map(|megabytes| megabytes * 1_000_000),
+            waits: matches!(target.bus, BusAddress::Sim(_)),
+            told: Some(Box::new(warn)),
+        };
+        Ok(Recorder::create(
+            path,
+            &target.header(activity, now)?,
+            settings,
+        )?)
+    }
+}
+
+fn warn(error: &RecordingError) {
+    note(format_args!(
+        "warning: {error}; the robots are not affected"
+    ));
+}
+
+/// Ends a recording, if there is one.
+pub fn finish(recorder: Option<Recorder>) -> anyhow::Result<()> {
+    if let Some(recorder) = recorder {
+        recorder.finish()?;
+    }
+    Ok(())
+}
