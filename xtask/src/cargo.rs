@@ -94,7 +94,8 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
     let fixed = crate::firmware::build(Scalar::Fixed)?;
     let mut command = command();
     command
-        .args(["test", "--workspace", "--features", IMAGE_TESTS])
+        .args(["test", "--workspace", "--no-fail-fast"])
+        .args(["--features", IMAGE_TESTS])
         .args(rest)
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed)
