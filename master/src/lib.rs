@@ -23,9 +23,11 @@ pub mod file;
 pub mod monitor;
 pub mod path;
 pub mod pilot;
+#[cfg(feature = "recording")]
 pub mod recording;
 pub mod report;
 pub mod run;
+#[cfg(feature = "page")]
 pub mod serve;
 pub mod session;
 #[cfg(feature = "simulation")]

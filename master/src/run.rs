@@ -15,6 +15,7 @@ use kinematics::Pose;
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
+use crate::bus::tap::FrameSink;
 use crate::error::MasterError;
 use crate::monitor::metrics::{MetricsError, PathPoint, evenness, path_errors};
 use crate::monitor::odometry;
@@ -23,7 +24,6 @@ use crate::monitor::telemetry::Punctuality;
 use crate::path::course::{Course, CourseError};
 use crate::path::curve::Plan;
 use crate::path::steering::{Eyes, Law, Sighting, Steering};
-use crate::recording::{PLAN, Recorder};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
 use crate::session::follow::Instant;
@@ -52,7 +52,17 @@ pub struct Drive<'a> {
     /// By which the drive can be stopped on the way.
     pub abort: Abort,
     /// Where every frame, the curve and what was seen of the group are recorded.
-    pub record: Option<&'a Recorder>,
+    pub record: Option<&'a dyn Record>,
+}
+
+/// A recording, as a drive sees it. Times are on the link's clock.
+pub trait Record {
+    /// Where every frame goes.
+    fn sink(&self) -> FrameSink;
+    /// Where the group is to be.
+    fn plan(&self, at: Micros, pose: Pose);
+    /// Where the group was seen.
+    fn truth(&self, at: Micros, pose: Pose);
 }
 
 /// Feedback on a drive.
@@ -266,7 +276,7 @@ pub fn measured<L: Link>(
     }
     let mut watch = |link: &mut L, instant: Option<&Instant>| {
         if let (Some(recorder), Some(instant)) = (drive.record, instant) {
-            recorder.pose(PLAN, link.now(), instant.pose);
+            recorder.plan(link.now(), instant.pose);
         }
     };
     let driven = session(link, drive, &plan, &Seen::default(), progress, &mut watch)?;

@@ -8,9 +8,8 @@ use canopen::{Frame, Micros};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use omnibus::bus::link::Link as _;
-use omnibus::recording::{
-    self, FrameSink, Header, Recorder, RecordingError, Settings, Summary, Tap, candump,
-};
+use omnibus::bus::tap::{FrameSink, Tap};
+use omnibus::recording::{self, Header, Recorder, RecordingError, Settings, Summary, candump};
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 

@@ -16,9 +16,9 @@ use protocol::cob;
 
 use crate::bus::link::Link;
 use crate::bus::load::Meter;
+use crate::bus::tap::FrameSink;
 use crate::error::MasterError;
 use crate::monitor::telemetry::{BusFrame, Hub, Interest, Telemetry};
-use crate::recording::FrameSink;
 
 /// The master's own node id.
 const MASTER: NodeId = match NodeId::new(protocol::MASTER) {

@@ -14,7 +14,7 @@ use omnibus::path::course::{Course, Frame, Shape};
 use omnibus::path::curve::{Curve, RAMP};
 use omnibus::path::steering::Law;
 use omnibus::report::{self, BackendName, Run};
-use omnibus::run::{self, Drive, Feedback, Source};
+use omnibus::run::{self, Drive, Feedback, Record, Source};
 #[cfg(feature = "simulation")]
 use omnibus::simulation::run::simulated;
 use serde_json::{Value, json};
@@ -200,7 +200,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             candump: arguments.candump.clone(),
             log: arguments.log.clone(),
             abort: abort.clone(),
-            record: recorder.as_ref(),
+            record: recorder.as_ref().map(|recorder| recorder as &dyn Record),
         };
         let driven = drive_once(target, &group, &drive, &name);
         // What was heard is kept however it ended, and the result is printed whatever became of it.

@@ -10,7 +10,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use omnibus::abort::Abort;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::recording::{Recorder, Summary, Tap};
+use omnibus::bus::tap::Tap;
+use omnibus::recording::{Recorder, Summary};
 use serde_json::json;
 
 use super::recorder::Rotate;

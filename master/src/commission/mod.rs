@@ -2,6 +2,7 @@
 //! tried ([`wheel_test`]), their motors identified ([`motors`]) and their slip and rollers
 //! calibrated ([`calibrate`]).
 
+#[cfg(feature = "calibration")]
 pub mod calibrate;
 pub mod lss;
 pub mod motors;

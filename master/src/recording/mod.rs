@@ -5,7 +5,8 @@
 //! what [`read()`], `convert`, `replay`, `plot` and `report` go by; the others say the same in SI
 //! units, for people and their tools. `docs/recording.md` describes them all.
 //!
-//! Frames come in through a [`FrameSink`], which [`Tap`] puts between a program and its bus. It
+//! Frames come in through a [`FrameSink`](crate::bus::tap::FrameSink), which
+//! [`Tap`](crate::bus::tap::Tap) puts between a program and its bus. It
 //! hands them to a thread of its own over a queue, so a slow disk holds up nobody's SYNC; a full
 //! disk ends the recording and is reported at once. Chunks are compressed and closed once a second
 //! of the bus's time, so that a file that was cut off is readable up to its last second.
@@ -18,7 +19,6 @@ pub mod page;
 mod part;
 mod read;
 mod schema;
-mod tap;
 mod write;
 
 use std::path::Path;
@@ -26,7 +26,6 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use read::{Recorded, Recording, read};
-pub use tap::{FrameSink, Tap};
 pub use write::{Recorder, Settings, Summary, Told};
 
 /// Every frame on the bus.

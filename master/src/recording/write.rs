@@ -22,7 +22,9 @@ use mcap::McapError;
 
 use super::messages::{Message, Messages};
 use super::part::{Part, in_words};
-use super::{FrameSink, Header, RecordingError};
+use super::{Header, PLAN, RecordingError, TRUTH};
+use crate::bus::tap::FrameSink;
+use crate::run::Record;
 
 /// Chunks are closed after this much of the bus's time, in ns.
 const CHUNK_NS: u64 = 1_000_000_000;
@@ -161,6 +163,20 @@ impl Recorder {
             Ok(ended) => Some(ended),
             Err(panic) => std::panic::resume_unwind(panic),
         }
+    }
+}
+
+impl Record for Recorder {
+    fn sink(&self) -> FrameSink {
+        Self::sink(self)
+    }
+
+    fn plan(&self, at: Micros, pose: Pose) {
+        self.pose(PLAN, at, pose);
+    }
+
+    fn truth(&self, at: Micros, pose: Pose) {
+        self.pose(TRUTH, at, pose);
     }
 }
 

@@ -449,6 +449,7 @@ impl<L: Link> Group<L> {
 
     /// Goes by another file from now on, with the same robots; they get it when they are configured
     /// or started next.
+    #[cfg(feature = "calibration")]
     pub(crate) fn set_config(&mut self, file: GroupFile) {
         self.file = Arc::new(file);
         self.configured = false;

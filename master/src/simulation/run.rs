@@ -21,7 +21,6 @@ use super::link::SimLink;
 use crate::monitor::metrics::{evenness, path_errors};
 use crate::monitor::rows::{RobotTruth, TruthRow};
 use crate::path::curve::Plan;
-use crate::recording::{PLAN, TRUTH};
 use crate::report::Run;
 use crate::run::{Drive, DriveError, Driven, Seen, has_rollers, path, session};
 use crate::session::follow::Instant;
@@ -176,8 +175,8 @@ fn drive_world(
             seen.set(Some((at, pose(&sample.group))));
             let sampled = row(plan, instant.t - age as f64 * 1e-9, sample);
             if let Some(recorder) = drive.record {
-                recorder.pose(PLAN, at, sampled.theory);
-                recorder.pose(TRUTH, at, sampled.group);
+                recorder.plan(at, sampled.theory);
+                recorder.truth(at, sampled.group);
             }
             truth.push(sampled);
         }

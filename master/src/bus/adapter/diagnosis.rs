@@ -23,6 +23,7 @@ impl Diagnosis {
 pub(super) const NO_ACKNOWLEDGE: &str = "no other node acknowledges frames: is any robot powered, \
     are CAN high and low the right way round, is there 120 ohm at both ends, is the bit rate 1 \
     Mbit/s at both ends?";
+#[cfg(all(feature = "adapters", target_os = "linux"))]
 pub(super) const BUS_OFF: &str = "the adapter has gone off the bus after too many errors: check \
     CAN high and low for a short circuit, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
     everywhere";
@@ -32,7 +33,7 @@ pub(super) const REFUSES: &str = "the adapter refuses to send: nobody acknowledg
     its channel is not open; is any robot powered, is there 120 ohm at both ends?";
 
 /// From the class bits of a SocketCAN error frame (linux/can/error.h).
-#[cfg(target_os = "linux")]
+#[cfg(all(feature = "adapters", target_os = "linux"))]
 pub(super) const fn of_error_frame(bits: u32) -> Option<&'static str> {
     const CONTROLLER: u32 = 0x04;
     const PROTOCOL: u32 = 0x08;

@@ -24,7 +24,7 @@ use diagnosis::Diagnosis;
 mod diagnosis;
 mod pace;
 pub mod slcan;
-#[cfg(target_os = "linux")]
+#[cfg(all(feature = "adapters", target_os = "linux"))]
 mod socket_can;
 pub mod socketcand;
 
@@ -185,14 +185,19 @@ pub fn open(bus: &BusAddress) -> Result<AdapterLink, LinkError> {
     };
     match bus {
         BusAddress::Sim(_) => Err(refused(io::ErrorKind::Unsupported.into())),
+        #[cfg(not(feature = "adapters"))]
+        BusAddress::Slcan(_) | BusAddress::SocketCan(_) => Err(refused(io::Error::other(
+            "this program was built without serial ports and SocketCAN (cargo feature adapters)",
+        ))),
+        #[cfg(feature = "adapters")]
         BusAddress::Slcan(device) => slcan::open_serial(bus, device).map_err(refused),
         BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address).map_err(refused),
         BusAddress::Socketcand(address, interface) => {
             socketcand::open(bus, address, interface).map_err(refused)
         }
-        #[cfg(target_os = "linux")]
+        #[cfg(all(feature = "adapters", target_os = "linux"))]
         BusAddress::SocketCan(interface) => socket_can::open(bus, interface).map_err(refused),
-        #[cfg(not(target_os = "linux"))]
+        #[cfg(all(feature = "adapters", not(target_os = "linux")))]
         BusAddress::SocketCan(_) => Err(refused(io::ErrorKind::Unsupported.into())),
     }
 }

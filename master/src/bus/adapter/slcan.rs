@@ -6,8 +6,6 @@
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
-use std::path::Path;
-use std::time::Duration;
 
 use can_text::slcan::{Answer, Answers, frame as line_of};
 use canopen::Frame;
@@ -19,9 +17,11 @@ use crate::bus::address::BusAddress;
 /// Close, 1 Mbit/s, open.
 const OPEN: &[u8] = b"C\rS8\rO\r";
 /// Speed of the serial line; adapters on USB ignore it.
+#[cfg(feature = "adapters")]
 const BAUD: u32 = 1_000_000;
 /// How long a read may block before it is tried again.
-const READ_TIMEOUT: Duration = Duration::from_millis(100);
+#[cfg(feature = "adapters")]
+const READ_TIMEOUT: std::time::Duration = std::time::Duration::from_millis(100);
 
 /// What the adapter says, byte by byte: its frames, and what it lets know about the bus.
 #[derive(Default)]
@@ -110,7 +110,8 @@ fn start(
 }
 
 /// Opens a serial adapter.
-pub(super) fn open_serial(bus: &BusAddress, device: &Path) -> io::Result<AdapterLink> {
+#[cfg(feature = "adapters")]
+pub(super) fn open_serial(bus: &BusAddress, device: &std::path::Path) -> io::Result<AdapterLink> {
     let output = serialport::new(device.to_string_lossy(), BAUD)
         .timeout(READ_TIMEOUT)
         .open()?;
@@ -128,6 +129,9 @@ pub(super) fn open_tcp(bus: &BusAddress, address: &str) -> io::Result<AdapterLin
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+    use std::time::Duration;
+
     use super::*;
     use crate::bus::link::Link as _;
     use canopen::Micros;
