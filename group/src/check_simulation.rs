@@ -5,7 +5,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::check::{Checked, Checker, default, shown};
+use crate::check::{Checked, Checker, Reported, default, shown};
 use crate::model::Robot;
 use crate::schema::{self, At, PlantName, TablesName};
 use crate::simulation::{
@@ -27,7 +27,11 @@ const GYRO_HZ: u32 = 4000;
 const BACKLASH: RangeInclusive<f64> = 0.0..=10.0;
 
 impl Checker<'_> {
-    pub fn simulation(&self, raw: schema::Simulation, robots: &[Robot]) -> Checked<Simulation> {
+    pub fn simulation(
+        &self,
+        raw: schema::Simulation,
+        robots: Option<&[Robot]>,
+    ) -> Checked<Simulation> {
         let plant = match raw
             .plant
             .as_ref()
@@ -51,7 +55,9 @@ impl Checker<'_> {
                 address: self.address(&raw)?,
             },
         };
-        let contact = self.contact(&raw, &plant)?;
+        let contact = self.contact(&raw, &plant);
+        let gyro = self.gyro(&raw.gyro);
+        let crystal_ppm = self.crystals(raw.crystal_ppm, robots.map(<[_]>::len));
         Ok(Simulation {
             rigid: raw.rigid.as_ref().is_none_or(|r| *r.get_ref()),
             plant,
@@ -100,9 +106,9 @@ impl Checker<'_> {
                         &NOT_NEGATIVE,
                     )?,
             },
-            gyro: self.gyro(&raw.gyro)?,
-            contact,
-            crystal_ppm: self.crystals(raw.crystal_ppm, robots.len())?,
+            gyro: gyro?,
+            contact: contact?,
+            crystal_ppm: crystal_ppm?,
             seed: match raw.seed {
                 None => 1,
                 Some(seed) => u64::try_from(*seed.get_ref()).map_err(|_| {
@@ -229,10 +235,11 @@ impl Checker<'_> {
         &self,
         index: usize,
         raw: &schema::EncoderFault,
-        robots: &[Robot],
+        robots: Option<&[Robot]>,
     ) -> Checked<EncoderFault> {
         let field = format!("simulation.encoder_faults[{index}]");
         let node = *raw.node.get_ref();
+        let robots = robots.ok_or(Reported)?;
         let robot = robots.iter().position(|r| i64::from(r.node) == node);
         let robot = robot.ok_or_else(|| {
             self.refuse(
@@ -271,9 +278,9 @@ impl Checker<'_> {
         if !matches!(plant, Plant::Contact { .. })
             && let Some((key, at)) = given.iter().find_map(|(key, at)| Some((key, (*at)?)))
         {
-            return Err(self.source.error(
+            return Err(self.report(
                 at,
-                format!("simulation.{key}"),
+                &format!("simulation.{key}"),
                 "means nothing to this plant",
                 "set plant = \"contact\", or remove it",
             ));
@@ -376,19 +383,19 @@ impl Checker<'_> {
             }
             (None, plant) => {
                 let at = plant.as_ref().map_or(0, |p| p.span().start);
-                Err(self
-                    .source
-                    .error(at, "simulation.address", "is missing", REMEDY))
+                Err(self.report(at, "simulation.address", "is missing", REMEDY))
             }
         }
     }
 
-    fn crystals(&self, raw: Option<At<Vec<At<f64>>>>, robots: usize) -> Checked<Vec<f64>> {
+    fn crystals(&self, raw: Option<At<Vec<At<f64>>>>, robots: Option<usize>) -> Checked<Vec<f64>> {
         const FIELD: &str = "simulation.crystal_ppm";
         let Some(list) = raw else {
-            return Ok(vec![0.0; robots]);
+            return Ok(vec![0.0; robots.unwrap_or(0)]);
         };
-        if list.get_ref().len() != robots {
+        if let Some(robots) = robots
+            && list.get_ref().len() != robots
+        {
             let problem = format!("has {} values for {robots} robots", list.get_ref().len());
             return Err(self.refuse(
                 &list,

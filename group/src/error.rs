@@ -70,53 +70,9 @@ impl Source<'_> {
 
     /// Turns what the TOML reader says into the same form: it knows the place, not the remedy.
     pub fn toml_error(&self, error: &toml::de::Error) -> GroupError {
-        let span = error.span().unwrap_or(0..0);
+        let start = error.span().map_or(0, |span| span.start);
         let message = error.message().trim().replace('\n', ", ");
-        let at = self.text.get(span.clone()).unwrap_or("").trim();
-        if let Some(rest) = message.strip_prefix("unknown field `")
-            && let Some((key, known)) = rest.split_once("`, expected ")
-        {
-            let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
-            let remedy = match nearest(key, &known) {
-                Some(near) => format!("did you mean `{near}`?"),
-                None => format!("remove it, or use one of: {}", known.join(", ")),
-            };
-            return self.error(span.start, key, "unknown key", remedy);
-        }
-        if let Some(rest) = message.strip_prefix("missing field `") {
-            let key = rest.trim_end_matches('`');
-            return self.error(span.start, key, "is missing", format!("add `{key} = ...`"));
-        }
-        let field = self.key_before(span.start);
-        if let Some(rest) = message.strip_prefix("unknown variant `")
-            && let Some((value, known)) = rest.split_once("`, expected ")
-        {
-            let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
-            let problem = format!("\"{value}\" is not one of its values");
-            return self.error(
-                span.start,
-                field,
-                problem,
-                format!("use one of: {}", known.join(", ")),
-            );
-        }
-        if let Some((what, expected)) = message.split_once(", expected ")
-            && (what.starts_with("invalid type: ") || what.starts_with("invalid value: "))
-        {
-            let expected = match expected {
-                "f64" => "a number",
-                "u8" => "a whole number, 0 to 255",
-                "a boolean" => "true or false",
-                other => other,
-            };
-            return self.error(
-                span.start,
-                field,
-                format!("`{at}` is not right here"),
-                format!("give {expected}"),
-            );
-        }
-        self.error(span.start, field, message, "fix the TOML here")
+        self.error(start, self.key_before(start), message, "fix the TOML here")
     }
 
     /// The key on the line of an offset, when that line has one.
@@ -128,7 +84,7 @@ impl Source<'_> {
 }
 
 /// The known key that a misspelt one most likely meant: at most a third of its letters differ.
-fn nearest<'a>(key: &str, known: &[&'a str]) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(key: &str, known: &[&'a str]) -> Option<&'a str> {
     known
         .iter()
         .map(|k| (distance(key, k), *k))

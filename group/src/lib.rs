@@ -22,13 +22,18 @@
 
 mod check;
 mod check_simulation;
+mod declaration;
 mod error;
 mod member;
 mod model;
 mod parameters;
+pub mod reference;
 mod schema;
 mod simulation;
+mod structure;
+mod whole;
 
+pub use check::Examination;
 pub use error::GroupError;
 pub use model::{
     CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE,

@@ -7,8 +7,7 @@ use kinematics::{
     AxisTable, DirectionalCompensation, FourWheelGeometry, Pose, VelocityCompensation,
 };
 
-use crate::check::{Checked, Checker, Range, Value, default};
-use crate::error::GroupError;
+use crate::check::{Checked, Checker, Range, Reported, Value, default};
 use crate::model::{
     CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, OutputStage, Robot, Rollers,
     Wheel,
@@ -16,42 +15,44 @@ use crate::model::{
 use crate::schema::{self, At};
 
 impl Checker<'_> {
+    /// The node of an entry.
+    pub fn node(&self, index: usize, entry: &At<schema::Entry>) -> Checked<u8> {
+        let field = format!("robots[{index}].node");
+        let Some(raw) = &entry.get_ref().node else {
+            if !self.is_settled(&field) {
+                let at = entry.span().start;
+                self.report(at, &field, "is missing", "give it in this entry");
+            }
+            return Err(Reported);
+        };
+        let node = u8::try_from(*raw.get_ref()).ok();
+        node.filter(|n| (FIRST_NODE..=LAST_NODE).contains(n))
+            .ok_or_else(|| {
+                let problem = format!("is {}", raw.get_ref());
+                let remedy =
+                    format!("give a robot's node, {FIRST_NODE} to {LAST_NODE} (1 is the master)");
+                self.refuse(raw, &field, &problem, &remedy)
+            })
+    }
+
     pub fn robot(
         &self,
         index: usize,
         entry: &At<schema::Entry>,
         defaults: &schema::Defaults,
+        node: Checked<u8>,
     ) -> Checked<Robot> {
-        let e = entry.get_ref();
+        let (e, d) = (entry.get_ref(), defaults);
         let field = Member {
             checker: self,
             index,
             at: entry.span().start,
         };
-        let node = e
-            .node
-            .as_ref()
-            .ok_or_else(|| field.missing("node", "this entry"))?;
-        let node = u8::try_from(*node.get_ref())
-            .ok()
-            .filter(|n| (FIRST_NODE..=LAST_NODE).contains(n))
-            .ok_or_else(|| {
-                self.refuse(
-                    node,
-                    &format!("robots[{index}].node"),
-                    &format!("is {}", node.get_ref()),
-                    &format!("give a robot's node, {FIRST_NODE} to {LAST_NODE} (1 is the master)"),
-                )
-            })?;
-        let degrees = |key, value: &Value, fallback| -> Checked<f32> {
-            Ok(field
-                .number(key, value, &None, fallback, Range::Any)?
-                .to_radians())
-        };
+        let place = |key, value: &Value| field.number(key, value, &None, Some(0.0), Range::Any);
         let mount = Pose {
-            x: field.number("x", &e.x, &None, Some(0.0), Range::Any)?,
-            y: field.number("y", &e.y, &None, Some(0.0), Range::Any)?,
-            heading: degrees("heading_deg", &e.heading_deg, Some(0.0))?,
+            x: place("x", &e.x),
+            y: place("y", &e.y),
+            heading: place("heading_deg", &e.heading_deg).to_radians(),
         };
         let positive = |key, own: &Value, shared: &Value, fallback| {
             field.number(key, own, shared, fallback, Range::Positive)
@@ -59,40 +60,10 @@ impl Checker<'_> {
         let not_negative = |key, own: &Value, shared: &Value, fallback| {
             field.number(key, own, shared, fallback, Range::NotNegative)
         };
-        let d = defaults;
-        let motor = Motor {
-            supply: positive("motor.supply", &e.motor.supply, &d.motor.supply, None)?,
-            constant: positive("motor.constant", &e.motor.constant, &d.motor.constant, None)?,
-            resistance: positive(
-                "motor.resistance",
-                &e.motor.resistance,
-                &d.motor.resistance,
-                None,
-            )?,
-            inductance: not_negative(
-                "motor.inductance",
-                &e.motor.inductance,
-                &d.motor.inductance,
-                Some(default::INDUCTANCE),
-            )?,
-            inertia: positive("motor.inertia", &e.motor.inertia, &d.motor.inertia, None)?,
-            friction: not_negative(
-                "motor.friction",
-                &e.motor.friction,
-                &d.motor.friction,
-                Some(default::FRICTION),
-            )?,
-            viscous: not_negative(
-                "motor.viscous",
-                &e.motor.viscous,
-                &d.motor.viscous,
-                Some(default::VISCOUS),
-            )?,
-        };
-        let max_wheel_rate =
-            positive("max_wheel_rate", &e.max_wheel_rate, &d.max_wheel_rate, None)?;
+        let motor = self.motor(&field, e, d);
+        let max_wheel_rate = positive("max_wheel_rate", &e.max_wheel_rate, &d.max_wheel_rate, None);
         if max_wheel_rate > motor.no_load_rate() {
-            return Err(field.refuse(
+            field.refuse(
                 "max_wheel_rate",
                 &e.max_wheel_rate,
                 &d.max_wheel_rate,
@@ -101,52 +72,93 @@ impl Checker<'_> {
                     motor.no_load_rate()
                 ),
                 "lower it, or mend motor.supply and motor.constant",
-            ));
+            );
         }
+        let encoder = Encoder {
+            counts_per_revolution: positive(
+                "encoder.counts_per_revolution",
+                &e.encoder.counts_per_revolution,
+                &d.encoder.counts_per_revolution,
+                None,
+            ),
+            gear_ratio: positive(
+                "encoder.gear_ratio",
+                &e.encoder.gear_ratio,
+                &d.encoder.gear_ratio,
+                Some(1.0),
+            ),
+        };
+        let control = Control {
+            proportional: not_negative(
+                "control.proportional",
+                &e.control.proportional,
+                &d.control.proportional,
+                Some(default::PROPORTIONAL),
+            ),
+            integral: not_negative(
+                "control.integral",
+                &e.control.integral,
+                &d.control.integral,
+                Some(default::INTEGRAL),
+            ),
+            identified: (e.control.identified.as_ref())
+                .or(d.control.identified.as_ref())
+                .is_some_and(|identified| *identified.get_ref()),
+        };
+        let geometry = self.geometry(&field, e, d);
+        let wheels = self.wheels(&field, e, d);
+        let rollers = self.known_rollers(&field, e, d);
+        let output = self.output_stage(&field, e, d);
         let compensation = self.compensation(&field, e, d)?;
+        let compensation_table = self.compensation_table(&field, e, d, &compensation);
         Ok(Robot {
-            node,
+            node: node?,
             mount,
-            geometry: self.geometry(&field, e, d)?,
-            wheels: self.wheels(&field, e, d)?,
+            geometry: geometry?,
+            wheels: wheels?,
             compensation,
-            compensation_table: self.compensation_table(&field, e, d, &compensation)?,
-            rollers: self.known_rollers(&field, e, d)?,
+            compensation_table: compensation_table?,
+            rollers: rollers?,
             max_wheel_rate,
-            encoder: Encoder {
-                counts_per_revolution: positive(
-                    "encoder.counts_per_revolution",
-                    &e.encoder.counts_per_revolution,
-                    &d.encoder.counts_per_revolution,
-                    None,
-                )?,
-                gear_ratio: positive(
-                    "encoder.gear_ratio",
-                    &e.encoder.gear_ratio,
-                    &d.encoder.gear_ratio,
-                    Some(1.0),
-                )?,
-            },
-            output: self.output_stage(&field, e, d)?,
+            encoder,
+            output,
             motor,
-            control: Control {
-                proportional: not_negative(
-                    "control.proportional",
-                    &e.control.proportional,
-                    &d.control.proportional,
-                    Some(default::PROPORTIONAL),
-                )?,
-                integral: not_negative(
-                    "control.integral",
-                    &e.control.integral,
-                    &d.control.integral,
-                    Some(default::INTEGRAL),
-                )?,
-                identified: (e.control.identified.as_ref())
-                    .or(d.control.identified.as_ref())
-                    .is_some_and(|identified| *identified.get_ref()),
-            },
+            control,
         })
+    }
+
+    fn motor(&self, field: &Member<'_, '_>, e: &schema::Entry, d: &schema::Defaults) -> Motor {
+        let (own, shared) = (&e.motor, &d.motor);
+        let needed = |key, own: &Value, shared: &Value| {
+            field.number(key, own, shared, None, Range::Positive)
+        };
+        let or = |key, own: &Value, shared: &Value, fallback| {
+            field.number(key, own, shared, Some(fallback), Range::NotNegative)
+        };
+        Motor {
+            supply: needed("motor.supply", &own.supply, &shared.supply),
+            constant: needed("motor.constant", &own.constant, &shared.constant),
+            resistance: needed("motor.resistance", &own.resistance, &shared.resistance),
+            inductance: or(
+                "motor.inductance",
+                &own.inductance,
+                &shared.inductance,
+                default::INDUCTANCE,
+            ),
+            inertia: needed("motor.inertia", &own.inertia, &shared.inertia),
+            friction: or(
+                "motor.friction",
+                &own.friction,
+                &shared.friction,
+                default::FRICTION,
+            ),
+            viscous: or(
+                "motor.viscous",
+                &own.viscous,
+                &shared.viscous,
+                default::VISCOUS,
+            ),
+        }
     }
 
     fn geometry(
@@ -158,10 +170,10 @@ impl Checker<'_> {
         let positive = |key, own: &Value, shared: &Value| {
             field.number(key, own, shared, None, Range::Positive)
         };
-        let half_track = positive("half_track", &e.half_track, &d.half_track)?;
-        let half_wheelbase = positive("half_wheelbase", &e.half_wheelbase, &d.half_wheelbase)?;
-        let wheel_radius = positive("wheel_radius", &e.wheel_radius, &d.wheel_radius)?;
-        let angle = positive("roller_angle_deg", &e.roller_angle_deg, &d.roller_angle_deg)?;
+        let half_track = positive("half_track", &e.half_track, &d.half_track);
+        let half_wheelbase = positive("half_wheelbase", &e.half_wheelbase, &d.half_wheelbase);
+        let wheel_radius = positive("wheel_radius", &e.wheel_radius, &d.wheel_radius);
+        let angle = positive("roller_angle_deg", &e.roller_angle_deg, &d.roller_angle_deg);
         if angle >= 90.0 {
             return Err(field.refuse(
                 "roller_angle_deg",
@@ -171,6 +183,9 @@ impl Checker<'_> {
                 "give the angle between roller axle and wheel axle in degrees, above 0 and below \
                  90",
             ));
+        }
+        if (half_track + half_wheelbase + wheel_radius + angle).is_nan() {
+            return Err(Reported);
         }
         FourWheelGeometry::new(half_track, half_wheelbase, wheel_radius, angle.to_radians())
             .map_err(|error| {
@@ -191,7 +206,10 @@ impl Checker<'_> {
         d: &schema::Defaults,
     ) -> Checked<VelocityCompensation> {
         let axis = |key: &str, own: &Value, shared: &Value| -> Checked<f32> {
-            let value = field.number(key, own, shared, Some(1.0), Range::Any)?;
+            let value = field.number(key, own, shared, Some(1.0), Range::Any);
+            if value.is_nan() {
+                return Err(Reported);
+            }
             if value <= 0.0 {
                 let remedy = "give 1 for no compensation; 0 would delete the axis";
                 return Err(field.refuse(key, own, shared, &format!("is {value}"), remedy));
@@ -202,14 +220,14 @@ impl Checker<'_> {
             "compensation.longitudinal",
             &e.compensation.longitudinal,
             &d.compensation.longitudinal,
-        )?;
+        );
         let lateral = axis(
             "compensation.lateral",
             &e.compensation.lateral,
             &d.compensation.lateral,
-        )?;
-        let yaw = axis("compensation.yaw", &e.compensation.yaw, &d.compensation.yaw)?;
-        VelocityCompensation::new(longitudinal, lateral, yaw).map_err(|error| {
+        );
+        let yaw = axis("compensation.yaw", &e.compensation.yaw, &d.compensation.yaw);
+        VelocityCompensation::new(longitudinal?, lateral?, yaw?).map_err(|error| {
             field.refuse(
                 "compensation",
                 &None,
@@ -243,25 +261,29 @@ impl Checker<'_> {
             };
             let counts = w.counts_per_revolution.as_ref();
             let wheel = Wheel {
-                x: number("x", &w.x, Range::Any)?,
-                y: number("y", &w.y, Range::Any)?,
-                radius: number("radius", &w.radius, Range::Positive)?,
-                roller_angle: number("roller_angle_deg", &w.roller_angle_deg, Range::Any)?
+                x: number("x", &w.x, Range::Any),
+                y: number("y", &w.y, Range::Any),
+                radius: number("radius", &w.radius, Range::Positive),
+                roller_angle: number("roller_angle_deg", &w.roller_angle_deg, Range::Any)
                     .to_radians(),
                 counts_per_revolution: counts
-                    .map(|counts| number("counts_per_revolution", counts, Range::Positive))
-                    .transpose()?,
+                    .map(|counts| number("counts_per_revolution", counts, Range::Positive)),
             };
+            if (wheel.x + wheel.y + wheel.radius + wheel.roller_angle).is_nan() {
+                return Err(Reported);
+            }
             kinematics::Wheel::new(wheel.x, wheel.y, 0.0, wheel.roller_angle, wheel.radius)
                 .map_err(|error| self.refuse(raw, &path, &error.to_string(), "mend this wheel"))?;
             Ok(wheel)
         };
         let all = [
-            one("front_left", &wheels.front_left)?,
-            one("front_right", &wheels.front_right)?,
-            one("rear_left", &wheels.rear_left)?,
-            one("rear_right", &wheels.rear_right)?,
+            one("front_left", &wheels.front_left),
+            one("front_right", &wheels.front_right),
+            one("rear_left", &wheels.rear_left),
+            one("rear_right", &wheels.rear_right),
         ];
+        let [front_left, front_right, rear_left, rear_right] = all;
+        let all = [front_left?, front_right?, rear_left?, rear_right?];
         let built = all.map(|w| kinematics::Wheel::new(w.x, w.y, 0.0, w.roller_angle, w.radius));
         let built: Result<Vec<_>, _> = built.into_iter().collect();
         let robot = built
@@ -359,12 +381,12 @@ impl Checker<'_> {
         field: &Member<'_, '_>,
         e: &schema::Entry,
         d: &schema::Defaults,
-    ) -> Checked<OutputStage> {
+    ) -> OutputStage {
         let (own, shared) = (&e.motor, &d.motor);
         let largest_current = match (&own.largest_current, &shared.largest_current) {
             (None, None) => None,
             (own, shared) => {
-                Some(field.number("motor.largest_current", own, shared, None, Range::Positive)?)
+                Some(field.number("motor.largest_current", own, shared, None, Range::Positive))
             }
         };
         let (key, own_duty, shared_duty) = (
@@ -372,34 +394,34 @@ impl Checker<'_> {
             &own.largest_duty,
             &shared.largest_duty,
         );
-        let largest_duty = field.number(key, own_duty, shared_duty, Some(1.0), Range::Positive)?;
+        let largest_duty = field.number(key, own_duty, shared_duty, Some(1.0), Range::Positive);
         if !(0.1..=1.0).contains(&largest_duty) {
             let problem = format!("is {largest_duty}");
-            return Err(field.refuse(key, own_duty, shared_duty, &problem, "give 0.1 to 1"));
+            field.refuse(key, own_duty, shared_duty, &problem, "give 0.1 to 1");
         }
-        let millis = |key: &str, own: &Value, shared: &Value| -> Checked<u16> {
-            let time = field.number(key, own, shared, Some(0.0), Range::NotNegative)?;
+        let millis = |key: &str, own: &Value, shared: &Value| {
+            let time = field.number(key, own, shared, Some(0.0), Range::NotNegative);
             if time > 1_000.0 || time.fract() != 0.0 {
                 let problem = format!("is {time}");
                 let remedy = "give whole milliseconds, 0 to 1000";
-                return Err(field.refuse(key, own, shared, &problem, remedy));
+                field.refuse(key, own, shared, &problem, remedy);
             }
-            Ok(time as u16)
+            time as u16
         };
-        Ok(OutputStage {
+        OutputStage {
             largest_current,
             largest_duty,
             brake_release_ms: millis(
                 "motor.brake_release_ms",
                 &own.brake_release_ms,
                 &shared.brake_release_ms,
-            )?,
+            ),
             brake_engage_ms: millis(
                 "motor.brake_engage_ms",
                 &own.brake_engage_ms,
                 &shared.brake_engage_ms,
-            )?,
-        })
+            ),
+        }
     }
 }
 
@@ -521,7 +543,8 @@ impl Member<'_, '_> {
         }
     }
 
-    /// A number from the entry, else from `[robot]`, else the default, else an error.
+    /// A number from the entry, else from `[robot]`, else the default; NaN where it is wrong or
+    /// missing, which is reported.
     fn number(
         &self,
         key: &str,
@@ -529,21 +552,28 @@ impl Member<'_, '_> {
         shared: &Value,
         fallback: Option<f64>,
         range: Range,
-    ) -> Checked<f32> {
+    ) -> f32 {
         let field = self.name(key, own, shared);
         match (own.as_ref().or(shared.as_ref()), fallback) {
             (Some(value), _) => self.checker.number(&field, Some(value), 0.0, range),
             (None, Some(fallback)) => self.checker.number(&field, None, fallback, range),
-            (None, None) => Err(self.missing(key, "`[robot]` or in this entry")),
+            (None, None) => {
+                self.missing(key);
+                f32::NAN
+            }
         }
     }
 
-    fn missing(&self, key: &str, place: &str) -> GroupError {
+    /// Reports a key that neither this entry nor `[robot]` has; of several robots the first.
+    fn missing(&self, key: &str) {
+        let shared = format!("robot.{key}");
         let field = format!("robots[{}].{key}", self.index);
-        let remedy = format!("give it in {place}");
-        self.checker
-            .source
-            .error(self.at, field, "is missing", remedy)
+        if self.checker.is_settled(&shared) || self.checker.is_settled(&field) {
+            return;
+        }
+        let remedy = "give it in `[robot]` or in this entry";
+        self.checker.report(self.at, &field, "is missing", remedy);
+        self.checker.settle(shared);
     }
 
     fn refuse(
@@ -553,11 +583,10 @@ impl Member<'_, '_> {
         shared: &Value,
         problem: &str,
         remedy: &str,
-    ) -> GroupError {
+    ) -> Reported {
         let place = own.as_ref().or(shared.as_ref());
         let at = place.map_or(self.at, |p| p.span().start);
-        self.checker
-            .source
-            .error(at, self.name(key, own, shared), problem, remedy)
+        let name = self.name(key, own, shared);
+        self.checker.report(at, &name, problem, remedy)
     }
 }

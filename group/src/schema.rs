@@ -1,8 +1,9 @@
 //! The file as TOML has it.
 //!
 //! Every value is optional where a default or the `[robot]` table can give it, and carries its
-//! place in the text so that a rule broken later can still name the line. Unknown keys are refused
-//! at every level. Nothing is checked here.
+//! place in the text so that a rule broken later can still name the line. The keys are those of
+//! `declaration`, which a test compares; what does not fit it is gone before this is read. Nothing
+//! is checked here.
 
 use serde::Deserialize;
 use toml::Spanned;
@@ -15,15 +16,16 @@ pub type At<T> = Spanned<T>;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct File {
-    pub name: At<String>,
-    pub group_id: At<i64>,
+    pub name: Option<At<String>>,
+    pub group_id: Option<At<i64>>,
     pub sync_period_ms: Option<At<f64>>,
     #[serde(default)]
     pub limits: Limits,
     #[serde(default)]
     pub contact_lag: ContactLag,
-    #[serde(default)]
-    pub hand_over: HandOver,
+    /// `hand_over` until version 0.2.
+    #[serde(default, alias = "hand_over")]
+    pub roller_transition: RollerTransition,
     pub robot: Option<Defaults>,
     pub robots: Option<At<Vec<At<Entry>>>>,
     pub simulation: Option<Simulation>,
@@ -52,7 +54,7 @@ pub struct ContactLag {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct HandOver {
+pub struct RollerTransition {
     pub loss_s_per_m: Option<At<f64>>,
 }
 

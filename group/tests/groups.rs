@@ -106,9 +106,12 @@ fn the_loss_at_the_hand_over_of_rollers_is_the_groups() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
     let text = std::fs::read_to_string(path).unwrap();
     let text = text.replace("node = 2\n", "node = 2\nrollers = { count = 8 }\n");
-    let text = text.replace("[limits]", "[hand_over]\nloss_s_per_m = 0.0019\n\n[limits]");
-    let file = GroupFile::parse("single.toml", &text).unwrap();
-    assert_eq!(file.hand_over_loss, 0.0019);
+    // The second name is that of version 0.1.
+    for name in ["roller_transition", "hand_over"] {
+        let table = format!("[{name}]\nloss_s_per_m = 0.0019\n\n[limits]");
+        let file = GroupFile::parse("single.toml", &text.replace("[limits]", &table)).unwrap();
+        assert_eq!(file.hand_over_loss, 0.0019);
+    }
     assert_eq!(load("single").hand_over_loss, 0.0);
 }
 

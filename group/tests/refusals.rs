@@ -52,7 +52,7 @@ fn accepts_the_file_the_cases_start_from() {
 fn unknown_key_names_the_key_that_was_meant() {
     assert_eq!(
         refusal("wheel_radius", "wheel_raduis"),
-        "pair.toml:11: wheel_raduis: unknown key; did you mean `wheel_radius`?"
+        "pair.toml:11: robot.wheel_raduis: unknown key; did you mean `wheel_radius`?"
     );
 }
 
@@ -68,22 +68,25 @@ fn a_lag_that_is_no_contacts_is_refused() {
 fn a_loss_that_is_no_rollers_is_refused() {
     let with_rollers = |loss: &str| {
         let text = format!(
-            "[hand_over]\nloss_s_per_m = {loss}\n\n[robot]\nrollers = {{ count = 8, phases_deg = [0, 0, 0, 0] }}"
+            "[roller_transition]\nloss_s_per_m = {loss}\n\n[robot]\nrollers = {{ count = 8, phases_deg = [0, 0, 0, 0] }}"
         );
         refusal("[robot]", &text)
     };
     assert_eq!(
         with_rollers("0.06"),
-        "pair.toml:9: hand_over.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a \
+        "pair.toml:9: roller_transition.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a \
          roller"
     );
     assert_eq!(
         with_rollers("-0.001"),
-        "pair.toml:9: hand_over.loss_s_per_m: is -0.001; give 0 or a positive number"
+        "pair.toml:9: roller_transition.loss_s_per_m: is -0.001; give 0 or a positive number"
     );
     assert_eq!(
-        refusal("[robot]", "[hand_over]\nloss_s_per_m = 0.001\n\n[robot]"),
-        "pair.toml:9: hand_over.loss_s_per_m: is for robots that know their rollers; give the \
+        refusal(
+            "[robot]",
+            "[roller_transition]\nloss_s_per_m = 0.001\n\n[robot]"
+        ),
+        "pair.toml:9: roller_transition.loss_s_per_m: is for robots that know their rollers; give the \
          robots' rollers, or remove it"
     );
 }
@@ -95,7 +98,7 @@ fn unknown_key_lists_the_keys_there_are() {
             "compensation = { lateral = 1.033 }",
             "compensation = { sideways = 1.033 }"
         ),
-        "pair.toml:24: sideways: unknown key; remove it, or use one of: longitudinal, lateral, \
+        "pair.toml:24: robots[1].compensation.sideways: unknown key; remove it, or use one of: longitudinal, lateral, \
          yaw, table"
     );
 }
@@ -298,7 +301,7 @@ fn period_between_milliseconds() {
 fn text_where_a_number_belongs() {
     assert_eq!(
         refusal("wheel_radius = 0.1524", "wheel_radius = \"0.1524\""),
-        "pair.toml:11: wheel_radius: `\"0.1524\"` is not right here; give a number"
+        "pair.toml:11: robot.wheel_radius: `\"0.1524\"` is not right here; give a number"
     );
 }
 
@@ -323,7 +326,7 @@ fn crystal_that_no_crystal_has() {
 fn plant_nobody_knows() {
     assert_eq!(
         refusal("[simulation]\n", "[simulation]\nplant = \"ice\"\n"),
-        "pair.toml:27: plant: \"ice\" is not one of its values; use one of: table, contact, \
+        "pair.toml:27: simulation.plant: \"ice\" is not one of its values; use one of: table, contact, \
          external"
     );
 }

@@ -52,7 +52,8 @@ enum Command {
     #[command(subcommand, after_help = cli::lss::EXAMPLES)]
     Lss(cli::lss::Command),
     /// Flashes one robot's LED, to tell which robot it is.
-    Identify(cli::wheel_test::Blink),
+    #[command(alias = "identify")]
+    Blink(cli::wheel_test::Blink),
     /// Turns one wheel after the other and reports wrong wiring.
     WheelTest(cli::wheel_test::Arguments),
     /// Identifies the motors of one robot and sets its wheel loops.
@@ -89,7 +90,7 @@ fn main() -> ExitCode {
         Command::Param(arguments) => cli::param::run(&arguments),
         Command::Group(arguments) => cli::group::run(&arguments),
         Command::Lss(command) => cli::lss::run(&command),
-        Command::Identify(arguments) => cli::wheel_test::blink(&arguments),
+        Command::Blink(arguments) => cli::wheel_test::blink(&arguments),
         Command::WheelTest(arguments) => cli::wheel_test::run(&arguments),
         Command::IdentifyMotors(arguments) => cli::motors::run(&arguments),
         Command::BusLoad(arguments) => cli::bus_load::run(&arguments),

@@ -147,6 +147,92 @@ fn group_commands() {
     );
 }
 
+/// From a ruler and a data sheet to a file that drives.
+#[test]
+fn a_group_of_ones_own() {
+    let folder = std::env::temp_dir().join(format!("omnibus-own-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    let (file, svg) = (path("own.toml"), path("own.svg"));
+    let data = [
+        "--robot=0.3,0",
+        "--robot=-0.3,0,180",
+        "--track",
+        "0.30m",
+        "--wheelbase",
+        "260mm",
+        "--wheel-diameter",
+        "100mm",
+        "--mass",
+        "8kg",
+        "--supply",
+        "12V",
+        "--no-load-speed",
+        "330rpm",
+        "--no-load-current",
+        "0.2A",
+        "--stall-torque",
+        "14kg.cm",
+        "--stall-current",
+        "5.5A",
+        "--counts",
+        "64",
+        "--gear-ratio",
+        "30",
+    ];
+    let new = [&["group", "new", &file][..], &data].concat();
+    let mut text = transcript(&["group", "new", &file]);
+    text += &transcript(&new);
+    text += &transcript(&new);
+    text += &transcript(&["group", "check", &file]);
+    text += &transcript(&["group", "draw", &file, "--output", &svg]);
+    text += &transcript(&["group", "draw", &file, "--output", &path("own.png")]);
+    let written = std::fs::read_to_string(&file).unwrap();
+    text += &written;
+    check(
+        "group-new",
+        &text.replace(&*folder.to_string_lossy(), "FOLDER"),
+    );
+    let drawing = std::fs::read_to_string(&svg).unwrap();
+    assert_eq!(
+        drawing.matches(" rotate(-180").count(),
+        1,
+        "node 3 faces back"
+    );
+    assert_eq!(drawing.matches("#475569").count(), 8, "wheels");
+    // It drives, and as fast as its file says.
+    let bus = format!("sim:{file}");
+    let found = json(&[
+        "drive", "--vx", "0.5", "--for", "2", "--json", "--bus", &bus,
+    ]);
+    let moved = found["moved"]["x"].as_f64().unwrap();
+    assert!((moved - 1.0).abs() < 0.03, "{moved}");
+    // And all that can be wrong with it is said at once.
+    let broken = written
+        .replace("half_track = 0.15", "half_track = 150")
+        .replace("roller_angle_deg = 45", "roller_angle_deg = 0.785")
+        .replace("linear_speed = ", "linear_speed = 5")
+        .replace("node = 3", "node = 2")
+        .replace("gear_ratio", "gear_ration");
+    std::fs::write(&file, broken).unwrap();
+    let said = transcript(&["group", "check", &file]);
+    check(
+        "group-check",
+        &said.replace(&*folder.to_string_lossy(), "FOLDER"),
+    );
+    let checked = omnibus(&["group", "check", &file, "--json"]);
+    let found: Value = serde_json::from_slice(&checked.stdout).unwrap();
+    assert_eq!(found["problems"].as_array().unwrap().len(), 4);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn the_schema_of_group_files_is_printed() {
+    let schema = omnibus(&["group", "schema"]);
+    let schema: Value = serde_json::from_slice(&schema.stdout).unwrap();
+    assert_eq!(schema["properties"]["group_id"]["maximum"], 255);
+}
+
 #[test]
 fn lss() {
     let mut text = transcript(&["lss", "scan", "--bus", BUS]);
@@ -188,7 +274,7 @@ fn completions_and_help() {
         "bus-load",
         "calibrate",
         "wheel-test",
-        "identify",
+        "blink",
         "identify-motors",
         "lss",
         "record",
@@ -330,11 +416,12 @@ fn calibrate_without_an_answer_gives_nothing() {
 }
 
 #[test]
-fn wheel_test_and_identify() {
+fn wheel_test_and_blink() {
     let wheels = ["wheel-test", "--node", "2", "--bus", BUS];
     let mut text = transcript(&wheels);
     text += &transcript(&[&wheels[..], &["--wheels-free"]].concat());
-    text += &transcript(&["identify", "--node", "3", "--for", "5", "--bus", BUS]);
+    text += &transcript(&["blink", "--node", "3", "--for", "5", "--bus", BUS]);
+    // The name it had before.
     text += &transcript(&["identify", "--node", "9", "--bus", BUS]);
     check("wheel-test", &text);
 }

@@ -1,20 +1,48 @@
-//! `omnibus group check|show|apply`: group files, and how they get into the robots.
+//! `omnibus group`: group files, from the first one to the robots.
 
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::bail;
 use comfy_table::{Table, presets};
-use group::GroupFile;
+use group::{Examination, GroupError, GroupFile};
 use omnibus::Group;
 use omnibus::session::{configure, sdo};
 use serde_json::json;
 
+use super::output::Found;
 use super::{Target, json, note, print_json, say};
 
+mod draw;
+mod new;
+
 const EXAMPLES: &str = "Examples:
+  omnibus group new my-group.toml
   omnibus group check groups/*.toml
+  omnibus group draw groups/tcc-2.toml --output tcc-2.svg
   omnibus group show groups/tcc-2.toml --node 3
+  omnibus group schema > group.schema.json
   omnibus group apply --group groups/tcc-2.toml --bus socketcan:can0 --save";
+
+const CHECK_EXAMPLES: &str = "Examples:
+  omnibus group check my-group.toml
+  omnibus group check groups/*.toml
+
+Names everything that is wrong, each with file, line, key and remedy; then exit code 6. What is allowed but hardly
+meant, such as a speed that the wheels cannot reach, is a warning. docs/group-files.md explains every key.";
+
+const SHOW_EXAMPLES: &str = "Examples:
+  omnibus group show groups/tcc-2.toml
+  omnibus group show groups/tcc-2.toml --node 3";
+
+const APPLY_EXAMPLES: &str = "Examples:
+  omnibus group apply --group groups/tcc-2.toml --bus socketcan:can0 --save";
+
+const SCHEMA_EXAMPLES: &str = "Examples:
+  omnibus group schema > group.schema.json
+
+An editor that knows JSON Schema for TOML completes and explains keys where the file's first line is
+`#:schema ./group.schema.json`.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -25,15 +53,19 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Says whether a group file is good, and what is wrong with it otherwise.
-    #[command(after_help = EXAMPLES)]
+    /// Writes a group file for robots of your own; asks for what the options do not say.
+    New(Box<new::Arguments>),
+    /// Names everything that is wrong with a group file.
+    #[command(after_help = CHECK_EXAMPLES)]
     Check {
         /// The files.
         #[arg(required = true)]
         files: Vec<PathBuf>,
     },
+    /// Draws the group seen from above.
+    Draw(draw::Arguments),
     /// Shows every parameter that a group file would write into a robot.
-    #[command(after_help = EXAMPLES)]
+    #[command(after_help = SHOW_EXAMPLES)]
     Show {
         /// The file.
         file: PathBuf,
@@ -41,8 +73,11 @@ enum Command {
         #[arg(long)]
         node: Option<u8>,
     },
+    /// Prints the JSON Schema of group files, for editors.
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema,
     /// Writes the group file into the robots and reads every value back.
-    #[command(after_help = EXAMPLES)]
+    #[command(after_help = APPLY_EXAMPLES)]
     Apply {
         /// Stores it in the robots' flash too.
         #[arg(long)]
@@ -54,19 +89,42 @@ enum Command {
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
+        Command::New(arguments) => new::run(arguments),
         Command::Check { files } => check(files),
+        Command::Draw(arguments) => draw::run(arguments),
         Command::Show { file, node } => show(&GroupFile::load(file)?, *node),
+        Command::Schema => {
+            write!(std::io::stdout().lock(), "{}", group::reference::schema())?;
+            Ok(())
+        }
         Command::Apply { save, target } => apply(target, *save),
     }
 }
 
 fn check(files: &[PathBuf]) -> anyhow::Result<()> {
-    let mut good = Vec::new();
+    let (mut good, mut problems, mut warnings) = (Vec::new(), Vec::new(), Vec::new());
     for file in files {
-        let group = GroupFile::load(file)?;
+        let found = match Examination::of_file(file) {
+            Ok(found) => found,
+            Err(error) => Examination {
+                group: None,
+                errors: vec![error],
+                warnings: Vec::new(),
+            },
+        };
+        for error in &found.errors {
+            say(error)?;
+            problems.push(finding_json(error));
+        }
+        for warning in &found.warnings {
+            say(format_args!("warning: {warning}"))?;
+            warnings.push(finding_json(warning));
+        }
+        let Some(group) = found.group else { continue };
         let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+        let robots = if nodes.len() == 1 { "robot" } else { "robots" };
         say(format_args!(
-            "{}: group '{}', {} robots, nodes {nodes:?}: good",
+            "{}: group '{}', {} {robots}, nodes {nodes:?}: good",
             file.display(),
             group.name,
             nodes.len(),
@@ -74,9 +132,18 @@ fn check(files: &[PathBuf]) -> anyhow::Result<()> {
         good.push(json!({"file": file.display().to_string(), "group": group.name, "nodes": nodes}));
     }
     if json() {
-        print_json(&json!({"good": good}))?;
+        print_json(&json!({"good": good, "problems": problems, "warnings": warnings}))?;
     }
-    Ok(())
+    match problems.len() {
+        0 => Ok(()),
+        1 => Err(Found("1 problem found".into()).into()),
+        count => Err(Found(format!("{count} problems found")).into()),
+    }
+}
+
+fn finding_json(error: &GroupError) -> serde_json::Value {
+    json!({"file": error.file, "line": error.line, "key": error.field, "problem": error.problem,
+           "remedy": error.remedy})
 }
 
 fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {

@@ -1,4 +1,4 @@
-//! `omnibus wheel-test` and `omnibus identify`: is every wire where it belongs, and which robot is
+//! `omnibus wheel-test` and `omnibus blink`: is every wire where it belongs, and which robot is
 //! this.
 
 use std::io::BufRead as _;
@@ -39,8 +39,8 @@ pub struct Arguments {
 }
 
 const BLINK_EXAMPLES: &str = "Examples:
-  omnibus identify --node 3 --bus socketcan:can0
-  omnibus identify --node 3 --for 0 --bus socketcan:can0";
+  omnibus blink --node 3 --bus socketcan:can0
+  omnibus blink --node 3 --for 0 --bus socketcan:can0";
 
 #[derive(clap::Args)]
 #[command(after_help = BLINK_EXAMPLES)]
@@ -55,7 +55,7 @@ pub struct Blink {
     target: Target,
 }
 
-/// `omnibus identify`.
+/// `omnibus blink`.
 pub fn blink(arguments: &Blink) -> anyhow::Result<()> {
     let (node, seconds) = (arguments.node, arguments.seconds);
     let mut wire = arguments.target.visit()?;

@@ -162,7 +162,9 @@ fn put(document: &mut DocumentMut, wanted: &GroupFile) -> Option<()> {
             .decor_mut()
             .set_prefix("\n# From `omnibus calibrate`.\n");
         table["loss_s_per_m"] = value(number(wanted.hand_over_loss, COEFFICIENT));
-        document["hand_over"] = Item::Table(table);
+        // Its name until version 0.2.
+        document.remove("hand_over");
+        document["roller_transition"] = Item::Table(table);
     }
     let sliding: Vec<&Robot> = wanted
         .robots
@@ -327,6 +329,9 @@ mod tests {
         ] {
             assert!(after.contains(line), "{after}");
         }
-        assert!(after.contains("loss_s_per_m = 0.00123"), "{after}");
+        assert!(
+            after.contains("[roller_transition]\nloss_s_per_m = 0.00123"),
+            "{after}"
+        );
     }
 }

@@ -1,0 +1,221 @@
+//! Rules about the group as a whole: what robots would refuse once everything is worked out, robots
+//! that stand in each other's way, and what the file allows and can hardly mean.
+
+use kinematics::{MemberKinematics, Mount, Twist, VelocityCompensation};
+use toml::de::{DeTable, DeValue};
+
+use crate::check::Checker;
+use crate::declaration::real;
+use crate::model::{GroupFile, Robot};
+use crate::parameters::parameters;
+use crate::structure::rounded;
+
+/// Angles in degrees up to this many times an eighth of a turn in radians are looked at.
+const EIGHTHS: i32 = 8;
+
+/// Where a key stands in the tree; the start of the file if it is left out.
+fn place(tree: &DeTable<'_>, path: &[&str]) -> usize {
+    let mut table = tree;
+    for (n, key) in path.iter().enumerate() {
+        let Some(value) = table.get(*key) else {
+            return 0;
+        };
+        match value.get_ref() {
+            DeValue::Table(inner) if n + 1 < path.len() => table = inner,
+            _ => return value.span().start,
+        }
+    }
+    0
+}
+
+fn entry(tree: &DeTable<'_>, index: usize) -> usize {
+    let list = tree
+        .get("robots")
+        .and_then(|value| value.get_ref().as_array());
+    let entry = list.and_then(|list| list.get(index));
+    entry.map_or(0, |entry| entry.span().start)
+}
+
+impl Checker<'_> {
+    /// Reports what is worked out of several keys, such as a motor's volts per speed, where a robot
+    /// would refuse it. What is a key itself has been looked at.
+    pub fn parameters_in_limits(&self, group: &GroupFile, tree: &DeTable<'_>) {
+        for (index, robot) in group.robots.iter().enumerate() {
+            for (address, value) in parameters(group, robot, true) {
+                let Some(object) = protocol::OBJECTS.iter().find(|o| o.address == address) else {
+                    continue;
+                };
+                if value.check(object.min, object.max).is_ok() {
+                    continue;
+                }
+                let (field, remedy) = match address.index {
+                    0x2051 => ("motor", "mend `motor` and `control`"),
+                    _ => ("wheels", "mend this entry"),
+                };
+                let (Some(value), Some(min), Some(max)) =
+                    (real(value), real(object.min), real(object.max))
+                else {
+                    continue;
+                };
+                let problem = format!(
+                    "gives {} ({address}) = {}, which robots take from {min} to {max} {}",
+                    object.name,
+                    rounded(value),
+                    object.unit,
+                );
+                let field = format!("robots[{index}].{field}");
+                self.report(entry(tree, index), &field, problem.trim_end(), remedy);
+            }
+        }
+    }
+
+    /// Reports robots that stand on the same floor.
+    pub fn overlaps(&self, group: &GroupFile, tree: &DeTable<'_>) {
+        for (index, robot) in group.robots.iter().enumerate() {
+            let other = group
+                .robots
+                .iter()
+                .take(index)
+                .position(|other| overlap(robot, other));
+            if let Some(other) = other {
+                let distance = (robot.mount.x - group.robots[other].mount.x)
+                    .hypot(robot.mount.y - group.robots[other].mount.y);
+                let problem = format!(
+                    "its wheels stand among those of robots[{other}], {distance:.3} m away",
+                );
+                let remedy = "mend x, y and heading_deg, or the dimensions";
+                self.report(
+                    entry(tree, index),
+                    &format!("robots[{index}]"),
+                    &problem,
+                    remedy,
+                );
+            }
+        }
+    }
+
+    /// Mentions speeds that the wheels cannot give.
+    pub fn unreachable_speeds(&self, group: &GroupFile, tree: &DeTable<'_>) {
+        let ahead = |robot: &Robot| robot.max_wheel_rate * robot.geometry.wheel_radius();
+        let Some(slowest) = group
+            .robots
+            .iter()
+            .min_by(|a, b| ahead(a).total_cmp(&ahead(b)))
+        else {
+            return;
+        };
+        let limits = &group.limits;
+        if limits.linear_speed > ahead(slowest) {
+            let problem = format!(
+                "is {} m/s, but the wheels of node {} end at {:.2} m/s ahead (max_wheel_rate times \
+                 wheel_radius)",
+                limits.linear_speed,
+                slowest.node,
+                ahead(slowest)
+            );
+            self.warn(
+                place(tree, &["limits", "linear_speed"]),
+                "limits.linear_speed",
+                &problem,
+                "lower it, or the group drives slower than asked",
+            );
+        }
+        let turning = |robot: &Robot| ahead(robot) / reach(robot);
+        let slowest = group
+            .robots
+            .iter()
+            .min_by(|a, b| turning(a).total_cmp(&turning(b)));
+        if let Some(slowest) = slowest
+            && limits.yaw_rate > turning(slowest)
+        {
+            let problem = format!(
+                "is {} rad/s, but the wheels of node {} end at {:.2} rad/s",
+                limits.yaw_rate,
+                slowest.node,
+                turning(slowest)
+            );
+            self.warn(
+                place(tree, &["limits", "yaw_rate"]),
+                "limits.yaw_rate",
+                &problem,
+                "lower it, or the group turns slower than asked",
+            );
+        }
+    }
+
+    /// Mentions headings in degrees that would be a round number of eighths of a turn in radians.
+    pub fn suspicious_angles(&self, tree: &DeTable<'_>) {
+        let list = tree
+            .get("robots")
+            .and_then(|value| value.get_ref().as_array());
+        for (index, entry) in list.into_iter().flatten().enumerate() {
+            let heading = entry
+                .get_ref()
+                .as_table()
+                .and_then(|t| t.get("heading_deg"));
+            let Some((value, heading)) = heading.and_then(|raw| {
+                let number = raw.get_ref().as_float()?.as_str().parse::<f64>().ok()?;
+                Some((number, raw))
+            }) else {
+                continue;
+            };
+            let eighths = value / std::f64::consts::FRAC_PI_4;
+            let whole = eighths.round();
+            if whole != 0.0 && whole.abs() <= f64::from(EIGHTHS) && (eighths - whole).abs() < 2e-3 {
+                let problem = format!("is {value} degrees");
+                let remedy = format!("if that was in radians, write {}", rounded(45.0 * whole));
+                let field = format!("robots[{index}].heading_deg");
+                self.warn(heading.span().start, &field, &problem, &remedy);
+            }
+        }
+    }
+}
+
+/// How fast the fastest wheel's rim goes where the group turns with 1 rad/s about its origin, m.
+/// With rollers at 45 degrees a wheel at (x, y) of a robot that faces ahead goes with |x| + |y|.
+fn reach(robot: &Robot) -> f32 {
+    let member = Mount::new(robot.mount).ok().and_then(|mount| {
+        MemberKinematics::new(&robot.geometry, &mount, &VelocityCompensation::NONE).ok()
+    });
+    let Some(member) = member else {
+        return 0.0;
+    };
+    let rates: [f32; 4] = member.inverse(Twist::new(0.0, 0.0, 1.0)).into();
+    let fastest = rates
+        .iter()
+        .fold(0.0_f32, |most, rate| most.max(rate.abs()));
+    fastest * robot.geometry.wheel_radius()
+}
+
+/// The corners of the rectangle that the wheels of a robot stand on, in the group frame: from hub
+/// to hub aside, and ahead by a radius more.
+fn corners(robot: &Robot) -> [(f32, f32); 4] {
+    let geometry = &robot.geometry;
+    let ahead = geometry.half_wheelbase() + geometry.wheel_radius();
+    let aside = geometry.half_track();
+    let (sin, cos) = robot.mount.heading.sin_cos();
+    [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)].map(|(x, y): (f32, f32)| {
+        let (x, y) = (x * ahead, y * aside);
+        (
+            robot.mount.x + x * cos - y * sin,
+            robot.mount.y + x * sin + y * cos,
+        )
+    })
+}
+
+/// Whether two rectangles have an area in common: there is no side of either that parts them.
+fn overlap(a: &Robot, b: &Robot) -> bool {
+    let headings = [a.mount.heading, b.mount.heading];
+    let axes = headings.map(|h| [(h.cos(), h.sin()), (-h.sin(), h.cos())]);
+    let (a, b) = (corners(a), corners(b));
+    axes.iter().flatten().all(|(x, y)| {
+        let span = |corners: &[(f32, f32); 4]| {
+            let along = corners.map(|(px, py)| px * x + py * y);
+            let low = along.iter().copied().fold(f32::INFINITY, f32::min);
+            (low, along.iter().copied().fold(f32::NEG_INFINITY, f32::max))
+        };
+        let (a, b) = (span(&a), span(&b));
+        // Robots that touch do not overlap.
+        a.0 + 1e-4 < b.1 && b.0 + 1e-4 < a.1
+    })
+}

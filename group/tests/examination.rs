@@ -1,0 +1,183 @@
+//! Everything that is wrong with a file is said in one go.
+
+use omnibus_group::Examination;
+
+const GOOD: &str = r#"name = "pair"
+group_id = 7
+sync_period_ms = 10
+
+[limits]
+linear_speed = 2.0
+yaw_rate = 1.0
+
+[robot]
+half_track = 0.37
+half_wheelbase = 0.35
+wheel_radius = 0.1524
+roller_angle_deg = 45
+max_wheel_rate = 22
+encoder = { counts_per_revolution = 40000 }
+motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
+
+[[robots]]
+node = 2
+x = 0.6
+
+[[robots]]
+node = 3
+x = -0.6
+heading_deg = 0
+"#;
+
+/// What is said about [`GOOD`] with pieces replaced: errors, warnings.
+fn said(pieces: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
+    let mut text = GOOD.to_owned();
+    for (from, to) in pieces {
+        assert_eq!(text.matches(from).count(), 1, "{from:?} must occur once");
+        text = text.replace(from, to);
+    }
+    let found = Examination::of("pair.toml", &text);
+    assert_eq!(found.group.is_some(), found.errors.is_empty());
+    let texts = |errors: &[omnibus_group::GroupError]| {
+        errors.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    (texts(&found.errors), texts(&found.warnings))
+}
+
+#[test]
+fn a_good_file_is_good() {
+    assert_eq!(said(&[]), (vec![], vec![]));
+}
+
+#[test]
+fn every_rule_that_is_broken_is_named_at_once() {
+    let (errors, _) = said(&[
+        ("group_id = 7\n", ""),
+        ("wheel_radius", "wheel_raduis"),
+        ("half_track = 0.37", "half_track = \"0.37\""),
+        ("roller_angle_deg = 45", "roller_angle_deg = 90"),
+        ("supply = 24", "supply = 0"),
+        ("node = 3", "node = 2"),
+        ("sync_period_ms = 10", "sync_period_ms = 0.01"),
+    ]);
+    assert_eq!(
+        errors,
+        [
+            "pair.toml:1: group_id: is missing; add `group_id = ...`",
+            "pair.toml:2: sync_period_ms: is 0.01; give whole milliseconds, 1 to 10000; if that \
+             was in seconds, write 10",
+            "pair.toml:9: robot.half_track: `\"0.37\"` is not right here; give a number",
+            "pair.toml:11: robot.wheel_raduis: unknown key; did you mean `wheel_radius`?",
+            "pair.toml:12: robot.roller_angle_deg: is 90; give the angle between roller axle and \
+             wheel axle in degrees, above 0 and below 90",
+            "pair.toml:15: robot.motor.supply: is 0; give a number greater than 0",
+            "pair.toml:22: robots[1].node: node 2 is already robots[0]; give every robot a node \
+             of its own",
+        ]
+    );
+}
+
+/// A blank file of one's own: once, not fourteen times.
+#[test]
+fn what_a_file_lacks_is_named_at_once() {
+    let text = "name = \"mine\"\ngroup_id = 1\n[[robots]]\nnode = 2\n[[robots]]\nnode = 3\nx = 1\n";
+    let errors = Examination::of("mine.toml", text).errors;
+    let missing: Vec<_> = errors.iter().map(|error| error.field.as_str()).collect();
+    assert_eq!(
+        missing,
+        [
+            "robots[0].motor.supply",
+            "robots[0].motor.constant",
+            "robots[0].motor.resistance",
+            "robots[0].motor.inertia",
+            "robots[0].max_wheel_rate",
+            "robots[0].encoder.counts_per_revolution",
+            "robots[0].half_track",
+            "robots[0].half_wheelbase",
+            "robots[0].wheel_radius",
+            "robots[0].roller_angle_deg",
+        ]
+    );
+}
+
+#[test]
+fn what_a_robot_would_refuse_is_refused_with_the_unit_that_was_meant() {
+    let (errors, _) = said(&[
+        ("half_track = 0.37", "half_track = 370"),
+        ("wheel_radius = 0.1524", "wheel_radius = 152.4"),
+        ("roller_angle_deg = 45", "roller_angle_deg = 0.785"),
+        ("counts_per_revolution = 40000", "counts_per_revolution = 4"),
+    ]);
+    assert_eq!(
+        errors,
+        [
+            "pair.toml:10: robot.half_track: is 370 m; give 0.02 to 5 m; if that was in \
+             millimetres, write 0.37",
+            "pair.toml:12: robot.wheel_radius: is 152.4 m; give 0.01 to 1 m; if that was in \
+             millimetres, write 0.1524",
+            "pair.toml:13: robot.roller_angle_deg: is 0.785 degrees; give 5.7296 to 84.2248 \
+             degrees; if that was in radians, write 44.9772",
+            "pair.toml:15: robot.encoder.counts_per_revolution: is 4 counts; give 16 to 1000000 \
+             counts",
+        ]
+    );
+}
+
+#[test]
+fn robots_on_the_same_floor_are_refused() {
+    let (errors, _) = said(&[("x = -0.6", "x = 0.6")]);
+    assert_eq!(
+        errors,
+        [
+            "pair.toml:22: robots[1]: its wheels stand among those of robots[0], 0.000 m away; \
+             mend x, y and heading_deg, or the dimensions"
+        ]
+    );
+    // A length is 2 x (0.35 + 0.1524) = 1.0048 m: in line they touch there, turned by a right
+    // angle (0.5024 + 0.37 = 0.8724 m) nearer.
+    let at = |x: &str, heading: &str| {
+        let x = format!("x = {x}");
+        said(&[("x = -0.6", &x), ("heading_deg = 0", heading)])
+            .0
+            .len()
+    };
+    assert_eq!(at("-0.405", "heading_deg = 0"), 0);
+    assert_eq!(at("-0.404", "heading_deg = 0"), 1);
+    assert_eq!(at("-0.273", "heading_deg = 90"), 0);
+    assert_eq!(at("-0.272", "heading_deg = 90"), 1);
+}
+
+#[test]
+fn speeds_beyond_the_wheels_are_mentioned() {
+    // 22 rad/s x 0.1524 m = 3.35 m/s; turning, the far wheels are at 0.95 m and 0.37 m, which is
+    // 0.6 + 0.35 + 0.37 m of rim a radian.
+    let (errors, warnings) = said(&[
+        ("linear_speed = 2.0", "linear_speed = 50"),
+        ("yaw_rate = 1.0", "yaw_rate = 2.6"),
+    ]);
+    assert!(errors.is_empty());
+    assert_eq!(
+        warnings,
+        [
+            "pair.toml:6: limits.linear_speed: is 50 m/s, but the wheels of node 2 end at 3.35 \
+             m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group drives slower \
+             than asked",
+            "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 end at 2.54 \
+             rad/s; lower it, or the group turns slower than asked",
+        ]
+    );
+}
+
+#[test]
+fn a_heading_in_radians_is_mentioned() {
+    let (_, warnings) = said(&[("heading_deg = 0", "heading_deg = 1.5708")]);
+    assert_eq!(
+        warnings,
+        [
+            "pair.toml:25: robots[1].heading_deg: is 1.5708 degrees; if that was in radians, \
+             write 90"
+        ]
+    );
+    let (_, warnings) = said(&[("heading_deg = 0", "heading_deg = 1.5")]);
+    assert!(warnings.is_empty());
+}
