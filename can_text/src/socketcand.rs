@@ -8,9 +8,9 @@
 //! server  < frame 182 12.345678 0102A0 >
 //! ```
 //!
-//! Identifiers and bytes are hexadecimal; an extended identifier is one of eight digits. [`Messages`]
-//! finds messages in what arrives; [`Request`] is what a client asks, [`send`] how it sends;
-//! [`write_frame`] is what a server says and [`parse_frame`] how a client reads it. Source:
+//! Identifiers and bytes are hexadecimal; an extended identifier is one of eight digits.
+//! [`Messages`] finds messages in what arrives; [`Request`] is what a client asks, [`send`] how it
+//! sends; [`write_frame`] is what a server says and [`parse_frame`] how a client reads it. Source:
 //! doc/protocol.md and the sources of linux-can/socketcand.
 
 use core::fmt::{self, Write};

@@ -1,4 +1,5 @@
-//! slcan, the protocol of serial CAN adapters ([`can_text::slcan`]): the adapter's end of one channel.
+//! slcan, the protocol of serial CAN adapters ([`can_text::slcan`]): the adapter's end of one
+//! channel.
 //!
 //! [`slcan_tcp`](super::slcan_tcp) and [`pty`](super::pty) carry it.
 

@@ -3,8 +3,9 @@
 //! The bus is called whatever the client calls it; there is only one. Identifiers and bytes are
 //! hexadecimal, times are virtual seconds. `< echo >` is echoed. The broadcast manager's commands
 //! (before `rawmode`) are refused with `< error .. >`; extended frames are dropped without a word,
-//! because socketcand answers no `send` and python-can takes an answer for a failure of the bus. Every client is a
-//! node of its own, and is dropped when [`BACKLOG`](super::stream::BACKLOG) bytes wait for it.
+//! because socketcand answers no `send` and python-can takes an answer for a failure of the bus.
+//! Every client is a node of its own, and is dropped when [`BACKLOG`](super::stream::BACKLOG) bytes
+//! wait for it.
 //!
 //! python-can takes the answer to `rawmode` for itself only when nothing follows it at once; so the
 //! first frames wait for [`QUIET`].

@@ -1,8 +1,8 @@
 //! slcan: CAN frames as lines of text over a serial line (the LAWICEL protocol), or over TCP.
 //!
 //! [`can_text::slcan`] has the protocol. `F` asks for status flags. A refusal is no error by itself
-//! (closing a closed channel is refused by some adapters), many in a row are: then the adapter takes
-//! no frames.
+//! (closing a closed channel is refused by some adapters), many in a row are: then the adapter
+//! takes no frames.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;

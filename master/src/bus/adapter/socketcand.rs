@@ -1,9 +1,9 @@
 //! A CAN interface of another machine, by the socketcand protocol ([`can_text::socketcand`]).
 //!
-//! The server greets with `< hi >`, the client asks `< open can0 >` and `< rawmode >`, each answered
-//! with `< ok >` or `< error .. >`; then frames go to and fro. Whatever else the server says is
-//! passed over. The server's time stamps are not used: they are of another clock. The bit rate is
-//! the server's business.
+//! The server greets with `< hi >`, the client asks `< open can0 >` and `< rawmode >`, each
+//! answered with `< ok >` or `< error .. >`; then frames go to and fro. Whatever else the server
+//! says is passed over. The server's time stamps are not used: they are of another clock. The bit
+//! rate is the server's business.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs as _};
