@@ -12,10 +12,13 @@
 //! | [`recording`] | files of everything on a bus, and what is made of them |
 //! | [`mod@file`] | files that are never half a file |
 //! | [`report`] | what a drive came to, as table, JSON and HTML |
+//! | [`bridge`] | programs of your own drive a group and see it, by lines of JSON; Foxglove |
 //! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
+#[cfg(all(feature = "page", feature = "recording"))]
+pub mod bridge;
 pub mod bus;
 pub mod commission;
 pub mod error;

@@ -72,6 +72,8 @@ enum Command {
     Report(cli::plot::Report),
     /// Serves a page with the live group and a joystick.
     Serve(cli::serve::Arguments),
+    /// Lets other programs drive the group and see it, by lines of JSON; shows it in Foxglove.
+    Bridge(cli::bridge::Arguments),
     /// Prints a script that completes commands in your shell.
     Completions(cli::completions::Arguments),
 }
@@ -100,6 +102,7 @@ fn main() -> ExitCode {
         Command::Plot(arguments) => cli::plot::plot(&arguments),
         Command::Report(arguments) => cli::plot::report(&arguments),
         Command::Serve(arguments) => cli::serve::run(&arguments),
+        Command::Bridge(arguments) => cli::bridge::run(&arguments),
         Command::Completions(arguments) => {
             cli::completions::run(&arguments, &mut Arguments::command());
             Ok(())

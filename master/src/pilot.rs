@@ -12,8 +12,10 @@
 //! once per SYNC period, or every 50 ms while nothing runs. Give it a bus in real time: see
 //! [`SimLink::in_real_time`](crate::simulation::link::SimLink::in_real_time).
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use group::GroupFile;
 use kinematics::Twist;
@@ -112,6 +114,21 @@ impl Pilot {
     /// When the bus could not be opened or failed.
     pub fn finish(mut self) -> Result<(), DriveError> {
         self.land()
+    }
+
+    /// The same for one that others hold as well, for moments only.
+    ///
+    /// # Errors
+    /// As [`Pilot::finish`].
+    pub fn finish_shared(mut pilot: Arc<Self>) -> Result<(), DriveError> {
+        loop {
+            match Arc::try_unwrap(pilot) {
+                Ok(pilot) => return pilot.finish(),
+                // A connection is just giving an order.
+                Err(busy) => pilot = busy,
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     fn land(&mut self) -> Result<(), DriveError> {
@@ -228,8 +245,6 @@ mod tests {
     use crate::monitor::telemetry::{EventKind, Snapshot, Telemetry};
     use crate::simulation::link::SimLink;
     use kinematics::Pose;
-    use std::sync::Arc;
-    use std::time::Duration;
 
     fn file() -> GroupFile {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml");

@@ -164,7 +164,7 @@ class Server(Served):
         first.start()
         second.say(type="take")
         second.until("a refusal", lambda: second.refusals)
-        self.assertEqual(second.refusals, ["another page drives"])
+        self.assertEqual(second.refusals, ["another client drives"])
         second.drive(1, 0.2)
         second.hear(0.1)
         self.assertFalse(self.moving(second))

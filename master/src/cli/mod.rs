@@ -21,6 +21,7 @@ use omnibus::run::DriveError;
 use omnibus::simulation::{self, link::SimLink};
 use protocol::Limit;
 
+pub mod bridge;
 pub mod bus_load;
 pub mod calibrate;
 pub mod completions;

@@ -17,10 +17,43 @@ use super::{
 use crate::monitor::listener::Listener;
 use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
 
-/// Levels of `foxglove.Log`.
-const INFO: u8 = 2;
-const WARNING: u8 = 3;
-const ERROR: u8 = 4;
+/// How grave an event is: the numbers of `foxglove.Log`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Something changed.
+    Info = 2,
+    /// The group goes on, but not as asked.
+    Warning = 3,
+    /// The group cannot go on.
+    Error = 4,
+}
+
+impl Level {
+    /// One word for people and for JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Info => "info",
+            Self::Warning => "warning",
+            Self::Error => "error",
+        }
+    }
+}
+
+/// How grave something is that happened.
+#[must_use]
+pub const fn level(what: &EventKind) -> Level {
+    match what {
+        EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => Level::Error,
+        EventKind::Emergency(code) if *code != 0 => Level::Error,
+        EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => Level::Warning,
+        EventKind::Emergency(_)
+        | EventKind::Code(Code::None)
+        | EventKind::SessionState(_)
+        | EventKind::Nmt(_)
+        | EventKind::State(_) => Level::Info,
+    }
+}
 
 /// Name and JSON Schema of a channel's messages.
 #[derive(Clone, Copy)]
@@ -130,7 +163,7 @@ impl Messages {
         };
         for member in &snapshot.members {
             let topic = format!("{ROBOT}{}", member.node);
-            out(&self.message(&topic, schema, at_ns, robot(member)))?;
+            out(&self.message(&topic, schema, at_ns, of_robot(member)))?;
         }
         if let Some(pose) = snapshot.pose {
             let schema = Schema {
@@ -160,12 +193,7 @@ impl Messages {
     }
 
     fn event(&self, event: &Event) -> Message<'static> {
-        let level = match event.what {
-            EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => WARNING,
-            EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => ERROR,
-            EventKind::Emergency(code) if code != 0 => ERROR,
-            _ => INFO,
-        };
+        let level = level(&event.what) as u8;
         let at_ns = to_ns(event.t);
         let name = event
             .node
@@ -185,7 +213,9 @@ impl Messages {
     }
 }
 
-fn of_group(snapshot: &Snapshot) -> Value {
+/// The group at one SYNC, as on the channel [`GROUP`].
+#[must_use]
+pub fn of_group(snapshot: &Snapshot) -> Value {
     filled(&[
         ("sequence", Some(json!(snapshot.sequence))),
         ("phase", Some(json!(snapshot.phase.name()))),
@@ -230,7 +260,9 @@ fn wheels(rates: WheelRates) -> Value {
            "rear_left": rates.rear_left, "rear_right": rates.rear_right})
 }
 
-fn robot(member: &MemberSample) -> Value {
+/// A robot at one SYNC, as on its channel.
+#[must_use]
+pub fn of_robot(member: &MemberSample) -> Value {
     let code_name = match member.code {
         Code::None => "none",
         Code::Limit(limit) => limit.name(),

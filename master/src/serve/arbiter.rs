@@ -1,10 +1,11 @@
-//! Who drives, and how fast, right now: the rules of the dead-man's press.
+//! Who drives, and how fast, right now: the rules of the dead-man's press, and of a bridge.
 //!
-//! One page drives at a time; it has to have shown the token. Its press lasts as long as `drive`
-//! messages come, each less than [`STALE_MS`] after the one before, each naming a state of the
-//! group that is younger than [`OLD_MS`] (so that messages which lay in a queue do nothing). A
-//! press that has ended, for whatever reason, never comes back: the page has to release and press
-//! anew, which has a higher number. A refused message ends the press, too.
+//! One client drives at a time: a page that has shown the token, or a program on a bridge, whose
+//! velocities carry a time-out of their own ([`Arbiter::permit`]). The press of a page lasts as
+//! long as `drive` messages come, each less than [`STALE_MS`] after the one before, each naming a
+//! state of the group that is younger than [`OLD_MS`] (so that messages which lay in a queue do
+//! nothing). A press that has ended, for whatever reason, never comes back: the page has to release
+//! and press anew, which has a higher number. A refused message ends the press, too.
 //!
 //! Times are the server's, in ms since it started; nothing here asks a clock.
 
@@ -107,7 +108,7 @@ impl Arbiter {
             _ if !trusted => return refused("driving needs the token"),
             ClientMessage::Take {} => {
                 return match self.driver {
-                    Some(driver) if driver.client != client => refused("another page drives"),
+                    Some(driver) if driver.client != client => refused("another client drives"),
                     Some(_) => Reply::Done,
                     None => {
                         self.driver = Some(Driver {
@@ -147,28 +148,11 @@ impl Arbiter {
 
     fn drive(&mut self, now: u64, number: u32, twist: Twist, clock: u64) -> Result<(), String> {
         self.expire(now);
-        let speed = twist.vx.hypot(twist.vy);
-        let (fastest, turning) = (self.linear_speed, self.yaw_rate);
-        if speed.is_nan() || speed > fastest * (1.0 + ROUNDING) {
-            return Err(format!(
-                "{speed} m/s is more than the group's {fastest} m/s"
-            ));
-        }
-        if twist.omega.is_nan() || twist.omega.abs() > turning * (1.0 + ROUNDING) {
-            let omega = twist.omega;
-            return Err(format!(
-                "{omega} rad/s is more than the group's {turning} rad/s"
-            ));
-        }
+        self.check_limits(twist)?;
         if clock > now || now - clock > OLD_MS {
             return Err(format!("it was sent upon a state older than {OLD_MS} ms"));
         }
-        if !self.wanted {
-            return Err("start the robots first".into());
-        }
-        if !self.running {
-            return Err("the robots are not ready yet".into());
-        }
+        self.check_ready()?;
         let Some(driver) = &mut self.driver else {
             return Err("take the controls first".into());
         };
@@ -184,6 +168,48 @@ impl Arbiter {
             twist,
         });
         self.last_moved = now;
+        Ok(())
+    }
+
+    /// Whether a client may move the group with this velocity of a stream, each of which says
+    /// itself how long it is good for.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn permit(&mut self, now: u64, client: Client, twist: Twist) -> Result<(), String> {
+        if !self.drives(client) {
+            return Err("send `start` first".into());
+        }
+        self.check_limits(twist)?;
+        self.check_ready()?;
+        self.last_moved = now;
+        Ok(())
+    }
+
+    fn check_limits(&self, twist: Twist) -> Result<(), String> {
+        let speed = twist.vx.hypot(twist.vy);
+        let (fastest, turning) = (self.linear_speed, self.yaw_rate);
+        if speed.is_nan() || speed > fastest * (1.0 + ROUNDING) {
+            return Err(format!(
+                "{speed} m/s is more than the group's {fastest} m/s"
+            ));
+        }
+        if twist.omega.is_nan() || twist.omega.abs() > turning * (1.0 + ROUNDING) {
+            let omega = twist.omega;
+            return Err(format!(
+                "{omega} rad/s is more than the group's {turning} rad/s"
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_ready(&self) -> Result<(), String> {
+        if !self.wanted {
+            return Err("start the robots first".into());
+        }
+        if !self.running {
+            return Err("the robots are not ready yet".into());
+        }
         Ok(())
     }
 

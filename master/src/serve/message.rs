@@ -3,7 +3,8 @@
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
+use crate::monitor::telemetry::{Event, MemberSample, Snapshot};
+use crate::recording::messages::level;
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use protocol::Code;
@@ -120,16 +121,10 @@ fn member(member: &MemberSample) -> Value {
 /// A line of the page's log.
 #[must_use]
 pub fn event(event: &Event) -> Value {
-    let level = match event.what {
-        EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => "error",
-        EventKind::Emergency(code) if code != 0 => "error",
-        EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => "warning",
-        _ => "info",
-    };
     let who = event
         .node
         .map_or_else(|| "master".into(), |node| format!("node {node}"));
-    json!({"type": "event", "t": event.t, "level": level, "who": who,
+    json!({"type": "event", "t": event.t, "level": level(&event.what).name(), "who": who,
            "text": event.what.to_string()})
 }
 

@@ -217,7 +217,7 @@ impl PageState {
 ///
 /// # Errors
 /// When the bus cannot be opened or fails.
-pub fn operate(mut pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result<(), DriveError> {
+pub fn operate(pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result<(), DriveError> {
     let stream = pilot.telemetry();
     let mut reckoning = Reckoning::default();
     let mut tidied = Instant::now();
@@ -237,12 +237,5 @@ pub fn operate(mut pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result
             page.keep_house();
         }
     }
-    loop {
-        match Arc::try_unwrap(pilot) {
-            Ok(pilot) => return pilot.finish(),
-            // A connection is just giving an order.
-            Err(busy) => pilot = busy,
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    Pilot::finish_shared(pilot)
 }

@@ -1,0 +1,139 @@
+//! What a bridge and its clients say to each other: one JSON object a line, `type` first.
+
+use group::GroupFile;
+use kinematics::Twist;
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+
+use crate::monitor::telemetry::{Event, SessionState, Snapshot};
+use crate::recording::messages::{level, of_group, of_robot};
+
+/// Longest line that is taken, in bytes.
+pub const LONGEST: usize = 1024;
+/// How long a velocity is good for unless its message says, in s.
+pub const TIMEOUT: f64 = 0.2;
+/// The longest time that a message may name, in s.
+pub const LONGEST_TIMEOUT: f64 = 1.0;
+
+/// What a client asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Request {
+    /// Takes the controls and starts the robots; they stand until a velocity comes.
+    Start,
+    /// Ramps down and switches the drivers off. Any client may.
+    Stop,
+    /// Moves with this velocity, for no longer than this without another one.
+    Twist {
+        /// In the group frame.
+        twist: Twist,
+        /// In ms.
+        timeout_ms: u64,
+    },
+}
+
+/// The fields of a `twist`; what is left out is zero.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct TwistFields {
+    vx: f32,
+    vy: f32,
+    omega: f32,
+    timeout: f64,
+}
+
+impl Default for TwistFields {
+    fn default() -> Self {
+        Self {
+            vx: 0.0,
+            vy: 0.0,
+            omega: 0.0,
+            timeout: TIMEOUT,
+        }
+    }
+}
+
+impl Request {
+    /// Reads a line.
+    ///
+    /// # Errors
+    /// With the reason when it is no request.
+    pub fn parse(line: &[u8]) -> Result<Self, String> {
+        if line.len() > LONGEST {
+            return Err(format!(
+                "not understood: a line of more than {LONGEST} bytes"
+            ));
+        }
+        let mut fields: Map<String, Value> =
+            serde_json::from_slice(line).map_err(|error| format!("not understood: {error}"))?;
+        let kind = fields.remove("type");
+        let plain = |request| match fields.keys().next() {
+            None => Ok(request),
+            Some(field) => Err(format!("not understood: unknown field `{field}`")),
+        };
+        match kind.as_ref().and_then(Value::as_str) {
+            Some("start") => plain(Self::Start),
+            Some("stop") => plain(Self::Stop),
+            Some("twist") => Self::twist(fields),
+            _ => Err("not understood: `type` is start, stop or twist".into()),
+        }
+    }
+
+    fn twist(fields: Map<String, Value>) -> Result<Self, String> {
+        let fields: TwistFields = serde_json::from_value(Value::Object(fields))
+            .map_err(|error| format!("not understood: {error}"))?;
+        if !(fields.timeout > 0.0 && fields.timeout <= LONGEST_TIMEOUT) {
+            return Err(format!(
+                "timeout: {} s is not above 0 and at most {LONGEST_TIMEOUT} s",
+                fields.timeout
+            ));
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "between 0 and 1000"
+        )]
+        let timeout_ms = (fields.timeout * 1e3).ceil() as u64;
+        Ok(Self::Twist {
+            twist: Twist::new(fields.vx, fields.vy, fields.omega),
+            timeout_ms,
+        })
+    }
+}
+
+/// What a client has to know about the group once.
+#[must_use]
+pub fn welcome(group: &GroupFile, bus: &str) -> Value {
+    let robots = group.robots.iter().map(|robot| {
+        let mount = robot.mount;
+        json!({"node": robot.node, "x": mount.x, "y": mount.y, "heading": mount.heading})
+    });
+    json!({"type": "welcome", "protocol": 1, "version": env!("CARGO_PKG_VERSION"), "bus": bus,
+           "group": group.name, "linear_speed": group.limits.linear_speed,
+           "yaw_rate": group.limits.yaw_rate, "period": f64::from(group.sync_period_us) * 1e-6,
+           "robots": robots.collect::<Vec<_>>()})
+}
+
+/// The group at one SYNC: as in a recording, and every robot beside it.
+#[must_use]
+pub fn state(now: &Snapshot) -> Value {
+    let robots = now.members.iter().map(|member| {
+        let mut robot = of_robot(member);
+        robot["node"] = json!(member.node);
+        robot
+    });
+    json!({"type": "state", "t": now.t, "running": now.phase == SessionState::Running,
+           "group": of_group(now), "robots": robots.collect::<Vec<_>>()})
+}
+
+/// Something that happened.
+#[must_use]
+pub fn event(event: &Event) -> Value {
+    json!({"type": "event", "t": event.t, "level": level(&event.what).name(), "node": event.node,
+           "text": event.what.to_string()})
+}
+
+/// A refusal, for the one who is refused.
+#[must_use]
+pub fn refused(reason: &str) -> Value {
+    json!({"type": "refused", "reason": reason})
+}
