@@ -200,10 +200,9 @@ const CONFIG: Config = Config {
 };
 
 fn main() -> std::io::Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let address = arguments.next().unwrap_or("127.0.0.1:29536".into());
+    let mut arguments = std::env::args().skip(2);
     let node = arguments.next().and_then(|node| node.parse().ok());
-    let mut bus = slcan::Slcan::listen(&address)?;
+    let mut bus = slcan::Slcan::listen("127.0.0.1:29536")?;
     let mut objects = Objects {
         values: BTreeMap::from([
             (0x2000, vec![0; 2]),

@@ -72,11 +72,10 @@ fn state(bus: &mut slcan::Slcan, node: NodeId) -> &'static str {
 }
 
 fn main() -> std::io::Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let address = arguments.next().unwrap_or("127.0.0.1:29536".into());
+    let mut arguments = std::env::args().skip(2);
     let node = arguments.next().and_then(|node| node.parse().ok());
     let node = node.and_then(NodeId::new).unwrap_or(NodeId::MIN);
-    let mut bus = slcan::Slcan::listen(&address)?;
+    let mut bus = slcan::Slcan::listen("127.0.0.1:29536")?;
     let mut client = SdoClient::new(node, Micros::from_millis(2_000));
     while !bus.has_client() {
         bus.receive();

@@ -2,6 +2,7 @@
 
 /// Why a transfer was refused. The discriminant is the code on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u32)]
 pub enum AbortCode {
     /// Toggle bit not alternated.

@@ -9,6 +9,7 @@ use crate::NodeId;
 
 /// Object 0x1018.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
     /// Vendor-ID given by CiA; 0 for none.
     pub vendor: u32,

@@ -7,6 +7,7 @@ pub(crate) const EMERGENCY: u16 = 0x080;
 
 /// What kind of error it is: the bits of the error register, object 0x1001.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum ErrorClass {
     /// Any error; this bit is set together with each of the others.
@@ -27,6 +28,7 @@ pub enum ErrorClass {
 
 /// The content of an emergency message (CiA 301, 7.2.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Emergency {
     /// The error code; 0 when an error has gone.
     pub code: u16,

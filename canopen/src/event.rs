@@ -4,6 +4,7 @@ use crate::{AbortCode, Micros, NmtCommand, NmtState, NodeId};
 
 /// A set of receive PDOs by number, 1 to 32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RpdoSet(pub(crate) u32);
 
 impl RpdoSet {
@@ -22,6 +23,7 @@ impl RpdoSet {
 
 /// Something the application may want to act on. Events come in the order of their causes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Event {
     /// An NMT command for this node came in. The change it makes, if any, is the next event.
@@ -114,6 +116,7 @@ pub enum Event {
 
 /// What went wrong since the start, counted; never reset, wraps around.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Frames that found the transmit queue full and were dropped.
     pub tx_overflow: u32,

@@ -26,6 +26,14 @@ impl Frame {
 
     /// Makes a frame; `None` if the identifier has more than 11 bits or the data more than eight
     /// bytes.
+    ///
+    /// ```
+    /// # use canopen::Frame;
+    /// let frame = Frame::new(0x601, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).ok_or("too long")?;
+    /// assert_eq!(format!("{frame:?}"), "601#4000100000000000");
+    /// assert_eq!(Frame::new(0x800, &[]), None);
+    /// # Ok::<(), &str>(())
+    /// ```
     #[must_use]
     pub fn new(id: u16, data: &[u8]) -> Option<Self> {
         if id > Self::MAX_ID {
@@ -113,6 +121,54 @@ impl fmt::Debug for Frame {
     }
 }
 
+/// As [`fmt::Debug`].
+#[cfg(feature = "defmt")]
+impl defmt::Format for Frame {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{=u16:03X}#", self.id);
+        for byte in self.data() {
+            defmt::write!(f, "{=u8:02X}", *byte);
+        }
+    }
+}
+
+/// Remote frames and frames with 29-bit identifiers cannot be made: `None`.
+#[cfg(feature = "embedded-can")]
+impl embedded_can::Frame for Frame {
+    fn new(id: impl Into<embedded_can::Id>, data: &[u8]) -> Option<Self> {
+        match id.into() {
+            embedded_can::Id::Standard(id) => Self::new(id.as_raw(), data),
+            embedded_can::Id::Extended(_) => None,
+        }
+    }
+
+    fn new_remote(_: impl Into<embedded_can::Id>, _: usize) -> Option<Self> {
+        None
+    }
+
+    fn is_extended(&self) -> bool {
+        false
+    }
+
+    fn is_remote_frame(&self) -> bool {
+        false
+    }
+
+    fn id(&self) -> embedded_can::Id {
+        // The identifier of a frame has 11 bits.
+        let id = embedded_can::StandardId::new(self.id).unwrap_or(embedded_can::StandardId::MAX);
+        id.into()
+    }
+
+    fn dlc(&self) -> usize {
+        usize::from(self.len)
+    }
+
+    fn data(&self) -> &[u8] {
+        self.data()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -129,6 +185,23 @@ mod tests {
     #[test]
     fn prefix_clears_what_it_leaves_out() {
         assert_eq!(Frame::prefix(0x181, [9; 8], 2), Frame::of(0x181, [9, 9]));
+    }
+
+    #[test]
+    #[cfg(feature = "embedded-can")]
+    fn is_a_frame_of_embedded_can() {
+        use embedded_can::{ExtendedId, Frame as _, Id, StandardId};
+        let id = StandardId::new(0x181).unwrap();
+        let frame = <Frame as embedded_can::Frame>::new(id, &[1, 2]).unwrap();
+        assert_eq!(frame, Frame::of(0x181, [1, 2]));
+        assert_eq!(
+            (embedded_can::Frame::id(&frame), frame.dlc()),
+            (Id::Standard(id), 2)
+        );
+        assert_eq!(embedded_can::Frame::data(&frame), [1, 2]);
+        let extended = ExtendedId::new(0x181).unwrap();
+        assert_eq!(<Frame as embedded_can::Frame>::new(extended, &[]), None);
+        assert_eq!(Frame::new_remote(id, 0), None);
     }
 
     #[test]

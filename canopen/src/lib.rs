@@ -14,6 +14,56 @@
 //! node guarding, which CiA 301 itself advises against.
 //!
 //! The [`client`] module is the other end: what a master needs to talk to such devices.
+//!
+//! A device with one object, and a master's client that writes it. Here both are in one process and
+//! every frame of one is handed to the other:
+//!
+//! ```
+//! use canopen::client::{Outcome, SdoClient};
+//! use canopen::{AbortCode, Config, Device, Micros, NmtState, NodeId, ObjectDictionary};
+//!
+//! /// 0x2000: the brightness of a lamp, 0 to 255.
+//! struct Lamp(u8);
+//!
+//! impl ObjectDictionary for Lamp {
+//!     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
+//!         match (index, sub) {
+//!             (0x2000, 0) => out[0] = self.0,
+//!             _ => return Err(AbortCode::NoObject),
+//!         }
+//!         Ok(1)
+//!     }
+//!     fn write(&mut self, index: u16, sub: u8, data: &[u8], _: NmtState)
+//!         -> Result<(), AbortCode>
+//!     {
+//!         match (index, sub, data) {
+//!             (0x2000, 0, &[brightness]) => self.0 = brightness,
+//!             (0x2000, 0, _) => return Err(AbortCode::TooLong),
+//!             _ => return Err(AbortCode::NoObject),
+//!         }
+//!         Ok(())
+//!     }
+//! }
+//!
+//! let node = NodeId::new(5).ok_or("1 to 127")?;
+//! let (mut lamp, now) = (Lamp(0), Micros::ZERO);
+//! let mut device = Device::new(Config { node: Some(node), ..Config::DEFAULT });
+//! device.poll(now, &mut lamp); // boots: it may answer from here on
+//!
+//! let mut client = SdoClient::new(node, Micros::from_millis(100));
+//! client.download(now, 0x2000, 0, &[200]).map_err(|_| "busy")?;
+//! let outcome = loop {
+//!     while let Some(request) = client.pop_frame() {
+//!         device.on_frame(now, &request, &mut lamp);
+//!     }
+//!     let frame = device.pop_frame().ok_or("no answer")?; // the first is the boot-up message
+//!     if let Some(outcome) = client.on_frame(now, &frame) {
+//!         break outcome;
+//!     }
+//! };
+//! assert_eq!((outcome, lamp.0), (Outcome::Downloaded, 200));
+//! # Ok::<(), &str>(())
+//! ```
 
 #![no_std]
 #![forbid(unsafe_code)]

@@ -7,6 +7,7 @@ use crate::{Frame, NodeId};
 
 /// The NMT state of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NmtState {
     /// Not on the bus yet: before the boot-up frame, or without a node-ID.
     #[default]
@@ -46,6 +47,7 @@ impl NmtState {
 
 /// A command of the NMT master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NmtCommand {
     /// To OPERATIONAL.
     Start,
@@ -88,6 +90,7 @@ impl NmtCommand {
 
 /// Whom an NMT command is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NmtTarget {
     /// Every node but the sender.
     All,

@@ -4,6 +4,7 @@ use core::fmt;
 
 /// A CANopen node-ID, 1 to 127.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NodeId(u8);
 
 impl NodeId {

@@ -13,6 +13,7 @@ use crate::{AbortCode, NmtState, Storage};
 
 /// Which way a PDO carries its objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PdoDirection {
     /// Into the device: the object is written.
     Receive,
@@ -22,6 +23,7 @@ pub enum PdoDirection {
 
 /// How much of the application an NMT reset starts anew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetScope {
     /// Reset communication: only 0x1000 to 0x1FFF go back to their power-on values.
     Communication,

@@ -9,6 +9,7 @@ use crate::{AbortCode, NodeId};
 
 /// Which objects are saved or restored: the sub-index of 0x1010 and 0x1011.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreScope {
     /// Sub-index 1: everything that can be saved.
     All,
@@ -34,6 +35,7 @@ impl StoreScope {
 
 /// How far saving or restoring has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreProgress {
     /// It is done and will survive a power loss.
     Done,

@@ -6,6 +6,7 @@ use core::ops::{Add, Sub};
 
 /// A point in monotonic local time, or a span of it, in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Micros(pub u64);
 
 impl Micros {

@@ -17,9 +17,10 @@ pub struct Slcan {
 }
 
 impl Slcan {
-    /// Waits for a client on this address, for example `127.0.0.1:29536`.
+    /// Waits for a client on the address in the program's first argument, or else on this one.
     pub fn listen(address: &str) -> std::io::Result<Self> {
-        let listener = TcpListener::bind(address)?;
+        let given = std::env::args().nth(1);
+        let listener = TcpListener::bind(given.as_deref().unwrap_or(address))?;
         listener.set_nonblocking(true)?;
         Ok(Self {
             listener,

@@ -9,6 +9,7 @@ const RESPONSE: u16 = 0x7E4;
 
 /// An answer of an LSS slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LssAnswer {
     /// It has been selected by its identity.
     Selected,

@@ -24,10 +24,12 @@ const SIZE_INDICATED: u8 = 0b01;
 
 /// The client has a transfer in progress, or the value is too long for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Busy;
 
 /// Why a transfer failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SdoError {
     /// The device refused with this code; [`AbortCode::from_code`] knows the standard ones.
     Aborted(u32),
@@ -54,6 +56,7 @@ impl core::error::Error for SdoError {}
 
 /// How a transfer ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// The value has been read and is in [`SdoClient::data`].
     Uploaded,
