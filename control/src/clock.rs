@@ -10,8 +10,8 @@
 //!
 //! The control tick hangs on that estimate: [`TickSchedule`] moves each tick by at most
 //! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
-//! arrive. And a target takes effect [`protocol::APPLY_DELAY_US`] after the estimated SYNC, when
-//! the latest of the jittering frames has surely come, so that no member is a tick ahead of
+//! arrive. And a target takes effect [`protocol::timing::APPLY_DELAY_US`] after the estimated SYNC,
+//! when the latest of the jittering frames has surely come, so that no member is a tick ahead of
 //! another.
 
 use crate::time::{Micros, TICK_US};

@@ -1,12 +1,13 @@
 //! What Omnibus says on the CAN bus, in one place for robot, simulator and master.
 //!
-//! Three kinds of thing live here and no behaviour at all:
+//! Four kinds of thing live here and no behaviour at all:
 //!
 //! - [`pdo`]: the eight bytes of every process data frame, with their scaling. Encoding saturates
 //!   and rounds to nearest; a value that is not a number becomes the reserved "invalid" pattern;
 //!   decoding refuses a wrong length, an unknown state and an invalid value by name.
 //! - [`table`]: one declaration per object of the dictionary. The robot's dictionary, the EDS, the
 //!   protocol page and the master's parameter list are all made from it.
+//! - [`timing`]: times that both ends of the bus go by.
 //! - [`code`]: the numbers of limits (active but moving) and faults (latched, outputs off).
 //!
 //! The bytes are versioned by [`WIRE_VERSION`], which is itself an object: a master reads it before
@@ -35,9 +36,11 @@ pub mod object;
 pub mod pdo;
 pub mod pdos;
 mod plan;
+mod report;
 pub mod scaling;
 mod stored_fault;
 pub mod table;
+pub mod timing;
 
 pub use address::Address;
 pub use code::{Code, Fault, Limit, Reaction};
@@ -49,6 +52,7 @@ pub use pdo::{
     WheelRateReport,
 };
 pub use plan::Plan;
+pub use report::RobotReport;
 pub use stored_fault::StoredFault;
 pub use table::{ENTRIES, OBJECTS, entry};
 
@@ -58,12 +62,6 @@ pub const WIRE_VERSION: u16 = 3;
 
 /// Product code of a robot, object 0x1018:2: "INMO" as bytes from the lowest.
 pub const PRODUCT: u32 = 0x4F4D_4E49;
-
-/// How long after the SYNC that puts a setpoint in force the robots act on it, us.
-///
-/// Longer than SYNC may jitter, so that all robots have it by then. A setpoint latched at SYNC *k*
-/// is therefore begun at SYNC *k+1* plus this, and reached one SYNC period later.
-pub const APPLY_DELAY_US: u64 = 2_000;
 
 /// Node number of the master.
 pub const MASTER: u8 = 1;

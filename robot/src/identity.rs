@@ -1,6 +1,7 @@
 //! Who the robot is on the bus, and which PDOs it has.
 
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
+use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
 
 use crate::dictionary::Device;
 
@@ -104,12 +105,6 @@ static TPDOS: [PdoConfig; 4] = [
     pdo(CobId::PlusNode(protocol::cob::pose(0)), &POSE),
     pdo(CobId::PlusNode(protocol::cob::wheel_rates(0)), &RATES),
 ];
-
-/// Period of the robot's own heartbeat, ms.
-pub(crate) const HEARTBEAT_MS: u16 = 100;
-
-/// Highest value of the SYNC counter.
-pub const SYNC_OVERFLOW: u8 = 240;
 
 pub(crate) fn config(identity: &Identity) -> Config {
     Config {

@@ -58,7 +58,7 @@ pub use bus::{BusSide, CanErrors, Event};
 pub use configuration::ConfigurationError;
 pub use dictionary::{Counters, StoreWear};
 pub use fault_memory::Memorable;
-pub use identity::{Identity, SYNC_OVERFLOW};
+pub use identity::Identity;
 pub use parameters::Parameters;
 pub use state::State;
 pub use store::{IMAGE_MAX, Stored, stored_node};

@@ -6,7 +6,7 @@
 
 use control::time::Micros;
 
-use crate::identity::SYNC_OVERFLOW;
+use protocol::timing::SYNC_OVERFLOW;
 
 /// So many SYNCs in a row at another period are one.
 const OFF_PERIOD: u8 = 3;

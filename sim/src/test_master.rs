@@ -11,19 +11,16 @@ use std::collections::BTreeMap;
 
 use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
 use kinematics::{Twist, WheelRates};
-use protocol::{GroupTwist, MeasuredTwist, MemberState, MemberStatus, WheelRateReport, cob};
+use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
+use protocol::{GroupTwist, MemberState, MemberStatus, RobotReport, cob};
 
 use crate::error::SimError;
 use crate::world::{MASTER, World};
 
-/// Period of the heartbeat, ms.
-pub const HEARTBEAT_MS: u64 = 100;
 /// The setpoint goes out this long before its SYNC, ms.
 pub const LEAD_MS: u64 = 2;
 /// One step of [`TestMaster::step`], µs.
 pub const STEP_US: u64 = 250;
-/// SYNC's counter runs from 1 to this (object 0x1019).
-const SYNC_OVERFLOW: u8 = 240;
 
 /// The master, what it does at the moment, and what it has heard.
 pub struct TestMaster {
@@ -164,7 +161,7 @@ impl TestMaster {
     }
 
     fn send(&mut self, millis: u64) {
-        if self.heartbeat && millis.is_multiple_of(HEARTBEAT_MS) {
+        if self.heartbeat && millis.is_multiple_of(HEARTBEAT_MS.into()) {
             let master = NodeId::new(protocol::MASTER).unwrap_or(NodeId::MIN);
             let frame = client::heartbeat(master, NmtState::Operational);
             self.world.send(frame);
@@ -187,34 +184,18 @@ impl TestMaster {
     }
 
     fn hear(&mut self, at: Micros, frame: &Frame) {
-        let (id, data) = (frame.id(), frame.data());
-        if let Some(node) = cob::status_sender(id) {
-            if let Ok(status) = MemberStatus::try_from(data) {
+        match RobotReport::decode(frame.id(), frame.data()) {
+            Some((node, RobotReport::Status(status))) => {
                 self.status.insert(node, status);
             }
-        } else if let Some(node) = cob::measured_sender(id) {
-            if let Ok(measured) = MeasuredTwist::try_from(data) {
+            Some((node, RobotReport::Measured(measured))) => {
                 self.measured.insert(node, measured.twist);
             }
-        } else if let Some(node) = rates_sender(id) {
-            if let Ok(report) = WheelRateReport::try_from(data) {
+            Some((node, RobotReport::WheelRates(report))) => {
                 self.rates.insert(node, report.rates);
             }
-        } else if let (Some(node), [low, high, ..]) = (emergency_sender(id), data) {
-            self.emergencies
-                .push((at, node, u16::from_le_bytes([*low, *high])));
+            Some((node, RobotReport::Emergency(code))) => self.emergencies.push((at, node, code)),
+            Some((_, RobotReport::Pose(_))) | None => {}
         }
     }
-}
-
-/// The robot that sends its wheel rates with this identifier.
-fn rates_sender(id: u16) -> Option<u8> {
-    let node = u8::try_from(id.checked_sub(cob::wheel_rates(0))?).ok()?;
-    protocol::is_robot(node).then_some(node)
-}
-
-/// The robot that sends emergency messages with this identifier.
-fn emergency_sender(id: u16) -> Option<u8> {
-    let node = u8::try_from(id.checked_sub(cob::SYNC)?).ok()?;
-    protocol::is_robot(node).then_some(node)
 }

@@ -6,6 +6,8 @@
 //!
 //! A link keeps the order of frames in both directions. It may lose frames only by saying so.
 
+use std::ops::DerefMut;
+
 use canopen::{Frame, Micros};
 
 use crate::monitor::telemetry::Punctuality;
@@ -77,37 +79,8 @@ pub trait Link {
     }
 }
 
-impl<L: Link + ?Sized> Link for &mut L {
-    fn now(&self) -> Micros {
-        (**self).now()
-    }
-
-    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
-        (**self).send(frame)
-    }
-
-    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
-        (**self).receive(until)
-    }
-
-    fn diagnosis(&mut self) -> Option<String> {
-        (**self).diagnosis()
-    }
-
-    fn pace(&mut self, schedule: Option<Schedule>) -> bool {
-        (**self).pace(schedule)
-    }
-
-    fn take_sent(&mut self) -> Option<(Micros, Frame)> {
-        (**self).take_sent()
-    }
-
-    fn punctuality(&self) -> Option<Punctuality> {
-        (**self).punctuality()
-    }
-}
-
-impl<L: Link + ?Sized> Link for Box<L> {
+/// Whatever points to a link: `&mut L`, `Box<L>`.
+impl<P: DerefMut<Target: Link>> Link for P {
     fn now(&self) -> Micros {
         (**self).now()
     }

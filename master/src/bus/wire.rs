@@ -13,6 +13,7 @@ use std::collections::VecDeque;
 
 use canopen::{Frame, Micros, NmtState, NodeId, client};
 use protocol::cob;
+use protocol::timing::HEARTBEAT_MS;
 
 use crate::bus::link::Link;
 use crate::bus::load::Meter;
@@ -25,8 +26,6 @@ const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
     Some(node) => node,
     None => NodeId::MIN,
 };
-/// Period of the master's heartbeat, in µs.
-pub const HEARTBEAT_PERIOD_US: u64 = 100_000;
 
 /// A link in use.
 pub struct Wire<L> {
@@ -180,7 +179,7 @@ impl<L: Link> Wire<L> {
         if self.next_heartbeat.is_some_and(|due| now >= due) {
             let frame = client::heartbeat(MASTER, NmtState::Operational);
             self.send(&frame)?;
-            self.next_heartbeat = Some(now + Micros(HEARTBEAT_PERIOD_US));
+            self.next_heartbeat = Some(now + Micros::from_millis(HEARTBEAT_MS.into()));
         }
         Ok(())
     }

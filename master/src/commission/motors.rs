@@ -9,12 +9,12 @@
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
-use protocol::{Address, Kind, Value, WheelRateReport, cob};
+use protocol::{Address, Kind, RobotReport, Value};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
-use crate::session::SYNC_OVERFLOW;
+use protocol::timing::SYNC_OVERFLOW;
 
 /// SYNC periods before and after the start, for the robot to get in step.
 const SETTLE_SYNCS: u32 = 10;
@@ -341,8 +341,9 @@ impl<'a, L: Link> Run<'a, L> {
     fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
         for _ in 0..count {
             while let Some((_, frame)) = self.wire.next(self.next_sync)? {
-                if frame.id() == cob::wheel_rates(self.node)
-                    && let Ok(report) = WheelRateReport::try_from(frame.data())
+                let report = RobotReport::decode(frame.id(), frame.data());
+                if let Some((node, RobotReport::WheelRates(report))) = report
+                    && node == self.node
                 {
                     self.follow(report.rates.into());
                 }

@@ -12,9 +12,7 @@
 
 use canopen::{Frame, NmtState, client};
 use kinematics::{Pose, Twist};
-use protocol::{
-    GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob, is_robot,
-};
+use protocol::{GroupTwist, MemberStatus, RobotReport, cob, is_robot};
 
 use crate::bus::load::Meter;
 use crate::monitor::average::{mean_pose, mean_twist, strain};
@@ -145,49 +143,23 @@ impl Listener {
         self.say(t, node, EventKind::Nmt(state));
     }
 
-    /// A process data object or an emergency message of a robot.
+    /// Process data or an emergency message of a robot.
     fn report(&mut self, t: f64, id: u16, data: &[u8]) {
-        let Ok(node) = u8::try_from(id & 0x7F) else {
-            return;
-        };
-        if !is_robot(node) {
-            return;
-        }
-        if id == cob::emergency(node) {
-            if let [low, high, ..] = *data
-                && self.place(node).is_some()
-            {
-                let code = u16::from_le_bytes([low, high]);
-                self.say(t, node, EventKind::Emergency(code));
-            }
-            return;
-        }
-        let known = [
-            cob::member_status(node),
-            cob::measured_twist(node),
-            cob::pose(node),
-            cob::wheel_rates(node),
-        ];
-        let Some(kind) = known.iter().position(|known| *known == id) else {
+        let Some((node, report)) = RobotReport::decode(id, data) else {
             return;
         };
         let Some(at) = self.place(node) else {
             return;
         };
         let member = &mut self.current.members[at];
-        match kind {
-            0 => {
-                if let Ok(status) = MemberStatus::try_from(data) {
-                    self.status(t, at, &status);
-                }
+        match report {
+            RobotReport::Status(status) => self.status(t, at, &status),
+            RobotReport::Measured(measured) => member.measured = Some(measured.twist),
+            RobotReport::Pose(report) => {
+                member.pose = Some(self.frame.place(usize::from(node), t, report.pose).pose);
             }
-            1 => member.measured = MeasuredTwist::try_from(data).ok().map(|m| m.twist),
-            2 => {
-                if let Ok(report) = PoseReport::try_from(data) {
-                    member.pose = Some(self.frame.place(usize::from(node), t, report.pose).pose);
-                }
-            }
-            _ => member.wheel_rates = WheelRateReport::try_from(data).ok().map(|w| w.rates),
+            RobotReport::WheelRates(report) => member.wheel_rates = Some(report.rates),
+            RobotReport::Emergency(code) => self.say(t, node, EventKind::Emergency(code)),
         }
     }
 
@@ -300,7 +272,7 @@ fn can_follow(member: &MemberSample) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::{Code, MemberState, Scale};
+    use protocol::{Code, MeasuredTwist, MemberState, PoseReport, Scale};
 
     /// One step of a measured twist or pose on the wire: 0.1 mm/s, 0.1 mm.
     const LSB: f32 = 1e-4;

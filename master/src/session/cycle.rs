@@ -4,10 +4,11 @@ use canopen::{Frame, Micros, NmtCommand, NmtState, client};
 use kinematics::Twist;
 use protocol::{Code, GroupTwist, cob};
 
-use super::{Group, MISSING_SYNCS, SYNC_OVERFLOW};
+use super::{Group, MISSING_SYNCS};
 use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
 use crate::monitor::telemetry::{EventKind, SessionState};
+use protocol::timing::SYNC_OVERFLOW;
 
 /// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the
 /// wire.

@@ -29,7 +29,7 @@ const TAIL: f64 = 0.1;
 /// Time from the SYNC that latches a setpoint to its being reached, for a SYNC period, both in µs.
 #[must_use]
 pub const fn preview_us(period_us: u64) -> u64 {
-    PREVIEW_SYNCS * period_us + protocol::APPLY_DELAY_US
+    PREVIEW_SYNCS * period_us + protocol::timing::APPLY_DELAY_US
 }
 
 /// Half the stretch of time over which a curve's acceleration is taken, s.

@@ -5,7 +5,7 @@
 //! master's SYNC closes the row and its group twist is taken for the command.
 
 use canopen::{Frame, Micros, NmtCommand, client};
-use protocol::{GroupTwist, MeasuredTwist, MemberStatus, PoseReport, WheelRateReport, cob};
+use protocol::{GroupTwist, RobotReport, cob};
 
 use super::Group;
 use crate::bus::foreign::Sign;
@@ -84,23 +84,19 @@ impl<L: Link> Group<L> {
     }
 
     fn hear_member(&mut self, at: Micros, id: u16, data: &[u8]) {
+        let Some((node, report)) = RobotReport::decode(id, data) else {
+            return;
+        };
+        let Some(index) = self.members.iter().position(|member| member.node == node) else {
+            return;
+        };
         let mut events = [None, None];
-        let mut from = None;
-        for (index, member) in self.members.iter_mut().enumerate() {
-            let node = member.node;
-            if id == cob::emergency(node) {
-                if let [low, high, ..] = data {
-                    let code = u16::from_le_bytes([*low, *high]);
-                    events[0] = Some(EventKind::Emergency(code));
-                }
-                from = Some(node);
-                break;
-            }
-            let Some(row) = self.recorder.member(index) else {
-                break;
-            };
-            if id == cob::member_status(node) {
-                if let Ok(status) = MemberStatus::try_from(data) {
+        if let RobotReport::Emergency(code) = report {
+            events[0] = Some(EventKind::Emergency(code));
+        } else if let Some(row) = self.recorder.member(index) {
+            match report {
+                RobotReport::Status(status) => {
+                    let member = &mut self.members[index];
                     let before = member.status.replace(status);
                     if before.map(|b| b.state) != Some(status.state) {
                         events[0] = Some(EventKind::State(status.state));
@@ -113,10 +109,8 @@ impl<L: Link> Group<L> {
                     row.slip_residual = status.slip_residual;
                     row.code = Some(status.code.code());
                 }
-            } else if id == cob::measured_twist(node) {
-                row.measured = MeasuredTwist::try_from(data).ok().map(|m| m.twist);
-            } else if id == cob::pose(node) {
-                if let Ok(report) = PoseReport::try_from(data) {
+                RobotReport::Measured(measured) => row.measured = Some(measured.twist),
+                RobotReport::Pose(report) => {
                     if self.phase == SessionState::Starting {
                         // A robot that takes over its configuration begins anew.
                         self.frame.gather();
@@ -127,14 +121,11 @@ impl<L: Link> Group<L> {
                         self.jumped = Some(node);
                     }
                 }
-            } else if id == cob::wheel_rates(node) {
-                row.wheel_rates = WheelRateReport::try_from(data).ok().map(|w| w.rates);
-            } else {
-                continue;
+                RobotReport::WheelRates(report) => row.wheel_rates = Some(report.rates),
+                RobotReport::Emergency(_) => {}
             }
-            from = Some(node);
-            break;
         }
+        let from = Some(node);
         for event in events.into_iter().flatten() {
             self.tell(from, event);
         }

@@ -77,8 +77,6 @@ pub const STOP_PATIENCE_US: u64 = 5_000_000;
 const MAX_LEAD_US: u64 = 2_000;
 /// SYNCs without a status after which a member counts as missing.
 const MISSING_SYNCS: u32 = 3;
-/// The SYNC counter runs from 1 to this (object 0x1019).
-pub const SYNC_OVERFLOW: u8 = 240;
 
 /// What the master knows about one member.
 #[derive(Clone, Debug)]

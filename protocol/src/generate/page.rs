@@ -171,8 +171,8 @@ pub fn page<W: Write>(out: &mut W) -> Result {
         "The robots act on a target {} ms after the SYNC that puts it in force, more than SYNC may jitter, and reach it \
          on a\nstraight line over one SYNC period. A setpoint latched at SYNC *k* is therefore reached at SYNC *k+2* \
          plus {} ms.\n",
-        crate::APPLY_DELAY_US / 1000,
-        crate::APPLY_DELAY_US / 1000
+        crate::timing::APPLY_DELAY_US / 1000,
+        crate::timing::APPLY_DELAY_US / 1000
     )?;
     identifiers(out)?;
     process_data(out)?;

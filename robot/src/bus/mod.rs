@@ -29,7 +29,8 @@ use control::time::Micros;
 use heapless::Deque;
 use kinematics::Twist;
 use protocol::address::SYNC_PERIOD;
-use protocol::{APPLY_DELAY_US, Fault, Limit, Plan, Scale, cob};
+use protocol::timing::{APPLY_DELAY_US, HEARTBEAT_MS};
+use protocol::{Fault, Limit, Plan, Scale, cob};
 
 use crate::agreement::{Agreement, Own};
 use control::clock::SyncClock;
@@ -54,10 +55,10 @@ const ALIVE_US: u64 = 10_000;
 /// How long a robot listens after its boot-up before it moves, us: the longest a robot of the same
 /// node that has booted in the same instant can take to its first heartbeat, and as much as a tick
 /// and a frame take.
-const LISTEN_US: u64 = identity::HEARTBEAT_MS as u64 * 1_000 + 20_000;
+const LISTEN_US: u64 = HEARTBEAT_MS as u64 * 1_000 + 20_000;
 /// How long a second robot with the same node counts as there after it was last heard, us: ten
 /// heartbeats.
-const DOUBLE_US: u64 = identity::HEARTBEAT_MS as u64 * 10_000;
+const DOUBLE_US: u64 = HEARTBEAT_MS as u64 * 10_000;
 
 /// Fastest commissioning twist, m/s: the reduced speed of ISO 10218-1, 250 mm/s.
 const ALONE_SPEED: f32 = 0.25;

@@ -2,8 +2,9 @@
 
 use kinematics::Twist;
 use kinematics::trajectory::{FigureEight, Ramped, Trajectory};
+use protocol::Value;
 use protocol::address as at;
-use protocol::{APPLY_DELAY_US, Value};
+use protocol::timing::APPLY_DELAY_US;
 
 use super::world::World;
 use crate::state::State;

@@ -72,7 +72,7 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
     // Now a SYNC is due; the next is the motion's first instant.
     let begin_ns = master.world.now_ns() + period_us * 1_000;
     let period = period_us as f64 * 1e-6;
-    let preview = (2 * period_us + protocol::APPLY_DELAY_US) as f64 * 1e-6;
+    let preview = (2 * period_us + protocol::timing::APPLY_DELAY_US) as f64 * 1e-6;
     let mut points = Vec::new();
     let mut syncs = 0.0;
     while syncs * period <= job.motion.duration() + TAIL {
