@@ -476,7 +476,7 @@ const MOTOR: &[Field] = &[
         "brake_release_ms",
         "ms",
         to(0.0, 1000.0),
-        "What the holding brake takes to let go.",
+        "What the holding brake takes to let go. All members wait for the slowest.",
     )
     .or(0.0)
     .object(at::BRAKE_RELEASE, 1.0),
@@ -488,6 +488,44 @@ const MOTOR: &[Field] = &[
     )
     .or(0.0)
     .object(at::BRAKE_ENGAGE, 1.0),
+    field(
+        "direction_pause",
+        Kind::Flag,
+        "A bridge gets no duty for one tick before it changes its direction.",
+    )
+    .otherwise("false"),
+    field(
+        "pwm_frequency",
+        Kind::Whole(8_000, 40_000),
+        "Of the bridges' PWM: what drivers and motors want.",
+    )
+    .unit("Hz")
+    .or(20_000.0)
+    .object(at::PWM_FREQUENCY, 1.0),
+    number(
+        "current_scale",
+        "A/V",
+        NOT_NEGATIVE,
+        "Current per voltage of the sensor of the motors' current; 0 for none. It has to reach \
+         1.25 times what four motors may take.",
+    )
+    .or(0.0)
+    .object(at::CURRENT_SCALE, 1.0),
+    number(
+        "current_offset",
+        "V",
+        NOT_NEGATIVE,
+        "Voltage of that sensor without current.",
+    )
+    .or(0.0)
+    .object(at::CURRENT_OFFSET, 1.0),
+    field(
+        "current_inputs",
+        Kind::Whole(1, 3),
+        "How many sensors are added up.",
+    )
+    .or(1.0)
+    .object(at::CURRENT_INPUTS, 1.0),
 ];
 
 const CONTROL: &[Field] = &[

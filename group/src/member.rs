@@ -3,14 +3,15 @@
 //! Every field is looked up in the entry, then in the `[robot]` table, then among the defaults; an
 //! error names the place it was found in, because that is where it has to be mended.
 
+mod output_stage;
+
 use kinematics::{
     AxisTable, DirectionalCompensation, FourWheelGeometry, Pose, VelocityCompensation,
 };
 
 use crate::check::{Checked, Checker, Range, Reported, Value, default};
 use crate::model::{
-    CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, OutputStage, Robot, Rollers,
-    Wheel,
+    CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
 };
 use crate::schema::{self, At};
 
@@ -371,57 +372,6 @@ impl Checker<'_> {
             index_tolerance,
             compensation,
         }))
-    }
-}
-
-impl Checker<'_> {
-    /// What the motors' drivers and brakes stand and take; nothing of it has to be given.
-    fn output_stage(
-        &self,
-        field: &Member<'_, '_>,
-        e: &schema::Entry,
-        d: &schema::Defaults,
-    ) -> OutputStage {
-        let (own, shared) = (&e.motor, &d.motor);
-        let largest_current = match (&own.largest_current, &shared.largest_current) {
-            (None, None) => None,
-            (own, shared) => {
-                Some(field.number("motor.largest_current", own, shared, None, Range::Positive))
-            }
-        };
-        let (key, own_duty, shared_duty) = (
-            "motor.largest_duty",
-            &own.largest_duty,
-            &shared.largest_duty,
-        );
-        let largest_duty = field.number(key, own_duty, shared_duty, Some(1.0), Range::Positive);
-        if !(0.1..=1.0).contains(&largest_duty) {
-            let problem = format!("is {largest_duty}");
-            field.refuse(key, own_duty, shared_duty, &problem, "give 0.1 to 1");
-        }
-        let millis = |key: &str, own: &Value, shared: &Value| {
-            let time = field.number(key, own, shared, Some(0.0), Range::NotNegative);
-            if time > 1_000.0 || time.fract() != 0.0 {
-                let problem = format!("is {time}");
-                let remedy = "give whole milliseconds, 0 to 1000";
-                field.refuse(key, own, shared, &problem, remedy);
-            }
-            time as u16
-        };
-        OutputStage {
-            largest_current,
-            largest_duty,
-            brake_release_ms: millis(
-                "motor.brake_release_ms",
-                &own.brake_release_ms,
-                &shared.brake_release_ms,
-            ),
-            brake_engage_ms: millis(
-                "motor.brake_engage_ms",
-                &own.brake_engage_ms,
-                &shared.brake_engage_ms,
-            ),
-        }
     }
 }
 

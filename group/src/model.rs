@@ -187,6 +187,23 @@ pub struct OutputStage {
     pub brake_release_ms: u16,
     /// What the brake takes to hold, ms.
     pub brake_engage_ms: u16,
+    /// A bridge gets no duty for a tick before it changes its direction.
+    pub direction_pause: bool,
+    /// Of the bridges' PWM, Hz.
+    pub pwm_frequency: u16,
+    /// Sensors of the motors' current, where there are any.
+    pub current_sensor: Option<CurrentSensor>,
+}
+
+/// Sensors of the motors' current.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurrentSensor {
+    /// A/V.
+    pub scale: f32,
+    /// Voltage without current, V.
+    pub offset: f32,
+    /// Inputs that are added up, 1 to 3.
+    pub inputs: u8,
 }
 
 /// Gains of the wheel-rate loop.

@@ -6,7 +6,7 @@
 use protocol::compensation::{EMPTY, LENGTH_MAX, SetError, Tables};
 use protocol::{Address, Value, address};
 
-use crate::model::{GroupFile, Robot};
+use crate::model::{CurrentSensor, GroupFile, Robot};
 
 /// A value to be written, under the address it goes to.
 pub type Parameter = (Address, Value);
@@ -115,15 +115,32 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     // A bound needs both its parameters or none.
     let current = robot.output.largest_current;
     let resistance = current.map_or(0.0, |_| robot.motor.resistance);
+    let no_sensor = CurrentSensor {
+        scale: 0.0,
+        offset: 0.0,
+        inputs: 1,
+    };
+    let sensor = robot.output.current_sensor.unwrap_or(no_sensor);
+    // All wait for the slowest brake, and then begin at the same time.
+    let releases = file.robots.iter().map(|one| one.output.brake_release_ms);
+    let release_ms = releases.max().unwrap_or(0);
     let limits = &file.limits;
     out.extend([
         real(address::WINDING_RESISTANCE, resistance),
         real(address::CURRENT_MAX, current.unwrap_or(0.0)),
         real(address::DUTY_MAX, robot.output.largest_duty),
+        real(address::CURRENT_SCALE, sensor.scale),
+        real(address::CURRENT_OFFSET, sensor.offset),
+        (address::CURRENT_INPUTS, Value::U8(sensor.inputs)),
         (
-            address::BRAKE_RELEASE,
-            Value::U16(robot.output.brake_release_ms),
+            address::DIRECTION_PAUSE,
+            Value::U8(u8::from(robot.output.direction_pause)),
         ),
+        (
+            address::PWM_FREQUENCY,
+            Value::U16(robot.output.pwm_frequency),
+        ),
+        (address::BRAKE_RELEASE, Value::U16(release_ms)),
         (
             address::BRAKE_ENGAGE,
             Value::U16(robot.output.brake_engage_ms),

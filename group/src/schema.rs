@@ -182,6 +182,11 @@ pub struct Motor {
     pub largest_duty: Option<At<f64>>,
     pub brake_release_ms: Option<At<f64>>,
     pub brake_engage_ms: Option<At<f64>>,
+    pub direction_pause: Option<At<bool>>,
+    pub pwm_frequency: Option<At<f64>>,
+    pub current_scale: Option<At<f64>>,
+    pub current_offset: Option<At<f64>>,
+    pub current_inputs: Option<At<f64>>,
 }
 
 #[derive(Debug, Default, Deserialize)]

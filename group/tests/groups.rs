@@ -164,6 +164,49 @@ fn a_compensation_table_is_the_robots_own_or_the_shared_one() {
     assert_eq!(plain.robots[0].compensation_table.version, 0);
 }
 
+/// What a robot writes of these objects, by index and sub-index.
+fn written(file: &GroupFile, robot: usize, index: u16, sub: u8) -> Option<Value> {
+    let all = omnibus_group::parameters(file, &file.robots[robot], true);
+    let mut found = all
+        .iter()
+        .filter(|(at, _)| (at.index, at.sub) == (index, sub));
+    found.next().map(|(_, value)| *value)
+}
+
+/// A robot that had a sensor, a pause or another frequency before forgets it.
+#[test]
+fn sensors_and_frequencies_are_written_with_their_defaults() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let keys = "direction_pause = true\npwm_frequency = 16000\ncurrent_scale = 160\n\
+                current_offset = 1.65\ncurrent_inputs = 2\nlargest_current";
+    let given = text.replacen("largest_current", keys, 1);
+    for (text, scale, offset, inputs, pause, hertz) in [
+        (&given, 160.0, 1.65, 2, 1, 16_000),
+        (&text, 0.0, 0.0, 1, 0, 20_000),
+    ] {
+        let file = GroupFile::parse("single.toml", text).unwrap();
+        let written = |index, sub| written(&file, 0, index, sub);
+        assert_eq!(written(0x2026, 3), Some(Value::F32(scale)));
+        assert_eq!(written(0x2026, 4), Some(Value::F32(offset)));
+        assert_eq!(written(0x2026, 5), Some(Value::U8(inputs)));
+        assert_eq!(written(0x2027, 2), Some(Value::U8(pause)));
+        assert_eq!(written(0x2027, 5), Some(Value::U16(hertz)));
+    }
+}
+
+/// Otherwise the one with the quicker brake would begin to pull before the others.
+#[test]
+fn all_members_wait_for_the_slowest_brake() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let text = text.replacen("node = 3", "node = 3\nmotor.brake_release_ms = 80", 1);
+    let file = GroupFile::parse("tcc-3.toml", &text).unwrap();
+    for robot in 0..3 {
+        assert_eq!(written(&file, robot, 0x2027, 3), Some(Value::U16(80)));
+    }
+}
+
 /// 0x2026 and 0x2027: both halves of the torque bound or none, so that a robot that had one before
 /// forgets it.
 #[test]

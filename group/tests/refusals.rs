@@ -419,6 +419,25 @@ fn an_output_stage_that_is_none_is_refused() {
         "pair.toml:15: robot.motor.brake_engage_ms: is 1001; give whole milliseconds, 0 to 1000"
     );
     assert_eq!(
+        told("pwm_frequency = 50000"),
+        "pair.toml:15: robot.motor.pwm_frequency: is 50000; give whole Hz, 8000 to 40000"
+    );
+    assert_eq!(
+        told("current_inputs = 4"),
+        "pair.toml:15: robot.motor.current_inputs: is 4; give whole numbers, 1 to 3"
+    );
+    assert_eq!(
+        told("current_scale = 100"),
+        "pair.toml:15: robot.motor.current_scale: has nothing to be compared with; give \
+         `motor.largest_current` as well: more than that is a fault"
+    );
+    // 3.3 V * 50 A/V is less than 1.25 * 4 * 40 A.
+    assert_eq!(
+        told("largest_current = 40, current_scale = 50"),
+        "pair.toml:15: robot.motor.current_scale: with the other keys reaches 165 A; take a sensor \
+         that reaches more than 200 A"
+    );
+    assert_eq!(
         told("largest_current = 0"),
         "pair.toml:15: robot.motor.largest_current: is 0; give a number greater than 0"
     );

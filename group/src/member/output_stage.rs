@@ -1,0 +1,146 @@
+//! Motor drivers, brake and current sensor of a robot, as a file gives them; every key has a
+//! default.
+
+use super::{Checker, Member, Range, Value, schema};
+use crate::model::{CurrentSensor, OutputStage};
+
+/// End of the range of a measuring input, V.
+const FULL_SCALE: f32 = 3.3;
+/// Current at which a robot stops, over what its four motors may take; it measures so far at
+/// least (object 0x2026:3).
+const CURRENT_MARGIN: f32 = 1.25;
+
+/// A key with its values in the entry and in `[robot]`.
+type Key<'a> = (&'static str, &'a Value, &'a Value);
+
+impl Checker<'_> {
+    /// What the motors' drivers and brakes stand and take; nothing of it has to be given.
+    pub(super) fn output_stage(
+        &self,
+        field: &Member<'_, '_>,
+        e: &schema::Entry,
+        d: &schema::Defaults,
+    ) -> OutputStage {
+        let (own, shared) = (&e.motor, &d.motor);
+        let largest_current = match (&own.largest_current, &shared.largest_current) {
+            (None, None) => None,
+            (own, shared) => {
+                Some(field.number("motor.largest_current", own, shared, None, Range::Positive))
+            }
+        };
+        let (key, own_duty, shared_duty) = (
+            "motor.largest_duty",
+            &own.largest_duty,
+            &shared.largest_duty,
+        );
+        let largest_duty = field.number(key, own_duty, shared_duty, Some(1.0), Range::Positive);
+        if !(0.1..=1.0).contains(&largest_duty) {
+            let problem = format!("is {largest_duty}");
+            field.refuse(key, own_duty, shared_duty, &problem, "give 0.1 to 1");
+        }
+        let millis = |key: Key<'_>| field.whole(key, 0, (0, 1_000), "milliseconds, ");
+        let pauses = (own.direction_pause.as_ref()).or(shared.direction_pause.as_ref());
+        OutputStage {
+            largest_current,
+            largest_duty,
+            direction_pause: pauses.is_some_and(|pauses| *pauses.get_ref()),
+            brake_release_ms: millis((
+                "motor.brake_release_ms",
+                &own.brake_release_ms,
+                &shared.brake_release_ms,
+            )),
+            brake_engage_ms: millis((
+                "motor.brake_engage_ms",
+                &own.brake_engage_ms,
+                &shared.brake_engage_ms,
+            )),
+            pwm_frequency: field.whole(
+                (
+                    "motor.pwm_frequency",
+                    &own.pwm_frequency,
+                    &shared.pwm_frequency,
+                ),
+                20_000,
+                (8_000, 40_000),
+                "Hz, ",
+            ),
+            current_sensor: field.current_sensor(own, shared, largest_current),
+        }
+    }
+}
+
+impl Member<'_, '_> {
+    /// A whole number within bounds.
+    fn whole(
+        &self,
+        (key, own, shared): Key<'_>,
+        default: u16,
+        (least, most): (u16, u16),
+        unit: &str,
+    ) -> u16 {
+        let fallback = Some(f64::from(default));
+        let value = self.number(key, own, shared, fallback, Range::NotNegative);
+        if value.fract() != 0.0 || value < f32::from(least) || value > f32::from(most) {
+            let problem = format!("is {value}");
+            let remedy = format!("give whole {unit}{least} to {most}");
+            self.refuse(key, own, shared, &problem, &remedy);
+        }
+        value as u16
+    }
+
+    /// The sensors of the motors' current, where there are any; they have to show more than the
+    /// motors may take.
+    fn current_sensor(
+        &self,
+        own: &schema::Motor,
+        shared: &schema::Motor,
+        largest_current: Option<f32>,
+    ) -> Option<CurrentSensor> {
+        let key = "motor.current_scale";
+        let (own_scale, shared_scale) = (&own.current_scale, &shared.current_scale);
+        let scale = self.number(key, own_scale, shared_scale, Some(0.0), Range::NotNegative);
+        let (own_offset, shared_offset) = (&own.current_offset, &shared.current_offset);
+        let offset = self.number(
+            "motor.current_offset",
+            own_offset,
+            shared_offset,
+            Some(0.0),
+            Range::NotNegative,
+        );
+        let inputs = self.whole(
+            (
+                "motor.current_inputs",
+                &own.current_inputs,
+                &shared.current_inputs,
+            ),
+            1,
+            (1, 3),
+            "numbers, ",
+        );
+        if scale == 0.0 {
+            return None;
+        }
+        let refuse = |problem: &str, remedy: &str| {
+            self.refuse(key, own_scale, shared_scale, problem, remedy);
+        };
+        let Some(largest) = largest_current else {
+            let remedy = "give `motor.largest_current` as well: more than that is a fault";
+            refuse("has nothing to be compared with", remedy);
+            return None;
+        };
+        let (reach, bound) = (
+            (FULL_SCALE - offset) * scale * f32::from(inputs),
+            4.0 * CURRENT_MARGIN * largest,
+        );
+        if reach <= bound {
+            let problem = format!("with the other keys reaches {reach} A");
+            let remedy = format!("take a sensor that reaches more than {bound} A");
+            refuse(&problem, &remedy);
+        }
+        Some(CurrentSensor {
+            scale,
+            offset,
+            inputs: inputs as u8,
+        })
+    }
+}
