@@ -191,6 +191,8 @@ addresses! {
 
     /// Permission to move this robot alone.
     COMMISSIONING = 0x2050:1;
+    /// This robot is its own only member for a while.
+    ALONE_FOR_NOW = 0x2050:2;
     /// Begins and stops the identification of the motors.
     IDENTIFY = 0x2051:1;
     /// How it stands with it.

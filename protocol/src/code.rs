@@ -109,6 +109,8 @@ codes! {
         AwaitingStandstill = 0x000C,
         /// SYNC comes at another period than object 0x2041:1 says; the robot does not follow.
         SyncPeriod = 0x000D,
+        /// Declared alone for now (0x2050:2): it does not follow the group, and lets it not move.
+        Alone = 0x000E,
     }
 }
 

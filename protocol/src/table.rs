@@ -95,8 +95,8 @@ const IDENTITY: &[Object] = &[
         "",
         Kind::U32,
         "The same over the parameters that must be equal in all members of a group: acceleration, \
-         jerk, deceleration, group, members, times, restart and stops of the group. Members that \
-         differ here would not move as one.",
+         jerk, deceleration, group, members, times, restart and stops of the group, brake release. \
+         Members that differ here would not move as one.",
     ),
 ];
 
@@ -116,6 +116,7 @@ pub const COMMON: &[Address] = &[
     at::HEARTBEAT_TIMEOUT,
     at::STANDSTILL_SYNCS,
     at::CUTS_TOGETHER,
+    at::BRAKE_RELEASE,
 ];
 
 const fn wire_version() -> Object {
@@ -561,8 +562,8 @@ const OUTPUT_STAGE: &[Object] = &[
         "Brake release time",
         "ms",
         word(0, 1000, 0),
-        "What the brake takes to let go. So long after it was released nothing is followed and no \
-         wheel is judged; the loops hold.",
+        "What the slowest brake of the group takes to let go, the same in all members. So long \
+         after it was released nothing is followed and no wheel is judged; the loops hold.",
     ),
     Object::parameter(
         at::BRAKE_ENGAGE,
@@ -644,9 +645,10 @@ const LIMITS: &[Object] = &[
         "Slip fault",
         "rad/s",
         real(0.0, 60.0, 2.5),
-        "Slip residual above which, for 300 ms, the robot comes to rest; 0 for never. No drive of \
-         the tests without a fault has 0.1 for that long; one wheel that stands still while the \
-         others roll at 0.6 m/s (152 mm) has 2.0, and is named by the wheel watch.",
+        "Slip residual above which the robot comes to rest; 0 for never. It must last for one and a \
+         half times 0x2031:6, and 300 ms at least. No drive of the tests without a fault has 0.1 \
+         for that long; one wheel that stands still while the others roll at 0.6 m/s (152 mm) has \
+         2.0, and is named by the wheel watch.",
     ),
     Object::parameter(
         at::STRAIN_LIMIT,
@@ -661,9 +663,9 @@ const LIMITS: &[Object] = &[
         "Strain fault",
         "m/s",
         real(0.0, 5.0, 0.3),
-        "The same, above which, for 300 ms, the robot comes to rest; 0 for never. No drive of the \
-         tests without a fault has 0.01 for that long; a member with one dead encoder at 0.6 m/s \
-         has 0.21, and is named by its wheel watch.",
+        "The same, above which the robot comes to rest; 0 for never. It must last as long as slip \
+         above 0x2031:2. No drive of the tests without a fault has 0.01 for that long; a member \
+         with one dead encoder at 0.6 m/s has 0.21, and is named by its wheel watch.",
     ),
     Object::parameter(
         at::BLOCKED_RATE,
@@ -754,16 +756,28 @@ const GROUP: &[Object] = &[
     ),
 ];
 
-const COMMISSIONING: &[Object] = &[Object::command(
-    at::COMMISSIONING,
-    "Commissioning permission",
-    "",
-    Kind::U8,
-    "1 declares that this robot may move on its own: not coupled to a load, wheels free or area \
-     clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone. Gone after every \
-     change of the NMT state and after 60 s; writing 1 again gives another 60 s. A commissioning \
-     twist is followed up to 0.25 m/s and 0.5 rad/s.",
-)];
+const COMMISSIONING: &[Object] = &[
+    Object::command(
+        at::COMMISSIONING,
+        "Commissioning permission",
+        "",
+        Kind::U8,
+        "1 declares that this robot may move on its own: not coupled to a load, wheels free or \
+         area clear. Refused with 0x06040043 unless 0x2040:2 names this robot alone, or 0x2050:2 \
+         is 1. Gone after every change of the NMT state and after 60 s; writing 1 again gives \
+         another 60 s. A commissioning twist is followed up to 0.25 m/s and 0.5 rad/s.",
+    ),
+    Object::command(
+        at::ALONE_FOR_NOW,
+        "Alone for now",
+        "",
+        Kind::U8,
+        "1 makes a robot that is a member of a group its own only member for a test: it needs no \
+         votes but its own and follows no group twist, and its vote lets the group not move \
+         either (limit 0x000E). Only before NMT start. Gone when the robot leaves OPERATIONAL, \
+         when the master's heartbeat is overdue (0x2041:4) and when the master boots.",
+    ),
+];
 
 const IDENTIFICATION: &[Object] = &[
     Object::command(

@@ -75,6 +75,10 @@ pub(crate) struct Dictionary {
     pub commissioning: bool,
     /// The permission has been given or renewed, until it is looked at.
     pub permission_renewed: bool,
+    /// This robot is its own only member, whatever 0x2040:2 says.
+    pub alone_for_now: bool,
+    /// That has just been declared, until it is looked at.
+    pub alone_declared: bool,
     pub status: [u8; 8],
     pub measured: [u8; 8],
     pub pose: [u8; 8],
@@ -109,6 +113,8 @@ impl Dictionary {
             alone: ([0; 8], false),
             commissioning: false,
             permission_renewed: false,
+            alone_for_now: false,
+            alone_declared: false,
             status: [0; 8],
             measured: [0; 8],
             pose: [0; 8],
@@ -170,6 +176,7 @@ impl Dictionary {
                 Value::U32(set.map_or(0, |set| set.crc))
             }
             at::COMMISSIONING => Value::U8(u8::from(self.commissioning)),
+            at::ALONE_FOR_NOW => Value::U8(u8::from(self.alone_for_now)),
             at::IDENTIFY => Value::U8(u8::from(self.identification.status == 1)),
             at::IDENTIFY_STATUS => Value::U8(self.identification.status),
             at::IDENTIFY_WHEEL => Value::U8(self.identification.wheel),
@@ -261,18 +268,7 @@ impl Dictionary {
             return Ok(());
         }
         match address.index {
-            0x2050 => {
-                if value.to_bits() > 1 {
-                    return Err(AbortCode::InvalidValue);
-                }
-                let alone = 1 << self.device.node;
-                let wanted = value.to_bits() == 1;
-                if wanted && self.parameters.unsigned(at::MEMBERS) != alone {
-                    return Err(AbortCode::ParameterIncompatible);
-                }
-                self.commissioning = wanted;
-                self.permission_renewed = wanted;
-            }
+            0x2050 => self.write_alone(address, value.to_bits(), state)?,
             0x2051 => self.write_identification(address, value, state)?,
             0x2059 => self.blink_asked = u8::try_from(value.to_bits()).ok(),
             0x2100 => write_field(&mut self.setpoint, entry, data),
@@ -304,6 +300,36 @@ impl Dictionary {
 }
 
 impl Dictionary {
+    /// The permission to move alone, and what makes a member of a group alone for a while.
+    fn write_alone(
+        &mut self,
+        address: Address,
+        value: u32,
+        state: NmtState,
+    ) -> Result<(), AbortCode> {
+        if value > 1 {
+            return Err(AbortCode::InvalidValue);
+        }
+        let wanted = value == 1;
+        if address == at::ALONE_FOR_NOW {
+            // A started robot has told the others what it is a part of.
+            if state == NmtState::Operational {
+                return Err(AbortCode::DeviceState);
+            }
+            self.alone_for_now = wanted;
+            self.alone_declared = wanted;
+            return Ok(());
+        }
+        let itself = 1 << self.device.node;
+        let alone = self.alone_for_now || self.parameters.unsigned(at::MEMBERS) == itself;
+        if wanted && !alone {
+            return Err(AbortCode::ParameterIncompatible);
+        }
+        self.commissioning = wanted;
+        self.permission_renewed = wanted;
+        Ok(())
+    }
+
     /// A run begins only where a robot may move alone; what it may do is settled before.
     fn write_identification(
         &mut self,
@@ -460,6 +486,7 @@ impl ObjectDictionary for Dictionary {
         self.setpoint.1 = false;
         self.alone.1 = false;
         self.commissioning = false;
+        self.alone_for_now = false;
         if scope == ResetScope::Application {
             self.parameters = self.store.parameters();
         }

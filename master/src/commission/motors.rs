@@ -245,17 +245,17 @@ impl<'a, L: Link> Run<'a, L> {
         settings: &Settings,
         seen: &mut dyn FnMut(f64),
     ) -> Result<u32, MasterError> {
-        // Only a robot that is nobody's member may move alone. Nothing of this is saved in it.
-        let members = self.wire.read(self.node, at::MEMBERS, Kind::U32)?;
-        let alone = Value::U32(1 << self.node);
-        if members != alone {
-            self.wire.write_checked(self.node, at::MEMBERS, alone)?;
-        }
+        // Only a robot that is nobody's member may move alone. By itself it is a member again when
+        // this master falls silent.
+        self.wire
+            .write_checked(self.node, at::ALONE_FOR_NOW, Value::U8(1))?;
         let done = self.until_over(settings, seen);
         // Whatever happened: no permission, at rest, and a member again.
         let forbidden = self.wire.write(self.node, at::COMMISSIONING, Value::U8(0));
         self.command(NmtCommand::EnterPreOperational)?;
-        let restored = self.wire.write_checked(self.node, at::MEMBERS, members);
+        let restored = self
+            .wire
+            .write_checked(self.node, at::ALONE_FOR_NOW, Value::U8(0));
         let status = done?;
         forbidden?;
         restored?;

@@ -8,6 +8,7 @@
 
 use control::time::Micros;
 use protocol::Address;
+use protocol::address::HEARTBEAT_TIMEOUT;
 
 use super::BusSide;
 use crate::state::{self, State};
@@ -109,6 +110,9 @@ impl BusSide {
 
     /// A permission to move alone ends by itself: whoever needs it longer gives it again.
     pub(super) fn update_permission(&mut self, now: Micros) {
+        if self.dictionary.alone_for_now {
+            self.update_alone(now);
+        }
         if core::mem::take(&mut self.dictionary.permission_renewed) {
             self.permitted_until = now + Micros(PERMISSION_US);
         }
@@ -118,6 +122,17 @@ impl BusSide {
                 self.transition(state::Event::Left, now);
             }
         }
+    }
+
+    /// Who declared the robot alone has to stay: without a master it is a member again.
+    #[cold]
+    fn update_alone(&mut self, now: Micros) {
+        if core::mem::take(&mut self.dictionary.alone_declared) {
+            self.last_heartbeat = now;
+        }
+        let timeout_ms = self.dictionary.parameters.unsigned(HEARTBEAT_TIMEOUT);
+        let silent = self.last_heartbeat + Micros(u64::from(timeout_ms) * 1_000);
+        self.dictionary.alone_for_now = now < silent;
     }
 
     pub(super) fn may_identify(&self) -> bool {

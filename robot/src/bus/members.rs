@@ -61,6 +61,7 @@ impl BusSide {
         match data {
             [state] if *state == NmtState::Operational.code() => self.last_heartbeat = at,
             [state] if *state == NmtState::Initialising.code() => {
+                self.dictionary.alone_for_now = false;
                 self.transition(state::Event::Failed(Fault::MasterSilent), at);
             }
             _ => {}
@@ -159,6 +160,7 @@ impl BusSide {
     /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
     pub(super) fn decide(&mut self, at: Micros, members: u32) {
         let latched = match self.state {
+            State::Armed if self.alone_for_now => None,
             State::Armed | State::Moving => self.setpoints.latched(),
             State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
         };
@@ -201,12 +203,16 @@ impl BusSide {
         let armed = self.state == State::Armed;
         let standstill = armed && self.interlock.permits_standstill() && !beat.off_period;
         self.waits = (armed && self.rhythm.is_off()).then_some(Limit::SyncPeriod);
+        if self.alone_for_now {
+            self.waits = Some(Limit::Alone);
+        }
         let Some(latched) = self.setpoints.latched() else {
             return;
         };
         self.own.plan = self.plan.checksum(&latched.encode());
         let permits = match self.state {
             State::Moving => true,
+            State::Armed if self.alone_for_now => false,
             State::Armed if is_standstill(latched.twist) => standstill,
             State::Armed => {
                 self.waits = self.waits.or(Some(Limit::AwaitingStandstill));

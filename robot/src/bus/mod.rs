@@ -136,6 +136,8 @@ pub struct BusSide {
     group_byte: Option<usize>,
     /// Until when it may move alone.
     permitted_until: Micros,
+    /// Started as its own only member, which it is not by its parameters.
+    alone_for_now: bool,
     /// Code of the limit that was active at the last SYNC; 0 for none.
     limit: u16,
     /// Faults announced and not yet declared over, one bit each.
@@ -178,6 +180,7 @@ impl BusSide {
             doubled_until: Micros::ZERO,
             group_byte: None,
             permitted_until: Micros::ZERO,
+            alone_for_now: false,
             limit: 0,
             announced: 0,
             events: Deque::new(),
@@ -404,6 +407,7 @@ impl BusSide {
                 canopen::Event::NmtChanged { from, to } => {
                     self.dictionary.commissioning = false;
                     if from == NmtState::Operational {
+                        self.dictionary.alone_for_now = false;
                         self.transition(state::Event::Left, now);
                     }
                     if from == NmtState::Initialising {
@@ -455,10 +459,14 @@ impl BusSide {
         }
         let node = self.identity.node.get();
         // Looked at where it is: on the stack it is a kilobyte each time it moves.
-        let built = configuration::build(&self.dictionary.parameters, node);
-        let Ok(configuration) = &built else {
+        let mut built = configuration::build(&self.dictionary.parameters, node);
+        let Ok(configuration) = &mut built else {
             return self.transition(state::Event::StartRefused(Fault::Unconfigured), now);
         };
+        if self.dictionary.alone_for_now {
+            configuration.members = 1 << node;
+        }
+        let configuration = &*configuration;
         if now < self.doubled_until {
             return self.transition(state::Event::StartRefused(Fault::DuplicateNode), now);
         }
@@ -471,6 +479,7 @@ impl BusSide {
             self.configuration = Some(*configuration);
             self.to_hand = true;
         }
+        self.alone_for_now = self.dictionary.alone_for_now;
         self.command.configuration = configuration.crc;
         self.group_byte = self.group_byte();
         self.command.start = self.command.start.wrapping_add(1);

@@ -185,6 +185,76 @@ fn a_member_of_a_group_may_not_move_alone() {
     world.write(2, at::COMMISSIONING, Value::U8(0)).unwrap();
 }
 
+/// Two members, and robot 2 is to be tested by itself.
+fn declared() -> World {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    world.write(2, at::ALONE_FOR_NOW, Value::U8(1)).unwrap();
+    world
+}
+
+#[test]
+fn a_member_that_is_alone_for_now_moves_alone_and_keeps_the_group_at_rest() {
+    const WRONG_STATE: u32 = 0x0800_0022;
+    let mut world = declared();
+    world.start();
+    world.run(30);
+    // The group's twist moves neither of them: the one is no member, the other has its vote.
+    world.twist = Some(Twist::ZERO);
+    world.run(200);
+    world.twist = Some(Twist::new(0.5, 0.0, 0.0));
+    world.run(500);
+    for robot in &world.robots {
+        assert_eq!((robot.bus.state(), robot.rates), (State::Armed, [0.0; 4]));
+    }
+    let alone = protocol::Code::Limit(protocol::Limit::Alone);
+    assert_eq!(world.status(2).code, alone);
+    world.twist = None;
+    world.write(2, at::COMMISSIONING, Value::U8(1)).unwrap();
+    ask_alone(&mut world, Twist::new(0.2, 0.0, 0.0), 60, &mut 0);
+    assert_eq!(world.robots[0].bus.state(), State::Alone);
+    assert!((world.robots[0].moves().vx - 0.2).abs() < 5e-3);
+    assert_eq!(world.robots[1].rates, [0.0; 4]);
+    // A started robot stays what it is; out of OPERATIONAL it is a member again.
+    let refused = world.write(2, at::ALONE_FOR_NOW, Value::U8(0));
+    assert_eq!(refused, Err(WRONG_STATE));
+    world.nmt(NmtCommand::EnterPreOperational, 2);
+    assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 0);
+    assert_eq!(world.read(2, at::MEMBERS), Ok(1 << 2 | 1 << 3));
+}
+
+/// A master that dies in the midst of a test takes nothing away from the group.
+#[test]
+fn alone_for_now_ends_with_its_master() {
+    for started in [false, true] {
+        for boots in [false, true] {
+            let mut world = declared();
+            if started {
+                world.start();
+                world.run(200);
+            }
+            world.run(2_000);
+            assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 1);
+            world.heartbeat = false;
+            if boots {
+                world.send(1, cob::MASTER_HEARTBEAT, &[0]);
+            } else {
+                // The last heartbeat is up to 100 ms old, the time-out is 500 ms.
+                world.run(390);
+                assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 1);
+                world.run(115);
+            }
+            assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 0);
+            world.heartbeat = true;
+            world.start();
+            world.run(30);
+            world.drive(Twist::new(0.3, 0.0, 0.0), 1_000);
+            let states = world.robots.iter().map(|robot| robot.bus.state());
+            assert!(states.eq([State::Moving; 2]));
+        }
+    }
+}
+
 #[test]
 fn alone_it_is_slow_and_not_for_long() {
     let mut world = World::started(&[2]);

@@ -81,6 +81,15 @@ fn a_member_with_other_limits_stops_the_group() {
     is_refused(world, "");
 }
 
+/// It would begin to follow later than the others.
+#[test]
+fn a_member_that_waits_longer_for_its_brake_stops_the_group() {
+    let mut world = World::new(&[2, 3, 4]);
+    world.configure();
+    world.write(3, at::BRAKE_RELEASE, Value::U16(80)).unwrap();
+    is_refused(world, "");
+}
+
 #[test]
 fn a_member_that_communicates_otherwise_stops_the_group() {
     for object in [
