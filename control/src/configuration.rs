@@ -47,6 +47,19 @@ impl Times {
     pub const fn silence_us(&self) -> u64 {
         self.sync_period_us as u64 * 5 / 4
     }
+
+    /// How long slip or strain must last before it is a fault: half as long again as the wheel
+    /// watch needs to name the wheel that made it, and 300 ms at least, which no drive without a
+    /// fault has.
+    #[must_use]
+    pub const fn consequence_us(&self) -> u64 {
+        let after_watch = self.wheel_fault_us * 3 / 2;
+        if after_watch > 300_000 {
+            after_watch
+        } else {
+            300_000
+        }
+    }
 }
 
 /// Thresholds; 0 turns one off.

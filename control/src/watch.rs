@@ -6,14 +6,17 @@
 //!
 //! | counted | means |
 //! |---|---|
-//! | clearly *against* voltage and reference, after a tenth of the time | encoder or motor reversed: positive feedback, cut |
+//! | clearly *against* the voltage and, for a tenth of the time, the reference | encoder or motor reversed: positive feedback, cut |
+//! | the same at a crawl or at standstill, and the voltage does not slow it down | the same |
 //! | nothing, after the full time | encoder dead (or wheel blocked hard): ramp |
 //! | something else, after the full time | wheel blocked or slipping in its drive: ramp |
 //!
 //! At a crawl nothing can stay behind by the whole threshold. There, no count at all while staying
 //! behind by more than half the reference is suspicious too, but must last five times as long,
-//! because a sticky start looks the same. One count acquits: a wheel that its load turns slower or
-//! faster than asked is not dead.
+//! because a sticky start looks the same. A few counts ahead acquit: a wheel that its load turns
+//! slower or faster than asked is not dead. Counts back do not, but a wheel that its load turns
+//! back at a crawl is not reversed either, as long as its voltage slows it down as the motor's
+//! model says.
 //!
 //! Inversion is the dangerous one, because the loop drives it to full speed; hence its short time.
 
@@ -43,14 +46,32 @@ const WELL: f32 = 0.02;
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Suspicion {
     since: Micros,
-    /// Behind by the whole threshold, not just by half the reference.
-    whole: bool,
+    /// Since when it is behind by the whole threshold, not just by half the reference.
+    whole: Option<Micros>,
     /// What the encoder turned since then, rad.
     travel: f32,
     /// Its fastest rate meanwhile, rad/s.
     fastest: f32,
     /// By how much the voltage against it would have slowed a free wheel down, rad/s.
     slowed: f32,
+}
+
+impl Suspicion {
+    fn add(&mut self, measured: WheelMeasurement, voltage: f32, gains: &Gains, dt: f32) {
+        let rate = measured.rate.abs();
+        self.travel += measured.turned;
+        self.fastest = self.fastest.max(rate);
+        if gains.acceleration > 0.0 {
+            let against = voltage.abs() + gains.static_friction + gains.speed * rate;
+            self.slowed += against / gains.acceleration * dt;
+        }
+    }
+
+    /// Whether the wheel turns on although its voltage should have stopped it by now. One that is
+    /// pushed turns against its voltage as well, but is slowed down by it.
+    fn runs(&self, rate: f32) -> bool {
+        self.slowed > SLOWED_PART * self.fastest + SLOWED && rate > UNSLOWED * self.fastest
+    }
 }
 
 /// When a suspicious tick is, and whether the wheel is behind by the whole threshold.
@@ -140,54 +161,46 @@ impl Watch {
 
     #[cold]
     fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Seen) {
-        // What was weak and is strong now begins anew; what was strong stays so.
-        if self
-            .suspicion
-            .is_some_and(|known| tick.whole && !known.whole)
-        {
+        let stands = rate_ref.abs() < WELL;
+        // What was weak at standstill may have been the estimate that still trailed a push.
+        let weak = |known: Suspicion| known.whole.is_none();
+        if stands && tick.whole && self.suspicion.is_some_and(weak) {
             self.suspicion = None;
         }
         let suspicion = self.suspicion.get_or_insert(Suspicion {
             since: tick.now,
-            whole: tick.whole,
+            whole: None,
             travel: 0.0,
             fastest: 0.0,
             slowed: 0.0,
         });
-        let rate = measured.rate.abs();
-        suspicion.travel += measured.turned;
-        suspicion.fastest = suspicion.fastest.max(rate);
-        let gains = &self.gains;
-        if gains.acceleration > 0.0 {
-            let against = voltage.abs() + gains.static_friction + gains.speed * rate;
-            suspicion.slowed += against / gains.acceleration * tick.dt;
+        // What was strong stays so.
+        if tick.whole {
+            suspicion.whole.get_or_insert(tick.now);
         }
+        suspicion.add(measured, voltage, &self.gains, tick.dt);
         let suspicion = *suspicion;
         let lasted_us = tick.now.since(suspicion.since).0;
+        let whole_us = suspicion.whole.map(|since| tick.now.since(since).0);
         let lasted = lasted_us as f32 * 1e-6;
-        let stands = rate_ref.abs() < WELL;
-        if !suspicion.whole && !stands && self.acquits(suspicion.travel, rate_ref * lasted) {
+        let travel = suspicion.travel;
+        if whole_us.is_none() && !stands && self.acquits(travel, rate_ref * lasted) {
             self.suspicion = None;
             return;
         }
-        let needed = if suspicion.whole {
-            self.time_us
-        } else {
-            self.time_us * CRAWL_FACTOR
-        };
-        let travel = suspicion.travel;
+        let short_us = self.time_us / INVERTED_DIVISOR;
         let against = |direction: f32| {
             direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
         };
-        // A wheel that was pushed and is to stand turns against its voltage as well, but is slowed
-        // down by it.
-        let runs = stands
-            && suspicion.slowed > SLOWED_PART * suspicion.fastest + SLOWED
-            && rate > UNSLOWED * suspicion.fastest;
-        let reversed = against(voltage) && (against(rate_ref) || runs);
-        let found = if lasted_us >= self.time_us / INVERTED_DIVISOR && reversed {
+        let goes_back = whole_us.is_some_and(|us| us >= short_us) && against(rate_ref);
+        let runs = suspicion.runs(measured.rate.abs());
+        let reversed = lasted_us >= short_us && against(voltage) && (goes_back || runs);
+        let found = if reversed {
             Fault::EncoderInverted
-        } else if lasted_us < needed || stands && !suspicion.whole {
+        } else if match whole_us {
+            Some(us) => us < self.time_us,
+            None => stands || lasted_us < self.time_us * CRAWL_FACTOR,
+        } {
             return;
         } else if travel.abs() <= self.nothing + self.stray * lasted {
             Fault::EncoderDead
@@ -201,8 +214,10 @@ impl Watch {
     }
 
     /// Whether so much travel, rad, shows that a wheel lives that is asked for so much. A wheel
-    /// that its load turns faster or slower than asked does; a few stray counts do not.
+    /// that its load turns faster or slower than asked does; a few stray counts do not, and a wheel
+    /// that turns back may be reversed.
     fn acquits(&self, travel: f32, asked: f32) -> bool {
-        travel.abs() > self.nothing && travel.abs() > 0.25 * asked.abs()
+        let ahead = if asked < 0.0 { -travel } else { travel };
+        ahead > self.nothing && ahead > 0.25 * asked.abs()
     }
 }

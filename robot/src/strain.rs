@@ -13,11 +13,6 @@ use control::configuration::Configuration;
 use control::math::sqrt;
 use control::threshold::{Hysteresis, Lasting};
 
-/// How long the fault threshold must be exceeded, us. A wheel that is blocked strains the load at
-/// once, and the wheel watch of its robot needs 200 ms by default to name it: a consequence must
-/// not be announced before its cause.
-const FAULT_US: u64 = 300_000;
-
 /// Compares measured twists at every SYNC.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Strain {
@@ -69,8 +64,10 @@ impl Strain {
         let thresholds = &configuration.thresholds;
         self.limit.update(self.worst, thresholds.strain_limit);
         let bad = thresholds.strain_fault > 0.0 && self.worst > thresholds.strain_fault;
+        // A consequence must not be announced before its cause.
+        let lasting_us = configuration.times.consequence_us();
         self.fault
-            .update(bad, at, FAULT_US)
+            .update(bad, at, lasting_us)
             .then_some(Fault::StrainExcess)
     }
 

@@ -40,10 +40,6 @@ const OVERDUE_US: u32 = 20_000;
 /// begun by then.
 const BUS_SILENT_US: u32 = 25_000;
 
-/// How long too much slip must last, us: longer than the wheel watch needs by default, which names
-/// what made it.
-const LASTING_US: u64 = 300_000;
-
 /// Wheels slower than this stand, rad/s.
 const STANDING_RATE: f32 = 0.05;
 
@@ -422,7 +418,8 @@ impl Supervision {
         // Wheels that turn one by one do not roll on a floor.
         let rolls = command.mode != Mode::Identify;
         let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
-        let lasts = self.slip_fault.update(slips, now, LASTING_US);
+        let lasting_us = motion.configuration.times.consequence_us();
+        let lasts = self.slip_fault.update(slips, now, lasting_us);
         lasts.then_some(Fault::SlipExcess)
     }
 

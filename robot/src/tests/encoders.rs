@@ -40,6 +40,9 @@ impl Random {
     }
 }
 
+/// Of the wheels, m.
+const RADIUS: f32 = 0.1524;
+
 /// What came of a dead encoder.
 #[derive(Debug)]
 struct Course {
@@ -268,5 +271,93 @@ fn a_reversed_encoder_is_cut_at_standstill_too() {
 fn a_wheel_that_is_pushed_at_standstill_comes_back() {
     for rate in [0.3, 0.5, -1.0, 2.0, 4.0, 8.0] {
         assert_eq!(push(rate, 1.0).0, None, "{rate} rad/s");
+    }
+}
+
+/// The encoder of a wheel counts backwards, from a steady motion on or from before the first one:
+/// how long until the drivers were off, and the fastest rate until then. None in 4 s.
+fn reverse(rate: f64, from_start: bool) -> (Option<(u32, Fault)>, f64) {
+    let mut world = World::started(&[2]);
+    let twist = Twist::new(rate as f32 * RADIUS, 0.0, 0.0);
+    if from_start {
+        world.robots[0].encoder_sign[1] = -1.0;
+        world.release();
+        world.twist = Some(twist);
+    } else {
+        world.drive(twist, 2_000);
+        world.robots[0].encoder_sign[1] = -1.0;
+    }
+    let mut fastest = 0.0_f64;
+    for now in 1..=4_000 {
+        world.step();
+        let robot = &world.robots[0];
+        fastest = fastest.max(robot.rates[1].abs());
+        if !robot.outputs.drivers_enabled {
+            return (Some((now, robot.control.report().fault.unwrap())), fastest);
+        }
+    }
+    (None, fastest)
+}
+
+/// What docs/safety.md promises of a wheel with this rate, rad/s: when it is off, ms, and its
+/// fastest rate.
+fn reversed_promise(rate: f64) -> (u32, f64) {
+    let page = include_str!("../../../docs/safety.md");
+    let rows = page.lines().filter_map(|line| {
+        let mut cells = line.split('|').map(str::trim).skip(1);
+        let (from, _) = cells.next()?.strip_prefix("from ")?.split_once(" rad/s")?;
+        let millis = cells.next()?.strip_suffix(" ms")?.parse().ok()?;
+        let fastest = cells.next()?;
+        let fastest = match fastest.strip_suffix(" times its rate") {
+            Some(factor) => factor.parse::<f64>().ok()? * rate,
+            None => fastest.strip_suffix(" rad/s")?.parse().ok()?,
+        };
+        Some((from.parse::<f64>().ok()?, (millis, fastest)))
+    });
+    let mut rows = rows.filter(|(from, _)| rate >= *from);
+    rows.next().expect("a row for this rate").1
+}
+
+#[test]
+fn a_reversed_encoder_is_cut_however_slowly_its_wheel_turns() {
+    for rate in [
+        0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 4.0, 6.0,
+    ] {
+        let (within, most) = reversed_promise(rate);
+        for sign in [1.0, -1.0] {
+            let (cut, fastest) = reverse(sign * rate, false);
+            let (took, fault) = cut.unwrap();
+            assert_eq!(fault, Fault::EncoderInverted, "{rate} rad/s");
+            assert!(took <= within, "{rate} rad/s: {took} ms");
+            assert!(fastest <= most, "{rate}: {fastest} rad/s");
+        }
+    }
+}
+
+/// The usual way to have one: it is wired like that.
+#[test]
+fn a_reversed_encoder_is_cut_at_the_first_motion() {
+    for rate in [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0] {
+        for sign in [1.0, -1.0] {
+            let (cut, fastest) = reverse(sign * rate, true);
+            assert_eq!(cut.unwrap().1, Fault::EncoderInverted, "{rate} rad/s");
+            let most = (2.0 * rate).clamp(0.3, 2.5);
+            assert!(fastest <= most, "{rate}: {fastest} rad/s");
+        }
+    }
+}
+
+/// A robot at a crawl that its load pushes back for a moment goes on.
+#[test]
+fn a_robot_that_is_pushed_back_at_a_crawl_is_not_reversed() {
+    for asked in [0.05, 0.1, 0.3, 0.5] {
+        for pushed in [0.1, 0.3, 0.6, 1.0] {
+            let mut world = World::started(&[2]);
+            world.drive(Twist::new(asked * RADIUS, 0.0, 0.0), 2_000);
+            world.robots[0].rates = [-pushed; 4];
+            world.run(1_000);
+            let state = world.robots[0].bus.state();
+            assert_eq!(state, State::Moving, "{asked} asked, {pushed} rad/s");
+        }
     }
 }

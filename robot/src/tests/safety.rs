@@ -1,5 +1,6 @@
 //! What brings one robot to rest, and what keeps it there.
 
+use canopen::NmtCommand;
 use control::time::Micros;
 use kinematics::Twist;
 use protocol::address::{self as at, history};
@@ -343,24 +344,26 @@ fn disagreeing(limit: f32, fault: f32) -> World {
     world
 }
 
+/// A frame in every period as robot 3 would send it if its wheels moved it ahead like that, m/s.
+fn slipping(world: &mut World, vx: f32, millis: u32) {
+    for _ in 0..millis / 10 {
+        let frame = protocol::MeasuredTwist {
+            twist: Twist::new(vx, 0.0, 0.0),
+            sequence: world.sequence,
+            group: super::world::GROUP,
+        };
+        world.until(10, |world| world.now % 10_000 == 5_000);
+        world.send(3, cob::measured_twist(3), &frame.encode());
+        world.step();
+    }
+}
+
 #[test]
 fn members_that_disagree_report_strain_then_stop() {
     let mut world = disagreeing(0.05, 0.2);
     world.drive(FORWARD, 1000);
     assert_eq!(world.status(2).code, protocol::Code::None);
-    // A frame as robot 3 would send it when its wheels have lost a sixth of the speed.
-    let slipping = |world: &mut World, vx: f32, millis: u32| {
-        for _ in 0..millis / 10 {
-            let frame = protocol::MeasuredTwist {
-                twist: Twist::new(vx, 0.0, 0.0),
-                sequence: world.sequence,
-                group: super::world::GROUP,
-            };
-            world.until(10, |world| world.now % 10_000 == 5_000);
-            world.send(3, cob::measured_twist(3), &frame.encode());
-            world.step();
-        }
-    };
+    // It has lost a sixth of the speed.
     slipping(&mut world, 0.5, 50);
     assert_eq!(
         world.status(2).code,
@@ -370,6 +373,25 @@ fn members_that_disagree_report_strain_then_stop() {
     slipping(&mut world, 0.3, 400);
     world.run(1200);
     assert_eq!(faulted(&world), Some(Fault::StrainExcess));
+}
+
+/// What a wheel does to the load is announced after what is wrong with the wheel.
+#[test]
+fn a_longer_wheel_fault_time_makes_strain_wait() {
+    let mut world = disagreeing(0.05, 0.2);
+    for node in [2, 3] {
+        let time = Value::U16(800);
+        world.nmt(NmtCommand::EnterPreOperational, 0);
+        world.write(node, at::WHEEL_FAULT_TIME, time).unwrap();
+    }
+    world.start();
+    world.run(30);
+    world.drive(FORWARD, 1000);
+    slipping(&mut world, 0.3, 1_150);
+    assert_eq!(world.robots[0].bus.state(), State::Moving);
+    slipping(&mut world, 0.3, 100);
+    let fault = world.robots[0].bus.state().fault();
+    assert_eq!(fault, Some(Fault::StrainExcess));
 }
 
 #[test]
@@ -463,6 +485,34 @@ fn wheels_that_disagree_report_slip_then_stop() {
     assert_eq!(world.robots[0].bus.state(), State::Moving);
     world.drive(FORWARD, 2000);
     assert_eq!(faulted(&world), Some(Fault::SlipExcess));
+}
+
+/// A wheel that drags makes the robot slip. However long the wheel watch may take, it names the
+/// cause before the consequence is announced.
+#[test]
+fn a_longer_wheel_fault_time_still_names_the_wheel_before_the_slip() {
+    for fault_ms in [200, 500, 2_000_u16] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        for (address, value) in [
+            (at::SLIP_LIMIT, Value::F32(0.2)),
+            (at::SLIP_FAULT, Value::F32(0.5)),
+            (at::BLOCKED_RATE, Value::F32(1.0)),
+            (at::WHEEL_FAULT_TIME, Value::U16(fault_ms)),
+        ] {
+            world.write(2, address, value).unwrap();
+        }
+        world.start();
+        world.run(30);
+        // 1.97 rad/s asked, 0.5 turned: more than the wheel watch allows, and 0.73 rad/s of slip.
+        world.drive(Twist::new(0.3, 0.0, 0.0), 1000);
+        world.robots[0].drag[0] = true;
+        let took = world.until(4_000, |world| world.robots[0].bus.state() != State::Moving);
+        let fault = world.robots[0].bus.state().fault();
+        assert_eq!(fault, Some(Fault::WheelBlocked), "{fault_ms} ms");
+        // The wheel takes a while to slow down.
+        assert!(took >= u32::from(fault_ms) && took <= u32::from(fault_ms) + 100);
+    }
 }
 
 #[test]

@@ -78,6 +78,8 @@ pub struct Case {
     pub speed: f32,
     /// What is promised at this speed, ms, if not the time of the page's table.
     pub millis: Option<f64>,
+    /// The largest wheel rate over what was asked at this speed, if not that of the page's table.
+    pub wheel_rate: Option<f64>,
     /// Not for a pair with another.
     pub alone: bool,
     /// What is done before the start.
@@ -94,6 +96,7 @@ impl Case {
             settles_ms: 0,
             speed: SPEED,
             millis: None,
+            wheel_rate: None,
             alone: false,
             prepare: None,
         }
@@ -114,6 +117,25 @@ const fn after(
 
 const fn stored(number: u8, variant: &'static str, trial: super::power::Trial) -> Case {
     Case::new(number, variant, Trial::Stored(trial))
+}
+
+/// An encoder that counts backwards from now on.
+fn reversed(master: &mut TestMaster) {
+    master
+        .world
+        .set_encoder(WATCHED, WHEEL, EncoderState::Reversed);
+}
+
+/// The same at a low speed, m/s, with what is promised there: ms, and the wheel rate over what was
+/// asked.
+const fn slow_reversed(variant: &'static str, speed: f32, millis: f64, rate: f64) -> Case {
+    Case {
+        alone: true,
+        speed,
+        millis: Some(millis),
+        wheel_rate: Some(rate),
+        ..now(12, variant, reversed)
+    }
 }
 
 /// The current sensor of cause 32: A/V, and V at no current.
@@ -165,11 +187,11 @@ pub const CASES: &[Case] = &[
             dead_and_noisy(master, 15.0);
         })
     },
-    now(12, "", |master| {
-        master
-            .world
-            .set_encoder(WATCHED, WHEEL, EncoderState::Reversed);
-    }),
+    now(12, "", reversed),
+    // At a crawl: what the second table of the page promises, 0.66, 0.2 and 0.1 rad/s.
+    slow_reversed("0.1 m/s", 0.1, 90.0, 2.0),
+    slow_reversed("0.031 m/s", 0.031, 90.0, 2.0),
+    slow_reversed("0.0155 m/s", 0.0155, 150.0, 3.0),
     now(13, "turns hardly", |master| {
         master.world.set_wheel_drag(WATCHED, WHEEL, DRAG);
     }),

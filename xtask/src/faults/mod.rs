@@ -110,6 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let lines = side_by_side(threads, &jobs, |(promise, case)| Line {
             promise: Promise {
                 millis: case.millis.or(promise.millis),
+                wheel_rate: case.wheel_rate.or(promise.wheel_rate),
                 ..(*promise).clone()
             },
             variant: case.variant,
@@ -200,8 +201,9 @@ fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case)
             measured.zip(promised).is_none_or(|(m, p)| m <= p)
         };
         let millis = case.millis.or(promise.millis);
+        let wheel_rate = case.wheel_rate.or(promise.wheel_rate);
         millis.is_some_and(|promised| time <= promised)
-            && within(measured.wheel_rate, promise.wheel_rate)
+            && within(measured.wheel_rate, wheel_rate)
             && within(measured.way, promise.way)
     };
     match measure::measure(group, firmware, case, announced, fault.reaction()) {
