@@ -12,7 +12,8 @@ use omnibus::path::curve::Curve;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::address::{self, history};
-use protocol::{Fault, Kind, Value};
+use protocol::{Fault, Kind, Value, cob};
+use sim::robot::{Robot, emulated::EmulatedRobot};
 use sim::{Backend, Options, World};
 
 /// Largest distance between the two groups at any SYNC over the first eight seconds of the circle,
@@ -359,4 +360,41 @@ fn motors_are_identified_over_the_bus() {
     }
     motors::accept(wire, 3, &motors).unwrap();
     session.start().unwrap();
+}
+
+/// Two boards whose switches are set alike, switched on together with a third. Their boot-up frames
+/// are the same bits; their first heartbeats come at different times, by the chips' unique numbers.
+#[test]
+fn robots_that_are_one_node_notice_it() {
+    let group = common::group("tcc-3");
+    let image = image();
+    let boards = [
+        (2, b"OMNIBUS-DBL1"),
+        (3, b"OMNIBUS-DBL2"),
+        (3, b"OMNIBUS-DBL3"),
+    ];
+    let robots = boards
+        .into_iter()
+        .map(|(node, uid)| EmulatedRobot::with_uid(&image, node, *uid, 0.0).unwrap())
+        .map(|robot| Box::new(robot) as Box<dyn Robot>);
+    let options = Options::default();
+    let plant = sim::plant::build(&group, options.start).unwrap();
+    let mut world = World::with_parts(&group, robots.collect(), plant, options).unwrap();
+    world.run_until(canopen::Micros(400_000)).unwrap();
+    let frames: Vec<_> = std::iter::from_fn(|| world.take_received(sim::MASTER)).collect();
+    let told = |node| {
+        let of_node = frames
+            .iter()
+            .filter(move |(_, frame)| frame.id() == cob::emergency(node));
+        of_node.map(|(_, f)| u16::from_le_bytes([f.data()[0], f.data()[1]]))
+    };
+    let mut boots = frames
+        .iter()
+        .filter(|(_, frame)| frame.id() == cob::heartbeat(3) && frame.data() == [0]);
+    assert!(
+        boots.next().is_some() && boots.next().is_none(),
+        "one boot-up"
+    );
+    assert!(told(3).any(|code| code == Fault::DuplicateNode.code()));
+    assert_eq!(told(2).count(), 0);
 }

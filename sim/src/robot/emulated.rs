@@ -112,12 +112,26 @@ impl EmulatedRobot {
     /// # Errors
     /// When four switches cannot say the node.
     pub fn new(firmware: &Firmware, node: u8, crystal_ppm: f64) -> Result<Self, SimError> {
+        let mut uid = *b"OMNIBUS-SIM\0";
+        uid[11] = node;
+        Self::with_uid(firmware, node, uid, crystal_ppm)
+    }
+
+    /// The same with a unique number of its own, as two robots whose node switches are set alike
+    /// have.
+    ///
+    /// # Errors
+    /// As [`EmulatedRobot::new`].
+    pub fn with_uid(
+        firmware: &Firmware,
+        node: u8,
+        uid: [u8; 12],
+        crystal_ppm: f64,
+    ) -> Result<Self, SimError> {
         if switches(node).is_none() {
             let problem = "four switches give nodes 2 to 17 only".to_owned();
             return Err(SimError::Robot { node, problem });
         }
-        let mut uid = *b"OMNIBUS-SIM\0";
-        uid[11] = node;
         let config = BoardConfig {
             crystal_ppm,
             uid,
