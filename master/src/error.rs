@@ -158,6 +158,18 @@ pub enum MasterError {
         /// The node.
         node: u8,
     },
+    /// This computer was late, which explains what happened.
+    #[error(
+        "this computer was too busy: it was {late_ms:.0} ms late within the last second, which \
+         looks to robots like a broken bus. End other programs, or permit real-time priority \
+         (docs/operating.md, Busy computers). What came of it: {error}"
+    )]
+    Busy {
+        /// How late it was, in ms.
+        late_ms: f64,
+        /// What came of it.
+        error: Box<MasterError>,
+    },
     /// The source of poses went silent.
     #[error(
         "no pose of the group has arrived for one second; the group ramps down. Check what sends \
@@ -232,6 +244,41 @@ pub enum MasterError {
         /// Its value.
         limit: f32,
     },
+}
+
+impl MasterError {
+    /// The error itself, without the remark that this computer was late.
+    #[must_use]
+    pub fn cause(&self) -> &Self {
+        match self {
+            Self::Busy { error, .. } => error.cause(),
+            error => error,
+        }
+    }
+
+    /// Whether it is what robots do or seem to do when the master is late.
+    pub(crate) fn may_come_of_lateness(&self) -> bool {
+        match self {
+            Self::NodeSilent { .. }
+            | Self::BusDiagnosis { .. }
+            | Self::Identification { .. }
+            | Self::NotReady { .. }
+            | Self::MemberMissing { .. }
+            | Self::MemberLeft { .. }
+            | Self::PoseLost => true,
+            Self::MemberFault { fault, .. } => matches!(
+                fault,
+                Fault::MasterSilent
+                    | Fault::SyncLost
+                    | Fault::SetpointOverdue
+                    | Fault::MemberSilent
+                    | Fault::MemberStopped
+                    | Fault::SequenceMismatch
+                    | Fault::TwoMasters
+            ),
+            _ => false,
+        }
+    }
 }
 
 /// What to do about an SDO abort.

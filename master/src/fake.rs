@@ -22,6 +22,10 @@ pub struct FakeRobot {
     pub refuses: Option<(Address, AbortCode)>,
     /// Reads back this object as zeros.
     pub forgets: Option<Address>,
+    /// Does not hear so many SDO requests.
+    pub deaf_to: u32,
+    /// Answers SDO so much later, µs.
+    pub slow_us: u64,
     /// Says nothing from this time on, µs.
     pub silent_from: u64,
     /// Reports this fault from this time on, µs.
@@ -46,6 +50,8 @@ impl FakeRobot {
             nmt: NmtState::PreOperational,
             refuses: None,
             forgets: None,
+            deaf_to: 0,
+            slow_us: 0,
             silent_from: u64::MAX,
             fault: None,
             sequence: 0,
@@ -191,11 +197,16 @@ impl FakeBus {
         self.sent.push((now, *frame));
         let (id, data) = (frame.id(), frame.data());
         for robot in self.robots.iter_mut().filter(|r| now < r.silent_from) {
+            let sdo = id == cob::sdo_request(robot.node);
+            let after = ANSWER_US + if sdo { robot.slow_us } else { 0 };
             let mut say = |id: u16, data: &[u8]| {
                 let frame = Frame::new(id, data).unwrap();
-                self.waiting.push_back((now + ANSWER_US, frame));
+                self.waiting.push_back((now + after, frame));
             };
-            if id == cob::sdo_request(robot.node) {
+            // An abort is not answered.
+            if sdo && (robot.deaf_to > 0 || data[0] == 0x80) {
+                robot.deaf_to = robot.deaf_to.saturating_sub(u32::from(data[0] != 0x80));
+            } else if sdo {
                 let answer = robot.sdo(data);
                 say(cob::sdo_response(robot.node), &answer);
             } else if let Some((command, _)) = client::parse_nmt(frame) {

@@ -427,3 +427,46 @@ fn bad_input_is_named() {
         "{said}"
     );
 }
+
+/// Time goes as far as its only client waits, however long that takes, and stands otherwise.
+#[test]
+fn time_waits_for_a_lockstep_client() {
+    let served = Served::new(&["--lockstep", "127.0.0.1:0", "--pose-tcp", "127.0.0.1:0"]);
+    let mut client = served.connect("lockstep");
+    let line = |client: &mut BufReader<TcpStream>| {
+        let mut text = String::new();
+        client.read_line(&mut text).unwrap();
+        text.trim_end().to_owned()
+    };
+    assert_eq!(line(&mut client), "omnibus-lockstep 1");
+    // The robots have booted; nobody has waited yet.
+    assert_eq!(line(&mut client), "n100000");
+    let mut poses = served.connect("pose-tcp");
+    assert!(line(&mut poses).starts_with("{\"t\":0.1,"));
+    // Half a second, of which the client hears everything that was said, in order, and its end.
+    let (mut heard, mut now) = (Vec::new(), 100_000);
+    while now < 600_000 {
+        client.get_mut().write_all(b"w600000\n").unwrap();
+        loop {
+            let text = line(&mut client);
+            let (kind, rest) = text.split_at(1);
+            let time = rest.split(' ').next().unwrap().parse::<u64>().unwrap();
+            assert!((now..=600_000).contains(&time), "{text}");
+            if kind == "n" {
+                now = time;
+                break;
+            }
+            heard.push(text);
+        }
+    }
+    assert_eq!(now, 600_000);
+    assert!(!heard.is_empty(), "two robots send heartbeats every 100 ms");
+    // It stands where it was left, also for another client.
+    let mut other = served.connect("lockstep");
+    assert_eq!(line(&mut other), "omnibus-lockstep 1");
+    assert_eq!(line(&mut other), "n600000");
+    // A frame that makes no sense ends the connection.
+    other.get_mut().write_all(b"hello\n").unwrap();
+    assert_eq!(line(&mut other), "");
+    served.end("-INT");
+}

@@ -19,6 +19,8 @@ pub enum BusAddress {
     Slcan(PathBuf),
     /// `slcan-tcp://HOST:PORT`: slcan over a network.
     SlcanTcp(String),
+    /// `lockstep://HOST:PORT`: a simulated bus whose time waits for the master.
+    Lockstep(String),
     /// `socketcand://HOST:PORT/can0`: a CAN interface that a socketcand server offers.
     Socketcand(String, String),
 }
@@ -27,7 +29,7 @@ pub enum BusAddress {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
-     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE (for example sim:groups/tcc-3.toml, \
+     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE, lockstep://HOST:PORT (for example sim:groups/tcc-3.toml, \
      socketcan:can0, slcan:/dev/ttyACM0, socketcand://pi.local:29536/can0)"
 )]
 pub struct NoBus(String);
@@ -46,6 +48,10 @@ impl FromStr for BusAddress {
                 Some(address) if address.contains(':') => Ok(Self::SlcanTcp(address.into())),
                 _ => Err(NoBus(text.into())),
             },
+            Some(("lockstep", rest)) => match rest.strip_prefix("//") {
+                Some(address) if address.contains(':') => Ok(Self::Lockstep(address.into())),
+                _ => Err(NoBus(text.into())),
+            },
             Some(("socketcand", rest)) => {
                 let parts = rest.strip_prefix("//").and_then(|r| r.split_once('/'));
                 match parts {
@@ -62,6 +68,14 @@ impl FromStr for BusAddress {
     }
 }
 
+impl BusAddress {
+    /// Whether time on this bus is virtual and waits for the master.
+    #[must_use]
+    pub const fn waits(&self) -> bool {
+        matches!(self, Self::Sim(_) | Self::Lockstep(_))
+    }
+}
+
 impl std::fmt::Display for BusAddress {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -71,6 +85,7 @@ impl std::fmt::Display for BusAddress {
                 write!(f, "socketcand://{address}/{interface}")
             }
             Self::SlcanTcp(address) => write!(f, "slcan-tcp://{address}"),
+            Self::Lockstep(address) => write!(f, "lockstep://{address}"),
             Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
         }
     }
@@ -90,7 +105,7 @@ pub fn open(bus: &BusAddress, group: &GroupFile) -> Result<Box<dyn Link>, DriveE
             let _ = group;
             return Err(DriveError::NoSimulation);
         }
-        real => Box::new(crate::bus::adapter::open(real).map_err(crate::error::MasterError::from)?),
+        real => crate::bus::adapter::open(real).map_err(crate::error::MasterError::from)?,
     })
 }
 
@@ -105,6 +120,7 @@ mod tests {
             "socketcan:can0",
             "slcan:/dev/ttyACM0",
             "slcan-tcp://localhost:3333",
+            "lockstep://localhost:3333",
             "socketcand://pi.local:29536/can0",
         ] {
             assert_eq!(text.parse::<BusAddress>().unwrap().to_string(), text);
@@ -120,6 +136,7 @@ mod tests {
             "usb:1",
             "slcan-tcp://localhost",
             "slcan-tcp:x:1",
+            "lockstep:x:1",
             "socketcand://pi.local/can0",
             "socketcand://pi.local:29536",
             "socketcand://pi.local:29536/",

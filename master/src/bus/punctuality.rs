@@ -3,10 +3,16 @@
 //! It holds 10 000 counts and never grows, so a session may run for days. Mean and worst are exact;
 //! the 99 % value is rounded up to a whole microsecond and, beyond 10 ms, stands at 10 ms.
 
+use std::time::{Duration, Instant};
+
 use crate::monitor::telemetry::Punctuality;
 
 /// Lateness from which all values share the last count, in µs.
 const LONGEST_US: usize = 10_000;
+/// What counts as recent.
+const RECENT: Duration = Duration::from_secs(1);
+/// Lateness that real-time priority would have prevented, in µs: a tenth of a period at 100 Hz.
+const NOTABLE_US: f64 = 1_000.0;
 
 /// A histogram of lateness.
 #[derive(Clone, Debug)]
@@ -15,6 +21,9 @@ pub struct Lateness {
     count: u64,
     sum_ns: u64,
     worst_ns: u64,
+    /// When the latest of the last second went out, and how late.
+    recent: Option<(Instant, u64)>,
+    realtime: bool,
     missed: u64,
 }
 
@@ -25,6 +34,8 @@ impl Default for Lateness {
             count: 0,
             sum_ns: 0,
             worst_ns: 0,
+            recent: None,
+            realtime: false,
             missed: 0,
         }
     }
@@ -38,6 +49,19 @@ impl Lateness {
         self.count += 1;
         self.sum_ns += late_ns;
         self.worst_ns = self.worst_ns.max(late_ns);
+        if self.lately_ns() <= late_ns {
+            self.recent = Some((Instant::now(), late_ns));
+        }
+    }
+
+    fn lately_ns(&self) -> u64 {
+        let recent = self.recent.filter(|(at, _)| at.elapsed() < RECENT);
+        recent.map_or(0, |(_, late_ns)| late_ns)
+    }
+
+    /// Whether the system gave real-time priority.
+    pub fn set_realtime(&mut self, realtime: bool) {
+        self.realtime = realtime;
     }
 
     /// `slots` of the schedule passed without their setpoint.
@@ -59,6 +83,8 @@ impl Lateness {
             mean_us: self.sum_ns as f64 / self.count.max(1) as f64 / 1000.0,
             p99_us: p99.unwrap_or(0) as f64,
             worst_us: self.worst_ns as f64 / 1000.0,
+            lately_us: self.lately_ns() as f64 / 1000.0,
+            realtime: self.realtime,
             missed: self.missed,
         }
     }
@@ -76,6 +102,11 @@ impl std::fmt::Display for Punctuality {
                 f,
                 "; {} went without a setpoint: the machine was too busy",
                 self.missed
+            )?;
+        }
+        if !self.realtime && self.worst_us > NOTABLE_US {
+            f.write_str(
+                "; without real-time priority (docs/operating.md, Busy computers: how to permit it)",
             )?;
         }
         Ok(())
@@ -100,6 +131,10 @@ mod tests {
         assert!((read.mean_us - (980.0 + 50.0 + 3000.0) / 100.0).abs() < 1e-9);
         assert_eq!(read.p99_us, 50.0);
         assert_eq!(read.worst_us, 3000.0);
+        assert_eq!(read.lately_us, 3000.0);
+        assert!(read.to_string().ends_with("how to permit it)"));
+        lateness.set_realtime(true);
+        assert!(lateness.read().to_string().ends_with("worst 3000 us"));
     }
 
     #[test]

@@ -26,6 +26,10 @@ const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
     Some(node) => node,
     None => NodeId::MIN,
 };
+/// Waking later than this after the time asked for is late, in µs: two periods of SYNC.
+const LATE_US: u64 = 20_000;
+/// How long lateness may be the cause of what goes wrong, in µs.
+const RECENT_US: u64 = 1_000_000;
 
 /// A link in use.
 pub struct Wire<L> {
@@ -43,6 +47,8 @@ pub struct Wire<L> {
     sync_counter: u8,
     /// How long a robot may take for one SDO answer, in µs.
     pub(crate) patience_us: u64,
+    /// When this end was last late, and by how much.
+    late: Option<(Micros, Micros)>,
 }
 
 /// The hub of a session, which ends with it.
@@ -80,6 +86,7 @@ impl<L: Link> Wire<L> {
             load: Meter::default(),
             sync_counter: 0,
             patience_us: crate::session::sdo::ANSWER_TIMEOUT_US,
+            late: None,
         }
     }
 
@@ -164,6 +171,10 @@ impl<L: Link> Wire<L> {
         until: Micros,
     ) -> Result<Option<(Micros, Frame)>, MasterError> {
         let received = self.link.receive(until)?;
+        let late = self.link.now().since(until);
+        if received.is_none() && late.0 > LATE_US {
+            self.note_late(late);
+        }
         while let Some((at, sync)) = self.link.take_sent() {
             self.note(at, &sync, true);
         }
@@ -171,6 +182,32 @@ impl<L: Link> Wire<L> {
             self.note(*at, frame, false);
         }
         Ok(received)
+    }
+
+    /// This end did something so late.
+    pub(crate) fn note_late(&mut self, late: Micros) {
+        let before = self.lately();
+        self.late = Some((self.link.now(), late.max(before)));
+    }
+
+    /// How late this end was within the last second, at worst.
+    fn lately(&self) -> Micros {
+        let now = self.link.now();
+        let late = self.late.filter(|(at, _)| now.0 < at.0 + RECENT_US);
+        late.map_or(Micros(0), |(_, late)| late)
+    }
+
+    /// Puts an error down to this end's being late where that is what explains it.
+    pub(crate) fn blame(&self, error: MasterError) -> MasterError {
+        let paced = self.link.punctuality().map_or(0.0, |read| read.lately_us);
+        let late_ms = (paced * 1e-3).max(self.lately().0 as f64 * 1e-3);
+        if late_ms * 1e3 < LATE_US as f64 || !error.may_come_of_lateness() {
+            return error;
+        }
+        MasterError::Busy {
+            late_ms,
+            error: Box::new(error),
+        }
     }
 
     /// Sends the master's heartbeat when it is due.

@@ -56,7 +56,7 @@ const BOOTED: Micros = Micros(100_000);
 #[derive(clap::Args)]
 pub struct Target {
     /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
-    /// socketcand://HOST:PORT/INTERFACE.
+    /// socketcand://HOST:PORT/INTERFACE; lockstep://HOST:PORT is omnibus-sim's.
     #[arg(long, env = "OMNIBUS_BUS", hide_env_values = true)]
     pub bus: BusAddress,
     /// Group file; a simulated bus has its own.
@@ -112,7 +112,7 @@ impl Target {
         match (&self.bus, group) {
             (BusAddress::Sim(_), Some(group)) => self.link(group),
             (BusAddress::Sim(_), None) => self.link(&self.group()?),
-            (real, _) => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
+            (real, _) => Ok(omnibus::bus::adapter::open(real)?),
         }
     }
 
@@ -173,7 +173,7 @@ impl Target {
     pub fn link_alone(&self) -> anyhow::Result<Box<dyn Link>> {
         match &self.bus {
             BusAddress::Sim(_) => self.link(&self.group()?),
-            real => Ok(Box::new(omnibus::bus::adapter::open(real)?)),
+            real => Ok(omnibus::bus::adapter::open(real)?),
         }
     }
 

@@ -142,7 +142,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     if error.chain().any(|cause| cause.is::<LinkError>()) {
         return 3;
     }
-    match master {
+    match master.map(MasterError::cause) {
         Some(MasterError::Link(_)) => 3,
         Some(
             MasterError::NodeSilent { .. }
@@ -169,6 +169,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
         Some(MasterError::Aborted) => 130,
         Some(
             MasterError::TooFast { .. }
+            | MasterError::Busy { .. }
             | MasterError::NotStarted
             | MasterError::PoseLost
             | MasterError::PoseSource { .. }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use canopen::Micros;
-use omnibus::bus::address::BusAddress;
 use omnibus::recording::{Recorder, RecordingError, Settings};
 
 use super::{Target, note};
@@ -57,7 +56,7 @@ impl Rotate {
     ) -> anyhow::Result<Recorder> {
         let settings = Settings {
             rotate_bytes: self.megabytes.map(|megabytes| megabytes * 1_000_000),
-            waits: matches!(target.bus, BusAddress::Sim(_)),
+            waits: target.bus.waits(),
             told: Some(Box::new(warn)),
         };
         Ok(Recorder::create(

@@ -95,7 +95,8 @@ pub fn identify_motors<L: Link>(
         DONE => run.results(),
         status => {
             let reason = reason(status, run.read(at::IDENTIFY_WHEEL)?);
-            Err(MasterError::Identification { node, reason })
+            let error = MasterError::Identification { node, reason };
+            Err(run.wire.blame(error))
         }
     }
 }
@@ -141,7 +142,8 @@ pub fn turn_wheel<L: Link>(
     all?;
     if status != DONE && !(5..=10).contains(&status) {
         let reason = reason(status, u32::from(wheel));
-        return Err(MasterError::Identification { node, reason });
+        let error = MasterError::Identification { node, reason };
+        return Err(run.wire.blame(error));
     }
     let speed = if status == DONE {
         let results = run.results()?;

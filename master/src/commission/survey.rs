@@ -259,7 +259,7 @@ pub fn ask<L: Link>(
 ) -> Result<Option<Value>, MasterError> {
     match wire.read(node, at, kind) {
         Ok(value) => Ok(Some(value)),
-        Err(MasterError::NodeSilent { .. }) => Ok(None),
+        Err(error) if matches!(error.cause(), MasterError::NodeSilent { .. }) => Ok(None),
         Err(error) => Err(error),
     }
 }

@@ -32,7 +32,9 @@ impl<L: Link> Group<L> {
                         found: value.to_bits(),
                     });
                 }
-                Err(MasterError::NodeSilent { .. }) if self.wire.now().0 < deadline.0 => {}
+                Err(error)
+                    if matches!(error.cause(), MasterError::NodeSilent { .. })
+                        && self.wire.now().0 < deadline.0 => {}
                 Err(MasterError::NodeSilent { node }) => {
                     return Err(match self.wire.link.diagnosis() {
                         Some(diagnosis) => MasterError::BusDiagnosis { node, diagnosis },

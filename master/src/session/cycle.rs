@@ -84,7 +84,7 @@ impl<L: Link> Group<L> {
         self.wire
             .send(&Frame::of(cob::GROUP_TWIST, frame.encode()))?;
         self.listen(sync_at)?;
-        let judged = self.judge();
+        let judged = self.judge().map_err(|error| self.wire.blame(error));
         self.close_row();
         if !self.paced {
             let sync = client::sync(Some(self.next_counter()));
@@ -116,6 +116,7 @@ impl<L: Link> Group<L> {
         let skipped = (now + margin - self.next_sync.0).div_ceil(period);
         self.next_sync = Micros(self.next_sync.0 + skipped * period);
         self.missed += skipped;
+        self.wire.note_late(Micros(skipped * period));
         self.tell(None, EventKind::Late(self.missed));
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)

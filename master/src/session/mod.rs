@@ -367,14 +367,15 @@ impl<L: Link> Group<L> {
                 return Ok(());
             };
             if self.wire.now().0 > deadline {
-                return Err(MasterError::NotReady {
+                let error = MasterError::NotReady {
                     node: waiting.node,
                     nmt: waiting.nmt,
                     state: waiting.status.map(|s| s.state),
                     code: waiting
                         .status
                         .map_or_else(|| "unknown".into(), |s| describe(s.code)),
-                });
+                };
+                return Err(self.wire.blame(error));
             }
         }
     }

@@ -16,6 +16,10 @@ use crate::error::MasterError;
 /// How long a robot may take for one answer unless told otherwise, in µs.
 pub const ANSWER_TIMEOUT_US: u64 = 250_000;
 
+/// How often a request is made before the robot counts as silent: frames may be late on a busy
+/// machine, and lost on a bad bus.
+const TRIES: u32 = 3;
+
 /// Store parameters (CiA 301 7.5.2.13): all of them, and the word that says so, "save".
 const STORE: (Address, Value) = (Address::new(0x1010, 1), Value::U32(0x6576_6173));
 /// Restore defaults (CiA 301 7.5.2.14), "load".
@@ -183,7 +187,25 @@ impl<L: Link> Wire<L> {
         })
     }
 
+    /// One transfer, made again when the robot does not answer in time. Whatever can be read or
+    /// written can be so twice.
     fn transfer(
+        &mut self,
+        node: u8,
+        address: Address,
+        what: Transfer<'_>,
+    ) -> Result<Vec<u8>, MasterError> {
+        for _ in 1..TRIES {
+            match self.attempt(node, address, what) {
+                Err(MasterError::NodeSilent { .. }) => {}
+                done => return done,
+            }
+        }
+        let last = self.attempt(node, address, what);
+        last.map_err(|error| self.blame(error))
+    }
+
+    fn attempt(
         &mut self,
         node: u8,
         address: Address,

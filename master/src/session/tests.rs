@@ -5,10 +5,11 @@ use std::sync::{Arc, Mutex};
 use canopen::AbortCode;
 use group::GroupFile;
 use kinematics::Twist;
-use protocol::{Address, Fault, GroupTwist, address, cob};
+use protocol::{Address, Fault, GroupTwist, Kind, Value, address, cob};
 
 use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
+use crate::bus::wire::Wire;
 use crate::error::MasterError;
 use crate::fake::FakeBus;
 use crate::monitor::telemetry::{EventKind, SessionState, Subscription, Telemetry};
@@ -220,6 +221,61 @@ fn a_fault_stops_the_group_and_its_cause_is_named() {
     let fault = Fault::EmergencyStop;
     assert_eq!(error, MasterError::MemberFault { node: 4, fault });
     assert_stopped(&bus);
+}
+
+#[test]
+fn a_request_is_repeated_before_a_robot_counts_as_silent() {
+    let read = |deaf_to| {
+        let mut bus = FakeBus::new(&[2]);
+        bus.robots[0].deaf_to = deaf_to;
+        let mut wire = Wire::visiting(&mut bus);
+        wire.read(2, protocol::address::WIRE_VERSION, Kind::U16)
+    };
+    assert_eq!(read(2), Ok(Value::U16(protocol::WIRE_VERSION)));
+    assert_eq!(read(3), Err(MasterError::NodeSilent { node: 2 }));
+}
+
+/// An answer that comes after its request was given up is not taken for that of the next one.
+#[test]
+fn an_answer_that_comes_late_is_no_answer_to_another_request() {
+    let mut bus = FakeBus::new(&[2]);
+    bus.robots[0].slow_us = 300_000;
+    let mut wire = Wire::visiting(&mut bus);
+    let version = wire.read(2, protocol::address::WIRE_VERSION, Kind::U16);
+    assert_eq!(version, Ok(Value::U16(protocol::WIRE_VERSION)));
+    let status = wire.read(2, protocol::address::CONFIGURATION_STATUS, Kind::U32);
+    assert_eq!(status, Ok(Value::U32(0)));
+}
+
+/// A master that hung names that, not the wiring; one that was on time names what it sees.
+#[test]
+fn lateness_is_named_as_lateness() {
+    let file = file();
+    let failed = |hangs: bool, fault: Fault| {
+        let mut bus = paced();
+        let mut group = Group::connect(&mut bus, &file).unwrap();
+        group.start().unwrap();
+        let now = group.next_sync().0;
+        if hangs {
+            group.link().hang = Some((now + 200_200, now + 290_000));
+        }
+        group.link().robots[1].fault = Some((now + 260_000, fault));
+        group.run(0.5).unwrap_err()
+    };
+    let late = failed(true, Fault::SyncLost);
+    assert!(matches!(late, MasterError::Busy { .. }), "{late}");
+    let fault = MasterError::MemberFault {
+        node: 3,
+        fault: Fault::SyncLost,
+    };
+    assert_eq!(*late.cause(), fault);
+    assert_eq!(failed(false, Fault::SyncLost), fault);
+    // What lateness does not explain is not excused by it.
+    let pressed = failed(true, Fault::EmergencyStop);
+    assert!(
+        matches!(pressed, MasterError::MemberFault { .. }),
+        "{pressed}"
+    );
 }
 
 #[test]

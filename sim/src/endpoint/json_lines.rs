@@ -1,7 +1,7 @@
 //! Lines of JSON over TCP, the same ones to any number of clients; what these send is ignored.
 //!
-//! A client gets every line from its connection on. One that does not read loses lines once
-//! [`WAITING`] bytes wait for it, whole ones only.
+//! A client gets the latest line when it connects and every line from then on. One that does not
+//! read loses lines once [`WAITING`] bytes wait for it, whole ones only.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream};
@@ -18,6 +18,7 @@ pub const WAITING: usize = 256 * 1024;
 pub(super) struct JsonLines {
     listener: Listener,
     clients: Vec<Pipe<TcpStream>>,
+    latest: String,
 }
 
 impl JsonLines {
@@ -26,6 +27,7 @@ impl JsonLines {
         Ok(Self {
             listener: Listener::bind(address)?,
             clients: Vec::new(),
+            latest: String::new(),
         })
     }
 
@@ -36,13 +38,15 @@ impl JsonLines {
 
     /// Takes in new clients and hands these lines to all.
     pub fn send(&mut self, lines: impl Iterator<Item = String>) {
-        while let Some(pipe) = self.listener.accept() {
+        // Where time waits, the next line may not come before somebody has seen this one.
+        while let Some(mut pipe) = self.listener.accept() {
+            pipe.output.extend_from_slice(self.latest.as_bytes());
             self.clients.push(pipe);
         }
-        if self.clients.is_empty() {
-            return;
-        }
         let lines: Vec<String> = lines.collect();
+        if let Some(latest) = lines.last() {
+            self.latest.clone_from(latest);
+        }
         self.clients.retain_mut(|pipe| {
             let came = pipe.fill();
             pipe.input.clear();

@@ -2,13 +2,14 @@
 //!
 //! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time
 //! it takes in what programs have sent and hands out what has happened. None of them waits for
-//! anybody: what a client does not read is kept for a while, and then the client loses frames or
-//! its connection, because a bus does not wait for slow listeners either. So an endpoint decides
-//! *when*, in virtual time, a program's frames reach the bus; a run with programs outside is only
-//! as repeatable as they are.
+//! anybody, but for [`lockstep`], which holds time for its clients: what a client does not read is
+//! kept for a while, and then the client loses frames or its connection, because a bus does not
+//! wait for slow listeners either. So an endpoint decides *when*, in virtual time, a program's
+//! frames reach the bus; a run with programs outside is only as repeatable as they are.
 //!
 //! | endpoint | who speaks it |
 //! |---|---|
+//! | [`lockstep`]: a bus whose time waits for its clients | `omnibus` |
 //! | [`slcan_tcp`]: slcan over TCP | `omnibus`, python-can (`slcan`, `socket://`) |
 //! | [`pty`]: slcan over a pseudo terminal | slcand, python-can (`slcan`), everything for serial adapters |
 //! | [`socketcand`]: socketcand in raw mode | python-can (`socketcand`), Wireshark, Kayak |
@@ -19,6 +20,7 @@
 
 pub mod gyro;
 pub mod json_lines;
+pub mod lockstep;
 pub mod pose;
 #[cfg(unix)]
 pub mod pty;
@@ -31,6 +33,8 @@ pub mod socketcand;
 mod stream;
 
 use std::io;
+
+use canopen::Micros;
 
 use crate::world::World;
 
@@ -45,4 +49,10 @@ pub trait Endpoint {
     /// # Errors
     /// When the endpoint itself is lost, not when a client is.
     fn exchange(&mut self, world: &mut World) -> io::Result<()>;
+
+    /// How far time may go, now that it is `now`, before this endpoint is asked again; `None` for
+    /// one that waits for nobody.
+    fn limit(&self, _now: Micros) -> Option<Micros> {
+        None
+    }
 }

@@ -215,6 +215,9 @@ impl SdoClient {
         if frame.id() != self.server.cob_id(RESPONSE) || self.is_idle() || frame.len() != 8 {
             return None;
         }
+        if self.is_stale(*frame.padded()) {
+            return None;
+        }
         self.timer = Timer::at(now + self.timeout);
         match self.handle(*frame.padded()) {
             Ok(None) => None,
@@ -254,6 +257,17 @@ impl SdoClient {
     #[must_use]
     pub fn data(&self) -> &[u8] {
         self.data.get(..self.len).unwrap_or(&[])
+    }
+
+    /// Whether a frame answers another request, one that was given up before the device answered.
+    fn is_stale(&self, answer: [u8; 8]) -> bool {
+        let [command, low, high, sub, ..] = answer;
+        let starts = matches!(
+            self.state,
+            State::Upload | State::Download | State::BlockUpload | State::BlockDownload
+        );
+        let same = u16::from_le_bytes([low, high]) == self.index && sub == self.sub;
+        starts && !same && matches!(command >> 5, 2 | 3 | 5 | 6)
     }
 
     /// Takes an answer of the device.
@@ -430,7 +444,7 @@ mod tests {
         );
         assert_eq!(client.pop_frame().unwrap().data()[0], 0x80);
         client.upload(Micros(0), 0x2001, 0).unwrap();
-        let other = Frame::of(0x585, [0x43, 0x02, 0x20, 0, 0, 0, 0, 0]);
+        let other = Frame::of(0x585, [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
         assert_eq!(
             client.on_frame(Micros(1), &other),
             Some(Outcome::Failed(SdoError::Protocol(
@@ -438,6 +452,22 @@ mod tests {
             )))
         );
         assert_eq!(client.poll(Micros(u64::MAX - 1)), None);
+    }
+
+    /// It answers a request that was given up before, and does not keep this one waiting either.
+    #[test]
+    fn an_answer_about_another_object_is_passed_over() {
+        let mut client = client();
+        client.upload(Micros(0), 0x2001, 0).unwrap();
+        let other = Frame::of(0x585, [0x43, 0x02, 0x20, 0, 0, 0, 0, 0]);
+        assert_eq!(client.on_frame(Micros(50_000), &other), None);
+        assert_eq!(client.next_deadline(), Some(Micros(100_000)));
+        let answer = Frame::of(0x585, [0x4F, 0x01, 0x20, 0, 7, 0, 0, 0]);
+        assert_eq!(
+            client.on_frame(Micros(60_000), &answer),
+            Some(Outcome::Uploaded)
+        );
+        assert_eq!(client.data(), &[7]);
     }
 
     #[test]

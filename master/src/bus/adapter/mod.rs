@@ -22,6 +22,7 @@ use crate::monitor::telemetry::Punctuality;
 use diagnosis::Diagnosis;
 
 mod diagnosis;
+mod lockstep;
 mod pace;
 pub mod slcan;
 #[cfg(all(feature = "adapters", target_os = "linux"))]
@@ -173,33 +174,38 @@ impl Link for AdapterLink {
     }
 }
 
-/// Opens a real bus.
+/// Opens a bus that is not in this process.
 ///
 /// # Errors
-/// When the adapter cannot be opened; the error says what to check.
-pub fn open(bus: &BusAddress) -> Result<AdapterLink, LinkError> {
-    let refused = |error: io::Error| LinkError {
+/// When it cannot be opened; the error says what to check.
+pub fn open(bus: &BusAddress) -> Result<Box<dyn Link>, LinkError> {
+    let opened: io::Result<Box<dyn Link>> = match bus {
+        BusAddress::Sim(_) => Err(io::ErrorKind::Unsupported.into()),
+        #[cfg(not(feature = "adapters"))]
+        BusAddress::Slcan(_) | BusAddress::SocketCan(_) => Err(io::Error::other(
+            "this program was built without serial ports and SocketCAN (cargo feature adapters)",
+        )),
+        #[cfg(feature = "adapters")]
+        BusAddress::Slcan(device) => slcan::open_serial(bus, device).map(boxed),
+        BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address).map(boxed),
+        BusAddress::Lockstep(address) => lockstep::open(bus.to_string(), address).map(boxed),
+        BusAddress::Socketcand(address, interface) => {
+            socketcand::open(bus, address, interface).map(boxed)
+        }
+        #[cfg(all(feature = "adapters", target_os = "linux"))]
+        BusAddress::SocketCan(interface) => socket_can::open(bus, interface).map(boxed),
+        #[cfg(all(feature = "adapters", not(target_os = "linux")))]
+        BusAddress::SocketCan(_) => Err(io::ErrorKind::Unsupported.into()),
+    };
+    opened.map_err(|error| LinkError {
         bus: bus.to_string(),
         problem: error.to_string(),
         remedy: remedy(bus, error.kind()),
-    };
-    match bus {
-        BusAddress::Sim(_) => Err(refused(io::ErrorKind::Unsupported.into())),
-        #[cfg(not(feature = "adapters"))]
-        BusAddress::Slcan(_) | BusAddress::SocketCan(_) => Err(refused(io::Error::other(
-            "this program was built without serial ports and SocketCAN (cargo feature adapters)",
-        ))),
-        #[cfg(feature = "adapters")]
-        BusAddress::Slcan(device) => slcan::open_serial(bus, device).map_err(refused),
-        BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address).map_err(refused),
-        BusAddress::Socketcand(address, interface) => {
-            socketcand::open(bus, address, interface).map_err(refused)
-        }
-        #[cfg(all(feature = "adapters", target_os = "linux"))]
-        BusAddress::SocketCan(interface) => socket_can::open(bus, interface).map_err(refused),
-        #[cfg(all(feature = "adapters", not(target_os = "linux")))]
-        BusAddress::SocketCan(_) => Err(refused(io::ErrorKind::Unsupported.into())),
-    }
+    })
+}
+
+fn boxed(link: impl Link + 'static) -> Box<dyn Link> {
+    Box::new(link)
 }
 
 /// What to check when a bus cannot be opened.
@@ -217,10 +223,15 @@ fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
                 else has it open, and that you may use it (group dialout on Linux)"
                 .into(),
         },
-        BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) if refused => {
+        BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) | BusAddress::Lockstep(_)
+            if refused =>
+        {
             "nothing listens there; start the server (omnibus-sim serve prints its addresses) or \
              correct the port"
                 .into()
+        }
+        BusAddress::Lockstep(_) => {
+            "check host and port, and that omnibus-sim serve was started with --lockstep".into()
         }
         BusAddress::SlcanTcp(_) => "check host and port, and that the server speaks slcan".into(),
         BusAddress::Socketcand(_, interface) => format!(

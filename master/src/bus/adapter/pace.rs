@@ -7,6 +7,9 @@
 //! one is left out: robots need the time between two SYNCs to hear from each other, and bridge a
 //! missing one, but not a burst.
 //!
+//! It asks the system for real-time priority (SCHED_FIFO on Linux), so that other programs do not
+//! hold it up; without permission it goes on as any thread, and says so in its punctuality.
+//!
 //! The thread shares the adapter's writing end with the session, one frame at a time. It ends when
 //! the link is dropped or the schedule is taken back. It sends no setpoints and no heartbeat: when
 //! the session hangs, robots must notice.
@@ -55,6 +58,11 @@ impl Pacer {
         let stop = Arc::new(AtomicBool::new(false));
         let told = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
+            let granted = ask_for_priority();
+            lateness
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .set_realtime(granted);
             let period = Duration::from_micros(schedule.period_us.max(1));
             let mut due = started + Duration::from_micros(schedule.first.0);
             let mut counter = schedule.counter;
@@ -85,6 +93,27 @@ impl Pacer {
             thread: Some(thread),
         }
     }
+}
+
+/// Asks for real-time priority, above ordinary programs and below the system's own threads; whether
+/// it was given.
+#[cfg(target_os = "linux")]
+fn ask_for_priority() -> bool {
+    use thread_priority::{
+        RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
+        set_thread_priority_and_policy, thread_native_id,
+    };
+    /// Of 0 to 99.
+    const PRIORITY: u8 = 50;
+    ThreadPriority::try_from(PRIORITY).is_ok_and(|priority| {
+        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        set_thread_priority_and_policy(thread_native_id(), priority, policy).is_ok()
+    })
+}
+
+#[cfg(not(target_os = "linux"))]
+const fn ask_for_priority() -> bool {
+    false
 }
 
 /// When the next SYNC is due after one that was due at `due` and has been sent `now`.

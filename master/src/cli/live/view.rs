@@ -339,6 +339,8 @@ mod tests {
             strain: Some(0.0012),
             bus_load: Some(0.168),
             sync: Some(Punctuality {
+                lately_us: 0.0,
+                realtime: true,
                 count: 1234,
                 mean_us: 6.4,
                 p99_us: 18.0,

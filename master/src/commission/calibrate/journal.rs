@@ -299,7 +299,7 @@ fn head(fingerprint: u32) -> String {
 /// poses was late, and nothing is broken.
 fn passes(error: &MasterError) -> bool {
     use protocol::Fault;
-    match error {
+    match error.cause() {
         MasterError::MemberFault { fault, .. } => matches!(
             fault,
             Fault::SyncLost | Fault::SetpointOverdue | Fault::MasterSilent | Fault::MemberSilent

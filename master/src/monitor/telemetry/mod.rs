@@ -125,6 +125,10 @@ pub struct Punctuality {
     pub p99_us: f64,
     /// The latest one.
     pub worst_us: f64,
+    /// The latest one of the last second.
+    pub lately_us: f64,
+    /// Whether the system gave the thread that sends them real-time priority.
+    pub realtime: bool,
     /// Setpoints that were not ready in time for their SYNC.
     pub missed: u64,
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use group::GroupFile;
 use omnibus_sim::endpoint::Endpoint;
 use omnibus_sim::endpoint::gyro::GyroServer;
+use omnibus_sim::endpoint::lockstep::LockstepServer;
 use omnibus_sim::endpoint::pose::PoseServer;
 use omnibus_sim::endpoint::replay::Replay;
 use omnibus_sim::endpoint::slcan_tcp::SlcanServer;
@@ -15,6 +16,10 @@ use omnibus_sim::endpoint::socketcand::SocketcandServer;
 /// Where programs find the bus, the poses and the gyros. In an address, port 0 picks a free one.
 #[derive(Args)]
 pub struct Endpoints {
+    /// Serves a bus for `omnibus --bus lockstep://ADDR` here, whose time waits for it: nothing is
+    /// late, however busy this machine is.
+    #[arg(long, value_name = "ADDR")]
+    lockstep: Option<String>,
     /// Serves slcan over TCP here, for example 127.0.0.1:7701.
     #[arg(long, value_name = "ADDR")]
     slcan_tcp: Option<String>,
@@ -65,6 +70,10 @@ impl Endpoints {
         let listen =
             |address: &str| format!("cannot listen on {address}; give HOST:PORT of this machine");
         let mut open: Vec<Box<dyn Endpoint>> = Vec::new();
+        if let Some(at) = &self.lockstep {
+            let server = LockstepServer::bind(at).with_context(|| listen(at))?;
+            open.push(Box::new(server));
+        }
         if let Some(at) = &self.slcan_tcp {
             open.push(Box::new(SlcanServer::bind(at).with_context(|| listen(at))?));
         }

@@ -23,6 +23,12 @@ use crate::faults::Faults;
 const SLICE: Micros = Micros(500);
 /// Further behind the clock on the wall than this, the world gives up catching up.
 const LAG: Duration = Duration::from_millis(200);
+/// Further behind than this, robots and master may miss each other's frames: it is said.
+const LATE: Duration = Duration::from_millis(20);
+/// How often it is said at most.
+const SAY_EVERY: Duration = Duration::from_secs(1);
+/// How long to wait before an endpoint that holds the time is asked again.
+const HELD: Duration = Duration::from_micros(20);
 
 /// Options of `omnibus-sim serve`.
 #[derive(Args)]
@@ -47,7 +53,13 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// How fast time passes.
-    #[arg(long, value_enum, default_value = "real")]
+    #[arg(
+        long,
+        value_enum,
+        default_value = "real",
+        env = "OMNIBUS_SIM_SPEED",
+        hide_env_values = true
+    )]
     speed: Speed,
     /// Ends after this much virtual time instead of at Ctrl-C.
     #[arg(long, value_name = "SECONDS")]
@@ -144,6 +156,7 @@ fn run(
     pace: &Pace<'_>,
 ) -> anyhow::Result<()> {
     let mut began = Instant::now();
+    let mut behind = Behind::default();
     while world.now() < pace.until && !pace.stop.load(Ordering::Relaxed) {
         for endpoint in &mut *endpoints {
             endpoint
@@ -151,19 +164,76 @@ fn run(
                 .with_context(|| format!("{} is lost", endpoint.announce()))?;
         }
         faults.listen(world.now_ns());
-        let to = (world.now() + SLICE).min(pace.until);
+        let now = world.now();
+        let limit = endpoints.iter().filter_map(|one| one.limit(now)).min();
+        let to = limit.map_or(now + SLICE, |limit| limit.min(now + SLICE));
+        let to = to.min(pace.until);
+        if to <= now {
+            std::thread::sleep(HELD);
+            continue;
+        }
         faults.run(world, to.0 * 1_000)?;
         if pace.speed == Speed::Real {
             let due = Duration::from_micros(world.now().0);
             let passed = began.elapsed();
             if due > passed {
                 std::thread::sleep(due - passed);
-            } else if passed - due > LAG {
+                behind.caught_up();
+                continue;
+            }
+            // Where time waits, nobody is late.
+            if limit.is_none() {
+                behind.note(passed - due);
+            }
+            if passed - due > LAG {
                 began += passed - due;
             }
         }
     }
+    behind.sum_up();
     Ok(())
+}
+
+/// Says that this machine is too slow for real time: otherwise people look for faults in the bus.
+#[derive(Default)]
+struct Behind {
+    /// Worst lag of the stall that is going on.
+    stall: Duration,
+    stalls: u64,
+    worst: Duration,
+    said: Option<Instant>,
+}
+
+impl Behind {
+    fn note(&mut self, lag: Duration) {
+        if lag < LATE {
+            return;
+        }
+        if self.stall.is_zero() {
+            self.stalls += 1;
+        }
+        self.stall = self.stall.max(lag);
+        self.worst = self.worst.max(lag);
+        if self.said.is_none_or(|said| said.elapsed() > SAY_EVERY) {
+            self.said = Some(Instant::now());
+            eprintln!(
+                "fell behind the clock by {} ms: this computer is too busy, and a master may miss \
+                 robots for it; --lockstep lets time wait",
+                lag.as_millis()
+            );
+        }
+    }
+
+    fn caught_up(&mut self) {
+        self.stall = Duration::ZERO;
+    }
+
+    fn sum_up(&self) {
+        if self.stalls > 0 {
+            let (stalls, worst) = (self.stalls, self.worst.as_millis());
+            eprintln!("fell behind the clock {stalls} times, by {worst} ms at most");
+        }
+    }
 }
 
 fn end(duration: Option<f64>) -> anyhow::Result<Micros> {

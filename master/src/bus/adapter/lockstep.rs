@@ -1,0 +1,121 @@
+//! A simulated bus in another process whose time waits for this one: `omnibus-sim serve
+//! --lockstep`, whose side of the protocol is `sim/src/endpoint/lockstep.rs`.
+//!
+//! Its clock is virtual, as that of a simulated bus in this process: it moves only while
+//! [`Link::receive`] waits. So nothing is late on a machine that is busy.
+
+use std::collections::VecDeque;
+use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
+use std::net::{TcpStream, ToSocketAddrs as _};
+use std::time::Duration;
+
+use can_text::slcan::{self, Answer};
+use canopen::{Frame, Micros};
+
+use crate::bus::link::{Link, LinkError};
+
+/// What the server says first.
+const GREETING: &str = "omnibus-lockstep 1";
+/// How long connecting and greeting may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// A connection to the simulator.
+pub struct LockstepLink {
+    bus: String,
+    input: BufReader<TcpStream>,
+    output: BufWriter<TcpStream>,
+    now: Micros,
+    heard: VecDeque<(Micros, Frame)>,
+}
+
+/// Connects to `HOST:PORT`.
+pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
+    let host = address.to_socket_addrs()?.next();
+    let host = host.ok_or_else(|| io::Error::other("the host has no address"))?;
+    let stream = TcpStream::connect_timeout(&host, PATIENCE)?;
+    stream.set_nodelay(true)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    let mut link = LockstepLink {
+        bus,
+        input: BufReader::new(stream.try_clone()?),
+        output: BufWriter::new(stream),
+        now: Micros(0),
+        heard: VecDeque::new(),
+    };
+    if link.line()? != GREETING {
+        return Err(io::Error::other(
+            "no omnibus-sim with --lockstep answers there",
+        ));
+    }
+    link.take_turn()?;
+    // From here on time waits, and so does everybody else.
+    link.input.get_ref().set_read_timeout(None)?;
+    Ok(link)
+}
+
+impl LockstepLink {
+    fn line(&mut self) -> io::Result<String> {
+        let mut text = String::new();
+        if self.input.read_line(&mut text)? == 0 {
+            return Err(io::Error::other("the simulator has gone"));
+        }
+        Ok(text.trim_end().to_owned())
+    }
+
+    /// Reads until it is this end's turn.
+    fn take_turn(&mut self) -> io::Result<()> {
+        loop {
+            let line = self.line()?;
+            let nonsense = || io::Error::other(format!("the simulator said '{line}'"));
+            let (kind, rest) = line.split_at_checked(1).ok_or_else(nonsense)?;
+            let (time, frame) = rest.split_once(' ').unwrap_or((rest, ""));
+            let time = Micros(time.parse().map_err(|_| nonsense())?);
+            match (kind, Answer::parse(frame.as_bytes())) {
+                ("n", _) => {
+                    self.now = time;
+                    return Ok(());
+                }
+                ("f", Answer::Frame(frame, None)) => self.heard.push_back((time, frame)),
+                _ => return Err(nonsense()),
+            }
+        }
+    }
+
+    fn wait(&mut self, until: Micros) -> io::Result<()> {
+        writeln!(self.output, "w{}", until.0)?;
+        self.output.flush()?;
+        self.take_turn()
+    }
+
+    fn error(&self, error: &io::Error) -> LinkError {
+        LinkError {
+            bus: self.bus.clone(),
+            problem: error.to_string(),
+            remedy: "start the simulator again".into(),
+        }
+    }
+}
+
+impl Link for LockstepLink {
+    fn now(&self) -> Micros {
+        self.now
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        let text = slcan::frame(frame, None);
+        writeln!(self.output, "{}", text.trim_end()).map_err(|error| self.error(&error))
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        loop {
+            if let Some(frame) = self.heard.pop_front() {
+                return Ok(Some(frame));
+            }
+            // Frames that are there already come also when there is no time left.
+            self.wait(until).map_err(|error| self.error(&error))?;
+            if self.heard.is_empty() && self.now >= until {
+                return Ok(None);
+            }
+        }
+    }
+}

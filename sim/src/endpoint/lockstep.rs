@@ -1,0 +1,150 @@
+//! A bus whose time waits for its clients: `omnibus --bus lockstep://HOST:PORT`.
+//!
+//! A client says until when it waits; the world goes there, or to the next frame for that client,
+//! and no further until the client waits again. With several clients time goes as far as the most
+//! impatient one. So nothing is ever late, however busy the machine is: a master that stalls for a
+//! second finds the world as it left it. While nobody is connected time stands, once the robots
+//! have booted.
+//!
+//! Lines of text over TCP, times in µs of virtual time:
+//!
+//! ```text
+//! server  omnibus-lockstep 1
+//! server  n100000                     it is 100000 us
+//! client  t1812E803                   a frame, as in slcan
+//! client  w110000                     waits until 110000 us
+//! server  f100350 t1828...            frames that came, each with its time
+//! server  n100500                     it is 100500 us, and the client's turn
+//! ```
+//!
+//! A client that says something else is dropped. One that hangs holds the time for all.
+
+use std::io::{self, Write as _};
+use std::net::TcpStream;
+
+use can_text::slcan::{self, Command};
+use canopen::Micros;
+
+use super::Endpoint;
+use super::stream::{Listener, Pipe};
+use crate::world::{Port, World};
+
+/// What the server says first.
+const GREETING: &[u8] = b"omnibus-lockstep 1\n";
+/// When the robots have said that they are there: before that, time waits for nobody, and clients
+/// wait for it.
+const BOOTED: Micros = Micros(100_000);
+/// Longest line, with room to spare.
+const LONGEST: usize = 64;
+
+/// A listening endpoint and its clients.
+#[derive(Debug)]
+pub struct LockstepServer {
+    listener: Listener,
+    clients: Vec<Client>,
+    /// Ports of clients that have gone.
+    spare: Vec<Port>,
+}
+
+#[derive(Debug)]
+struct Client {
+    pipe: Pipe<TcpStream>,
+    port: Port,
+    /// Until when it waits; `None` while it is its turn.
+    until: Option<Micros>,
+}
+
+impl LockstepServer {
+    /// Listens; port 0 picks a free one.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn bind(address: &str) -> io::Result<Self> {
+        Ok(Self {
+            listener: Listener::bind(address)?,
+            clients: Vec::new(),
+            spare: Vec::new(),
+        })
+    }
+}
+
+impl Endpoint for LockstepServer {
+    fn announce(&self) -> String {
+        format!("lockstep {}", self.listener.address())
+    }
+
+    fn exchange(&mut self, world: &mut World) -> io::Result<()> {
+        if world.now() < BOOTED {
+            return Ok(());
+        }
+        while let Some(mut pipe) = self.listener.accept() {
+            let port = self.spare.pop().unwrap_or_else(|| world.add_port());
+            world.set_listening(port, true);
+            pipe.output.extend_from_slice(GREETING);
+            say_time(&mut pipe.output, world.now());
+            self.clients.push(Client {
+                pipe,
+                port,
+                until: None,
+            });
+        }
+        let spare = &mut self.spare;
+        self.clients.retain_mut(|client| {
+            let came = client.pipe.fill();
+            let alive = client.exchange(world) && came.and_then(|()| client.pipe.flush()).is_ok();
+            if !alive {
+                world.set_listening(client.port, false);
+                spare.push(client.port);
+            }
+            alive
+        });
+        Ok(())
+    }
+
+    fn limit(&self, now: Micros) -> Option<Micros> {
+        let clients = self.clients.iter();
+        let waits = clients.map(|client| client.until.unwrap_or(now)).min();
+        Some(waits.unwrap_or(now).max(BOOTED))
+    }
+}
+
+impl Client {
+    /// Takes its lines and answers when its time has come; `false` for one that makes no sense.
+    fn exchange(&mut self, world: &mut World) -> bool {
+        while let Some(end) = self.pipe.input.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = self.pipe.input.drain(..=end).collect();
+            let Some(line) = line.strip_suffix(b"\n") else {
+                return false;
+            };
+            if let Some(until) = waits(line) {
+                self.until = Some(until);
+            } else if let Command::Send(frame) = Command::parse(line) {
+                world.send_from(self.port, frame);
+            } else {
+                return false;
+            }
+        }
+        if let Some(until) = self.until {
+            let before = self.pipe.output.len();
+            while let Some((at, frame)) = world.take_received(self.port) {
+                let text = slcan::frame(&frame, None);
+                // Writing into a vector cannot fail.
+                let _ = writeln!(self.pipe.output, "f{} {}", at.0, text.trim_end());
+            }
+            if self.pipe.output.len() > before || world.now() >= until {
+                say_time(&mut self.pipe.output, world.now());
+                self.until = None;
+            }
+        }
+        self.pipe.input.len() <= LONGEST
+    }
+}
+
+fn waits(line: &[u8]) -> Option<Micros> {
+    let digits = std::str::from_utf8(line.strip_prefix(b"w")?).ok()?;
+    Some(Micros(digits.parse().ok()?))
+}
+
+fn say_time(output: &mut Vec<u8>, now: Micros) {
+    let _ = writeln!(output, "n{}", now.0);
+}
