@@ -6,6 +6,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::error::MasterError;
+
 /// A wish to stop that can be shared between threads.
 #[derive(Clone, Debug, Default)]
 pub struct Abort(Arc<AtomicU32>);
@@ -25,6 +27,18 @@ impl Abort {
     #[must_use]
     pub fn is_asked(&self) -> bool {
         self.0.load(Ordering::Relaxed) > 0
+    }
+
+    /// Ends with an error what shall be stopped.
+    ///
+    /// # Errors
+    /// [`MasterError::Aborted`] when it is asked for.
+    pub fn check(&self) -> Result<(), MasterError> {
+        if self.is_asked() {
+            Err(MasterError::Aborted)
+        } else {
+            Ok(())
+        }
     }
 
     /// Whether the group shall stop at once.

@@ -426,6 +426,74 @@ fn wheel_test_and_blink() {
     check("wheel-test", &text);
 }
 
+/// Ctrl-C while a question waits: the answer is not needed, and the exit code says who wanted it.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_wheel_test_that_asks() {
+    use std::io::{BufRead as _, BufReader, Read as _};
+    use std::process::Stdio;
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args([
+            "wheel-test",
+            "--node",
+            "2",
+            "--wheels-free",
+            "--ask",
+            "--bus",
+            BUS,
+        ])
+        .current_dir(common::root())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("what turned first?") {
+        line.clear();
+        assert_ne!(errors.read_line(&mut line).unwrap(), 0, "it asks");
+    }
+    let pid = child.id().to_string();
+    let killed = std::process::Command::new("kill")
+        .args(["-INT", &pid])
+        .status();
+    assert!(killed.unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let mut rest = String::new();
+    errors.read_to_string(&mut rest).unwrap();
+    assert!(rest.contains("stopped on request"), "{rest}");
+}
+
+/// Tables fit a terminal of 80 columns; longer sentences are the terminal's to wrap.
+#[test]
+fn every_table_fits_80_columns() {
+    let folder = common::root().join("master/tests/snapshots");
+    let mut tables = 0;
+    for file in std::fs::read_dir(folder).unwrap() {
+        let path = file.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        for line in text
+            .lines()
+            .filter(|line| line.starts_with(['┌', '│', '╞', '└']))
+        {
+            tables += 1;
+            let width = line.chars().count();
+            assert!(width <= 80, "{}: {width} columns: {line}", path.display());
+        }
+    }
+    assert!(tables > 50);
+    for arguments in [
+        &["param", "list"][..],
+        &["group", "show", "groups/tcc-3.toml"],
+        &["status", "--history", "--bus", BUS],
+    ] {
+        let text = transcript(arguments);
+        let widest = text.lines().skip(1).map(|line| line.chars().count()).max();
+        assert!(widest.unwrap() <= 80, "{text}");
+    }
+}
+
 /// Encoders that are reversed, dead, or have lost a channel, found by what they count.
 #[test]
 fn wheel_test_names_broken_encoders() {

@@ -315,6 +315,8 @@ addresses! {
     START_NUMBER = 0x2129:1;
     /// Faults that are not in flash yet.
     UNSTORED_FAULTS = 0x2129:2;
+    /// Time since the robot started.
+    UPTIME = 0x2129:3;
 }
 
 /// The motor of one wheel, at 0x2021 to 0x2024 in the order front left, front right, rear left,

@@ -54,7 +54,7 @@ pub use pdo::{
 pub use plan::Plan;
 pub use report::RobotReport;
 pub use stored_fault::StoredFault;
-pub use table::{ENTRIES, OBJECTS, entry};
+pub use table::{ENTRIES, OBJECTS, RECORDS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any
 /// change that would make an older master or robot misread a frame.

@@ -1187,6 +1187,13 @@ const FAULT_MEMORY: &[Object] = &[
         "How many of these faults are not in flash yet: they are written at rest, at most eight \
          every 10 s.",
     ),
+    Object::state(
+        at::UPTIME,
+        "Uptime",
+        "ms",
+        Kind::U32,
+        "Time since the robot started, on the clock of 0x2123 and 0x2125.",
+    ),
 ];
 
 const fn history_record(index: u16) -> [Object; history::DEPTH as usize] {

@@ -85,6 +85,8 @@ pub(crate) struct Dictionary {
     pub rates: [u8; 8],
     pub roller_states: [u8; 4],
     pub roller_sweeps: [f32; 4],
+    /// Since the robot started, ms.
+    pub uptime_ms: u32,
     pub supply: Option<f32>,
     /// Of the motors, A; 0 where it is not measured.
     pub current: f32,
@@ -121,6 +123,7 @@ impl Dictionary {
             rates: [0; 8],
             roller_states: [0; 4],
             roller_sweeps: [0.0; 4],
+            uptime_ms: 0,
             supply: None,
             current: 0.0,
             slip: 0.0,
@@ -204,6 +207,7 @@ impl Dictionary {
             at::SAVES => Value::U32(counters.store.saves),
             at::ERASES => Value::U32(counters.store.erases),
             at::CUT_SAVES => Value::U32(counters.store.cut),
+            at::UPTIME => Value::U32(self.uptime_ms),
             at::START_NUMBER => Value::U32(self.memory.start),
             at::UNSTORED_FAULTS => Value::U8(self.memory.unstored()),
             Address { index, sub } if index == history::code(1).index => {

@@ -1,11 +1,10 @@
 //! `omnibus bus-load --robots N --rate HZ`: how full the bus will be, calculated.
 
 use anyhow::bail;
-use comfy_table::{Table, presets};
 use omnibus::bus::load::{BUSY, total, traffic};
 use serde_json::json;
 
-use super::{json, print_json, say};
+use super::{json, output, print_json, say};
 
 const EXAMPLES: &str = "Examples:
   omnibus bus-load --robots 8
@@ -42,9 +41,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return print_json(&json!({"robots": robots, "rate_hz": rate, "frames": lines,
             "least_percent": percent(low), "most_percent": percent(high)}));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(["frame", "bytes", "per second", "share of 1 Mbit/s"]);
+    let mut table = output::table(["frame", "bytes", "per second", "share of 1 Mbit/s"]);
     let range = |(low, high): (f64, f64)| format!("{:.1} to {:.1} %", low * 100.0, high * 100.0);
     for line in &traffic {
         table.add_row([

@@ -10,6 +10,7 @@ use omnibus::monitor::odometry::seen_from;
 use omnibus::monitor::rows::{Recorder, Row};
 use serde_json::json;
 
+use super::output::Progress;
 use super::recorder::{self, RecordTo};
 use super::{Target, json, note, print_json, say};
 
@@ -125,7 +126,9 @@ fn drive<L: Link>(arguments: &Arguments, group: &mut Group<L>, twist: Twist) -> 
     group.set_abort(super::abort_on_ctrl_c()?);
     group.start()?;
     group.set_twist(twist)?;
-    let driven = group.run(arguments.seconds);
+    let progress = Progress::new("drive");
+    let driven = group.run_with(arguments.seconds, &mut |share| progress.share(share, ""));
+    drop(progress);
     let stopped = group.stop();
     Ok(driven.and(stopped)?)
 }

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use canopen::Micros;
 use clap::ValueEnum as _;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use omnibus::bus::address::BusAddress;
 use omnibus::file;
 use omnibus::monitor::rows::slowdown;
@@ -19,11 +18,9 @@ use omnibus::run::{self, Drive, Feedback, Record, Source};
 use omnibus::simulation::run::simulated;
 use serde_json::{Value, json};
 
+use super::output::Progress;
 use super::recorder::{self, RecordTo};
 use super::{Target, json, note, print_json, say, sync_json};
-
-/// Resolution of the progress bar.
-const STEPS: f64 = 1000.0;
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
@@ -154,17 +151,6 @@ impl Arguments {
     }
 }
 
-fn progress_bar(name: &str) -> ProgressBar {
-    let progress = ProgressBar::new(STEPS as u64);
-    if !super::output::talks() {
-        progress.set_draw_target(ProgressDrawTarget::hidden());
-    }
-    let style = ProgressStyle::with_template("{prefix} [{bar:40}] {percent:>3} %  {elapsed} {msg}");
-    progress.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    progress.set_prefix(name.to_owned());
-    progress
-}
-
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = target.group()?;
@@ -263,16 +249,11 @@ fn drive_once(
     drive: &Drive<'_>,
     name: &str,
 ) -> anyhow::Result<(Run, Option<Punctuality>)> {
-    let progress = progress_bar(name);
-    let tell = &mut |share: f64, phase| {
-        progress.set_position((share * STEPS) as u64);
-        progress.set_message(phase);
-    };
-    let done = match &target.bus {
+    let progress = Progress::new(name);
+    let tell = &mut |share: f64, phase| progress.share(share, phase);
+    Ok(match &target.bus {
         #[cfg(feature = "simulation")]
         BusAddress::Sim(_) => (simulated(drive, tell)?, None),
         _ => run::measured(target.command(group)?, drive, tell)?,
-    };
-    progress.finish_and_clear();
-    Ok(done)
+    })
 }

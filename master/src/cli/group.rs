@@ -4,13 +4,12 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use comfy_table::{Table, presets};
 use group::{Examination, GroupError, GroupFile};
 use omnibus::Group;
 use omnibus::session::{configure, sdo};
 use serde_json::json;
 
-use super::output::Found;
+use super::output::{self, Found};
 use super::{Target, json, note, print_json, say};
 
 mod draw;
@@ -166,11 +165,9 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
         let robots: Vec<_> = robots.collect();
         return print_json(&json!({"group": group.name, "robots": robots}));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
     let mut header = vec!["object".to_owned()];
     header.extend(robots.iter().map(|robot| format!("node {}", robot.node)));
-    table.set_header(header);
+    let mut table = output::table(header.iter().map(String::as_str));
     let columns: Vec<_> = robots
         .iter()
         .map(|robot| configure::parameters(group, robot, true))

@@ -2,12 +2,11 @@
 
 use anyhow::{Context as _, bail};
 use canopen::{Identity, NmtCommand, NmtTarget, NodeId, client};
-use comfy_table::{Table, presets};
 use omnibus::commission::lss;
 use omnibus::commission::survey::Survey;
 use serde_json::json;
 
-use super::{Target, json, note, print_json, say};
+use super::{Target, json, note, output, print_json, say};
 
 /// For the help of both.
 pub const EXAMPLES: &str = "Examples:
@@ -86,9 +85,7 @@ fn scan(target: &Target) -> anyhow::Result<()> {
         });
         return print_json(&json!({"robots": robots.collect::<Vec<_>>()}));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(["node", "vendor", "product", "revision", "serial"]);
+    let mut table = output::table(["node", "vendor", "product", "revision", "serial"]);
     for (node, id) in &rows {
         let hex = |value: u32| format!("{value:08X}");
         table.add_row([

@@ -1,11 +1,11 @@
 //! `omnibus identify-motors`: lets one robot find out what its motors need, and shows it.
 
 use anyhow::bail;
-use comfy_table::{Table, presets};
 use omnibus::commission::motors::{self, Settings, WHEELS};
 use omnibus::session::Group;
 use serde_json::json;
 
+use super::output::{self, Progress};
 use super::{Target, say};
 
 const EXAMPLES: &str = "Examples:
@@ -67,9 +67,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;
+    let abort = super::abort_on_ctrl_c()?;
     let period_us = session.period_us();
     let wire = session.wire();
-    let motors = motors::identify_motors(wire, node, period_us, &settings, &mut |_| {})?;
+    let progress = Progress::endless(&format!("identifying the motors of node {node}"));
+    let motors = motors::identify_motors(wire, node, period_us, &settings, &mut |_| abort.check())?;
+    drop(progress);
     if arguments.accept {
         motors::accept(wire, node, &motors)?;
     }
@@ -86,17 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return super::print_json(&json!({"node": node, "accepted": arguments.accept,
                                          "saved": arguments.save, "wheels": wheels}));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header([
-        "wheel",
-        "kS, V",
-        "kV, V s/rad",
-        "kA, V s2/rad",
-        "kP, V s/rad",
-        "kI, V/rad",
-        "misfit, V",
-    ]);
+    let mut table = output::table(["wheel", "kS", "kV", "kA", "kP", "kI", "misfit"]);
     for (motor, wheel) in motors.iter().zip(WHEELS) {
         let values = [
             motor.static_friction,
@@ -110,6 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         table.add_row(std::iter::once(wheel.to_owned()).chain(cells));
     }
     say(&table)?;
+    say("kS and misfit in V, kV and kP in V s/rad, kA in V s2/rad, kI in V/rad.")?;
     say(match (arguments.accept, arguments.save) {
         (false, _) => "Nothing of this is in effect; --accept writes it into the robot.",
         (true, false) => {

@@ -2,14 +2,14 @@
 //! neither claims to be the master, so a running group is not disturbed.
 
 use canopen::NmtState;
-use comfy_table::{Table, presets};
 use omnibus::bus::wire::Wire;
 use omnibus::commission::survey::{Survey, ask};
 use omnibus::error::MasterError;
-use protocol::{Fault, Kind, StoredFault, address};
+use protocol::address::history;
+use protocol::{Code, Fault, Kind, StoredFault, address};
 use serde_json::json;
 
-use super::output::Found;
+use super::output::{self, Found};
 use super::{Target, json, print_json, say};
 
 const SCAN_EXAMPLES: &str = "Examples:
@@ -106,6 +106,66 @@ fn state_name(state: Option<NmtState>) -> String {
     state.map_or_else(|| "silent".into(), |state| format!("{state:?}"))
 }
 
+/// The same in the width of a table's column, as `omnibus watch` has it.
+fn nmt_word(state: Option<NmtState>) -> &'static str {
+    match state {
+        Some(NmtState::Operational) => "OP",
+        Some(NmtState::PreOperational) => "PRE-OP",
+        Some(NmtState::Stopped) => "STOP",
+        Some(NmtState::Initialising) => "BOOT",
+        None => "silent",
+    }
+}
+
+/// The newest fault since a robot started.
+struct LastFault {
+    code: u16,
+    /// When it appeared, s since the start.
+    at: f64,
+    /// How long ago that is; `None` for a robot that does not tell its time.
+    ago: Option<f64>,
+}
+
+impl LastFault {
+    fn read(
+        wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>,
+        node: u8,
+    ) -> Result<Option<Self>, MasterError> {
+        let code = wire.read(node, history::code(1), Kind::U16)?.to_bits();
+        let Ok(code @ 1..) = u16::try_from(code) else {
+            return Ok(None);
+        };
+        let at = wire.read(node, history::time(1), Kind::U32)?.to_bits();
+        let now = match wire.read(node, address::UPTIME, Kind::U32) {
+            Ok(now) => Some(now.to_bits()),
+            Err(MasterError::Refused { .. }) => None,
+            Err(error) => return Err(error),
+        };
+        let seconds = |ms: u32| f64::from(ms) / 1e3;
+        Ok(Some(Self {
+            code,
+            at: seconds(at),
+            ago: now.map(|now| seconds(now.saturating_sub(at))),
+        }))
+    }
+
+    fn json(&self) -> serde_json::Value {
+        json!({"code": self.code, "name": fault_name(self.code), "time_s": self.at,
+               "age_s": self.ago})
+    }
+}
+
+impl std::fmt::Display for LastFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = fault_name(self.code);
+        match self.ago {
+            Some(ago) if ago < 600.0 => write!(f, "{name}, {ago:.1} s ago"),
+            Some(ago) => write!(f, "{name}, {:.0} min ago", ago / 60.0),
+            None => write!(f, "{name}, {:.1} s after the start", self.at),
+        }
+    }
+}
+
 /// Says that nobody answers, with what the adapter knows.
 fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
@@ -139,21 +199,13 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
             "master": survey.master, "conflicts": survey.conflicts}),
         )?;
     } else if !survey.found.is_empty() {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_header([
-            "node",
-            "NMT",
-            "state",
-            "serial",
-            "firmware",
-            "wire version",
-            "group",
+        let mut table = output::table([
+            "node", "NMT", "state", "serial", "firmware", "wire", "group",
         ]);
         for robot in &survey.found {
             table.add_row([
                 robot.node.to_string(),
-                state_name(robot.nmt),
+                nmt_word(robot.nmt).into(),
                 robot
                     .state
                     .map_or_else(|| "unknown".into(), |state| format!("{state:?}")),
@@ -203,19 +255,23 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     if survey.found.is_empty() {
         return Err(nobody(target, &mut wire));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(["node", "NMT", "state", "limit or fault", "supply", "stops"]);
-    let mut rows = Vec::new();
-    let mut faults = Table::new();
-    faults.load_style(presets::UTF8_FULL_CONDENSED);
-    faults.set_header([
+    let mut table = output::table([
+        "node",
+        "NMT",
+        "state",
+        "limit or fault",
+        "supply",
+        "stops",
+        "last fault",
+    ]);
+    let (mut rows, mut meanings) = (Vec::new(), Vec::new());
+    let mut faults = output::table([
         "node",
         "fault",
         "start",
         "after",
         "supply",
-        "wheel rates FL FR RL RR, rad/s",
+        "rad/s: FL FR RL RR",
     ]);
     for robot in &survey.found {
         let node = robot.node;
@@ -228,7 +284,8 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         let state = robot
             .state
             .map_or_else(|| "unknown".into(), |state| format!("{state:?}"));
-        let mut row = json!({"node": node, "answers": true, "nmt": state_name(robot.nmt), "state": state,
+        let last = LastFault::read(&mut wire, node)?;
+        let mut row = json!({"node": node, "answers": true, "last_fault": last.as_ref().map(LastFault::json), "nmt": state_name(robot.nmt), "state": state,
                    "code": robot.code, "text": robot.code_text(),
                    "supply_v": supply.parse::<f32>().ok(), "stops": stops.parse::<u32>().ok()});
         if arguments.history {
@@ -237,11 +294,18 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             faults.add_rows(history.rows(node));
         }
         rows.push(row);
+        let (name, words) = match Code::from_code(robot.code) {
+            Some(Code::None) => ("none".into(), None),
+            Some(Code::Limit(limit)) => (limit.name().into(), Some(robot.code_text())),
+            Some(Code::Fault(fault)) => (fault.name().into(), Some(robot.code_text())),
+            None => (robot.code_text(), None),
+        };
+        meanings.extend(words.map(|words| format!("node {node}: {words}")));
         table.add_row([
             node.to_string(),
-            state_name(robot.nmt),
+            nmt_word(robot.nmt).into(),
             state,
-            robot.code_text(),
+            name,
             // 0 is what a robot without the divider says.
             if supply == "0" {
                 "-".into()
@@ -249,6 +313,7 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
                 format!("{supply} V")
             },
             stops,
+            last.map_or_else(|| "none".into(), |fault| fault.to_string()),
         ]);
     }
     for node in &survey.missing {
@@ -259,6 +324,9 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         return print_json(&json!({"group": group.map(|group| group.name), "robots": rows}));
     }
     say(&table)?;
+    for meaning in meanings {
+        say(meaning)?;
+    }
     if arguments.history && faults.is_empty() {
         say("no robot remembers a fault")?;
     } else if arguments.history {

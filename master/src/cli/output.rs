@@ -8,8 +8,11 @@
 
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use anyhow::Context as _;
+use comfy_table::{ContentArrangement, Table, presets};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use omnibus::bus::link::LinkError;
 use omnibus::commission::calibrate::CalibrateError;
 use omnibus::error::MasterError;
@@ -92,6 +95,80 @@ pub fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
 pub fn print_json_line(value: &serde_json::Value) -> anyhow::Result<()> {
     writeln!(std::io::stdout().lock(), "{value}")?;
     Ok(())
+}
+
+/// Columns of a terminal that says nothing else, and of everything that is no terminal.
+const COLUMNS: u16 = 80;
+
+/// An empty table, as wide as the terminal at most: longer cells go on in the next line.
+pub fn table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
+    let columns = ratatui::crossterm::terminal::size()
+        .ok()
+        .filter(|(columns, _)| std::io::stdout().is_terminal() && *columns >= COLUMNS)
+        .map_or(COLUMNS, |(columns, _)| columns);
+    let mut table = Table::new();
+    table
+        .load_style(presets::UTF8_FULL_CONDENSED)
+        .set_content_arrangement(ContentArrangement::Dynamic)
+        .set_width(columns)
+        .set_header(header);
+    table
+}
+
+/// Steps of a bar that shows a share.
+const STEPS: f64 = 1000.0;
+
+/// How far something has come, on a terminal: a bar where its end is known, its time otherwise.
+pub struct Progress(ProgressBar);
+
+impl Progress {
+    /// A bar for [`Progress::share`].
+    pub fn new(name: &str) -> Self {
+        Self::with(
+            name,
+            ProgressBar::new(STEPS as u64),
+            "{prefix} [{bar:40}] {percent:>3} %  {elapsed} {msg}",
+        )
+    }
+
+    /// For what nobody knows the end of.
+    pub fn endless(name: &str) -> Self {
+        let progress = Self::with(
+            name,
+            ProgressBar::new_spinner(),
+            "{spinner} {prefix}  {elapsed} {msg}",
+        );
+        progress.0.enable_steady_tick(Duration::from_millis(100));
+        progress
+    }
+
+    fn with(name: &str, bar: ProgressBar, template: &str) -> Self {
+        if !talks() {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_prefix(name.to_owned());
+        Self(bar)
+    }
+
+    /// Shows a share, 0 to 1, and what is going on.
+    pub fn share(&self, share: f64, what: &'static str) {
+        self.0.set_position((share * STEPS) as u64);
+        self.0.set_message(what);
+    }
+
+    /// Takes the bar away for a line of text or a question.
+    pub fn aside<T>(&self, what: impl FnOnce() -> T) -> T {
+        self.0.suspend(what)
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
 }
 
 /// Something was compared or checked, and found different or wrong; everything about it has been

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use comfy_table::{Table, presets};
 use omnibus::bus::link::Link;
 use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
@@ -13,7 +12,7 @@ use protocol::{Address, Kind, OBJECTS, Object, Value, address};
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, json, note, param_file, print_json, say};
+use super::{Target, json, note, output, param_file, print_json, say};
 
 const EXAMPLES: &str = "Examples:
   omnibus param list wheel
@@ -281,11 +280,7 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
         });
         return print_json(&json!({"objects": objects.collect::<Vec<_>>()}));
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header([
-        "object", "name", "type", "access", "unit", "from", "to", "default",
-    ]);
+    let mut table = output::table(["object", "name", "type", "range", "default", "unit"]);
     for object in &objects {
         let writable = matches!(object.access, Access::ReadWrite | Access::Parameter);
         let limit = |value: Value| {
@@ -297,13 +292,15 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
         };
         table.add_row([
             object.address.to_string(),
-            object.name.to_owned(),
-            object.kind.name().to_owned(),
-            object.access.eds().to_owned(),
-            object.unit.to_owned(),
-            limit(object.min),
-            limit(object.max),
+            full_name(object),
+            format!("{} {}", object.kind.name(), object.access.eds()),
+            if writable && object.kind != Kind::Domain {
+                format!("{} to {}", sdo::show(object.min), sdo::show(object.max))
+            } else {
+                String::new()
+            },
             limit(object.default),
+            object.unit.to_owned(),
         ]);
     }
     say(&table)?;
@@ -311,6 +308,17 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
         say(only.text)?;
     }
     Ok(())
+}
+
+/// The name with its record's, which tells five objects called "Front left" apart.
+fn full_name(object: &Object) -> String {
+    let record = protocol::RECORDS
+        .iter()
+        .find(|(index, _)| *index == object.address.index);
+    record.map_or_else(
+        || object.name.to_owned(),
+        |(_, record)| format!("{record}: {}", object.name),
+    )
 }
 
 fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {

@@ -7,6 +7,7 @@ use omnibus::recording::{charts, page};
 use serde_json::json;
 
 use super::convert::load;
+use super::output::Progress;
 use super::say;
 
 const PLOT_EXAMPLES: &str = "Examples:
@@ -80,10 +81,14 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
     for path in &outputs {
         form(path, "--output")?;
     }
+    let progress = Progress::endless("reading and drawing");
     let recording = load(&arguments.file, super::quiet())?;
     let sheet = charts::sheet(&recording);
     for path in &outputs {
         write_sheet(path, &sheet)?;
+    }
+    drop(progress);
+    for path in &outputs {
         if !super::quiet() && !super::json() {
             say(path.display())?;
         }
@@ -98,10 +103,12 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
 
 /// `omnibus report`.
 pub fn report(arguments: &Report) -> anyhow::Result<()> {
+    let progress = Progress::endless("reading and drawing");
     let recording = load(&arguments.file, super::quiet())?;
     let path = arguments.output.clone();
     let path = path.unwrap_or_else(|| arguments.file.with_extension("html"));
     write(&path, page::to_html(&recording)?.as_bytes())?;
+    drop(progress);
     if super::json() {
         return super::print_json(&serde_json::to_value(page::figures(&recording))?);
     }

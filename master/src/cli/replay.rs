@@ -19,6 +19,7 @@ use protocol::cob;
 use serde_json::json;
 
 use super::convert::load;
+use super::output::Progress;
 use super::{Target, say};
 
 /// How long the bus is listened to before anything is sent, in µs: three heartbeats of a robot and
@@ -131,7 +132,9 @@ fn send(link: &mut impl Link, frames: &[Recorded], abort: &Abort) -> anyhow::Res
     let zero = link.now().0 + 10_000;
     let mut sent = 0;
     let mut failed = Ok(());
+    let progress = Progress::new("replay");
     for recorded in frames {
+        progress.share(sent as f64 / frames.len() as f64, "");
         let due = Micros(zero + recorded.t_ns / 1_000 - first);
         while link.receive(due)?.is_some() {}
         if abort.is_asked() {
@@ -143,6 +146,7 @@ fn send(link: &mut impl Link, frames: &[Recorded], abort: &Abort) -> anyhow::Res
         }
         sent += 1;
     }
+    drop(progress);
     // Without setpoints and heartbeat robots ramp down by themselves; that is over by then.
     let settled = Micros(link.now().0 + SETTLE_US);
     while link.receive(settled)?.is_some() {}

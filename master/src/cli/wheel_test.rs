@@ -2,9 +2,11 @@
 //! this.
 
 use std::io::BufRead as _;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
 
 use anyhow::bail;
-use comfy_table::{Table, presets};
+use omnibus::abort::Abort;
 use omnibus::commission::motors::WHEELS;
 use omnibus::commission::wheel_test::{Finding, Seen, test_wheels};
 use omnibus::error::MasterError;
@@ -12,7 +14,7 @@ use omnibus::session::Group;
 use protocol::{Value, address};
 use serde_json::json;
 
-use super::output::Found;
+use super::output::{self, Found, Progress};
 use super::{Target, note, say};
 
 const EXAMPLES: &str = "Examples:
@@ -85,9 +87,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;
     let period_us = session.period_us();
-    let findings = test_wheels(session.wire(), node, period_us, &mut |wheel| {
-        Ok(if arguments.ask { ask(wheel)? } else { None })
-    })?;
+    let abort = super::abort_on_ctrl_c()?;
+    let progress = Progress::endless(&format!("turning the wheels of node {node}"));
+    let mut look = |wheel| match arguments.ask {
+        true => progress.aside(|| ask(wheel, &abort)),
+        false => Ok(None),
+    };
+    let wire = session.wire();
+    let findings = test_wheels(wire, node, period_us, &mut look, &mut |_| abort.check())?;
+    drop(progress);
     let wrong = findings.iter().filter(|f| f.problem.is_some()).count();
     if super::json() {
         let wheels: Vec<_> = findings.iter().map(finding_json).collect();
@@ -112,17 +120,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn show(findings: &[Finding]) -> anyhow::Result<()> {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    let mut header = vec!["driven".to_owned()];
-    header.extend(WHEELS.map(|wheel| format!("{wheel}, rad")));
-    table.set_header(header);
+    let mut table = output::table(std::iter::once("driven").chain(WHEELS));
     for finding in findings {
         let mut row = vec![WHEELS.get(finding.wheel).copied().unwrap_or("").to_owned()];
         row.extend(finding.turned.ways.map(|way| format!("{way:+.2}")));
         table.add_row(row);
     }
     say(&table)?;
+    say("How far each wheel's encoder turned, rad; + is forward.")?;
     for finding in findings {
         if let Some(problem) = &finding.problem {
             let wheel = WHEELS.get(finding.wheel).copied().unwrap_or("");
@@ -138,18 +143,14 @@ fn finding_json(finding: &Finding) -> serde_json::Value {
 }
 
 /// Asks which wheel was seen to turn, until the answer is one.
-fn ask(wheel: usize) -> Result<Option<Seen>, MasterError> {
+fn ask(wheel: usize, abort: &Abort) -> Result<Option<Seen>, MasterError> {
     let name = WHEELS.get(wheel).copied().unwrap_or("");
     loop {
         note(format!(
             "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or \
              another wheel: fl, fr, rl, rr with f or b (`rl f`); Enter: did not look"
         ));
-        let mut line = String::new();
-        match std::io::stdin().lock().read_line(&mut line) {
-            Ok(0) | Err(_) => return Err(MasterError::Aborted),
-            Ok(_) => {}
-        }
+        let line = read_line(abort)?;
         let words: Vec<_> = line.split_whitespace().collect();
         let (which, way) = match words.as_slice() {
             [] => return Ok(None),
@@ -166,6 +167,27 @@ fn ask(wheel: usize) -> Result<Option<Seen>, MasterError> {
                 wheel: which,
                 forward: way == "f",
             }));
+        }
+    }
+}
+
+/// How often a question looks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A line from the standard input. It is read in a thread of its own, because reading does not end
+/// at Ctrl-C.
+fn read_line(abort: &Abort) -> Result<String, MasterError> {
+    let (sender, answer) = channel();
+    std::thread::spawn(move || {
+        let mut line = String::new();
+        let read = std::io::stdin().lock().read_line(&mut line);
+        let _ = sender.send(read.ok().filter(|bytes| *bytes > 0).map(|_| line));
+    });
+    loop {
+        match answer.recv_timeout(LOOK) {
+            Ok(Some(line)) => return Ok(line),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => return Err(MasterError::Aborted),
+            Err(RecvTimeoutError::Timeout) => abort.check()?,
         }
     }
 }

@@ -88,7 +88,7 @@ pub fn identify_motors<L: Link>(
     node: u8,
     period_us: u64,
     settings: &Settings,
-    seen: &mut dyn FnMut(f64),
+    seen: Watch<'_>,
 ) -> Result<[Motor; 4], MasterError> {
     let mut run = Run::new(wire, node, period_us);
     match run.whole(settings, seen)? {
@@ -100,6 +100,9 @@ pub fn identify_motors<L: Link>(
         }
     }
 }
+
+/// Is told how long a run takes already, in s; an error ends it, and the robot comes to rest.
+pub type Watch<'a> = &'a mut dyn FnMut(f64) -> Result<(), MasterError>;
 
 /// What the encoders said while one wheel was to turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -122,6 +125,7 @@ pub fn turn_wheel<L: Link>(
     node: u8,
     period_us: u64,
     wheel: u8,
+    seen: Watch<'_>,
 ) -> Result<Turned, MasterError> {
     let settings = Settings {
         rate: 3.0,
@@ -130,7 +134,7 @@ pub fn turn_wheel<L: Link>(
         ..Settings::default()
     };
     let mut run = Run::new(wire, node, period_us);
-    let status = run.whole(&settings, &mut |_| {});
+    let status = run.whole(&settings, seen);
     run.syncs(COAST_SYNCS)?;
     // The next one who asks means all wheels.
     let all = run.wire.write(
@@ -242,16 +246,17 @@ impl<'a, L: Link> Run<'a, L> {
     }
 
     /// A run from beginning to end, and how it ended (object 0x2051:2).
-    fn whole(
-        &mut self,
-        settings: &Settings,
-        seen: &mut dyn FnMut(f64),
-    ) -> Result<u32, MasterError> {
+    fn whole(&mut self, settings: &Settings, seen: Watch<'_>) -> Result<u32, MasterError> {
         // Only a robot that is nobody's member may move alone. By itself it is a member again when
         // this master falls silent.
         self.wire
             .write_checked(self.node, at::ALONE_FOR_NOW, Value::U8(1))?;
         let done = self.until_over(settings, seen);
+        if done == Err(MasterError::Aborted) {
+            // It comes to rest along its ramp before its outputs are switched off.
+            self.wire.write(self.node, at::IDENTIFY, Value::U8(0))?;
+            self.syncs(COAST_SYNCS)?;
+        }
         // Whatever happened: no permission, at rest, and a member again.
         let forbidden = self.wire.write(self.node, at::COMMISSIONING, Value::U8(0));
         self.command(NmtCommand::EnterPreOperational)?;
@@ -264,11 +269,7 @@ impl<'a, L: Link> Run<'a, L> {
         Ok(status)
     }
 
-    fn until_over(
-        &mut self,
-        settings: &Settings,
-        seen: &mut dyn FnMut(f64),
-    ) -> Result<u32, MasterError> {
+    fn until_over(&mut self, settings: &Settings, seen: Watch<'_>) -> Result<u32, MasterError> {
         self.wire
             .write_checked(self.node, at::IDENTIFY_WHEELS, Value::U8(settings.wheels))?;
         for (address, value) in [
@@ -291,7 +292,7 @@ impl<'a, L: Link> Run<'a, L> {
             self.syncs(LOOK_SYNCS)?;
             let status = self.read(at::IDENTIFY_STATUS)?;
             let elapsed = self.wire.now().0 - began;
-            seen(elapsed as f64 * 1e-6);
+            seen(elapsed as f64 * 1e-6)?;
             if status != RUNNING || elapsed >= TIME_LIMIT_US {
                 return Ok(status);
             }

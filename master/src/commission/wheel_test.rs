@@ -10,7 +10,7 @@ use protocol::address;
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
-use crate::commission::motors::{Turned, WHEELS, turn_wheel};
+use crate::commission::motors::{Turned, WHEELS, Watch, turn_wheel};
 use crate::error::MasterError;
 
 /// An encoder that went farther than this has turned, rad.
@@ -47,7 +47,8 @@ pub struct Finding {
 pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
-/// `look` is asked after each wheel what was seen; `None` when nobody looks.
+/// `look` is asked after each wheel what was seen; `None` when nobody looks. `watch` is told how long
+/// each wheel takes.
 ///
 /// # Errors
 /// As [`turn_wheel`], and what `look` fails with.
@@ -56,11 +57,12 @@ pub fn test_wheels<L: Link>(
     node: u8,
     period_us: u64,
     look: Look<'_>,
+    watch: Watch<'_>,
 ) -> Result<Vec<Finding>, MasterError> {
     let mut turned = [Turned::default(); 4];
     let mut seen = [None; 4];
     for (wheel, turned) in (0_u8..).zip(&mut turned) {
-        *turned = turn_wheel(wire, node, period_us, wheel)?;
+        *turned = turn_wheel(wire, node, period_us, wheel, watch)?;
         let wheel = usize::from(wheel);
         if let Some(seen) = seen.get_mut(wheel) {
             *seen = look(wheel)?;

@@ -10,6 +10,8 @@
 //! sum of group twist times group scale. The way of a setpoint through the robots takes two SYNC
 //! periods, so while the group moves the target is ahead by that much.
 
+use std::collections::BTreeMap;
+
 use canopen::{Frame, NmtState, client};
 use kinematics::{Pose, Twist};
 use protocol::{GroupTwist, MemberStatus, RobotReport, cob, is_robot};
@@ -40,6 +42,8 @@ pub struct Listener {
     /// One frame for the poses that robots report.
     frame: CommonFrame,
     events: Vec<Event>,
+    /// When each member's last status came, and when it was last heard at all.
+    heard: BTreeMap<u8, (Option<f64>, f64)>,
 }
 
 fn member(node: u8) -> MemberSample {
@@ -68,6 +72,7 @@ impl Listener {
             load: Meter::default(),
             frame: CommonFrame::default(),
             events: Vec::new(),
+            heard: BTreeMap::new(),
         }
     }
 
@@ -93,7 +98,7 @@ impl Listener {
     /// The group as it is known at `t`: of the SYNC period that is not over yet, or of none.
     #[must_use]
     pub fn now(&self, t: f64) -> Snapshot {
-        let mut snapshot = self.finished();
+        let mut snapshot = self.finished(t);
         if !self.synced || t - self.current.t > SYNC_PATIENCE {
             snapshot.t = t;
             snapshot.phase = SessionState::Idle;
@@ -132,6 +137,7 @@ impl Listener {
         let Some(at) = self.place(node) else {
             return;
         };
+        self.heard.entry(node).or_insert((None, t)).1 = t;
         let member = &mut self.current.members[at];
         if member.nmt.replace(state) == Some(state) {
             return;
@@ -166,6 +172,7 @@ impl Listener {
     fn status(&mut self, t: f64, at: usize, status: &MemberStatus) {
         let member = &mut self.current.members[at];
         let node = member.node;
+        self.heard.insert(node, (Some(t), t));
         member.silent_syncs = 0;
         // A status is only sent in OPERATIONAL; the last heartbeat may be older.
         member.nmt = Some(NmtState::Operational);
@@ -182,8 +189,13 @@ impl Listener {
     }
 
     /// The period that is open, with what follows from its members.
-    fn finished(&self) -> Snapshot {
+    fn finished(&self, t: f64) -> Snapshot {
         let mut snapshot = self.current.clone();
+        for member in &mut snapshot.members {
+            if let Some((status, heard)) = self.heard.get(&member.node) {
+                *member = member.aged(status.map(|at| t - at), Some(t - heard));
+            }
+        }
         let members = &snapshot.members;
         snapshot.pose = mean_pose(members.iter().filter_map(|member| member.pose));
         snapshot.measured = mean_twist(members.iter().filter_map(|member| member.measured));
@@ -203,7 +215,7 @@ impl Listener {
 
     /// Ends the period at the SYNC at `t` and opens the next.
     fn close(&mut self, t: f64) -> Option<Snapshot> {
-        let mut snapshot = self.finished();
+        let mut snapshot = self.finished(t);
         snapshot.bus_load = Some(self.load.share(t));
         snapshot.target = self.reckoning.note(&snapshot);
         self.current.t = t;
@@ -434,6 +446,26 @@ mod tests {
         let load = listener.now(0.1995).bus_load.unwrap();
         assert!((load - 0.048).abs() < 1e-6, "{load}");
         assert_eq!(listener.now(1.0).bus_load, Some(0.0));
+    }
+
+    #[test]
+    fn a_status_of_a_tenth_of_a_second_ago_is_the_past() {
+        let fault = Code::Fault(protocol::Fault::SyncLost);
+        let mut listener = Listener::new([2]);
+        listener.take(0.0, &Frame::of(0x702, [5]));
+        listener.take(0.01, &status(2, 1.0, fault));
+        let then = listener.now(0.1).members[0];
+        assert_eq!((then.state, then.code), (Some(MemberState::Moving), fault));
+        let later = listener.now(0.2).members[0];
+        assert_eq!((later.state, later.code), (None, Code::None));
+        assert_eq!(later.permitted_scale, None);
+        let past = later.past.unwrap();
+        assert_eq!((past.state, past.code), (then.state, fault));
+        assert!((past.age - 0.19).abs() < 1e-9);
+        assert_eq!(past.to_string(), "SyncLost 0.2 s ago");
+        // No heartbeat for a second: it may be off.
+        assert_eq!(later.nmt, Some(NmtState::Operational));
+        assert_eq!(listener.now(1.2).members[0].nmt, None);
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub fn refused(reason: &str) -> Value {
 pub fn state(snapshot: &Snapshot, clock: u64, running: bool) -> Value {
     let members: Vec<_> = snapshot.members.iter().map(member).collect();
     json!({"type": "state", "clock": clock, "t": snapshot.t, "running": running,
-           "phase": snapshot.phase.name(), "command": twist(snapshot.command),
+           "phase": snapshot.phase.name(), "foreign": snapshot.foreign_master, "command": twist(snapshot.command),
            "measured": snapshot.measured.map(twist), "pose": snapshot.pose.map(pose),
            "target": snapshot.target.map(pose), "scale": snapshot.scale,
            "strain": snapshot.strain, "bus_load": snapshot.bus_load, "robots": members})
@@ -114,7 +114,7 @@ fn member(member: &MemberSample) -> Value {
     let rates: Option<[f32; 4]> = member.wheel_rates.map(Into::into);
     json!({"node": member.node, "nmt": member.nmt.map(|nmt| format!("{nmt:?}")),
            "state": member.state.map(|state| format!("{state:?}")), "code": name, "kind": kind,
-           "scale": member.permitted_scale, "slip": member.slip_residual, "wheels": rates,
+           "past": member.past.map(|past| past.to_string()), "scale": member.permitted_scale, "slip": member.slip_residual, "wheels": rates,
            "silent": member.silent_syncs})
 }
 

@@ -137,7 +137,19 @@ impl<L: Link> Group<L> {
             Some((fault.is_consequence(), member.node, fault))
         });
         if let Some((_, node, fault)) = faults.min_by_key(|(consequence, ..)| *consequence) {
-            return Err(MasterError::MemberFault { node, fault });
+            // The culprit is the one that was not heard, not the first to say so.
+            let silent = self.members.iter().max_by_key(|member| member.silent_syncs);
+            return Err(match silent {
+                Some(silent)
+                    if fault == protocol::Fault::MemberSilent && silent.silent_syncs > 1 =>
+                {
+                    MasterError::MemberMissing {
+                        node: silent.node,
+                        syncs: silent.silent_syncs,
+                    }
+                }
+                _ => MasterError::MemberFault { node, fault },
+            });
         }
         for member in &self.members {
             if member.silent_syncs >= MISSING_SYNCS {

@@ -87,6 +87,10 @@ pub struct Member {
     pub nmt: Option<NmtState>,
     /// Status as last heard.
     pub status: Option<MemberStatus>,
+    /// When that was.
+    pub status_at: Option<Micros>,
+    /// When it was last heard at all.
+    pub heard_at: Option<Micros>,
     /// SYNCs since the last status.
     pub silent_syncs: u32,
 }
@@ -143,6 +147,8 @@ impl<L: Link> Group<L> {
             node: robot.node,
             nmt: None,
             status: None,
+            status_at: None,
+            heard_at: None,
             silent_syncs: 0,
         });
         Self {
@@ -404,10 +410,19 @@ impl<L: Link> Group<L> {
     /// # Errors
     /// When the group is not started, or as [`Group::cycle`]; call [`Group::stop`] then.
     pub fn run(&mut self, seconds: f64) -> Result<(), MasterError> {
+        self.run_with(seconds, &mut |_| {})
+    }
+
+    /// The same; `tell` is told once per SYNC which share of the time is over.
+    ///
+    /// # Errors
+    /// As [`Group::run`].
+    pub fn run_with(&mut self, seconds: f64, tell: &mut dyn FnMut(f64)) -> Result<(), MasterError> {
         self.check_started()?;
-        let until = self.next_sync.0 as f64 + seconds * 1e6;
-        while (self.next_sync.0 as f64) < until {
+        let from = self.next_sync.0 as f64;
+        while (self.next_sync.0 as f64) < from + seconds * 1e6 {
             self.cycle(self.twist)?;
+            tell((self.next_sync.0 as f64 - from) / (seconds * 1e6));
         }
         Ok(())
     }

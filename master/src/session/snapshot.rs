@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use canopen::Micros;
 use protocol::Code;
 
 use super::Group;
@@ -25,15 +26,17 @@ impl<L: Link> Group<L> {
 
     /// The group as it is known, without a SYNC: NMT states of a group that is not running.
     pub fn publish_idle(&mut self) {
-        let t = self.wire.seconds(self.wire.now());
+        let now = self.wire.now();
+        let t = self.wire.seconds(now);
         let blank = MemberRow::default();
         let snapshot = Snapshot {
             t,
             phase: self.phase,
+            foreign_master: self.foreign_master(),
             bus_load: self.wire.bus_load(),
             sync: self.punctuality(),
             members: (0..self.members.len())
-                .map(|index| self.sample(index, &blank))
+                .map(|index| self.sample(now, index, &blank))
                 .collect(),
             ..Snapshot::default()
         };
@@ -46,9 +49,11 @@ impl<L: Link> Group<L> {
     fn snapshot(&self) -> Option<Snapshot> {
         let row = self.recorder.rows().last()?;
         let measured = row.members.iter().filter_map(|m| m.measured);
+        let now = self.wire.now();
         Some(Snapshot {
             t: self.wire.seconds(self.began) + row.t,
             phase: self.phase,
+            foreign_master: self.foreign_master(),
             sequence: row.sequence,
             command: row.command,
             target: self.target,
@@ -66,14 +71,15 @@ impl<L: Link> Group<L> {
                 .members
                 .iter()
                 .enumerate()
-                .map(|(index, row)| self.sample(index, row))
+                .map(|(index, row)| self.sample(now, index, row))
                 .collect(),
         })
     }
 
-    fn sample(&self, index: usize, row: &MemberRow) -> MemberSample {
+    fn sample(&self, now: Micros, index: usize, row: &MemberRow) -> MemberSample {
         let member = &self.members[index];
-        MemberSample {
+        let age = |at: Option<Micros>| at.map(|at| now.0.saturating_sub(at.0) as f64 * 1e-6);
+        let sample = MemberSample {
             node: member.node,
             nmt: member.nmt,
             state: member.status.map(|status| status.state),
@@ -84,6 +90,8 @@ impl<L: Link> Group<L> {
             measured: row.measured,
             pose: row.pose,
             wheel_rates: row.wheel_rates,
-        }
+            past: None,
+        };
+        sample.aged(age(member.status_at), age(member.heard_at))
     }
 }

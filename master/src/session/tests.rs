@@ -291,6 +291,21 @@ fn a_robot_that_falls_silent_stops_the_group() {
     assert_stopped(&bus);
 }
 
+/// The others say first that somebody is silent; the one that is silent is named.
+#[test]
+fn the_silent_member_is_named_and_not_the_one_that_misses_it() {
+    let file = file();
+    let mut bus = FakeBus::new(&[2, 3, 4]);
+    bus.robots[1].silent_from = 3_000_000;
+    bus.robots[0].fault = Some((3_010_000, Fault::MemberSilent));
+    let error = follow(&mut bus, &file).unwrap_err();
+    assert!(
+        matches!(error, MasterError::MemberMissing { node: 3, syncs: 2 }),
+        "{error}"
+    );
+    assert_stopped(&bus);
+}
+
 #[test]
 fn a_robot_that_does_not_arm_is_named() {
     let file = file();

@@ -9,6 +9,7 @@ use crate::state::State;
 impl BusSide {
     /// Brings the process data up to date.
     pub(super) fn publish(&mut self, at: Micros) {
+        self.dictionary.uptime_ms = u32::try_from(at.0 / 1000).unwrap_or(u32::MAX);
         let code = self.code();
         self.remember(at, code);
         let report = &self.report;

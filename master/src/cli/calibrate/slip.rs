@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use canopen::NmtCommand;
-use comfy_table::{Table, presets};
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
@@ -479,9 +478,7 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
             nodes.join(", "),
             calibration.version
         ))?;
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_header([
+        let mut table = crate::cli::output::table([
             "motion",
             "speed",
             "axis",

@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if path.extension().is_none_or(|end| end != "svg") {
         bail!("--output {}: the name must end in .svg", path.display());
     }
-    std::fs::write(path, svg(&group))
+    omnibus::file::replace(path, svg(&group).as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
     say(path.display())
 }

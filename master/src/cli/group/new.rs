@@ -467,7 +467,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         // The line is that of a file that is not there.
         bail!("{}: {}; {}", error.field, error.problem, error.remedy);
     }
-    std::fs::write(path, &text).with_context(|| format!("cannot write {shown}"))?;
+    omnibus::file::replace(path, text.as_bytes())
+        .with_context(|| format!("cannot write {shown}"))?;
     if json() {
         return print_json(&serde_json::json!({"file": shown, "group": name}));
     }

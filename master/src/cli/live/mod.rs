@@ -172,10 +172,12 @@ fn snapshot_json(now: &Snapshot) -> serde_json::Value {
     let members = now.members.iter().map(|m| {
         json!({"node": m.node, "nmt": m.nmt.map(|nmt| format!("{nmt:?}")),
                "state": m.state.map(|state| format!("{state:?}")), "code": m.code.code(),
+               "past": m.past.map(|past| json!({"state": past.state.map(|state| format!("{state:?}")),
+                                                "code": past.code.code(), "age_s": past.age})),
                "scale": m.permitted_scale, "slip": m.slip_residual,
                "wheel_rates": m.wheel_rates.map(<[f32; 4]>::from)})
     });
-    json!({"t": now.t, "phase": now.phase.name(), "command": twist(now.command),
+    json!({"t": now.t, "phase": now.phase.name(), "foreign_master": now.foreign_master, "command": twist(now.command),
            "pose": now.pose.map(|p| json!({"x": p.x, "y": p.y, "heading": p.heading})),
            "measured": now.measured.map(twist), "scale": now.scale, "strain": now.strain,
            "bus_load": now.bus_load, "sync": now.sync.map(|s| super::sync_json(&s)),

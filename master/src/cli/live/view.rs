@@ -117,14 +117,20 @@ impl View {
             .now
             .as_ref()
             .map_or((SessionState::Idle, 0.0), |now| (now.phase, now.t));
+        let foreign = self.now.as_ref().is_some_and(|now| now.foreign_master);
         let style = match phase {
             SessionState::Running => Style::new().fg(Color::Green).add_modifier(Modifier::BOLD),
             SessionState::Starting | SessionState::Stopping => Style::new().fg(Color::Yellow),
             SessionState::Idle => Style::new(),
         };
         let mut lines = vec![Line::from(vec![
-            Span::styled(format!("{:<56.56}", self.title), bold()),
-            Span::styled(format!("{:>9}", phase.name()), style),
+            Span::styled(format!("{:<32.32}", self.title), bold()),
+            if foreign {
+                let words = "listening: another master drives";
+                Span::styled(format!("{words:>33}"), Style::new().fg(Color::Yellow))
+            } else {
+                Span::styled(format!("{:>33}", phase.name()), style)
+            },
             Span::raw(format!(" {t:>9.2} s")),
         ])];
         let Some(now) = &self.now else {
@@ -264,6 +270,11 @@ fn row(member: &MemberSample) -> Line<'_> {
             format!("{a:+6.2} {b:+6.2} {c:+6.2} {d:+6.2}")
         },
     );
+    if let Some(past) = member.past {
+        let style = Style::new().add_modifier(Modifier::DIM);
+        let text = format!("{:>4} {nmt:<6} {:<12} last: {past}", member.node, "-");
+        return Line::styled(text, style);
+    }
     let (code, style) = match member.code {
         Code::None => ("", Style::new()),
         Code::Limit(limit) => (limit.name(), Style::new().fg(Color::Yellow)),
@@ -396,6 +407,31 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[20].starts_with("  17 OP"), "{text}");
         assert!(lines[23].contains("q quit"), "{text}");
+    }
+
+    /// What was is not what is: a robot that fell silent after a fault, under another master.
+    #[test]
+    fn an_old_status_is_told_with_its_age() {
+        let mut silent = member(3, Code::Fault(Fault::SyncLost));
+        silent.state = Some(MemberState::Moving);
+        let mut view = view(vec![silent.aged(Some(2.34), Some(0.05))]);
+        let text = screen(&view);
+        assert!(
+            text.contains("   3 OP     -            last: SyncLost 2.3 s ago\n"),
+            "{text}"
+        );
+        let mut now = Snapshot::clone(view.now.as_ref().unwrap());
+        (now.phase, now.foreign_master) = (SessionState::Idle, true);
+        now.members[0] = member(3, Code::None).aged(Some(0.05), Some(1.2));
+        view.take(Arc::new(now));
+        let text = screen(&view);
+        assert!(
+            text.starts_with(
+                "tcc-2 on socketcan:can0           listening: another master drives     12.34 s"
+            ),
+            "{text}"
+        );
+        assert!(text.contains("   3 silent Moving "), "{text}");
     }
 
     #[test]

@@ -65,6 +65,8 @@ pub struct Snapshot {
     pub t: f64,
     /// What the session is doing.
     pub phase: SessionState,
+    /// Another master is on the bus.
+    pub foreign_master: bool,
     /// Sequence number of the group twist sent before the SYNC.
     pub sequence: u8,
     /// That group twist, in the group frame.
@@ -88,17 +90,53 @@ pub struct Snapshot {
     pub members: Vec<MemberSample>,
 }
 
+/// The oldest status that counts as the present, in s.
+pub const PRESENT: f64 = 0.1;
+/// The oldest heartbeat that counts as the present, in s: robots send one every 100 ms at least.
+pub const PRESENT_NMT: f64 = 1.0;
+
+/// A status that is too old to be the present.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PastStatus {
+    /// State, where it was known.
+    pub state: Option<MemberState>,
+    /// Limit or fault.
+    pub code: Code,
+    /// How old it is, in s.
+    pub age: f64,
+}
+
+impl std::fmt::Display for PastStatus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let code = match self.code {
+            Code::None => None,
+            Code::Limit(limit) => Some(limit.name()),
+            Code::Fault(fault) => Some(fault.name()),
+        };
+        let state = self.state.map(|state| format!("{state:?}"));
+        let what = code.map(str::to_owned).or(state);
+        write!(f, "{} ", what.as_deref().unwrap_or("heard"))?;
+        match self.age {
+            age if age < 10.0 => write!(f, "{age:.1} s ago"),
+            age if age < 600.0 => write!(f, "{age:.0} s ago"),
+            age => write!(f, "{:.0} min ago", age / 60.0),
+        }
+    }
+}
+
 /// One member at one SYNC; fields are `None` where its frame did not come in this period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MemberSample {
     /// Node id.
     pub node: u8,
-    /// NMT state as last heard.
+    /// NMT state, if its heartbeat was heard within the last second.
     pub nmt: Option<NmtState>,
-    /// State as last heard.
+    /// State, if its status is not older than [`PRESENT`].
     pub state: Option<MemberState>,
-    /// Limit or fault as last heard.
+    /// Limit or fault of that status.
     pub code: Code,
+    /// Its last status, where that is older.
+    pub past: Option<PastStatus>,
     /// SYNCs since its last status.
     pub silent_syncs: u32,
     /// Scale at which its own wheels could follow, 0..=1.
@@ -111,6 +149,29 @@ pub struct MemberSample {
     pub pose: Option<Pose>,
     /// Measured wheel rates in rad/s, positive rolls the base forward.
     pub wheel_rates: Option<WheelRates>,
+}
+
+impl MemberSample {
+    /// The same at a moment when its status and its last heartbeat are so old, in s: what is no
+    /// longer the present is the past.
+    #[must_use]
+    pub fn aged(mut self, status: Option<f64>, heartbeat: Option<f64>) -> Self {
+        if let Some(age) = status.filter(|age| *age > PRESENT) {
+            self.past = Some(PastStatus {
+                state: self.state.take(),
+                code: std::mem::take(&mut self.code),
+                age,
+            });
+            self.permitted_scale = None;
+            self.slip_residual = None;
+            self.measured = None;
+            self.wheel_rates = None;
+        }
+        if heartbeat.is_some_and(|age| age > PRESENT_NMT) {
+            self.nmt = None;
+        }
+        self
+    }
 }
 
 /// How late frames of a schedule went out, in µs. What is measured is when the system took the
