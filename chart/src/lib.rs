@@ -14,6 +14,7 @@ mod picture;
 pub use picture::Sheet;
 use plotters::coord::Shift;
 use plotters::data::float::FloatPrettyPrinter;
+use plotters::element::DashedPathElement;
 pub use plotters::style::RGBColor;
 
 use plotters::prelude::*;
@@ -56,6 +57,26 @@ pub enum Stroke {
     Line,
     /// A broad pale band, for what other lines are to be compared with.
     Band,
+}
+
+/// Dashes and gaps of the lines of [`PALETTE`]'s colours, in pixels, and how CSS calls that, so
+/// that lines can be told apart without their colours too; `None` for a line without gaps.
+const DASHES: [Option<(i32, i32, &str)>; 6] = [
+    None,
+    Some((9, 5, "dashed")),
+    Some((2, 4, "dotted")),
+    Some((18, 5, "dashed")),
+    Some((5, 9, "dashed")),
+    None,
+];
+
+/// The dashes of a series.
+fn dashes(series: &Series) -> Option<(i32, i32, &'static str)> {
+    let of = |color| PALETTE.iter().position(|known| *known == color);
+    match series.stroke {
+        Stroke::Line => DASHES[of(series.color?)?],
+        Stroke::Band => None,
+    }
 }
 
 /// One line of a chart.
@@ -144,7 +165,8 @@ impl Chart {
             Stroke::Line => (LINE_WIDTH + 1, 1.0),
             Stroke::Band => (BAND_WIDTH, BAND_OPACITY),
         };
-        format!("{width}px solid rgb({r} {g} {b} / {opacity})")
+        let style = dashes(series).map_or("solid", |(_, _, style)| style);
+        format!("{width}px {style} rgb({r} {g} {b} / {opacity})")
     }
 
     /// Draws the chart.
@@ -252,12 +274,23 @@ impl Chart {
                 Stroke::Line => color.stroke_width(LINE_WIDTH * SCALE),
                 Stroke::Band => color.mix(BAND_OPACITY).stroke_width(BAND_WIDTH * SCALE),
             };
-            let drawn = chart.draw_series(LineSeries::new(thinned(&series.points), style))?;
+            let points = thinned(&series.points);
+            let dashes = dashes(series).map(|(dash, gap, _)| {
+                let scaled = |pixels: i32| pixels * SCALE as i32;
+                (scaled(dash), scaled(gap))
+            });
+            let drawn = match dashes {
+                Some((dash, gap)) => {
+                    chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?
+                }
+                None => chart.draw_series(LineSeries::new(points, style))?,
+            };
             if legend && !series.label.is_empty() {
                 let length = 20 * SCALE as i32;
-                drawn
-                    .label(&series.label)
-                    .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + length, y)], style));
+                let (dash, gap) = dashes.unwrap_or((length, 1));
+                drawn.label(&series.label).legend(move |(x, y)| {
+                    DashedPathElement::new(vec![(x, y), (x + length, y)], dash, gap, style)
+                });
             }
         }
         // A map has empty corners; over a time axis a legend would hide the lines it explains, so

@@ -72,7 +72,7 @@ impl Checker<'_> {
                     "is {max_wheel_rate} rad/s, but the motor ends at {:.1}",
                     motor.no_load_rate()
                 ),
-                "lower it, or mend motor.supply and motor.constant",
+                "lower it, or fix motor.supply and motor.constant",
             );
         }
         let encoder = Encoder {
@@ -195,7 +195,7 @@ impl Checker<'_> {
                     &e.wheel_radius,
                     &d.wheel_radius,
                     &format!("{error:?}"),
-                    "mend the dimensions",
+                    "fix the dimensions",
                 )
             })
     }
@@ -234,7 +234,7 @@ impl Checker<'_> {
                 &None,
                 &None,
                 &format!("{error:?}"),
-                "mend the coefficients",
+                "fix the coefficients",
             )
         })
     }
@@ -274,7 +274,7 @@ impl Checker<'_> {
                 return Err(Reported);
             }
             kinematics::Wheel::new(wheel.x, wheel.y, 0.0, wheel.roller_angle, wheel.radius)
-                .map_err(|error| self.refuse(raw, &path, &error.to_string(), "mend this wheel"))?;
+                .map_err(|error| self.refuse(raw, &path, &error.to_string(), "fix this wheel"))?;
             Ok(wheel)
         };
         let all = [
@@ -292,7 +292,7 @@ impl Checker<'_> {
             .and_then(|wheels| <[kinematics::Wheel; 4]>::try_from(wheels).ok());
         let platform = robot.map(|wheels| kinematics::Platform::new(&wheels));
         if let Some(Err(error)) = platform {
-            let remedy = "mend positions and roller angles";
+            let remedy = "fix positions and roller angles";
             return Err(self.refuse(&wheels.front_left, &path, &error.to_string(), remedy));
         }
         Ok(Some(all))
@@ -365,7 +365,7 @@ impl Checker<'_> {
             axis("lateral", &rollers.lateral)?,
             axis("yaw", &rollers.yaw)?,
         )
-        .map_err(|error| self.refuse(raw, &path, &error.to_string(), "mend the coefficients"))?;
+        .map_err(|error| self.refuse(raw, &path, &error.to_string(), "fix the coefficients"))?;
         Ok(Some(Rollers {
             count,
             phases,
@@ -414,7 +414,7 @@ impl Checker<'_> {
         let axis = |key: &str, rows: &[(f32, f32)], constant: f32| {
             AxisTable::<ROWS>::filled(rows.iter().copied(), constant).map_err(|error| {
                 let problem = error.to_string();
-                self.refuse(raw, &format!("{path}.{key}"), &problem, "mend the rows")
+                self.refuse(raw, &format!("{path}.{key}"), &problem, "fix the rows")
             })
         };
         let ahead = axis("longitudinal", &longitudinal, constant.longitudinal())?;
@@ -426,7 +426,7 @@ impl Checker<'_> {
             let (x, y) = (axis("oblique", &x, 1.0)?, axis("oblique", &y, 1.0)?);
             DirectionalCompensation::new(ahead, aside, x, y, about).map_err(|error| {
                 let problem = error.to_string();
-                self.refuse(raw, &format!("{path}.oblique"), &problem, "mend the rows")
+                self.refuse(raw, &format!("{path}.oblique"), &problem, "fix the rows")
             })?;
         }
         Ok(CompensationTable {

@@ -49,8 +49,8 @@ impl Checker<'_> {
                     continue;
                 }
                 let (field, remedy) = match address.index {
-                    0x2051 => ("motor", "mend `motor` and `control`"),
-                    _ => ("wheels", "mend this entry"),
+                    0x2051 => ("motor", "fix `motor` and `control`"),
+                    _ => ("wheels", "fix this entry"),
                 };
                 let (Some(value), Some(min), Some(max)) =
                     (real(value), real(object.min), real(object.max))
@@ -83,7 +83,7 @@ impl Checker<'_> {
                 let problem = format!(
                     "its wheels stand among those of robots[{other}], {distance:.3} m away",
                 );
-                let remedy = "mend x, y and heading_deg, or the dimensions";
+                let remedy = "fix x, y and heading_deg, or the dimensions";
                 self.report(
                     entry(tree, index),
                     &format!("robots[{index}]"),

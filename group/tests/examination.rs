@@ -130,7 +130,7 @@ fn robots_on_the_same_floor_are_refused() {
         errors,
         [
             "pair.toml:22: robots[1]: its wheels stand among those of robots[0], 0.000 m away; \
-             mend x, y and heading_deg, or the dimensions"
+             fix x, y and heading_deg, or the dimensions"
         ]
     );
     // A length is 2 x (0.35 + 0.1524) = 1.0048 m: in line they touch there, turned by a right

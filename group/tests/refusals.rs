@@ -261,7 +261,7 @@ fn wheel_rate_beyond_the_motor() {
     assert_eq!(
         refusal("max_wheel_rate = 22", "max_wheel_rate = 31"),
         "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motor ends at 30.0; \
-         lower it, or mend motor.supply and motor.constant"
+         lower it, or fix motor.supply and motor.constant"
     );
 }
 
@@ -384,7 +384,7 @@ fn compensation_table_that_cannot_be_inverted() {
     assert_eq!(
         table("lateral = [[0.3, 0.6], [0.31, 1.9]]"),
         "pair.toml:24: robots[1].compensation.table.lateral: row 1: the coefficient changes too \
-         fast with speed to be inverted; mend the rows"
+         fast with speed to be inverted; fix the rows"
     );
     let text = table("oblique = [[0.3, 1.5, 1.5]]");
     assert!(

@@ -229,8 +229,8 @@ pub enum MasterError {
     },
     /// A curve asks for more than the group may do.
     #[error(
-        "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; choose \
-         a slower curve or raise {limit_name} in the group file"
+        "{trajectory} asks for {asked:.3} {unit}, {limit_name} of the group is {limit:.3}; go \
+         slower (a curve with --speed or --scale below 1), or raise {limit_name} in the group file"
     )]
     TooFast {
         /// Name of the curve.

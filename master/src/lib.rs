@@ -38,6 +38,8 @@ pub mod simulation;
 pub mod source;
 
 pub use session::Group;
+// What a program of one's own needs besides, so that this library alone suffices.
+pub use {canopen, group, kinematics, protocol};
 
 #[cfg(test)]
 mod fake;

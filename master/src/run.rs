@@ -327,5 +327,6 @@ pub fn report(group: &GroupFile, trajectory: &str, backend: BackendName, runs: V
         trajectory: trajectory.into(),
         robots: robots.collect(),
         runs,
+        paper: false,
     }
 }

@@ -7,7 +7,7 @@ use omnibus::commission::wheel_test::test_wheels;
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 use omnibus::simulation::{link::SimLink, run::world};
-use protocol::{Kind, MemberState, address};
+use protocol::{Fault, Kind, MemberState, address};
 
 /// A configured group on a simulated bus.
 fn session() -> Group<SimLink> {
@@ -38,7 +38,8 @@ fn assert_at_rest(session: &mut Group<SimLink>, members: u32) {
     // Not armed, not moving, no fault: as it was after it had been configured.
     let state = u8::try_from(read(address::STATE, Kind::U8)).unwrap();
     assert_eq!(MemberState::try_from(state), Ok(MemberState::Ready));
-    assert_eq!(read(address::STATUS_CODE, Kind::U16), 0);
+    let code = u16::try_from(read(address::STATUS_CODE, Kind::U16)).unwrap();
+    assert_eq!(Fault::from_code(code), None, "code {code:#06x}");
 }
 
 #[test]

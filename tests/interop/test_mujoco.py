@@ -56,7 +56,7 @@ class MuJoCo(unittest.TestCase):
         without = {curve: self.drive(file, curve) for curve in CURVES}
         lost = 100 * (math.sin(math.pi / rollers) / (math.pi / rollers) - 1)
         # Contacts slip, and balls are no barrel: within half a point of closed form.
-        self.assertAlmostEqual(without["lateral"]["x_percent"], lost, delta=0.5)
+        self.assertAlmostEqual(without["lateral"]["aside_percent"], lost, delta=0.5)
         self.assertAlmostEqual(without["turn"]["turn_percent"], lost * SHARE, delta=0.5)
 
         text = self.omnibus(file, "calibrate", "--phase", "--rollers", str(rollers), *source, "--json")
@@ -69,7 +69,7 @@ class MuJoCo(unittest.TestCase):
                 figures = {key: value for key, value in run[curve].items() if isinstance(value, float)}
                 print(f"{rollers} rollers, {curve}, {name}: {figures}")
         # Some slip is left, which is compensation's.
-        self.assertLess(abs(phase["lateral"]["x_percent"]), 0.5)
+        self.assertLess(abs(phase["lateral"]["aside_percent"]), 0.5)
         self.assertLess(abs(phase["turn"]["turn_percent"]), 0.3)
         self.assertLess(phase["lateral"]["ripple_percent"], 0.6)
         self.assertLess(phase["lateral"]["ripple_percent"], without["lateral"]["ripple_percent"] / 2)

@@ -55,9 +55,9 @@ fn promises(json: &Value) -> anyhow::Result<()> {
             .with_context(|| format!("no run with compensation {word}"))
     };
     let (off, on) = (run("off")?, run("on")?);
-    within(off, "x_percent", &LATERAL_OFF)?;
-    within(on, "x_percent", &EITHER_ON)?;
-    within(on, "y_percent", &EITHER_ON)?;
+    within(off, "aside_percent", &LATERAL_OFF)?;
+    within(on, "aside_percent", &EITHER_ON)?;
+    within(on, "ahead_percent", &EITHER_ON)?;
     within(off, "shape_error_mm", &SHAPE)?;
     within(on, "shape_error_mm", &SHAPE)
 }
@@ -69,7 +69,7 @@ mod tests {
 
     fn sample(x_off: f64, x_on: f64) -> Value {
         let run = |word: &str, x: f64| {
-            json!({"compensation": word, "x_percent": x, "y_percent": -0.1,
+            json!({"compensation": word, "aside_percent": x, "ahead_percent": -0.1,
                    "rms_mm": 1.0, "shape_error_mm": 0.5})
         };
         json!({"backend": "emulator", "config": "tcc-3", "trajectory": "figure-eight",

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use canopen::Micros;
 use clap::ValueEnum as _;
+use kinematics::Pose;
 use omnibus::bus::address::BusAddress;
 use omnibus::file;
 use omnibus::monitor::rows::slowdown;
@@ -25,6 +26,7 @@ use super::{Target, json, note, print_json, say, sync_json};
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
   omnibus follow circle --repeats 3 --heading 45 --bus sim:groups/tcc-2.toml
+  omnibus follow circle --scale 0.2 --bus sim:groups/single.toml
   omnibus follow circle --frame body --speed 0.5 --bus socketcan:can0 --group groups/tcc-2.toml
   omnibus follow my-path.csv --pose tcp://127.0.0.1:7705 --bus slcan:/dev/ttyACM0 --group my-group.toml
   omnibus follow figure-eight --pose truth --compensation off --bus sim:groups/tcc-3.toml
@@ -49,6 +51,16 @@ fn shape(text: &str) -> Result<Shape, String> {
     Err(format!("give one of {}, or a .csv file", names.join(", ")))
 }
 
+/// A place as X,Y or X,Y,DEGREES.
+fn place(text: &str) -> Result<Pose<f64>, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y]) => Ok(Pose::new(x, y, 0.0)),
+        Ok(&[x, y, degrees]) => Ok(Pose::new(x, y, degrees.to_radians())),
+        _ => Err("give X,Y or X,Y,DEGREES".into()),
+    }
+}
+
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -66,6 +78,16 @@ pub struct Arguments {
     /// How often a closed curve is driven, without stopping in between.
     #[arg(long, default_value_t = 1)]
     repeats: u32,
+    /// Size, as a multiple of the curve's own; it takes the same time, so a small one is slow.
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    scale: f64,
+    /// Where the curve begins and which way it is turned, in the frame of the results and of
+    /// `--pose tcp://`: metres, metres, degrees.
+    #[arg(long, value_name = "X,Y[,DEGREES]", value_parser = place, allow_hyphen_values = true)]
+    at: Option<Pose<f64>>,
+    /// Results in the axes of the source paper (x lateral, y longitudinal), beside its values.
+    #[arg(long)]
+    paper: bool,
     /// Speed, as a multiple of the curve's own.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     speed: f64,
@@ -113,6 +135,8 @@ impl Arguments {
             shape: self.curve.clone(),
             ramp: self.ramp,
             repeats: self.repeats,
+            scale: self.scale,
+            from: self.at,
             speed: self.speed,
             heading: self.heading.to_radians(),
             frame: self.frame,
@@ -202,7 +226,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         BackendName::Robots
     };
-    let report = run::report(&group, &name, backend, vec![last]);
+    let mut report = run::report(&group, &name, backend, vec![last]);
+    report.paper = arguments.paper;
     if let Some(path) = &arguments.report {
         file::replace(path, report::html::to_html(&report)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -220,7 +245,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return recorded;
     }
     say(report::table::to_table(&report))?;
-    say("Axes as in the paper: x lateral, y longitudinal.")?;
+    if arguments.paper {
+        say("Axes as in the paper: x lateral, y longitudinal.")?;
+    }
     let rows = report.runs.last().map(|run| run.rows.as_slice());
     super::tell_slowdown(rows.and_then(slowdown), &group);
     if let Some(law) = law {

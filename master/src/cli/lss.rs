@@ -98,7 +98,7 @@ fn scan(target: &Target) -> anyhow::Result<()> {
     }
     say(&table)?;
     if rows.is_empty() {
-        say("nobody answers")?;
+        say("no robot answers")?;
     }
     Ok(())
 }

@@ -285,9 +285,11 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             .state
             .map_or_else(|| "unknown".into(), |state| format!("{state:?}"));
         let last = LastFault::read(&mut wire, node)?;
-        let mut row = json!({"node": node, "answers": true, "last_fault": last.as_ref().map(LastFault::json), "nmt": state_name(robot.nmt), "state": state,
-                   "code": robot.code, "text": robot.code_text(),
-                   "supply_v": supply.parse::<f32>().ok(), "stops": stops.parse::<u32>().ok()});
+        let mut row = json!({"node": node, "answers": true, "nmt": state_name(robot.nmt),
+                             "state": state, "code": robot.code, "text": robot.code_text(),
+                             "supply_v": supply.parse::<f32>().ok(),
+                             "stops": stops.parse::<u32>().ok(),
+                             "last_fault": last.as_ref().map(LastFault::json)});
         if arguments.history {
             let history = History::read(&mut wire, node)?;
             row["history"] = history.json();

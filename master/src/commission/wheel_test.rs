@@ -47,8 +47,8 @@ pub struct Finding {
 pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
-/// `look` is asked after each wheel what was seen; `None` when nobody looks. `watch` is told how long
-/// each wheel takes.
+/// `look` is asked after each wheel what was seen; `None` when nobody looks. `watch` is told how
+/// long each wheel takes.
 ///
 /// # Errors
 /// As [`turn_wheel`], and what `look` fails with.

@@ -49,6 +49,11 @@ pub struct Course {
     pub ramp: f64,
     /// How often.
     pub repeats: u32,
+    /// How large, as a multiple of the path's own size.
+    pub scale: f64,
+    /// Where it begins and which way it is turned, in the frame of the results and of an external
+    /// source of poses: m, m, rad. As the path itself says otherwise.
+    pub from: Option<Pose<f64>>,
     /// How fast, as a multiple of the path's own speed.
     pub speed: f64,
     /// Heading offset, counter-clockwise, in rad.
@@ -67,6 +72,8 @@ impl Course {
             shape: Shape::Named(curve),
             ramp: RAMP,
             repeats: 1,
+            scale: 1.0,
+            from: None,
             speed: 1.0,
             heading: 0.0,
             frame: Frame::World,
@@ -94,6 +101,7 @@ impl Course {
     pub fn plan(&self) -> Result<Plan, CourseError> {
         for (name, value, low, high) in [
             ("--ramp", self.ramp, 0.1, 60.0),
+            ("--scale", self.scale, 0.01, 100.0),
             ("--speed", self.speed, 0.01, 10.0),
             ("--repeats", f64::from(self.repeats), 1.0, 1000.0),
         ] {
@@ -110,6 +118,8 @@ impl Course {
             Shape::Named(curve) => Motion(Box::new(curve.motion())),
             Shape::File(path) => Motion(Box::new(file::read(path)?)),
         };
+        let (scale, from) = (self.scale, self.from);
+        let path = Motion(Box::new(Placed { path, scale, from }));
         let (name, times) = (self.name(), self.repeats);
         let path = if times > 1 {
             Motion(Box::new(
@@ -235,6 +245,41 @@ impl Curve {
     }
 }
 
+/// A path in another size, from another place on.
+struct Placed {
+    path: Motion,
+    scale: f64,
+    from: Option<Pose<f64>>,
+}
+
+impl Trajectory<f64> for Placed {
+    fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
+        let (pose, twist) = self.path.at(time);
+        let scaled =
+            |pose: Pose<f64>| Pose::new(self.scale * pose.x, self.scale * pose.y, pose.heading);
+        let (pose, twist) = (
+            scaled(pose),
+            Twist::new(self.scale * twist.vx, self.scale * twist.vy, twist.omega),
+        );
+        let Some(from) = self.from else {
+            return (pose, twist);
+        };
+        let first = scaled(self.path.at(0.0).0);
+        let (sin, cos) = from.heading.sin_cos();
+        let (x, y) = (pose.x - first.x, pose.y - first.y);
+        let placed = Pose::new(
+            from.x + cos * x - sin * y,
+            from.y + sin * x + cos * y,
+            from.heading + pose.heading,
+        );
+        (placed, twist.to_world(from.heading))
+    }
+
+    fn duration(&self) -> f64 {
+        self.path.duration()
+    }
+}
+
 /// A closed path, several times.
 struct Repeated {
     path: Motion,
@@ -333,10 +378,45 @@ impl Trajectory<f64> for Facing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use group::GroupFile;
     use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
     fn course(curve: Curve) -> Course {
         Course::of(curve)
+    }
+
+    #[test]
+    fn a_path_of_another_size_and_place_is_the_same_path() {
+        let plan = |scale, from| {
+            let course = Course {
+                scale,
+                from,
+                ..Course::of(Curve::Circle)
+            };
+            course.plan().unwrap()
+        };
+        let from = Pose::new(3.0, -2.0, std::f64::consts::FRAC_PI_2);
+        let (whole, small) = (plan(1.0, None), plan(0.2, Some(from)));
+        assert_eq!(small.duration(), whole.duration());
+        let (first, start) = (whole.start(), small.start());
+        assert!((start.x - 3.0).hypot(start.y + 2.0) < 1e-12);
+        for t in [2.0, 5.0, 11.0] {
+            let (a, b) = (whole.at(t), small.at(t));
+            // A fifth of the way, turned left by a right angle.
+            let (x, y) = (a.0.x - first.x as f32, a.0.y - first.y as f32);
+            assert!((b.0.x - 3.0 + 0.2 * y).abs() < 1e-5);
+            assert!((b.0.y + 2.0 - 0.2 * x).abs() < 1e-5);
+            assert!((b.1.vx + 0.2 * a.1.vy).abs() < 1e-6 && (b.1.vy - 0.2 * a.1.vx).abs() < 1e-6);
+        }
+        // A robot of 0.5 m/s drives a circle of its size.
+        let slow = GroupFile::load(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../groups/single.toml"
+        ));
+        let mut limits = slow.unwrap().limits;
+        limits.linear_speed = 0.5;
+        assert!(whole.check(&limits).is_err());
+        small.check(&limits).unwrap();
     }
 
     #[test]

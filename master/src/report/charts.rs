@@ -1,7 +1,7 @@
 //! The charts of a report, from the rows of its runs.
 //!
-//! Axes and signs are the paper's on the map, the displacements and the velocities (x lateral,
-//! right; y longitudinal, forward), so that they can be laid beside its figures 12 and 18. Wheel
+//! The map, the displacements and the velocities go ahead and to the right, said in words, so that
+//! they are right in any axes and can be laid beside the paper's figures 12 and 18. Wheel
 //! rates keep the sign of this project: positive rolls the base forward.
 
 use chart::{Chart, PALETTE, RGBColor, Series, Stroke};
@@ -137,8 +137,8 @@ pub fn map(report: &Report) -> Chart {
     });
     Chart {
         title: format!("{} ({})", report.title(), report.config),
-        x_label: "x lateral / m".into(),
-        y_label: "y longitudinal / m".into(),
+        x_label: "to the right / m".into(),
+        y_label: "ahead / m".into(),
         size: (760, 820),
         equal_axes: true,
         series,
@@ -150,19 +150,16 @@ pub fn map(report: &Report) -> Chart {
 struct Axis {
     index: usize,
     name: &'static str,
-    symbol: &'static str,
 }
 
 const AXES: [Axis; 2] = [
     Axis {
         index: 0,
-        name: "lateral",
-        symbol: "x",
+        name: "to the right",
     },
     Axis {
         index: 1,
-        name: "longitudinal",
-        symbol: "y",
+        name: "ahead",
     },
 ];
 
@@ -177,9 +174,9 @@ pub fn displacements(report: &Report) -> Vec<Chart> {
             .map(|run| line(run, label(run), Some(color(run)), |row| at(&row.group)));
         let wanted = theory(report, |row| (row.t, at(&row.theory)));
         let series = wanted.into_iter().chain(lines);
-        let title = format!("{} displacement", axis.name);
-        let unit = format!("{} / m", axis.symbol);
-        chart(&title, &unit, HALF, series.collect())
+        let title = format!("way {}", axis.name);
+        let unit = "way / m";
+        chart(&title, unit, HALF, series.collect())
     };
     AXES.iter().map(of_axis).collect()
 }
@@ -217,11 +214,11 @@ pub fn velocities(report: &Report) -> Vec<Chart> {
             ];
             (row.t, [x, y][axis.index])
         });
-        let title = format!("{} velocity", axis.name);
-        let unit = format!("v{} / (m/s)", axis.symbol);
+        let title = format!("velocity {}", axis.name);
+        let unit = "velocity / (m/s)";
         chart(
             &title,
-            &unit,
+            unit,
             HALF,
             wanted.into_iter().chain(lines).collect(),
         )

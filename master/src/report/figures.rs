@@ -1,4 +1,5 @@
-//! The figures of a report, row by row, for whoever presents them. Axes as in the paper.
+//! The figures of a report, row by row, for whoever presents them: x ahead and y left, or the
+//! paper's axes beside its values.
 
 use super::{Report, Run, paper_table_6};
 
@@ -27,7 +28,12 @@ pub fn load(value: Option<f64>) -> String {
 /// All of them.
 #[must_use]
 pub fn rows(report: &Report) -> Vec<Row> {
-    let paper = paper_table_6(&report.trajectory);
+    let paper = paper_table_6(&report.trajectory).filter(|_| report.paper);
+    let [lateral, longitudinal] = if report.paper {
+        ["x error (lateral)", "y error (longitudinal)"]
+    } else {
+        ["way aside (y), error", "way ahead (x), error"]
+    };
     let row = |name, value: &dyn Fn(&Run) -> String, paper: Option<f64>| Row {
         name,
         values: report.runs.iter().map(value).collect(),
@@ -36,12 +42,12 @@ pub fn rows(report: &Report) -> Vec<Row> {
     let mm = |value: f64| format!("{value:.2} mm");
     let mut rows = vec![
         row(
-            "x error (lateral)",
+            lateral,
             &|run| percent(run.errors.x_percent),
             paper.map(|p| p.0),
         ),
         row(
-            "y error (longitudinal)",
+            longitudinal,
             &|run| percent(run.errors.y_percent),
             paper.map(|p| p.1),
         ),
@@ -87,6 +93,13 @@ pub fn rows(report: &Report) -> Vec<Row> {
             None,
         ),
     ]);
+    if report.backend == super::BackendName::Robots {
+        // Nobody measures a real bus' load here, and its time is everybody's.
+        rows.truncate(rows.len() - 2);
+    }
+    if !report.paper && !report.turns() {
+        rows.swap(0, 1);
+    }
     rows
 }
 

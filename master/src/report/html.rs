@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::figures::{load, percent};
-use super::{Report, Scalar, charts, figures};
+use super::{Report, Scalar, charts, figures, motion};
 use chart::ChartError;
 pub use chart::page::escape;
 use chart::page::{begin, end, figure};
@@ -66,7 +66,7 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
         let (error, name) = if report.turns() {
             (run.evenness.turn_percent, "turned angle")
         } else {
-            (run.errors.x_percent, "lateral error")
+            (run.errors.x_percent, "error of the way aside")
         };
         let text = format!("{name}, compensation {}", run.compensation_word());
         card(percent(error), &text);
@@ -83,12 +83,12 @@ pub fn to_html(report: &Report) -> Result<String, ChartError> {
     );
     out.push_str("</div>");
 
+    out.push_str(&motion::animation(report));
     figure(&mut out, "map", &charts::map(report))?;
     out.push_str("<h2>Figures</h2>");
     out.push_str(&table(report));
     out.push_str(
-        "<p>Axes here are the paper's: x lateral (right positive), y longitudinal (forward \
-         positive). Displacement error is the relative error of Table 6: half of the path's \
+        "<p>The error of a way is its relative error as in the paper's Table 6: half of the path's \
          extent over half of the curve's, minus one. The tracking error is the distance to where \
          the curve is at the same instant, the known delay of the setpoint pipeline included in \
          the setpoints. The lag is what of that error goes with the velocity, freed of gain and \

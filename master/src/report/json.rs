@@ -1,5 +1,5 @@
-//! The figures of a report as JSON, for scripts and tests. The names are fixed; axes are the
-//! paper's (`x_percent` lateral, `y_percent` longitudinal).
+//! The figures of a report as JSON, for scripts and tests. The names are fixed; the paper's own
+//! (`x_percent` lateral, `y_percent` longitudinal) are only in a report that is told in its axes.
 
 use serde::Serialize;
 
@@ -8,8 +8,12 @@ use super::{Report, Scalar};
 #[derive(Serialize)]
 struct Run {
     compensation: &'static str,
-    x_percent: f64,
-    y_percent: f64,
+    ahead_percent: f64,
+    aside_percent: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    x_percent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    y_percent: Option<f64>,
     rms_mm: f64,
     ripple_percent: f64,
     heading_error_deg: f64,
@@ -52,8 +56,10 @@ pub fn to_json(report: &Report) -> String {
             .iter()
             .map(|run| Run {
                 compensation: run.compensation_word(),
-                x_percent: rounded(run.errors.x_percent),
-                y_percent: rounded(run.errors.y_percent),
+                ahead_percent: rounded(run.errors.y_percent),
+                aside_percent: rounded(run.errors.x_percent),
+                x_percent: report.paper.then(|| rounded(run.errors.x_percent)),
+                y_percent: report.paper.then(|| rounded(run.errors.y_percent)),
                 rms_mm: rounded(run.errors.rms_mm),
                 ripple_percent: rounded(run.evenness.ripple_percent),
                 heading_error_deg: rounded(run.evenness.heading_error_deg),

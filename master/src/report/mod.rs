@@ -9,6 +9,7 @@ pub mod charts;
 pub mod figures;
 pub mod html;
 pub mod json;
+pub mod motion;
 pub mod table;
 
 /// How charts look; shared with the simulator.
@@ -137,6 +138,8 @@ pub struct Report {
     pub robots: Vec<Outline>,
     /// The drives, in the order they were made.
     pub runs: Vec<Run>,
+    /// Whether figures are told in the paper's axes, beside its values.
+    pub paper: bool,
 }
 
 impl Report {

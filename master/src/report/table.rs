@@ -4,7 +4,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
 use super::{Report, figures};
 
-/// The report as a table, without a final newline. Axes as in the paper.
+/// The report as a table, without a final newline.
 #[must_use]
 pub fn to_table(report: &Report) -> String {
     let mut table = Table::new();

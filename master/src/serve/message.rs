@@ -112,9 +112,10 @@ fn member(member: &MemberSample) -> Value {
         Code::Fault(fault) => ("fault", fault.name()),
     };
     let rates: Option<[f32; 4]> = member.wheel_rates.map(Into::into);
-    json!({"node": member.node, "nmt": member.nmt.map(|nmt| format!("{nmt:?}")),
-           "state": member.state.map(|state| format!("{state:?}")), "code": name, "kind": kind,
-           "past": member.past.map(|past| past.to_string()), "scale": member.permitted_scale, "slip": member.slip_residual, "wheels": rates,
+    let state = member.state.map(|state| format!("{state:?}"));
+    json!({"node": member.node, "nmt": member.nmt.map(|nmt| format!("{nmt:?}")), "state": state,
+           "code": name, "kind": kind, "past": member.past.map(|past| past.to_string()),
+           "scale": member.permitted_scale, "slip": member.slip_residual, "wheels": rates,
            "silent": member.silent_syncs})
 }
 

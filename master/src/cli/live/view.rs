@@ -427,7 +427,7 @@ mod tests {
         let text = screen(&view);
         assert!(
             text.starts_with(
-                "tcc-2 on socketcan:can0           listening: another master drives     12.34 s"
+                "tcc-2 on socketcan:can0          listening: another master drives     12.34 s"
             ),
             "{text}"
         );

@@ -7,6 +7,9 @@ const SEND_MS = 50; // a press is repeated this often; the server takes it for o
 const TRAIL_M = 0.02; // distance of two points of the trail
 const TRAIL_POINTS = 4000;
 const STALE_MS = 1000; // a state older than this is shown as lost
+const OLD_MS = 250; // five states that did not come: what is shown is no longer the present
+const PLOT_S = 60; // seconds that the plot shows
+const KEEP_MS = 1000; // how often the trail is kept for a reload
 
 let socket = null;
 let token = "";
@@ -51,7 +54,7 @@ function connect() {
 function receive(message) {
   if (message.type === "welcome") {
     welcome = message;
-    trail = [];
+    recall();
     document.title = `${message.group} - Omnibus`;
     $("group").textContent = message.group;
     $("bus").textContent = message.bus;
@@ -66,6 +69,7 @@ function receive(message) {
     state = message;
     stateAt = performance.now();
     follow();
+    remember();
   } else if (message.type === "event") {
     log(message);
   } else if (message.type === "refused") {
@@ -76,6 +80,23 @@ function receive(message) {
     say(message.reason);
   }
   if (message.type !== "event") show();
+}
+
+// The trail and the last place survive a reload of the page: robots that are not started do not say where they are.
+let keptAt = 0;
+
+function keep() {
+  if (!welcome || performance.now() - keptAt < KEEP_MS) return;
+  keptAt = performance.now();
+  sessionStorage.setItem("trail", JSON.stringify({ group: welcome.group, bus: welcome.bus, trail, here }));
+}
+
+function recall() {
+  trail = [];
+  let kept = null;
+  try { kept = JSON.parse(sessionStorage.getItem("trail")); } catch { kept = null; }
+  // A simulated bus begins anew with the server, whose clock then is younger than what was kept.
+  if (kept && kept.group === welcome.group && kept.bus === welcome.bus) ({ trail, here } = kept);
 }
 
 function say(text, info) {
@@ -115,9 +136,15 @@ function bar() {
 
 function build() {
   $("gauges").replaceChildren();
-  for (const [name, label, hasBar] of [["speed", "Speed", true], ["yaw", "Yaw rate", true], ["scale", "Group scale", true],
-    ["strain", "Strain", false], ["slip", "Largest slip", false], ["load", "Bus load", true]]) {
+  for (const [name, label, hasBar, meaning] of [
+    ["speed", "Speed", true, "Measured speed of the group, over the limit of the group file"],
+    ["yaw", "Yaw rate", true, "How fast the group turns, over the limit of the group file"],
+    ["scale", "Group scale", true, "Share of the speed asked for that all robots can follow; below 100 % a wheel is at its limit"],
+    ["strain", "Strain", false, "How far the robots disagree about the group's motion: what the load between them has to take"],
+    ["slip", "Largest slip", false, "Wheel rates that no motion of a rigid robot explains"],
+    ["load", "Bus load", true, "Share of the bus that frames took in the last 100 ms"]]) {
     const gauge = element("div", "gauge");
+    gauge.title = meaning;
     gauge.append(element("span", "", label), element("b", "", "-"));
     if (hasBar) gauge.append(bar());
     gauge.id = `gauge-${name}`;
@@ -133,7 +160,7 @@ function build() {
     head.append(badge, code);
     const list = element("dl");
     const rows = {};
-    for (const [key, label] of [["scale", "permits"], ["w0", "front left"], ["w1", "front right"], ["w2", "rear left"], ["w3", "rear right"]]) {
+    for (const [key, label] of [["scale", "can follow"], ["w0", "front left"], ["w1", "front right"], ["w2", "rear left"], ["w3", "rear right"]]) {
       const value = element("dd", "", "-");
       const meter = bar();
       const cell = element("dd", "wide");
@@ -174,8 +201,11 @@ function gauge(name, text, share, kind) {
 function show() {
   const fresh = state && performance.now() - stateAt < STALE_MS;
   const phase = !socket || socket.readyState !== WebSocket.OPEN ? "no connection" : fresh ? state.phase : "no data";
-  $("phase").textContent = phase;
-  $("phase").className = `badge ${fresh && socket ? state.phase : "lost"}`;
+  const age = state ? performance.now() - stateAt : 0;
+  const foreign = fresh && state.foreign;
+  document.body.classList.toggle("old", age > OLD_MS);
+  $("phase").textContent = foreign ? "another master drives" : age > OLD_MS ? `${phase}, ${(age / 1000).toFixed(1)} s old` : phase;
+  $("phase").className = `badge ${foreign ? "starting" : fresh && socket ? state.phase : "lost"}`;
   $("token-form").hidden = trusted || !welcome || !welcome.can_drive;
   $("controls").hidden = !trusted || !welcome || !welcome.can_drive;
   const may = fresh && seat.yours;
@@ -203,15 +233,18 @@ function show() {
   $("place").textContent = pose ? `x ${pose[0].toFixed(3)} m  y ${pose[1].toFixed(3)} m  heading ${(pose[2] * 180 / Math.PI).toFixed(1)}\u00b0` : "";
 }
 
+// NMT states in words; a started robot says its own state.
+const NMT = { Operational: "started, no status", PreOperational: "not started", Stopped: "stopped", Initialising: "booting" };
+
 function showRobot(robot) {
   const cell = robots[robot.node];
   const data = welcome.robots.find((one) => one.node === robot.node);
   if (!cell || !data) return;
-  cell.badge.textContent = robot.state || robot.nmt || "silent";
+  cell.badge.textContent = robot.state || NMT[robot.nmt] || "silent";
   const good = robot.state === "Armed" || robot.state === "Moving";
   cell.badge.className = `badge ${robot.state === "Faulted" ? "lost" : good ? "running" : robot.state === "Ramping" ? "stopping" : ""}`;
-  cell.code.textContent = robot.code;
-  cell.code.className = `code ${robot.kind}`;
+  cell.code.textContent = robot.code || (robot.past ? `last: ${robot.past}` : "");
+  cell.code.className = `code ${robot.code ? robot.kind : "past"}`;
   cell.rows.scale.value.textContent = known(robot.scale) ? `${(robot.scale * 100).toFixed(0)} %` : "-";
   fill(cell.rows.scale.meter, robot.scale || 0, robot.scale < 0.999 ? "warn" : "");
   for (let wheel = 0; wheel < 4; wheel += 1) {
@@ -228,6 +261,57 @@ let centre = null;
 let drawn = false;
 // Where the group was last seen: robots that are not started do not say.
 let here = [0, 0, 0];
+
+// ---- plot -------------------------------------------------------------------------------------------------
+
+let samples = [];
+
+function remember() {
+  const size = (twist) => (twist ? Math.hypot(twist[0], twist[1]) : null);
+  samples.push([performance.now(), size(state.command), size(state.measured)]);
+  const from = performance.now() - PLOT_S * 1000;
+  if (samples.length > 2 && samples[1][0] < from) samples.shift();
+  keep();
+}
+
+function plot() {
+  const canvas = $("plot");
+  const zoom = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  canvas.width = Math.round(width * zoom);
+  canvas.height = Math.round(height * zoom);
+  const paint = canvas.getContext("2d");
+  paint.setTransform(zoom, 0, 0, zoom, 0, 0);
+  paint.fillStyle = css("--page");
+  paint.fillRect(0, 0, width, height);
+  const now = performance.now();
+  const most = Math.max(0.1, ...samples.map((s) => Math.max(s[1] || 0, s[2] || 0))) * 1.1;
+  const at = (t, value) => [width - (now - t) / 1000 / PLOT_S * width, height - 16 - value / most * (height - 26)];
+  paint.strokeStyle = css("--line");
+  paint.fillStyle = css("--quiet");
+  paint.font = "11px system-ui, sans-serif";
+  for (let s = 0; s <= PLOT_S; s += 10) {
+    const x = Math.round(width - s / PLOT_S * width) + 0.5;
+    paint.beginPath(); paint.moveTo(x, 0); paint.lineTo(x, height - 16); paint.stroke();
+    if (s && x > 8) paint.fillText(`-${s} s`, x + 2, height - 4);
+  }
+  paint.fillText(`${(most / 1.1).toFixed(2)} m/s`, 4, 12);
+  for (const [column, colour, dashes] of [[1, "--orange", [6, 4]], [2, "--blue", []]]) {
+    paint.strokeStyle = css(colour);
+    paint.lineWidth = 2;
+    paint.setLineDash(dashes);
+    paint.beginPath();
+    let drawing = false;
+    for (const sample of samples) {
+      if (!known(sample[column])) { drawing = false; continue; }
+      const [x, y] = at(sample[0], sample[column]);
+      if (drawing) paint.lineTo(x, y); else paint.moveTo(x, y);
+      drawing = true;
+    }
+    paint.stroke();
+  }
+  paint.setLineDash([]);
+}
 
 function follow() {
   if (state.pose) {
@@ -530,7 +614,8 @@ $("token-form").addEventListener("submit", (event) => {
   send({ type: "hello", token });
 });
 window.addEventListener("resize", () => { if (state) draw(); });
-setInterval(show, 500);
+setInterval(show, 100);
+setInterval(plot, 200);
 
 pad("move", false);
 pad("turn", true);
