@@ -31,7 +31,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     cargo::run(cargo::command().args([
         "build",
         "--package=omnibus-sim",
-        "--package=omnibus",
+        "--package=omnibus-master",
         "--package=omnibus-canopen",
         "--bins",
         "--examples",

@@ -61,7 +61,7 @@ pub fn run() -> anyhow::Result<()> {
     let packages = [
         "build",
         "--package=omnibus-sim",
-        "--package=omnibus",
+        "--package=omnibus-master",
         "--bins",
     ];
     cargo::run(cargo::command().args(packages))?;
