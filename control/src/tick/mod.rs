@@ -418,6 +418,10 @@ impl Supervision {
         // Wheels that turn one by one do not roll on a floor.
         let rolls = command.mode != Mode::Identify;
         let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
+        if !slips {
+            self.slip_fault.reset();
+            return None;
+        }
         let lasting_us = motion.configuration.times.consequence_us();
         let lasts = self.slip_fault.update(slips, now, lasting_us);
         lasts.then_some(Fault::SlipExcess)
