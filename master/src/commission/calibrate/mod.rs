@@ -255,6 +255,7 @@ fn turned(
         row.fit.coefficient = coefficient;
         out.push(row);
     }
+    fit::widen(&mut out.iter_mut().collect::<Vec<_>>());
     Ok((out, errors))
 }
 

@@ -1,9 +1,10 @@
 //! The fit: linear start, then Gauss-Newton on the whole model.
 //!
 //! Beside the four phases go along: the distance between a wheel's axle and its rollers', the
-//! rollers' drag, the angle over which a wheel touches the floor, by what source and bus are apart
-//! in time (one delay for translation and one for turns, because contacts that creep make them
-//! trail differently), a gain for each axis, and for a gyro a bias and a drift in every motion.
+//! rollers' drag, the angle over which a wheel touches the floor, the time constant with which
+//! creeping contacts trail (one for translation and one for turns), by what source and bus are
+//! apart in time (likewise), a gain for each axis, and for a gyro a bias and a drift in every
+//! motion.
 //! Each has a prior, mostly so wide that it only decides where the data say nothing: an axis
 //! without motion has no gain of its own.
 
@@ -13,8 +14,16 @@ use super::{Motion, PhaseError, Seen, WHEELS};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 30;
+/// How often a step is halved at most.
+const HALVINGS: i32 = 8;
+/// Intervals over which residuals are taken to follow each other: two passages.
+const MEMORY: usize = 24;
 /// The fit is done when no phase moves by more, pitches.
 const STILL: f64 = 1e-5;
+
+/// How long a robot may slide on after its wheels have come to their speed, s: from 0.3 m/s with
+/// friction 0.15 along axles at 45 degrees.
+const AFTER_RAMP: f64 = 0.3;
 
 /// Standard deviation to which a wheel's fundamental has to be known by itself, of its amplitude.
 const TOLD: f64 = 0.3;
@@ -24,10 +33,12 @@ const DISTANCE: usize = 4;
 /// The logarithm of the share: no roller pushes.
 const DRAG: usize = 5;
 const FOOTPRINT: usize = 6;
-const DELAYS: [usize; 3] = [7, 7, 8];
-const GAINS: usize = 9;
+/// Logarithms of time constants.
+const LAGS: [usize; 3] = [7, 7, 8];
+const DELAYS: [usize; 3] = [9, 9, 10];
+const GAINS: usize = 11;
 /// Two a motion: bias (rad/s) and drift (rad/s^2).
-const BIASES: usize = 12;
+const BIASES: usize = 14;
 
 /// One interval: what the robot did between two times.
 struct Interval {
@@ -55,8 +66,8 @@ pub(super) struct Fit {
     /// What is left, axis after axis, turns as metres at the wheels.
     pub left: Vec<f64>,
     pub squares: f64,
-    /// Covariance of the parameters, for residuals that are independent.
-    pub covariance: Vec<f64>,
+    /// Of the phases.
+    pub variances: [f64; 4],
 }
 
 impl Fit {
@@ -105,6 +116,9 @@ impl<'a> Problem<'a> {
         // A wheel that settles by a thousandth of its radius touches the floor 2.6 degrees to both
         // sides.
         out.push((0.045, 0.045));
+        // Contacts trail by `2 c / (mu g)` if friction holds at the slip c: some milliseconds. A
+        // factor of e either way.
+        out.extend([(0.005_f64.ln(), 1.0); 2]);
         out.extend([(0.0, 0.05); 2]);
         if self.has_bias() {
             // What a gyro shows may be nonsense; that is to be seen.
@@ -138,10 +152,10 @@ impl<'a> Problem<'a> {
             }
             None => self.model.mean(),
         });
+        let turned: [f64; 4] = std::array::from_fn(|n| to[n] - from[n]);
         let back = self
             .model
             .back(&leans, ripple.map_or(0.0, |p| p[DRAG].exp()))?;
-        let turned: [f64; 4] = std::array::from_fn(|n| to[n] - from[n]);
         Some((back, back.map(|row| dot(&row, &turned))))
     }
 
@@ -164,7 +178,27 @@ impl<'a> Problem<'a> {
                 out[place * self.intervals.len() + n] = moved[*axis] * self.weights[*axis];
             }
         }
+        for (all, axis) in out.chunks_mut(self.intervals.len()).zip(self.axes) {
+            self.trail(all, parameters[LAGS[*axis]].exp());
+        }
         out
+    }
+
+    /// Has displacements trail by a time constant: contacts creep, so a body takes up a velocity
+    /// little by little. What the wheels mean is even in an interval.
+    fn trail(&self, moved: &mut [f64], lag: f64) {
+        let mut before: Option<(usize, f64, f64)> = None;
+        for (moved, interval) in moved.iter_mut().zip(&self.intervals) {
+            let seconds = interval.to - interval.from;
+            let wanted = *moved / seconds;
+            let joins = |(motion, to, _): &(usize, f64, f64)| {
+                *motion == interval.motion && interval.from <= *to
+            };
+            let start = before.filter(joins).map_or(wanted, |before| before.2);
+            let end = wanted + (start - wanted) * (-seconds / lag).exp();
+            *moved -= lag * (end - start);
+            before = Some((interval.motion, interval.to, end));
+        }
     }
 
     /// Bias and drift over an interval, as displacement, for one of each.
@@ -208,7 +242,7 @@ impl<'a> Problem<'a> {
                 moved[n] += by;
                 self.bare(&moved, ripple)
             };
-            if !ripple && n <= FOOTPRINT {
+            if !ripple && n <= LAGS[2] {
                 out.push(vec![0.0; bare.len()]);
                 continue;
             }
@@ -240,6 +274,40 @@ impl<'a> Problem<'a> {
             out.push(self.intervals.iter().map(of).collect());
         }
         out
+    }
+
+    /// Variances of the phases by Newey and West: of the pulls of all intervals on a phase, and of
+    /// their products with those that follow, with weights that fall to nothing over [`MEMORY`].
+    /// Noise of poses, which an interval has of one sign and the next of the other, counts for
+    /// less, and what the model leaves out for more, because it stays for a while.
+    fn variances(&self, slopes: &[Vec<f64>], left: &[f64], inverse: &[f64]) -> [f64; 4] {
+        let (count, size) = (self.intervals.len(), slopes.len());
+        std::array::from_fn(|phase| {
+            let row = &inverse[phase * size..(phase + 1) * size];
+            let mut pulls = vec![0.0; count];
+            for (n, left) in left.iter().enumerate() {
+                let slope: f64 = row
+                    .iter()
+                    .zip(slopes)
+                    .map(|(h, column)| h * column[n])
+                    .sum();
+                pulls[n % count] += slope * left;
+            }
+            let along = |lag: usize| -> f64 {
+                let pairs = pulls.iter().zip(&pulls[lag.min(count)..]);
+                let motions = self.intervals.iter().zip(&self.intervals[lag.min(count)..]);
+                let here = pairs
+                    .zip(motions)
+                    .filter(|(_, (a, b))| a.motion == b.motion);
+                here.map(|((a, b), _)| a * b).sum()
+            };
+            let weight = |lag: usize| 1.0 - lag as f64 / (MEMORY + 1) as f64;
+            along(0)
+                + 2.0
+                    * (1..=MEMORY)
+                        .map(|lag| weight(lag) * along(lag))
+                        .sum::<f64>()
+        })
     }
 
     /// Gauss-Newton, each step at most a twentieth of a pitch.
@@ -274,19 +342,50 @@ impl<'a> Problem<'a> {
             let by: Vec<f64> = normal.chunks(size).map(|row| dot(row, &pull)).collect();
             let most = by[..4].iter().map(|by| by.abs()).fold(0.0, f64::max);
             step += 1;
-            if step == STEPS || most < STILL * self.model.rollers.pitch() && step > 3 {
+            let still = most < STILL * self.model.rollers.pitch() && step > 3;
+            let onward = if still || step == STEPS {
+                None
+            } else {
+                let share = (longest / most).min(1.0);
+                self.descend(&parameters, &by, share, (squares, variance), ripple)
+            };
+            let Some(next) = onward else {
                 return Some(Fit {
+                    variances: self.variances(&slopes, &left, &normal),
                     parameters,
                     left,
                     squares,
-                    covariance: normal.iter().map(|entry| entry * variance).collect(),
                 });
-            }
-            let share = (longest / most).min(1.0);
-            for (parameter, by) in parameters.iter_mut().zip(by) {
-                *parameter += share * by;
-            }
+            };
+            parameters = next;
         }
+    }
+
+    /// The parameters a share of a step further, halved until what is left and the priors together
+    /// are less; `None` when they do not become less.
+    fn descend(
+        &self,
+        from: &[f64],
+        by: &[f64],
+        share: f64,
+        (squares, variance): (f64, f64),
+        ripple: bool,
+    ) -> Option<Vec<f64>> {
+        let priors = self.priors();
+        let strain = |parameters: &[f64]| -> f64 {
+            let off = parameters.iter().zip(&priors);
+            variance
+                * off
+                    .map(|(p, (mean, dev))| ((p - mean) / dev).powi(2))
+                    .sum::<f64>()
+        };
+        let cost = squares + strain(from);
+        (0..HALVINGS).find_map(|halved| {
+            let share = share * 0.5_f64.powi(halved);
+            let next: Vec<f64> = from.iter().zip(by).map(|(p, by)| p + share * by).collect();
+            let left = self.left(&next, &self.bare(&next, ripple));
+            (dot(&left, &left) + strain(&next) < cost).then_some(next)
+        })
     }
 
     /// With wheels that do not ripple: what there is to explain.
@@ -345,13 +444,25 @@ impl<'a> Problem<'a> {
 }
 
 /// Cuts a motion into intervals in which the fastest wheel turns by about `finest` rad, ramps left
-/// out: there contacts carry what accelerates the robot and slip as they do at no other time.
+/// out, and what follows them: there contacts carry what accelerates the robot and slip as they do
+/// at no other time, on a smooth floor for longer than the wheels take to their speed.
 fn cut(number: usize, motion: &Motion, finest: f64) -> Vec<Interval> {
     let mut out = match &motion.seen {
         Seen::Poses(poses) => cut_poses(number, motion, poses, finest),
         Seen::YawRates(samples) => cut_rates(number, motion, samples, finest),
     };
-    out.retain(|interval| motion.is_even(interval.from, interval.to));
+    let uneven: Vec<f64> = out
+        .iter()
+        .filter(|interval| !motion.is_even(interval.from, interval.to))
+        .map(|interval| 0.5 * (interval.from + interval.to))
+        .collect();
+    out.retain(|interval| {
+        let since_ramp = uneven.iter().map(|ramp| interval.from - ramp);
+        motion.is_even(interval.from, interval.to)
+            && !since_ramp
+                .into_iter()
+                .any(|t| (0.0..AFTER_RAMP).contains(&t))
+    });
     out
 }
 
