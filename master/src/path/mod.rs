@@ -5,6 +5,7 @@
 //! the twist by measured poses; [`roller_transition`] adds what is lost where one roller takes over
 //! from another.
 
+pub mod adaptation;
 pub mod course;
 pub mod curve;
 pub mod file;

@@ -3,8 +3,11 @@
 //!
 //! ```text
 //! twist = curve's velocity at the time it will be reached            (feedforward)
+//!       + what the floor takes beside what was calibrated            (learnt, bounded)
 //!       + gain * (where the curve was - where the group was seen)    (P law, limited)
 //! ```
+//!
+//! What is learnt is in [`super::adaptation`].
 //!
 //! The error is taken at the time of the sighting, not of the setpoint, so a late sighting does not
 //! look like an error. With a gain of 2 1/s and the way of a setpoint through the group (two SYNCs
@@ -20,6 +23,7 @@ use canopen::Micros;
 use group::Limits;
 use kinematics::{Pose, Twist};
 
+use super::adaptation::Adaptation;
 use crate::monitor::average::counted_on;
 use crate::monitor::odometry::seen_from;
 use crate::monitor::rows::Row;
@@ -124,6 +128,10 @@ pub struct Steering {
     pub law: Law,
     /// Everything that was seen.
     pub sightings: Vec<Sighting>,
+    /// What has been learnt of the floor.
+    pub adaptation: Adaptation,
+    /// Time of the sighting from which that was last learnt, s along the curve.
+    learnt: f64,
     eyes: Eyes,
     /// What is first seen is where the curve begins.
     first: Option<Pose>,
@@ -141,6 +149,8 @@ impl Steering {
         Self {
             law,
             sightings: Vec::new(),
+            adaptation: Adaptation::default(),
+            learnt: 0.0,
             eyes,
             first: None,
             start,
@@ -153,6 +163,38 @@ impl Steering {
     /// The curve begins at this time of the link's clock.
     pub(crate) fn begin(&mut self, at: Micros) {
         (self.began, self.last) = (at, Some(at));
+    }
+
+    /// Learns from a sighting that the law corrects by this twist (of the curve's frame), where the
+    /// curve has this velocity and acceleration in the group's own; nothing from one that has
+    /// already been learnt from, or that is so far off that the law is at its limit.
+    pub(crate) fn learn(
+        &mut self,
+        seen: &Sighting,
+        correction: Twist,
+        velocity: Twist,
+        acceleration: Twist,
+    ) {
+        let Law {
+            gain,
+            yaw_gain,
+            limit,
+            yaw_limit,
+        } = self.law;
+        let held = correction.vx.hypot(correction.vy) >= 0.99 * limit
+            || correction.omega.abs() >= 0.99 * yaw_limit;
+        let passed = seen.t - std::mem::replace(&mut self.learnt, seen.t);
+        if held || passed <= 0.0 || gain <= 0.0 || yaw_gain <= 0.0 {
+            return;
+        }
+        let Twist { vx, vy, omega } = correction.to_body(seen.pose.heading);
+        #[expect(clippy::cast_possible_truncation, reason = "some ms")]
+        self.adaptation.learn(
+            [vx / gain, vy / gain, omega / yaw_gain],
+            velocity,
+            acceleration,
+            passed as f32,
+        );
     }
 
     /// Takes the newest sighting, if there is a new one. `rows_began` is the time of the rows'

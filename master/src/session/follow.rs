@@ -35,12 +35,18 @@ pub const fn preview_us(period_us: u64) -> u64 {
 /// Half the stretch of time over which a curve's acceleration is taken, s.
 const SHORTLY: f64 = 5e-3;
 
+/// The velocity and the acceleration of a curve at `t`, in the frame of a group with this heading.
+fn motion(plan: &Plan, t: f64, heading: f32) -> (Twist, Twist) {
+    let (before, after) = (plan.at(t - SHORTLY).1, plan.at(t + SHORTLY).1);
+    let acceleration = (after - before) * (0.5 / SHORTLY as f32);
+    (plan.at(t).1.to_body(heading), acceleration.to_body(heading))
+}
+
 /// The twist that a group with this heading has to ask of its wheels at `t` for moving as the curve
 /// does then: the curve's, and the slip its acceleration costs.
 fn led(plan: &Plan, t: f64, heading: f32, lag: &ContactLag) -> Twist {
-    let (before, after) = (plan.at(t - SHORTLY).1, plan.at(t + SHORTLY).1);
-    let acceleration = ((after - before) * (0.5 / SHORTLY as f32)).to_body(heading);
-    plan.at(t).1.to_body(heading)
+    let (velocity, acceleration) = motion(plan, t, heading);
+    velocity
         + Twist::new(
             lag.longitudinal * acceleration.vx,
             lag.lateral * acceleration.vy,
@@ -158,9 +164,13 @@ impl<L: Link> Group<L> {
         };
         let (wanted, _) = plan.at(seen.t);
         let correction = steering.law.correction(wanted, seen.pose);
+        let (velocity, acceleration) = motion(plan, seen.t, seen.pose.heading);
+        steering.learn(&seen, correction, velocity, acceleration);
         // The heading error stays as it was seen until something is done about it.
         let heading = plan.at(t).0.heading + seen.pose.heading - wanted.heading;
-        let forward = self.asked(plan, t, heading);
+        let (velocity, acceleration) = motion(plan, t, heading);
+        let forward =
+            self.asked(plan, t, heading) + steering.adaptation.added(velocity, acceleration);
         Ok(limited(
             forward + correction.to_body(heading),
             &self.file.limits,
