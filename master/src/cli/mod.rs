@@ -57,20 +57,25 @@ const BOOTED: Micros = Micros(100_000);
 pub struct Target {
     /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
     /// socketcand://HOST:PORT/INTERFACE; lockstep://HOST:PORT is omnibus-sim's.
-    #[arg(long, env = "OMNIBUS_BUS", hide_env_values = true)]
+    #[arg(
+        long,
+        help_heading = "Bus",
+        env = "OMNIBUS_BUS",
+        hide_env_values = true
+    )]
     pub bus: BusAddress,
     /// Group file; a simulated bus has its own.
-    #[arg(long, value_name = "GROUP.toml")]
+    #[arg(long, help_heading = "Bus", value_name = "GROUP.toml")]
     group: Option<PathBuf>,
     /// What the robots of a simulated bus run on.
-    #[arg(long, value_enum, default_value_t = BackendName::Native)]
+    #[arg(long, help_heading = "Bus", value_enum, default_value_t = BackendName::Native)]
     pub backend: BackendName,
     /// Firmware image for emulated robots.
-    #[arg(long, value_name = "PATH", default_value = DEFAULT_ELF)]
+    #[arg(long, help_heading = "Bus", value_name = "PATH", default_value = DEFAULT_ELF)]
     elf: PathBuf,
     /// For commands that need the robots to themselves: takes them even where another master
     /// commands the bus.
-    #[arg(long)]
+    #[arg(long, help_heading = "Bus")]
     pub force: bool,
 }
 

@@ -35,10 +35,10 @@ pub const EXIT_CODES: &str = "Exit codes:
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Output {
     /// Prints JSON instead of text.
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = "Output")]
     pub json: bool,
     /// Prints no text and no progress, only errors (and JSON if asked for).
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = "Output")]
     pub quiet: bool,
 }
 
