@@ -51,7 +51,7 @@ fn nmt(bus: &mut slcan::Slcan, node: NodeId, name: &str) -> Option<()> {
 
 /// Waits for the device to say what state it is in.
 fn state(bus: &mut slcan::Slcan, node: NodeId) -> &'static str {
-    let end = bus.now() + Micros::from_millis(3_000);
+    let end = bus.now() + Micros::from_millis(10_000);
     while bus.now() < end {
         let said = bus
             .receive()
