@@ -95,9 +95,12 @@ impl Target {
     pub fn group_if_any(&self) -> anyhow::Result<Option<GroupFile>> {
         let path = match (&self.bus, &self.group) {
             (BusAddress::Sim(path), None) => path,
-            (BusAddress::Sim(_), Some(_)) => {
-                bail!("--group is not for a simulated bus, which names its own group file")
-            }
+            (BusAddress::Sim(own), Some(path)) if !is_same(own, path) => bail!(
+                "--group {}: a simulated bus has the group file that it names, {}",
+                path.display(),
+                own.display()
+            ),
+            (BusAddress::Sim(path), Some(_)) => path,
             (_, Some(path)) => path,
             (_, None) => return Ok(None),
         };
@@ -244,6 +247,11 @@ impl Target {
             real => Ok(omnibus::bus::open(real, group)?),
         }
     }
+}
+
+/// Whether two paths lead to one file.
+fn is_same(a: &Path, b: &Path) -> bool {
+    a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 /// An abort that Ctrl-C asks for: once ramps down, twice stops at once.
