@@ -219,6 +219,12 @@ impl Motor {
         self.angle
     }
 
+    /// What its current does to the wheel, N·m.
+    #[must_use]
+    pub fn torque(&self) -> f64 {
+        self.constant * self.current
+    }
+
     /// Winding current, A.
     #[must_use]
     pub fn current(&self) -> f64 {

@@ -179,10 +179,7 @@ impl World {
             .enumerate()
             .map(|(place, (data, robot))| Unit::new(place, data, robot, &group.simulation))
             .collect();
-        if let Some(inertia) = plant.wheel_inertia() {
-            let motors = units.iter_mut().flat_map(|unit| &mut unit.motors);
-            motors.for_each(|motor| motor.set_inertia(inertia));
-        }
+        set_inertia(&mut units, plant.wheel_inertia());
         let threads = match options.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
@@ -532,9 +529,19 @@ impl World {
         for (unit, turned) in self.units.iter_mut().zip(&mut self.turned) {
             *turned = unit.turned();
         }
+        let known = self.plant.wheel_inertia();
+        for (robot, unit) in self.units.iter().enumerate() {
+            let torques = std::array::from_fn(|wheel| unit.motors[wheel].torque());
+            self.plant.drive(robot, torques);
+        }
         self.plant.step(dt, &self.turned)?;
         self.plant_at_ns = self.now_ns;
-        let coupled = self.plant.wheel_inertia().is_some();
+        // A plant outside says it with its first answer.
+        let inertia = self.plant.wheel_inertia();
+        if inertia != known {
+            set_inertia(&mut self.units, inertia);
+        }
+        let coupled = inertia.is_some();
         for (robot, unit) in self.units.iter_mut().enumerate() {
             if coupled {
                 unit.push_wheels(self.plant.floor_torques(robot));
@@ -553,5 +560,13 @@ impl World {
             self.truth_at = (self.now_ns, self.bus.busy_ns(self.now_ns));
         }
         Ok(())
+    }
+}
+
+/// What turns with each wheel, where the plant says so; else the motors know it.
+fn set_inertia(units: &mut [Unit], inertia: Option<f64>) {
+    if let Some(inertia) = inertia {
+        let motors = units.iter_mut().flat_map(|unit| &mut unit.motors);
+        motors.for_each(|motor| motor.set_inertia(inertia));
     }
 }

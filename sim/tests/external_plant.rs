@@ -150,3 +150,79 @@ fn nobody_there() {
         "{text}"
     );
 }
+
+#[test]
+fn what_a_plant_complains_of_is_shown() {
+    assert_eq!(
+        error_of("{\"error\": \"robot 0 fell over\"}\n"),
+        "plant: HOST after 0 steps: it says: robot 0 fell over"
+    );
+}
+
+#[test]
+fn inertia_without_torques_is_refused() {
+    let zero = "[[0.0, 0.0, 0.0, 0.0]]";
+    for forces in [
+        "\"wheel_inertia\": 0.1",
+        "\"floor_torque\": [[0.0, 0.0, 0.0, 0.0]]",
+        "\"wheel_inertia\": -0.1, \"floor_torque\": [[0.0, 0.0, 0.0, 0.0]]",
+        "\"wheel_inertia\": 0.1, \"floor_torque\": []",
+    ] {
+        let answer = format!("{{\"wheel_angle\": {zero}, \"pose\": [[0, 0, 0]], {forces}}}\n");
+        let text = error_of(answer.leak());
+        assert!(
+            text.contains("wheel_inertia") || text.contains("floor_torque"),
+            "{text}"
+        );
+    }
+}
+
+/// A plant that pushes all wheels of one robot with a torque; the wheels' rate after 50 ms.
+fn pushed(torque: f64) -> f64 {
+    /// kg m2, ten times what the robot's own motors are given.
+    const INERTIA: f64 = 4.0;
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let plant = std::thread::spawn(move || {
+        let (stream, _) = listener.accept().unwrap();
+        let mut lines = BufReader::new(stream.try_clone().unwrap()).lines();
+        lines.next().unwrap().unwrap();
+        let (mut angle, mut rate, mut torques) = (0.0, 0.0, 0);
+        while let Some(Ok(line)) = lines.next() {
+            let step: serde_json::Value = serde_json::from_str(&line).unwrap();
+            rate = step["wheel_rate"][0][0].as_f64().unwrap();
+            angle += rate * step["dt"].as_f64().unwrap();
+            // From the second step on: then this plant is known to have forces.
+            torques += u32::from(step["wheel_torque"][0][3].is_f64());
+            let answer = format!(
+                "{{\"wheel_angle\": [[{angle}, {angle}, {angle}, {angle}]], \"pose\": [[0, 0, 0]],\
+                 \"wheel_inertia\": {INERTIA},\
+                 \"floor_torque\": [[{torque}, {torque}, {torque}, {torque}]]}}\n"
+            );
+            (&stream).write_all(answer.as_bytes()).unwrap();
+        }
+        (rate, torques)
+    });
+    let mut file = group("single");
+    file.simulation.plant = group::Plant::External { address };
+    let options = omnibus_sim::Options {
+        truth_period_ns: 0,
+        ..omnibus_sim::Options::default()
+    };
+    let mut world = omnibus_sim::World::new(&file, omnibus_sim::Backend::Native, options).unwrap();
+    world.run_until(canopen::Micros(50_000)).unwrap();
+    drop(world);
+    let (rate, torques) = plant.join().unwrap();
+    assert_eq!(torques, 49, "steps of 1 ms after the first");
+    rate
+}
+
+/// Wheels whose brake slips turn by (torque - friction) t / inertia: of two torques the
+/// difference does not know the friction. The torque acts from 1 ms on, and the last rate told is
+/// the mean over the last step; 3 % are a step and a half.
+#[test]
+fn the_floor_turns_wheels_against_their_inertia() {
+    let (a, b) = (pushed(120.0), pushed(160.0));
+    let wanted = 40.0 / 4.0 * 0.0485;
+    assert!((b - a - wanted).abs() < 0.03 * wanted, "{a} {b}, {wanted}");
+}

@@ -27,6 +27,20 @@
 //! turn wheels itself (a push on a coasting robot); one that only moves bodies integrates the
 //! rates.
 //!
+//! A plant with forces says so in every answer:
+//!
+//! ```json
+//! {"wheel_angle": .., "pose": .., "wheel_inertia": 0.02, "floor_torque": [[fl, fr, rl, rr], ...]}
+//! ```
+//!
+//! `wheel_inertia` is what turns with each wheel, kg m², without the robot's mass, and
+//! `floor_torque` what the floor did to the wheels in this step, N·m, positive rolls the base
+//! forward. From then on the motors turn the wheels against it, so mass, load and slopes matter,
+//! and every step also has `wheel_torque`, what the motors did to the wheels, in the form of
+//! `wheel_rate`.
+//!
+//! A plant that cannot go on answers `{"error": "why"}`, which is shown.
+//!
 //! The other side has [`PATIENCE`] for every answer. If it goes away, answers late or answers
 //! something else, the world stops with an error that says which.
 
@@ -71,12 +85,22 @@ struct Step<'a> {
     t: f64,
     dt: f64,
     wheel_rate: &'a [[f64; 4]],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wheel_torque: Option<&'a [[f64; 4]]>,
 }
 
 #[derive(Deserialize)]
 struct Answer {
     wheel_angle: Vec<[f64; 4]>,
     pose: Vec<[f64; 3]>,
+    wheel_inertia: Option<f64>,
+    floor_torque: Option<Vec<[f64; 4]>>,
+}
+
+/// What a plant says that cannot go on.
+#[derive(Deserialize)]
+struct Refusal {
+    error: String,
 }
 
 /// See the [module](self).
@@ -90,6 +114,10 @@ pub struct ExternalPlant {
     poses: Vec<Pose<f64>>,
     angles: Vec<[f64; 4]>,
     rates: Vec<[f64; 4]>,
+    /// What turns with a wheel, from a plant with forces.
+    inertia: Option<f64>,
+    floor: Vec<[f64; 4]>,
+    driven: Vec<[f64; 4]>,
     steps: u64,
     time_s: f64,
 }
@@ -146,6 +174,9 @@ impl ExternalPlant {
             group: start,
             angles: vec![[0.0; 4]; poses.len()],
             rates: vec![[0.0; 4]; poses.len()],
+            inertia: None,
+            floor: vec![[0.0; 4]; poses.len()],
+            driven: vec![[0.0; 4]; poses.len()],
             poses,
             steps: 0,
             time_s: 0.0,
@@ -169,6 +200,9 @@ impl ExternalPlant {
             Ok(_) => {}
             Err(error) => return Err(self.fail(&format!("no answer ({error})"))),
         }
+        if let Ok(Refusal { error }) = serde_json::from_str(&line) {
+            return Err(self.fail(&format!("it says: {error}")));
+        }
         let answer: Answer = serde_json::from_str(&line)
             .map_err(|error| self.fail(&format!("answer not understood: {error}")))?;
         let robots = self.poses.len();
@@ -188,7 +222,28 @@ impl ExternalPlant {
         if numbers.into_iter().any(|number| !number.is_finite()) {
             return Err(self.fail("an answer that is not a finite number"));
         }
+        self.check_forces(&answer)?;
         Ok(answer)
+    }
+
+    /// Inertia and torques come together, one row a robot.
+    fn check_forces(&self, answer: &Answer) -> Result<(), SimError> {
+        let (inertia, floor) = match (answer.wheel_inertia, &answer.floor_torque) {
+            (None, None) if self.inertia.is_none() => return Ok(()),
+            (Some(inertia), Some(floor)) => (inertia, floor),
+            _ => return Err(self.fail("wheel_inertia and floor_torque belong together, always")),
+        };
+        if !(inertia.is_finite() && inertia > 0.0) {
+            return Err(self.fail("wheel_inertia is not above 0"));
+        }
+        let finite = floor.iter().flatten().all(|torque| torque.is_finite());
+        if floor.len() != self.poses.len() || !finite {
+            let robots = self.poses.len();
+            return Err(self.fail(&format!(
+                "floor_torque has not 4 numbers for {robots} robots"
+            )));
+        }
+        Ok(())
     }
 
     fn fail(&self, problem: &str) -> SimError {
@@ -201,6 +256,7 @@ impl ExternalPlant {
 impl Plant for ExternalPlant {
     fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
         let mut rates = std::mem::take(&mut self.rates);
+        let driven = std::mem::take(&mut self.driven);
         for (rates, turned) in rates.iter_mut().zip(turned) {
             *rates = turned.map(|angle| angle / dt);
         }
@@ -208,13 +264,16 @@ impl Plant for ExternalPlant {
             t: self.time_s,
             dt,
             wheel_rate: &rates,
+            wheel_torque: self.inertia.map(|_| &driven[..]),
         })?;
-        self.rates = rates;
+        (self.rates, self.driven) = (rates, driven);
         let answer = self.hear()?;
         for (pose, [x, y, heading]) in self.poses.iter_mut().zip(answer.pose) {
             *pose = Pose::new(x, y, heading);
         }
         self.angles = answer.wheel_angle;
+        self.inertia = answer.wheel_inertia;
+        self.floor = answer.floor_torque.unwrap_or_default();
         self.group = self.formation.fit_poses(&self.poses);
         self.steps += 1;
         self.time_s += dt;
@@ -235,6 +294,20 @@ impl Plant for ExternalPlant {
 
     fn wheel_angles(&self, robot: usize) -> Option<[f64; 4]> {
         self.angles.get(robot).copied()
+    }
+
+    fn wheel_inertia(&self) -> Option<f64> {
+        self.inertia
+    }
+
+    fn floor_torques(&self, robot: usize) -> [f64; 4] {
+        self.floor.get(robot).copied().unwrap_or_default()
+    }
+
+    fn drive(&mut self, robot: usize, torques: [f64; 4]) {
+        if let Some(driven) = self.driven.get_mut(robot) {
+            *driven = torques;
+        }
     }
 
     fn period_ns(&self) -> u64 {

@@ -61,6 +61,11 @@ pub trait Plant: Send {
         [0.0; 4]
     }
 
+    /// What a robot's motors do to its wheels now, N·m, for a plant that wants to know.
+    fn drive(&mut self, robot: usize, torques: [f64; 4]) {
+        let _ = (robot, torques);
+    }
+
     /// The period it wants to be stepped with, ns.
     fn period_ns(&self) -> u64 {
         250_000
