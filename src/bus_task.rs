@@ -1,20 +1,21 @@
 //! The bus task: CAN frames into the controller's bus side and its frames out, in order.
 //!
 //! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a
-//! frame waits for one, for error passive and bus-off, when the control side has a fault or stands,
-//! and in any case every 5 ms. For deadlines, and for frames that mean nothing before the next
-//! SYNC, the control task wakes it, so they are met at its next tick. Frames that nobody here reads
-//! do not get this far. Each turn it hands over the control side's latest report, then the frames
-//! in the order they were received, each with the time its interrupt noted, and leaves the command
-//! that results. A frame that finds no free mailbox waits here; the others wait in the bus side's
-//! own queues, and when one of those is full the bus side counts what it drops. What only the CAN
-//! controller can see, bus-off and lost frames, is reported to the bus side, which also says when
-//! to come back from bus-off. Events are logged; nothing is decided here.
+//! frame waits for one, for error passive and bus-off, when the control side has a fault or reaches
+//! standstill, and at least every 5 ms. For deadlines, and for frames that have no effect before
+//! the next SYNC, the control task wakes it, so they are handled at its next tick. The CAN
+//! interrupt has already dropped frames that this robot does not use. In each turn it passes the
+//! control side's latest report to the bus side, then the frames in the order of reception, each
+//! with the time stamp of its interrupt, and stores the resulting command. A frame that finds no
+//! free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
+//! full the bus side counts what it drops. It reports bus-off and lost frames, which only the CAN
+//! controller detects, to the bus side, which also decides when to recover from bus-off. It logs
+//! events and makes no decisions.
 //!
-//! It also stores faults and the parameters, the latter when the bus side hands out an image, which
-//! it does only while the outputs are off. Until that is done no other task runs here: 3 ms as a
-//! rule, a quarter of a second when a sector has to be erased. Frames lost meanwhile are counted,
-//! but no fault.
+//! It also stores faults and parameters; the bus side provides an image of the parameters only
+//! while the outputs are off. While it writes, no other task of this executor runs: usually for 3
+//! ms, and for a quarter of a second when a sector has to be erased. Frames lost in that time are
+//! counted but are not a fault.
 
 use canopen::{Frame, NmtState};
 use control::time::Micros;
@@ -45,7 +46,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
         }
-        // One time for the whole turn: to work it out costs as much as to look at a queue.
+        // One time for the whole turn: reading the clock costs as much as checking a queue.
         let at = now();
         side.on_can_errors(at, &can.errors());
         side.poll(at);
@@ -66,7 +67,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         }
         waiting = waiting.or_else(|| side.pop_frame());
         if waiting.is_some() {
-            // What a master has changed counts before the answer to it is sent.
+            // A change by a master takes effect before the answer to it is sent.
             can.listen(side.function_codes(), side.node(), BusSide::CAN_WAIT);
         }
         while let Some(frame) = waiting
@@ -89,7 +90,7 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
     }
 }
 
-/// Stores an image if there is one to store. Not inlined, so that the stack it takes is given back.
+/// Stores an image if there is one to store. Not inlined, so that its stack is released.
 #[inline(never)]
 fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
     let Some(image) = side.image_to_store() else {
@@ -112,7 +113,7 @@ fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
     true
 }
 
-/// Writes to the fault memory what is to be kept there. Not inlined, for the same reason.
+/// Writes pending entries to the fault memory. Not inlined, for the same reason.
 #[inline(never)]
 fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Micros) -> bool {
     if side.to_remember(at).is_none() {
@@ -134,7 +135,7 @@ fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Mic
     true
 }
 
-/// Passes on what the CAN controller complains about; `true` when it has just gone off the bus.
+/// Passes on the errors of the CAN controller; `true` when it has just gone off the bus.
 fn supervise(can: &Can, last: &mut Health, side: &mut BusSide) -> bool {
     let health = can.health();
     if health == *last {

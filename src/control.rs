@@ -1,13 +1,13 @@
-//! The control task: a thousand times a second from encoders to PWM.
+//! The control task: from encoders to PWM, a thousand times a second.
 //!
-//! It runs on the control executor: above the bus side, below the short interrupts of
-//! `board::executors`' table. It is the only task that touches the motor outputs and the brake.
-//! Each tick reads the encoders and the stop and fault inputs, takes the bus side's latest command,
-//! lets the controller decide, sets the outputs, leaves a report, feeds the watchdog and wakes the
-//! bus task when it is due or has a fault to announce. Then it sleeps until the tick that the
-//! controller wants next, which is in step with SYNC. It never waits for the bus side and never
-//! logs. A tick that cannot start in time starts late, and the lateness is noted; ticks that were
-//! missed are not made up for.
+//! It runs on the control executor, above the bus side and below the short interrupts in the table
+//! of `board::executors`. It is the only task that touches the motor outputs and the brake. Each
+//! tick reads the encoders and the stop and fault inputs, takes the bus side's latest command, runs
+//! the control side, sets the outputs, stores a report, feeds the watchdog, and wakes the bus task
+//! when a deadline is due or a fault has to be announced. Then it sleeps until the next tick that
+//! the control side requests, which is in step with SYNC. It does not wait for the bus side and
+//! does not log. A tick that cannot start in time starts late, and its lateness is recorded; missed
+//! ticks are not repeated.
 
 use ::control::clock::TickSchedule;
 use ::control::interface::Inputs;
@@ -48,7 +48,7 @@ pub async fn control(
             index,
             encoder_counts: encoders.counts(),
             emergency_stop: outputs.emergency_stop(),
-            // What a bench image may not drive is a driver in fault, so an NMT start is refused.
+            // A bench image reports its drivers as faulty, so an NMT start is refused.
             driver_fault: lines.driver_fault() || cfg!(feature = "bench"),
             protective_stop: lines.protective_stop(),
             supply_input: Some(meters.supply()),
@@ -59,7 +59,7 @@ pub async fn control(
         let report = side.report();
         REPORT.put(report);
         guard.tick(report);
-        // What the bus side is to know at once.
+        // Changes that the bus side has to process at once.
         let news = (report.fault, report.standstill);
         if let Some(outcome) = side.take_identification() {
             IDENTIFIED.put(&outcome);
@@ -82,15 +82,15 @@ pub async fn control(
     }
 }
 
-/// What of a configuration the task itself needs.
+/// The part of a configuration that the task itself needs.
 struct Taken {
-    /// Whether it knows of current sensors.
+    /// Whether current sensors are configured.
     senses: bool,
     /// Frequency of the PWM.
     pwm_hz: u32,
 }
 
-/// Takes over a new configuration. Not inlined, so that the stack it takes is given back.
+/// Applies a new configuration. Not inlined, so that its stack is released.
 #[inline(never)]
 fn take_over(
     side: &mut ControlSide,

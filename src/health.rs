@@ -1,6 +1,6 @@
-//! The health task: once a second it compares how the robot's own machinery is doing with the worst
-//! so far, and logs what got worse. Silent when nothing did. It also has the meters compare their
-//! reference with the chip's own, which drifts no faster.
+//! The health task: once a second it compares stack use and lateness with the worst values so far
+//! and logs those that got worse; otherwise it logs nothing. It also makes the meters compare their
+//! reference with the chip's own; once a second is enough for its drift.
 
 use embassy_time::{Duration, Ticker};
 

@@ -1,7 +1,7 @@
-//! The LED task: shows on LD2 what the robot is doing, in the blink codes of CiA 303-3.
+//! The LED task: shows the state of the robot on LD2, in the blink codes of CiA 303-3.
 //!
-//! The bus task sets the pattern, the latest wins; a pattern is shown to its end before the next
-//! one starts, so a state shorter than a second may not be seen.
+//! The bus task sets the pattern; the latest wins. A pattern is completed before the next one
+//! starts, so a state shorter than a second may not be shown.
 //!
 //! | pattern | what it looks like | meaning |
 //! |---|---|---|
@@ -13,7 +13,7 @@
 //! | long flashes | 1 s on, 0.2 s off | stopped because another robot did; the cause is there |
 //! | four flashes | four of 0.2 s, 1 s off | at start, before this task: no clock from outside, or the chip's supply is too low |
 //! | flickering | 50 ms on, 50 ms off | off the bus |
-//! | five short flashes | five of 50 ms, 0.6 s off | somebody asks which robot this is (object 0x2059) |
+//! | five short flashes | five of 50 ms, 0.6 s off | identification request (`omnibus blink`, object 0x2059) |
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
@@ -21,7 +21,7 @@ use embassy_time::Timer;
 
 use crate::board::Led;
 
-/// What the LED shows.
+/// Pattern of the LED.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Pattern {

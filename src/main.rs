@@ -1,15 +1,16 @@
-//! The firmware of one robot: tasks that connect a board to the `robot`.
+//! The firmware of one robot: tasks that connect a board to `robot` and `control`.
 //!
-//! Two executors. The bus side shares one in thread mode; the control side has its own in an
-//! interrupt and preempts all of it (`board::executors` has the priorities). Every decision is made
-//! in `robot`; every register is in `board`; here is only what wakes when, and what passes between.
+//! There are two executors. The tasks of the bus side share one in thread mode; the control side
+//! has its own in an interrupt and preempts them (`board::executors` has the priorities). Decisions
+//! are made in `robot` and `control`, and registers are accessed in `board`; this crate defines
+//! only when each task wakes and what the tasks exchange.
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
 //! | [`bus_task`] | bus | a frame, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
-//! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while bus and control both come round |
+//! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while both sides run |
 //!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
@@ -21,7 +22,7 @@
 //! | bus | control | [`shared`]: count of turns | no | no progress: the watchdog is not fed, reset |
 //! | bus | led | pattern | no, the latest wins | |
 //! | control | health | [`shared`]: worst lateness | no | |
-//! | everybody | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; nobody waits for it, whatever mode a debugger has left |
+//! | all tasks | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; no task waits for it, in any mode that a debugger has left |
 //!
 //! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]

@@ -1,4 +1,4 @@
-//! What the two sides share: these cells, and nothing else.
+//! The cells that the two sides share; they exchange data in no other way.
 //!
 //! | cell | from | to | when it is not read in time |
 //! |---|---|---|---|
@@ -10,10 +10,10 @@
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
-//! A cell is copied with interrupts masked. That takes a microsecond for what passes every tick,
-//! and some twenty while a new configuration is taken over, with the outputs off: less than a frame
-//! on the bus (50 us at least), so it can delay a receive time stamp but never lose a frame. What
-//! wakes the bus task is in [`wake`](crate::wake).
+//! A cell is copied with interrupts masked. That takes a microsecond for the data of every tick,
+//! and some twenty for a new configuration, with the outputs off. Both are shorter than a frame on
+//! the bus (at least 50 us), so copying can delay a receive time stamp but cannot lose a frame. The
+//! signal that wakes the bus task is in [`wake`](crate::wake).
 
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -47,7 +47,7 @@ impl<T: Copy> Latest<T> {
 /// A value that one side puts in and the other receives, once: the latest wins.
 pub struct Mailbox<T: Copy> {
     content: Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>,
-    /// Read without a critical section, by a task that looks every tick. Relaxed: there is one
+    /// Read without a critical section, by a task that checks it every tick. Relaxed: there is one
     /// core, and the critical section around the content keeps the compiler's order.
     full: AtomicBool,
 }
@@ -76,7 +76,7 @@ impl<T: Copy> Mailbox<T> {
         if !self.is_full() {
             return None;
         }
-        // Before the content: a value that is put in between is found twice rather than not.
+        // Before the content: a value that is put in between is found twice rather than missed.
         self.full.store(false, Ordering::Relaxed);
         self.content.lock(RefCell::take)
     }
@@ -98,16 +98,16 @@ impl<T: Copy> Mailbox<T> {
     }
 }
 
-/// What the bus side asks for.
+/// The bus side's command.
 pub static COMMAND: Latest<Command> = Latest::new(Command::NONE);
 
 /// When the last SYNC was received, local time, until the control side has received it.
 pub static SYNC: Mailbox<Micros> = Mailbox::new();
 
-/// What the control side measured and decided.
+/// The control side's report.
 pub static REPORT: Latest<Report> = Latest::new(Report::NONE);
 
-/// What an identification came to, until the bus side has received it.
+/// The result of an identification, until the bus side has received it.
 pub static IDENTIFIED: Mailbox<Outcome> = Mailbox::new();
 
 /// A new configuration, until the control side has received it.
@@ -127,12 +127,12 @@ impl Progress {
         Self(AtomicU32::new(0))
     }
 
-    /// Notes that the task has come round once more.
+    /// Records that the task has run once more.
     pub fn made(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How often it has come round, wrapping.
+    /// How often it has run, wrapping.
     pub fn count(&self) -> u32 {
         self.0.load(Ordering::Relaxed)
     }
@@ -146,7 +146,7 @@ impl Longest {
         Self(AtomicU32::new(0))
     }
 
-    /// Notes a time.
+    /// Records a time.
     pub fn note(&self, time: Micros) {
         let time_us = u32::try_from(time.0).unwrap_or(u32::MAX);
         self.0.fetch_max(time_us, Ordering::Relaxed);

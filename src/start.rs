@@ -21,19 +21,19 @@ const FIRST_NODE: u8 = 2;
 /// Bit of the firmware version that says it is a bench image.
 const BENCH: u32 = 1 << 31;
 
-/// A few kilobytes that are better never moved over the stack.
+/// A few kilobytes that must not be moved over the stack.
 static BUS_SIDE: StaticCell<BusSide> = StaticCell::new();
 
 /// The image of the stored parameters.
 static IMAGE: ConstStaticCell<[u8; IMAGE_MAX]> = ConstStaticCell::new([0; IMAGE_MAX]);
 
-/// Makes the bus side where it stays. Not inlined, so that the stack it takes is given back.
+/// Builds the bus side in place. Not inlined, so that its stack is released.
 #[inline(never)]
 fn place(place: &'static mut MaybeUninit<BusSide>, identity: Identity) -> &'static mut BusSide {
     place.write(BusSide::new(identity))
 }
 
-/// Brings the stored parameters and faults back. Not inlined, for the same reason.
+/// Loads the stored parameters and faults. Not inlined, for the same reason.
 #[inline(never)]
 fn load(side: &mut BusSide, store: &RecordStore<ParameterFlash>) {
     let mut buffer = [0; IMAGE_MAX];

@@ -1,8 +1,8 @@
-//! What wakes the bus task: a frame, a deadline, a free mailbox, a fault of the control side.
+//! The signal that wakes the bus task: for a frame, a deadline, a free mailbox or a fault.
 //!
-//! One signal for all of them, because each further thing to wait for costs every turn of the task.
-//! The control task looks after what can wait for its next tick: it wakes every millisecond anyway,
-//! and a comparison there is all that a deadline costs.
+//! One signal serves all causes, because waiting for several things would cost time in every turn
+//! of the task. The control task handles the causes that can wait for its next tick: it wakes every
+//! millisecond anyway, so a deadline costs only a comparison there.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 

@@ -1,17 +1,18 @@
 //! Who feeds the independent watchdog, and when.
 //!
-//! The control task does, from its tick, and so proves its own progress; it feeds only if the bus
-//! task has come round since the last time. The bus task comes round at least every 5 ms and lives
-//! in thread mode, where it is the first to starve. So a control task that hangs, an interrupt
-//! storm, or a task that never yields resets the chip 50 ms after the last feeding (34 to 94 ms
-//! over the LSI's tolerance). Only a change of the watchdog's own setting feeds besides, at
-//! start-up and around what writes flash (`board::iwdg`): twice each time, with the outputs off,
-//! and with a bound on the time in between.
+//! The control task feeds it from its tick, which proves the control task's own progress, and only
+//! if the bus task has run since the last feed. The bus task runs at least every 5 ms in thread
+//! mode, where it is the first to starve. A control task that hangs, an interrupt storm, or a task
+//! that never yields therefore resets the chip 50 ms after the last feed (34 to 94 ms over the
+//! LSI's tolerance). The only other feeds are those that change the watchdog's setting, at start-up
+//! and around writes to flash (`board::iwdg`): twice each time, with the outputs off, and with a
+//! bound on the time in between.
 //!
 //! One exception, because a reset is a hard stop of one robot under a common load: when the bus
-//! side has gone silent while the wheels turn, the control side notices after 25 ms, which is
-//! earlier than any reset, and ramps down. While it does, its own progress is enough, for
-//! [`GRACE_TICKS`] at most. Then the reset comes, and the next start says why.
+//! side goes silent while the wheels turn, the control side detects this after 25 ms, which is
+//! earlier than any reset, and ramps down. During the ramp its own progress is enough to feed the
+//! watchdog, for at most [`GRACE_TICKS`]. The chip is then reset, and the next start reports the
+//! cause.
 
 use control::interface::{Mode, Report};
 use control::time::TICK_US;
@@ -21,13 +22,13 @@ use crate::board::Watchdog;
 use crate::board::post_mortem::{self, Failure};
 use crate::shared::BUS_PROGRESS;
 
-/// Control ticks between two feedings: 10 ms.
+/// Control ticks between two feeds: 10 ms.
 const PERIOD_TICKS: u32 = 10_000 / TICK_US;
 
 /// Longest ramp without a bus side: 3 s.
 const GRACE_TICKS: u32 = 3_000_000 / TICK_US;
 
-/// Keeps the watchdog quiet while all is well.
+/// Feeds the watchdog while both sides make progress.
 pub struct Guard {
     watchdog: Watchdog,
     bus: u32,

@@ -1,24 +1,24 @@
-//! The holding brake and the time it takes.
+//! The holding brake and its times to release and to engage.
 //!
-//! A spring brake takes 30 to 150 ms to let go and as long to hold. Meanwhile the loops hold the
-//! wheels at zero: a load on a slope hangs on the motors until the brake has it, and nothing is
-//! followed, and no wheel judged, against a brake that is still closed.
+//! A spring-applied brake takes 30 to 150 ms to release and as long to engage. During these times
+//! the loops hold the wheels at zero: the motors carry a load on a slope until the brake holds it,
+//! and while the brake is still closed no setpoint is followed and no wheel is checked.
 
 use crate::time::Micros;
 
 /// What a brake takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct BrakeTimes {
-    /// To let go, us.
+    /// To release, us.
     pub release_us: u64,
-    /// To hold, us.
+    /// To engage, us.
     pub engage_us: u64,
 }
 
 /// The holding brake of a robot. Engaged without power.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) enum Brake {
-    /// It has been engaged for long, or nobody waits for it.
+    /// It has been engaged for longer than its time, or no time is configured.
     #[default]
     Engaged,
     /// Released at this time.

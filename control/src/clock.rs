@@ -1,17 +1,17 @@
 //! The members' common clock: a phase lock on SYNC.
 //!
 //! SYNC reaches all members at the same instant, but it comes from a PC and jitters, and each
-//! member's crystal runs a little fast or slow. A tracking loop of second order estimates when SYNC
-//! would have come without the jitter, in this member's own time: an eighth of the bandwidth of
-//! SYNC itself would still follow the jitter, so the gains are a 32nd and a 4096th. The jitter that
-//! is left is the same in every member, because all filter the same instants in the same way; what
-//! differs between members, the crystals, the integral part removes. A test shows two members 100
-//! ppm apart ticking together to a few microseconds.
+//! member's crystal runs a little fast or slow. A second-order tracking loop estimates, in this
+//! member's own time, when SYNC would have arrived without the jitter. An eighth of the bandwidth
+//! of SYNC itself would still follow the jitter, so the gains are a 32nd and a 4096th. The
+//! remaining jitter is the same in every member, because all filter the same instants in the same
+//! way. The integral part removes the difference between the crystals. A test shows that the ticks
+//! of two members 100 ppm apart coincide within a few microseconds.
 //!
-//! The control tick hangs on that estimate: [`TickSchedule`] moves each tick by at most
+//! The control tick follows that estimate: [`TickSchedule`] moves each tick by at most
 //! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
-//! arrive. And a target takes effect [`protocol::timing::APPLY_DELAY_US`] after the estimated SYNC,
-//! when the latest of the jittering frames has surely come, so that no member is a tick ahead of
+//! arrive. A target takes effect [`protocol::timing::APPLY_DELAY_US`] after the estimated SYNC,
+//! when even the latest of the jittering frames has arrived, so that no member is a tick ahead of
 //! another.
 
 use crate::time::{Micros, TICK_US};
@@ -22,7 +22,7 @@ const PHASE_GAIN: f32 = 1.0 / 32.0;
 /// Part of the phase error that goes into the period: critically damped, PHASE_GAIN^2 / 4.
 const PERIOD_GAIN: f32 = 1.0 / 4096.0;
 
-/// Largest deviation of the period that is believed: 500 ppm.
+/// Largest deviation of the period that is accepted: 500 ppm.
 const MAX_DRIFT: f32 = 500e-6;
 
 /// Missing SYNCs that are bridged.
@@ -31,7 +31,7 @@ const MAX_GAP: f32 = 8.0;
 /// Largest shift of one tick, us: 2 % of the tick, but some.
 pub const MAX_SHIFT_US: u32 = if TICK_US < 50 { 1 } else { TICK_US / 50 };
 
-/// Where the ticks lie between two grid points, us.
+/// Position of the ticks between two grid points, us.
 const TICK_PHASE: u32 = TICK_US / 2;
 
 /// Estimates when SYNC comes.
@@ -47,7 +47,7 @@ pub struct SyncClock {
 }
 
 impl SyncClock {
-    /// Never heard a SYNC.
+    /// No SYNC has been received.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -69,7 +69,7 @@ impl SyncClock {
             return;
         }
         if periods < 0.5 {
-            // Twice in one period: whose SYNC that is, others decide.
+            // Twice in one period: the bus side decides whether there is a second master.
             return;
         }
         let periods = whole(periods + 0.5);
@@ -85,13 +85,13 @@ impl SyncClock {
         self.at = self.at + Micros(u64::from(whole_us));
     }
 
-    /// When the last SYNC came, freed of jitter; `None` before the first.
+    /// Time of the last SYNC without jitter; `None` before the first.
     #[must_use]
     pub fn estimate(&self) -> Option<Micros> {
         self.locked.then_some(self.at)
     }
 
-    /// By how much SYNC's period seems longer than nominal, us: the crystals' difference.
+    /// Apparent excess of SYNC's period over nominal, us: the crystals' difference.
     #[must_use]
     pub const fn drift_us(&self) -> f32 {
         self.drift_us
@@ -142,8 +142,8 @@ impl TickSchedule {
         }
     }
 
-    /// Takes note of the latest SYNC, received at `at`; may be called each tick, one SYNC counts
-    /// once.
+    /// Processes the latest SYNC, received at `at`; may be called each tick, because one SYNC
+    /// counts once.
     pub fn on_sync(&mut self, at: Micros) {
         let fits = self.period_us != 0 && self.period_us.is_multiple_of(TICK_US);
         if fits && at != self.last_sync {
@@ -160,9 +160,9 @@ impl TickSchedule {
         let Some(grid) = self.clock.estimate() else {
             return next;
         };
-        // Distance past the last grid point. Low halves: an hour's difference needs no more, and a
-        // 64-bit remainder is a long way on a 32-bit machine. A second is added first, because the
-        // grid may lie a little ahead.
+        // Distance past the last grid point. The low halves suffice for an hour's difference, and a
+        // 64-bit remainder is slow on a 32-bit machine. A second is added first, because the grid
+        // may lie a little ahead.
         let since_grid = low(next)
             .wrapping_sub(low(grid))
             .wrapping_add(1_000 * TICK_US);

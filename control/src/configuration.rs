@@ -1,7 +1,7 @@
-//! What drives a robot: everything it was told about itself, checked as a whole and worked out.
+//! The configuration of the control side: all parameters, checked as a whole and converted.
 //!
-//! The drivetrain, signed angles per count, limits as reciprocals. There is nothing left in it that
-//! could go wrong; how it is made from parameters, and what is refused, is `robot`'s matter.
+//! It holds the drivetrain, signed angles per count, and limits as reciprocals. Using it cannot
+//! fail; `robot` builds it from parameters and refuses invalid ones.
 
 use kinematics::Mount;
 
@@ -37,7 +37,7 @@ pub struct Times {
     pub setpoint_timeout_us: u64,
     /// Longest time without the master's heartbeat.
     pub heartbeat_timeout_us: u64,
-    /// How long a wheel may look faulty.
+    /// How long a wheel may be suspected before it is a fault.
     pub wheel_fault_us: u64,
 }
 
@@ -48,9 +48,9 @@ impl Times {
         self.sync_period_us as u64 * 5 / 4
     }
 
-    /// How long slip or strain must last before it is a fault: half as long again as the wheel
-    /// watch needs to name the wheel that made it, and 300 ms at least, which no drive without a
-    /// fault has.
+    /// How long slip or strain must last before it is a fault: one and a half times as long as the
+    /// wheel watch needs to name the wheel that causes it, and at least 300 ms, which does not
+    /// occur without a fault.
     #[must_use]
     pub const fn consequence_us(&self) -> u64 {
         let after_watch = self.wheel_fault_us * 3 / 2;
@@ -80,7 +80,7 @@ pub struct Thresholds {
 /// A complete and consistent configuration.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Configuration {
-    /// CRC over the parameters it was made from; never 0.
+    /// CRC over the parameters it was built from; never 0.
     pub crc: u32,
     /// Group this robot belongs to.
     pub group: u8,
@@ -98,7 +98,7 @@ pub struct Configuration {
     pub rollers: Option<RollerConfiguration>,
     /// Filter of the encoder channels, for the board: ICxF of the timers.
     pub encoder_filter: u8,
-    /// Where this robot stands in the group.
+    /// Pose of this robot in the group.
     pub mount: Mount,
     /// Fastest wheel rate, rad/s.
     pub wheel_rate_max: f32,
@@ -110,7 +110,7 @@ pub struct Configuration {
     pub wheels: [WheelConfiguration; 4],
     /// rad/s.
     pub observer_bandwidth: f32,
-    /// What feeds the bridges.
+    /// Supply of the bridges.
     pub supply: SupplyConfiguration,
     /// Sensors of the motors' current; `None` where there are none.
     pub current: Option<CurrentConfiguration>,
@@ -118,9 +118,9 @@ pub struct Configuration {
     pub pwm_hz: u32,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
-    /// What the holding brake takes.
+    /// Times of the holding brake.
     pub brake: BrakeTimes,
-    /// When something counts as slip, strain, blocked.
+    /// Thresholds for slip, strain and a blocked wheel.
     pub thresholds: Thresholds,
     /// Time-outs.
     pub times: Times,

@@ -1,10 +1,8 @@
-//! The motors' current, where a sensor measures it, and when there is more of it than the torque
-//! bound allows.
+//! The motors' current, where a sensor measures it, and the fault when it exceeds the torque bound.
 //!
-//! The bound of [`crate::wheel`] is one by the motor's model: a shorted winding, a wrong resistance
-//! or a bridge that does not do what it is told are nothing it knows of. What is measured needs no
-//! model. A sensor that shows the end of its range measures nothing any more, and counts like too
-//! much.
+//! The bound of [`crate::wheel`] relies on the motor's model: it does not detect a shorted winding,
+//! a wrong resistance or a bridge that does not follow its duty. A measurement needs no model. A
+//! sensor at the end of its range no longer measures, and is treated as too much current.
 
 use crate::time::Micros;
 
@@ -18,7 +16,7 @@ const OVER_US: u64 = 20_000;
 /// steps of 4096.
 const LOW_END: f32 = 0.0025;
 
-/// What a robot is told about its sensors.
+/// The parameters of a robot's current sensors.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct CurrentConfiguration {
     /// Current per voltage at an input, A/V.

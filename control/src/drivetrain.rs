@@ -2,15 +2,15 @@
 //! that may depend on the motion.
 //!
 //! The three factors are applied one after the other, because the middle one changes while the
-//! robot moves: the mount takes the group's twist to the member's, the compensation says what to
-//! ask for, the wheels follow. The way back divides by the same coefficients. The coefficients
-//! belong to the velocity the robot *achieves*, and looking them up costs more than using them; so
-//! the control tick keeps them in [`Factors`] and renews them every other tick, for the reference
-//! and for the measurement in turn. What that leaves behind: a coefficient that is one or two ticks
-//! old, and on the way back the inversion of a table spread over the ticks. Each of them at least
-//! halves the error (tables that would not are refused) and the velocity changes by less than a
-//! hundredth of a percent of the wheels' range a tick. With constant coefficients nothing is looked
-//! up and nothing is left behind.
+//! robot moves: the mount converts the group's twist to the member's, the compensation scales it,
+//! and the wheel kinematics give the rates. The forward direction divides by the same coefficients.
+//! The coefficients depend on the velocity that the robot *achieves*, and looking them up costs
+//! more than using them; so the control tick keeps them in [`Factors`] and renews them every second
+//! tick, alternately for the reference and for the measurement. The cost is that a coefficient is
+//! one or two ticks old, and that in the forward direction the inversion of a table is spread over
+//! several ticks. Each of these ticks at least halves the error (tables for which this does not
+//! hold are refused), and the velocity changes by less than a hundredth of a per cent of the
+//! wheels' range per tick. With constant coefficients there is no lookup and no such error.
 
 #[cfg(feature = "fixed-point")]
 use kinematics::FixedMember as Kinematics;

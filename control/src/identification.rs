@@ -1,12 +1,12 @@
-//! Finds out what the motors need: static friction, volts per rate and volts per acceleration of
-//! every wheel.
+//! Identifies the motors: static friction, volts per rate and volts per acceleration of every
+//! wheel.
 //!
 //! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back;
 //! one on blocks turns them freely. On blocks, [`Bounds::wheels`] may name some of them: the others
 //! get no voltage and need not turn. First the voltage rises slowly, by a tenth of the nominal
-//! supply a second, until a wheel reaches the rate or the way it may (*ramp*); then, from
-//! standstill, the same voltage is put on backwards at once (*step*). The ramp tells `kS` and `kV`,
-//! the step `kA` of
+//! supply a second, until a wheel reaches its bound of rate or travel (*ramp*); then, from
+//! standstill, the same voltage is applied backward at once (*step*). The ramp yields `kS` and
+//! `kV`, the step `kA` of
 //!
 //! ```text
 //! u = kS sgn(w) + kV w + kA w'
@@ -41,25 +41,25 @@ const VOLTAGE_SHARE: f32 = 0.5;
 const BREAKAWAY_SHARE: f32 = 0.25;
 /// Share of the permitted way that ramp and step take; the rest is for coming to rest.
 const WAY_SHARE: f32 = 0.6;
-/// How much faster than permitted a wheel may become before it counts as run away.
+/// Factor by which a wheel may exceed the permitted rate before it counts as a runaway.
 const OVERSPEED: f32 = 1.5;
-/// A wheel has turned, rad.
+/// Angle from which a wheel has turned, rad.
 const TURNED: f32 = 0.1;
-/// A wheel has moved within a window, rad.
+/// Angle from which a wheel has moved within a window, rad.
 const MOVED: f32 = 0.02;
-/// Windows of the ramp a fit needs.
+/// Windows of the ramp that a fit needs.
 const RAMP_ROWS: u16 = 4;
 /// Length of the step, s.
 const STEP_TIME: f32 = 0.6;
-/// Wheels slower than this stand, rad/s, and this is how long they must, s, and how long they have
-/// for it.
+/// Wheels slower than this are at rest, rad/s; the time for which they must be, s, and the time
+/// they have to reach it.
 const STANDING_RATE: f32 = 0.05;
 const STANDING_TIME: f32 = 0.2;
 const COAST_TIME: f32 = 2.0;
-/// Largest rms of what the ramp's line leaves, as a share of the ramp's voltage.
+/// Largest rms residual of the ramp's line, as a fraction of the ramp's voltage.
 const MISFIT: f32 = 0.1;
 
-/// How fast and how far the wheels may turn.
+/// Bounds of rate and travel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Bounds {
     /// rad/s at the end of the ramp. The step repeats its last voltage and lets the wheel catch up
@@ -88,16 +88,16 @@ pub struct WheelModel {
     pub speed: f32,
     /// V s^2/rad.
     pub acceleration: f32,
-    /// Rms of what the ramp's straight line leaves, V.
+    /// Rms residual of the ramp's straight line, V.
     pub residual: f32,
 }
 
 /// Why there is no result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Stopped {
-    /// The master said so, or left.
+    /// The master ended it or left.
     Asked,
-    /// A fault came up.
+    /// A fault occurred.
     Fault,
     /// It took too long.
     TimedOut,
@@ -109,14 +109,14 @@ pub enum Stopped {
     DoesNotMove,
     /// A wheel turned backwards: motor or encoder reversed.
     TurnsBackwards,
-    /// What a wheel did is not what a motor does.
+    /// The data of a wheel do not fit a motor.
     BadFit,
 }
 
-/// What came of it; a failure with the wheel concerned, if it is one.
+/// The result; a failure names the wheel if it concerns one.
 pub type Outcome = Result<[WheelModel; 4], (Stopped, Option<u8>)>;
 
-/// What to do in this tick.
+/// Output of a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum Step {
     /// This voltage on all wheels.
@@ -153,7 +153,7 @@ struct Sums {
 /// One window of a wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 struct Half {
-    /// Way, rad.
+    /// Travel, rad.
     way: f32,
     /// Mean angle from its beginning, rad.
     mean: f32,
@@ -267,7 +267,7 @@ impl Identification {
         Step::Voltage(self.voltage)
     }
 
-    /// No more voltage, whatever comes.
+    /// Ends the voltage permanently.
     pub const fn end(&mut self) {
         self.stage = Stage::Ended;
     }
@@ -291,7 +291,7 @@ impl Identification {
         }
     }
 
-    /// Takes in the last tick, which the present voltage has driven.
+    /// Processes the last tick, which the present voltage has driven.
     fn add(&mut self, turned: [f32; 4], dt: f32) {
         let place = (f32::from(self.ticks) + 0.5) / f32::from(HALF_TICKS);
         self.rising += self.voltage * place;
@@ -338,7 +338,7 @@ impl Identification {
         }
     }
 
-    /// What speaks against going on.
+    /// The reason to stop, if there is one.
     fn objection(&self, rates: [f32; 4]) -> Option<(Stopped, Option<u8>)> {
         if self.elapsed > Self::TIME_LIMIT {
             return Some((Stopped::TimedOut, None));
@@ -400,7 +400,7 @@ impl Sums {
         self.wa += w * a;
     }
 
-    /// The line `kS + kV w` through the voltages that are left when `kA a` is taken off.
+    /// The line `kS + kV w` through the voltages after `kA a` has been subtracted.
     fn line(&self, acceleration: f32) -> (f32, f32) {
         let n = f32::from(self.rows);
         let u = self.u - acceleration * self.a;
@@ -411,8 +411,9 @@ impl Sums {
 }
 
 impl Wheel {
-    /// `kS` and `kV` from the ramp need `kA`, `kA` from the step needs them: a few rounds bring
-    /// them together, since the ramp hardly accelerates. `None` when the result is no motor.
+    /// `kS` and `kV` from the ramp need `kA`, `kA` from the step needs them: a few iterations
+    /// converge, because the ramp hardly accelerates. `None` when the result does not describe a
+    /// motor.
     fn solve(&self) -> Option<WheelModel> {
         const ROUNDS: u8 = 8;
         let (ramp, step) = (&self.ramp, &self.step);

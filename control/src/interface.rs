@@ -3,7 +3,7 @@
 //! Everything here is `Copy` and small, because the two sides run at different priorities: the
 //! owner of both copies a [`Command`] one way and a [`Report`] the other, inside whatever critical
 //! section the platform has. Nothing else is shared. Both are latest-wins: neither side waits for
-//! the other, and each says in what it hands over which of the other's it has acted on.
+//! the other, and each states in its own message which of the other's messages it has acted on.
 
 use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
@@ -12,8 +12,8 @@ use protocol::{Fault, Limit};
 use crate::identification::Bounds;
 use crate::rollers::{IndexPulse, RollerState};
 
-/// What the bus side asks the control side to do. It can only ask: drivers, brake and duties are
-/// the control side's own.
+/// The mode that the bus side requests. The control side decides: it owns drivers, brake and
+/// duties.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Mode {
     /// Outputs off, brake engaged.
@@ -25,16 +25,16 @@ pub enum Mode {
     Follow,
     /// Ramp down along the direction of motion, then outputs off.
     Ramp,
-    /// Find out what the motors need, then hold.
+    /// Identify the motors, then hold.
     Identify,
 }
 
-/// The bus side's word to the control side.
+/// The bus side's message to the control side.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Command {
-    /// What to do.
+    /// Requested mode.
     pub mode: Mode,
-    /// Where to pass to within one SYNC period, group frame, group scale applied.
+    /// Twist to reach within one SYNC period, group frame, group scale applied.
     pub twist_cmd: Twist,
     /// Sequence of the setpoint behind the target.
     pub sequence: u8,
@@ -44,7 +44,7 @@ pub struct Command {
     pub at: Micros,
     /// Counts the accepted starts: a new one clears latched faults.
     pub start: u16,
-    /// Which configuration is meant: the check sum its owner gave it.
+    /// The requested configuration: its checksum.
     pub configuration: u32,
     /// When the bus side last did its work.
     pub alive: Micros,
@@ -53,7 +53,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// Nothing has been asked for.
+    /// No request.
     pub const NONE: Self = Self {
         mode: Mode::Off,
         twist_cmd: Twist::ZERO,
@@ -71,7 +71,7 @@ impl Command {
     };
 }
 
-/// What the control side reads each tick.
+/// The control side's inputs in each tick.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Inputs {
     /// Encoder counters, wrapping: front left, front right, rear left, rear right.
@@ -80,8 +80,8 @@ pub struct Inputs {
     pub emergency_stop: bool,
     /// The motor driver reports a fault.
     pub driver_fault: bool,
-    /// The protective stop asks for standstill, or its wire is broken; means something only where
-    /// one is configured.
+    /// The protective stop requests standstill, or its wire is broken; valid only where one is
+    /// configured.
     pub protective_stop: bool,
     /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
     pub supply_input: Option<f32>,
@@ -92,7 +92,7 @@ pub struct Inputs {
     pub index: [IndexPulse; 4],
 }
 
-/// What the control side sets each tick.
+/// The control side's outputs in each tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Outputs {
     /// Duty of each motor, -1 to 1; positive rolls the base forward. Order as the encoders.
@@ -112,22 +112,22 @@ impl Outputs {
     };
 }
 
-/// The control side's word to the bus side.
+/// The control side's message to the bus side.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Report {
     /// When the tick began.
     pub at: Micros,
     /// Start it has acted on.
     pub start: u16,
-    /// Configuration it works with; 0 for none.
+    /// Configuration in use; 0 for none.
     pub configuration: u32,
-    /// What it is doing.
+    /// Present mode.
     pub mode: Mode,
-    /// In [`Mode::Ramp`]: the ramp is over and the wheels stand.
+    /// In [`Mode::Ramp`]: the ramp is over and the wheels are at rest.
     pub standstill: bool,
     /// Latched since that start.
     pub fault: Option<Fault>,
-    /// What speaks against a start right now.
+    /// The fault that prevents a start now.
     pub obstacle: Option<Fault>,
     /// The input of the protective stop is open.
     pub protective_stop: bool,
@@ -141,7 +141,7 @@ pub struct Report {
     pub measured: Twist,
     /// Wheel rates that no rigid motion explains, rad/s.
     pub slip_residual: f32,
-    /// Wheel rates asked for, rad/s.
+    /// Reference wheel rates, rad/s.
     pub rates_ref: WheelRates,
     /// Wheel rates measured, rad/s.
     pub rates: WheelRates,
@@ -149,11 +149,11 @@ pub struct Report {
     pub pose: Pose,
     /// Supply voltage, V, where it is measured: the mean over some ticks.
     pub supply: Option<f32>,
-    /// Current of the motors, A, as the sensors see it; 0 where it is not measured.
+    /// Current of the motors, A, as the sensors measure it; 0 where it is not measured.
     pub current: f32,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
-    /// What each wheel computes with.
+    /// State of each wheel's roller phase.
     pub roller_states: [RollerState; 4],
     /// Roller angle of each wheel, rad.
     pub roller_sweeps: [f32; 4],

@@ -1,10 +1,11 @@
-//! What a robot does a thousand times a second: from encoder counts and a wish to duties.
+//! The code that a robot runs a thousand times a second: from encoder counts and a command to
+//! duties.
 //!
-//! One half of `robot`, in a crate of its own because it is built for speed and the other half for
-//! size: Cargo sets the optimisation by package. It knows the configuration that drives it, not the
-//! parameters it came from.
+//! It is the control side of a robot, in a crate of its own because it is built for speed and the
+//! bus side (`robot`) for size: Cargo sets the optimisation level per package. It uses the
+//! configuration, not the parameters from which the configuration is built.
 //!
-//! It cannot tell the time, allocate, log, or touch hardware.
+//! It does not read a clock, allocate, log, or access hardware.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -1,21 +1,21 @@
 //! Bounded acceleration and jerk on the group twist.
 //!
 //! Every member runs this on the same group twist with the same limits, before anything that
-//! differs between members, so that all of them bend the same setpoint in the same way and the body
-//! keeps its shape.
+//! differs between members, so that all of them shape the same setpoint in the same way and the
+//! group keeps its shape.
 //!
 //! The limiter follows its input *exactly*, without lag, as long as the input keeps the limits.
-//! When it has fallen behind by `e`, it asks for the acceleration of the input plus the largest one
-//! from which it can still come down to zero, at the jerk limit, exactly when `e` is used up. On a
-//! grid of steps `dt` the distance covered while an acceleration of `n` jerk steps goes back to
-//! zero is `j dt^2 n (n + 1) / 2`; solved for `n` this gives `n = (sqrt(1 + 8 m) - 1) / 2` with `m
-//! = e / (j dt^2)`. The end of a step response therefore neither overshoots nor chatters.
+//! When it lags by `e`, its acceleration is that of the input plus the largest one from which it
+//! can still return to zero, at the jerk limit, exactly when `e` is used up. On a grid of steps
+//! `dt` the distance covered while an acceleration of `n` jerk steps goes back to zero is `j dt^2 n
+//! (n + 1) / 2`; solved for `n` this gives `n = (sqrt(1 + 8 m) - 1) / 2` with `m = e / (j dt^2)`.
+//! The end of a step response therefore neither overshoots nor chatters.
 //!
-//! Linear and angular parts are scaled by one common factor wherever a limit bites, so a change of
-//! twist runs along a straight line in (vx, vy, omega). With zero as the input this is the group's
-//! ramp to standstill: straight down along the direction of motion.
+//! Linear and angular parts are scaled by one common factor wherever a limit applies, so a change
+//! of twist runs along a straight line in (vx, vy, omega). With zero as the input this is the
+//! group's ramp to standstill: straight down along the direction of motion.
 //!
-//! Cost: about 110 instructions while following, about 190 while a limit bites.
+//! Cost: about 110 instructions while following, about 190 while a limit applies.
 
 use kinematics::Twist;
 
@@ -66,7 +66,7 @@ impl Limiter {
     pub fn step(&mut self, input: Twist, slope: Twist, dt: f32, limits: &ChangeLimits) -> bool {
         let per_dt = 1.0 / dt;
         let behind = input - (self.velocity + slope * dt);
-        // How many steps of jerk are in the way that is left: m squared.
+        // The remaining distance in steps of jerk: m squared.
         let grid = per_dt * per_dt;
         let m_squared = size_squared(
             behind,
@@ -121,7 +121,7 @@ impl Limiter {
         self.acceleration
     }
 
-    /// True when it stands, to less than any field on the bus can show.
+    /// Whether it is zero, within less than the resolution of any field on the bus.
     #[must_use]
     pub fn stands(&self) -> bool {
         let still = |twist: Twist, bound: f32| {
@@ -130,7 +130,7 @@ impl Limiter {
         still(self.velocity, 1e-5) && still(self.acceleration, 1e-2)
     }
 
-    /// Stands still from now on.
+    /// Resets to standstill.
     pub fn reset(&mut self) {
         *self = Self::default();
     }

@@ -1,19 +1,18 @@
 //! Wheel rate from a wrapping encoder counter.
 //!
-//! Counting edges per millisecond is hopeless at crawling speed: a wheel that makes 40 counts a
-//! second shows 0 for 24 ticks and 1000 counts a second for one. Instead a model of the wheel turns
-//! with the estimated rate, and the counter corrects it. The counter does not say *where* the wheel
-//! is but in which interval, one count wide: a distance from the middle that lies within the
-//! interval counts half, what goes beyond it in full. As a second-order loop it has no lag at
-//! constant speed; the reference acceleration is fed in, so that none is left while accelerating as
-//! planned either.
+//! Counting edges per millisecond does not work at crawling speed: a wheel with 40 counts a second
+//! reads 0 for 24 ticks and 1000 counts a second for one. Instead a model of the wheel turns with
+//! the estimated rate, and the counter corrects it. The counter does not give the position of the
+//! wheel, but an interval one count wide in which it lies: a deviation from the middle counts half
+//! within the interval and in full beyond it. As a second-order loop the observer has no lag at
+//! constant speed; the reference acceleration is fed in, so it has none under planned acceleration
+//! either.
 //!
-//! The bandwidth shrinks with the rate of edges, to half of it, since there is nothing to learn
-//! between two edges. Both choices were made by simulating the closed wheel loop from 10 mm/s to
-//! 0.5 m/s (wheel radius 152 mm, 2048 counts). Full weight inside the interval makes the estimate
-//! ripple with the edges (1 % at 20 mm/s instead of 0.5 %); none at all, the obvious dead band, is
-//! calm for a wheel that is turned by somebody else but lets the loop around it hunt (7 % at 20
-//! mm/s).
+//! The bandwidth is limited to half of the rate of edges, because there is no information between
+//! two edges. Both choices were made by simulating the closed wheel loop from 10 mm/s to 0.5 m/s
+//! (wheel radius 152 mm, 2048 counts). Full weight inside the interval makes the estimate ripple
+//! with the edges (1 % at 20 mm/s instead of 0.5 %); no weight, the obvious dead band, is calm for
+//! a wheel that is driven from outside but makes the loop around it hunt (7 % at 20 mm/s).
 //!
 //! Cost: about 30 instructions. Errors at 20 mm/s, estimate and loop: below 1 %, asserted.
 

@@ -1,10 +1,10 @@
 //! From one target per SYNC to one input per tick.
 //!
-//! A target that comes every 10 ms would be a staircase for a loop that runs every millisecond.
-//! Each target is therefore reached by a straight line over one SYNC period, starting at an instant
-//! all members agree on. The line is a function of time since that instant, not of ticks, so
-//! members whose ticks lie differently still walk the same line. Its slope is handed on as the
-//! acceleration to expect.
+//! A target every 10 ms would be a staircase for a loop that runs every millisecond. Each target is
+//! therefore reached by a straight line over one SYNC period, starting at an instant all members
+//! agree on. The line is a function of time since that instant, not of ticks, so members whose
+//! ticks fall at different times still follow the same line. Its slope is passed on as the expected
+//! acceleration.
 
 use crate::time::Micros;
 use kinematics::Twist;
@@ -21,7 +21,7 @@ pub struct Interpolator {
     per_period: f32,
 }
 
-/// What the limiter is given.
+/// Input of the limiter.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Input {
     /// m/s, m/s, rad/s, group frame.
@@ -50,7 +50,7 @@ impl Interpolator {
     }
 
     /// The input at `now`, with target number `update` to take effect at `begin`: until then the
-    /// line before it goes on.
+    /// previous line continues.
     #[inline]
     pub fn at(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) -> Input {
         if update != self.update {
@@ -59,8 +59,8 @@ impl Interpolator {
         self.input(now)
     }
 
-    /// Takes the target over if its instant has come, once a SYNC. Not inlined, so that the other
-    /// ticks do not wait for a comparison of times.
+    /// Starts the line to the target when its time has come, once per SYNC. Not inlined, so that
+    /// the other ticks do not wait for a comparison of times.
     #[inline(never)]
     fn renew(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) {
         if now >= begin {

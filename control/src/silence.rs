@@ -1,13 +1,14 @@
-//! Notices an encoder that has fallen silent, by what the other three wheels say.
+//! Detects an encoder that has stopped counting, by comparison with the other three wheels.
 //!
-//! Four wheels measure three degrees of freedom. What is left over, the slip residual, tells how
-//! far a wheel has to have turned for the other three to be right (what they *imply*): no model of
-//! the motor, the load or the slope is needed. Half of what is asked for, less what the encoder
-//! counts in that direction, adds up to an angle *missed*, never below zero, and half of what is
-//! implied to another; the smaller of the two counts. An encoder that counts more than half of
-//! either never misses anything for long. A kerb that stops all four wheels implies nothing.
+//! Four wheels measure three degrees of freedom. The redundant fourth, the slip residual, gives the
+//! angle by which a wheel must have turned if the other three are right (the *implied* angle); this
+//! needs no model of the motor, the load or the slope. Half of the commanded angle, less the counts
+//! in that direction, accumulates to a *missed* angle that never falls below zero, and half of the
+//! implied angle accumulates to a second one; the smaller of the two is used. An encoder that
+//! counts more than half of either angle does not miss anything for long. A kerb that stops all
+//! four wheels implies no motion.
 //!
-//! | missed (with the rate w asked for) | counted meanwhile | then |
+//! | missed (at the commanded rate w) | counted in that time | result |
 //! |---|---|---|
 //! | 10 ms w and three counts | next to nothing | *suspected*: the loop stops trusting the encoder |
 //! | 15 ms w and 0.05 rad | next to nothing | *dead*: a fault; the wheel gets its feedforward alone |
@@ -15,11 +16,12 @@
 //!
 //! In time: 28 ms at 4 rad/s, 40 ms at 2 rad/s, 167 ms at 0.33 rad/s. *Next to nothing* is the net
 //! of four counts and twenty a second, which an open input beside motor leads may collect; so few
-//! counts acquit nobody.
+//! counts do not clear an encoder.
 //!
-//! What it cannot do: tell a dead encoder from a wheel that is held fast while the other three go
-//! on, which takes the same reaction; and see two wheels whose errors cancel in the residual, or
-//! four that fall silent together. Those are left to [`crate::watch`] and to the torque bound.
+//! Limits: it cannot distinguish a dead encoder from a wheel that is held fast while the other
+//! three continue, which has the same reaction. It does not detect two wheels whose errors cancel
+//! in the residual, or four encoders that stop together; [`crate::watch`] and the torque bound
+//! cover these.
 //!
 //! Cost: 31 instructions a wheel.
 
@@ -41,21 +43,21 @@ const STRAY_COUNTS: f32 = 4.0;
 /// and a second.
 pub(crate) const STRAY_COUNTS_PER_SECOND: f32 = 20.0;
 
-/// A wheel that is expected to be slower stands, rad/s.
+/// A wheel that is expected to be slower counts as at rest, rad/s.
 const STANDS: f32 = 0.02;
 
-/// How far an encoder is to be trusted.
+/// State of an encoder.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Trust {
     /// It counts.
     Full,
-    /// It has counted far too little for a moment.
+    /// It has counted far too little for a short time.
     Suspected,
     /// It is dead.
     None,
 }
 
-/// Listens to one encoder.
+/// Checks one encoder.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Silence {
     /// rad a count.
@@ -77,8 +79,8 @@ pub(crate) struct Silence {
 }
 
 impl Silence {
-    /// For an encoder whose count is `step` rad, positive. One that does not listen never suspects
-    /// anything.
+    /// For an encoder whose count is `step` rad, positive. A disabled check never suspects the
+    /// encoder.
     pub(crate) const fn new(step: f32, listens: bool) -> Self {
         let counts = DEAD_COUNTS * step;
         let suspected_angle = if listens {
@@ -109,15 +111,15 @@ impl Silence {
         self.missed_asked = 0.0;
     }
 
-    /// Forgets the past.
+    /// Clears its state.
     pub(crate) fn reset(&mut self) {
         self.dead = false;
         self.alarm = self.suspected_angle;
         self.missed_asked = 0.0;
     }
 
-    /// Listens for one tick of `dt` s: the rate asked for, rad/s; what the other three wheels imply
-    /// that this one turned, and what its encoder says, rad.
+    /// Evaluates one tick of `dt` s: the reference rate, rad/s, the angle that the other three
+    /// wheels imply, and the angle of the encoder, rad.
     #[inline(always)]
     pub(crate) fn update(&mut self, rate_ref: f32, implied: f32, turned: f32, dt: f32) -> Trust {
         // Along the reference everything is positive. Half of a difference costs less than the
@@ -131,8 +133,8 @@ impl Silence {
         self.missed_asked = not_below_zero(missed);
         if missed > self.alarm {
             if before <= self.suspected_angle {
-                // Not those of this tick: it may have fallen silent in the middle of it. Those
-                // against the reference are of one that lives.
+                // Not the counts of this tick, in which the encoder may have stopped. Counts
+                // against the reference come from a live encoder.
                 self.counted = -not_below_zero(half * twice);
                 self.lasted = 0.0;
             }
@@ -160,7 +162,8 @@ impl Silence {
         }
         let stray = self.step * (STRAY_COUNTS + STRAY_COUNTS_PER_SECOND * self.lasted);
         if self.counted.abs() > stray {
-            // It is alive, and the wheel does not do what it should: not a matter of the encoder.
+            // The encoder is alive but the wheel does not follow: this is not a fault of the
+            // encoder.
             return Trust::Full;
         }
         self.dead = missed > self.dead_angle + half * DEAD_TIME;

@@ -1,14 +1,14 @@
-//! The supply: what full duty is worth, and when there is too little or too much of it.
+//! The supply voltage: the voltage at full duty, and the faults for too low and too high a supply.
 //!
-//! The board gives the voltage at its measuring input, behind a divider. What the duty is computed
-//! with is the mean over some ticks, because one sample carries the ripple of four bridges. What
-//! has to *last* before it is a fault is the sample itself: one sample on the other side of the
-//! threshold starts the time anew.
+//! The board provides the voltage at its measuring input, behind a divider. The duty is computed
+//! from the mean over several ticks, because one sample contains the ripple of four bridges. A
+//! fault depends on the single samples, which must stay beyond the threshold for a time: one sample
+//! on the other side restarts that time.
 //!
-//! Too much is dangerous at once: a full battery that has disconnected itself, or a bench supply,
-//! is pumped up by whatever brakes. A ramp would brake on; so the fault cuts, and the holding brake
-//! takes the energy. An input at the end of its range says that the divider's ground is open, or
-//! that there is even more than it can show: the same.
+//! Too high a voltage is dangerous at once: braking motors raise the voltage of a bench supply, or
+//! of a full battery that has disconnected itself. A ramp would continue to brake, so the fault
+//! cuts and the holding brake takes the energy. An input at the end of its range has the same
+//! reaction: either the divider's ground is open or the voltage exceeds the range.
 
 use crate::time::Micros;
 use protocol::Fault;
@@ -22,13 +22,13 @@ const FRESH: f32 = 0.25;
 /// reference of 3.3 V.
 pub const FULL_SCALE: f32 = 3.2975;
 
-/// How long a low supply must last, us.
+/// Time for which a low supply must last, us.
 const LOW_US: u64 = 100_000;
 
-/// How long a high supply must last, us.
+/// Time for which a high supply must last, us.
 const HIGH_US: u64 = 10_000;
 
-/// What a robot is told about its supply.
+/// The parameters of a robot's supply.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SupplyConfiguration {
     /// Where it is not measured, V.
@@ -45,7 +45,7 @@ pub struct SupplyConfiguration {
     pub duty_max: f32,
 }
 
-/// Follows the supply of one robot.
+/// Filters and checks the supply of one robot.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub(crate) struct Supply {
     /// Of the last ticks, V; `None` where it is not measured.
@@ -69,12 +69,12 @@ impl Supply {
         }
     }
 
-    /// Takes in the voltage at the input, V; returns what full duty is worth, V.
+    /// Processes the voltage at the input, V; returns the voltage at full duty, V.
     #[inline]
     pub(crate) fn update(&mut self, input: Option<f32>, supply: &SupplyConfiguration) -> f32 {
         let measured = match input {
             Some(input) if supply.minimum > 0.0 => input,
-            // Without a minimum nothing is connected: what the input shows is no voltage.
+            // Without a minimum no divider is connected, so the input does not show the supply.
             Some(_) | None => {
                 self.mean = None;
                 return supply.nominal;
@@ -97,7 +97,7 @@ impl Supply {
         self.mean
     }
 
-    /// Whether there is not much more than the minimum.
+    /// Whether it is only a little above the minimum.
     #[inline]
     pub(crate) fn is_short(&self, supply: &SupplyConfiguration) -> bool {
         self.mean
@@ -121,7 +121,7 @@ impl Supply {
         lasts.then_some(Fault::SupplyLow)
     }
 
-    /// The times begin anew.
+    /// Restarts the times.
     pub(crate) fn acknowledge(&mut self) {
         self.low.reset();
         self.high.reset();

@@ -1,4 +1,4 @@
-//! A threshold with hysteresis, and one that must last.
+//! A threshold with hysteresis, and one that must be exceeded for a time.
 
 use crate::time::Micros;
 
@@ -55,7 +55,7 @@ impl Lasting {
         now.since(*self.since.get_or_insert(now)).0 >= span_us
     }
 
-    /// The time begins anew.
+    /// Restarts the time.
     pub fn reset(&mut self) {
         self.since = None;
     }

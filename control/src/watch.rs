@@ -1,4 +1,5 @@
-//! Watches one wheel for what a loop cannot mend: a dead or inverted encoder, a blocked wheel.
+//! Watches one wheel for defects that a loop cannot correct: a dead or inverted encoder, a blocked
+//! wheel.
 //!
 //! All three begin alike: the motor is driven well beyond its static friction, and the rate
 //! estimate stays behind the reference by more than a threshold. From then on the watch adds up
@@ -30,7 +31,7 @@ use crate::wheel::{Gains, WheelMeasurement};
 /// Inversion must last this fraction of the wheel fault time.
 const INVERTED_DIVISOR: u64 = 10;
 
-/// How much longer a suspicion must last at a crawl.
+/// How much longer a suspicion must last at crawling speed.
 const CRAWL_FACTOR: u64 = 5;
 
 /// The voltage would have slowed a free wheel down by this part of its fastest rate
@@ -40,19 +41,19 @@ const SLOWED: f32 = 0.2;
 /// but it still has this part of its fastest rate.
 const UNSLOWED: f32 = 0.9;
 
-/// A wheel this close to its reference is well, rad/s.
+/// A wheel this close to its reference is healthy, rad/s.
 const WELL: f32 = 0.02;
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Suspicion {
     since: Micros,
-    /// Since when it is behind by the whole threshold, not just by half the reference.
+    /// Time since which it lags by the whole threshold, not just by half the reference.
     whole: Option<Micros>,
-    /// What the encoder turned since then, rad.
+    /// Angle of the encoder since then, rad.
     travel: f32,
-    /// Its fastest rate meanwhile, rad/s.
+    /// Its fastest rate in that time, rad/s.
     fastest: f32,
-    /// By how much the voltage against it would have slowed a free wheel down, rad/s.
+    /// Rate by which the opposing voltage would have slowed a free wheel down, rad/s.
     slowed: f32,
 }
 
@@ -67,14 +68,14 @@ impl Suspicion {
         }
     }
 
-    /// Whether the wheel turns on although its voltage should have stopped it by now. One that is
-    /// pushed turns against its voltage as well, but is slowed down by it.
+    /// Whether the wheel keeps turning although its voltage should have stopped it by now. A pushed
+    /// wheel also turns against its voltage, but is slowed down by it.
     fn runs(&self, rate: f32) -> bool {
         self.slowed > SLOWED_PART * self.fastest + SLOWED && rate > UNSLOWED * self.fastest
     }
 }
 
-/// When a suspicious tick is, and whether the wheel is behind by the whole threshold.
+/// Time of a suspicious tick, and whether the wheel lags by the whole threshold.
 #[derive(Clone, Copy)]
 struct Seen {
     now: Micros,
@@ -88,13 +89,13 @@ struct Seen {
 pub(crate) struct Watch {
     gains: Gains,
     blocked_rate: f32,
-    /// Voltage that turns a free wheel for sure.
+    /// Voltage that certainly turns a free wheel.
     effort: f32,
     /// Two counts, rad: one may come from vibration at an edge.
     nothing: f32,
-    /// What an open input may count, rad/s.
+    /// Rate that an open input may count, rad/s.
     stray: f32,
-    /// What a wheel against its drive turns at least in the short time, rad.
+    /// Smallest angle by which a wheel turns against its drive in the short time, rad.
     against: f32,
     time_us: u64,
     suspicion: Option<Suspicion>,
@@ -119,12 +120,12 @@ impl Watch {
         }
     }
 
-    /// The fault it is sure of.
+    /// The confirmed fault.
     pub(crate) const fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
-    /// The encoder is dead, as others know.
+    /// Reports that the encoder is dead, as detected elsewhere.
     #[cold]
     pub(crate) fn latch_dead(&mut self) {
         self.fault.get_or_insert(Fault::EncoderDead);
@@ -140,7 +141,7 @@ impl Watch {
         self.fault = None;
     }
 
-    /// Looks at one tick: the rate asked for in rad/s, the voltage given in V.
+    /// Evaluates one tick: the reference rate in rad/s and the applied voltage in V.
     #[inline]
     pub(crate) fn update(
         &mut self,
@@ -162,7 +163,8 @@ impl Watch {
     #[cold]
     fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Seen) {
         let stands = rate_ref.abs() < WELL;
-        // What was weak at standstill may have been the estimate that still trailed a push.
+        // A weak suspicion at standstill may have come from the estimate, which still lagged behind
+        // a push.
         let weak = |known: Suspicion| known.whole.is_none();
         if stands && tick.whole && self.suspicion.is_some_and(weak) {
             self.suspicion = None;
@@ -174,7 +176,7 @@ impl Watch {
             fastest: 0.0,
             slowed: 0.0,
         });
-        // What was strong stays so.
+        // A strong suspicion stays strong.
         if tick.whole {
             suspicion.whole.get_or_insert(tick.now);
         }
@@ -207,14 +209,14 @@ impl Watch {
         } else {
             Fault::WheelBlocked
         };
-        // What cuts replaces what ramps.
+        // A fault that cuts replaces one that ramps.
         if self.fault.is_none() || found == Fault::EncoderInverted {
             self.fault = Some(found);
         }
     }
 
-    /// Whether so much travel, rad, shows that a wheel lives that is asked for so much. A wheel
-    /// that its load turns faster or slower than asked does; a few stray counts do not, and a wheel
+    /// Whether this travel, rad, shows that a wheel with this reference is alive. A wheel that its
+    /// load turns faster or slower than the reference does; a few stray counts do not, and a wheel
     /// that turns back may be reversed.
     fn acquits(&self, travel: f32, asked: f32) -> bool {
         let ahead = if asked < 0.0 { -travel } else { travel };

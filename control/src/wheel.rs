@@ -1,20 +1,20 @@
 //! The loop around one wheel: feedforward and PI, in volts.
 //!
-//! The feedforward says what the motor needs to do what is asked: `kS` against static friction,
-//! `kV` per rate, `kA` per acceleration. The PI part corrects what is left. Everything is in
-//! physical units, so a gain means the same on every robot and survives a change of battery; the
-//! duty is the voltage over the supply as it is now.
+//! The feedforward is the voltage that the motor needs for the reference: `kS` against static
+//! friction, `kV` per rate, `kA` per acceleration. The PI part corrects the remaining error.
+//! Everything is in physical units, so a gain means the same on every robot and survives a change
+//! of battery; the duty is the voltage divided by the present supply.
 //!
-//! Anti-windup is by back-calculation, with the loop's own time constant `kP / kI`: what the supply
-//! cannot give is taken out of the integral, but only what the integral itself contributes. Where
-//! the feedforward alone asks for too much, plain back-calculation would wind the integral up the
-//! other way; here it just waits.
+//! Anti-windup is by back-calculation, with the loop's own time constant `kP / kI`: the voltage
+//! that the supply cannot provide is subtracted from the integral, but only as far as the integral
+//! itself contributes. Where the feedforward alone exceeds the supply, plain back-calculation would
+//! wind the integral up in the other direction; here the integral stays.
 //!
 //! The *torque bound* keeps the voltage within `I_max R` of the back EMF `kV w`: that is the
-//! largest current, without a sensor. It holds against a kerb, against plugging, and against an
-//! encoder that lies. It is applied before the supply's, and the same anti-windup serves both. For
-//! as long as the rate estimate trails a wheel that is stopped short, about a tenth of a second,
-//! the current may be larger by `kV` times what it trails over `R`.
+//! largest current, without a sensor. It also applies at a kerb, when plugging, and with an encoder
+//! that reads wrongly. It is applied before the supply's bound, and the same anti-windup serves
+//! both. While the rate estimate lags behind a wheel that is stopped abruptly, for about a tenth of
+//! a second, the current may be larger by `kV` times that lag over `R`.
 //!
 //! Cost: about 45 instructions for one wheel.
 
@@ -22,7 +22,7 @@ use crate::silence::Trust;
 
 /// Below this rate (rad/s) the static friction term fades out, so that a reference that jitters
 /// around zero does not make the motor buzz. A wheel that barely turns, as two of four do in
-/// oblique motion, has to turn all the same: it is ten steps of the setpoint (0.1 mm/s at a radius
+/// oblique motion, still has to turn: the rate is ten steps of the setpoint (0.1 mm/s at a radius
 /// of 0.15 m), not more.
 const FRICTION_FADE: f32 = 0.01;
 
@@ -41,7 +41,7 @@ pub struct Gains {
     pub integral: f32,
 }
 
-/// What a wheel is asked for.
+/// Reference of a wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelReference {
     /// rad/s.
@@ -50,16 +50,16 @@ pub struct WheelReference {
     pub acceleration: f32,
 }
 
-/// What a wheel does.
+/// Measurement of a wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelMeasurement {
     /// The estimated rate, rad/s.
     pub rate: f32,
-    /// What the encoder counted since the last tick, rad.
+    /// Angle that the encoder counted since the last tick, rad.
     pub turned: f32,
 }
 
-/// What a loop has in a tick.
+/// Bounds of a loop in a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Available {
     /// Largest voltage, V.
@@ -68,7 +68,7 @@ pub struct Available {
     pub dt: f32,
 }
 
-/// What holds a wheel's voltage back.
+/// The limit of a wheel's voltage that applies.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Held {
     /// The supply.

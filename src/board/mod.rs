@@ -1,9 +1,10 @@
 //! The board: the only place that knows the microcontroller, its pins and its registers.
 //!
-//! One image is for one board, which a cargo feature selects (`build.rs` refuses none). A board is
-//! one file: a table of its pins and clocks. The drivers are its chip family's (`stm32f4/`). What
-//! the tasks see is the same for every board and stands in this file: the names it re-exports, and
-//! [`Board`], which holds what there is one of. `docs/boards.md` says how to add a board.
+//! An image is for one board, which a cargo feature selects (`build.rs` refuses to build without
+//! one). A board is one file: a table of its pins and clocks. The drivers belong to its chip family
+//! (`stm32f4/`). The interface for the tasks is the same for every board and is this file: the
+//! names it re-exports, and [`Board`], which owns the peripherals. `docs/boards.md` says how to add
+//! a board.
 
 mod memory;
 pub mod post_mortem;

@@ -1,8 +1,8 @@
-//! What the program said before it died: one record that survives a reset, not a loss of power.
+//! The last failure: one record that survives a reset, but not a loss of power.
 //!
-//! The panic and fault handlers write it, start-up reads it once and forgets it. It lies in RAM
-//! that start-up leaves alone (`.uninit`). After power-on it holds noise, which the magic number
-//! and the checksum refuse.
+//! The panic and fault handlers write it; start-up reads and clears it once. It is in RAM that
+//! start-up does not initialise (`.uninit`). After power-on it holds random data, which the magic
+//! number and the checksum reject.
 
 #![expect(unsafe_code, reason = "a static that is not initialised")]
 

@@ -1,7 +1,7 @@
 //! RoboMaster Development Board C (STM32F407IGH6, UFBGA176): clocks and pins.
 //!
-//! The image builds. It is not emulated and was never run, and no robot drives with it: of the four
-//! encoders none is reachable, see below.
+//! The image builds. It is neither emulated nor has it been run, and a robot cannot drive with it,
+//! because no encoder is reachable (see below).
 //!
 //! | function | peripheral | pins |
 //! |---|---|---|
@@ -15,21 +15,20 @@
 //! | driver fault, low is a fault | GPIO | PF0 (I2C2 SDA) |
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
 //! | LED, green | GPIO | PH11 |
-//!
-//! What the board does not give:
+//! The board lacks:
 //! - **Encoders**: TIM2 to TIM5 need channels 1 and 2 of one timer. TIM5 has them on the LEDs
 //!   (PH10, PH11), TIM4 one on CAN2 (PB6), TIM3 and TIM2 theirs on the inertial sensor (PB4, PA7,
 //!   PB3) and the key (PA0); PC6 and PI6 are TIM8, whose other channels are driver enable and
-//!   brake. The counts stand still, and a robot that should move is cut as one whose encoders are
-//!   broken.
-//! - **Break input of TIM8**: PA6 and PI4 are not brought out. The emergency stop takes the PWM
-//!   back in hardware, driver enable and brake with the next control tick.
+//!   brake. The counts do not change, and a robot that is commanded to move is cut as if its
+//!   encoders were broken.
+//! - **Break input of TIM8**: PA6 and PI4 are not brought out. The emergency stop cuts the PWM in
+//!   hardware, and driver enable and brake with the next control tick.
 //! - Encoder index, current sensors, switches for the node-ID: it is 2, or what LSS has stored.
 //!
 //! Sources: the vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
 //! `5.servo_motor/servo_motor.ioc` of RoboMaster/Development-Board-C-Examples at bd594e1 (pins, 12
-//! MHz crystal, PLL 6 and 168); RM0090 (chip); DS8626 (alternate functions). Which connector
-//! carries SPI2 and I2C2 was not looked up.
+//! MHz crystal, PLL 6 and 168); RM0090 (chip); DS8626 (alternate functions). The connectors of SPI2
+//! and I2C2 have not been determined.
 
 use super::stm32f4::pin::{pin, pins};
 use super::stm32f4::wiring::{Analog, Can, Clocks, Wiring};

@@ -18,15 +18,15 @@ unsafe extern "C" {
 /// What cortex-m-rt paints the stack with.
 const PAINT: u32 = 0xCCCC_CCCC;
 
-/// Words between two that are looked at: looking at each of 32 KiB would take the bus side a
-/// quarter of a millisecond. An exception's frame is as long and written without a gap.
+/// Words between two that are checked: checking each of 32 KiB would take the bus side a quarter of
+/// a millisecond. An exception's frame is as long and written without a gap.
 const STEP_WORDS: usize = 8;
 
 /// Bytes of stack that have been used since boot, and its size.
 pub fn high_water() -> (usize, usize) {
     // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that
-    // nobody else writes below the present stack pointer except interrupts, whose writes only make
-    // the answer one call older.
+    // nothing writes below the present stack pointer except interrupts, whose writes only make the
+    // answer one call older.
     unsafe {
         let end = addr_of!(_stack_end);
         let start = addr_of!(_stack_start);

@@ -1,4 +1,4 @@
-//! What rollers are computed in: fixed point.
+//! The arithmetic of rollers: fixed point.
 
 use kinematics::{FourWheelGeometry, GeometryError, Mount, VelocityCompensation};
 

@@ -1,9 +1,9 @@
-//! Where each wheel's ground roller stands, and how sure that is.
+//! The angle of each wheel's ground roller, and whether it is known.
 //!
-//! The encoder counts from wherever the robot was switched on, so a wheel's angle is unknown until
-//! its index has passed, which comes once a turn of the wheel. From then on the counts say how far
-//! the roller has swept ([`RollerTrack`]), and every further index must come a whole number of
-//! turns later ([`tracked`]):
+//! The encoder counts from the position at which the robot was switched on, so a wheel's angle is
+//! unknown until its index has passed, once per turn of the wheel. From then on the counts give the
+//! sweep of the roller ([`RollerTrack`]), and every further index must come a whole number of turns
+//! later ([`tracked`]):
 //!
 //! | state | the wheel computes with | until |
 //! |---|---|---|
@@ -12,10 +12,10 @@
 //! | [`RollerState::Known`] | its angle | an index at an unexpected count, or none in [`PATIENCE`] turns |
 //! | [`RollerState::Lost`] | the mean ratio; limit "roller phase" | two indexes in a row a whole number of turns apart |
 //!
-//! An index that bounces at one place is one index. A stray pulse costs the reference until two
-//! good ones have followed; two indexes a turn never agree with each other, so such a wheel stays
-//! with the mean. When what a wheel computes with changes, it passes over in
-//! [`BLEND`](tracked::BLEND) ticks, because a step of its secant would be a step of its rate.
+//! Pulses that bounce at one count are one index. After a stray pulse the reference is lost until
+//! two good ones have followed. Two indexes per turn never agree with each other, so such a wheel
+//! keeps using the mean. A change between mean and angle is blended over [`BLEND`](tracked::BLEND)
+//! ticks, because a step of the secant would be a step of the rate.
 //!
 //! Cost: about 15 instructions a wheel and tick, and the secants.
 
@@ -35,7 +35,7 @@ pub use scalar::{Secant, Value, Wheels};
 use tracked::PATIENCE;
 use tracked::Tracked;
 
-/// Most counts by which an index may move for good reasons, as a share of a turn.
+/// Largest deviation of a correct index, as a fraction of a turn.
 const PLAY: f32 = 1.0 / 64.0;
 
 /// Wheels with rollers, uncompensated, in the robot's frame.
@@ -55,7 +55,7 @@ pub struct IndexPulse {
     pub count: u16,
 }
 
-/// What a wheel computes with, and why.
+/// State of a wheel's roller phase.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 #[repr(u8)]
 pub enum RollerState {
@@ -90,7 +90,7 @@ pub struct RollerWheel {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct RollerConfiguration {
     wheels: [RollerWheel; 4],
-    /// Whether there are index inputs to listen to.
+    /// Whether index inputs are used.
     index: bool,
     /// Counts by which an index may be off.
     tolerance: i32,
@@ -102,8 +102,8 @@ impl RollerWheel {
     /// negative where the encoder is reversed.
     ///
     /// # Errors
-    /// [`GeometryError`] for one or two rollers, and for an encoder that cannot tell where a roller
-    /// stands.
+    /// [`GeometryError`] for one or two rollers, and for an encoder that cannot resolve where a
+    /// roller stands.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "counts of a turn fit; a step of 2^-32 fits what an f32 has"
@@ -159,13 +159,13 @@ impl RollerConfiguration {
         self.index
     }
 
-    /// Whether all wheels have ideal rollers, so that nothing here is needed.
+    /// Whether all wheels have ideal rollers, so that no phase is needed.
     #[must_use]
     pub fn is_ideal(&self) -> bool {
         self.wheels.iter().all(RollerWheel::is_ideal)
     }
 
-    /// Secants at the hand-over: the most a wheel is ever asked for.
+    /// Secants at the roller transition: the largest that can occur.
     #[must_use]
     pub fn largest(&self) -> Secants {
         let end = RollerAngle::from_bits(i32::MIN);
@@ -189,7 +189,7 @@ pub(crate) struct Rollers {
 }
 
 impl Rollers {
-    /// All angles unknown; those that `before` knew of the same wheels are kept.
+    /// All angles unknown, except those that `before` has for the same wheels.
     pub fn new(configuration: RollerConfiguration, before: Option<&Self>) -> Self {
         let mut wheels = configuration.wheels.map(Tracked::new);
         let kept = before.filter(|before| before.configuration.index == configuration.index);
@@ -225,7 +225,7 @@ impl Rollers {
             .map(|wheel| wheel.secant(RollerAngle::from_bits(0)))
     }
 
-    /// Takes in that the counters went on by `passed` to `now`, and returns the secants in the
+    /// Processes an advance of the counters by `passed` to `now`, and returns the secants in the
     /// middle between the last call and this one.
     #[inline]
     pub fn update(&mut self, passed: [i16; 4], now: [u16; 4], index: &[IndexPulse; 4]) -> Secants {
@@ -272,13 +272,13 @@ impl Rollers {
         [one(a, ra), one(b, rb), one(c, rc), one(d, rd)]
     }
 
-    /// What each wheel computes with.
+    /// State of each wheel.
     pub fn states(&self) -> [RollerState; 4] {
         self.wheels.map(|wheel| wheel.state)
     }
 
-    /// How far each wheel has rolled on past the middle of its ground roller, rad; true for wheels
-    /// in [`RollerState::Known`], else counted from where the robot was configured.
+    /// Angle by which each wheel has turned past the middle of its ground roller, rad; true for
+    /// wheels in [`RollerState::Known`], else counted from where the robot was configured.
     pub fn sweeps(&self) -> [f32; 4] {
         self.wheels.map(|wheel| {
             if wheel.configuration.is_ideal() {

@@ -1,4 +1,4 @@
-//! What rollers are computed in: single precision.
+//! The arithmetic of rollers: single precision.
 
 use kinematics::{FourWheelGeometry, GeometryError, Mount, VelocityCompensation};
 

@@ -1,4 +1,4 @@
-//! What a wheel believes of its index.
+//! Tests of the state of a wheel's index.
 
 use super::tracked::BLEND;
 use super::*;

@@ -1,17 +1,15 @@
-//! One wheel's roller angle: followed by counts, set by the index, doubted when the two disagree.
+//! One wheel's roller angle: counts track it, the index sets it, and it is lost when they disagree.
 //!
-//! Every index that is believed is the one the next is measured from, and sets the angle anew. So
-//! nothing adds up over many turns, whatever a turn is in counts: behind a gear of 26.85 it is not
-//! a whole number. An index that came where it belongs may still be off by
-//!
-//! - a count, because both pulses are read in whole ones;
+//! Every accepted index resets the angle and is the reference for the next. Errors therefore do not
+//! accumulate over many turns, even where a turn is not a whole number of counts, as with a gear of
+//! 26.85. A correct index may deviate by
+//! - a count, because both pulses are read in whole counts;
 //! - the play between encoder and wheel, when the wheel has turned back in between;
-//! - what a turn in single precision is off by: 2^-24 of the counts since the last index, of which
+//! - the error of a turn in single precision: 2^-24 of the counts since the last index, of which
 //!   there are at most [`PATIENCE`] turns; below a count to four million a turn.
 //!
-//! The tolerance has to cover that, and has to stay below what a wrong gear makes of a turn: a
-//! wheel of 60 teeth with one more or less, 1.6 %, is what the limit of 1/64 of a turn lets through
-//! just no longer.
+//! The tolerance has to cover these, and has to stay below the deviation of a wrong gear: the limit
+//! of 1/64 of a turn just rejects a wheel of 60 teeth with one tooth more or less, 1.6 %.
 
 use kinematics::{RollerAngle, RollerTrack};
 
@@ -29,7 +27,7 @@ pub(super) struct Tracked {
     pub configuration: RollerWheel,
     pub track: RollerTrack,
     pub state: RollerState,
-    /// Number of the last pulse that was looked at; `None` before the first tick.
+    /// Number of the last pulse that was evaluated; `None` before the first tick.
     number: Option<u8>,
     /// Counts since the last pulse, if there was one.
     since: Option<i32>,

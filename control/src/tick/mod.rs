@@ -1,10 +1,11 @@
 //! The control side: one tick a millisecond, from encoder counts to duties.
 //!
-//! It owns the outputs. The bus side's [`Command`] is a wish: without a configuration of the same
-//! CRC, after a fault of its own, or when the bus side has gone silent, the wish is not granted. A
-//! tick does, in this order: *measure* the wheels, *judge* what may be wrong, *grant* what is left
-//! of the wish, *follow*: shape the group twist (the same in every member), turn it into wheel
-//! references (this member's own), close the four loops.
+//! It owns the outputs. The bus side's [`Command`] is a request: the control side refuses it
+//! without a configuration of the same CRC, after a fault of its own, or when the bus side has gone
+//! silent. A tick has four steps, in this order: *measure* the wheels; *judge*, which checks for
+//! faults; *grant*, which decides how much of the request is allowed; and *follow*, which shapes
+//! the group twist (the same in every member), converts it into this member's wheel references and
+//! closes the four loops.
 //!
 //! Nothing here allocates, waits or fails; there is no trigonometry beyond the odometry's. Faults
 //! are latched until the bus side's next start, and cleared then only if their cause is gone.
@@ -36,40 +37,39 @@ const LATE_US: u32 = TICK_US + TICK_US / 2;
 const OVERDUE_US: u32 = 20_000;
 
 /// Longest time between two signs of life of the bus side, us. Well below the shortest time of a
-/// watchdog that the bus side lets go hungry (34 ms on the reference board): the ramp must have
+/// watchdog that the bus side fails to feed (34 ms on the reference board): the ramp must have
 /// begun by then.
 const BUS_SILENT_US: u32 = 25_000;
 
-/// Wheels slower than this stand, rad/s.
+/// Wheels slower than this are at rest, rad/s.
 const STANDING_RATE: f32 = 0.05;
 
-/// A wheel that is wrong by 1 rad/s and changes the slip residual by less than this cannot be found
-/// by it, rad/s.
+/// The slip residual cannot identify a wheel whose error of 1 rad/s changes it by less than this,
+/// rad/s.
 const LEAST_RESIDUAL: f32 = 0.1;
 
-/// Factor of the angles whose slip residual is taken.
+/// Factor of the angles for the computation of the slip residual.
 const RESIDUAL_SCALE: f32 = if cfg!(feature = "fixed-point") {
     1024.0
 } else {
     1.0
 };
 
-/// A robot whose wheels turn faster is not started, rad/s: well above what a step of a coarse
-/// encoder leaves behind, and slow enough that the loops bring it to rest without full voltage.
+/// A robot whose wheels turn faster is not started, rad/s: well above the rate that a step of a
+/// coarse encoder causes, and slow enough that the loops bring it to rest without full voltage.
 const TURNING_RATE: f32 = 0.2;
 
-/// How long after the end of a ramp the wheels may take to stand, us; then the brake is closed
+/// Longest time from the end of a ramp until the wheels are at rest, us; then the brake is engaged
 /// anyway.
 const SETTLE_US: u64 = 300_000;
 
-/// The instant a tick works for.
+/// Time and supply of one tick.
 #[derive(Clone, Copy)]
 struct Tick {
     now: Micros,
-    /// Time since the last tick, s, bounded so that the observer's arithmetic stays sane after a
-    /// long pause.
+    /// Time since the last tick, s, bounded so that the observer stays stable after a long pause.
     dt: f32,
-    /// The same as it was, us.
+    /// The same without the bound, us.
     elapsed_us: u32,
     /// Voltage at full duty, V.
     supply: f32,
@@ -77,11 +77,11 @@ struct Tick {
     available: f32,
 }
 
-/// What the bridges of all wheels were given.
+/// Result of the loops of all wheels.
 #[derive(Clone, Copy)]
 struct Drive {
     duty: [f32; 4],
-    /// What held any wheel back.
+    /// The limit that applied to any wheel.
     held: Held,
 }
 
@@ -90,8 +90,8 @@ struct Drive {
 struct Wheel {
     step: f32,
     motor_sign: f32,
-    /// By how much it would have to be wrong for a slip residual of 1, if it alone were wrong, over
-    /// [`RESIDUAL_SCALE`]; 0 for a wheel that the residual does not tell of.
+    /// Its error for a slip residual of 1, if it alone were wrong, over [`RESIDUAL_SCALE`]; 0 for a
+    /// wheel that the residual does not identify.
     odd: f32,
     /// Voltage at the last tick, V, where it pauses.
     given: f32,
@@ -128,7 +128,7 @@ impl Wheel {
         }
     }
 
-    /// One tick of a wheel: its voltage, V; what held it back is added to `held`.
+    /// One tick of a wheel: its voltage, V; a limit that applied is added to `held`.
     #[inline(always)]
     fn drive(
         &mut self,
@@ -170,12 +170,12 @@ impl Wheel {
     }
 }
 
-/// What exists once there is a configuration. In this order: what every tick needs lies within the
-/// kilobyte that one instruction reaches.
+/// The state that exists once there is a configuration. The fields are ordered so that those of
+/// every tick lie within the kilobyte that one instruction reaches.
 #[derive(Clone, Copy)]
 #[repr(C)]
 struct Motion {
-    /// What the wheels were asked to accelerate with at the last tick, rad/s^2.
+    /// The wheels' reference acceleration at the last tick, rad/s^2.
     accelerations: [f32; 4],
     limiter: Limiter,
     factors: Factors,
@@ -192,12 +192,11 @@ pub struct ControlSide {
     supervision: Supervision,
 }
 
-/// What is kept from tick to tick besides the motion: causes that have to last, and what is said to
-/// the bus side.
+/// The state besides the motion: causes that have to last, and the report to the bus side.
 struct Supervision {
     counts: Option<[u16; 4]>,
     last: Option<Micros>,
-    /// Since when the ramp's reference stands.
+    /// Time since which the ramp's reference is zero.
     settling: Option<Micros>,
     supply: Supply,
     current: Current,
@@ -216,7 +215,7 @@ impl Default for ControlSide {
 }
 
 impl ControlSide {
-    /// A robot that knows nothing about itself: outputs off.
+    /// A robot without a configuration: outputs off.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -237,14 +236,14 @@ impl ControlSide {
         }
     }
 
-    /// Takes over a configuration. The outputs go off with it, and the pose starts at zero.
+    /// Applies a configuration. This switches the outputs off and resets the pose to zero.
     pub fn configure(&mut self, configuration: &Configuration) {
         self.supervision.report.configuration = configuration.crc;
         self.supervision.report.mode = Mode::Off;
         self.supervision.report.current = 0.0;
         self.supervision.brake = Brake::Engaged;
         self.supervision.identification = None;
-        // What the wheels' index has told stays true.
+        // The angles known from the wheels' indexes stay valid.
         let before = self
             .motion
             .as_ref()
@@ -254,8 +253,8 @@ impl ControlSide {
             .map(|configured| Rollers::new(configured, before));
         self.supervision.report.roller_states = [RollerState::Constant; 4];
         self.supervision.report.roller_sweeps = [0.0; 4];
-        // Made where it stays: it takes two kilobytes, and on the stack it would come on top of
-        // everything else.
+        // Built in place: it takes two kilobytes, which would come on top of everything else on the
+        // stack.
         self.motion = Some(Motion {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
             limiter: Limiter::default(),
@@ -273,19 +272,19 @@ impl ControlSide {
         });
     }
 
-    /// What it did and saw at the last tick.
+    /// The report of the last tick.
     #[must_use]
     pub const fn report(&self) -> &Report {
         &self.supervision.report
     }
 
-    /// What an identification came to, once, when it is over.
+    /// The result of an identification, once, when it is over.
     pub const fn take_identification(&mut self) -> Option<Outcome> {
         self.supervision.outcome.take()
     }
 
     /// One tick.
-    // Not inlined: in a caller that is built for size it would be built for size too.
+    // Not inlined: a caller that is built for size would also build this for size.
     #[inline(never)]
     pub fn tick(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
         let side = &mut self.supervision;
@@ -306,9 +305,9 @@ impl ControlSide {
 }
 
 impl Supervision {
-    /// A tick with a configuration. Not inlined: what is in reach of one pointer takes one
-    /// instruction to load, what is further away than a kilobyte takes two, so there is a pointer
-    /// to each of the two halves.
+    /// A tick with a configuration. Not inlined: a load within a kilobyte of a pointer takes one
+    /// instruction, and one further away takes two, so there is a pointer to each of the two
+    /// halves.
     #[inline(never)]
     fn run(
         &mut self,
@@ -369,7 +368,8 @@ impl Supervision {
         elapsed
     }
 
-    /// A new start clears what is latched; what still holds is latched again in the same tick.
+    /// A new start clears latched faults; a cause that is still present is latched again in the
+    /// same tick.
     #[cold]
     fn acknowledge(&mut self, start: u16, motion: Option<&mut Motion>) {
         self.report.start = start;
@@ -383,7 +383,7 @@ impl Supervision {
     }
 
     /// Looks for faults while the robot drives. The first is kept; only one that cuts replaces one
-    /// that ramps, because a ramp with a shorted bridge or a reversed encoder is no way to rest.
+    /// that ramps, because a robot with a shorted bridge or a reversed encoder cannot ramp down.
     #[inline]
     fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
         let kept = self.report.fault;
@@ -407,7 +407,7 @@ impl Supervision {
         };
     }
 
-    /// What has to last before it is a fault.
+    /// Causes that have to last before they are a fault.
     #[inline]
     fn lasting_fault(&mut self, motion: &Motion, command: &Command, now: Micros) -> Option<Fault> {
         let low = self.supply.too_low(&motion.configuration.supply, now);
@@ -415,7 +415,7 @@ impl Supervision {
             return low;
         }
         let bound = motion.configuration.thresholds.slip_fault;
-        // Wheels that turn one by one do not roll on a floor.
+        // Wheels that turn one by one are not rolling on a floor.
         let rolls = command.mode != Mode::Identify;
         let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
         if !slips {
@@ -427,7 +427,7 @@ impl Supervision {
         lasts.then_some(Fault::SlipExcess)
     }
 
-    /// What is granted of the bus side's wish.
+    /// The mode that is allowed for the bus side's command.
     #[inline]
     fn grant(&mut self, motion: &mut Motion, command: &Command) -> Mode {
         let known = command.configuration == motion.configuration.crc;
@@ -435,7 +435,7 @@ impl Supervision {
             _ if !known => Mode::Off,
             (_, Some(Reaction::Cut)) => Mode::Off,
             (Mode::Hold | Mode::Follow | Mode::Identify, Some(Reaction::Ramp)) => Mode::Ramp,
-            // The load hangs on the motors until the brake has it.
+            // The motors carry the load until the brake holds it.
             (Mode::Off, _) if self.holds(motion) => Mode::Ramp,
             (mode, None | Some(Reaction::Ramp)) => mode,
         };
@@ -450,14 +450,13 @@ impl Supervision {
         mode
     }
 
-    /// Whether the robot stands and its drivers hold what the brake is to hold.
+    /// Whether the robot is at rest and its drivers hold the load until the brake does.
     fn holds(&self, motion: &Motion) -> bool {
         let waits = motion.configuration.brake.engage_us > 0;
         waits && self.brake.is_held_by_drivers() && motion.limiter.stands()
     }
 
-    /// The one way to be safe: no torque, drivers off, braked; `standstill` says that a ramp has
-    /// come to its end.
+    /// The safe state: no torque, drivers off, braked; `standstill` says that a ramp has ended.
     #[inline(never)]
     fn safe(&mut self, standstill: bool) -> Outputs {
         self.brake = Brake::Engaged;
@@ -468,7 +467,7 @@ impl Supervision {
         Outputs::SAFE
     }
 
-    /// Shapes the group's twist and drives the wheels after it.
+    /// Shapes the group's twist and drives the wheels accordingly.
     #[inline]
     fn follow(
         &mut self,
@@ -531,9 +530,8 @@ impl Supervision {
         }
     }
 
-    /// One tick of an identification, from its beginning to standstill. No loop is closed and
-    /// nothing is followed: all wheels get one voltage, and none when it is over or something has
-    /// gone wrong.
+    /// One tick of an identification, from its beginning to standstill. No loop is closed and no
+    /// setpoint is followed: all wheels get one voltage, and none when it is over or has failed.
     #[cold]
     #[inline(never)]
     fn identify(
@@ -572,7 +570,7 @@ impl Supervision {
         }
     }
 
-    /// The voltage on all wheels, V; keeps what came of it when it is over.
+    /// The voltage on all wheels, V; keeps the result when the identification is over.
     fn identification_voltage(
         &mut self,
         motion: &Motion,
@@ -608,7 +606,7 @@ impl Supervision {
 }
 
 impl Motion {
-    /// How far each wheel turned, rad, a whole number of counts.
+    /// Angle by which each wheel turned, rad, a whole number of counts.
     #[inline]
     fn turned(&self, previous: &[u16; 4], counts: &[u16; 4]) -> [f32; 4] {
         let [a, b, c, d] = &self.wheels;
@@ -625,7 +623,7 @@ impl Motion {
         ]
     }
 
-    /// Works out what the wheels did since the last tick; returns how far each turned, rad.
+    /// Measures the wheels since the last tick; returns the angle by which each turned, rad.
     #[inline]
     fn measure(
         &mut self,
@@ -650,7 +648,7 @@ impl Motion {
         turned
     }
 
-    /// Twist, slip and pose from the wheels' rates and from how far they turned.
+    /// Twist, slip and pose from the wheels' rates and angles.
     #[inline]
     fn locate(
         &mut self,
@@ -661,7 +659,7 @@ impl Motion {
     ) {
         let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
         let rates = &report.rates;
-        // Whole counts, not filtered rates: nothing is lost however slow it goes.
+        // Whole counts, not filtered rates: no motion is lost at any speed.
         let moved = if let Some(rollers) = &mut self.rollers {
             let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, &inputs.index);
@@ -679,8 +677,8 @@ impl Motion {
         report.pose = self.odometry.pose();
     }
 
-    /// The group's twist for this tick, within the limits of the mode; says whether they held it
-    /// back.
+    /// The group's twist for this tick, within the limits of the mode; returns whether a limit
+    /// applied.
     #[inline]
     fn shape(&mut self, mode: Mode, command: &Command, tick: &Tick) -> bool {
         let (input, limits) = if mode == Mode::Follow {
@@ -692,7 +690,7 @@ impl Motion {
         };
         let limited = self.limiter.step(input.twist, input.slope, tick.dt, limits);
         if mode != Mode::Follow {
-            // Whatever is followed next begins from here.
+            // The next setpoint begins from here.
             self.interpolator
                 .restart(self.limiter.velocity(), command.update);
             if self.limiter.stands() {
@@ -702,7 +700,7 @@ impl Motion {
         limited
     }
 
-    /// What the wheels' watches are sure of; what cuts comes first.
+    /// Confirmed faults of the wheels; one that cuts comes first.
     #[inline]
     fn wheel_fault(&self) -> Option<Fault> {
         let [a, b, c, d] = &self.wheels;
@@ -720,15 +718,14 @@ impl Motion {
     #[inline]
     fn drive(&mut self, report: &mut Report, turned: [f32; 4], tick: &Tick) -> Drive {
         self.refer(report, tick.dt);
-        // Written out, not looped over: a fifth fewer instructions.
+        // Unrolled: a fifth fewer instructions than a loop.
         let [a, b, c, d] = &mut self.wheels;
         let signs = [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign];
         let references: [f32; 4] = report.rates_ref.into();
         let rates: [f32; 4] = report.rates.into();
         let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
         let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
-        // Of the counts, not of the rates: a wheel that stops is known to have stopped in the same
-        // tick.
+        // From the counts, not from the rates: a wheel that stops is detected in the same tick.
         let residual = self
             .configuration
             .drivetrain
@@ -759,14 +756,14 @@ impl Motion {
         voltages
     }
 
-    /// What the wheels are asked for, from the group's twist and acceleration.
+    /// The wheels' references, from the group's twist and acceleration.
     #[inline]
     fn refer(&mut self, report: &mut Report, dt: f32) {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
         drivetrain.renew(&mut self.factors, velocity, report.measured);
         if let Some(rollers) = &self.rollers {
-            // Rates for where the rollers stand now, and the acceleration that brings the wheels to
-            // those for where they will stand at the next tick, when the twist has changed as well.
+            // Rates for the present roller angles, and the acceleration that brings the wheels to
+            // the rates for the roller angles and the twist of the next tick.
             let now = drivetrain.asked_at(velocity, &self.factors, rollers.secants());
             let ahead = rollers.ahead(&now, dt);
             let next = velocity + self.limiter.acceleration() * dt;
@@ -780,7 +777,7 @@ impl Motion {
         }
     }
 
-    /// Nothing that a wheel did or did not do until now counts against it.
+    /// Drops all suspicions against the wheels.
     #[cold]
     fn forgive(&mut self) {
         for wheel in &mut self.wheels {
@@ -800,7 +797,7 @@ impl Motion {
     }
 }
 
-/// Counts each encoder went on by.
+/// Counts by which each encoder has advanced.
 #[inline]
 fn passed(from: &[u16; 4], to: &[u16; 4]) -> [i16; 4] {
     let [a, b, c, d] = *from;
@@ -809,7 +806,7 @@ fn passed(from: &[u16; 4], to: &[u16; 4]) -> [i16; 4] {
     [one(a, e), one(b, f), one(c, g), one(d, h)]
 }
 
-/// Two values of every wheel made one.
+/// Combines two values of every wheel into one.
 #[inline(always)]
 fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4] {
     let [a, b, c, d] = first;
@@ -817,7 +814,7 @@ fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4
     [make(a, e), make(b, f), make(c, g), make(d, h)]
 }
 
-/// An angle of one tick that fixed point can tell from another: as a rate it has more digits.
+/// The smallest angle of one tick that fixed point resolves; as a rate it has more digits.
 #[inline(always)]
 fn scaled(turned: f32) -> f32 {
     turned * RESIDUAL_SCALE
@@ -845,14 +842,14 @@ fn per_second(from: &WheelRates, to: &WheelRates, dt: f32) -> [f32; 4] {
     ]
 }
 
-/// What a fault asks for. In most ticks there is none.
+/// The reaction to a fault. In most ticks there is none.
 #[cold]
 #[inline(never)]
 fn reaction(fault: Fault) -> Reaction {
     fault.reaction()
 }
 
-/// A fault that is there right now, whatever the robot does.
+/// A fault that is present now, in any mode.
 const fn live_fault(inputs: &Inputs) -> Option<Fault> {
     if inputs.emergency_stop {
         Some(Fault::EmergencyStop)
@@ -869,7 +866,7 @@ fn turns(rates: &WheelRates) -> bool {
     rates.iter().any(|rate| rate.abs() > TURNING_RATE)
 }
 
-/// Time between two instants in 32 bits: what is more than an hour apart is so long ago either way.
+/// Time between two instants in 32 bits: beyond an hour the exact time does not matter.
 fn span(from: Micros, to: Micros) -> u32 {
     u32::try_from(to.since(from).0).unwrap_or(u32::MAX)
 }
@@ -884,7 +881,8 @@ fn late(elapsed: u32, now: Micros, alive: Micros) -> Option<Fault> {
     }
 }
 
-/// Whether a ramp is over: the reference stands, and the wheels do or had their time to.
+/// Whether a ramp is over: the reference is zero, and the wheels are at rest or their time has
+/// expired.
 fn settled(since: &mut Option<Micros>, limiter: &Limiter, rates: &WheelRates, now: Micros) -> bool {
     if !limiter.stands() {
         *since = None;

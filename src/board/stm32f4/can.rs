@@ -2,31 +2,31 @@
 //!
 //! Frames arrive in one FIFO of three; the interrupt takes them out at once, stamps them with the
 //! local time and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One
-//! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. What
-//! can overflow: the hardware FIFO (counted as an overrun, only when interrupts are held off for
-//! three frame times, 150 us at least) and the queue (counted, when the bus task does not run for
-//! 32 frames, 1.6 ms at least of back-to-back short frames).
+//! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. Two
+//! things can overflow, and both are counted: the hardware FIFO (an overrun, only when interrupts
+//! are held off for three frame times, 150 us at least) and the queue (when the bus task does not
+//! run for 32 frames, at least 1.6 ms of back-to-back short frames).
 //!
-//! The interrupt drops frames of function codes that nobody here listens to ([`Can::listen`]): a
-//! hundred cycles instead of a turn of the bus task. It keeps those with the robot's own node
-//! number whatever their function: only another robot with the same number sends them. Not by the
-//! controller's own filters, which can only be changed while it does not receive. For frames that
-//! mean nothing before the next SYNC it does not wake the bus task: they wait for the control tick,
-//! which wakes it, or for the next frame that cannot wait. A millisecond has 20 frames at most, so
-//! the queue holds them.
+//! The interrupt drops frames of function codes that this robot does not use ([`Can::listen`]),
+//! which costs a hundred cycles instead of a run of the bus task. It keeps all frames with the
+//! robot's own node number, because only another robot with the same number sends them. The
+//! controller's own filters are not used, because they can only be changed while it does not
+//! receive. For frames that have no effect before the next SYNC the interrupt does not wake the bus
+//! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. A
+//! millisecond has at most 20 frames, so the queue can hold them.
 //!
 //! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated
-//! until they are acknowledged. Whoever sends holds a frame back while the mailboxes are full;
-//! nothing is dropped here.
+//! until they are acknowledged. While the mailboxes are full the sender keeps its frame; this
+//! driver drops none.
 //!
-//! An interrupt tells of error passive and of bus-off. The counters are kept as they were then: a
-//! frame that goes well ends a spell of error passive, maybe before the bus task looks.
+//! An interrupt reports error passive and bus-off and saves the error counters at that time,
+//! because a good frame may end a period of error passive before the bus task reads them.
 //!
 //! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
 //! caller's policy.
 //!
-//! Why not the HAL's driver: its buffered receiver drops a frame without a trace when its queue is
-//! full, and its buffered sender loses the second of two frames with one identifier.
+//! Why not the HAL's driver: its buffered receiver silently drops a frame when its queue is full,
+//! and its buffered sender loses the second of two frames with one identifier.
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 

@@ -95,7 +95,7 @@ fn unlock() {
 
 /// Waits for the end of an operation and permits no other.
 fn finish() -> Result<(), StoreError> {
-    // What was written last has reached the interface when BSY is looked at.
+    // The last write has reached the interface before BSY is read.
     cortex_m::asm::dsb();
     while pac::FLASH.sr().read().bsy() {}
     let status = pac::FLASH.sr().read();

@@ -1,6 +1,6 @@
-//! What stands still while a debugger halts the core of a bench image (RM0390 33.16.4 and 33.16.5):
-//! the watchdog and all timers that are used. In an image that drives they go on, because a halted
-//! core with running PWM is a run-away.
+//! Stops the watchdog and all used timers while a debugger halts the core of a bench image (RM0390
+//! 33.16.4 and 33.16.5). In an image that drives they keep running, because motors would run away
+//! if the core stopped while the PWM continued.
 
 use embassy_stm32::pac;
 

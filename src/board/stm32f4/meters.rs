@@ -1,8 +1,8 @@
 //! The supply voltage, behind a divider, and the current sensors' outputs; the configuration knows
 //! both.
 //!
-//! The converter converts its channels over and over, five of them in 109 us at 22.5 MHz, and
-//! nobody waits for it: reading takes the last result. The sensors' are injected channels, which
+//! The converter converts its channels over and over, five of them in 109 us at 22.5 MHz, and no
+//! task waits for it: reading returns the last result. The sensors' are injected channels, which
 //! have result registers of their own (RM0390 rev 6, 13.3.9, auto-injection).
 //!
 //! The converter's reference is the chip's supply, and a regulator gives 3.3 V within per cents

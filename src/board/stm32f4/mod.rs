@@ -1,7 +1,7 @@
-//! Boards with an STM32F4: what they share. [`wiring`] says what a board has to tell.
+//! The drivers that all boards with an STM32F4 share. [`wiring`] defines what a board declares.
 //!
-//! No driver here knows a pin or a clock; each reads those of the selected board's
-//! [`WIRING`]. Nothing here decides anything about a robot.
+//! No driver contains a pin or a clock; each reads them from the selected board's [`WIRING`]. The
+//! drivers make no decisions about a robot.
 
 #![expect(
     unsafe_code,

@@ -110,7 +110,7 @@ impl Outputs {
     pub fn set_frequency(&mut self, hz: u32) {
         let period = period(hz);
         pac::TIM1.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
-        // A counter that is past the new end would go on to its last.
+        // A counter beyond the new end would run on to its largest value.
         pac::TIM1.egr().write(|w| w.set_ug(true));
         self.period = period.into();
     }

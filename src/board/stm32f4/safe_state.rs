@@ -3,11 +3,9 @@
 //!
 //! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line
 //! in the log. Then nothing: interrupts stay masked, the watchdog is no longer fed, and resets the
-//! chip. The robot comes back disabled.
-//!
-//! The HardFault entry sets the stack pointer anew before anything else, because the most likely
-//! fault is a stack that has run out (see `memory.x`), and a handler that pushes onto it would lock
-//! the core up with outputs on.
+//! chip. The robot comes back disabled. The HardFault entry resets the stack pointer before
+//! anything else, because the most likely fault is a stack that has run out (see `memory.x`), and a
+//! handler that pushes onto it would lock the core up with outputs on.
 
 #![expect(
     unsafe_code,
@@ -31,7 +29,7 @@ static FAILED: AtomicBool = AtomicBool::new(false);
 
 /// Whether this is the first failure since the start.
 fn is_first() -> bool {
-    // No other failure can come in between that would go on here.
+    // No other failure can occur in between and continue here.
     let failed = FAILED.load(Ordering::Relaxed);
     FAILED.store(true, Ordering::Relaxed);
     !failed

@@ -1,6 +1,6 @@
 //! When the control tick begins: TIM7, one shot at a time (RM0390 rev 6, section 20).
 //!
-//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait goes on
+//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait continues
 //! with the task that has waited. A timer of `embassy-time` would be another interrupt before that
 //! one, and two walks through the executor's queue of timers: a thousand cycles in every
 //! millisecond (docs/performance.md).
@@ -47,8 +47,8 @@ impl TickTimer {
                 return Poll::Ready(now);
             }
             // Ready at once, but not before the timer's interrupt: that is the executor's, and it
-            // has no other task. So the interrupt needs nobody to wake. Nothing counts yet, so what
-            // is taken back is this request alone.
+            // has no other task. So the interrupt does not have to wake a task. Nothing counts yet,
+            // so what is taken back is this request alone.
             context.waker().wake_by_ref();
             NVIC::unpend(interrupt::TIM7);
             start(u16::try_from(left).unwrap_or(u16::MAX));
@@ -62,7 +62,7 @@ impl TickTimer {
 fn start(us: u16) {
     let timer = pac::TIM7;
     timer.arr().write(|w| w.set_arr(us.max(2) - 1));
-    // Counter and prescaler begin anew; with URS that is no end of a wait.
+    // Counter and prescaler restart; with URS this does not count as the end of a wait.
     timer.egr().write(|w| w.set_ug(true));
     timer.cr1().write(|w| {
         w.set_urs(Urs::COUNTER_ONLY);

@@ -1,9 +1,9 @@
-//! What differs between two boards with a chip of this family: pins and clocks.
+//! The differences between boards with a chip of this family: pins and clocks.
 //!
-//! A board is one [`Wiring`], a constant. The drivers read it where they need it; what has no
-//! `self` does so too: interrupt handlers, the way into the safe state, the first instructions
-//! after reset. Being a constant it costs no instruction. Which timer does what is the family's
-//! own: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time.
+//! A board is one constant of type [`Wiring`]. The drivers read it where they need it, and so does
+//! code without `self`: interrupt handlers, the transition to the safe state, and the first
+//! instructions after reset. As a constant it costs no instruction. The family fixes the use of
+//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
