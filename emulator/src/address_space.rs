@@ -1,4 +1,4 @@
-//! The address map and the way from the core to the peripherals and back.
+//! The address map and the connection between the core and the peripherals.
 //!
 //! The core reads flash and RAM directly. Everything else comes through [`Window`], which asks the
 //! peripherals under one lock (never contended: a board is run by one thread) at the cycle the run
@@ -89,7 +89,7 @@ impl Shared {
         f(&mut soc)
     }
 
-    /// Does something with the peripherals and passes on what came of it.
+    /// Runs a function on the peripherals and passes on the result.
     pub(crate) fn with<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
         let mut soc = lock(&self.soc);
         soc.now = self.now.load(Relaxed);

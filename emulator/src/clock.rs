@@ -2,13 +2,13 @@
 //!
 //! Everything on the chip that counts the core clock (timers, the core itself) is modelled in whole
 //! HCLK cycles since power-on, so that nothing rounds and two runs are the same to the cycle. The
-//! world outside counts nanoseconds. Between the two stands *local* time: the time the board's own
-//! crystal would show, which runs fast by [`Clock::new`]'s parts per million. A clock switch (RCC)
+//! world outside counts nanoseconds. Between the two is *local* time, which the board's own crystal
+//! would show and which runs fast by [`Clock::new`]'s parts per million. A clock switch (RCC)
 //! starts a new segment: cycles before it keep their time, cycles after it last as long as the new
 //! frequency says.
 //!
-//! The internal oscillators are taken to err as the crystal does; what has its own tolerance (the
-//! LSI that feeds the watchdog) brings its own frequency.
+//! The internal oscillators are assumed to have the error of the crystal, except for the LSI of the
+//! watchdog, which has its own tolerance and frequency.
 
 /// Core clock frequency after reset: the internal oscillator HSI, 16 MHz (RM0390 rev 6, section
 /// 6.2.2).

@@ -1,23 +1,23 @@
-//! What reading the flash costs the core: wait states, prefetch and caches (RM0390 rev 6, sections
-//! 3.4.1 and 3.4.2).
+//! The time for reading the flash: wait states, prefetch and caches (RM0390 rev 6, sections 3.4.1
+//! and 3.4.2).
 //!
-//! The array is read in lines of 128 bits and each read takes the wait states that ACR asks for,
-//! five at 180 MHz. Three things hide them: the line in use is kept, the next one is prefetched
-//! while it is executed, and a jump to a line that was neither puts it into an instruction cache of
-//! 64 lines, the oldest use making room. Constants that the program reads from flash have a cache
-//! of 8 lines of their own.
+//! The array is read in lines of 128 bits, and each read takes the wait states that ACR sets, five
+//! at 180 MHz. Three mechanisms hide them: the current line is kept; the next one is prefetched
+//! while the current one is executed; and a branch to any other line stores that line in an
+//! instruction cache of 64 lines, which replaces the least recently used one. Constants that the
+//! program reads from flash have a separate cache of 8 lines.
 //!
-//! Simpler than the chip: instructions and constants never wait for each other at the array, a
-//! prefetch that turns out to be useless does not delay the read that follows, and the core's own
-//! queue of fetched halfwords hides nothing. What the caches hold is always what the flash holds: a
-//! program that forgets to empty them after an erase is not found out.
+//! The model is simpler than the chip: instructions and constants do not wait for each other at the
+//! array, a useless prefetch does not delay the next read, and the core's own queue of fetched
+//! halfwords hides no wait. The caches are always consistent with the flash: the model does not
+//! detect a program that fails to clear them after an erase.
 
 /// Bytes of a line as a power of two.
 const LINE: u32 = 4;
 /// Lines in the whole flash.
 const LINES: usize = (crate::system::flash::SIZE >> LINE) as usize;
 
-/// No line: where an instruction is that reaches into another.
+/// Marks an instruction that spans two lines.
 pub(crate) const TWO_LINES: u32 = u32::MAX - 1;
 
 /// The line that an instruction is in, or [`TWO_LINES`].
@@ -39,8 +39,8 @@ struct Cache<const N: usize> {
     /// For each line of the flash its slot plus one, 0 for none.
     slot_of: Box<[u8; LINES]>,
     line_of: [Option<u32>; N],
-    /// The slots as a ring in the order of their last use: who comes before, and who after. Slot
-    /// `N` is the ring's end: before it comes the latest, after it the oldest.
+    /// The slots as a ring in the order of their last use, with predecessor and successor. Slot `N`
+    /// is the ring's end: its predecessor is the latest, its successor the oldest.
     before: [u8; SLOTS],
     after: [u8; SLOTS],
 }
@@ -61,7 +61,8 @@ impl<const N: usize> Cache<N> {
         cache
     }
 
-    /// Whether a line is there; it then counts as used. One that is switched off is empty.
+    /// Whether the cache holds a line, which then counts as used. A cache that is switched off is
+    /// empty.
     #[inline(always)]
     fn hit(&mut self, line: u32) -> bool {
         let slot = self.slot_of[line as usize % LINES];
@@ -120,7 +121,7 @@ pub(crate) struct Fetch {
     wait_states: u64,
     /// The line that instructions come from.
     line: u32,
-    /// The line that is being prefetched, `u32::MAX` for none, and when it is there.
+    /// The line that is being prefetched, `u32::MAX` for none, and the time at which it arrives.
     prefetched: u32,
     ready: u64,
     code: Cache<64>,
@@ -150,7 +151,7 @@ impl Fetch {
         self.waited
     }
 
-    /// Takes over what ACR says and forgets what belongs to another content of the flash.
+    /// Applies ACR and drops lines of a former content of the flash.
     pub(crate) fn configure(&mut self, acr: u32, version: u64) {
         if (acr, version) == (self.acr, self.version) {
             return;
@@ -206,7 +207,7 @@ impl Fetch {
         if !self.code.hit(line) {
             waited = self.miss(line, now);
         }
-        // Far beyond what a run lasts: nothing here overflows.
+        // Far longer than any run, so nothing overflows.
         let ready = now.wrapping_add(waited).wrapping_add(self.wait_states);
         (self.prefetched, self.ready) = if self.acr & PRFTEN != 0 {
             (line.wrapping_add(1), ready.wrapping_add(1))

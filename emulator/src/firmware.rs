@@ -2,7 +2,7 @@
 //!
 //! Segments are placed by their physical address, as a programmer does it, so that initial values
 //! of variables are in flash for the start-up code to copy. Debug information is searched only when
-//! somebody asks where an address is, which is when something has gone wrong.
+//! the source line of an address is needed, which is when something has gone wrong.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -86,7 +86,7 @@ impl Firmware {
     /// Loads an ELF file.
     ///
     /// # Errors
-    /// [`LoadError`] tells what is wrong with the file.
+    /// [`LoadError`] states what is wrong with the file.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let elf = std::fs::read(path).map_err(|source| LoadError::Io {
@@ -99,7 +99,7 @@ impl Firmware {
     /// Loads the content of an ELF file.
     ///
     /// # Errors
-    /// [`LoadError`] tells what is wrong with it.
+    /// [`LoadError`] states what is wrong with it.
     pub fn from_elf(elf: Vec<u8>) -> Result<Self, LoadError> {
         let not_elf = |error: object::Error| LoadError::NotArmElf(error.to_string());
         let file = ElfFile32::<object::LittleEndian>::parse(&*elf).map_err(not_elf)?;

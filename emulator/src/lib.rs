@@ -1,33 +1,33 @@
 //! An STM32F446 that runs the release firmware unmodified.
 //!
-//! The image that is flashed into a robot is loaded here byte for byte and executed. The processor
-//! core with its interrupt controller, system timer and cycle counter comes from [`rsemu`];
-//! everything ST put around it is modelled in this crate from the reference manual RM0390 rev 6,
-//! one file per peripheral, each naming its sections. Nothing here knows what the firmware does: a
-//! [`Board`] has pins, PWM outputs, encoder inputs and a CAN controller, and whoever simulates the
-//! world connects them.
+//! The emulator loads and executes the same image, byte for byte, that is flashed into a robot. The
+//! processor core with its interrupt controller, system timer and cycle counter comes from
+//! [`rsemu`]; this crate models ST's peripherals from the reference manual RM0390 rev 6, one file
+//! per peripheral, each naming its sections. The crate has no knowledge of the firmware: a
+//! [`Board`] has pins, PWM outputs, encoder inputs and a CAN controller, which the caller connects
+//! to a simulated world.
 //!
-//! Peripherals do no work per clock cycle. A counter is computed from the time when somebody reads
-//! it, and each peripheral says when something will next happen in it by itself; a core that sleeps
-//! skips straight to that moment. Time is counted in core clock cycles (see [`clock`]), so two runs
-//! with the same inputs are the same to the cycle.
+//! Peripherals do no work per clock cycle. A counter is computed from the time at which it is read,
+//! and each peripheral reports the time of its next event; a core that sleeps skips straight to
+//! that time. Time is counted in core clock cycles (see [`clock`]), so two runs with the same
+//! inputs are the same to the cycle.
 //!
-//! What the firmware touches and this crate does not model stops the run with a [`Stop`] that names
-//! the register and the source line: silence would look like working hardware. The same goes for an
-//! access to a peripheral whose clock is off and for a clock the chip is not specified for.
+//! An access to a register that is not modelled ends the run with a [`Stop`] that names the
+//! register and the source line, because ignoring it would look like working hardware. An access to
+//! a peripheral whose clock is off, and a clock outside the chip's specification, also end the run.
 //!
 //! | modelled | RM0390 | not modelled (an access stops the run unless noted) |
 //! |---|---|---|
 //! | RCC: clock tree with lock times, gating, resets, reset causes, CSS | 6 | LPENR has no effect |
 //! | PWR: over-drive, voltage scale, limits of HCLK, voltage detector, brown-out | 5 | stop and standby mode |
-//! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | stale cache lines; of the option bytes only the brown-out level does something |
+//! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | stale cache lines; of the option bytes only the brown-out level has an effect |
 //! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
-//! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, wakes nobody), memory remap |
+//! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, without effect), memory remap |
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
 //! | CAN1: modes, mailboxes, filters, FIFOs, time stamps, errors, bus-off, loop-back | 30 | CAN2, TGT (no effect) |
 //! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
-//! | unique number, flash size, DBGMCU | 33, 34 | of what can be frozen while halted only timers and IWDG are |
+//! | unique number, flash size, DBGMCU | 33, 34 | freezing of peripherals other than timers and IWDG while halted |
 //! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
 //! | log over RTT with defmt | | other RTT channels |
 //!

@@ -1,14 +1,13 @@
 //! Instructions and cycles per function, per exception handler and per call, counted exactly.
 //!
-//! A function's [`Usage`] is what it used without the functions it called. A [`Call`] of a function
-//! that is watched is what it used together with them, but without the handlers that interrupted
-//! it.
+//! A function's [`Usage`] excludes the functions it called. A [`Call`] of a watched function
+//! includes them, but excludes the handlers that interrupted it.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use crate::firmware::Firmware;
 
-/// What one function used, without the functions it called.
+/// The cost of one function, without the functions it called.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Usage {
     /// How often its first instruction was executed.
@@ -54,7 +53,7 @@ pub(crate) struct At {
     pub cycle: u64,
 }
 
-/// What one instruction cost.
+/// The cost of one instruction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cost {
     pub cycles: u64,

@@ -2,8 +2,8 @@
 //!
 //! The reference core reaches the same words through the address map. Addresses here are offsets
 //! into the RAM. Accesses of every width and alignment are allowed; an aligned one is a single
-//! load, or for a narrow store a load and a store. A board is run by one thread at a time, so
-//! nothing comes between these two.
+//! load, or for a narrow store a load and a store. A board is run by one thread at a time, so no
+//! other access can occur between these two.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 

@@ -2,8 +2,8 @@
 //!
 //! The control block is found by its symbol. It holds, after an identifier of 16 bytes and the
 //! numbers of up and down channels, one descriptor per channel: name, buffer, size, write offset,
-//! read offset, flags. Draining is what a debug probe does: copy what lies between the two offsets,
-//! then advance the read offset.
+//! read offset, flags. Draining does what a debug probe does: it copies the bytes between the two
+//! offsets and then advances the read offset.
 
 use std::fmt;
 use std::sync::Arc;
@@ -106,12 +106,12 @@ impl Log {
         Some(u32::from_le_bytes(word))
     }
 
-    /// Forgets an unfinished frame: after a reset the encoder starts anew.
+    /// Drops an unfinished frame: after a reset the encoder restarts.
     pub(crate) fn reset(&mut self) {
         self.bytes.clear();
     }
 
-    /// Copies what the firmware has written, and decodes it.
+    /// Copies and decodes what the firmware has written.
     pub(crate) fn drain(
         &mut self,
         firmware: &Firmware,

@@ -1,11 +1,11 @@
-//! Why a run ended before its time.
+//! Why a run ended early.
 
 use std::fmt;
 
 /// What happened.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StopKind {
-    /// The firmware touched something that is not modelled.
+    /// The firmware accessed something that is not modelled.
     Unmodelled {
         /// Peripheral and register or use, as in the reference manual.
         what: String,
@@ -14,7 +14,7 @@ pub enum StopKind {
         /// Value, if it was a write.
         written: Option<u32>,
     },
-    /// The firmware touched a peripheral whose clock is off or that is held in reset. The chip
+    /// The firmware accessed a peripheral whose clock is off or that is held in reset. The chip
     /// would ignore a write and read 0.
     Unclocked {
         /// Peripheral and register.
@@ -24,9 +24,10 @@ pub enum StopKind {
         /// Value, if it was a write.
         written: Option<u32>,
     },
-    /// The clock tree is set to what the chip is not specified for.
+    /// The clock tree is set outside the chip's specification.
     Clock(String),
-    /// A fault inside a fault handler: only a reset helps, and no watchdog is running to make one.
+    /// A fault inside a fault handler: the core is locked up, and no watchdog is running to reset
+    /// it.
     LockedUp,
     /// The power failed where
     /// [`Board::cut_power_at_flash_operation`](crate::Board::cut_power_at_flash_operation) said.

@@ -1,9 +1,9 @@
-//! A record of what a board's outputs did, each change with the cycle it happened at.
+//! A record of a board's outputs: each change with its cycle.
 //!
-//! What changes the world is recorded: PWM duties as they take effect (with preload that is at the
-//! update event, not at the write), output pins, frames handed to the CAN controller; and what the
-//! world does: encoders, frames that arrive. Two runs are the same when their records are. On
-//! demand it also says where the program is.
+//! The trace contains the outputs: PWM duties when they take effect (with preload at the update
+//! event, not at the write), output pins, and frames passed to the CAN controller. It also contains
+//! the inputs: encoders and received frames. Two runs are equal when their traces are equal. On
+//! demand the trace includes the position in the program.
 
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
 //! Traces as VCD files (IEEE 1364-2005, section 18), which GTKWave, Surfer and PulseView open.
 //!
-//! Who connects a board knows what its pins are for and names the signals that are to be written;
-//! the program's exception and task, and the frames on the bus, have signals of their own. Times
-//! are ns of the world. Names of tasks and frames are string changes, an extension that the viewers
-//! above know.
+//! The caller names the signals to be written, because it knows the use of each pin; the program's
+//! exception and task, and the frames on the bus, have separate signals. Times are in ns of the
+//! world. Names of tasks and frames are string changes, an extension that the viewers above
+//! support.
 
 use std::io::{self, Write};
 
@@ -221,7 +221,7 @@ mod tests {
                 at(20, pin(PinLevel::High)),
                 at(10, Change::Request(frame)),
                 at(20, Change::Encoder { timer: 3, count: 5 }),
-                // Another pin, which nobody asked for.
+                // Another pin, which was not requested.
                 at(
                     25,
                     Change::Pin {

@@ -1,16 +1,16 @@
-//! What the motors of one robot share: a battery with internal resistance, and a supply that takes
-//! no charge.
+//! The supply of one robot's motors: a battery with internal resistance, and a supply that cannot
+//! sink current.
 //!
 //! The bridges draw `I = sum(duty i)` and the terminals are at `U = E - R I`. Each motor's current
 //! at the end of a step is `a + b U`, see [`Motor::admittance`]; so `U = (E - R sum(duty a)) / (1 +
 //! R sum(duty b))`, which is stable for any resistance. Motors that brake charge it. The voltage
 //! without load may follow the charge.
 //!
-//! A bench supply, or a battery whose protection has opened for charging, gives current and takes
-//! none. Then what the motors send back stays in the capacitors at the bridges: `C dU = -I dt`, in
-//! a step from `U0` to `U = (C U0 - dt sum(duty a)) / (C + dt sum(duty b))`, and never below what
-//! the source gives. Nothing limits it: bridges and capacitors that fail at some voltage are not
-//! modelled.
+//! A bench supply, or a battery whose protection has opened for charging, sources current but does
+//! not sink it. The energy that the motors return then stays in the capacitors at the bridges: `C
+//! dU = -I dt`, in a step from `U0` to `U = (C U0 - dt sum(duty a)) / (C + dt sum(duty b))`, and
+//! never below the voltage of the source. The voltage has no upper limit: bridges and capacitors
+//! that fail at some voltage are not modelled.
 
 use group::Battery as Parameters;
 
@@ -38,8 +38,8 @@ impl Supply {
         }
     }
 
-    /// Lets the source take no more charge, so that these capacitors, F, get it; `None` lets it
-    /// take charge again.
+    /// Makes the source sink no current, so that these capacitors, F, are charged instead; `None`
+    /// lets it take charge again.
     pub fn block_charge(&mut self, capacitance: Option<f64>) {
         self.capacitance = capacitance;
     }

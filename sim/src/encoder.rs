@@ -1,12 +1,11 @@
-//! A wheel's quadrature encoder: whole counts, and what can be wrong with them.
+//! A wheel's quadrature encoder: whole counts, and their faults.
 //!
 //! The encoder follows the motor's side of the gear. The noise of a group file is spread evenly
-//! over time: with a share `p` of counts lost, of `n` counts `n p` are, rounded up or down at
-//! random so that the mean is right. All of it comes from the seed it is built with.
+//! over time: if a fraction `p` of the counts is lost, `n p` of `n` counts are, rounded up or down
+//! at random so that the mean is right. The random numbers come from the encoder's seed.
 //!
-//! Counts are told in one piece as long as that says everything. With noise on the wires, slow
-//! edges or a floating channel, the encoder tells the edges of its two wires instead, each at its
-//! own time: [`wires`].
+//! The encoder normally reports the sum of its counts. With noise on the wires, slow edges or a
+//! floating channel it instead reports the edges of its two wires, each at its own time: [`wires`].
 
 pub mod wires;
 
@@ -17,7 +16,7 @@ use group::{Encoder as Parameters, EncoderFaultKind, EncoderNoise};
 use crate::random::Random;
 use wires::{Edge, Source, Wires};
 
-/// What an encoder tells of its wheel.
+/// The output of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum EncoderState {
     /// The truth.
@@ -86,7 +85,7 @@ impl WheelEncoder {
         }
     }
 
-    /// Breaks or mends it.
+    /// Breaks or repairs it.
     pub fn set_state(&mut self, state: EncoderState) {
         self.state = state;
         self.wires.connect(state.sources());
@@ -103,7 +102,7 @@ impl WheelEncoder {
     }
 
     /// Follows the wheel to an angle (rad, unwrapped) from one time to another, ns; returns the
-    /// counts that it tells in one piece and notes the edges that it tells one by one.
+    /// counts that it reports as a sum, and records the edges that it reports one by one.
     pub fn follow(
         &mut self,
         angle: f64,

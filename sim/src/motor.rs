@@ -5,18 +5,18 @@
 //! inertias are the wheel's. The winding is integrated implicitly, because its time constant may be
 //! shorter than a step; dry friction brings the wheel to rest within a step instead of chattering
 //! around zero. The holding brake is applied by springs: dry friction that begins and ends some
-//! time after the word, see [`Brake`].
+//! time after the command, see [`Brake`].
 //!
 //! First order in the step: with steps of 100 us and a mechanical time constant near 0.2 s the rate
-//! is within 0.05 % of the closed form (tested). What it cannot do: bridge dead time, heating, and
-//! the torque ripple of the PWM itself, which at 20 kHz a wheel does not feel. The supply may be a
-//! battery that motors share, see [`crate::battery`]; a driver that trips is the robot's, because
-//! its motors share that, too; play in the gear is the caller's, because it lies between this and
-//! the wheel.
+//! is within 0.05 % of the closed form (tested). Not modelled: bridge dead time, heating, and the
+//! torque ripple of the PWM itself, which at 20 kHz has no effect on a wheel. The supply may be a
+//! battery that motors share, see [`crate::battery`]. A driver that trips belongs to the robot,
+//! because its motors share it, and play in the gear belongs to the caller, because it lies between
+//! the motor and the wheel.
 
 use group::Motor as Parameters;
 
-/// Torque the holding brake holds unless told otherwise, N·m at the wheel.
+/// Default torque of the holding brake, N·m at the wheel.
 pub const BRAKE_TORQUE: f64 = 60.0;
 
 /// A spring-applied holding brake at a wheel.
@@ -24,7 +24,7 @@ pub const BRAKE_TORQUE: f64 = 60.0;
 pub struct Brake {
     /// What it holds, N·m at the wheel.
     pub torque: f64,
-    /// From the word until it lets go, s.
+    /// From the command until it releases, s.
     pub release: f64,
     /// From the word, or the loss of power, until it holds, s.
     pub engage: f64,
@@ -65,7 +65,7 @@ pub struct Motor {
     push: f64,
     floor: f64,
     brake: Brake,
-    /// Whether it holds, and how long it has been told otherwise, s.
+    /// Whether it holds, and for how long the opposite has been commanded, s.
     holds: bool,
     told: f64,
     viscous: f64,
@@ -201,7 +201,7 @@ impl Motor {
         self.brake
     }
 
-    /// Whether the brake holds, whatever it has been told.
+    /// Whether the brake actually holds, regardless of the command.
     #[must_use]
     pub fn brake_holds(&self) -> bool {
         self.holds
@@ -377,7 +377,7 @@ mod tests {
         assert!((motor.rate() - 9.75).abs() < 0.02, "{}", motor.rate());
         run(&mut motor, 0.5, off(false));
         assert_eq!(motor.rate(), 0.0);
-        // Released for less than it needs, it goes on holding.
+        // Released for a shorter time than it needs, it keeps holding.
         run(&mut motor, 0.03, off(true));
         run(&mut motor, 0.03, off(false));
         run(&mut motor, 0.03, off(true));

@@ -1,9 +1,9 @@
-//! How fast simulated robots are on the machine at hand: in a study, on a bus, and the kinematics
-//! by itself.
+//! The speed of simulated robots on this machine: in a study, on a bus, and of the kinematics
+//! alone.
 //!
-//! Times are the processor's where the system tells them, so that other programs do not count;
-//! everything runs on the caller's thread, and of several rounds the fastest counts. They are for
-//! comparing within one run on one machine. The robots are the paper's virtual one, in a row, 1.2 m
+//! Times are CPU times where the system provides them, so that other programs do not count;
+//! everything runs on the caller's thread, and the fastest of several rounds counts. Compare them
+//! only within one run on one machine. The robots are the paper's virtual one, in a row, 1.2 m
 //! apart.
 
 use std::hint::black_box;
@@ -200,7 +200,7 @@ fn a_second(mut call: impl FnMut()) -> f64 {
     })
 }
 
-/// Time this thread has had the processor, where the system tells it, else time on the wall.
+/// CPU time of this thread where the system provides it, else wall-clock time.
 struct Stopwatch {
     began: Duration,
 }
@@ -215,7 +215,7 @@ impl Stopwatch {
     }
 }
 
-/// To the nanosecond; the scheduler's own figures in `/proc` go on only every 4 ms.
+/// To the nanosecond; the scheduler's own figures in `/proc` advance only every 4 ms.
 #[cfg(unix)]
 fn now() -> Duration {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);

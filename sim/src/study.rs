@@ -1,16 +1,15 @@
-//! Many groups at once, without a bus: for studies of plans, where a thousand groups have to be
-//! driven faster than real time and nobody asks what was said on the wire.
+//! Many groups at once, without a bus: for planning studies in which a thousand groups have to be
+//! driven faster than real time and the frames on the bus do not matter.
 //!
-//! A group is its members' kinematics and its plant. Every SYNC period the caller says where it
-//! shall go; the twist follows within the group's acceleration limits, all members take the
-//! smallest scale at which every wheel stays within its rate, and the wheels turn exactly as told.
-//! What is left out: bus, clocks, motors, wheel loops, encoders, faults. The kinematics, the
-//! compensation and the plants are those of the full simulation.
+//! A group is its members' kinematics and its plant. Every SYNC period the caller gives a twist;
+//! the group's twist follows it within the acceleration limits, all members use the smallest scale
+//! at which every wheel stays within its rate, and the wheels turn exactly as commanded. Bus,
+//! clocks, motors, wheel loops, encoders and faults are left out. The kinematics, the compensation
+//! and the plants are those of the full simulation.
 //!
-//! Groups know nothing of each other, so they may run on as many threads as there are; what they do
-//! is the same on any number. Each runs through the whole time of a call before the next one does,
-//! so that its state stays in the processor's cache: the cost of a robot does not depend on how
-//! many there are.
+//! Groups are independent, so they run on all available threads, with the same result on any
+//! number. Each group runs through the whole time of a call before the next one, so that its state
+//! stays in the processor's cache and the cost per robot does not depend on the number of robots.
 
 use group::{GroupFile, Plant as Kind};
 use kinematics::{MemberKinematics, Mount, Pose, Twist, VelocityCompensation, WheelRates};
@@ -121,7 +120,7 @@ impl StudyGroup {
         self.plant.poses()
     }
 
-    /// Largest distance of a robot from its place so far, mm, looked at once a period.
+    /// Largest distance of a robot from its place so far, mm, sampled once a period.
     #[must_use]
     pub fn worst_shape_error_mm(&self) -> f64 {
         self.worst_shape_error_mm

@@ -1,18 +1,18 @@
 //! The world: robots, their motors, the floor and the bus, in one virtual time.
 //!
-//! Time goes in steps that are as long as nothing happens and never longer than
+//! Time advances in steps that end at the next event and are never longer than
 //! [`Options::motor_step_ns`]. A step ends at the earliest of: the end of the frame on the bus, the
 //! moment the bus is free for a waiting frame, a robot's next own event, the next plant step, and,
-//! while any robot computes, one [`Options::quantum_ns`]. In a step the motors turn under the
-//! bridges' last state and the encoders follow; then the robots run, in order; then what is due on
-//! the plant and the bus happens. So a robot that wakes at a time reads encoders of that time, and
-//! whatever it changes acts from the end of the step on: at most one quantum later than in life.
-//! Native robots sleep between their own events: theirs are the only moments at which they look at
-//! wheels or change bridges, so their motors are only stepped up to those and to the plant's.
+//! while any robot computes, one [`Options::quantum_ns`]. In a step the motors turn with the last
+//! state of the bridges and the encoders follow; then the robots run, in order; then due events of
+//! the plant and the bus are processed. A robot that wakes therefore reads the encoders of that
+//! time, and its changes act from the end of the step on, at most one quantum later than in
+//! reality. Native robots sleep between their own events. They read wheels and change bridges only
+//! at these events, so their motors are only stepped up to those times and to the plant's steps.
 //!
-//! Robots may run side by side within a step, everything else happens in one thread in a fixed
-//! order: the same group, backend and calls give the same bytes on any number of threads, which
-//! [`World::digest`] sums up.
+//! Robots may run in parallel within a step; everything else runs in one thread in a fixed order.
+//! The same group, backend and calls therefore give the same bytes on any number of threads;
+//! [`World::digest`] is a checksum of them.
 //!
 //! The master's frames wait in a queue without limit, in order; a master that sends more than the
 //! bus carries sees its own delay grow. Frames for a port wait until they are taken.
@@ -45,7 +45,7 @@ use unit::Unit;
 /// Steps and periods, all in ns of virtual time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Longest time between two looks at a computing robot.
+    /// Longest time for which a computing robot runs at once.
     pub quantum_ns: u64,
     /// Longest step of the motors.
     pub motor_step_ns: u64,
@@ -86,18 +86,18 @@ pub const MASTER: Port = Port(0);
 
 #[derive(Debug, Default)]
 struct PortQueues {
-    /// Each with the time, ns, from which on it wants the bus.
+    /// Each with the time, ns, from which it is ready to be sent.
     send: VecDeque<(u64, Frame)>,
     received: VecDeque<(Micros, Frame)>,
-    /// Nobody wants to have what arrives.
+    /// Received frames are not kept.
     deaf: bool,
     errors: Confinement,
     /// While bus-off: when it is back, ns.
     back_ns: u64,
 }
 
-/// Robots, motors, floor and bus in one virtual time. How it steps is told at the head of this
-/// file.
+/// Robots, motors, floor and bus in one virtual time. The essay at the head of this file describes
+/// its steps.
 pub struct World {
     now_ns: u64,
     options: Options,
@@ -109,7 +109,7 @@ pub struct World {
     /// The half of a parted bus where the master is not.
     far: Bus,
     disturbances: Disturbances,
-    /// By how much what the ports send is late, ns.
+    /// Delay of frames sent by the ports, ns.
     port_delay_ns: u64,
     /// Error-passive nodes that have just sent, and until when each lets others go first.
     suspended: Vec<(usize, u64)>,
@@ -117,7 +117,7 @@ pub struct World {
     candump: Option<Candump>,
     truth: Vec<TruthSample>,
     eyes: Eyes,
-    /// What the robots' gyros are, and themselves once somebody listens.
+    /// Parameters of the robots' gyros, and the gyros themselves once they are read.
     gyro: (Gyro, u64),
     gyros: Option<Gyros>,
     /// Time of the last sample, and how long the bus had been taken then.
@@ -230,7 +230,7 @@ impl World {
     }
 
     /// The next frame that reaches the master's port up to `until`, with the time it was complete.
-    /// Virtual time goes on while this waits, to `until` if nothing comes.
+    /// Virtual time advances while this waits, to `until` if no frame arrives.
     ///
     /// # Errors
     /// When a robot or the plant stops; time stands still then.
@@ -248,7 +248,7 @@ impl World {
         }
     }
 
-    /// Lets time pass to `until`; what arrives waits at the ports.
+    /// Advances time to `until`; received frames wait at the ports.
     ///
     /// # Errors
     /// As [`World::receive`].
@@ -272,16 +272,16 @@ impl World {
         self.send_at(port, self.now_ns, frame);
     }
 
-    /// Queues a frame at a port, behind those already there; it wants the bus from this time on,
-    /// ns.
+    /// Queues a frame at a port, behind those already there; it is ready to be sent from this time
+    /// on, ns.
     pub fn send_at(&mut self, port: Port, at_ns: u64, frame: Frame) {
         if let Some(queues) = self.ports.get_mut(port.0) {
             queues.send.push_back((at_ns + self.port_delay_ns, frame));
         }
     }
 
-    /// Whether what arrives at a port is kept for someone to take. A new port listens; one that
-    /// does not acknowledges frames all the same.
+    /// Sets whether received frames are kept at a port. A new port keeps them; a port that does not
+    /// still acknowledges frames.
     pub fn set_listening(&mut self, port: Port, listening: bool) {
         if let Some(queues) = self.ports.get_mut(port.0) {
             queues.deaf = !listening;
@@ -380,8 +380,8 @@ impl World {
         self.worst_shape_error_mm = 0.0;
     }
 
-    /// Since when a robot's bridges have been off and its brake told to hold, ns, by its place in
-    /// the group file.
+    /// Time since which a robot's bridges have been off and its brake commanded to engage, ns, by
+    /// its position in the group file.
     #[must_use]
     pub fn safe_since_ns(&self, robot: usize) -> Option<u64> {
         self.units.get(robot)?.safe_since_ns

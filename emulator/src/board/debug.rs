@@ -1,8 +1,8 @@
-//! What a debugger does to a board: breakpoints, single steps, registers and memory.
+//! The debugger's access to a board: breakpoints, single steps, registers and memory.
 //!
-//! A board that the debugger has stopped is a halted core: when the world's time goes on, its
-//! timers, its CAN controller and its watchdog do too, as on the chip with DBGMCU at its reset
-//! value. Who wants everything to stand still stops the world.
+//! On a board that the debugger has stopped only the core is halted: while the world's time
+//! advances, timers, CAN controller and watchdog keep running, as on the chip with DBGMCU at its
+//! reset value. To freeze them too, stop the world.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering::Relaxed;
@@ -21,7 +21,7 @@ pub(super) struct Debugger {
     pub(super) stopped: bool,
     /// Stop again after one instruction.
     single: bool,
-    /// The core goes on from here: no breakpoint for the first instruction.
+    /// The core resumes here: the first instruction does not trigger a breakpoint.
     leaving: Option<u32>,
     /// Ranges of RAM, each with what it last held.
     watched: BTreeMap<(u32, usize), Vec<u8>>,
@@ -30,7 +30,7 @@ pub(super) struct Debugger {
 }
 
 impl Debugger {
-    /// Whether every instruction has to be looked at.
+    /// Whether every instruction has to be examined.
     pub(super) fn is_watching(&self) -> bool {
         self.single || !self.breakpoints.is_empty() || !self.watched.is_empty()
     }
@@ -108,8 +108,8 @@ impl Board {
         self.debugger.stopped = true;
     }
 
-    /// Lets a stopped core go on, for one instruction or until something stops it. A core that
-    /// sleeps first wakes.
+    /// Resumes a stopped core, for one instruction or until it is stopped again. A core that sleeps
+    /// first wakes.
     pub fn debug_resume(&mut self, single: bool) {
         self.debugger.stopped = false;
         self.debugger.single = single;
@@ -122,7 +122,7 @@ impl Board {
         self.shared.with(|soc| soc.write(address, 4, value));
     }
 
-    /// Unplugs the debug probe: nobody reads the log any more, and its channel stays in the mode in
+    /// Unplugs the debug probe: the log is no longer read, and its channel stays in the mode in
     /// which probe-rs puts it, block if full. `None` when the image has no log.
     pub fn unplug_debugger(&mut self) -> Option<()> {
         self.drain_log();

@@ -1,8 +1,8 @@
-//! Where the program is, for the trace: the exception that is handled and the Embassy task that is
+//! The position in the program, for the trace: the active exception and the Embassy task that is
 //! polled.
 //!
-//! A task is recognised by its poll function, whose symbol says that it is one, and ends where it
-//! returns to. The symbol does not say which task it is; the debug information of the code in it
+//! A task is recognised by the symbol of its poll function, and ends at that function's return
+//! address. The symbol does not contain the name of the task; the debug information of its code
 //! does.
 
 use std::collections::BTreeMap;

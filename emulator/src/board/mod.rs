@@ -1,12 +1,12 @@
 //! One board: the core, the chip around it, and the loop that runs them.
 //!
-//! The loop steps the core until the next thing that a peripheral has announced, lets that happen,
-//! and goes on. While the core sleeps it advances the clock in one step instead. Whatever an
-//! instruction changes in the peripherals (an earlier event, another clock, a reason to stop)
-//! raises a flag that ends the inner loop, so nothing is noticed later than one instruction.
+//! The loop steps the core until the next event that a peripheral has announced, processes the
+//! event, and continues. While the core sleeps it advances the clock in one step instead. An
+//! instruction that changes the peripherals (an earlier event, another clock, a reason to stop)
+//! raises a flag that ends the inner loop, so every change is noticed after one instruction.
 //!
-//! Between two runs the world may set pins, turn encoders and deliver frames; they take effect at
-//! the time the last run ended, before the next instruction.
+//! Between two runs the world may set pins, turn encoders and deliver frames; these take effect at
+//! the time at which the last run ended, before the next instruction.
 
 mod debug;
 mod follow;
@@ -36,7 +36,7 @@ use crate::system::{flash, rcc};
 use crate::timer::PwmState;
 use crate::trace::{Change, Trace, Traced};
 
-/// What differs from board to board.
+/// The settings that differ between boards.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardConfig {
     /// Error of the crystal in parts per million, positive when it runs fast.
@@ -53,7 +53,7 @@ pub struct BoardConfig {
     /// Executes every instruction on the reference core. The result is the same and takes several
     /// times as long.
     pub reference_core: bool,
-    /// Lets wait states of the flash cost nothing, as if it were RAM.
+    /// Makes the flash as fast as RAM: wait states take no time.
     pub ideal_flash: bool,
     /// The option bytes at power-on, in the places of FLASH_OPTCR.
     pub option_bytes: u32,
@@ -89,7 +89,7 @@ pub enum ResetCause {
     BrownOut,
 }
 
-/// Core cycles between two looks at the log buffer: 1 ms at 180 MHz.
+/// Core cycles between two reads of the log buffer: 1 ms at 180 MHz.
 const LOG_CYCLES: u64 = 180_000;
 
 /// An emulated board.
@@ -129,8 +129,8 @@ impl Board {
     }
 
     /// A board with this content of the flash, usually [`Board::flash`] of another run, at the
-    /// moment of power-on, world time 0. `firmware` is what explains the content: symbols, source
-    /// lines, log messages.
+    /// moment of power-on, world time 0. `firmware` provides symbols, source lines and log messages
+    /// for the content.
     ///
     /// # Panics
     /// When there is more than the flash can hold.
@@ -183,8 +183,8 @@ impl Board {
     /// Runs until world time `t_ns`.
     ///
     /// # Errors
-    /// [`Stop`] when the firmware does what cannot be emulated. The board can still be looked at,
-    /// not run on.
+    /// [`Stop`] when the firmware does something that cannot be emulated. The board can still be
+    /// inspected, but not run further.
     pub fn run_until(&mut self, t_ns: u64) -> Result<(), Stop> {
         self.run(t_ns, None).map(|_| ())
     }
@@ -232,8 +232,7 @@ impl Board {
     fn drain_log(&mut self) {
         self.next_log = self.now + LOG_CYCLES;
         let (shared, now) = (&self.shared, self.now);
-        // A control block that is not initialised yet gives nothing, and there is nothing to do
-        // about it.
+        // A control block that is not initialised yet gives no lines, which is not an error.
         let _ = self.log.drain(&self.firmware, || {
             shared.look(|soc| soc.clock.world_ns(now)) / 1000
         });
@@ -251,8 +250,8 @@ impl Board {
         self.world_ns(self.now)
     }
 
-    /// When the core sleeps or is halted: world time in ns of the next thing that can happen by
-    /// itself; `None` when nothing can. When the core runs: now.
+    /// World time in ns of the next event when the core sleeps or is halted, `None` without one;
+    /// the present when the core runs.
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
         let next = self.shared.next_event.load(Relaxed);
@@ -280,16 +279,14 @@ impl Board {
         self.shared.with(|soc| soc.set_input(port, pin & 15, high));
     }
 
-    /// Lets the clock at the HSE input stop, or begin again. It runs from power-on until this is
-    /// called.
+    /// Stops or restarts the clock at the HSE input. It runs from power-on until this is called.
     pub fn set_hse(&mut self, runs: bool) {
         self.shared.with(|soc| soc.set_hse(runs));
     }
 
-    /// Sets the supply of the chip, and with it the converter's reference, in V: 3.3 until this is
-    /// called. Below the level of the brown-out
-    /// reset, which the option bytes set, the chip is held in reset; above it and below what its
-    /// clock needs, the run ends.
+    /// Sets the supply of the chip, and with it the converter's reference, in V; 3.3 until this is
+    /// called. Below the level of the brown-out reset, which the option bytes set, the chip is held
+    /// in reset. Above that level, but below the voltage that its clock needs, the run ends.
     pub fn set_vdd(&mut self, volts: f64) {
         let (falls, rises) = self.shared.look(|soc| soc.flash.brown_out());
         if self.browned_out {
@@ -314,7 +311,7 @@ impl Board {
         self.shared.look(|soc| soc.set_analog(channel, volts));
     }
 
-    /// What a pin does to the wire it is connected to.
+    /// How a pin drives the wire to which it is connected.
     #[must_use]
     pub fn output(&self, port: Port, pin: u8) -> PinLevel {
         self.shared.look(|soc| soc.output(port, pin & 15))
@@ -328,9 +325,9 @@ impl Board {
 
     /// Turns the encoder that is wired to channels 1 and 2 of a timer by a number of quadrature
     /// edges, positive when channel 1 leads. Counted only in encoder mode and with the pins
-    /// switched to the timer; later by what the inputs' filters take, whose time every edge is
-    /// taken to last. Edges one by one, with their bounce, come through [`Board::set_input`] of the
-    /// two pins.
+    /// switched to the timer; later by the delay of the inputs' filters, for which every edge is
+    /// assumed to last. Use [`Board::set_input`] on the two pins for single edges with their
+    /// bounce.
     pub fn encoder_add(&mut self, timer: usize, edges: i32) {
         self.shared.with(|soc| soc.encoder_add(timer, edges));
     }
@@ -350,7 +347,7 @@ impl Board {
         })
     }
 
-    /// Notes in the trace what comes by on the bus.
+    /// Records a frame on the bus in the trace.
     pub(crate) fn note_arrival(&mut self, frame: &CanFrame) {
         let change = Change::Arrival(*frame);
         self.shared.look(|soc| {
@@ -409,15 +406,15 @@ impl Board {
         self.system_reset(rcc::cause::PIN);
     }
 
-    /// Halts the core, or lets it go on, as a debugger does that freezes no peripheral (DBGMCU at
-    /// its reset value): timers, CAN and the independent watchdog run on. Any reset lets the core
-    /// go.
+    /// Halts or resumes the core, as a debugger does that freezes no peripheral (DBGMCU at its
+    /// reset value): timers, CAN and the independent watchdog keep running. Any reset resumes the
+    /// core.
     pub fn halt(&mut self, halted: bool) {
         self.halted = halted;
     }
 
-    /// Sends the core to an address, as a corrupt return address does. A core that sleeps goes
-    /// there when it wakes.
+    /// Makes the core jump to an address, as a corrupt return address does. A core that sleeps
+    /// jumps when it wakes.
     pub fn jump(&mut self, address: u32) {
         self.cpu.set_pc(address);
     }
@@ -446,7 +443,7 @@ impl Board {
         .ok()
     }
 
-    /// Content of the whole flash: what a power cycle leaves.
+    /// Content of the whole flash, which survives a power cycle.
     ///
     /// # Panics
     /// Never: the flash has this size.
@@ -465,25 +462,25 @@ impl Board {
         self.shared.look(|soc| soc.flash.operations())
     }
 
-    /// Lets the power fail in the middle of a flash operation, counted from power-on, the first
-    /// being 1: the run ends with [`StopKind::PowerCut`], and [`Board::flash`] is what the next
-    /// power-on finds.
+    /// Makes the power fail in the middle of a flash operation, counted from power-on, the first
+    /// being 1: the run ends with [`StopKind::PowerCut`], and [`Board::flash`] is the content at
+    /// the next power-on.
     pub fn cut_power_at_flash_operation(&mut self, operation: u64) {
         self.shared.look(|soc| soc.flash.cut_power_at(operation));
     }
 
-    /// Begins to record, for each flash operation from now on, what [`Board::flash`] would be had
-    /// the power failed in the middle of it.
+    /// Begins to record, for each further flash operation, the value of [`Board::flash`] after a
+    /// power failure in the middle of it.
     pub fn record_power_cuts(&mut self) {
         self.shared.look(|soc| soc.flash.record_cuts());
     }
 
-    /// What has been recorded, half a megabyte an operation; ends the recording.
+    /// The recorded contents, half a megabyte per operation; ends the recording.
     pub fn take_power_cuts(&mut self) -> Vec<Vec<u8>> {
         self.shared.look(|soc| soc.flash.take_cuts())
     }
 
-    /// Begins to record what the outputs do, from the present state on.
+    /// Begins to record changes of the outputs, starting from the present state.
     pub fn start_trace(&mut self) {
         self.shared.with(|soc| {
             soc.trace = Some(Box::default());
@@ -524,12 +521,12 @@ impl Board {
         self.profile = Some(Profile::default());
     }
 
-    /// What is counted at the moment, to watch functions or to look at it.
+    /// The counts so far, to read them or to watch functions.
     pub fn profile(&mut self) -> Option<&mut Profile> {
         self.profile.as_mut()
     }
 
-    /// Ends counting and returns what was counted.
+    /// Ends counting and returns the counts.
     pub fn take_profile(&mut self) -> Option<Profile> {
         self.profile.take()
     }

@@ -1,9 +1,9 @@
 //! The loop that runs a board.
 //!
-//! [`Board::run`] decides what comes next: something that is due, a stall, sleep, or instructions.
-//! The instructions are executed in one of three ways: on the fast path with the reference core for
-//! what is not plain, on the reference core alone, or one by one with every instruction looked at
-//! for the profile, the debugger or the trace.
+//! [`Board::run`] selects the next activity: a due event, a stall, sleep, or instructions.
+//! Instructions are executed in one of three ways: on the fast path, with the reference core for
+//! those that are not plain; on the reference core alone; or one by one, with every instruction
+//! examined for the profile, the debugger or the trace.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -19,7 +19,7 @@ use crate::soc::Soc;
 use crate::stop::{Stop, StopKind};
 use crate::system::rcc;
 
-/// Core cycles after which a running core is looked at although nothing happened: 11 us at 180 MHz.
+/// Largest number of core cycles between two checks of a running core: 11 us at 180 MHz.
 const LOOK_CYCLES: u64 = 2_000;
 /// EXC_RETURN: the frame lies on the process stack.
 const EXC_RETURN_PSP: u32 = 1 << 2;
@@ -51,7 +51,8 @@ impl Board {
                     )
                 });
                 if let Some(kind) = stop {
-                    // The core has already gone past the instruction; two bytes back is inside it.
+                    // The program counter is already past the instruction; two bytes back is inside
+                    // it.
                     return Err(self.stop(kind, self.cpu.pc().wrapping_sub(2)));
                 }
                 if reset != 0 {
@@ -75,7 +76,7 @@ impl Board {
             }
             let limit = target.min(next).min(self.next_log);
             match stall.filter(|until| *until > self.now) {
-                // The core fetches from the flash that is busy: it waits, interrupts too.
+                // The core fetches from the busy flash, so it waits, and interrupts wait too.
                 Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
                 _ if self.halted || self.debugger.stopped => {
                     let stood = limit - self.now;
@@ -110,18 +111,18 @@ impl Board {
         }
     }
 
-    /// One step of the reference core: an instruction, or the entry into an exception handler; and
-    /// which.
+    /// One step of the reference core: an instruction or the entry into an exception handler.
+    /// Returns which of the two it was.
     ///
-    /// An exception can come between the instructions of an IT block. What is left of the block
-    /// (ITSTATE) is then kept in the stacked xPSR, and the exception return goes on with it
+    /// An exception can come between the instructions of an IT block. The rest of the block
+    /// (ITSTATE) is then kept in the stacked xPSR, and the exception return continues with it
     /// (ARMv7-M ARM, B1.5.6). rsemu 0.0.7 stacks it as zero, after which the rest of the block
-    /// would run whatever its condition; so it is put there here.
+    /// would run regardless of its condition; this function therefore corrects the stacked value.
     ///
     /// It can also come between a comparison of floats and the instruction that reads its flags out
     /// of FPSCR. Entry leaves FPSCR alone; the handler's first floating-point instruction saves it
-    /// (B1.5.7). rsemu 0.0.7 overwrites it on entry, before it is saved; so it is put back here.
-    /// What the handler should then have of FPDSCR are modes, which are zero in both.
+    /// (B1.5.7). rsemu 0.0.7 overwrites it on entry, before it is saved; this function therefore
+    /// restores it. The handler should then have the modes of FPDSCR, which are zero in both.
     fn step(&mut self) -> (u64, bool) {
         let left = self.cpu.xpsr() & xpsr::IT_MASK;
         let fpscr = self.cpu.fpscr();
@@ -129,9 +130,9 @@ impl Board {
         self.fast.step_elsewhere();
         let mut cycles = self.cpu.step();
         let entered = cycles >= 12 && self.entered_exception();
-        // An instruction after which the next one follows has left no handler. One that reserves
-        // for itself, or gives that up, would be plain but for its operands; what was reserved
-        // before is gone then.
+        // An instruction that is followed by the next one has not left a handler. An exclusive
+        // load, store or clear would be plain but for its operands; an earlier reservation is then
+        // gone.
         let follows = (1..=4).contains(&self.cpu.pc().wrapping_sub(pc));
         if entered || !follows || self.is_exclusive(pc) {
             self.fast.forget_reservation();
@@ -148,7 +149,7 @@ impl Board {
             let on_psp = regs.r[14] & EXC_RETURN_PSP != 0;
             let frame = if on_psp { regs.psp } else { regs.msp };
             let at = frame.wrapping_sub(RAM_BASE).saturating_add(STACKED_XPSR);
-            // A frame outside RAM has not been stacked in the first place.
+            // A frame outside RAM was never stacked.
             if let Some(word) = self.ram.read(at, Width::U32) {
                 let _ = self.ram.write(at, Width::U32, word | left);
             }
@@ -156,7 +157,7 @@ impl Board {
         (cycles, entered)
     }
 
-    /// What the core waited for the instruction that it has just read from flash.
+    /// Cycles that the core waited for the instruction that it has just read from flash.
     fn wait_for(&mut self, pc: u32) -> u64 {
         let memory = Memory {
             ram: &self.ram,
@@ -187,7 +188,7 @@ impl Board {
             self.shared.now.store(self.now, Relaxed);
             let asleep = self.cpu.is_asleep() || self.cpu.is_locked_up();
             if asleep && drowsy {
-                // Asleep before the step and after it: nothing that is pending wakes the core.
+                // Asleep before the step and after it: no pending interrupt wakes the core.
                 self.asleep = true;
                 break;
             }
@@ -259,7 +260,7 @@ impl Board {
         }
     }
 
-    /// Whether the trace is to say where the program is.
+    /// Whether the trace records the position in the program.
     fn follows_tasks(&self) -> bool {
         self.follow.is_some()
     }
@@ -284,7 +285,7 @@ impl Board {
         });
     }
 
-    /// One step wherever it belongs, so that one by one costs what many at once do.
+    /// A single step takes the same path as a long run, so stepping costs the same cycles.
     fn step_either_way(&mut self) -> (u64, bool) {
         let memory = Memory {
             ram: &self.ram,
@@ -326,7 +327,7 @@ impl Board {
                 .is_some_and(|to| to & !1 == regs.r[15])
     }
 
-    /// Lets time pass while the core sleeps. SysTick and the cycle counter go on counting, as with
+    /// Advances time while the core sleeps. SysTick and the cycle counter keep counting, as with
     /// the debug unit's DBG_SLEEP, which the HAL sets.
     fn sleep_to(&mut self, limit: u64) -> Result<(), Stop> {
         if self.cpu.is_locked_up() && self.shared.look(|soc| !soc.watchdog_running()) {

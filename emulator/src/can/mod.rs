@@ -1,10 +1,10 @@
 //! The CAN controller bxCAN as CAN1 (RM0390 rev 6, section 30).
 //!
 //! This file: modes, registers, interrupts. [`transmit`]: the three mailboxes. [`receive`]: filters
-//! and FIFOs. [`errors`]: error counters and bus-off. The bus itself is outside: it asks for the
-//! frame that wants to go out, and reports what became of it.
+//! and FIFOs. [`errors`]: error counters and bus-off. The bus itself is outside this crate: it asks
+//! for the frame to be sent and reports its outcome.
 //!
-//! Joining the bus takes 11 recessive bits (30.4), and the bus is taken to be idle then. Loop-back
+//! Joining the bus takes 11 recessive bits (30.4); the bus is assumed to be idle then. Loop-back
 //! mode sends to itself after the time the frame takes on the wire. With TTCM a counter of bit
 //! times stamps every frame, sent or received, at the sample point of its start bit (30.7.2). It
 //! begins at 0 when TTCM is set or the bit timing written, which the manual leaves open; without

@@ -5,11 +5,11 @@ use crate::board::Board;
 
 /// A board's CAN connector. All times are the board's present, the end of its last run.
 ///
-/// A bus works in rounds: it asks every node for its [`pending`](Self::pending) frame, gives the
-/// bus to the one whose [`arbitration`](CanFrame::arbitration) is smallest with
-/// [`begin`](Self::begin), tells the others that they [lost](Self::lost_arbitration), lets the
-/// frame's bits pass, and then tells the sender that it was [`transmitted`](Self::transmitted) or
-/// [failed](Self::error), and the others that they [received](Self::receive) it.
+/// A bus works in rounds. It asks every node for its [`pending`](Self::pending) frame, calls
+/// [`begin`](Self::begin) on the node whose [`arbitration`](CanFrame::arbitration) is smallest and
+/// [`lost_arbitration`](Self::lost_arbitration) on the others, waits for the frame's bits to pass,
+/// and then calls [`transmitted`](Self::transmitted) or [`error`](Self::error) on the sender and
+/// [`receive`](Self::receive) on the others.
 pub struct CanPort<'a> {
     pub(crate) board: &'a mut Board,
 }
@@ -23,13 +23,13 @@ impl CanPort<'_> {
         self.board.can_bit_rate()
     }
 
-    /// Share of a bit before the sample point.
+    /// Fraction of a bit before the sample point.
     #[must_use]
     pub fn sample_point(&self) -> f32 {
         self.board.with_can(|can, _| can.sample_point())
     }
 
-    /// The frame that wants the bus next.
+    /// The frame that is to be sent next.
     #[must_use]
     pub fn pending(&self) -> Option<CanFrame> {
         self.bit_rate()?;

@@ -137,7 +137,7 @@ impl Filters {
         }
     }
 
-    /// FIFO and filter match index of a frame, or `None` when no filter lets it in. Among several
+    /// FIFO and filter match index of a frame, or `None` when no filter accepts it. Among several
     /// the rules of 30.7.4 choose: 32 bits before 16, list before mask, then the lower number.
     fn accept(&self, frame: &CanFrame) -> Option<(usize, u32)> {
         if self.fmr & FINIT != 0 {

@@ -1,5 +1,5 @@
 //! bxCAN transmission (RM0390 rev 6, sections 30.7.1 and 30.9.2): three mailboxes, their order,
-//! abort, and what the bus says became of a frame.
+//! abort, and the outcome that the bus reports for a frame.
 
 use super::errors::CanError;
 use super::{BTR_LBKM, Can, CanFrame, Mode, mcr};

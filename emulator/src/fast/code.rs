@@ -1,8 +1,8 @@
-//! The decoded code: each instruction of the flash as it was when code near it was first executed,
-//! as it is and as a micro-operation.
+//! The decoded code: each instruction of the flash, decoded and as a micro-operation, as of the
+//! first execution of code near it.
 //!
-//! Pages whose content is the image's are decoded once for all boards that run it: several boards
-//! then share what the host's caches hold.
+//! Pages with the content of the image are decoded once for all boards that run it, so that several
+//! boards share the host's caches.
 
 use std::sync::{Arc, OnceLock};
 
@@ -163,7 +163,7 @@ fn decode_page(address: u32, bytes: &[u8]) -> Page {
     };
     let entries: Box<[Option<Entry>; HALVES]> = boxed(entry);
     let op = |index: usize, in_it| match entries[index] {
-        // After an instruction that is not a micro-operation the page is looked up anew.
+        // After an instruction that is not a micro-operation the page is looked up again.
         Some(Entry { insn, length }) if 2 * index + (length as usize) < PAGE => {
             let place = Place {
                 address: address + 2 * index as u32,

@@ -1,7 +1,7 @@
 //! The plain integer instructions (ARMv7-M Architecture Reference Manual, section A7.7).
 //!
-//! Every arm either completes or returns [`Leave`] before it has changed anything: addresses and
-//! values that could be refused are looked at first.
+//! Every arm either completes or returns [`Leave`] before it has changed anything: it checks
+//! addresses and values that could be refused first.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::isa::{

@@ -1,8 +1,8 @@
 //! The plain floating-point instructions: single precision as the FPv4-SP unit computes it.
 //!
 //! The arithmetic is the reference core's own, so that rounding, NaN and the flags in FPSCR are the
-//! same. What can raise no flag but "inexact" is computed by the host, once that flag is set: IEEE
-//! 754 leaves one result only.
+//! same. Once the flag "inexact" is set, the host computes operations that can raise no other flag,
+//! because IEEE 754 allows only one result.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;

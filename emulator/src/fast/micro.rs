@@ -1,11 +1,11 @@
-//! Micro-operations: the frequent instructions with everything worked out that does not depend on
+//! Micro-operations: the frequent instructions with everything precomputed that does not depend on
 //! the registers.
 //!
 //! An instruction becomes a micro-operation when it is decoded, once for all boards that run the
 //! image. Addresses relative to the program counter are absolute here, constants from flash are
 //! values, and whether the flags are set is part of the operation. No register of a micro-operation
-//! is the program counter. What has no micro-operation of its own is [`Op::Other`]: the decoded
-//! instruction, executed by `execute.rs`, `transfer.rs` and `float.rs`.
+//! is the program counter. An instruction without a micro-operation of its own is [`Op::Other`],
+//! the decoded instruction, executed by `execute.rs`, `transfer.rs` and `float.rs`.
 
 /// Registers: `d` result, `n` and `m` operands, `t` transferred.
 #[rustfmt::skip] // one line each, as a table

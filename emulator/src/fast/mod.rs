@@ -1,18 +1,18 @@
 //! A fast path for the core: plain instructions, decoded once into micro-operations and executed
 //! here.
 //!
-//! The reference core ([`rsemu`]) knows everything about an ARMv7E-M processor and takes some 80 ns
-//! for an instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores,
-//! floating point. Those are executed here, on a copy of the registers, in *sessions*. A session
-//! begins when no interrupt can be taken, and ends, before an instruction and without a trace of
-//! it, at whatever is not plain: exception return, sleep, special registers, the core's own
-//! peripherals, an access that would fault. The reference core then makes that one step.
+//! The reference core ([`rsemu`]) implements the whole ARMv7E-M processor and takes some 80 ns for
+//! an instruction. Nearly all instructions are plain: arithmetic, branches, loads, stores, floating
+//! point. The fast path executes those on a copy of the registers, in *sessions*. A session begins
+//! when no interrupt can be taken. It ends before any instruction that is not plain, without having
+//! changed anything for it: exception return, sleep, special registers, the core's own peripherals,
+//! an access that would fault. The reference core then executes that one step.
 //!
-//! Interrupts can only come from a peripheral, and those change only at the limit the caller gives
-//! or by an access made here, after which the session ends when a line has changed; the next one
-//! begins unless an interrupt can be taken then. Cycles are counted as the reference core counts
-//! them: the two give the same results to the cycle, which tests compare instruction by instruction
-//! and run by run.
+//! Interrupts can only come from a peripheral. Peripherals change only at the limit that the caller
+//! gives or by an access of the session, which ends when such an access has changed an interrupt
+//! line; the next session begins unless an interrupt can be taken. Cycles are counted as the
+//! reference core counts them: the two give the same results to the cycle, which tests compare
+//! instruction by instruction and run by run.
 
 mod code;
 mod execute;
@@ -52,9 +52,9 @@ type Done = Result<(), Leave>;
 /// Why a session ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum End {
-    /// An interrupt may have to be taken; if none has, the next session goes on.
+    /// An interrupt may have to be taken; otherwise the next session continues.
     Interrupts,
-    /// The limit, something for the board to look at, or an instruction for the reference core.
+    /// The limit, an event for the board, or an instruction for the reference core.
     ToOthers,
 }
 
@@ -87,8 +87,8 @@ pub(crate) struct Fast {
 struct Core {
     r: [u32; 16],
     /// xPSR without ITSTATE and without the flags N, Z, C and V, which are: bit 31, whether it is
-    /// zero, whether it is set, bit 31. So an instruction leaves its result where both N and Z are,
-    /// and works out neither.
+    /// zero, whether it is set, bit 31. An instruction therefore stores its result for both N and Z
+    /// and computes neither.
     psr: u32,
     n: u32,
     z: u32,

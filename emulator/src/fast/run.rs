@@ -1,10 +1,10 @@
 //! The loop over micro-operations.
 //!
-//! What the loop needs from one instruction to the next is in local variables: program counter,
-//! time, instructions counted. An instruction that the session has to look behind (a peripheral
-//! answered, interrupts were let in, the program went to another page) sets the time of the loop's
-//! end to zero, so the others pay one comparison for all of that. An arm that leaves has changed
-//! nothing.
+//! The state that passes from one instruction to the next is in local variables: program counter,
+//! time, instructions counted. An instruction after which the session has to check its state (a
+//! peripheral was accessed, interrupts were enabled, the program moved to another page) sets the
+//! time of the loop's end to zero, so all other instructions need only one comparison. An arm that
+//! leaves the loop has not changed anything.
 
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
@@ -20,8 +20,9 @@ use crate::rtt::RAM_BASE;
 const PAGE_OF: u32 = !(PAGE as u32 - 1);
 
 impl Core {
-    /// Instructions of one page, until the limit, until the session has to look at something, or
-    /// until the program is in another page. Fails before an instruction that is not plain.
+    /// Executes instructions of one page, until the limit, until the session has to check its
+    /// state, or until the program is in another page. Fails before an instruction that is not
+    /// plain.
     pub(super) fn run_in(
         &mut self,
         page: &Page,
@@ -69,7 +70,7 @@ impl Core {
                     }
                 }};
             }
-            // What is not an aligned access to RAM takes the long way.
+            // Accesses other than aligned ones to RAM take the slow path.
             macro_rules! load {
                 ($at:expr, $width:expr) => {{
                     let at: u32 = $at;
@@ -133,7 +134,7 @@ impl Core {
                     }
                     executed = executed.wrapping_add(1);
                     (pc, now) = (self.r[15], self.now);
-                    // The program may be anywhere, and the session has to look at what happened.
+                    // The program may be anywhere, and the session has to check its state.
                     break Ok(());
                 }
                 Op::Plain => {

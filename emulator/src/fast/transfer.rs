@@ -1,4 +1,4 @@
-//! Transfers of several words, and what is not an aligned access to RAM.
+//! Transfers of several words, and accesses other than aligned ones to RAM.
 
 use rsemu::core::value::Width;
 

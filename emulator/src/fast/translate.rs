@@ -1,7 +1,7 @@
 //! From decoded instructions to micro-operations.
 //!
-//! Whatever is not certain to be plain gives none: the program counter as an operand or a result,
-//! unusual forms, what is unpredictable.
+//! An instruction that may not be plain gives none: the program counter as an operand or a result,
+//! unusual forms, unpredictable encodings.
 
 use rsemu::cpu::arm::v7m::fpisa::{DataOp, FpInsn, UnaryOp};
 use rsemu::cpu::arm::v7m::isa::{

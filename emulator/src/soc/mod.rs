@@ -1,9 +1,9 @@
 //! The chip around the core: all peripherals of one board, how they are reached, and what connects
 //! them.
 //!
-//! Accesses come with an address and leave with a value, or with a reason to stop. After each write
-//! the interrupt lines and the time of the next event are worked out anew; that is cheap beside the
-//! instruction that wrote, and nothing can be forgotten.
+//! An access has an address and returns a value or a reason to stop. After each write the interrupt
+//! lines and the time of the next event are recomputed; this is cheap compared with the instruction
+//! that wrote, and no change can be missed.
 
 mod world;
 
@@ -183,7 +183,7 @@ impl Soc {
             _ => {
                 let shift = 8 * (address & 3);
                 let mask = ((1 << (8 * width)) - 1) << shift;
-                // A set/reset register has nothing to keep in its other bytes.
+                // A set/reset register has no state in its other bytes.
                 let keep = matches!(entry.unit, Unit::Gpio(_)) && offset == 0x18;
                 let old = if keep {
                     Ok(0)
@@ -208,7 +208,7 @@ impl Soc {
         0
     }
 
-    /// Notes an access to a peripheral that has no clock, or is in reset.
+    /// Records an access to a peripheral that has no clock or is in reset.
     fn unclocked(&mut self, entry: &Entry, address: u32, written: Option<u32>) -> Option<u32> {
         if entry.unit == Unit::Other
             || (self.rcc.enabled(entry.gate) && !self.rcc.in_reset(entry.gate))
@@ -334,7 +334,7 @@ impl Soc {
         }
     }
 
-    /// Takes over the clock tree that RCC now describes.
+    /// Applies the clock tree that RCC now describes.
     fn apply_clocks(&mut self) {
         let clocks = self.rcc.clocks(self.now_ps());
         let hclk = clocks.hclk.max(1);
@@ -354,7 +354,7 @@ impl Soc {
         }
     }
 
-    /// Stops when the chip is clocked outside what the manual allows.
+    /// Stops when the chip is clocked outside the limits of the manual.
     fn check_clocks(&mut self) {
         let now_ps = self.now_ps();
         let clocks = self.rcc.clocks(now_ps);
@@ -382,8 +382,7 @@ impl Soc {
         }
     }
 
-    /// Everything that follows from a pin having changed: edges for EXTI, the encoder and the break
-    /// inputs.
+    /// Processes a change of a pin: edges for EXTI, the encoder and the break inputs.
     fn pins_changed(&mut self, port: Port, before: u32) {
         let after = self.gpio[port as usize].idr();
         for pin in 0..16 {
@@ -412,8 +411,8 @@ impl Soc {
         self.rcc.enabled(gate)
     }
 
-    /// A debugger has held the core for some cycles up to now: what its freeze bits name has stood
-    /// still (33.16.4 and 33.16.5).
+    /// A debugger has held the core for some cycles up to now: the peripherals that its freeze bits
+    /// name were stopped (33.16.4 and 33.16.5).
     pub(crate) fn stood(&mut self, cycles: u64) {
         const IWDG: u32 = 1 << 12;
         let [_, _, apb1, apb2] = self.dbgmcu;
@@ -436,12 +435,12 @@ impl Soc {
         self.settle();
     }
 
-    /// Whether a watchdog will reset the chip in the end.
+    /// Whether a watchdog is running that will reset the chip.
     pub(crate) fn watchdog_running(&self) -> bool {
         self.iwdg.expires_at().is_some()
     }
 
-    /// Lets everything that is due by `now` happen.
+    /// Processes all events that are due by `now`.
     pub(crate) fn dispatch(&mut self) {
         let (now, now_ps) = (self.now, self.now_ps());
         for number in 0..self.timers.len() {
@@ -459,7 +458,7 @@ impl Soc {
         self.settle();
     }
 
-    /// Works out the interrupt lines and the time of the next event.
+    /// Computes the interrupt lines and the time of the next event.
     pub(crate) fn settle(&mut self) {
         if let Some(mut trace) = self.trace.take() {
             self.record(&mut trace);

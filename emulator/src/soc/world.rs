@@ -1,4 +1,4 @@
-//! What the world sees of the chip: pins, PWM outputs, encoder inputs, the CAN connector.
+//! The chip's interface to the world: pins, PWM outputs, encoder inputs, the CAN connector.
 
 use super::Soc;
 use crate::stop::StopKind;
@@ -21,7 +21,7 @@ impl Soc {
         self.settle();
     }
 
-    /// Lets the clock at the HSE input begin or stop.
+    /// Starts or stops the clock at the HSE input.
     pub(crate) fn set_hse(&mut self, runs: bool) {
         match self.rcc.set_hse(self.now_ps(), runs) {
             HseFailure::None => {}
@@ -64,7 +64,7 @@ impl Soc {
         self.adc.set_input(now_ps, channel, volts);
     }
 
-    /// What a pin does to its wire.
+    /// How a pin drives its wire.
     pub(crate) fn output(&mut self, port: Port, pin: u8) -> PinLevel {
         let gpio = &self.gpio[port as usize];
         let open_drain = gpio.open_drain(pin);
@@ -121,7 +121,7 @@ impl Soc {
         }
     }
 
-    /// Passes the level of a pin on to the timer that it is an input of.
+    /// Passes the level of a pin to the timer of which it is an input.
     pub(super) fn timer_input(&mut self, port: Port, pin: u8) {
         let gpio = &self.gpio[port as usize];
         let Mode::Alternate(af) = gpio.mode(pin) else {
@@ -134,7 +134,7 @@ impl Soc {
         }
     }
 
-    /// Records where an encoder's counter stands.
+    /// Records the value of an encoder's counter.
     pub(super) fn note_encoder(&mut self, timer: usize) {
         if let Some(trace) = &mut self.trace {
             let count = self.timers[timer].read(self.now, CNT).unwrap_or(0);
@@ -168,8 +168,8 @@ impl Soc {
         }
         for port in Port::ALL {
             for pin in 0..16 {
-                // A complementary output on its own is a gate, high or low; what a timer's channel
-                // does is its PWM.
+                // A complementary output on its own is a gate, high or low; a timer's channel is
+                // its PWM.
                 let gate = match self.gpio[port as usize].mode(pin) {
                     Mode::Alternate(af) => {
                         pins::complementary_at(Route { port, pin, af }).is_some()

@@ -13,10 +13,10 @@
 //! | DR | 13.13.14 | the last result; reading clears EOC |
 //! | CCR | 13.13.16 | ADCPRE, TSVREFE |
 //!
-//! A conversion takes the sampling time and 12 clocks (13.5), and sees its input as it was when
-//! sampling ended. The result is the input over the reference, rounded down to 12 bits. The
-//! reference is the supply of the chip, as on the NUCLEO board. Of the internal channels VREFINT is
-//! modelled. ADC2, ADC3 and the watchdog are not.
+//! A conversion takes the sampling time and 12 clocks (13.5), and converts the input at the end of
+//! sampling. The result is the input over the reference, rounded down to 12 bits. The reference is
+//! the supply of the chip, as on the NUCLEO board. Of the internal channels VREFINT is modelled.
+//! ADC2, ADC3 and the watchdog are not.
 
 use std::cell::Cell;
 
@@ -221,7 +221,7 @@ impl Adc {
         }
     }
 
-    /// Reads a register; `analog` tells whether the channel's pin is in analog mode. `None` for
+    /// Reads a register; `analog` states whether the channel's pin is in analog mode. `None` for
     /// what is not modelled.
     #[must_use]
     pub fn read(&self, now_ps: u64, offset: u32, analog: bool) -> Option<u32> {

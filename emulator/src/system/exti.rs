@@ -72,8 +72,8 @@ impl Exti {
         })
     }
 
-    /// Writes an EXTI register; `None` for an offset without one. Events (EMR) are stored and wake
-    /// nobody.
+    /// Writes an EXTI register; `None` for an offset without one. Events (EMR) are stored without
+    /// effect.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         match offset {
             0x00 => self.imr = value & LINES,

@@ -1,15 +1,15 @@
 //! Flash interface (RM0390 rev 6, section 3): wait states, key sequences, erase and program.
 //!
-//! The array itself is memory that the core reads directly; writes to it come here. An operation
-//! takes the data sheet's typical time (DS10693 rev 10, table 49), and because the chip has one
-//! bank, the core cannot fetch from it meanwhile: it stalls, interrupts wait, only the watchdog
-//! goes on. A reset in the middle of an erase leaves the first half of the sector erased and the
-//! rest as it was, which is one of the outcomes that real flash has.
+//! The core reads the array directly as memory; this file handles the writes. An operation takes
+//! the data sheet's typical time (DS10693 rev 10, table 49). Because the chip has one bank, the
+//! core cannot fetch from it during that time: the core stalls, interrupts wait, and only the
+//! watchdog keeps running. A reset in the middle of an erase leaves the first half of the sector
+//! erased and the rest unchanged, which is one of the possible outcomes of real flash.
 //!
 //! Operations are counted from power-on, and the power can be made to fail in the middle of any of
-//! them: an erase then ends as with a reset, and of what was to be programmed the lower half of the
-//! bytes has been. What the model does not know are cells between 0 and 1, which read differently
-//! from time to time.
+//! them: an erase then ends as with a reset, and a program operation has written the lower half of
+//! its bytes. The model has no cells between 0 and 1, which would read differently from time to
+//! time.
 
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! General-purpose I/O (RM0390 rev 6, section 7): one port of 16 pins.
 //!
 //! A pin has a level from outside (or none), a pull resistor, and maybe a driver inside: the output
-//! register or, in alternate-function mode, a peripheral. What a peripheral drives is asked of the
-//! peripheral; this file only says which one has the pin.
+//! register or, in alternate-function mode, a peripheral. The peripheral provides the level that it
+//! drives; this file only determines which peripheral has the pin.
 
 /// A GPIO port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

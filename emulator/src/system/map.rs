@@ -1,7 +1,8 @@
-//! Where the peripherals are (RM0390 rev 6, section 2.2.2, table 1) and what switches their clocks
-//! on (sections 6.3.10 to 6.3.14).
+//! The addresses of the peripherals (RM0390 rev 6, section 2.2.2, table 1) and their clock enable
+//! bits (sections 6.3.10 to 6.3.14).
 //!
-//! The table is complete, also for what is not modelled, so that a stop can name what was touched.
+//! The table also contains peripherals that are not modelled, so that a stop can name the one that
+//! was accessed.
 
 use crate::system::gpio::Port;
 

@@ -1,10 +1,10 @@
 //! Reset and clock control (RM0390 rev 6, section 6).
 //!
-//! Computes what the registers really say: an oscillator is ready after its start-up time, a PLL
-//! after its lock time and only when its source runs, and the frequencies of core, buses and timers
-//! come out of the multipliers and dividers that were written. A wrong PLL therefore shows as a
-//! wrong CAN bit rate, and a switch to a clock that is not ready does not happen, as on the chip
-//! (6.2.6).
+//! The model computes the state from the registers: an oscillator is ready after its start-up time,
+//! a PLL after its lock time and only when its source runs, and the frequencies of core, buses and
+//! timers follow from the multipliers and dividers that were written. A wrong PLL therefore shows
+//! as a wrong CAN bit rate, and a switch to a clock that is not ready does not happen, as on the
+//! chip (6.2.6).
 //!
 //! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45)
 //! gives no typical value, its largest.
@@ -25,7 +25,7 @@ const LSI_START_PS: u64 = 40 * US;
 /// LSE start-up, typical 2 s.
 const LSE_START_PS: u64 = 2_000_000 * US;
 
-/// Bits of CSR that tell the reset cause (6.3.21).
+/// Bits of CSR that hold the reset cause (6.3.21).
 pub mod cause {
     /// Brown-out or power-on.
     pub const BOR: u32 = 1 << 25;
@@ -392,7 +392,7 @@ impl Rcc {
         match self.cfgr & 3 {
             1 if self.hse.ready(now_ps) => 1,
             2 if self.plls[0].ready(now_ps) => 2,
-            // Asked for and not ready: what ran before goes on. Everything starts from HSI.
+            // Requested but not ready: the previous clock continues. Everything starts from HSI.
             _ => 0,
         }
     }

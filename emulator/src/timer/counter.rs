@@ -1,4 +1,4 @@
-//! From time to counts: how a timer counts, when it sets which flag, and when that will be.
+//! From time to counts: the counter, its flags, and the times of its next events.
 //!
 //! The position of the counter is kept as a *phase* that only ever grows within a period and starts
 //! again at 0:
@@ -9,9 +9,9 @@
 //! | down | 0..=ARR | ARR - p | ARR + 1 | ARR + 1 |
 //! | centre-aligned | 0..2 ARR | p, then 2 ARR - p | 2 ARR | ARR and 2 ARR |
 //!
-//! [`Timer::sync`] brings the phase from the last look to now, sets the flags whose moment lay in
-//! between and loads the preload registers at the update events. Once every preload has been taken
-//! over, whole periods only repeat what has already been flagged, and are skipped in one step.
+//! [`Timer::sync`] advances the phase from the last call to now, sets the flags whose time lay in
+//! between, and loads the preload registers at the update events. Once every preload has been
+//! loaded, whole periods only set flags that are already set, and are skipped in one step.
 
 use super::{Timer, bdtr, cr1, flag, reg};
 
@@ -302,8 +302,8 @@ impl Timer {
         self.dier == 0 && self.encoder.next.is_none()
     }
 
-    /// Cycle of the next interrupt, of a preload that has to be looked at before it can be told, or
-    /// of an edge that leaves its filter. To be asked after [`Timer::sync`].
+    /// Cycle of the next interrupt, of a preload that has to be checked before the interrupt is
+    /// known, or of an edge that leaves its filter. Valid after [`Timer::sync`].
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
         let wanted = self.dier & !self.sr;
@@ -332,8 +332,8 @@ impl Timer {
         (ticks != u64::MAX).then(|| self.anchor + ticks * self.tick())
     }
 
-    /// Cycle at which preload registers will next be taken over, if one waits for it. To be asked
-    /// after [`Timer::sync`].
+    /// Cycle at which preload registers will next be loaded, if one is pending. Valid after
+    /// [`Timer::sync`].
     #[must_use]
     pub fn next_load(&self) -> Option<u64> {
         let waits = self.running() && self.preload_pending();

@@ -1,16 +1,16 @@
 //! The encoder interface (RM0390 rev 6, sections 17.3.16 and 18.3.12) and the digital filters of
 //! its inputs.
 //!
-//! Edges come in two ways. [`Timer::set_input`] sets the level of TI1 or TI2, and what is counted
-//! follows from the levels, as in the chip. [`Timer::encoder_add`] turns an encoder by so many
-//! clean edges at once, which is what a simulated wheel wants; these are taken to last as long as
-//! the slower of the two filters needs, and come that much later.
+//! There are two sources of edges. [`Timer::set_input`] sets the level of TI1 or TI2, and the
+//! counts follow from the levels, as in the chip. [`Timer::encoder_add`] turns an encoder by a
+//! number of clean edges at once, for a simulated wheel; these edges are assumed to last as long as
+//! the slower of the two filters needs, and are delayed by that time.
 //!
-//! A filter samples its input and passes a new level on after N samples in a row have shown it.
-//! Nothing is done per sample: when a level changes, the cycle of the N-th sample is known, and a
-//! change back before it takes the edge back. Samples are taken to lie at whole multiples of the
-//! sampling time since power-on; the manual does not say. A sample sees the level as it was just
-//! before it. Without a filter (ICxF = 0) an edge counts at once.
+//! A filter samples its input and passes a new level on after N samples in a row have shown it. The
+//! model does no work per sample: when a level changes, the cycle of the N-th sample is known, and
+//! a change back before that cycle cancels the edge. Samples are assumed to lie at whole multiples
+//! of the sampling time since power-on, which the manual does not specify. A sample takes the level
+//! just before it. Without a filter (ICxF = 0) an edge counts at once.
 
 use std::collections::VecDeque;
 
@@ -109,7 +109,7 @@ impl Timer {
         self.restart_filter(now, input)
     }
 
-    /// Lets the filters begin anew with the levels at the pins: their sampling has changed.
+    /// Restarts the filters with the levels at the pins, because their sampling has changed.
     pub(super) fn restart_filters(&mut self, now: u64) {
         for input in 0..2 {
             if self.encoder.due[input].is_some() {

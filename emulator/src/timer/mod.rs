@@ -1,8 +1,8 @@
 //! The timers: TIM1/8 (RM0390 rev 6, section 17), TIM2..5 (18), TIM9..14 (19), TIM6/7 (20).
 //!
-//! One model serves all of them; [`Kind`] says what a particular timer has. This file is the
-//! register view; [`counter`] turns time into counts, flags and events, [`encoder`] edges into
-//! counts, [`output`] counts into PWM.
+//! One model serves all of them; [`Kind`] describes the features of a particular timer. This file
+//! is the register view; [`counter`] turns time into counts, flags and events, [`encoder`] edges
+//! into counts, [`output`] counts into PWM.
 //!
 //! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of
 //! PSC, ARR and CCR with update events, repetition counter, one-pulse mode, compare flags, encoder
@@ -197,7 +197,7 @@ pub struct Timer {
     psc: Preloaded,
     arr: Preloaded,
     ccr: [Preloaded; 4],
-    /// Cycle at which the counter had taken `phase`: the last tick boundary that was looked at.
+    /// Cycle at which the counter reached `phase`: the last tick boundary that was processed.
     anchor: u64,
     /// Position within the counting period (see [`counter`]).
     phase: u64,
@@ -357,7 +357,7 @@ impl Timer {
         Ok(())
     }
 
-    /// Interrupt lines, to be asked after [`Timer::sync`].
+    /// Interrupt lines, valid after [`Timer::sync`].
     #[must_use]
     pub fn lines(&self) -> Lines {
         let on = self.sr & self.dier;

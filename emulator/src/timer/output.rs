@@ -1,5 +1,5 @@
-//! What a timer drives its channels with: PWM, forced and idle levels (RM0390 rev 6, sections
-//! 17.3.8 to 17.3.12).
+//! The outputs of a timer's channels: PWM, forced and idle levels (RM0390 rev 6, sections 17.3.8 to
+//! 17.3.12).
 
 use super::{Timer, bdtr};
 

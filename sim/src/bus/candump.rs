@@ -1,8 +1,8 @@
 //! A log of the bus as `candump -L` writes it: `(seconds.microseconds) can0 ID#DATA`.
 //!
 //! The time is that of the frame's end, when receivers have it. `canplayer`, `log2asc`, cantools
-//! and Wireshark read this form. Writing errors (a full disk) are kept, not thrown: a lost log must
-//! not stop a moving robot; [`Candump::finish`] reports the first one.
+//! and Wireshark read this form. Write errors (a full disk) are stored instead of returned, because
+//! a lost log must not stop a moving robot; [`Candump::finish`] reports the first one.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -12,7 +12,7 @@ use canopen::Frame;
 
 use super::Fate;
 
-/// What the virtual bus is called in logs.
+/// Name of the virtual bus in logs.
 const INTERFACE: &str = "can0";
 
 /// The writer of a log.

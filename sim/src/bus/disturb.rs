@@ -1,7 +1,7 @@
-//! What disturbs the bus, and which frame it strikes.
+//! Disturbances of the bus, and the frames they affect.
 //!
-//! Chance comes from the world's seed, one number a frame and disturbance, and only while there is
-//! a disturbance: a run without is the same whatever the seed.
+//! Random numbers come from the world's seed, one per frame and disturbance, and only while there
+//! is a disturbance: a run without one does not depend on the seed.
 
 use canopen::Frame;
 
@@ -32,7 +32,7 @@ impl Share {
 #[derive(Debug)]
 pub struct Disturbances {
     random: Random,
-    /// Frames in which one bit is inverted for everybody.
+    /// Frames in which one bit is inverted for all nodes.
     pub corrupt: Share,
     /// Frames whose acknowledge does not arrive.
     pub unacknowledged: Share,

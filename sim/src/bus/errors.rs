@@ -1,10 +1,10 @@
-//! What a node makes of errors: the counters and states of ISO 11898-1's fault confinement.
+//! Fault confinement of ISO 11898-1: a node's error counters and states.
 //!
-//! A transmitter's error costs it 8, a receiver's 1, and 9 the receiver that was the first to see
-//! it (1, and 8 because it still sees dominant bits after its own flag). A good frame takes 1 off.
-//! Above 127 a node is error passive: its error flags are recessive and destroy nothing, and after
-//! sending it lets the others go first. Above 255 its transmitter is bus-off, and it comes back
-//! after 128 times 11 recessive bits.
+//! An error adds 8 to the counter of the transmitter, 1 to that of a receiver, and 9 to that of the
+//! receiver that detected it first (1, and 8 because it still receives dominant bits after its own
+//! flag). A good frame subtracts 1. Above 127 a node is error passive: its error flags are
+//! recessive and destroy no frame, and after sending it waits for eight bits. Above 255 a node is
+//! bus-off; it recovers after 128 times 11 recessive bits.
 
 use super::BIT_NS;
 
@@ -20,7 +20,7 @@ pub enum TransmitError {
     Bit,
     /// A bit of the fixed form was wrong: a receiver has refused the frame.
     Form,
-    /// Nobody acknowledged.
+    /// No node acknowledged.
     Acknowledge,
 }
 

@@ -1,6 +1,7 @@
-//! How full the wire is: over everything, and in the fullest window.
+//! The load of the bus: overall, and in the busiest window.
 //!
-//! Windows lie end to end from time 0. A frame across a boundary counts in both, each its part.
+//! Windows follow each other from time 0. A frame across a boundary counts in both windows with its
+//! part in each.
 
 /// Load of the bus, 0..=1 of the time; intermissions count as taken.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,20 +1,19 @@
-//! The virtual CAN bus: who may send, how long it takes, and how full the wire is.
+//! The virtual CAN bus: arbitration, exact frame times, and load.
 //!
-//! One frame at a time. When the wire has been free for the intermission, every node that has
-//! something to send takes part in arbitration and the lowest identifier wins, as on the wire. The
-//! winner's frame then occupies the bus for its exact number of bits, see [`canopen::bits`];
-//! everybody hears it when it ends. A frame that goes wrong ends early, with an error frame
-//! ([`Fate`]); who counts what is told in [`errors`].
+//! One frame at a time. When the wire has been free for the intermission, every node with a pending
+//! frame takes part in arbitration, and the lowest identifier wins. The winner's frame then
+//! occupies the bus for its exact number of bits, see [`canopen::bits`]; all nodes receive it at
+//! its end. A frame with an error ends early, with an error frame ([`Fate`]); [`errors`] has the
+//! counting rules.
 //!
-//! The bus holds no queues: nodes do. It cannot fill up; a node that never wins waits for ever, as
-//! in life.
+//! Queues are in the nodes, not in the bus, so the bus cannot fill up; a node that never wins
+//! arbitration waits indefinitely, as on a real bus.
 //!
-//! Two nodes that begin a frame with one identifier in the same bit are a mistake of whoever
-//! numbered them, and the bus treats them as copper does. While their bits are the same there is
-//! one frame on the wire, and both have sent it. At the first bit that differs, the one that sends
-//! a recessive bit reads a dominant one: a bit error. An error-active node then destroys the frame
-//! for everybody, and both try again at once; an error-passive one drops out, and the other's frame
-//! stands.
+//! Two nodes that begin a frame with one identifier in the same bit have been numbered wrongly, and
+//! the bus models the resulting collision. While their bits are the same there is one frame on the
+//! wire, and both have sent it. At the first bit that differs, the one that sends a recessive bit
+//! reads a dominant one: a bit error. An error-active node then destroys the frame for all nodes,
+//! and both try again at once; an error-passive one drops out, and the other's frame stands.
 
 pub mod candump;
 pub mod disturb;
@@ -35,7 +34,7 @@ pub const BIT_NS: u64 = 1_000;
 pub enum Fate {
     /// Everybody gets it.
     Good,
-    /// One bit, counted from 0, is inverted for everybody; `active`: the sender may destroy the
+    /// One bit, counted from 0, is inverted for all nodes; `active`: the sender may destroy the
     /// rest.
     Corrupt {
         /// Which.
@@ -96,7 +95,7 @@ pub struct Transfer {
     pub frame: Frame,
     /// When its first bit was on the wire, ns.
     pub start_ns: u64,
-    /// When its last bit has been, ns: everybody has received it, or the error frame is over.
+    /// Time of its last bit, ns: all nodes have received it, or the error frame is over.
     pub end_ns: u64,
     /// What becomes of it.
     pub fate: Fate,

@@ -1,22 +1,21 @@
-//! The two wires of an encoder, edge by edge, and what can be wrong with them.
+//! The two wires of an encoder, edge by edge, and their faults.
 //!
-//! A [`Wires`] follows the encoder's whole counts through one interval of time and says when each
-//! of the wires A and B changes its level. The counts of an interval are taken to be passed at a
-//! constant rate. One count is one edge: A leads B while the count goes up.
+//! A [`Wires`] takes the encoder's whole counts of one interval of time and computes when each of
+//! the wires A and B changes its level. The counts of an interval are assumed to have a constant
+//! rate. One count is one edge: A leads B while the count goes up.
 //!
-//! - *Noise* strikes at random times (a Poisson process), A or B with equal chance. A wire that
-//!   something drives gets a pulse of [`GLITCH_NS`]: two edges, which an input filter can tell from
-//!   a real one. A wire that nothing drives keeps the level that the noise has given it: one edge,
-//!   which no filter can reject.
+//! - *Noise* strikes at random times (a Poisson process), A or B with equal chance. A driven wire
+//!   gets a pulse of [`GLITCH_NS`]: two edges, which an input filter can reject. An open wire keeps
+//!   the level of the noise: one edge, which no filter can reject.
 //! - *Slow edges* are those of an open collector with a pull-up R and the cable's capacitance C.
 //!   The wire falls at once and rises as `1 - exp(-t / RC)`: half of the supply is reached `RC ln
 //!   2` after the transistor has opened. When that lasts longer than a count, the two channels no
 //!   longer overlap and the counter goes one up and one down: the largest rate is `1 / (RC ln 2)`
 //!   counts a second.
-//! - A wire that *floats* follows its neighbour by chance: after half of A's edges, B changes too.
+//! - A wire that *floats* follows its neighbour at random: B changes after half of A's edges.
 //!
-//! What this cannot do: bounce of a contact, thresholds with hysteresis, and levels that depend on
-//! the supply.
+//! Limits: contact bounce, thresholds with hysteresis, and levels that depend on the supply are not
+//! modelled.
 
 use crate::random::Random;
 

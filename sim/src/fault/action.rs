@@ -1,4 +1,4 @@
-//! What goes wrong, ready to be done to a world.
+//! Faults as actions on a world.
 
 use std::fmt;
 
@@ -41,11 +41,11 @@ pub enum RobotAction {
     BusOff,
     /// More frames at once than the controller holds.
     Overrun,
-    /// The processor stands still or goes on.
+    /// The processor halts or resumes.
     Halt(bool),
     /// The processor goes where there is no memory.
     Crash,
-    /// What a wheel's encoder tells.
+    /// The output of a wheel's encoder.
     Encoder(usize, EncoderState),
     /// Noise strikes the wires of a wheel's encoder, times a second.
     EncoderNoise(usize, f64),
@@ -57,7 +57,7 @@ pub enum RobotAction {
     WheelPush(usize, f64),
     /// The holding brakes hold so much, N·m.
     BrakeTorque(f64),
-    /// The holding brakes let go so much later, s.
+    /// The holding brakes release with this delay, s.
     BrakeRelease(f64),
     /// The holding brakes hold so much later, s.
     BrakeEngage(f64),

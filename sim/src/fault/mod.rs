@@ -1,10 +1,9 @@
-//! Faults at a time: what goes wrong, where, when, and for how long, as text and as a schedule.
+//! Timed faults: action, place, time and duration, as text and as a schedule.
 //!
 //! [`FaultSpec`] is one fault, read from `t=5:node=3:power-cycle` (see [`spec`]). A [`Schedule`]
-//! holds what is still to come and lets a world's time pass in pieces that end where a fault begins
-//! or ends, so that a run with the same faults is the same run to the nanosecond. The faults
-//! themselves are the world's (`World::set_power` and its neighbours); nothing here knows how they
-//! work.
+//! holds the pending faults and advances a world's time in pieces that end where a fault begins or
+//! ends, so that runs with the same faults are equal to the nanosecond. The world implements the
+//! faults themselves (`World::set_power` and its neighbours).
 
 mod action;
 pub mod spec;
@@ -45,7 +44,7 @@ impl Schedule {
         }
     }
 
-    /// Lets time pass to `until_ns` and everything due take place; `tell` hears of it.
+    /// Advances time to `until_ns`, applies every fault that is due and calls `tell` for it.
     ///
     /// # Errors
     /// When a robot or the plant stops.

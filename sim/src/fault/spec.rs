@@ -10,8 +10,8 @@
 //! | `ACTION` or `ACTION=VALUE` | what happens; exactly one |
 //!
 //! So `t=5:node=3:power-cycle`, `node=2:wheel=rear-left:encoder-dead:for=1.5`,
-//! `node=3:emergency-stop=off`. [`ACTIONS`] lists the actions. What cannot be meant is refused with
-//! the name of the part and a remedy.
+//! `node=3:emergency-stop=off`. [`ACTIONS`] lists the actions. An invalid spec is refused with the
+//! name of the part and a remedy.
 
 use std::fmt;
 
@@ -26,7 +26,7 @@ use crate::world::EncoderState;
 const LONGEST_S: f64 = 86_400.0;
 /// Highest identifier of a base frame.
 const LAST_IDENTIFIER: u16 = 0x7FF;
-/// What a babbling node sends unless told otherwise: only NMT comes before it.
+/// Default identifier of a babbling node: only NMT has priority over it.
 const BABBLE: u16 = 0x001;
 /// Node of the master.
 const MASTER: &str = "1";
@@ -161,7 +161,7 @@ fn refuse<T>(part: &str, problem: impl Into<String>, remedy: impl Into<String>) 
     })
 }
 
-/// The parts of a text, not looked at yet.
+/// The parts of a text, not parsed yet.
 #[derive(Default)]
 struct Parts<'a> {
     time: Option<&'a str>,

@@ -1,10 +1,10 @@
 //! The seven configurations of figure 19 on the moves the paper drives them on (its figures 20 to
 //! 30).
 //!
-//! On the contact plant every wheel begins at a roller phase of its own: two free robots that are
-//! alike in everything never drift apart in a simulation. The paper prints no numbers here, but
-//! says what it saw: free robots' distance changes and their centre wanders farther; connected ones
-//! lose what one loses.
+//! On the contact plant every wheel begins at a different roller phase, because two identical free
+//! robots would never drift apart in a simulation. The paper prints no numbers here, but reports
+//! observations: the distance between free robots changes and their centre drifts farther;
+//! connected robots lose as much as a single one.
 
 use chart::{Chart, PALETTE, Series, Stroke};
 use kinematics::trajectory::{Circle, FigureEight, Harmonic, Ramped, Trajectory, Turn};

@@ -1,8 +1,8 @@
-//! Drives simulated robots along a motion over their bus, and watches them.
+//! Drives simulated robots along a motion over their bus, and records their poses.
 //!
 //! The master is [`crate::test_master`]: one setpoint before every SYNC, sent ahead by the known
-//! way of a setpoint (two SYNC periods and the delay with which robots act), so that robots are
-//! where the motion says without any lag that could have been foreseen.
+//! delay of a setpoint (two SYNC periods and the delay with which robots act), so that robots
+//! follow the motion without a predictable lag.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -1,11 +1,11 @@
 //! The source paper's experiments by name: its Tables 3 to 9, its eleven motions, its seven
 //! configurations.
 //!
-//! A [`Scenario`] drives simulated robots over their bus, as a master would, looks at where they
-//! really went, and puts what it found beside what the paper prints. Each is run on one plant or on
-//! several; every plant gets its column. Robots, curves and coefficients are the paper's where it
-//! gives them; [`robots`] says what it does not give. The paper's axes are used throughout: x
-//! lateral, right positive; y longitudinal.
+//! A [`Scenario`] drives simulated robots over their bus, as a master would, measures their true
+//! motion, and prints the results beside the paper's. Each is run on one plant or on several; every
+//! plant gets its column. Robots, curves and coefficients are the paper's where it gives them;
+//! [`robots`] lists the assumptions. The paper's axes are used throughout: x lateral, right
+//! positive; y longitudinal.
 
 pub mod configurations;
 pub mod drive;
@@ -117,7 +117,7 @@ impl Scenario {
     /// Runs it.
     ///
     /// # Errors
-    /// When a robot faults or the world cannot go on.
+    /// When a robot faults or the world cannot continue.
     pub fn run(&self, setting: &Setting) -> Result<Findings, SimError> {
         let parts = match &self.run {
             Run::Table(run) => run(setting),

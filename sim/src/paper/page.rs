@@ -1,4 +1,4 @@
-//! What scenarios found, as text and as one HTML page.
+//! The results of scenarios, as text and as one HTML page.
 
 use std::fmt::Write as _;
 

@@ -33,7 +33,7 @@ struct Steady {
     theta: f64,
 }
 
-/// A line of a table: motion, what is looked at, set value, the paper's error in per cent.
+/// A line of a table: motion, measured quantity, set value, the paper's error in per cent.
 struct Entry {
     motion: Steady,
     what: What,

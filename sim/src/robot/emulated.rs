@@ -14,15 +14,14 @@
 //! input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer
 //! drives its pin or holds it low; a pin that floats is a bridge that is off.
 //!
-//! A power cycle is a new board with the flash of the old one, whose time begins when its power
-//! comes.
+//! A power cycle creates a new board with the flash of the old one; its time begins at power-on.
 //!
 //! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a
 //! moment at each pulse.
 //!
-//! A sleeping board is not run: it is brought to the present when something reaches it or its own
-//! next event is due. Encoder counts are handed over when it next computes, in one piece; the edges
-//! of an encoder whose wires are disturbed reach the pins one by one, each at its time.
+//! A sleeping board is not run: it is advanced to the present when an input changes or its own next
+//! event is due. It receives encoder counts in one sum when it next computes; the edges of an
+//! encoder whose wires are disturbed reach the pins one by one, each at its time.
 
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Change, Firmware, PinLevel, Port};
@@ -102,7 +101,7 @@ pub struct EmulatedRobot {
     index_high: [bool; 4],
     pending: Option<Frame>,
     drives: [Bridge; 4],
-    /// As of the last look; nobody needs to look while there have been no errors.
+    /// As of the last read; no read is needed while there have been no errors.
     errors: (ErrorState, ErrorCounters),
 }
 

@@ -19,7 +19,7 @@ use crate::motor::Bridge;
 /// When a robot next does something by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wake {
-    /// It is computing: let it run in short steps.
+    /// It is computing and has to run in short steps.
     Busy,
     /// It sleeps until this time, ns, unless something from outside wakes it.
     At(u64),
@@ -38,26 +38,26 @@ pub struct LogLine {
     pub text: String,
 }
 
-/// How a robot's program goes wrong. All but the first strike while the processor sleeps, that is,
-/// in its lowest priority.
+/// Failures of a robot's program. All but the first occur while the processor sleeps, that is, in
+/// its lowest priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crash {
-    /// It goes where there is no memory.
+    /// It jumps to an address without memory.
     Nowhere,
-    /// It runs into a panic of its own.
+    /// It panics.
     Panic,
     /// Its stack has no room left for the next interrupt.
     StackOverflow,
-    /// What it does outside interrupts loops for ever; interrupts go on.
+    /// Its thread mode loops without end; interrupts keep running.
     Loop,
 }
 
 /// One robot.
 pub trait Robot: Send {
-    /// Lets the robot run until this time, ns; never backwards.
+    /// Runs the robot until this time, ns; never backward.
     ///
     /// # Errors
-    /// When it cannot go on.
+    /// When it cannot continue.
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError>;
 
     /// When it next does something by itself.
@@ -101,12 +101,12 @@ pub trait Robot: Send {
         let _ = first;
     }
 
-    /// What its CAN controller may still do, and its error counters.
+    /// The error state of its CAN controller, and its error counters.
     fn error_state(&self) -> (ErrorState, ErrorCounters) {
         Default::default()
     }
 
-    /// What its outputs do to the motors: front left, front right, rear left, rear right.
+    /// The state of its bridges: front left, front right, rear left, rear right.
     fn drives(&self) -> [Bridge; 4];
 
     /// The wheels went on by this many encoder counts.
@@ -146,9 +146,9 @@ pub trait Robot: Send {
         let _ = volts;
     }
 
-    /// Takes its power away or gives it back. Without power it neither speaks nor hears, its
-    /// bridges are off and its brake is engaged; with it, it starts like a robot that has just been
-    /// switched on, with what its flash holds. What is pressed or pulled stays so.
+    /// Switches its power off or on. Without power it neither sends nor receives, its bridges are
+    /// off and its brake is engaged; with it, it starts like a robot that has just been switched
+    /// on, with what its flash holds. What is pressed or pulled stays so.
     fn set_power(&mut self, on: bool);
 
     /// Fails to send until its CAN controller is off the bus; `false` when it has nothing to send.
@@ -159,20 +159,20 @@ pub trait Robot: Send {
     /// Gets more frames at once than its CAN controller holds.
     fn overrun(&mut self) {}
 
-    /// Halts its processor or lets it go on; `false` when it has none.
+    /// Halts or resumes its processor; `false` when it has none.
     fn halt(&mut self, halted: bool) -> bool {
         let _ = halted;
         false
     }
 
-    /// Makes its program go wrong; `false` when it has no processor, or at the moment is not where
-    /// it can be.
+    /// Makes its program fail; `false` when it has no processor, or when its program is at a place
+    /// where this is impossible.
     fn crash(&mut self, how: Crash) -> bool {
         let _ = how;
         false
     }
 
-    /// Begins to note when its outputs change.
+    /// Begins to record when its outputs change.
     fn start_trace(&mut self) {}
 
     /// When the duty of its front left wheel changed since the last call, ns.

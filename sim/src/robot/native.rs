@@ -1,19 +1,18 @@
-//! A native robot: the crate `robot` on this machine, where the firmware has it on a
-//! microcontroller.
+//! A native robot: the crate `robot` compiled for the host instead of a microcontroller.
 //!
-//! What the firmware's two tasks do around the controller is done here in virtual time: the bus
-//! side gets frames when they end and is polled when it asks to be; the control side ticks every
-//! millisecond, in step with SYNC; outputs act at once. Computing takes no time. Frames to send go
-//! through three mailboxes from which the lowest identifier is sent first, as in the real CAN
-//! controller; the controller keeps the rest.
+//! This file replaces the firmware's two tasks in virtual time: the bus side gets frames when they
+//! end and is polled at its deadlines; the control side ticks every millisecond, in step with SYNC;
+//! outputs act at once. Computing takes no time. Frames to send go through three mailboxes from
+//! which the lowest identifier is sent first, as in the real CAN controller; the controller keeps
+//! the rest.
 //!
-//! Its error counters are those of [`Confinement`]; what waits in the mailboxes when it goes off
-//! the bus is discarded, as the firmware does.
+//! Its error counters are those of [`Confinement`]; at bus-off the frames in the mailboxes are
+//! discarded, as in the firmware.
 //!
-//! Its stores of parameters and faults are memory that takes no time to write. They outlive a power
-//! cycle; a power failure in the middle of a save is for emulated robots.
+//! Its stores of parameters and faults are memory that takes no time to write. They survive a power
+//! cycle; only emulated robots model a power failure in the middle of a save.
 //!
-//! The robot's clock starts [`BOOT_NS`] after its power and runs fast by its crystal's error.
+//! The robot's clock starts [`BOOT_NS`] after power-on and runs fast by its crystal's error.
 
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
@@ -73,14 +72,14 @@ pub struct NativeRobot {
     id: NodeId,
     serial: u32,
     crystal_ppm: f64,
-    /// What its flash holds, and what it has been through.
+    /// Content and wear of its flash.
     flash: Option<Vec<u8>>,
     wear: StoreWear,
     memory: Memory,
     powered: bool,
     now_ns: u64,
     inputs: Inputs,
-    /// What power brings to life and takes away again.
+    /// The state that exists only with power.
     live: Live,
     log: Vec<LogLine>,
 }
@@ -198,7 +197,7 @@ impl NativeRobot {
         self.is_running() && self.live.errors.state() != ErrorState::BusOff
     }
 
-    /// Tells the program the error counters, as the firmware reads them out of its controller.
+    /// Passes the error counters to the program, as the firmware reads them from its controller.
     fn tell_errors(&mut self, last: u8) {
         let ErrorCounters { transmit, receive } = self.live.errors.counters();
         let byte = |count: u32| u8::try_from(count).unwrap_or(u8::MAX);
@@ -215,7 +214,7 @@ impl NativeRobot {
         }
     }
 
-    /// What the firmware does when its controller has gone off the bus.
+    /// The firmware's reaction to bus-off.
     fn go_off(&mut self) {
         self.live.mailboxes.clear();
         self.live.sending = None;
@@ -331,7 +330,7 @@ impl Robot for NativeRobot {
         if !self.powered {
             return Wake::Never;
         }
-        // What is still due was looked at in this microsecond already.
+        // What is still due has already been processed in this microsecond.
         let soonest = self.live.clock.local(self.now_ns) + Micros(1);
         let deadline = self
             .live

@@ -1,10 +1,10 @@
-//! What can go wrong with a simulated robot, at the caller's word.
+//! Fault injection: the faults that a caller can cause in a simulated robot.
 //!
-//! Everything here happens outside the robot's program: at its inputs, wheels, wires and processor.
-//! What the robot makes of it, it has to notice itself. Robots are named by their place in the
-//! group file, wheels in the usual order (front left, front right, rear left, rear right); a place
-//! that does not exist is left alone. Native robots have no processor, so what concerns one is
-//! answered with `false` by them.
+//! All faults act outside the robot's program: on its inputs, wheels, wires and processor. The
+//! robot has to detect them itself. Robots are identified by their position in the group file,
+//! wheels by the usual order (front left, front right, rear left, rear right); a position that does
+//! not exist is ignored. Native robots have no processor, so faults of a processor return `false`
+//! for them.
 
 use canopen::Frame;
 
@@ -16,16 +16,16 @@ use crate::bus::errors::{ErrorCounters, ErrorState};
 use crate::motor::Brake;
 use crate::robot::Crash;
 
-/// What is wrong with one robot on the bus.
+/// The bus faults of one robot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InjectedFaults {
     /// The identifier of the frames that it does not get.
     pub misses: Option<u16>,
     /// Frames that its receiver gets wrong.
     pub bad_receiver: Share,
-    /// What its controller sends all the time instead of its own frames.
+    /// The frame that its controller sends continuously instead of its own.
     pub babble: Option<Frame>,
-    /// By how much its frames are late, ns.
+    /// Delay of its frames, ns.
     pub delay_ns: u64,
 }
 
@@ -69,7 +69,7 @@ impl World {
         }
     }
 
-    /// Takes a robot's power away or gives it back; once is as good as twice. Its wheels roll on
+    /// Switches a robot's power off or on; repeated calls have no effect. Its wheels keep rolling
     /// until friction and brake stop them.
     pub fn set_power(&mut self, robot: usize, on: bool) {
         if let Some(unit) = self.touched(robot)
@@ -102,9 +102,9 @@ impl World {
         }
     }
 
-    /// Breaks the cable before a robot: it and all that follow it in the group file hear only each
-    /// other, the others and the ports only themselves. `None` mends it. A frame on the wire
-    /// meanwhile is lost, with an error frame.
+    /// Breaks the cable before a robot: it and all that follow it in the group file form one bus,
+    /// the other robots and the ports another. `None` repairs it. A frame on the wire meanwhile is
+    /// lost, with an error frame.
     pub fn set_partition(&mut self, first: Option<usize>) {
         for (place, unit) in self.units.iter_mut().enumerate() {
             unit.far = first.is_some_and(|first| place >= first);
@@ -119,29 +119,29 @@ impl World {
         self.far.cut_off(self.now_ns, node);
     }
 
-    /// Inverts one bit of this share of the frames, for everybody.
+    /// Inverts one bit in this fraction of the frames, for all nodes.
     pub fn set_corruption(&mut self, share: Share) {
         self.disturbances.corrupt = share;
     }
 
-    /// Keeps the acknowledge of this share of the frames from their senders.
+    /// Removes the acknowledge from this fraction of the frames.
     pub fn set_lost_acknowledge(&mut self, share: Share) {
         self.disturbances.unacknowledged = share;
     }
 
-    /// Lets a node that is none of ours send frames with this identifier all the time, or nothing.
+    /// Makes a foreign node send frames with this identifier continuously, or stops it.
     pub fn set_babbler(&mut self, id: Option<u16>) {
         self.disturbances.babble = id.and_then(babble);
     }
 
-    /// Lets a robot's receiver get this share of the frames wrong.
+    /// Makes a robot's receiver misread this fraction of the frames.
     pub fn set_bad_receiver(&mut self, robot: usize, share: Share) {
         if let Some(unit) = self.units.get_mut(robot) {
             unit.injected.bad_receiver = share;
         }
     }
 
-    /// Lets a robot's CAN controller send frames with this identifier all the time instead of its
+    /// Makes a robot's CAN controller send frames with this identifier continuously instead of its
     /// own.
     pub fn set_babbling(&mut self, robot: usize, id: Option<u16>) {
         if let Some(unit) = self.units.get_mut(robot) {
@@ -149,7 +149,7 @@ impl World {
         }
     }
 
-    /// Lets everything that a robot sends reach the bus later by this, ns.
+    /// Delays all frames that a robot sends, ns.
     pub fn set_delay(&mut self, robot: usize, delay_ns: u64) {
         if let Some(unit) = self.units.get_mut(robot) {
             unit.injected.delay_ns = delay_ns;
@@ -157,27 +157,26 @@ impl World {
         }
     }
 
-    /// Lets everything that is sent at the ports from now on reach the bus later by this, ns, as a
-    /// slow adapter does.
+    /// Delays all frames that the ports send from now on, ns, as a slow adapter does.
     pub fn set_port_delay(&mut self, delay_ns: u64) {
         self.port_delay_ns = delay_ns;
     }
 
-    /// What a robot's CAN controller may still do, and its error counters.
+    /// The error state of a robot's CAN controller, and its error counters.
     #[must_use]
     pub fn robot_errors(&self, robot: usize) -> (ErrorState, ErrorCounters) {
         let unit = self.units.get(robot);
         unit.map_or_else(Default::default, |unit| unit.robot.error_state())
     }
 
-    /// What the node at a port may still do, and its error counters.
+    /// The error state of the node at a port, and its error counters.
     #[must_use]
     pub fn port_errors(&self, port: Port) -> (ErrorState, ErrorCounters) {
         let errors = self.ports.get(port.0).map(|port| port.errors);
         errors.map_or_else(Default::default, |e| (e.state(), e.counters()))
     }
 
-    /// Breaks or mends an encoder.
+    /// Breaks or repairs an encoder.
     pub fn set_encoder(&mut self, robot: usize, wheel: usize, state: EncoderState) {
         let unit = self.touched(robot);
         if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
@@ -185,7 +184,7 @@ impl World {
         }
     }
 
-    /// Lets noise strike the wires of an encoder so many times a second, or ends it with 0.
+    /// Adds noise to the wires of an encoder at this rate per second; 0 ends it.
     pub fn set_encoder_noise(&mut self, robot: usize, wheel: usize, hz: f64) {
         let unit = self.touched(robot);
         if let Some(encoder) = unit.and_then(|unit| unit.encoders.get_mut(wheel)) {
@@ -201,7 +200,7 @@ impl World {
         }
     }
 
-    /// Breaks or mends the index of an encoder.
+    /// Breaks or repairs the index of an encoder.
     pub fn set_index(&mut self, robot: usize, wheel: usize, state: IndexState) {
         let unit = self.units.get_mut(robot);
         if let Some(index) = unit.and_then(|unit| unit.indexes.state.get_mut(wheel)) {
@@ -209,7 +208,7 @@ impl World {
         }
     }
 
-    /// Lets something drag at a wheel with this torque, N·m; 0 frees it.
+    /// Brakes a wheel with this friction torque, N·m; 0 frees it.
     pub fn set_wheel_drag(&mut self, robot: usize, wheel: usize, torque: f64) {
         let unit = self.touched(robot);
         if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
@@ -217,8 +216,8 @@ impl World {
         }
     }
 
-    /// Lets something turn a wheel with this torque, N·m, positive as if the base rolled forward; 0
-    /// ends it.
+    /// Applies this external torque to a wheel, N·m, positive in the direction that rolls the base
+    /// forward; 0 ends it.
     pub fn set_wheel_push(&mut self, robot: usize, wheel: usize, torque: f64) {
         let unit = self.touched(robot);
         if let Some(motor) = unit.and_then(|unit| unit.motors.get_mut(wheel)) {
@@ -226,7 +225,7 @@ impl World {
         }
     }
 
-    /// Exchanges the holding brakes of a robot.
+    /// Replaces the holding brakes of a robot.
     pub fn set_brake(&mut self, robot: usize, brake: Brake) {
         if let Some(unit) = self.touched(robot) {
             unit.motors.iter_mut().for_each(|m| m.set_brake(brake));
@@ -240,8 +239,8 @@ impl World {
         unit.map_or_else(Brake::default, |unit| unit.motors[0].brake())
     }
 
-    /// Lets a robot's motor driver trip when a motor draws more than this, A: its bridges are off
-    /// and it pulls its fault line until this is called again. `None` never trips.
+    /// Makes a robot's motor driver trip when a motor draws more than this current, A: its bridges
+    /// are off and its fault line is low until this is called again. `None` never trips.
     pub fn set_driver_trip(&mut self, robot: usize, amperes: Option<f64>) {
         if let Some(unit) = self.touched(robot) {
             unit.set_trip(amperes);
@@ -259,44 +258,44 @@ impl World {
         }
     }
 
-    /// Lets a robot's supply take no charge any more: what its motors send back goes into this
-    /// capacitance, F. `None` lets it take charge again.
+    /// Makes a robot's supply sink no current: the energy that its motors return charges this
+    /// capacitance, F. `None` ends this.
     pub fn block_charge(&mut self, robot: usize, capacitance: Option<f64>) {
         if let Some(unit) = self.touched(robot) {
             unit.supply.block_charge(capacitance);
         }
     }
 
-    /// Keeps frames with this identifier from a robot, or none.
+    /// Hides frames with this identifier from a robot; `None` hides none.
     pub fn set_misses(&mut self, robot: usize, id: Option<u16>) {
         if let Some(unit) = self.touched(robot) {
             unit.injected.misses = id;
         }
     }
 
-    /// Lets a robot send a frame that fails until its controller goes off the bus. `false` when it
-    /// has nothing to send at the moment.
+    /// Makes a robot's frame fail until its controller goes bus-off. `false` when it has nothing to
+    /// send at the moment.
     pub fn force_bus_off(&mut self, robot: usize) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.force_bus_off())
     }
 
-    /// Lets more frames arrive at a robot at once than its controller can hold.
+    /// Delivers more frames to a robot at once than its controller can hold.
     pub fn overrun(&mut self, robot: usize) {
         if let Some(unit) = self.touched(robot) {
             unit.robot.overrun();
         }
     }
 
-    /// Halts a robot's processor, or lets it go on; its peripherals run on. `false` when it has
+    /// Halts or resumes a robot's processor; its peripherals keep running. `false` when it has
     /// none.
     pub fn halt(&mut self, robot: usize, halted: bool) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.halt(halted))
     }
 
-    /// Makes a robot's program go wrong. `false` when it has no processor, or at the moment is not
-    /// where it can be.
+    /// Makes a robot's program fail. `false` when it has no processor, or when its program is at a
+    /// place where this is impossible.
     pub fn crash(&mut self, robot: usize, how: Crash) -> bool {
         let unit = self.touched(robot);
         unit.is_some_and(|unit| unit.robot.crash(how))
@@ -312,7 +311,7 @@ impl World {
         }
     }
 
-    /// Begins to note when the duties of emulated robots change.
+    /// Begins to record when the duties of emulated robots change.
     pub fn start_trace(&mut self) {
         self.units.iter_mut().for_each(|u| u.robot.start_trace());
     }
@@ -324,7 +323,7 @@ impl World {
     }
 }
 
-/// What a babbling node says.
+/// The frame of a babbling node.
 fn babble(id: u16) -> Option<Frame> {
     Frame::new(id, &[0x55; 8])
 }

@@ -1,10 +1,10 @@
 //! The index of each wheel: a pulse once a turn of the wheel, at an angle of its own.
 //!
-//! With an encoder on the wheel it is the encoder's; behind a gear it stands for a sensor on the
-//! wheel, where the play of the gear is between it and the counts. A pulse begins when the wheel
-//! comes to the angle the index stands at, from either side. Where that is, the seed says; a
-//! wheel's rollers stand somewhere else yet ([`crate::plant::contact::phases`]), and how they stand
-//! at the index is what a robot has to be told ([`roller_phases`]).
+//! With an encoder on the wheel it is the encoder's index; with a gear it represents a sensor on
+//! the wheel, and the play of the gear lies between it and the counts. A pulse begins when the
+//! wheel reaches the angle of the index, from either side. The seed determines that angle. The
+//! rollers of a wheel have an independent initial angle ([`crate::plant::contact::phases`]); their
+//! angle at the index is the parameter that a robot needs ([`roller_phases`]).
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ const SALT: u64 = 0x0049_4E44_4558;
 /// Stray pulses of a noisy index in a turn, on average.
 const STRAY: f64 = 3.0;
 
-/// What an index tells.
+/// The state of an index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum IndexState {
     /// One pulse a turn.

@@ -1,8 +1,8 @@
-//! The nodes of the bus: who wants to send, and what each makes of a frame's end.
+//! The nodes of the bus: their arbitration, and their reaction to the end of a frame.
 //!
-//! Nodes are counted through: first the ports, then the robots, then a foreign node that only ever
-//! babbles. While the bus is parted, its far half is a bus of its own, of robots only; a robot
-//! alone in it gets no acknowledge.
+//! Nodes are numbered: first the ports, then the robots, then a foreign node that only babbles.
+//! While the bus is parted, its far half is a separate bus with robots only; a robot that is alone
+//! on it gets no acknowledge.
 
 use canopen::{Frame, Micros};
 
@@ -13,7 +13,7 @@ use crate::bus::{BIT_NS, Fate, Transfer};
 use canopen::bits::Wire;
 
 impl World {
-    /// Brings up to date what nodes do by themselves, before the bus is given to one of them.
+    /// Updates the nodes' own state before arbitration.
     pub(super) fn look_at_nodes(&mut self) {
         let now_ns = self.now_ns;
         for port in &mut self.ports {
@@ -50,7 +50,7 @@ impl World {
         self.units.iter().any(|unit| unit.far)
     }
 
-    /// Gives the free bus, or its far half, to one of those who want it.
+    /// Arbitrates the free bus, or its far half.
     pub(super) fn arbitrate(&mut self, far: bool) {
         let now_ns = self.now_ns;
         let first = self.ports.len();
@@ -124,7 +124,7 @@ impl World {
         }
     }
 
-    /// Tells everybody in the same half what has become of a frame.
+    /// Reports the outcome of a frame to all nodes in the same half.
     pub(super) fn deliver(&mut self, transfer: &Transfer, far: bool) {
         let destroyed = transfer.fate.is_destroyed();
         if !far {
@@ -219,7 +219,7 @@ impl World {
     }
 }
 
-/// What became of it for this node, if it is one of those that sent.
+/// The outcome for this node, if it is one of the senders.
 fn seen_by_sender(transfer: &Transfer, node: usize) -> Option<Option<TransmitError>> {
     if transfer.is_sent_by(node) {
         Some(sender_sees(transfer.fate))
@@ -230,7 +230,7 @@ fn seen_by_sender(transfer: &Transfer, node: usize) -> Option<Option<TransmitErr
     }
 }
 
-/// What the sender sees of this.
+/// The sender's view of the outcome.
 fn sender_sees(fate: Fate) -> Option<TransmitError> {
     match fate {
         Fate::Good => None,
@@ -292,8 +292,8 @@ impl Unit {
         }
     }
 
-    /// Whether it goes on sending to nobody: once it is error passive, that changes nothing any
-    /// more.
+    /// Whether a node without a connection keeps sending: once it is error passive, that has no
+    /// further effect.
     fn tries_alone(&self) -> bool {
         self.error_state() == ErrorState::Active && self.robot.pending().is_some()
     }

@@ -1,4 +1,4 @@
-//! A robot with its wheels: battery, motors, gears, encoders, and how far in time they are.
+//! A robot with its wheels: battery, motors, gears and encoders, and the time each has reached.
 
 use canopen::Frame;
 use group::{EncoderFault, Simulation};
@@ -49,9 +49,9 @@ pub(super) struct Unit {
     half_play: f64,
     wheels: [f64; 4],
     drives: [Bridge; 4],
-    /// Since when its bridges are off and its brake is told to hold, ns.
+    /// Time since which its bridges are off and its brake is commanded to engage, ns.
     pub safe_since_ns: Option<u64>,
-    /// Angles that the plant has been told.
+    /// Angles last reported to the plant.
     told: [f64; 4],
     /// What the plant adds to the wheels' angles: a plant outside may turn wheels itself.
     slipped: [f64; 4],
@@ -112,7 +112,7 @@ impl Unit {
         }
     }
 
-    /// Whether it may be left alone between the times it wakes.
+    /// Whether it need not be run between its wake-up times.
     pub fn is_lazy(&self) -> bool {
         self.lazy
     }
@@ -143,7 +143,7 @@ impl Unit {
         }
     }
 
-    /// Something will be done to it from outside, now: afterwards it has to be looked at.
+    /// Called before a change from outside at the present time: afterwards the robot has to be run.
     pub fn touch(&mut self, now_ns: u64, step_ns: u64) {
         self.turn_to(now_ns, step_ns);
         self.robot.set_now(now_ns);
@@ -208,7 +208,7 @@ impl Unit {
         }
     }
 
-    /// Lets the driver trip at this current of a motor, A, or never; it is ready again.
+    /// Sets the current of a motor, A, at which the driver trips, or never; resets a trip.
     pub fn set_trip(&mut self, amperes: Option<f64>) {
         self.trips_at = amperes;
         if std::mem::take(&mut self.tripped) {
@@ -225,7 +225,7 @@ impl Unit {
         }
     }
 
-    /// Looks at the bridges; what they do now, if anything changed.
+    /// Reads the bridges; returns their state if it changed.
     pub fn look_at_bridges(&mut self, now_ns: u64) -> Option<&[Bridge; 4]> {
         let drives = self.robot.drives();
         let live = |drive: &Bridge| drive.enabled || drive.brake_released;
@@ -238,13 +238,13 @@ impl Unit {
         changed.then_some(&self.drives)
     }
 
-    /// By how much the wheels have turned since the plant was last told, rad.
+    /// Angles by which the wheels have turned since the last report to the plant, rad.
     pub fn turned(&mut self) -> [f64; 4] {
         let told = std::mem::replace(&mut self.told, self.wheels);
         std::array::from_fn(|n| self.wheels[n] - told[n])
     }
 
-    /// What the floor does to the wheels from now on, N·m.
+    /// Sets the torques of the floor on the wheels, N·m.
     pub fn push_wheels(&mut self, torques: [f64; 4]) {
         for (motor, torque) in self.motors.iter_mut().zip(torques) {
             motor.set_floor(torque);
