@@ -1,14 +1,14 @@
-//! How long a frame is on the wire, in bits.
+//! The length of a frame on the wire, in bits.
 //!
 //! A classic base frame (ISO 11898-1): start, 11 identifier bits, RTR, IDE, reserved, 4 length
 //! bits, data, 15 CRC bits; all of this is stuffed: after five equal bits one opposite bit is
 //! inserted, and the inserted bit counts for what follows. Then CRC delimiter, acknowledge slot and
 //! delimiter, and seven end-of-frame bits, unstuffed. Three bits of intermission separate frames.
-//! The count is exact, not a worst case: bus load follows the data that was really sent.
+//! The count is exact, not a worst case: bus load depends on the data that is actually sent.
 //!
-//! A frame that goes wrong ends with an error flag of six equal bits, which breaks the stuffing
-//! rule for whoever has not seen the error yet; then those send their flags. Eight bits of
-//! delimiter end it.
+//! A frame with an error ends with an error flag of six equal bits, which violates the stuffing
+//! rule for nodes that have not detected the error yet; these then send their own flags. Eight bits
+//! of delimiter end the error frame.
 
 use crate::frame::Frame;
 
@@ -221,8 +221,8 @@ mod tests {
     fn an_error_frame_is_as_long_as_the_bits_before_it_make_it() {
         let wire = Wire::of(&Frame::new(0, &[]).unwrap());
         assert_eq!((wire.stuffed(), wire.bits()), (40, 50));
-        // Bit 12 inverted is recessive, so nobody else has noticed when the flag begins: six bits
-        // of flag, then six of the others'.
+        // Bit 12 inverted is recessive, so no other node has detected the error when the flag
+        // begins: six bits of flag, then six of the others'.
         assert_eq!(wire.bits_when_corrupt(12, true), 13 + 12 + 8);
         // Stuff bit 11, inverted, is the sixth dominant bit in a row: all notice at once.
         assert_eq!(wire.bits_when_corrupt(11, true), 12 + 6 + 8);

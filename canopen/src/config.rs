@@ -1,5 +1,4 @@
-//! What a device is before anybody has configured it: identity and the defaults of its
-//! communication objects.
+//! The initial configuration of a device: identity and the defaults of its communication objects.
 //!
 //! A `Config` is small and `Copy`, its lists are `'static`: on a microcontroller all of it is a
 //! constant in flash. Write one as `Config { node: Some(id), ..Config::DEFAULT }`, so that fields

@@ -1,4 +1,4 @@
-//! The emergency message: what is wrong, in eight bytes.
+//! The emergency message: an error in eight bytes.
 
 use crate::{Frame, NodeId};
 

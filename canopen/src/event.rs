@@ -1,4 +1,4 @@
-//! What the device tells the application.
+//! The events that the device reports to the application.
 
 use crate::{AbortCode, Micros, NmtCommand, NmtState, NodeId};
 
@@ -28,7 +28,7 @@ impl RpdoSet {
 pub enum Event {
     /// An NMT command for this node came in. The change it makes, if any, is the next event.
     NmtCommand(NmtCommand),
-    /// The NMT state is now another one. From and to `Initialising` too, at resets.
+    /// The NMT state has changed, at resets also from and to `Initialising`.
     NmtChanged {
         /// The state before.
         from: NmtState,
@@ -76,7 +76,7 @@ pub enum Event {
         /// Why.
         code: AbortCode,
     },
-    /// A monitored node has been heard of for the first time, or again after it was lost.
+    /// A heartbeat of a monitored node was received for the first time, or again after it was lost.
     HeartbeatStarted {
         /// Whose heartbeat.
         node: NodeId,
@@ -90,7 +90,7 @@ pub enum Event {
         /// Its state now; `Initialising` is its boot-up.
         state: NmtState,
     },
-    /// A monitored node has not been heard of for its consumer heartbeat time.
+    /// No heartbeat of a monitored node was received within its consumer heartbeat time.
     HeartbeatLost {
         /// Whose heartbeat.
         node: NodeId,
@@ -98,7 +98,7 @@ pub enum Event {
     /// Communication has failed (heartbeat lost or bus-off) and object 0x1029 has changed the NMT
     /// state; the change is the event before.
     CommunicationError,
-    /// The CAN controller went bus-off; what was waiting to be sent is gone.
+    /// The CAN controller went bus-off; frames waiting to be sent have been dropped.
     BusOff,
     /// The pause after a bus-off is over: bring the CAN controller back, then call
     /// [`on_bus_recovered`](crate::Device::on_bus_recovered).
@@ -114,7 +114,7 @@ pub enum Event {
     },
 }
 
-/// What went wrong since the start, counted; never reset, wraps around.
+/// Counts of errors since the start; never reset, wrapping.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {

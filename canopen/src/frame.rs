@@ -1,7 +1,8 @@
 //! One classic CAN data frame with an 11-bit identifier.
 //!
-//! Neither remote nor extended frames exist here: whoever reads the CAN controller drops them.
-//! Bytes past the length are kept at zero, so that comparing frames compares their content.
+//! Remote and extended frames are not represented: the caller drops them when it reads the CAN
+//! controller. Bytes past the length are kept at zero, so that comparing frames compares their
+//! content.
 
 use core::fmt;
 

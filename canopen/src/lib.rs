@@ -1,22 +1,23 @@
 //! A CANopen device (CiA 301 version 4.2) without I/O.
 //!
-//! The crate knows neither a CAN controller nor a clock. Whoever owns both hands every received
-//! frame to [`Device::on_frame`] in the order of reception, together with the time it came in,
-//! calls [`Device::poll`] when [`Device::next_deadline`] has passed, and takes frames to send from
-//! [`Device::pop_frame`] and things to know from [`Device::pop_event`]. All state is in the
-//! `Device`, so a process may run as many nodes as it likes.
+//! The crate uses neither a CAN controller nor a clock; the caller owns both. The caller passes
+//! every received frame to [`Device::on_frame`] in the order of reception, together with its time
+//! of reception, calls [`Device::poll`] when [`Device::next_deadline`] has passed, and takes frames
+//! to send from [`Device::pop_frame`] and events from [`Device::pop_event`]. All state is in the
+//! `Device`, so a process may run any number of nodes.
 //!
-//! The communication objects (0x1000 to 0x1FFF) live in the device; everything else is the
-//! application's and is reached through the [`ObjectDictionary`] trait.
+//! The device holds the communication objects (0x1000 to 0x1FFF); the application holds all others
+//! and provides them through the [`ObjectDictionary`] trait.
 //!
-//! What can fill up: the transmit queue and the event queue. Both drop the newest entry, count it
-//! ([`Device::counters`]) and carry on. What it cannot do: remote frames, 29-bit identifiers and
-//! node guarding, which CiA 301 itself advises against.
+//! The transmit queue and the event queue can overflow. Both then drop the newest entry and count
+//! it ([`Device::counters`]). Limits: the crate does not support remote frames, 29-bit identifiers,
+//! or node guarding, which CiA 301 itself advises against.
 //!
-//! The [`client`] module is the other end: what a master needs to talk to such devices.
+//! The [`client`] module is the counterpart: the services that a master needs to talk to such
+//! devices.
 //!
-//! A device with one object, and a master's client that writes it. Here both are in one process and
-//! every frame of one is handed to the other:
+//! A device with one object, and a master's client that writes it. Here both are in one process,
+//! and every frame of one is passed to the other:
 //!
 //! ```
 //! use canopen::client::{Outcome, SdoClient};

@@ -1,4 +1,4 @@
-//! Network management: the four states of a device and the five commands that move it.
+//! Network management: the four states of a device and the five commands that change them.
 //!
 //! CiA 301, 7.3.2. The numbers are those on the wire: of the states in the heartbeat, of the
 //! commands in the frame with identifier 0.
@@ -88,7 +88,7 @@ impl NmtCommand {
     }
 }
 
-/// Whom an NMT command is for.
+/// The addressee of an NMT command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NmtTarget {

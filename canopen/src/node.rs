@@ -1,4 +1,4 @@
-//! The node-ID: what a CANopen device adds to the base identifiers of its services.
+//! The node-ID, which a CANopen device adds to the base identifiers of its services.
 
 use core::fmt;
 

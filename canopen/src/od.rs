@@ -1,13 +1,13 @@
-//! What the device asks of the application: its part of the object dictionary.
+//! The device's interface to the application: its part of the object dictionary.
 //!
 //! Values travel as their little-endian bytes. The device answers for the communication objects it
 //! knows and asks the application for every other index, so an application may add objects of the
 //! 0x1000 range that the device lacks.
 //!
-//! Two short cuts, [`rpdo`](ObjectDictionary::rpdo) and [`tpdo`](ObjectDictionary::tpdo), let the
-//! application take or give a whole PDO at once instead of object by object. They are used only
-//! while that PDO is mapped as the [`Config`](crate::Config) says; as soon as a master has mapped
-//! something else, the mapping is what counts.
+//! Two shortcuts, [`rpdo`](ObjectDictionary::rpdo) and [`tpdo`](ObjectDictionary::tpdo), let the
+//! application receive or provide a whole PDO at once instead of object by object. They are used
+//! only while that PDO has the mapping of the [`Config`](crate::Config); once a master has changed
+//! the mapping, the device uses the objects.
 
 use crate::{AbortCode, NmtState, Storage};
 
@@ -21,7 +21,7 @@ pub enum PdoDirection {
     Transmit,
 }
 
-/// How much of the application an NMT reset starts anew.
+/// Which parts of the application an NMT reset restarts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetScope {

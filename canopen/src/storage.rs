@@ -1,8 +1,8 @@
-//! What the device asks of non-volatile memory.
+//! The device's interface to non-volatile memory.
 //!
-//! The device knows when to save and what its own objects are; where bytes go, how they survive a
-//! power loss, and what the application saves beside them is up to the implementation. Saving may
-//! take its time: answer [`StoreProgress::Pending`] and call
+//! The device decides when to save and provides its own objects; the implementation decides where
+//! to store the bytes, how they survive a power loss, and what the application saves with them. If
+//! saving takes time, return [`StoreProgress::Pending`] and call
 //! [`Device::finish_store`](crate::Device::finish_store) when it is done; the SDO client waits.
 
 use crate::{AbortCode, NodeId};
@@ -39,7 +39,7 @@ impl StoreScope {
 pub enum StoreProgress {
     /// It is done and will survive a power loss.
     Done,
-    /// It has begun; [`Device::finish_store`](crate::Device::finish_store) will tell how it ended.
+    /// It has begun; [`Device::finish_store`](crate::Device::finish_store) will report the result.
     Pending,
 }
 
@@ -54,7 +54,7 @@ pub trait Storage {
     fn save(&mut self, scope: StoreScope, communication: &[u8])
     -> Result<StoreProgress, AbortCode>;
 
-    /// Forgets what has been saved of `scope`: from the next reset on the defaults hold. The
+    /// Discards the saved objects of `scope`: from the next reset on the defaults apply. The
     /// objects themselves keep their values until then.
     ///
     /// # Errors

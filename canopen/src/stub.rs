@@ -1,9 +1,8 @@
-//! No device: what is left in its place to measure what the device costs (`cargo xtask size
-//! --canopen`).
+//! A stub in place of the device, to measure the size of the device (`cargo xtask size --canopen`).
 //!
-//! It does the least that keeps the application as it is: the same calls reach the same methods of
-//! the object dictionary, from frames, so that the compiler cannot leave any of them out and their
-//! size is not mistaken for the device's. It is no CANopen device and must not be on a bus.
+//! It does the minimum that keeps the application unchanged: frames lead to the same calls of the
+//! object dictionary, so that the compiler cannot remove these methods and their size is not
+//! attributed to the device. It is not a CANopen device and must not be used on a bus.
 
 use crate::{
     AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtState, NodeId,

@@ -1,6 +1,6 @@
-//! Time as the device sees it: microseconds since some start, monotonic, handed in by the caller.
+//! The device's time: microseconds since an arbitrary start, monotonic, provided by the caller.
 //!
-//! A length of time is a `Micros` too. Sums and differences saturate: 2^64 us are 584 000 years.
+//! A duration is a `Micros` too. Sums and differences saturate: 2^64 us are 584 000 years.
 
 use core::ops::{Add, Sub};
 

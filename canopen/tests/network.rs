@@ -43,8 +43,8 @@ fn node(id: u8) -> NodeId {
     NodeId::new(id).expect("a node-ID")
 }
 
-/// Node `id` hears what the node before it in a ring of three sends, and sends what it has heard
-/// plus one. Node 1 makes the SYNC, and everybody listens for the heartbeat of the one before.
+/// In a ring of three, node `id` receives the value of the node before it and sends that value plus
+/// one. Node 1 produces SYNC, and each node monitors the heartbeat of the one before.
 fn ring(id: u8) -> Device {
     const INPUT: &[Mapping] = &[Mapping::new(0x2000, 0, 16)];
     const OUTPUT: &[Mapping] = &[Mapping::new(0x2001, 0, 16)];

@@ -1,10 +1,10 @@
-//! One chart as an SVG string or a picture: axes, grid, lines, a legend. Drawn by `plotters`, which
-//! measures text with a font that is embedded, so nothing but Rust is needed.
+//! One chart as an SVG string or a picture: axes, grid, lines, a legend. `plotters` draws it and
+//! measures text with an embedded font, so only Rust is needed.
 //!
-//! A chart is plain data ([`Chart`]); this file only knows how charts look. [`page`] has what a
-//! page of charts and tables needs. The master's reports and the simulator's share both. Lines are
-//! thinned to what a screen can show, keeping the first and the last point, so a report of a minute
-//! at 1 kHz stays a few hundred kilobytes.
+//! A chart is plain data ([`Chart`]); this file defines only its appearance. [`page`] builds a page
+//! of charts and tables. The reports of the master and of the simulator use both. Lines are reduced
+//! to the resolution of a screen, keeping the first and the last point, so a report of a minute at
+//! 1 kHz takes only a few hundred kilobytes.
 
 #![forbid(unsafe_code)]
 

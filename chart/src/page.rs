@@ -1,6 +1,6 @@
-//! One self-contained page: no scripts, no fonts, no network; it can be mailed.
+//! One self-contained page, without scripts, fonts or network access, so that it can be mailed.
 //!
-//! Text that came from a file is for the caller to [`escape`]; charts become inline SVG.
+//! The caller has to [`escape`] text from files; charts become inline SVG.
 
 use std::fmt::Write as _;
 

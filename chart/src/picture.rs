@@ -1,7 +1,7 @@
-//! Charts as pictures that stand alone: SVG with the legend inside, and PNG.
+//! Charts as stand-alone pictures: SVG with the legend inside, and PNG.
 //!
-//! A PNG is drawn as large as an SVG and then averaged down to twice the nominal size, which makes
-//! its lines smooth. Its font is the one embedded here, the same on every machine.
+//! A PNG is drawn as large as an SVG and then averaged down to twice the nominal size, which
+//! smooths its lines. Its font is embedded, so it is the same on every machine.
 
 use std::sync::Once;
 

@@ -1,5 +1,5 @@
-//! Whether the firmware's own copying and clearing of memory does what it says, at every alignment
-//! of words and for every length up to where all of its loops have run.
+//! Tests the firmware's own copying and clearing of memory, at every alignment of words and for
+//! every length up to one at which all of its loops have run.
 
 use core::hint::black_box;
 
@@ -17,7 +17,7 @@ pub fn check() {
     }
 }
 
-/// Looked for by whoever runs this image.
+/// The caller of this image looks it up by name.
 #[inline(never)]
 fn memory_is_right() {
     // Not empty: it would be one with the empty function of `kernels`.
@@ -33,7 +33,7 @@ fn pattern() -> [u8; SIZE] {
     bytes
 }
 
-/// Byte by byte, which `black_box` keeps from becoming a call of what is looked at.
+/// Byte by byte, which `black_box` keeps from becoming a call of the function under test.
 fn equal(found: &[u8; SIZE], want: impl Fn(usize) -> u8) -> bool {
     let mut places = found.iter().enumerate();
     places.all(|(place, byte)| black_box(*byte) == black_box(want(place)))

@@ -1,4 +1,4 @@
-//! What is counted. None is inlined, so that each has an address to be watched.
+//! The counted functions. None is inlined, so that each has an address to watch.
 
 use core::hint::black_box;
 
@@ -71,7 +71,7 @@ fn fixed_forward(k: &Fixed, rates: &WheelRates<I16F16>, out: &mut Twist<I16F16>)
     *out = k.forward(rates);
 }
 
-/// The secants of four wheels, which the tick works out once for everything that needs them.
+/// The secants of four wheels, which the tick computes once for all functions that need them.
 #[inline(never)]
 fn secants_phase(secant: &Secant, angles: &[RollerAngle; 4], out: &mut [f32; 4]) {
     *out = angles.map(|angle| secant.at(angle));

@@ -1,10 +1,9 @@
-//! The functions of the control tick, one by one, over a spread of inputs, for `cargo xtask bench`
-//! to count.
+//! The functions of the control tick, one by one, over a range of inputs, for `cargo xtask bench`.
 //!
-//! Built in the firmware's profile and run in the emulator, which counts the instructions of every
-//! call of the functions in `kernels`. Each is the function of the library with its arguments in
-//! memory; `nothing` is the same without a function in it, and its cost is subtracted. It also
-//! holds the firmware's own copying of memory to what it says (`copying`). On the host this is an
+//! This image is built in the firmware's profile and run in the emulator, which counts the
+//! instructions of every call of the functions in `kernels`. Each calls the function of the library
+//! with its arguments in memory; `nothing` is the same without a call, and its cost is subtracted.
+//! The image also tests the firmware's own copying of memory (`copying`). On the host this is an
 //! empty program.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 

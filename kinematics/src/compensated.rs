@@ -1,9 +1,9 @@
 //! A member whose compensation depends on the motion, so that it cannot be folded.
 //!
-//! `J C(v) K` in three steps instead of one: the mount takes the group's twist to the member's, the
-//! compensation says what to ask for, the wheels follow. Costs about three times what
-//! [`MemberKinematics`] does with a constant compensation, and on the way back the inversion of the
-//! tables.
+//! It applies `J C(v) K` in three steps instead of one: the mount converts the group's twist to the
+//! member's, the compensation scales it, and the wheel kinematics give the rates. It costs about
+//! three times as much as [`MemberKinematics`] with a constant compensation, and in the forward
+//! direction also the inversion of the tables.
 
 use crate::arithmetic::Real;
 use crate::compensation::{Compensation, VelocityCompensation};

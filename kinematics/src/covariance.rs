@@ -1,8 +1,8 @@
-//! How sure a twist or a pose is.
+//! The uncertainty of a twist or a pose.
 //!
 //! The twist's uncertainty has three sources: noise of the wheel rates (encoder steps), slip, which
-//! shows in the wheel rates' own disagreement, and the compensation, which is only known to a few
-//! tenths of a percent. The first two enter through the least-squares inverse, the third in
+//! shows as a residual of the wheel rates, and the compensation, which is known only to a few
+//! tenths of a per cent. The first two enter through the least-squares inverse, the third in
 //! proportion to the speed.
 
 use nalgebra::{Matrix3, SMatrix};

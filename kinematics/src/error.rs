@@ -1,7 +1,7 @@
-//! What can be wrong with the numbers a robot is described by.
+//! Errors in the numbers that describe a robot.
 //!
-//! Every error names the field, so that whoever reads a configuration file can say which line to
-//! mend. All of them are found while an object is built; nothing after that can fail.
+//! Every error names the field, so that the reader of a configuration file can report the line to
+//! correct. All errors are found while an object is built; later calls cannot fail.
 
 use core::fmt;
 
@@ -99,8 +99,8 @@ pub enum CompensationError {
     /// Between this row (counted from 0) and the one before, the coefficient changes so fast that
     /// two speeds might ask the wheels for the same.
     TooSteep(usize),
-    /// The coefficients for oblique motion are too far from the axial ones to be told apart on the
-    /// way back.
+    /// The coefficients for oblique motion are too far from the axial ones to be distinguished on
+    /// the way back.
     TooOblique,
 }
 
@@ -163,7 +163,7 @@ impl core::error::Error for RangeError {}
 pub enum GroupError {
     /// There are none.
     Empty,
-    /// What their wheels tell about the group's motion cannot be inverted.
+    /// The information of their wheels about the group's motion cannot be inverted.
     Undetermined,
 }
 

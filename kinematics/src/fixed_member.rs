@@ -1,8 +1,8 @@
-//! A member computed in fixed point behind a single-precision face.
+//! A member computed in fixed point behind a single-precision interface.
 //!
-//! For a controller whose setpoints and measurements are `f32` and whose kinematics shall not
-//! depend on a floating-point unit: the same methods as [`MemberKinematics`], so that one can stand
-//! in for the other. Each value is converted at the edge, with one multiplication and one
+//! It is for a controller whose setpoints and measurements are `f32` and whose kinematics must not
+//! depend on a floating-point unit. It has the same methods as [`MemberKinematics`], so that one
+//! can replace the other. Each value is converted at the edge, with one multiplication and one
 //! conversion instruction on a Cortex-M4F.
 
 use fixed::types::I16F16;

@@ -1,9 +1,9 @@
 //! `J C K` of equation (19), folded into one matrix, and its least-squares inverse, for any number
 //! of wheels.
 //!
-//! Built once from the wheels, the mount and the compensation; used every millisecond. Both ways
-//! are one matrix times one vector. The way back is the inverse of the same product with the same
-//! `C`, so that `forward(inverse(twist))` is `twist` and nothing is compensated twice.
+//! The matrices are built once from the wheels, the mount and the compensation. Both directions are
+//! one matrix times one vector. The forward direction is the inverse of the same product with the
+//! same `C`, so that `forward(inverse(twist))` is `twist` and compensation is applied only once.
 
 use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;

@@ -1,7 +1,8 @@
 //! Velocity and pose of a body in the plane.
 //!
-//! REP-103: x forward, y left, heading counter-clockwise. A [`Twist`] does not carry its frame; the
-//! functions that take one say which they mean, and the two that change it are here.
+//! REP-103: x forward, y left, heading counter-clockwise. A [`Twist`] does not contain its frame;
+//! the functions that take one document which frame they expect, and this file has the two that
+//! change it.
 
 use core::ops::{Add, Mul, Neg, Sub};
 

@@ -1,13 +1,14 @@
 //! Several robots as one body: equations (9) to (15), (20), (21).
 //!
-//! The way to the wheels needs no group object: every member works out its own rates from the group
-//! twist, and nothing passes between them. The way back does: each member measures the group's
-//! twist by itself, and the best estimate weighs those by what each member's wheels can tell. That
-//! weighted mean equals the least-squares solution over all wheels of all members (a test says so),
-//! members of different wheel counts included, and it needs of each member no more than the twist
-//! it puts on the bus.
+//! Inverse kinematics needs no group object: every member computes its own rates from the group
+//! twist, and members exchange no data. Forward kinematics does: each member measures the group's
+//! twist, and the best estimate weighs these measurements by the information of each member's
+//! wheels. This weighted mean equals the least-squares solution over all wheels of all members
+//! (tested), including members with different numbers of wheels, and it needs from each member only
+//! the twist that it sends on the bus.
 //!
-//! What is left between a member's twist and the group's is slip, or strain in what connects them.
+//! The remaining difference between a member's twist and the group's is slip, or strain in the
+//! connection.
 
 use nalgebra::{Matrix3, Vector3};
 

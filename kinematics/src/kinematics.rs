@@ -1,9 +1,9 @@
-//! What every model of a member can do, so that code can be written for any of them.
+//! A trait over all models of a member, for code that works with any of them.
 //!
 //! [`MemberKinematics`], [`FixedMember`] and [`CompensatedMember`] implement [`Kinematics`] as they
-//! are. The models that know where the rollers stand need four secants with every call;
-//! [`PhaseMember::at`] and [`FixedPhaseMember::at`] bind them, and the [`AtPhase`] that results
-//! implements the trait too.
+//! are. The models that use the roller phase need four secants with every call; [`PhaseMember::at`]
+//! and [`FixedPhaseMember::at`] bind them, and the [`AtPhase`] that results implements the trait
+//! too.
 //!
 //! The methods carry the names of the inherent ones and do the same, so a control loop that names
 //! its type pays nothing for the trait.

@@ -1,11 +1,12 @@
 //! Kinematics of Mecanum-wheeled robots and of groups of them that move as one body.
 //!
 //! A robot is a set of [`Wheel`]s; the usual four-wheel robot is a [`FourWheelGeometry`]. A robot
-//! in a group has a [`Mount`], its pose in the group frame. [`VelocityCompensation`] says by how
-//! much the wheels must be driven faster than geometry alone would say. [`MemberKinematics`] folds
-//! the three into one 4x3 matrix `J C K`, so that turning a group twist into wheel rates costs
-//! twelve multiplications, and into its least-squares inverse for the way back. Everything with a
-//! trigonometric function or an inverse in it happens once, when these objects are built.
+//! in a group has a [`Mount`], its pose in the group frame. [`VelocityCompensation`] gives the
+//! factors by which the wheels must turn faster than geometry alone requires. [`MemberKinematics`]
+//! folds the three into one 4x3 matrix `J C K`, so that the conversion of a group twist into wheel
+//! rates costs twelve multiplications, and into its least-squares inverse for the forward
+//! direction. Trigonometric functions and inverses are computed only once, when these objects are
+//! built.
 //!
 //! # Where to start
 //!
@@ -14,13 +15,13 @@
 //! | drive the usual robot, alone or in a group | [`FourWheelGeometry`], [`Mount`], [`MemberKinematics`] |
 //! | drive any other | [`Wheel`], [`Platform`], [`WheelKinematics`] |
 //! | keep wheels within their limits | [`desaturate`], [`group_scale`] |
-//! | arrange several robots and see what the whole does | [`Formation`], [`Group`] |
-//! | take out slip | [`VelocityCompensation`], [`SpeedCompensation`], [`DirectionalCompensation`], [`estimate`] |
-//! | notice slip | [`MemberKinematics::slip_residual`], [`Platform::suspect`], [`TwistUncertainty`] |
-//! | know where the robot is | [`Odometry`], [`UncertainOdometry`] |
-//! | have something to follow | [`trajectory`] |
+//! | arrange several robots and measure the motion of the group | [`Formation`], [`Group`] |
+//! | compensate slip | [`VelocityCompensation`], [`SpeedCompensation`], [`DirectionalCompensation`], [`estimate`] |
+//! | detect slip | [`MemberKinematics::slip_residual`], [`Platform::suspect`], [`TwistUncertainty`] |
+//! | track the robot's pose | [`Odometry`], [`UncertainOdometry`] |
+//! | follow a curve | [`trajectory`] |
 //! | model the rollers | [`Rollers`], [`Wheel::swept`], [`roller_angle_correction`] |
-//! | take out what the rollers do, by the wheels' angles | [`RollerTrack`], [`Secant`], [`PhaseMember`], [`PhasePlatform`] |
+//! | correct the effect of the rollers by the wheels' angles | [`RollerTrack`], [`Secant`], [`PhaseMember`], [`PhasePlatform`] |
 //! | write code for any of these models | [`Kinematics`] |
 //! | do without a floating-point unit | [`FixedMember`], [`MemberKinematics::convert`] |
 //!
@@ -36,12 +37,11 @@
 //! Every type takes its scalar as a parameter that defaults to `f32`. `f64` works everywhere; fixed
 //! point ([`fixed::types::I16F16`]) in what a control loop calls, by way of
 //! [`MemberKinematics::convert`].
+//! # Limits
 //!
-//! # What it cannot do
-//!
-//! It knows no masses, no friction and no time other than the `dt` it is given: wheels are taken to
-//! roll without slip along their ground roller's axle, and whatever really happens beyond that is a
-//! number in the compensation or in the [`MemberKinematics::slip_residual`].
+//! The crate does not model mass or friction, and its only time is the `dt` that it is given.
+//! Wheels are assumed to roll without slip along their ground roller's axle; deviations from that
+//! appear only in the compensation or in the [`MemberKinematics::slip_residual`].
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

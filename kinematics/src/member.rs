@@ -1,9 +1,9 @@
-//! One four-wheel robot in a group, ready for the control loop.
+//! One four-wheel robot in a group, for the control loop.
 //!
 //! [`WheelKinematics`] for the usual number of wheels, with names instead of an order, and with the
 //! one combination of wheel rates that must always be zero: four wheels measure three velocities.
-//! What is left in it is slip, a dead encoder or a wrong wheel radius: the
-//! [`MemberKinematics::slip_residual`].
+//! If it is not zero, the cause is slip, a dead encoder or a wrong wheel radius;
+//! [`MemberKinematics::slip_residual`] returns it.
 
 use crate::arithmetic::{Real, Scalar};
 use crate::compensation::VelocityCompensation;

@@ -1,13 +1,13 @@
-//! Where a member stands in its group: the paper's `K_j`, equation (11).
+//! The pose of a member in its group: the paper's `K_j`, equation (11).
 //!
 //! A group moves as one body, so every member's velocity follows from the group's: the same angular
-//! velocity, plus what the lever arm adds, seen in the member's own directions.
+//! velocity, plus the contribution of the lever arm, in the member's own frame.
 
 use crate::arithmetic::Real;
 use crate::error::MountError;
 use crate::frame::{Pose, Twist};
 
-/// Pose of a member in the group frame, with its sine and cosine worked out.
+/// Pose of a member in the group frame, with its sine and cosine precomputed.
 ///
 /// ```
 /// use mecanum_kinematics::{Mount, Pose, Twist};

@@ -2,13 +2,13 @@
 //!
 //! A body that keeps a constant twist for a step moves on a circular arc. The Euler step (straight
 //! ahead, then turn) misses that arc by half the turn; here the arc is integrated in closed form,
-//! so the only errors left are the twist's own and rounding. Rounding is kept out of the sums: the
-//! heading is an integer of 2^-61 rad, to which an `f32` turn is added exactly, and the position
-//! carries what each addition lost into the next.
+//! so the only remaining errors are the twist's own and rounding. Rounding is kept out of the sums:
+//! the heading is an integer of 2^-61 rad, to which an `f32` turn is added exactly, and the
+//! position carries the rounding error of each addition into the next.
 //!
-//! Nothing here needs a speed: [`Odometry::advance`] takes a displacement, and forward kinematics
-//! turns wheel-angle increments into one as it turns wheel rates into a twist, because it is
-//! linear.
+//! Speeds are not needed: [`Odometry::advance`] takes a displacement, and forward kinematics, which
+//! is linear, converts wheel-angle increments into a displacement as it converts wheel rates into a
+//! twist.
 
 use nalgebra::Matrix3;
 

@@ -1,13 +1,13 @@
 //! The source paper's own frame and equations, as it prints them.
 //!
-//! Nothing else in this crate uses this frame; tests do, to hold the crate against the paper, and
-//! so may a report that wants the paper's axes. Here x points right, y forward, heading is
+//! No other module of this crate uses this frame; tests use it to compare the crate with the paper,
+//! and reports may use it to show the paper's axes. Here x points right, y forward, heading is
 //! counter-clockwise, wheels 1 to 4 are front right, front left, rear left, rear right, W and H are
 //! half track and half wheelbase, and wheel rates are right-handed about +x: driving forward is
 //! *negative*. `x = y_paper`, `y = -x_paper`, `rate = -rate_paper`.
 //!
-//! Angles are sined with `libm` through the scalar's own functions: these are reference forms, not
-//! for a control loop.
+//! Sines come from `libm` through the scalar's own functions: these are reference forms, not for a
+//! control loop.
 
 use crate::arithmetic::Real;
 use crate::four_wheel::{FourWheelGeometry, WheelRates};

@@ -1,10 +1,10 @@
-//! A robot as a set of wheels: its inverse Jacobian `J`, checked, and the least-squares way back.
+//! A robot as a set of wheels: its inverse Jacobian `J`, checked, and the least-squares inverse.
 //!
-//! With three wheels or more the wheel rates follow from the twist (`J`, N rows of three). The way
-//! back has more equations than unknowns, so the twist is the one that leaves the smallest weighted
-//! sum of squared wheel-rate errors, `(J^T W J)^-1 J^T W`, worked out once. Whether that inverse
-//! exists, and whether it is worth having, is a question about the wheels, and is answered when the
-//! robot is built, by an error that says what is wrong with them.
+//! With three wheels or more the wheel rates follow from the twist (`J`, N rows of three). The
+//! forward direction has more equations than unknowns, so the result is the twist with the smallest
+//! weighted sum of squared wheel-rate errors; its matrix `(J^T W J)^-1 J^T W` is computed once. The
+//! arrangement of the wheels determines whether that inverse exists and is well conditioned; if
+//! not, the constructor returns an error that names the cause.
 
 use nalgebra::{Matrix3, SMatrix};
 
@@ -122,7 +122,8 @@ impl<const N: usize, S: Real> Platform<N, S> {
         &self.information
     }
 
-    /// How much harder the worst motion is to tell from the wheel rates than the best, 1 or more.
+    /// Condition number: how much less accurately the wheel rates determine the worst motion than
+    /// the best, 1 or more.
     ///
     /// The ratio of the largest to the smallest singular value of `J`, with yaw taken per metre of
     /// the wheels' typical lever arm so that the unit of length does not matter.

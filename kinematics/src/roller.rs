@@ -1,14 +1,14 @@
-//! What a finite number of rollers does to a wheel.
+//! The effect of a finite number of rollers on a wheel.
 //!
-//! Between two hand-overs the ground roller swings with the wheel, by up to pi/n either way. Seen
-//! from above its axle then stands at `tan(gamma') = tan(gamma) cos(sweep)`, so sideways motion per
-//! wheel angle shrinks with `cos(sweep)`: on average by `sin(pi/n)/(pi/n)`, 2.55 % at eight
-//! rollers, with a ripple between `cos(pi/n)` and 1, n times a wheel turn. Straight motion does not
-//! notice. The point of contact wanders along the wheel's axle as well, which changes the wheel's
-//! lever arm.
+//! Between two roller transitions the ground roller swings with the wheel, by up to pi/n either
+//! way. Seen from above its axle is then at `tan(gamma') = tan(gamma) cos(sweep)`, so sideways
+//! motion per wheel angle shrinks with `cos(sweep)`: on average by `sin(pi/n)/(pi/n)`, 2.55 % at
+//! eight rollers, with a ripple between `cos(pi/n)` and 1, n times a wheel turn. Straight motion is
+//! not affected. The point of contact wanders along the wheel's axle as well, which changes the
+//! wheel's lever arm.
 //!
-//! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that wants
-//! to show it or by a controller that wants to take it out.
+//! This is geometry, not slip: it can be computed from the wheel's angle, by a simulator that
+//! models it or by a controller that corrects it.
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
@@ -78,7 +78,7 @@ impl<S: Real> Rollers<S> {
         sin / half
     }
 
-    /// The least of it, `cos(pi/n)`, at the hand-over.
+    /// Its minimum, `cos(pi/n)`, at the roller transition.
     #[must_use]
     pub fn least_lateral_ratio(&self) -> S {
         let (_, cos) = (S::pi() / self.count).sine_cosine();

@@ -1,9 +1,9 @@
-//! Which wheel is it?
+//! Identification of a slipping wheel.
 //!
 //! N wheels measure three velocities, so N - 3 combinations of their rates must be zero, and a
-//! wheel that slips disturbs them in its own pattern. With five wheels or more the pattern usually
-//! names the wheel. With four there is one combination only: it says that something slips, not
-//! what; then the rates that were commanded must help.
+//! wheel that slips disturbs them in its own pattern. With five or more wheels the pattern usually
+//! identifies the wheel. With four there is only one combination: it shows that a wheel slips, but
+//! not which one; then the commanded rates are also needed.
 
 use crate::arithmetic::Real;
 use crate::frame::Twist;
@@ -80,7 +80,7 @@ impl<const N: usize, S: Real> Platform<N, S> {
         }
     }
 
-    /// Finds the wheel that does not do what it was told: dead, blocked or spinning freely. Works
+    /// Finds the wheel that does not follow its command: dead, blocked or spinning freely. Works
     /// for any number of wheels.
     ///
     /// `asked` is the twist the wheels were asked for (robot frame, compensated), `threshold`

@@ -49,7 +49,7 @@ fn group_forward_is_least_squares_over_all_wheels() {
     );
     let group = Group::new(&[Member::new(&p1, &m1, &c1), Member::new(&p2, &m2, &c2)]).unwrap();
 
-    // Consistent rates: everybody agrees, whatever the shares.
+    // Consistent rates: all members agree, for any weights.
     let twist = Twist::new(0.3, -0.2, 0.25);
     let measured = [
         k1.forward(&k1.inverse(twist)),
@@ -190,7 +190,7 @@ fn one_slipping_wheel_is_named() {
             assert!((found - excess).abs() < 1e-9);
         }
     }
-    // Two at once: nobody is accused.
+    // Two at once: no wheel is named.
     let mut rates = healthy;
     rates[0] += 1.0;
     rates[3] += 0.7;

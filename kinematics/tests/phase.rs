@@ -24,7 +24,7 @@ fn compensation() -> VelocityCompensation<f64> {
     VelocityCompensation::new(1.002, 1.033, 1.0195).unwrap()
 }
 
-/// Secants anywhere between those of a roller's middle and of the hand-over of eight.
+/// Secants between those of a roller's middle and of the transition of eight rollers.
 fn secants() -> impl Strategy<Value = [f64; 4]> {
     let one = 1.0..1.0 / (PI / 8.0).cos();
     [one.clone(), one.clone(), one.clone(), one]
@@ -510,7 +510,7 @@ fn a_long_increment_takes_the_mean_ratio() {
         &secants,
     );
     let end = rollers.sweep(turned, phase);
-    // By hand: from 0.1 to the hand-over at pi/8, then from -pi/8 to the end.
+    // By hand: from 0.1 to the transition at pi/8, then from -pi/8 to the end.
     let expected = 0.1524 * (2.0 * (PI / 8.0).sin() - 0.1_f64.sin() + end.sin());
     assert!(
         (moved.vy - expected).abs() < ROUNDING,

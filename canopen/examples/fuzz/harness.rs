@@ -2,9 +2,9 @@
 //!
 //! Streams of any identifier, length and bytes reach little, so most frames here are nearly right:
 //! services of the device with plausible commands, real objects, transfers carried on. In between
-//! come whole transfers over a bus that loses frames, and PDOs mapped anew. Nothing may panic,
-//! every frame sent must be one of the device's own, and a poll must leave no deadline behind (else
-//! the caller would spin).
+//! come whole transfers over a bus that loses frames, and remapped PDOs. Nothing may panic, every
+//! frame sent must be one of the device's own, and a poll must leave no deadline behind (else the
+//! caller would spin).
 //!
 //! Two programs share this file: the example beside it draws from a generator, the libFuzzer target
 //! in `fuzz/` from the bytes that libFuzzer makes up.
@@ -300,7 +300,7 @@ fn transfer(
     }
 }
 
-/// A PDO mapped anew by the rules, with objects that may not be allowed or not fit.
+/// A PDO remapped by the rules, with objects that may not be allowed or not fit.
 fn remap(random: &mut Source<'_>, device: &mut Device, objects: &mut Objects, now: Micros) {
     let at = random.below(5) as u16 + random.one_of(&[0x1400, 0x1800]);
     let mut write = |index: u16, sub: u8, value: &[u8]| {

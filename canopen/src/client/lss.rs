@@ -1,5 +1,5 @@
-//! The LSS master: gives node-IDs to devices known by their identity, or finds one that nobody
-//! knows yet (fastscan, CiA 305).
+//! The LSS master: assigns node-IDs to devices with a known identity, or finds an unknown one
+//! (fastscan, CiA 305).
 
 use crate::time::Timer;
 use crate::{Frame, Identity, Micros, NodeId};
@@ -119,7 +119,7 @@ pub struct FastScan {
     timer: Timer,
     outgoing: Option<Frame>,
     found: [u32; 4],
-    /// Which number is being asked for, and down to which bit; 0x80 asks whether there is anybody.
+    /// Which number is being searched, and down to which bit; 0x80 asks whether any device answers.
     part: u8,
     bit: u8,
     /// Asking whether the whole number is right.

@@ -1,4 +1,4 @@
-//! Frames of NMT, SYNC and heartbeat, made and read.
+//! Encoding and decoding of NMT, SYNC and heartbeat frames.
 
 use crate::{Frame, NmtCommand, NmtState, NmtTarget, NodeId};
 

@@ -1,7 +1,7 @@
-//! The other end of the bus: what a master needs to talk to CANopen devices.
+//! The master's side: the services that a master needs to talk to CANopen devices.
 //!
-//! [`SdoClient`] reads and writes the objects of one device; the functions here make and read the
-//! frames of the other services. No I/O here either.
+//! [`SdoClient`] reads and writes the objects of one device; the functions of this module encode
+//! and decode the frames of the other services. The module has no I/O either.
 
 mod lss;
 mod messages;

@@ -1,10 +1,10 @@
-//! What happens when the CAN controller goes bus-off.
+//! Recovery of the CAN controller after bus-off.
 //!
-//! The policy: everything waiting to be sent is dropped, object 0x1029 decides about the NMT state,
-//! and after a pause the application is asked to bring the controller back. The pause is 100 ms at
+//! At bus-off all frames waiting to be sent are dropped, object 0x1029 determines the NMT state,
+//! and after a pause the application is asked to restart the controller. The pause is 100 ms at
 //! first and doubles each time up to 3.2 s, so that a broken node does not keep disturbing the
-//! others; ten seconds without bus-off and it is 100 ms again. Back on the bus the device sends an
-//! emergency message, 0x8140. Every bus-off is counted.
+//! others; after ten seconds without bus-off it is 100 ms again. Back on the bus the device sends
+//! an emergency message, 0x8140. Every bus-off is counted.
 
 use super::Core;
 use crate::time::Timer;

@@ -1,8 +1,8 @@
-//! The emergency service: errors that are there, those that were, and the messages about them.
+//! The emergency service: active errors, past errors, and the messages about them.
 //!
-//! An error is known by its code and the first byte that comes with it (of an RPDO error, the
-//! number of the RPDO). It is announced once when it appears and once when it has gone. Messages
-//! wait while the device is STOPPED or the inhibit time runs; if too many wait, the oldest go.
+//! An error is identified by its code and the first byte of its data (for an RPDO error, the number
+//! of the RPDO). It is announced once when it appears and once when it has gone. Messages wait
+//! while the device is STOPPED or the inhibit time runs; if too many wait, the oldest are dropped.
 
 use heapless::Deque;
 
@@ -15,7 +15,7 @@ use crate::{AbortCode, Config, Event, Frame, Micros, NmtState, NodeId};
 
 use super::pdo::{OFF, is_restricted};
 
-/// Errors that can be present at the same time and be told apart.
+/// Largest number of distinct errors that can be present at the same time.
 const ACTIVE: usize = 8;
 /// Entries of the error history, object 0x1003.
 const HISTORY: usize = 8;

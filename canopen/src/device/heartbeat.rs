@@ -1,12 +1,12 @@
-//! Heartbeat: this device's own (0x1017) and those it listens for (0x1016).
+//! Heartbeat: this device's own (0x1017) and those it monitors (0x1016).
 //!
-//! A consumer starts with the first heartbeat it hears, as CiA 301, 7.2.8.3.2.2 wants: a node that
-//! was never there is not lost.
+//! A consumer starts with the first heartbeat it receives, as CiA 301, 7.2.8.3.2.2 requires: a node
+//! that never appeared is not lost.
 //!
 //! The first period after a start is shorter, by up to a half that follows from the serial number.
 //! Two devices with one node-ID by mistake, switched on or configured at the same moment, would
-//! otherwise send their heartbeats in the same bits for a long time, and neither would hear the
-//! other.
+//! otherwise send their heartbeats in the same bits for a long time, and neither would receive the
+//! other's.
 
 use super::{Core, HEARTBEAT};
 use crate::time::Timer;

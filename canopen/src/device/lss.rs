@@ -1,17 +1,17 @@
-//! The LSS slave: lets a master find the device by its identity and give it a node-ID (CiA 305).
+//! The LSS slave: a master finds the device by its identity and assigns it a node-ID (CiA 305).
 //!
-//! Requests come on 0x7E5, answers go out on 0x7E4, in every NMT state and without a node-ID too. A
-//! device without one boots as soon as it has got one and is switched back to waiting; a device
-//! that has one takes the new one at the next reset. The bit rate cannot be changed, because the
-//! board sets it: *configure bit timing* (0x13) is answered with error 1, not supported, whatever
-//! it asks for.
+//! Requests arrive on 0x7E5 and answers are sent on 0x7E4, in every NMT state and also without a
+//! node-ID. A device without a node-ID boots as soon as it has received one and is switched back to
+//! waiting; a device that has one applies the new one at the next reset. The bit rate cannot be
+//! changed, because the board sets it: *configure bit timing* (0x13) is always answered with error
+//! 1, not supported.
 //!
-//! Two devices must not become one node. So a node-ID is neither taken nor stored while the device
-//! is OPERATIONAL or the application forbids it (error 0xFF), the global switch into configuration
-//! is ignored then, and a device that was switched by it takes no node-ID if it knows of another
-//! device: one whose heartbeat it has heard since its boot-up, or that has answered to LSS since
-//! the switch. A selected device, or one found by fastscan, is the only one. Limit: two devices
-//! without a node-ID that answer in the same bits do not hear each other.
+//! Two devices must not get the same node-ID. A node-ID is therefore neither accepted nor stored
+//! while the device is OPERATIONAL or the application forbids it (error 0xFF), the global switch
+//! into configuration is ignored then, and a device that was switched by it accepts no node-ID if
+//! it knows of another device: one whose heartbeat it has received since its boot-up, or that has
+//! answered to LSS since the switch. A device that was selected or found by fastscan is unique.
+//! Limit: two devices without a node-ID that answer in the same bits do not detect each other.
 
 use super::Core;
 use crate::bytes::{high_u16, low_u16};
@@ -34,9 +34,9 @@ const NOT_NOW: u8 = 0xFF;
 pub(super) struct Lss {
     /// Listens to configuration commands.
     configuring: bool,
-    /// It was switched to that together with everybody.
+    /// It was switched by the global command.
     with_all: bool,
-    /// Another device has been heard.
+    /// A frame of another device has been received.
     pub crowded: bool,
     /// How many parts of the identity have matched in a selective switch.
     selected: u8,
@@ -125,7 +125,7 @@ impl Core {
         self.state != NmtState::Operational && !among_others && od.may_change_node()
     }
 
-    /// Another device has answered an LSS master: what everybody was given is nobody's.
+    /// Another device has answered an LSS master: a node-ID given to all devices is not accepted.
     pub(super) fn hear_lss(&mut self) {
         if self.lss.configuring && self.lss.with_all {
             self.lss.crowded = true;

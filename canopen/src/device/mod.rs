@@ -1,8 +1,8 @@
-//! The device: hands every frame to the service it belongs to.
+//! The device: passes every frame to its service.
 //!
-//! `Core` holds the communication objects and the services that act by themselves (one file each);
-//! the SDO server sits beside it, because it needs all of them at once. Frames are handled
-//! completely in the order they come in, so nothing here can swap a setpoint and a SYNC.
+//! `Core` holds the communication objects and the independent services (one file each); the SDO
+//! server is beside it, because it needs all of them at once. Each frame is processed completely
+//! before the next, so a setpoint and a SYNC keep their order.
 //!
 //! The methods that reach the application's objects are generic for the caller's sake only: inside,
 //! the object dictionary is a trait object, so that this code is compiled once, in this crate, with
@@ -11,8 +11,8 @@
 //!
 //! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
-//! a `poll` that has looked at all of them raises it again. So the deadline may be early, never
-//! late.
+//! a `poll` that has checked all of them raises it again. The deadline may therefore be early, but
+//! never late.
 
 mod bus_off;
 mod emergency;
@@ -209,8 +209,8 @@ impl Device {
         self.core.on_bus_recovered(now);
     }
 
-    /// Saving or restoring that was [pending](crate::StoreProgress::Pending) has ended: tells the
-    /// SDO client or the LSS master that waits for it.
+    /// Saving or restoring that was [pending](crate::StoreProgress::Pending) has ended: reports the
+    /// result to the SDO client or the LSS master that waits for it.
     pub fn finish_store(&mut self, result: Result<(), AbortCode>) {
         if !self.core.finish_lss_store(result) {
             self.sdo.finish_store(&mut self.core, result);

@@ -1,9 +1,9 @@
 //! The communication objects, 0x1000 to 0x1FFF, as SDO clients see them.
 //!
-//! Every number the device holds is found by `own`, which also knows its length and whether it can
-//! be written; so reading, the checks before a write, and saving need no knowledge of single
-//! objects. `set` is the other half: it checks a new value and takes it, or changes nothing. All
-//! other indices are the application's.
+//! `own` finds every number that the device holds, with its length and its access; reading, the
+//! checks before a write, and saving therefore do not depend on single objects. `set` is its
+//! counterpart: it checks a new value and either applies it or changes nothing. All other indices
+//! belong to the application.
 
 use super::heartbeat::{Consumer, MAX_CONSUMERS};
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};

@@ -1,7 +1,7 @@
-//! What leaves the device: frames, events, counts, and the time it next wants to be polled.
+//! The outputs of the device: frames, events, counts, and the time of its next poll.
 //!
-//! These are called from everywhere; copies of them in every caller would cost 700 bytes of flash
-//! and save no time to speak of, hence `inline(never)`.
+//! These functions have many callers; inlining them would cost 700 bytes of flash and save hardly
+//! any time, hence `inline(never)`.
 
 use heapless::Deque;
 

@@ -1,7 +1,7 @@
 //! Receive PDOs: latched until the next SYNC (types 0 to 240) or written at once (254, 255).
 //!
-//! Only in OPERATIONAL; every change of the NMT state throws away what is latched. A later frame of
-//! the same PDO replaces an earlier one that no SYNC has applied.
+//! RPDOs are received only in OPERATIONAL; every change of the NMT state discards latched data. A
+//! later frame of the same PDO replaces an earlier one that no SYNC has applied.
 
 use super::Core;
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};

@@ -1,9 +1,8 @@
-//! SYNC: applies the waiting RPDOs, then lets the application and the synchronous TPDOs have their
-//! turn.
+//! SYNC: applies the waiting RPDOs, then notifies the application and sends the synchronous TPDOs.
 //!
 //! As a consumer (the usual case) the device watches the counter (0x1019) for gaps and, while
 //! OPERATIONAL, the period (0x1006) for silence. As the producer (bit 30 of 0x1005) it sends SYNC
-//! itself and takes its own as if it had received it. Its counter starts at 1 when the device
+//! itself and processes its own as if it had received it. Its counter starts at 1 when the device
 //! leaves STOPPED, as CiA 301, 7.2.5.3.2 asks.
 
 use super::Core;
@@ -166,7 +165,7 @@ impl Core {
                 sync.timer = Timer::OFF;
                 sync.window = Timer::OFF;
             }
-            // A producer goes on in step.
+            // A producer stays in step.
             NmtState::PreOperational | NmtState::Operational if sync.is_producer() => {
                 if matches!(from, NmtState::Initialising | NmtState::Stopped) {
                     self.start_sync(now);

@@ -1,4 +1,4 @@
-//! Frame sequences in, golden bytes out. The bytes are those of CiA 301, worked out by hand.
+//! Frame sequences in, golden bytes out. The bytes follow CiA 301 and were computed by hand.
 
 mod bus_off;
 mod emergency;

@@ -1,8 +1,8 @@
 //! Transmit PDOs: at every n-th SYNC (types 1 to 240), at a SYNC after a change (0), or by event
 //! with event and inhibit timer (254, 255).
 //!
-//! An event-driven PDO is also sent once on entering OPERATIONAL, so that its consumers know where
-//! it starts from.
+//! An event-driven PDO is also sent once on entering OPERATIONAL, so that its consumers know the
+//! initial value.
 
 use super::Core;
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};

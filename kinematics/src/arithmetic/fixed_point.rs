@@ -6,8 +6,8 @@
 //! plus half a coefficient step for each unit of input, and the sum cannot overflow before the
 //! saturation sees it.
 //!
-//! Whether a result saturated is read from the value itself: it stands in the last sixteenth of a
-//! unit at either end of the range.
+//! A saturated result is recognised by its value: it is in the last sixteenth of a unit at either
+//! end of the range.
 
 use fixed::types::I16F16;
 

@@ -1,4 +1,4 @@
-//! A square root that costs a dozen instructions and no branch worth the name.
+//! A square root that costs a dozen instructions and hardly any branch.
 //!
 //! `core` has none; `libm`'s is exact but bit by bit, and `micromath`'s is off by up to 6 %. Here:
 //! the classic exponent-halving guess for the reciprocal root, then Newton steps until single

@@ -1,12 +1,13 @@
-//! Sine and cosine that are both exact enough and cheap enough.
+//! Sine and cosine with single-precision accuracy at a low cost.
 //!
 //! `libm`'s `f32` trigonometry computes in double precision, which a Cortex-M4F does in software: 1
-//! 250 to 2 200 instructions. The approximations of `micromath` are cheap but wrong by 1.1e-3, as
-//! much as the compensation coefficients this crate exists to apply. [`sin_cos`] sits in between:
+//! 250 to 2 200 instructions. The approximations of `micromath` are cheap but off by 1.1e-3, as
+//! much as the compensation coefficients that this crate applies. [`sin_cos`] is in between:
 //! quadrant reduction in three exact steps, two short polynomials, single precision only.
 //!
 //! Error: at most 1e-7 absolute for |angle| <= [`SIN_COS_RANGE`], asserted by a test over the whole
-//! range. Outside it, and for a NaN, the result is NaN: a heading that large has no digits left.
+//! range. Outside it, and for a NaN, the result is NaN: a heading that large has no significant
+//! digits.
 
 /// Largest angle [`sin_cos`] takes, rad.
 pub const SIN_COS_RANGE: f32 = 8192.0;

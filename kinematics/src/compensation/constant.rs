@@ -1,8 +1,8 @@
 //! Constant compensation: the paper's `C`, equation (18).
 //!
-//! A robot that is asked for 500 mm/s sideways and makes 483 has a lateral coefficient of 1.035.
-//! The same numbers, inverted, turn measured wheel rates back into the velocity the robot really
-//! had.
+//! A robot that is commanded to move at 500 mm/s sideways and reaches 483 has a lateral coefficient
+//! of 1.035. The inverse of the same numbers converts measured wheel rates into the actual velocity
+//! of the robot.
 
 use super::Compensation;
 use crate::arithmetic::Real;

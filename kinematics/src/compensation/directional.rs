@@ -1,14 +1,14 @@
 //! Coefficients that also depend on the direction of motion.
 //!
 //! The paper's robot, moving at 45 degrees, loses 1.7 % on *both* axes (Table 4), while it loses
-//! 0.2 % straight ahead and 3.2 % sideways (Table 3): what is lost depends on the whole motion,
-//! because at 45 degrees two wheels do all the rolling. With `s` the lateral share of the squared
-//! speed, 0 straight ahead, 1/2 at 45 degrees, 1 sideways,
+//! 0.2 % straight ahead and 3.2 % sideways (Table 3): the loss depends on the whole motion, because
+//! at 45 degrees only two wheels roll. With `s` the lateral fraction of the squared speed, 0
+//! straight ahead, 1/2 at 45 degrees, 1 sideways,
 //!
 //! `longitudinal = ahead + 2 s (oblique - ahead)`, `lateral = aside + 2 (1 - s) (oblique - aside)`,
 //!
-//! which is right at all three places where it was measured and straight in `s` between them. Each
-//! of the four numbers is a table over the speed of the whole motion.
+//! which is exact at all three measured directions and linear in `s` between them. Each of the four
+//! numbers is a table over the speed of the whole motion.
 
 use super::{AxisTable, Compensation, STEEPEST, invert};
 use crate::arithmetic::Real;

@@ -1,11 +1,11 @@
 //! Coefficients from measurements: commanded against measured velocity.
 //!
 //! The model is `measured = commanded / coefficient + noise`; the command is known exactly. A
-//! robust first guess (the median of the ratios, the median of the deviations from it) finds the
-//! outliers, least squares on the rest finds the coefficient, its residuals say how sure it is, and
-//! data that cannot determine it are refused with the reason. This is a job for a host, in `f64`;
-//! it needs no allocator all the same, and its medians cost time quadratic in the number of
-//! samples.
+//! robust first guess (the median of the ratios, and the median of the deviations from it) finds
+//! the outliers, least squares on the rest gives the coefficient, and its residuals give the
+//! confidence interval. Data that cannot determine the coefficient are refused with the reason. The
+//! estimate is meant for a host, in `f64`; it nevertheless needs no allocator, and its medians take
+//! time quadratic in the number of samples.
 
 use core::fmt;
 

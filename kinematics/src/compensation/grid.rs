@@ -1,12 +1,12 @@
-//! Compensation ready for a control loop: coefficients at equal steps of speed, a few instructions
-//! to look up.
+//! Compensation for a control loop: coefficients at equal steps of speed, with a lookup of a few
+//! instructions.
 //!
-//! An [`AxisTable`] searches its rows and works out a cubic; that is for whoever makes or checks a
+//! An [`AxisTable`] searches its rows and evaluates a cubic, which suits building and checking a
 //! table. Here the same curve is sampled once, at [`INTERVALS`] equal steps from standstill to its
-//! last row, and read by linear interpolation. What is lost by that is at most `1.5 (step / row
+//! last row, and read by linear interpolation. The interpolation error is at most `1.5 (step / row
 //! spacing)^2` of the difference of the two rows around it, in the middle between two samples; from
-//! the last row on, and in a table of one row, nothing. Samples are 16 bits over the range of the
-//! table, so an axis takes 44 bytes.
+//! the last row on, and in a table of one row, it is zero. Samples are 16 bits over the range of
+//! the table, so an axis takes 44 bytes.
 //!
 //! The three forms of this folder become this one: a constant is an axis without steps, a table
 //! over each axis's own speed has no oblique samples, the directional one has them. About 20

@@ -1,15 +1,15 @@
-//! How much faster the wheels must be driven than geometry says, and the way back.
+//! Compensation: how much faster the wheels must turn than geometry gives, and its inverse.
 //!
 //! Three forms, one trait. [`VelocityCompensation`] is the paper's constant diagonal `C`.
 //! [`SpeedCompensation`] has a table over speed for each axis. [`DirectionalCompensation`] adds the
-//! direction of motion between the axes, because a robot that moves obliquely loses neither what it
-//! loses ahead nor what it loses sideways.
+//! direction of motion between the axes, because the loss of a robot that moves obliquely is
+//! neither its longitudinal nor its lateral loss.
 //!
 //! [`GridCompensation`] is any of them, sampled for a control loop.
 //!
-//! All are given in the direction of use, from the velocity that is wanted to the one to ask the
-//! wheels for, and all can be inverted: a table that could not is refused when it is built. Forward
-//! kinematics uses that inverse of the same object.
+//! All map the desired velocity to the one that the wheels are commanded to, and all are
+//! invertible: a table that is not is refused when it is built. Forward kinematics uses the inverse
+//! of the same object.
 
 mod constant;
 mod directional;

@@ -1,8 +1,9 @@
-//! Where a wheel's ground roller stands, as an integer that wraps when the next roller takes over.
+//! The angle of a wheel's ground roller, as an integer that wraps when the next roller touches
+//! down.
 //!
-//! One pitch, from roller to roller, is 2^32 steps, zero is the middle of a roller, and the
-//! hand-over is where the integer wraps from its largest to its smallest value: folding an angle
-//! into ± half a pitch costs nothing, and no distance is too long for it.
+//! One pitch, from roller to roller, is 2^32 steps. Zero is the middle of a roller, and the integer
+//! wraps from its largest to its smallest value at the roller transition: folding an angle into ±
+//! half a pitch needs no instruction, for any distance.
 
 use crate::arithmetic::Real;
 use crate::error::GeometryError;
@@ -93,7 +94,7 @@ impl RollerTrack {
     /// # Errors
     ///
     /// [`GeometryError::NotPositive`] for fewer than three rollers, or for counts of less than four
-    /// a pitch, which could not tell where a roller stands.
+    /// a pitch, which could not resolve the angle of a roller.
     pub fn new(rollers: u16, counts_per_turn: f64) -> Result<Self, GeometryError> {
         if rollers < 3 {
             return Err(GeometryError::NotPositive("rollers - 2"));

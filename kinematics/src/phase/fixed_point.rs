@@ -1,7 +1,7 @@
 //! [`super::PhaseMember`] in 32-bit fixed point, with `f32` in and out.
 //!
-//! Every product keeps its upper word only ([`crate::arithmetic::high_word`]), so numbers are
-//! scaled for what they are multiplied with:
+//! Every product keeps only its upper word ([`crate::arithmetic::high_word`]), so numbers are
+//! scaled for their multiplier:
 //!
 //! | | fractional bits | |
 //! |---|---|---|
@@ -16,8 +16,8 @@
 //! | what a pair's rates are multiplied with | 32 | below a half |
 //! | twist found | as the robot's matrix leaves room for | |
 //!
-//! What comes out of the forward direction is saturated where a sum of rates can leave its range,
-//! and wraps nowhere.
+//! Results of the forward direction saturate where a sum of rates can leave its range, and never
+//! wrap.
 //!
 //! # Error
 //!

@@ -9,8 +9,7 @@
 //! front left  = X - B - s (Y + W)      front right = X + B + s (Y + W)
 //! rear left   = X - B + s (Y - W)      rear right  = X + B - s (Y - W)
 //! ```
-//!
-//! # The way back
+//! # Forward kinematics
 //!
 //! Four equations for three unknowns. With `F = Y + W` and `R = Y - W`, what the pairs of wheels
 //! see sideways, their sums and differences are
@@ -23,12 +22,12 @@
 //! ```
 //!
 //! The first two are solved for F and R by one division, and the mean of the last two is X. That is
-//! the solution with the ideal robot's columns as instruments: exact for whatever a rigid motion
-//! does to the wheels, and least squares when the secants are equal. When they are not, it is least
+//! the instrumental-variable solution with the ideal robot's columns as instruments: exact for
+//! every rigid motion, and least squares when the secants are equal. When they are not, it is least
 //! squares but for the small difference between the ideal columns and the actual ones: the variance
-//! is at most 0.4 % above least squares' at eight rollers (tested), and solving costs a third. What
-//! is left of the rates lies along `(1, 1, -1, -1)` exactly, so the slip residual keeps its meaning
-//! whatever the rollers do.
+//! is at most 0.4 % above least squares' at eight rollers (tested), and solving costs a third. The
+//! remainder of the rates lies exactly along `(1, 1, -1, -1)`, so the slip residual keeps its
+//! meaning for every roller angle.
 
 use crate::arithmetic::Real;
 use crate::compensation::VelocityCompensation;

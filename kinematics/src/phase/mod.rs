@@ -1,19 +1,19 @@
-//! Kinematics that know where each wheel's ground roller stands.
+//! Kinematics that use the angle of each wheel's ground roller.
 //!
-//! With the wheel `sweep` past the middle of its ground roller, the roller's axle seen from above
-//! stands at `tan(gamma') = tan(gamma) cos(sweep)`. In the wheel's row of `J` only `cot gamma`
-//! becomes `cot gamma sec(sweep)`: the row is a *straight* part that no roller touches plus
-//! `sec(sweep)` times an *across* part ([`Wheel::jacobian_parts`](crate::Wheel::jacobian_parts)).
-//! So everything that changes while a wheel turns is one number a wheel, its secant, and that is
-//! what the functions here take:
+//! When the wheel has turned by `sweep` past the middle of its ground roller, the roller's axle
+//! seen from above is at `tan(gamma') = tan(gamma) cos(sweep)`. In the wheel's row of `J` only `cot
+//! gamma` becomes `cot gamma sec(sweep)`: the row is a *straight* part that does not depend on the
+//! rollers plus `sec(sweep)` times an *across* part
+//! ([`Wheel::jacobian_parts`](crate::Wheel::jacobian_parts)). Only one number per wheel changes
+//! while it turns, its secant, and the functions of this module take it as an argument:
 //!
 //! ```text
 //! encoder counts -> RollerTrack -> RollerAngle -> Secant::at -> PhaseMember::inverse, ::measure
 //! ```
 //!
 //! A wheel whose angle is unknown has the secant [`Secant::unknown`], the reciprocal of the mean
-//! lateral ratio `sin(pi/n)/(pi/n)`; a wheel of infinitely many rollers has the secant 1, and then
-//! everything here is what [`MemberKinematics`](crate::MemberKinematics) computes.
+//! lateral ratio `sin(pi/n)/(pi/n)`; a wheel of infinitely many rollers has the secant 1, and all
+//! results are then those of [`MemberKinematics`](crate::MemberKinematics).
 //!
 //! | type | for | cost on a Cortex-M4F |
 //! |---|---|---|
@@ -21,8 +21,8 @@
 //! | [`FixedPhaseMember`] | the same in `I16F16` | |
 //! | [`PhasePlatform`] | any wheels, weighted least squares, covariance | not for the control loop |
 //!
-//! What is left out: the point of contact wanders along the wheel's axle by `(r - r_roller)
-//! tan(sweep) cot(gamma)`, which changes the lever arm of a turn; its mean over a roller is zero.
+//! Limit: the point of contact wanders along the wheel's axle by `(r - r_roller) tan(sweep)
+//! cot(gamma)`, which changes the lever arm of a turn; its mean over a roller is zero.
 //! [`Wheel::swept`](crate::Wheel::swept) has it.
 
 mod angle;

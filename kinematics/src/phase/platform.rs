@@ -1,8 +1,8 @@
 //! Any wheels with their rollers: `J` for the secants they have now, weighted least squares,
 //! covariance.
 //!
-//! For what does not run a thousand times a second: building the normal equations and solving them
-//! costs several hundred instructions. [`PhaseMember`](super::PhaseMember) is the fast way for the
+//! This type is not for a control loop: building and solving the normal equations costs several
+//! hundred instructions. [`PhaseMember`](super::PhaseMember) is the fast implementation for the
 //! usual robot, and is tested against this one.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
@@ -36,7 +36,7 @@ impl<S: Real> SecantEstimate<S> {
     }
 
     /// Of a wheel with these rollers whose angle may be anything: the value is right on average
-    /// over whole rollers, the deviation is the secant's about it, at a moment that nobody chose.
+    /// over whole rollers, the deviation is the secant's about it, at a random time.
     ///
     /// Its square is `tan(a)/a - 2 m asinh(tan a)/a + m^2` with `a = pi/n` and `m = a / sin a`.
     #[must_use]

@@ -1,9 +1,9 @@
-//! The secant of a roller's sweep, cheap and even.
+//! The secant of a roller's sweep, as an even polynomial.
 //!
 //! A wheel's ground roller sweeps by ± pi/n only, and the secant is even, so a cubic in the square
-//! of the sweep is enough. Its coefficients are worked out once for each number of rollers, by
-//! interpolation in the four Chebyshev points, which spread the error evenly. Being even, it takes
-//! the same value on both sides of a hand-over.
+//! of the sweep is enough. Its coefficients are computed once for each number of rollers, by
+//! interpolation in the four Chebyshev points, which spread the error evenly. Because it is even,
+//! it has the same value on both sides of a roller transition.
 //!
 //! Largest error, relative: 2e-7 from eight rollers up, 2e-6 at six, 7e-5 at four, 2e-3 at three
 //! (tested).
@@ -18,11 +18,9 @@ use crate::roller::Rollers;
 /// ```
 /// use mecanum_kinematics::{RollerAngle, Rollers, Secant};
 ///
-/// let eight = Rollers::<f32>::new(8)?;
-/// let secant = Secant::new(Some(&eight));
-/// // At the hand-over, 22.5 degrees.
-/// assert!((secant.at(RollerAngle::from_bits(i32::MIN)) - 1.0823922).abs() < 1e-6);
-/// // Of infinitely many rollers none ever leans.
+/// let eight = Rollers::<f32>::new(8)?; let secant = Secant::new(Some(&eight)); // At the roller
+/// transition, 22.5 degrees. assert!((secant.at(RollerAngle::from_bits(i32::MIN)) -
+/// 1.0823922).abs() < 1e-6); // Of infinitely many rollers none ever leans.
 /// assert_eq!(Secant::<f32>::new(None).at(RollerAngle::from_bits(i32::MIN)), 1.0);
 /// # Ok::<(), mecanum_kinematics::GeometryError>(())
 /// ```
@@ -98,7 +96,7 @@ impl<S: Real> Secant<S> {
         self.unknown
     }
 
-    /// The largest secant, at the hand-over.
+    /// The largest secant, at the roller transition.
     #[must_use]
     pub fn largest(&self) -> S {
         self.at(RollerAngle::from_bits(i32::MIN))

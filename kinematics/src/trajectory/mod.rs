@@ -1,8 +1,8 @@
 //! Curves for a body to follow: pose, velocity and acceleration in the world frame at time t.
 //!
 //! The paper's curves (its Table 2) translate with a fixed heading; [`MotionMode`] has all eleven
-//! of its motions. They start in full motion, which no robot can; [`Ramped`] bends time at both
-//! ends.
+//! of its motions. They start at full speed, which is impossible for a robot; [`Ramped`] scales
+//! time at both ends.
 
 mod curves;
 mod modes;

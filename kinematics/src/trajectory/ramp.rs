@@ -1,7 +1,7 @@
 //! Starting and stopping on a curve that is itself in full motion.
 //!
-//! Time along the curve is bent at both ends: it runs at a rate that rises from 0 to 1 and falls
-//! back. The body travels the same curve, only slower there, so nothing about the shape changes.
+//! Time along the curve is scaled at both ends: its rate rises from 0 to 1 and falls back to 0. The
+//! body travels the same curve, only slower at the ends, so the shape does not change.
 
 use super::{Acceleration, Trajectory};
 use crate::arithmetic::Real;

@@ -1,9 +1,9 @@
 //! One test per equation of the paper, named for it.
 //!
-//! The expected values are the paper's own forms, or numbers worked out from them by hand, in its
-//! own frame; the crate's are computed in REP-103 and brought over. W differs from H, and roller
-//! angles other than 45 degrees are always among the cases: at 45 degrees the two ways of measuring
-//! a roller angle cannot be told apart.
+//! The expected values are the paper's own forms, or numbers computed from them by hand, in its own
+//! frame; the crate's are computed in REP-103 and brought over. W differs from H, and roller angles
+//! other than 45 degrees are always among the cases: at 45 degrees the two ways of measuring a
+//! roller angle cannot be distinguished.
 
 use kinematics::paper::{self, PaperTwist, PaperWheel};
 use kinematics::{

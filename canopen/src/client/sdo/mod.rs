@@ -1,13 +1,13 @@
 //! An SDO client for one device: one transfer at a time.
 //!
 //! Start a transfer with [`upload`](SdoClient::upload) or [`download`](SdoClient::download), send
-//! what [`pop_frame`](SdoClient::pop_frame) gives, hand over every frame received, and call
-//! [`poll`](SdoClient::poll) when [`next_deadline`](SdoClient::next_deadline) has passed. Each
+//! the frames of [`pop_frame`](SdoClient::pop_frame), pass every received frame to the client, and
+//! call [`poll`](SdoClient::poll) when [`next_deadline`](SdoClient::next_deadline) has passed. Each
 //! transfer ends in exactly one [`Outcome`].
 //!
 //! Values of up to four bytes are written expedited, longer ones in segments; `upload_block` and
 //! `download_block` use the block protocol with CRC, which is several times faster for long values.
-//! What an upload comes as is the device's choice and handled either way.
+//! The device chooses the form of an upload; the client handles all of them.
 
 mod block;
 mod segmented;

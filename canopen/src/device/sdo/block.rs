@@ -2,8 +2,8 @@
 //!
 //! In a download only segments that continue the sequence are kept; at the end of the block the
 //! last good number is acknowledged and the client repeats the rest. In an upload the segments are
-//! made when the transmit queue has run empty, so a block of 127 needs no memory and holds up
-//! nothing else.
+//! made when the transmit queue is empty, so a block of 127 needs no memory and does not delay
+//! other frames.
 
 use super::{Access, Answer, Server, State};
 use crate::AbortCode;

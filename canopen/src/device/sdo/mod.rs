@@ -1,12 +1,12 @@
-//! The SDO server: lets a client read and write every object (CiA 301, 7.2.4).
+//! The SDO server, through which a client reads and writes every object (CiA 301, 7.2.4).
 //!
-//! Requests come on 0x600 plus node-ID, answers go out on 0x580 plus node-ID. Values of up to four
-//! bytes travel in the request or answer itself; longer ones in segments (`segmented`) or blocks
-//! with CRC (`block`), and are collected in one buffer, so that the application sees a value whole
-//! or not at all. What does not fit the buffer is refused.
+//! Requests arrive on 0x600 plus node-ID, and answers are sent on 0x580 plus node-ID. Values of up
+//! to four bytes are in the request or answer itself; longer ones in segments (`segmented`) or
+//! blocks with CRC (`block`), and are collected in one buffer, so that the application sees a value
+//! whole or not at all. A value that does not fit into the buffer is refused.
 //!
 //! There is one transfer at a time. While it lasts, the start of another one is refused with
-//! 0x060A0023 and the first goes on; a client that falls silent loses it after `TIMEOUT`.
+//! 0x060A0023 and the first continues; it is aborted when its client is silent for `TIMEOUT`.
 
 mod block;
 mod segmented;

@@ -53,7 +53,7 @@ fn storing_that_takes_its_time_is_answered_when_it_is_done() {
         bench.od.memory.progress = Some(StoreProgress::Done);
         bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(ask(&mut bench, client::lss_store()), []);
-        // One at a time, whoever asks.
+        // One at a time, for any client.
         assert_eq!(ask(&mut bench, client::lss_store()), [LssAnswer::Stored(2)]);
         let saved = bench.write(0x1010, 1, b"save");
         assert_eq!(saved, Err(AbortCode::DeviceState.code()));
@@ -153,7 +153,7 @@ fn no_other_node_while_operational() {
 
 #[test]
 fn one_of_several_takes_no_node_that_was_meant_for_all() {
-    // One that has been heard before, or that answers the same request.
+    // One whose heartbeat was received before, or that answers the same request.
     for (id, answer) in [(0x706, false), (0x7E4, true)] {
         let mut bench = Bench::booted(CONFIG);
         if !answer {

@@ -101,8 +101,9 @@ fn with_serial(serial: u32) -> Config {
     Config { identity, ..CONFIG }
 }
 
-/// Two devices with one node-ID that boot together must hear each other: neighbouring serial
-/// numbers send their first heartbeats far apart, in the second half of the period.
+/// Two devices with one node-ID that boot together must receive each other's heartbeats:
+/// neighbouring serial numbers send their first heartbeats far apart, in the second half of the
+/// period.
 #[test]
 fn the_first_heartbeat_depends_on_the_serial_number() {
     let firsts = [1, 2, 3, 4, 5, 0x1234_5678, u32::MAX].map(|serial| {

@@ -489,7 +489,7 @@ fn an_application_may_take_and_give_whole_pdos_as_long_as_the_default_mapping_ho
     let sent = receive(&mut device, &mut od, client::sync(None));
     assert_eq!(sent, Some(Frame::of(0x185, [1; 5])));
     assert_eq!(od.0, [(1, std::vec![1, 2])]);
-    // Mapped anew, even to the same objects, the entries count.
+    // After a remapping, even to the same objects, the entries are used.
     for (index, sub, data) in [
         (0x1400, 1, &[0x81, 0x01, 0, 0x80][..]),
         (0x1600, 0, &[0]),
