@@ -5,8 +5,7 @@
 //!
 //! The two drives are independent worlds, each in its own thread. Each is a complete session of the
 //! master: boot, scan, configuration over SDO, NMT start, the curve, the ramp to standstill.
-//! Nothing here computes anything about the motion; `omnibus` does, from what the simulated world
-//! shows.
+//! `omnibus` computes all figures of the motion, from the poses of the simulated world.
 
 use std::path::PathBuf;
 
@@ -32,14 +31,14 @@ pub struct Arguments {
     /// Group file, or the name of one in `groups/`.
     #[arg(long, default_value = "tcc-3")]
     config: String,
-    /// What the robots run on.
+    /// Backend of the robots.
     #[arg(long, value_enum, default_value_t = BackendName::Emulator)]
     backend: BackendName,
-    /// What the robots compute their kinematics in; fixed point only in the emulator.
+    /// Arithmetic of the robots' kinematics; fixed point only in the emulator.
     #[arg(long, value_enum, default_value_t = Scalar::F32)]
     scalar: Scalar,
-    /// The floor: what the group file says, or rollers with friction and random phases. On the
-    /// latter the curve is driven twice more, with the robots told of their rollers.
+    /// The floor: the one of the group file, or rollers with friction and random phases. On the
+    /// latter the curve is driven twice more, with roller phases configured.
     #[arg(long, value_enum)]
     plant: Option<PlantName>,
     /// Drives only the first seconds of the curve.

@@ -1,7 +1,7 @@
-//! Building the firmware image and looking into it.
+//! Building and inspecting the firmware image.
 //!
-//! An image that lost its linker arguments still builds: it only has no vector table, and the board
-//! stays dark. So every build made here is checked before anyone uses it.
+//! An image without its linker arguments still builds, but has no vector table and does not start.
+//! Every build is therefore checked before it is used.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -33,14 +33,14 @@ pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
     }
 }
 
-/// Builds the image for a desk with a debugger, which never drives.
+/// Builds the bench image for use with a debugger, which never drives.
 pub fn build_bench() -> anyhow::Result<PathBuf> {
     build_variant(|command| {
         command.args(["--features", "bench"]);
     })
 }
 
-/// Builds an image whose control tick has another period than a millisecond, to measure with.
+/// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {
         command.env("OMNIBUS_TICK_US", period_us.to_string());
@@ -59,8 +59,8 @@ pub fn build_all_boards() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// An image that is not the one that ships. It has a folder of its own, where nobody expects that
-/// one.
+/// An image other than the shipped one. It has a separate folder, so that it cannot be mistaken for
+/// the shipped one.
 fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     build_as(|command| {
         command
@@ -96,7 +96,7 @@ fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     Ok(elf)
 }
 
-/// Checks that the image has its vector table where the core looks for it.
+/// Checks that the vector table of the image is at the address from which the core reads it.
 pub fn check(elf: &Path) -> anyhow::Result<()> {
     let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     vector_table(&bytes).with_context(|| elf.display().to_string())
@@ -115,7 +115,7 @@ fn vector_table(bytes: &[u8]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints what takes room in flash and RAM.
+/// Prints the use of flash and RAM.
 pub fn print_size(elf: &Path) -> anyhow::Result<()> {
     let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let file = object::File::parse(&*bytes).context("not an ELF file")?;

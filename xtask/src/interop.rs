@@ -1,10 +1,10 @@
-//! `cargo xtask interop`: software that nobody here wrote talks to our robots and reads our logs.
+//! `cargo xtask interop`: third-party software communicates with our robots and reads our logs.
 //!
 //! The tests are Python and lie in `tests/interop` (robots, native and emulated) and
 //! `canopen/interop` (the CANopen crate alone). They run in a virtual environment under `target/`,
-//! made here from the pinned `tests/interop/requirements.txt` and made anew when that file changes.
-//! tshark and chromium must come from the system; without it this task says so and fails, because a
-//! test that is left out in silence proves nothing.
+//! built from the pinned `tests/interop/requirements.txt` and rebuilt when that file changes.
+//! tshark and chromium must be installed on the system; otherwise this task reports them and fails,
+//! because a test that is skipped silently proves nothing.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// nothing else to do.
 struct Awake(Vec<Child>);
 
-/// Ends with whoever started it, however that ends.
+/// Ends with the process that started it, however that ends.
 const SPIN: &str =
     "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(1_000_000))\n";
 

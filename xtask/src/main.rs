@@ -1,10 +1,9 @@
 //! Workspace tasks: `cargo xtask demo | test | faults | interop | socketcan | fuzz | bench |
 //! profile | size | flash | check-elf | check-demo`.
 //!
-//! One file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the image. A
-//! task either finishes, or says what failed and what to do about it, and exits with 1. Nothing is
-//! downloaded except what `rustup` and `cargo` fetch themselves, and `pip` for `interop`, and
-//! `apt-get` for `socketcan`.
+//! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
+//! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
+//! `cargo`, `pip` (for `interop`) and `apt-get` (for `socketcan`) download anything.
 
 use std::process::ExitCode;
 
@@ -33,51 +32,52 @@ struct Arguments {
 enum Task {
     /// Drives a group of emulated robots along a curve, without and with compensation.
     Demo(demo::Arguments),
-    /// Runs all Rust tests of the workspace, those that need the firmware image included.
+    /// Runs all Rust tests of the workspace, including those that need the firmware image.
     Test {
         /// Arguments for `cargo test`, after `--`.
         #[arg(last = true)]
         rest: Vec<String>,
     },
-    /// Lets every cause of a stop happen to emulated robots and measures what they do about it.
+    /// Injects every cause of a stop into emulated robots and measures their reaction.
     Faults(faults::Arguments),
-    /// Lets foreign software talk to the robots: python-canopen, cantools, tshark.
+    /// Tests the robots with third-party software: python-canopen, cantools, tshark.
     Interop(interop::Arguments),
-    /// Boots a kernel with SocketCAN under qemu and lets simulator, master and can-utils talk over
+    /// Boots a kernel with SocketCAN under qemu and connects simulator, master and can-utils over
     /// it.
     Socketcan,
-    /// Throws random frames at the CANopen device; nothing may panic or hang.
+    /// Sends random frames to the CANopen device, which must neither panic nor hang.
     Fuzz {
-        /// How many frames.
+        /// Number of frames.
         #[arg(long, default_value_t = 10_000_000)]
         frames: u64,
-        /// Another stream of frames; the same seed gives the same.
+        /// Seed of the random frames.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Lets libFuzzer look for new paths instead, for so many seconds; needs a C++ compiler.
+        /// Searches for new paths with libFuzzer instead, for this number of seconds; needs a C++
+        /// compiler.
         #[arg(long, value_name = "SECONDS", conflicts_with_all = ["frames", "seed"])]
         guided: Option<u64>,
     },
-    /// Shows where the instructions of a driving robot go.
+    /// Prints the instructions of a driving robot by function.
     Profile(bench::profile::Arguments),
-    /// Prints what takes room in flash and RAM, by section and by crate.
+    /// Prints the use of flash and RAM, by section and by crate.
     Size {
-        /// What the CANopen device takes of it, as the difference to an image without; fails above
-        /// its budget.
+        /// Prints the size of the CANopen device, as the difference to an image without it; fails
+        /// above its budget.
         #[arg(long)]
         canopen: bool,
         /// Where to write the figures as JSON.
         #[arg(long, value_name = "PATH")]
         json: Option<std::path::PathBuf>,
     },
-    /// Measures what the firmware costs: instructions, load, memory, bus, accuracy.
+    /// Measures the cost of the firmware: instructions, load, memory, bus, accuracy.
     Bench(bench::Arguments),
     /// Builds the firmware and writes it to a board with probe-rs.
     Flash(flash::Arguments),
     /// Builds the firmware for every board and checks that it is bootable: its vector table is at
     /// 0x08000000.
     CheckElf,
-    /// Checks the JSON of a demo against what the project promises.
+    /// Checks the JSON of a demo against the promised accuracy.
     CheckDemo {
         /// File written by `cargo xtask demo --json`.
         json: std::path::PathBuf,

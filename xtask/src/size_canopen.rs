@@ -1,8 +1,8 @@
-//! `cargo xtask size --canopen`: what the CANopen device costs, as the difference of two images.
+//! `cargo xtask size --canopen`: the size of the CANopen device, as the difference of two images.
 //!
-//! The one is the firmware. The other is the same with a stub in the device's place
-//! (`canopen/src/stub.rs`), which keeps every other function of the program alive; it is built in a
-//! folder of its own and good for nothing else.
+//! One is the firmware. The other has a stub in place of the device (`canopen/src/stub.rs`), which
+//! keeps every other function of the program alive; it is built in a separate folder and has no
+//! other use.
 
 use anyhow::{Context as _, bail};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};

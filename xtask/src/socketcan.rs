@@ -1,12 +1,12 @@
 //! `cargo xtask socketcan`: the simulator, the master and can-utils on a real SocketCAN interface.
 //!
-//! The kernel of a machine that builds software seldom has CAN. So this boots Debian's under qemu,
-//! without hardware help, so that it runs anywhere. The guest has no disk: an initial RAM disk made
-//! here holds busybox, the kernel's modules and `tests/socketcan/init`; everything else it finds on
-//! the host's file system, read-only over 9p. It brings up vcan0 and runs
-//! `tests/socketcan/guest.sh`.
+//! The kernel of a build machine seldom has CAN. This task therefore boots Debian's kernel under
+//! qemu, without hardware acceleration, so that it runs on any machine. The guest has no disk: an
+//! initial RAM disk, which this task builds, holds busybox, the kernel's modules and
+//! `tests/socketcan/init`; everything else comes from the host's file system, read-only over 9p. It
+//! brings up vcan0 and runs `tests/socketcan/guest.sh`.
 //!
-//! The kernel comes from Debian's archive by `apt-get download`, which needs no rights, and is
+//! The kernel comes from Debian's archive by `apt-get download`, which needs no root rights, and is
 //! unpacked under `target/`.
 
 use std::io::{BufRead as _, BufReader, Write as _};

@@ -1,4 +1,4 @@
-//! How far `f32` and fixed point are from `f64`, worst case over a grid of motions.
+//! The deviation of `f32` and fixed point from `f64`, worst case over a grid of motions.
 
 use kinematics::{
     FixedMember, FourWheelGeometry, MemberKinematics, Mount, Pose, Twist, VelocityCompensation,

@@ -1,5 +1,5 @@
-//! A group of emulated robots on the bus, driven along a figure that uses everything: along, across
-//! and turning, with acceleration all the time.
+//! A group of emulated robots on the bus, driven along a figure that uses everything: forward,
+//! sideways and turning, always accelerating.
 
 use anyhow::{Context as _, ensure};
 use canopen::NmtCommand;

@@ -1,5 +1,4 @@
-//! A measured figure beside its budget and the best public peer's, and how it is printed and
-//! written.
+//! A measured figure with its budget and the best public peer's, and its output.
 
 use serde_json::{Value, json};
 

@@ -1,8 +1,8 @@
-//! How fast this machine is with kinematics, the emulator and native robots: `cargo xtask bench
+//! The speed of kinematics, the emulator and native robots on this machine: `cargo xtask bench
 //! --host`.
 //!
-//! Times of one machine, another in every run: nothing holds them to a bound, and they are kept
-//! apart from the other figures. What can be compared is within one run: the ratios.
+//! The times depend on the machine and differ in every run; they have no bounds and are separate
+//! from the other figures. Only ratios within one run can be compared.
 
 use emulator::Firmware;
 use group::GroupFile;

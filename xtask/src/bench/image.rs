@@ -1,4 +1,4 @@
-//! What the release image takes: flash by crate, variables, stack.
+//! The size of the release image: flash by crate, variables, stack.
 
 use std::collections::BTreeMap;
 use std::path::Path;

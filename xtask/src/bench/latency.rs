@@ -1,8 +1,9 @@
-//! From the master's call to the wheel, and from SYNC to it: one emulated robot that stands, and is
-//! told to move.
+//! The time from the master's call, and from SYNC, to the wheel: one emulated robot at standstill
+//! that is commanded to move.
 //!
-//! The calls come at every step of a SYNC period in turn. What ends the time is the first of the
-//! changes of the front left wheel's PWM that follow one another tick by tick; it acts at once.
+//! The calls are made at every step of a SYNC period in turn. The time ends at the first of the
+//! changes of the front left wheel's PWM that follow one another tick by tick; this change acts at
+//! once.
 
 use anyhow::{Context as _, ensure};
 use emulator::Firmware;

@@ -1,11 +1,11 @@
-//! `cargo xtask bench`: what the firmware costs and how exact it is, each figure by execution.
+//! `cargo xtask bench`: the cost and the accuracy of the firmware, each figure by execution.
 //!
 //! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that
-//! run the release image and counts; [`image`] looks into the image; [`bus`] measures the virtual
-//! bus; [`latency`] the way from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
+//! run the release image and counts; [`image`] inspects the image; [`bus`] measures the virtual
+//! bus; [`latency`] the time from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
 //! drives curves. All of it is emulated or exact arithmetic, so two runs give the same figures, and
-//! `--check` can hold them to their ceilings. What depends on the speed of this machine is
-//! [`host`]'s alone, measured when asked for and kept apart.
+//! `--check` can hold them to their ceilings. Only [`host`] depends on the speed of this machine;
+//! it is measured on request and kept separate.
 
 mod accuracy;
 mod bus;
@@ -41,14 +41,15 @@ pub struct Arguments {
     /// Fails when a figure is past its ceiling, or past its budget where no ceiling is recorded.
     #[arg(long)]
     check: bool,
-    /// Writes docs/performance.md anew.
+    /// Rewrites docs/performance.md.
     #[arg(long)]
     write_docs: bool,
-    /// Measures also how fast this machine is with kinematics, the emulator and native robots.
-    /// Never checked, and apart from the figures in the JSON.
+    /// Also measures the speed of kinematics, the emulator and native robots on this machine. These
+    /// times are never checked, and are separate from the other figures in the JSON.
     #[arg(long)]
     host: bool,
-    /// Only counts the functions of the tick one by one, which needs no image and a minute at most.
+    /// Only counts the functions of the tick one by one, which needs no image and takes at most a
+    /// minute.
     #[arg(long, conflicts_with_all = ["write_docs", "host", "image"])]
     kernels: bool,
     /// The image; built if none is given.
@@ -58,7 +59,7 @@ pub struct Arguments {
 
 /// The group whose robots are measured.
 const GROUP: &str = "groups/tcc-3.toml";
-/// One robot, for how well curves are followed and for the emulator's speed.
+/// One robot, for the tracking of curves and the speed of the emulator.
 const ALONE: &str = "groups/single.toml";
 /// The generated page and the part of it that is written by hand.
 const PAGE: &str = "docs/performance.md";
@@ -109,7 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     hold(arguments, &figures)
 }
 
-/// Objects to figures past their ceilings, if that was asked for.
+/// Fails for figures past their ceilings, if `--check` is given.
 fn hold(arguments: &Arguments, figures: &[Figure]) -> anyhow::Result<()> {
     let regressions: Vec<String> = figures.iter().filter_map(Figure::regression).collect();
     if arguments.check && !regressions.is_empty() {
@@ -145,7 +146,7 @@ fn print(figures: &[Figure]) {
     }
 }
 
-/// What every run repeats, and apart from it what this machine did.
+/// The figures that every run repeats, and separately those of this machine.
 fn content(figures: &[Figure], host: &[Figure]) -> Value {
     let list = |figures: &[Figure]| figures.iter().map(Figure::json).collect::<Vec<_>>();
     if host.is_empty() {

@@ -1,4 +1,4 @@
-//! Where the instructions of a driving robot go: `cargo xtask profile`.
+//! The instructions of a driving robot by function: `cargo xtask profile`.
 
 use emulator::Firmware;
 use group::GroupFile;

@@ -1,9 +1,9 @@
 //! The highest rate of the control tick that holds, by running images that tick faster.
 //!
-//! Each image is the release image but for the period of its tick. Three robots drive for a second;
-//! the rate holds when none of them comes to a fault and no tick of the first one is late, as the
-//! robot itself counts it: half a period behind. Rates are tried from above, beginning with the
-//! first one that does not take more time than there is.
+//! Each image differs from the release image only in the period of its tick. Three robots drive for
+//! a second; the rate holds when none of them has a fault and no tick of the first one is late by
+//! half a period, as the robot itself counts it. Rates are tried from the highest one that fits
+//! into the available time.
 
 use emulator::Firmware;
 use group::GroupFile;
@@ -17,7 +17,7 @@ use crate::firmware;
 
 /// Periods that are tried, us: parts of SYNC's period, or robots would not tick together.
 const PERIODS_US: [u32; 9] = [25, 40, 50, 80, 100, 125, 200, 250, 500];
-/// Time of driving that is looked at, ms.
+/// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 
 /// The highest rate that holds, at most the one that was calculated (kHz).

@@ -1,4 +1,4 @@
-//! What the release image does in a driving group: instructions, load, times. All emulated, so two
+//! The release image in a driving group: instructions, load, times. All of it is emulated, so two
 //! runs are equal.
 
 use anyhow::{Context as _, ensure};
@@ -12,7 +12,7 @@ use sim::Options;
 use super::driving::Driving;
 use super::figure::Figure;
 
-/// Time of driving that is looked at, ms.
+/// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 /// Name of the rate of the tick at which no time would be left.
 pub const CALCULATED_RATE: &str = "tick.rate.calculated";

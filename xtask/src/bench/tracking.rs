@@ -1,5 +1,5 @@
-//! How well a group follows its curves on both plants, native robots: what compensation and roller
-//! phase give.
+//! The tracking errors of native robots on both plants, with and without compensation and roller
+//! phase.
 
 use group::GroupFile;
 use omnibus::abort::Abort;

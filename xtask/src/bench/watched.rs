@@ -1,7 +1,7 @@
-//! An emulated robot that the world runs and that can still be looked into.
+//! An emulated robot that the world runs and that the measurement can inspect.
 //!
-//! The world owns its robots; this one is a handle, of which the world gets one and the measurement
-//! keeps another. The robot runs exactly as without it.
+//! The world owns its robots; this type is a handle, of which the world gets one and the
+//! measurement keeps another. The robot runs exactly as without it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

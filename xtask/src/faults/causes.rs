@@ -1,8 +1,8 @@
-//! How each cause is brought about, or why it is not.
+//! How each cause is injected, or why it is not.
 //!
-//! A cause happens at or around the robot, never inside its program, which is the image that ships.
-//! Robots by their place: number 0 is watched; where a cause lies with another member, that is
-//! number 2.
+//! A cause acts on the robot from outside, not inside its program, which is the shipped image.
+//! Robots are numbered by their position: number 0 is watched; where the cause is in another
+//! member, that is number 2.
 
 use canopen::Frame;
 use kinematics::Twist;
@@ -14,7 +14,7 @@ use sim::{Crash, EncoderState, SimError};
 pub const WATCHED: usize = 0;
 /// Its node number.
 const WATCHED_NODE: u8 = 2;
-/// The member that lets the others down.
+/// The member that fails.
 const OTHER: usize = 2;
 /// Speed ahead, m/s, unless a case has its own.
 pub const SPEED: f32 = 0.6;
@@ -22,7 +22,7 @@ pub const SPEED: f32 = 0.6;
 const WHEEL: usize = 0;
 
 /// What drags at a blocked wheel, N·m: half of the motor's torque at rest. One that is held fast
-/// cannot be told from a dead encoder.
+/// cannot be distinguished from a dead encoder.
 const DRAG: f64 = 32.0;
 
 /// Supply at which it is too low, V; the robots have 24 V otherwise, and 18 V as their minimum.
@@ -72,7 +72,7 @@ pub struct Case {
     pub trial: Trial,
     /// What is announced, if not the fault of the page.
     pub announced: Option<Fault>,
-    /// How long the duty is not looked at, ms: the cause itself changes it.
+    /// Time for which the duty is ignored, ms: the cause itself changes it.
     pub settles_ms: u64,
     /// Speed of the group, m/s.
     pub speed: f32,
@@ -314,8 +314,8 @@ fn connect_current_sensor(master: &mut TestMaster) {
     }
 }
 
-/// One member misses a setpoint and hears another one aside, with the same sequence. The time
-/// counts from the SYNC that latches both.
+/// One member misses a setpoint and receives a different one instead, with the same sequence. The
+/// time counts from the SYNC that latches both.
 fn another_twist(master: &mut TestMaster) -> Result<(), SimError> {
     const PERIOD_MS: u64 = 10;
     let others = [WATCHED, WATCHED + 1];

@@ -1,4 +1,4 @@
-//! Images as the firmware stores them, made on the host by the firmware's own store.
+//! Stored images, made on the host by the firmware's own store.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -2,10 +2,11 @@
 //!
 //! The group drives straight ahead at the speed of the case. The cause appears 1 ms after a SYNC
 //! and the heartbeat: the worst moment for a time-out. From then on the outputs of the watched
-//! robot are looked at every [`STEP_US`]: a cut is the moment the bridges are off; a ramp is the
-//! moment the mean duty of three wheels falls below everything it was in the [`BEFORE_MS`] before,
-//! by [`VISIBLE`]. (The fourth wheel is the one that fails, in some causes.) Then the robot must
-//! come to rest with drivers off and brake engaged, have said why, and stay so until the end.
+//! robot are sampled every [`STEP_US`]. A cut is the moment at which the bridges are off; a ramp is
+//! the moment at which the mean duty of three wheels falls by [`VISIBLE`] below its minimum over
+//! the preceding [`BEFORE_MS`]. (For some causes the fourth wheel is the one that fails.) The robot
+//! must then come to rest with drivers off and brake engaged, announce the cause, and stay at rest
+//! until the end.
 
 use anyhow::{Context as _, bail, ensure};
 use canopen::NmtCommand;
@@ -21,13 +22,13 @@ use sim::{Backend, Options, RobotTruth, SimError, World};
 
 use super::causes::{Case, Trial, WATCHED};
 
-/// What the robots are told about their supply of 24 V, V.
+/// Configured limits of the robots' supply of 24 V, V.
 const SUPPLY_MINIMUM: f32 = 18.0;
 const SUPPLY_MAXIMUM: f32 = 30.0;
 /// Time to get ready after the start, and to reach the speed and settle, ms.
 const READY_MS: u64 = 60;
 const SETTLE_MS: u64 = 600;
-/// Time over which the duty before the cause is looked at, ms.
+/// Time before the cause over which the duty is evaluated, ms.
 const BEFORE_MS: u64 = 100;
 /// A fall of the duty that is no noise. A ramp with the groups' jerk of 100 m/s^3 has taken this
 /// off by feedforward alone after 0.4 ms: J R / K / U * j / r * t = 0.00625 * 656 * t.

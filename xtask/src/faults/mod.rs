@@ -1,9 +1,9 @@
-//! `cargo xtask faults`: lets every cause of a stop happen to emulated robots that run the release
-//! image, and compares what they do with `docs/safety.md`.
+//! `cargo xtask faults`: injects every cause of a stop into emulated robots that run the release
+//! image, and compares their reaction with `docs/safety.md`.
 //!
-//! [`promise`] reads the page, [`causes`] brings the causes about, [`measure`] drives and looks,
-//! [`pairs`] does so with two causes at a time. Every trial is a world of its own, so they run side
-//! by side. A promise that is not kept is a failure, and so is a cause with a time and without a
+//! [`promise`] reads the page, [`causes`] injects the causes, [`measure`] drives and measures, and
+//! [`pairs`] does the same with two causes at a time. Every trial has its own world, so trials run
+//! in parallel. A broken promise is a failure, and so is a cause with a promised time but without a
 //! trial.
 
 mod causes;
@@ -38,22 +38,22 @@ pub struct Arguments {
     /// Where to write the results as JSON.
     #[arg(long, value_name = "PATH")]
     json: Option<PathBuf>,
-    /// Tries the cause with this number only.
+    /// Tests only the cause with this number.
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
-    /// Which pairs of causes to try: all of them with native robots and those that cut with the
-    /// image, those that cut only, or none.
+    /// Pairs of causes to test: all of them with native robots and those that cut with the image,
+    /// only those that cut, or none.
     #[arg(long, value_enum, default_value = "cuts")]
     pairs: Pairs,
-    /// How many trials run side by side; as many as the machine has processors without this.
+    /// Number of parallel trials; by default the number of processors.
     #[arg(long, value_name = "NUMBER")]
     jobs: Option<NonZeroUsize>,
-    /// Takes this image instead of building one.
+    /// Uses this image instead of building one.
     #[arg(long, value_name = "PATH")]
     image: Option<PathBuf>,
 }
 
-/// Which pairs of causes to try.
+/// Pairs of causes to test.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Pairs {
     /// All with native robots, and those of which one cuts with the image.

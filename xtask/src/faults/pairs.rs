@@ -1,23 +1,23 @@
-//! Two causes, one after the other: one that cuts always cuts within its promise, whatever happened
-//! before it or happens after.
+//! Two causes, one after the other: a cause that cuts must cut within its promised time, whatever
+//! cause comes before or after it.
 //!
-//! Every ordered pair of causes that can be brought about together is tried, the second 0, 20 and
-//! 200 ms after the first. Only the watched robot matters, so it alone runs the image in the trials
-//! where a cause cuts; the full product runs with native robots. What is measured is when the
-//! watched robot's bridges are off and its brake is told to hold:
+//! Every ordered pair of causes that can be combined is tested, with the second 0, 20 and 200 ms
+//! after the first. Only the watched robot is measured, so only it runs the image in the trials
+//! where a cause cuts; the full product runs with native robots. A trial measures when the watched
+//! robot's bridges are off and its brake is commanded to engage:
 //!
 //! - A cause that cuts: from its appearance, within its row's time. If both cut, each has to; the
-//!   one with less time to spare is told.
+//!   one with less margin is reported.
 //! - None cuts: from the first cause, within the time of whichever row is due first, the ramp, and
 //!   [`HOLD_MS`] until the brake.
 //!
-//! A processor that stands still cuts nothing that it has to cut by program ([`Case`] 17 and 20). A
-//! cause that is not yet due when that begins has its time from the moment when the processor goes
-//! on, or is reset by its watchdog.
+//! A halted processor cannot cut by program ([`Case`] 17 and 20). A cause that is not yet due when
+//! the halt begins has its time from the moment when the processor resumes or is reset by its
+//! watchdog.
 //!
-//! Of a reversed encoder (12) the page promises more time where the wheel is slow already, and in
-//! return that it does not become faster: [`Slow`]. One that stands shows nothing, and is off at
-//! the end of the ramp.
+//! For a reversed encoder (12) the page promises more time where the wheel is already slow, and in
+//! return that the wheel does not become faster: [`Slow`]. On a wheel at rest the fault has no
+//! effect, and the robot is off at the end of the ramp.
 
 use group::GroupFile;
 use sim::test_master::TestMaster;
@@ -53,7 +53,7 @@ pub struct Pair<'a> {
     pub delay_ms: u64,
 }
 
-/// What came of a pair.
+/// The result of a pair.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     pub promise_ms: f64,
@@ -245,7 +245,7 @@ fn cuts(promise: &Promise) -> bool {
 /// The wheel that fails, of the watched robot.
 #[derive(Default)]
 struct Wheel {
-    /// Its largest true rate since it was looked at, rad/s.
+    /// Its largest true rate since the last check, rad/s.
     fastest: f64,
 }
 

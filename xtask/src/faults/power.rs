@@ -1,10 +1,10 @@
-//! What is stored, and how a robot comes up when it is not what it should be.
+//! Power failures and damaged flash: how a robot starts with them.
 //!
 //! One emulated board without a group: parameters are saved over SDO, the power fails or the flash
 //! is changed, and the next board starts with that flash. From power-on to the end it must keep its
-//! drivers off and its brake engaged. The reaction that is measured is the one that a master sees:
-//! how long after power-on it says what is wrong, or, where there is nothing to say, that it is
-//! there.
+//! drivers off and its brake engaged. The measured reaction is the one that a master observes: the
+//! time from power-on to the emergency message, or, where there is no error, to the boot-up
+//! message.
 
 use anyhow::{Context as _, bail, ensure};
 use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, StopKind};

@@ -1,4 +1,4 @@
-//! What `docs/safety.md` promises: its table of causes, read so that nothing is written down twice.
+//! The promises of `docs/safety.md`: its table of causes, read so that the values exist only once.
 
 use anyhow::{Context as _, ensure};
 use protocol::Fault;

@@ -1,9 +1,9 @@
-//! How far apart two robots change the voltage at their motors.
+//! The time between the changes of the motor voltage of two robots.
 //!
-//! Two emulated robots with crystals [`CRYSTALS_PPM`] apart follow a twist that changes all the
-//! time. SYNC comes from a master whose clock is good on average and off by up to [`JITTER_US`]
-//! each time. Every change of a compare value of the PWM timer, which acts at once, is noted with
-//! its time; what is measured is the time from each change of one robot to the nearest of the
+//! Two emulated robots with crystals [`CRYSTALS_PPM`] apart follow a twist that always changes.
+//! SYNC comes from a master whose clock is exact on average and deviates by up to [`JITTER_US`]
+//! each time. Every change of a compare value of the PWM timer, which acts at once, is recorded
+//! with its time. The result is the time from each change of one robot to the nearest change of the
 //! other, worst case over [`SECONDS`].
 
 use anyhow::{Context as _, ensure};
