@@ -42,7 +42,7 @@ pub enum Failure {
     UnhandledInterrupt(i16),
 }
 
-/// Bytes of the file name that are kept.
+/// Number of stored bytes of the file name.
 pub const FILE_LENGTH: usize = 24;
 
 const MAGIC: u32 = 0x6d6f_7274;
@@ -69,7 +69,7 @@ pub fn count_watchdog_reset(is_one: bool) -> u32 {
     }
 }
 
-/// Keeps `failure` for the next start.
+/// Stores `failure` for the next start.
 pub fn write(failure: Failure) {
     let mut words: Words = [MAGIC, 0, 0, 0, 0, 0, 0, 0];
     match failure {

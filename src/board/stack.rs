@@ -15,7 +15,7 @@ unsafe extern "C" {
     static _stack_start: u32;
 }
 
-/// What cortex-m-rt paints the stack with.
+/// The word with which cortex-m-rt paints the stack.
 const PAINT: u32 = 0xCCCC_CCCC;
 
 /// Words between two that are checked: checking each of 32 KiB would take the bus side a quarter of

@@ -178,8 +178,8 @@ impl Can {
     }
 
     /// From now on takes frames of these function codes only, one bit for each (bit n: identifiers
-    /// from 128 n on), and and those with this node number; lets those of the second set wait for
-    /// the tick. All of them, at once, before the first call.
+    /// from 128 n on), and those with this node number; frames of the second set wait for the tick.
+    /// Before the first call all frames are received, at once.
     pub fn listen(&self, function_codes: u16, node: u8, can_wait: u16) {
         OWN_NODE.store(node.into(), Ordering::Relaxed);
         LISTENS_TO.store(function_codes, Ordering::Relaxed);
@@ -198,7 +198,7 @@ impl Can {
         let can = pac::CAN1;
         let status = can.tsr().read();
         if !(status.tme(0) || status.tme(1) || status.tme(2)) {
-            // Comes at once if a mailbox has become free since.
+            // The interrupt comes at once if a mailbox has become free since.
             cortex_m::interrupt::free(|_| can.ier().modify(|w| w.set_tmeie(true)));
             return false;
         }
@@ -221,7 +221,7 @@ impl Can {
         true
     }
 
-    /// Takes back the frames that wait in mailboxes.
+    /// Aborts the frames that wait in mailboxes.
     pub fn discard(&mut self) {
         pac::CAN1.tsr().write(|w| {
             w.set_abrq(0, true);
@@ -230,7 +230,7 @@ impl Can {
         });
     }
 
-    /// Begins to come back from bus-off: complete after 128 times 11 recessive bits.
+    /// Begins the recovery from bus-off, which is complete after 128 times 11 recessive bits.
     ///
     /// RM0390 30.7.6: without ABOM, software has to enter and to leave initialisation mode.
     pub fn recover(&mut self) {
@@ -244,7 +244,7 @@ impl Can {
     }
 
     /// Returns the error counters: those of the moment at which the controller became error passive
-    /// if it has since the last call, even if a frame went well meanwhile.
+    /// if it has since the last call, even if a good frame has followed.
     pub fn errors(&self) -> CanErrors {
         let error = match PASSIVE_AT.load(Ordering::Relaxed) {
             0 => pac::CAN1.esr().read(),

@@ -62,13 +62,13 @@ impl Flash for ParameterFlash {
             w.set_snb(sector);
         });
         // The local time counts this timer's overflows in an interrupt. If it missed some, the time
-        // and the timer would be half a period apart for ever after, and every alarm 33 ms off; so
-        // the time stands still.
+        // and the timer would be permanently half a period apart, and every alarm 33 ms off; the
+        // time is therefore stopped.
         pac::TIM9.cr1().modify(|w| w.set_cen(false));
         pac::FLASH.cr().modify(|w| w.set_strt(true));
         let result = finish();
         pac::TIM9.cr1().modify(|w| w.set_cen(true));
-        // 3.4.2: the data cache does not notice an erase.
+        // 3.4.2: an erase does not update the data cache.
         pac::FLASH.acr().modify(|w| w.set_dcen(false));
         pac::FLASH.acr().modify(|w| w.set_dcrst(true));
         pac::FLASH.acr().modify(|w| w.set_dcrst(false));

@@ -4,7 +4,7 @@
 
 use embassy_stm32::pac;
 
-/// From now on watchdog and timers stand while the core is halted.
+/// From now on watchdog and timers stop while the core is halted.
 pub fn in_debug_halt() {
     pac::DBGMCU.apb1fzr().modify(|w| {
         w.set_iwdg(true);

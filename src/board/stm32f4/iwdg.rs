@@ -36,7 +36,7 @@ const PATIENT: Setting = Setting {
 /// Longest wait for a setting to arrive, in steps of a microsecond: 2 ms, for what takes 294 us.
 const WAIT_STEPS: u32 = 2_000;
 
-/// An update does not end. LSI stands still, and so does the watchdog.
+/// An update does not end: LSI has stopped, and so has the watchdog.
 pub struct Stuck;
 
 /// The watchdog, running.
@@ -56,11 +56,10 @@ impl Watchdog {
     }
 }
 
-/// Does something that takes long, with more time until the watchdog bites; with the outputs off
-/// only.
+/// Runs a long operation with a longer watchdog time; call it only with the outputs off.
 ///
 /// # Errors
-/// When the watchdog cannot be given that time; then nothing is done.
+/// When that time cannot be set; the operation is then not run.
 pub fn patiently<T>(f: impl FnOnce() -> T) -> Result<T, Stuck> {
     set(PATIENT)?;
     let result = f();
@@ -101,7 +100,7 @@ fn wait() -> Result<(), Stuck> {
     Err(Stuck)
 }
 
-/// Says what the watchdog is.
+/// Logs the watchdog's setting.
 fn log(set: Result<(), Stuck>) {
     let (prescaler, reload) = (pac::IWDG.pr().read().0, pac::IWDG.rlr().read().0);
     // 4 << PR LSI cycles a count, each 31.25 us at 32 kHz.

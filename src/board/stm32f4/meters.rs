@@ -34,8 +34,8 @@ static STEP: AtomicU32 = AtomicU32::new((REFERENCE / STEPS).to_bits());
 /// Channel of VREFINT on ADC1 (RM0390 13.10).
 const VREFINT_CHANNEL: u8 = 17;
 
-/// What ST got for VREFINT at 3.3 V and 30 C (VREFIN_CAL, DS10693 and DS8626, embedded reference
-/// voltage).
+/// ST's measurement of VREFINT at 3.3 V and 30 C (VREFIN_CAL, DS10693 and DS8626, embedded
+/// reference voltage).
 const VREFIN_CAL: *const u16 = 0x1FFF_7A2A as *const u16;
 
 /// How many sensors are converted after the supply, and the place of VREFINT behind them, from 0,
@@ -131,7 +131,7 @@ fn volts(steps: u16) -> f32 {
     f32::from(steps) * f32::from_bits(STEP.load(Ordering::Relaxed))
 }
 
-/// Compares the converter's reference with the chip's own. To be called now and then.
+/// Compares the converter's reference with the chip's own. Call it from time to time.
 pub fn calibrate() {
     let Some(place) = REFERENCE_AT else {
         return;

@@ -130,7 +130,7 @@ impl Outputs {
     /// disabled, or cut by the break input, they come back only when `drivers_enabled` goes from
     /// `false` to `true`.
     pub fn set(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
-        // A bench image is made to be halted with whatever its outputs are.
+        // A bench image may be halted in any state of its outputs.
         let drivers_enabled = drivers_enabled && !cfg!(feature = "bench");
         if !drivers_enabled {
             pac::TIM8.bdtr().modify(|w| w.set_moe(false));
@@ -142,7 +142,7 @@ impl Outputs {
             pac::TIM1.ccr(wheel).write(|w| w.0 = clocks);
             WIRING.direction[wheel].level(duty >= 0.0)
         };
-        // Written out, not looped over: 39 instructions fewer.
+        // Unrolled: 39 instructions fewer than a loop.
         let [a, b, c, d] = duty;
         let levels = [set(0, a), set(1, b), set(2, c), set(3, d)];
         set_directions(levels);
@@ -170,7 +170,7 @@ fn set_directions(levels: [u32; 4]) {
 }
 
 /// Sets the outputs' safe state and the break input, active high, and locks them until the next
-/// reset: no program that has gone astray takes the emergency stop away.
+/// reset: a runaway program cannot disable the emergency stop.
 ///
 /// RM0390 17.4.18: level 2 locks break enable, polarities and idle states, level 3 the modes of the
 /// channels too; MOE is never locked. The level is settled by the first write of the register, so
@@ -185,7 +185,7 @@ fn lock(timer: TimAdv, level: Lock) {
     });
 }
 
-/// What TIM8 puts on driver enable and brake release while its outputs are on.
+/// Sets the levels of driver enable and brake release while TIM8's outputs are on.
 fn force(drivers_enabled: bool, brake_released: bool) {
     let level = |high| {
         if high {
@@ -210,14 +210,14 @@ fn force(drivers_enabled: bool, brake_released: bool) {
 )]
 fn compare(duty: f32, period: f32) -> u32 {
     let share = duty.abs();
-    // Not `min`: that is a function of the library, and makes a whole of what is no number.
+    // Not `min`: that is a library function, and it turns NaN into the full period.
     let share = if share > 1.0 { 1.0 } else { share };
     (share * period + 0.5) as u32
 }
 
-/// Cuts everything that moves, from any context: drivers off, brake engaged, PWM off.
+/// Cuts all outputs, from any context: drivers off, brake engaged, PWM off.
 pub fn cut() {
-    // While start-up has not come so far the pins are outputs of the port, or still inputs; those
+    // Before start-up reaches this point the pins are outputs of the port, or still inputs, which
     // float as in reset.
     WIRING.driver_enable.set(false);
     WIRING.brake_release.set(false);

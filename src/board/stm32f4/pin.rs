@@ -129,7 +129,7 @@ impl Pin {
             .modify(|w| put(&mut w.0, 2, self.bit, pull as u8));
         port.ospeedr()
             .modify(|w| put(&mut w.0, 2, self.bit, speed as u8));
-        // Before the mode: a pin drives nothing but what it is going to.
+        // Before the mode, so that a pin drives only its intended level.
         let half = if self.bit < 8 { 0 } else { 1 };
         port.afr(half)
             .modify(|w| put(&mut w.0, 4, self.bit % 8, function));

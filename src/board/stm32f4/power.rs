@@ -24,7 +24,7 @@ use crate::board::WIRING;
 /// Core cycles of a millisecond on the internal oscillator, which runs after reset.
 const CYCLES_PER_MS: u32 = 16_000;
 
-/// How long HSE may take before the LED says so.
+/// Time of waiting for HSE after which the LED shows it.
 const PATIENCE_MS: u32 = 200;
 
 /// The code on the LED: four flashes of 0.2 s, 1 s off.
@@ -43,8 +43,8 @@ const BROWN_OUT_LEVEL_3: u8 = 0;
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
 /// Waits for HSE and for the supply, feeding the watchdog. Returns how long that took, ms. To be
-/// called before the HAL is initialised, which waits for HSE for ever; the ports are clocked and
-/// the LED's pin is an output.
+/// called before the HAL is initialised, which waits for HSE without a time limit; the ports are
+/// clocked and the LED's pin is an output.
 pub fn wait() -> u32 {
     pac::RCC.apb1enr().modify(|w| w.set_pwren(true));
     detect();
@@ -109,7 +109,7 @@ fn is_low() -> bool {
     pac::PWR.csr1().read().pvdo()
 }
 
-/// From now on clock and supply are watched. To be called after the HAL is initialised, which
+/// From now on clock and supply are monitored. To be called after the HAL is initialised, which
 /// resets PWR.
 #[expect(
     unsafe_code,
@@ -136,8 +136,8 @@ pub fn brown_out_level() -> u8 {
 }
 
 /// Programs the brown-out reset to its highest level where it is not. With the outputs off, the
-/// supply at its nominal value and the watchdog patient; takes as long as the erase of a sector,
-/// once in the chip's life.
+/// supply at its nominal value and the watchdog at its longer time; takes as long as the erase of a
+/// sector, once in the chip's life.
 pub fn program_brown_out() {
     let flash = pac::FLASH;
     if brown_out_level() == 3 - BROWN_OUT_LEVEL_3 || is_low() {

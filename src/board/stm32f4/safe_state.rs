@@ -23,8 +23,8 @@ use super::outputs;
 use crate::board::post_mortem::{self, Failure};
 use crate::board::stack;
 
-/// Set by the first failure. What fails on the way from there, the log above all, must not replace
-/// its record.
+/// Set by the first failure. A later failure on the way to the reset, above all in the log, must
+/// not replace its record.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
 /// Whether this is the first failure since the start.
@@ -99,8 +99,8 @@ fn record(failure: Failure) {
     }
 }
 
-/// Clock security system: HSE has stopped. TIM1 and TIM8 have switched their outputs off by
-/// themselves. Nothing is logged: this can come in the middle of a line.
+/// Clock security system: HSE has stopped. TIM1 and TIM8 have switched their outputs off in
+/// hardware. Nothing is logged, because this can interrupt a line of the log.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
     outputs::cut();
@@ -118,8 +118,8 @@ unsafe fn NonMaskableInt() -> ! {
 /// Number of the NMI as `DefaultHandler` counts.
 const NMI: i16 = -14;
 
-/// Voltage detector: the chip's supply sinks. Comes above every other interrupt, so nothing is
-/// logged here either.
+/// Voltage detector: the chip's supply is sinking. It preempts every other interrupt, so it does
+/// not log either.
 #[interrupt]
 fn PVD() {
     cortex_m::interrupt::disable();

@@ -28,10 +28,10 @@ pub struct Wiring {
     pub brake_release: Pin,
     /// Emergency stop, closed to ground; high stops: TIM1 BKIN.
     pub stop: Pin,
-    /// The same wire at TIM8 BKIN. Without it, a stop takes driver enable and brake back in the
-    /// next control tick, not in hardware.
+    /// The same wire at TIM8 BKIN. Without it, a stop cuts driver enable and brake in the next
+    /// control tick, not in hardware.
     pub gate_stop: Option<Pin>,
-    /// Encoders; they count up when the base rolls forward. Without one, the count stands.
+    /// Encoders; they count up when the base rolls forward. Without one, the count does not change.
     pub encoders: [Option<Encoder>; 4],
     /// Encoder index, a rising edge once a turn: pins with different numbers from 10 to 15.
     pub index: Option<[Pin; 4]>,
