@@ -1,16 +1,16 @@
-//! The bus task: CAN frames into the controller's bus side and its frames out, in order.
+//! The bus task: CAN frames into the controller's bus side and its frames out, in order; the cable.
 //!
-//! It wakes for a received frame, for the bus side's next deadline, for a free mailbox while a
-//! frame waits for one, for error passive and bus-off, when the control side has a fault or reaches
-//! standstill, and at least every 5 ms. For deadlines, and for frames that have no effect before
-//! the next SYNC, the control task wakes it, so they are handled at its next tick. The CAN
-//! interrupt has already dropped frames that this robot does not use. In each turn it passes the
-//! control side's latest report to the bus side, then the frames in the order of reception, each
-//! with the time stamp of its interrupt, and stores the resulting command. A frame that finds no
-//! free mailbox waits here; the others wait in the bus side's own queues, and when one of those is
-//! full the bus side counts what it drops. It reports bus-off and lost frames, which only the CAN
-//! controller detects, to the bus side, which also decides when to recover from bus-off. It logs
-//! events and makes no decisions.
+//! It wakes for a received frame, for bytes of the cable, for the bus side's next deadline, for a
+//! free mailbox while a frame waits for one, for error passive and bus-off, when the control side
+//! has a fault or reaches standstill, and at least every 5 ms. For deadlines, and for frames that
+//! have no effect before the next SYNC, the control task wakes it, so they are handled at its next
+//! tick. The CAN interrupt has already dropped frames that this robot does not use. In each turn it
+//! passes the control side's latest report to the bus side, then the frames in the order of
+//! reception, each with the time stamp of its interrupt, and stores the resulting command. A frame
+//! that finds no free mailbox waits here; the others wait in the bus side's own queues, and when
+//! one of those is full the bus side counts what it drops. It reports bus-off and lost frames,
+//! which only the CAN controller detects, to the bus side, which also decides when to recover from
+//! bus-off. It logs events and makes no decisions.
 //!
 //! It also stores faults and parameters; the bus side provides an image of the parameters only
 //! while the outputs are off. While it writes, no other task of this executor runs: usually for 3
@@ -24,6 +24,7 @@ use robot::record_store::{RecordStore, StoreError};
 use robot::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 
 use crate::board::{Can, Health, ParameterFlash, now, patiently};
+use crate::gateway::Gateway;
 use crate::led::{self, Pattern};
 use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
 use crate::wake;
@@ -33,7 +34,12 @@ const LONGEST_WAIT: Micros = Micros(5_000);
 
 /// Connects the bus side to the CAN controller.
 #[embassy_executor::task]
-pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStore<ParameterFlash>) {
+pub async fn bus(
+    mut can: Can,
+    mut gateway: Gateway,
+    side: &'static mut BusSide,
+    mut store: RecordStore<ParameterFlash>,
+) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
@@ -43,14 +49,16 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         if let Some(outcome) = IDENTIFIED.receive() {
             side.on_identification(now(), &outcome);
         }
+        gateway.receive(&mut can);
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
         }
         // One time for the whole turn: reading the clock costs as much as checking a queue.
         let at = now();
+        gateway.send_overheard(&can);
         side.on_can_errors(at, &can.errors());
         side.poll(at);
-        if supervise(&can, &mut health, side) {
+        if supervise(&mut can, &mut gateway, &mut health, side) {
             can.discard();
             waiting = None;
         }
@@ -60,20 +68,21 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         }
         COMMAND.put(side.command());
         if save(side, &mut store) || remember(side, &mut store, at) {
+            gateway.neglected();
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()
             };
         }
-        waiting = waiting.or_else(|| side.pop_frame());
+        waiting = waiting.or_else(|| next(side, &mut gateway));
         if waiting.is_some() {
             // A change by a master takes effect before the answer to it is sent.
             can.listen(side.function_codes(), side.node(), BusSide::CAN_WAIT);
         }
         while let Some(frame) = waiting
-            && can.try_send(&frame)
+            && (can.try_send(&frame) || gateway.goes_on_without(&can))
         {
-            waiting = side.pop_frame();
+            waiting = next(side, &mut gateway);
         }
         while let Some(event) = side.pop_event() {
             match event {
@@ -88,6 +97,13 @@ pub async fn bus(mut can: Can, side: &'static mut BusSide, mut store: RecordStor
         let latest = at + LONGEST_WAIT;
         wake::BUS.signal_at(side.next_deadline().map_or(latest, |at| at.min(latest)));
     }
+}
+
+/// The next frame to send, which the cable has then.
+fn next(side: &mut BusSide, gateway: &mut Gateway) -> Option<Frame> {
+    let frame = side.pop_frame()?;
+    gateway.send(&frame);
+    Some(frame)
 }
 
 /// Stores an image if there is one to store. Not inlined, so that its stack is released.
@@ -136,8 +152,8 @@ fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Mic
 }
 
 /// Passes on the errors of the CAN controller; `true` when it has just gone off the bus.
-fn supervise(can: &Can, last: &mut Health, side: &mut BusSide) -> bool {
-    let health = can.health();
+fn supervise(can: &mut Can, gateway: &mut Gateway, last: &mut Health, side: &mut BusSide) -> bool {
+    let health = gateway.judge(can.health(), can, side);
     if health == *last {
         return false;
     }

@@ -7,7 +7,7 @@
 //!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
-//! | [`bus_task`] | bus | a frame, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store |
+//! | [`bus_task`] | bus | a frame, bytes of the cable, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store, [`gateway`] between cable and CAN |
 //! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
 //! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while both sides run |
@@ -15,6 +15,9 @@
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
 //! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
+//! | CAN interrupt | cable | queue of 32 frames, then a ring of 512 bytes | yes | newest dropped, told by `F` |
+//! | cable | bus | ring of 256 bytes | yes | all of it and the line it ends in dropped, told by `F` |
+//! | bus | CAN mailbox | one frame of the cable; the others stay in its ring | no | |
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |
 //! | bus | control | [`shared`]: command, configuration, SYNC time | no, the latest wins | |
 //! | control | bus | [`shared`]: report | no, the latest wins | |
@@ -33,6 +36,8 @@ mod board;
 mod bus_task;
 #[cfg(target_os = "none")]
 mod control;
+#[cfg(target_os = "none")]
+mod gateway;
 #[cfg(target_os = "none")]
 mod health;
 #[cfg(target_os = "none")]

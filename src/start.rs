@@ -12,6 +12,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, Can, Led, ParameterFlash, ResetCause, executors, now};
+use crate::gateway::Gateway;
 use crate::watchdog::Guard;
 use crate::{bus_task, control, health, led};
 
@@ -59,7 +60,12 @@ fn node_stored(store: &RecordStore<ParameterFlash>) -> Option<NodeId> {
 pub fn start() -> ! {
     let parts = prepare();
     executors::bus().run(|spawner: Spawner| {
-        spawner.spawn(unwrap!(bus_task::bus(parts.can, parts.side, parts.store)));
+        spawner.spawn(unwrap!(bus_task::bus(
+            parts.can,
+            parts.gateway,
+            parts.side,
+            parts.store
+        )));
         spawner.spawn(unwrap!(led::led(parts.led)));
         spawner.spawn(unwrap!(health::health()));
     })
@@ -68,6 +74,7 @@ pub fn start() -> ! {
 /// What the tasks of the bus executor need.
 struct Parts {
     can: Can,
+    gateway: Gateway,
     side: &'static mut BusSide,
     store: RecordStore<ParameterFlash>,
     led: Led,
@@ -135,6 +142,7 @@ fn prepare() -> Parts {
     )));
     Parts {
         can: board.can,
+        gateway: Gateway::new(board.cable, board.serial),
         side,
         store,
         led: board.led,

@@ -370,7 +370,7 @@ fn pins(text: &str) -> Vec<String> {
 }
 
 /// What a row of a pin table is about; the first word that fits decides.
-const FUNCTIONS: [(&str, &str); 14] = [
+const FUNCTIONS: [(&str, &str); 15] = [
     ("index", "encoder index"),
     ("PWM", "PWM"),
     ("direction", "direction"),
@@ -385,6 +385,7 @@ const FUNCTIONS: [(&str, &str); 14] = [
     ("CAN", "CAN"),
     ("node", "node switches"),
     ("LED", "LED"),
+    ("cable", "cable"),
 ];
 
 /// Pins by function, from the first table whose head says `function`; `column` holds the pins.
@@ -418,7 +419,9 @@ fn pins_are_those_of_the_board() {
     let bring_up = pin_table(&read("docs/bring-up.md"), 1);
     let mut readme = pin_table(&read("README.md"), 1);
     // On the board, with nothing to wire.
-    readme.insert("LED", board_table["LED"].clone());
+    for function in ["LED", "cable"] {
+        readme.insert(function, board_table[function].clone());
+    }
     assert_eq!(
         bring_up, board_table,
         "docs/bring-up.md against the head of {BOARD}"
@@ -496,13 +499,14 @@ fn the_bit_timing_is_that_of_the_code() {
 #[test]
 fn interrupt_priorities_are_those_of_the_code() {
     /// How the table names the vectors.
-    const NAMES: [(&str, &[&str]); 6] = [
+    const NAMES: [(&str, &[&str]); 7] = [
         ("PVD", &["PVD"]),
         ("TIM9", &["TIM1_BRK_TIM9"]),
         ("EXTI15_10", &["EXTI15_10"]),
         ("CAN1 receive", &["CAN1_RX0"]),
         ("CAN1 transmit", &["CAN1_TX", "CAN1_SCE"]),
         ("TIM7", &["TIM7"]),
+        ("USART2", &["USART2", "DMA1_STREAM5", "DMA1_STREAM6"]),
     ];
     let table: BTreeMap<String, String> = read("src/board/stm32f4/executors.rs")
         .lines()

@@ -13,11 +13,11 @@ pub fn digit(byte: u8) -> Option<u8> {
 }
 
 /// The digit of the lower four bits of a value, in upper case.
-pub fn upper(value: u8) -> char {
-    char::from(match value & 0xF {
+pub fn upper(value: u8) -> u8 {
+    match value & 0xF {
         low @ 0..=9 => b'0' + low,
         high => b'A' + high - 10,
-    })
+    }
 }
 
 /// The number that these digits are: one to four of them.

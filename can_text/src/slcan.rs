@@ -1,7 +1,7 @@
 //! slcan: the LAWICEL protocol of serial CAN adapters.
 //!
 //! A command is a line that ends in a carriage return; the answer ends in one too, or is a bell for
-//! a refusal. [`Commands`] is the adapter's end, [`Answers`] that of the program that uses it, and
+//! a refusal. [`Channel`] is the adapter's end, [`Answers`] that of the program that uses it, and
 //! [`frame`] the line of a frame for both. Sources: LAWICEL CAN232 manual 1.4 (commands and status
 //! flags), slcan.c of Linux and python-can (what is sent in practice).
 //!
@@ -38,7 +38,58 @@ pub const SENT: &[u8] = b"z\r";
 pub const STAMP_PERIOD_MS: u16 = 60_000;
 
 /// A line with its end.
-pub type Line = heapless::String<{ LONGEST + 1 }>;
+#[derive(Debug, Clone)]
+pub struct Line {
+    text: [u8; LONGEST + 1],
+    length: usize,
+}
+
+impl Line {
+    const fn new() -> Self {
+        Self {
+            text: [0; LONGEST + 1],
+            length: 0,
+        }
+    }
+
+    /// Appends a byte. A line holds the longest of all: none is too many.
+    fn push(&mut self, byte: u8) {
+        if let Some(place) = self.text.get_mut(self.length) {
+            *place = byte;
+            self.length += 1;
+        }
+    }
+
+    /// Appends a digit of the lower four bits.
+    fn digit(&mut self, value: u8) {
+        self.push(hex::upper(value));
+    }
+
+    fn pair(&mut self, byte: u8) {
+        self.digit(byte >> 4);
+        self.digit(byte);
+    }
+
+    fn tell(&mut self, letter: u8, bytes: &[u8]) {
+        self.push(letter);
+        bytes.iter().for_each(|byte| self.pair(*byte));
+    }
+
+    /// Its text, with its end.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        self.text.get(..self.length).unwrap_or_default()
+    }
+}
+
+impl core::ops::Deref for Line {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        // ASCII, all of it.
+        core::str::from_utf8(self.as_bytes()).unwrap_or_default()
+    }
+}
 
 /// Bits of the answer to `F`.
 pub mod flags {
@@ -62,25 +113,20 @@ pub mod flags {
 #[must_use]
 pub fn frame(frame: &Frame, stamp_ms: Option<u16>) -> Line {
     let mut line = Line::new();
+    line.push(b't');
     let [high, low] = frame.id().to_be_bytes();
-    // None of these can fail: a line holds the longest frame.
-    let mut push = |value| {
-        let _ = line.push(value);
-    };
-    push('t');
-    push(hex::upper(high));
-    push(hex::upper(low >> 4));
-    push(hex::upper(low));
-    push(hex::upper(frame.len()));
-    let mut pair = |byte: u8| {
-        push(hex::upper(byte >> 4));
-        push(hex::upper(byte));
-    };
-    frame.data().iter().copied().for_each(&mut pair);
-    if let Some(stamp) = stamp_ms {
-        stamp.to_be_bytes().into_iter().for_each(pair);
+    line.digit(high);
+    line.pair(low);
+    line.digit(frame.len());
+    for byte in frame.data() {
+        line.pair(*byte);
     }
-    let _ = line.push('\r');
+    if let Some(stamp) = stamp_ms {
+        for byte in stamp.to_be_bytes() {
+            line.pair(byte);
+        }
+    }
+    line.push(b'\r');
     line
 }
 
@@ -88,9 +134,8 @@ pub fn frame(frame: &Frame, stamp_ms: Option<u16>) -> Line {
 #[must_use]
 pub fn flags_answer(flags: u8) -> Line {
     let mut line = Line::new();
-    for letter in ['F', hex::upper(flags >> 4), hex::upper(flags), '\r'] {
-        let _ = line.push(letter);
-    }
+    line.tell(b'F', &[flags]);
+    line.push(ACCEPTED);
     line
 }
 
@@ -150,7 +195,101 @@ fn data_frame(text: &[u8]) -> Option<(Frame, &[u8])> {
     Some((hex::frame(hex::number(id)?, data)?, rest))
 }
 
-/// Puts commands together from bytes: the adapter's end.
+/// The answer to `V`: hardware and software 1.3, as a CAN232 of the manual says.
+const VERSION: &[u8] = b"V1013";
+
+/// How far a channel is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    Closed,
+    /// Frames come, none go.
+    Listening,
+    Open,
+}
+
+/// The adapter's end of the line: its channel, and what is to be done for it.
+#[derive(Debug, Clone)]
+pub struct Channel {
+    commands: Commands,
+    mode: Mode,
+    stamps: bool,
+    /// What `N` tells the lower half of.
+    number: u32,
+}
+
+/// What a command has come to.
+#[derive(Debug, Clone)]
+pub enum Step {
+    /// Answer with this.
+    Answer(Line),
+    /// Send this frame, and answer [`SENT`] or [`REFUSED`].
+    Send(Frame),
+    /// Answer with the [`flags`].
+    Flags,
+}
+
+impl Channel {
+    /// A closed channel of an adapter with this serial number.
+    #[must_use]
+    pub const fn new(number: u32) -> Self {
+        Self {
+            commands: Commands::new(),
+            mode: Mode::Closed,
+            stamps: false,
+            number,
+        }
+    }
+
+    /// Takes one byte; returns what is to be done when it ends a command.
+    pub fn push(&mut self, byte: u8) -> Option<Step> {
+        let mut line = Line::new();
+        match self.commands.push(byte)? {
+            Command::Send(frame) if self.mode == Mode::Open => return Some(Step::Send(frame)),
+            Command::Flags => return Some(Step::Flags),
+            Command::Open => self.mode = Mode::Open,
+            Command::Listen => self.mode = Mode::Listening,
+            Command::Close => self.close(),
+            Command::Stamps(on) => self.stamps = on,
+            Command::Version => VERSION.iter().for_each(|byte| line.push(*byte)),
+            Command::Serial => {
+                let [.., high, low] = self.number.to_be_bytes();
+                line.tell(b'N', &[high, low]);
+            }
+            Command::Accept => {}
+            Command::Send(_) | Command::Refuse => {
+                line.push(REFUSED);
+                return Some(Step::Answer(line));
+            }
+        }
+        line.push(ACCEPTED);
+        Some(Step::Answer(line))
+    }
+
+    /// Something was lost here: what has come of this line is refused at its end.
+    pub fn spoil(&mut self) {
+        self.commands.spoil();
+    }
+
+    /// Closes it, as after `C`, and switches time stamps off.
+    pub fn close(&mut self) {
+        self.mode = Mode::Closed;
+        self.stamps = false;
+    }
+
+    /// Whether it is open, if only to listen.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.mode != Mode::Closed
+    }
+
+    /// Whether it wants time stamps.
+    #[must_use]
+    pub const fn stamps(&self) -> bool {
+        self.stamps
+    }
+}
+
+/// Puts commands together from bytes.
 #[derive(Debug, Clone, Default)]
 pub struct Commands(Lines);
 

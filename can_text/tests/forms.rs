@@ -30,10 +30,10 @@ mod slcan_form {
     #[test]
     fn golden_lines() {
         let sent = frame(0x181, &[0x10, 0xFF, 0x00]);
-        assert_eq!(slcan::frame(&sent, None), "t181310FF00\r");
-        assert_eq!(slcan::frame(&sent, Some(0xEA5F)), "t181310FF00EA5F\r");
-        assert_eq!(slcan::frame(&frame(0x80, &[]), None), "t0800\r");
-        assert_eq!(slcan::flags_answer(0xA2), "FA2\r");
+        assert_eq!(*slcan::frame(&sent, None), "t181310FF00\r");
+        assert_eq!(*slcan::frame(&sent, Some(0xEA5F)), "t181310FF00EA5F\r");
+        assert_eq!(*slcan::frame(&frame(0x80, &[]), None), "t0800\r");
+        assert_eq!(*slcan::flags_answer(0xA2), "FA2\r");
         assert_eq!(Command::parse(b"t181310ff00"), Command::Send(sent));
         assert_eq!(Answer::parse(b"t181310FF00"), Answer::Frame(sent, None));
         let stamped = Answer::Frame(sent, Some(0x1234));
@@ -56,6 +56,31 @@ mod slcan_form {
                 Command::Stamps(true),
                 Command::Stamps(false),
             ]
+        );
+    }
+
+    /// What an adapter with this number answers; frames it is to send count as sent.
+    fn served(bytes: &[u8]) -> String {
+        let mut channel = slcan::Channel::new(0x1234_0BEF);
+        let mut said = Vec::new();
+        for byte in bytes {
+            match channel.push(*byte) {
+                Some(slcan::Step::Answer(line)) => said.extend_from_slice(line.as_bytes()),
+                Some(slcan::Step::Send(_)) => said.extend_from_slice(slcan::SENT),
+                Some(slcan::Step::Flags) => said.extend_from_slice(b"F?"),
+                None => {}
+            }
+        }
+        String::from_utf8(said).expect("ASCII")
+    }
+
+    #[test]
+    fn a_channel_sends_when_it_is_open_and_only_then() {
+        assert_eq!(served(b"t0800\rV\rN\r"), "\u{7}V1013\rN0BEF\r");
+        assert_eq!(served(b"O\rt0800\rF\rx\r"), "\rz\rF?\u{7}");
+        assert_eq!(
+            served(b"L\rt0800\rO\rt0800\rC\rt0800\r"),
+            "\r\u{7}\rz\r\r\u{7}"
         );
     }
 

@@ -4,8 +4,8 @@
 //! processor core with its interrupt controller, system timer and cycle counter comes from
 //! [`rsemu`]; this crate models ST's peripherals from the reference manual RM0390 rev 6, one file
 //! per peripheral, each naming its sections. The crate has no knowledge of the firmware: a
-//! [`Board`] has pins, PWM outputs, encoder inputs and a CAN controller, which the caller connects
-//! to a simulated world.
+//! [`Board`] has pins, PWM outputs, encoder inputs, a CAN controller and a serial port, which the
+//! caller connects to a simulated world.
 //!
 //! Peripherals do no work per clock cycle. A counter is computed from the time at which it is read,
 //! and each peripheral reports the time of its next event; a core that sleeps skips straight to
@@ -26,6 +26,8 @@
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
 //! | CAN1: modes, mailboxes, filters, FIFOs, time stamps, errors, bus-off, loop-back | 30 | CAN2, TGT (no effect) |
 //! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
+//! | USART2: eight data bits, baud rate, framing and overrun errors, idle line, DMA | 25 | other ports, parity, other lengths, noise, LIN, flow control |
+//! | DMA1: byte by byte between USART2 and RAM, once or circular | 9 | other requests, FIFO, double buffers |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
 //! | unique number, flash size, DBGMCU | 33, 34 | freezing of peripherals other than timers and IWDG while halted |
 //! | core, NVIC, SysTick, SCB, FPU, DWT cycle counter (rsemu) | | ITM, watchpoints |
@@ -67,7 +69,7 @@ pub mod timer;
 mod trace;
 pub mod waveform;
 
-pub use board::{Board, BoardConfig, CoreRegisters, ResetCause};
+pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort};
 pub use firmware::{Firmware, LoadError, Symbol};
 pub use rtt::{Level, LogLine};

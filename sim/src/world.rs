@@ -17,6 +17,7 @@
 //! The master's frames wait in a queue without limit, in order; a master that sends more than the
 //! bus carries sees its own delay grow. Frames for a port wait until they are taken.
 
+mod cable;
 mod fault_injection;
 pub mod index;
 mod nodes;

@@ -21,7 +21,7 @@ use nucleo_f446re::WIRING;
 #[cfg(feature = "board-robomaster-c")]
 use robomaster_c::WIRING;
 
-pub use stm32f4::can::{Can, Health};
+pub use stm32f4::can::{CABLE_PATIENCE, Can, Health};
 pub use stm32f4::encoders::Encoders;
 pub use stm32f4::executors;
 pub use stm32f4::flash::ParameterFlash;
@@ -29,6 +29,7 @@ pub use stm32f4::index::Indexes;
 pub use stm32f4::iwdg::{Watchdog, patiently};
 pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
 pub use stm32f4::outputs::Outputs;
+pub use stm32f4::serial::Serial;
 pub use stm32f4::tick::TickTimer;
 pub use stm32f4::{Board, Led, Lines, now};
 

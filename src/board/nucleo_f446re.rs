@@ -16,12 +16,13 @@
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PC12 |
 //! | node id switches, closed to ground is 1 | GPIO | PC8 (bit 0) PC9 PC10 PC11 |
 //! | LED LD2 | GPIO | PA5 |
+//! | cable: the virtual COM port of the ST-LINK | USART2 | PA3 receive, PA2 transmit |
 //! | user button | GPIO | PC13 |
 //!
 //! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
 use super::stm32f4::pin::{pin, pins};
-use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Wiring};
+use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Serial, Wiring};
 
 /// Pins and clocks of this board.
 pub const WIRING: Wiring = Wiring {
@@ -57,6 +58,10 @@ pub const WIRING: Wiring = Wiring {
     protective_stop: pin("PC12"),
     node_switches: &pins(["PC8", "PC9", "PC10", "PC11"]),
     led: pin("PA5"),
+    cable: Some(Serial {
+        receive: pin("PA3"),
+        transmit: pin("PA2"),
+    }),
 };
 
 const fn encoder(timer: usize, channels: [&str; 2]) -> Option<Encoder> {

@@ -64,4 +64,5 @@ pub const WIRING: Wiring = Wiring {
     protective_stop: pin("PB13"),
     node_switches: &[],
     led: pin("PH11"),
+    cable: None,
 };

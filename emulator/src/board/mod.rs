@@ -11,8 +11,10 @@
 mod debug;
 mod follow;
 mod run;
+mod serial;
 
 pub use debug::CoreRegisters;
+pub use serial::SerialPort;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -143,6 +145,7 @@ impl Board {
         let ram = Arc::new(Ram::new());
         let mut soc = Soc::new(
             Arc::clone(&flash),
+            Arc::clone(&ram),
             config.crystal_ppm,
             config.hse_hz,
             config.lsi_hz,
@@ -335,6 +338,11 @@ impl Board {
     /// The CAN connector.
     pub fn can(&mut self) -> CanPort<'_> {
         CanPort { board: self }
+    }
+
+    /// The line of USART2.
+    pub fn serial(&mut self) -> SerialPort<'_> {
+        SerialPort { board: self }
     }
 
     pub(crate) fn with_can<T>(&self, f: impl FnOnce(&mut Can, u64) -> T) -> T {

@@ -85,7 +85,7 @@ impl Machine {
             ram.write(at, Width::U32, random.next()).unwrap();
         }
         let shared = Arc::new(Shared::new(
-            Soc::new(Arc::clone(&flash), 0.0, 0, 32_000),
+            Soc::new(Arc::clone(&flash), Arc::clone(&ram), 0.0, 0, 32_000),
             true,
         ));
         let space = address_space::address_space(&shared, &flash, &ram, [0; 12]).unwrap();

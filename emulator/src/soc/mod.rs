@@ -13,8 +13,10 @@ use rsemu::core::space::RamStore;
 
 use crate::can::Can;
 use crate::clock::Clock;
+use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;
+use crate::system::dma::Dma;
 use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
@@ -23,6 +25,7 @@ use crate::system::map::{self, Entry, Gate, Unit, irq};
 use crate::system::pins::{self, Route};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
+use crate::system::usart::Usart;
 use crate::timer::{Kind, Timer};
 use crate::trace::Trace;
 
@@ -48,6 +51,10 @@ pub(crate) struct Soc {
     /// TIM1..TIM14 at their numbers; index 0 is never addressed.
     timers: [Timer; 15],
     pub(crate) can: Can,
+    pub(crate) usart2: Usart,
+    dma1: Dma,
+    /// What the DMA reads and writes.
+    ram: Arc<Ram>,
     dbgmcu: [u32; 4],
     pub(crate) irq: IrqLines,
     pub(crate) next_event: u64,
@@ -74,7 +81,13 @@ fn on_apb2(timer: usize) -> bool {
 }
 
 impl Soc {
-    pub(crate) fn new(flash: Arc<RamStore>, crystal_ppm: f64, hse_hz: u64, lsi_hz: u64) -> Self {
+    pub(crate) fn new(
+        flash: Arc<RamStore>,
+        ram: Arc<Ram>,
+        crystal_ppm: f64,
+        hse_hz: u64,
+        lsi_hz: u64,
+    ) -> Self {
         Self {
             now: 0,
             clock: Clock::new(crystal_ppm),
@@ -87,6 +100,9 @@ impl Soc {
             adc: Adc::default(),
             timers: std::array::from_fn(|number| Timer::new(timer_kind(number))),
             can: Can::default(),
+            usart2: Usart::new(),
+            dma1: Dma::default(),
+            ram,
             // STM32F446 revision A, DEV_ID 0x421.
             dbgmcu: [0x1000_0421, 0, 0, 0],
             irq: [0; 4],
@@ -110,6 +126,8 @@ impl Soc {
         self.adc.reset();
         self.timers.iter_mut().for_each(|timer| timer.reset(now));
         self.can.reset();
+        self.usart2.reset();
+        self.dma1.reset();
         self.reset_request = 0;
         self.apply_clocks();
         self.settle();
@@ -232,6 +250,8 @@ impl Soc {
                 .map_err(|error| error.0),
             Unit::Gpio(port) => self.gpio[port as usize].read(offset).ok_or(""),
             Unit::Can1 => self.can.read(now, offset).ok_or(""),
+            Unit::Usart2 => self.usart2.read(offset).ok_or(""),
+            Unit::Dma1 => self.dma1.read(offset).ok_or(""),
             Unit::Rcc => {
                 self.apply_clocks();
                 self.rcc.read(now_ps, offset).ok_or("")
@@ -267,6 +287,16 @@ impl Soc {
                 Ok(())
             }
             Unit::Can1 => self.can.write(now, offset, value).ok_or(""),
+            Unit::Usart2 => {
+                self.usart2.write(now, offset, value)?;
+                self.serve_usart();
+                Ok(())
+            }
+            Unit::Dma1 => {
+                self.dma1.write(offset, value)?;
+                self.serve_usart();
+                Ok(())
+            }
             Unit::Rcc => {
                 self.rcc
                     .write(now_ps, offset, value, self.pwr.backup_access())
@@ -326,6 +356,8 @@ impl Soc {
                     self.pins_changed(port, before);
                 }
                 Unit::Can1 => self.can.reset(),
+                Unit::Usart2 => self.usart2.reset(),
+                Unit::Dma1 => self.dma1.reset(),
                 Unit::Pwr => self.pwr.reset(),
                 Unit::Adc => self.adc.reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
@@ -347,6 +379,7 @@ impl Soc {
             timer.set_ratio(self.now, hclk / clock.max(1));
         }
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
+        self.usart2.set_ratio(hclk / clocks.pclk1.max(1));
         self.adc.set_clock(clocks.pclk2);
         if hclk != self.clock.hz() {
             self.clock.set_hz(self.now, hclk);
@@ -451,11 +484,32 @@ impl Soc {
             }
         }
         self.can.sync(now);
+        while self.usart2.sync(now) {
+            self.serve_usart();
+        }
         self.flash.sync(now_ps);
         if self.iwdg.expires_at().is_some_and(|at| now_ps >= at) {
             self.reset_request |= cause::IWDG;
         }
         self.settle();
+    }
+
+    /// Lets DMA1 move what USART2 has and wants (RM0390 section 9.3.4, table 28: channel 4 of
+    /// streams 5 and 6).
+    fn serve_usart(&mut self) {
+        const DATA: u32 = 0x4000_4404;
+        const CHANNEL: u32 = 4;
+        const RECEIVE: usize = 5;
+        const TRANSMIT: usize = 6;
+        if self.usart2.offers_byte() && self.dma1.takes(RECEIVE, CHANNEL, DATA) {
+            let byte = self.usart2.take_byte();
+            self.dma1.put(&self.ram, RECEIVE, CHANNEL, DATA, byte);
+        }
+        while self.usart2.wants_byte()
+            && let Some(byte) = self.dma1.get(&self.ram, TRANSMIT, CHANNEL, DATA)
+        {
+            self.usart2.put(self.now, byte);
+        }
     }
 
     /// Computes the interrupt lines and the time of the next event.
@@ -500,10 +554,14 @@ impl Soc {
         line(irq::CAN1_RX1, can.rx[1]);
         line(irq::CAN1_SCE, can.sce);
         line(irq::FLASH, self.flash.line());
+        line(irq::USART2, self.usart2.line());
+        line(irq::DMA1_STREAM_5, self.dma1.line(5));
+        line(irq::DMA1_STREAM_6, self.dma1.line(6));
         for (number, on) in self.exti.lines() {
             line(number, on);
         }
         next = next.min(self.can.next_event().unwrap_or(u64::MAX));
+        next = next.min(self.usart2.next_event().unwrap_or(u64::MAX));
         for at_ps in [self.flash.busy_until(), self.iwdg.expires_at()]
             .into_iter()
             .flatten()
@@ -545,6 +603,8 @@ fn describe(entry: &Entry, offset: u32, what: &str) -> String {
         Unit::Gpio(_) => Gpio::register_name(offset),
         Unit::Can1 => Can::register_name(offset),
         Unit::Rcc => Rcc::register_name(offset),
+        Unit::Usart2 => Usart::register_name(offset),
+        Unit::Dma1 => Dma::register_name(offset),
         Unit::Flash => Flash::register_name(offset),
         _ => "",
     };

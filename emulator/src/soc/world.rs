@@ -78,8 +78,9 @@ impl Soc {
                     self.timers[timer].sync(self.now);
                     self.timers[timer].complementary_level(channel - 1)
                 } else {
-                    // Idle: recessive.
-                    pins::CAN1_TX.contains(&route).then_some(true)
+                    // Idle: recessive, or the level of a stop bit.
+                    let idle = [pins::CAN1_TX, pins::USART2_TX].concat();
+                    idle.contains(&route).then_some(true)
                 }
             }
             _ => return gpio.driven(pin),
@@ -159,6 +160,34 @@ impl Soc {
         Some(((pclk1 + clocks / 2) / clocks) as u32)
     }
 
+    /// Puts bytes on the line into USART2, one after the other, from a sender with this baud rate.
+    /// Without its pin the port hears nothing.
+    pub(crate) fn serial_arrive(&mut self, bytes: &[u8], baud: f64, stop: bool) {
+        if pins::USART2_RX.iter().any(|route| self.connected(route)) {
+            let bit = self.clock.hz() as f64 * self.clock.rate() / baud;
+            for byte in bytes {
+                self.usart2.arrive(self.now, *byte, bit, stop);
+            }
+            self.settle();
+        }
+    }
+
+    /// Takes the bytes that have left USART2 through its pin, with the cycle at which each ended.
+    pub(crate) fn serial_sent(&mut self) -> Vec<(u64, u8)> {
+        let sent = self.usart2.take_sent();
+        if pins::USART2_TX.iter().any(|route| self.connected(route)) {
+            sent
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// The baud rate of USART2 by the board's own crystal.
+    pub(crate) fn serial_baud(&self) -> Option<f64> {
+        let cycles = self.usart2.cycles_per_bit()?;
+        Some(self.clock.hz() as f64 / cycles as f64)
+    }
+
     /// Compares all outputs with the record.
     pub(super) fn record(&mut self, trace: &mut Trace) {
         for (index, timer) in PWM_TIMERS.into_iter().enumerate() {
@@ -195,12 +224,13 @@ mod tests {
     use rsemu::core::space::RamStore;
 
     use super::*;
+    use crate::ram::Ram;
     use crate::system::flash;
 
     #[test]
     fn encoder_pins_reach_the_counter_through_the_filter() {
         let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, 0.0, 8_000_000, 32_000);
+        let mut soc = Soc::new(store, Arc::new(Ram::new()), 0.0, 8_000_000, 32_000);
         soc.system_reset(0);
         soc.trace = Some(Box::default());
         // TI1 is high before the pins are the timer's: no edge.

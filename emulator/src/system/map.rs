@@ -46,6 +46,10 @@ pub enum Unit {
     Iwdg,
     /// ADC1 and what the three share.
     Adc,
+    /// USART2.
+    Usart2,
+    /// DMA1.
+    Dma1,
     /// Not modelled.
     Other,
 }
@@ -73,7 +77,7 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
 }
 
 use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
-use Unit::{Adc, Can1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer};
+use Unit::{Adc, Can1, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2};
 
 /// All peripherals outside the core, by address. Each reaches up to the next, and at most
 /// [`LARGEST`] bytes.
@@ -93,7 +97,7 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4000_3800, "SPI2", Apb1(14), Other),
     entry(0x4000_3C00, "SPI3", Apb1(15), Other),
     entry(0x4000_4000, "SPDIFRX", Apb1(16), Other),
-    entry(0x4000_4400, "USART2", Apb1(17), Other),
+    entry(0x4000_4400, "USART2", Apb1(17), Usart2),
     entry(0x4000_4800, "USART3", Apb1(18), Other),
     entry(0x4000_4C00, "UART4", Apb1(19), Other),
     entry(0x4000_5000, "UART5", Apb1(20), Other),
@@ -133,7 +137,7 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4002_3800, "RCC", Always, Rcc),
     entry(0x4002_3C00, "FLASH", Always, Flash),
     entry(0x4002_4000, "BKPSRAM", Ahb1(18), Other),
-    entry(0x4002_6000, "DMA1", Ahb1(21), Other),
+    entry(0x4002_6000, "DMA1", Ahb1(21), Dma1),
     entry(0x4002_6400, "DMA2", Ahb1(22), Other),
     entry(0x4004_0000, "USB OTG HS", Ahb1(29), Other),
     entry(0x5000_0000, "USB OTG FS", Ahb2(7), Other),
@@ -164,6 +168,9 @@ pub mod irq {
     pub const PVD: u16 = 1;
     pub const FLASH: u16 = 4;
     pub const EXTI: [u16; 5] = [6, 7, 8, 9, 10];
+    /// Streams 5 and 6.
+    pub const DMA1_STREAM_5: u16 = 16;
+    pub const DMA1_STREAM_6: u16 = 17;
     pub const CAN1_TX: u16 = 19;
     pub const CAN1_RX0: u16 = 20;
     pub const CAN1_RX1: u16 = 21;
@@ -176,6 +183,7 @@ pub mod irq {
     pub const TIM2: u16 = 28;
     pub const TIM3: u16 = 29;
     pub const TIM4: u16 = 30;
+    pub const USART2: u16 = 38;
     pub const EXTI15_10: u16 = 40;
     pub const TIM8_BRK_TIM12: u16 = 43;
     pub const TIM8_UP_TIM13: u16 = 44;

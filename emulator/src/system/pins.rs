@@ -120,6 +120,12 @@ pub const CAN1_RX: &[Route] = &[route(A, 11, 9), route(B, 8, 9)];
 /// Pins that can carry CAN1's transmit line.
 pub const CAN1_TX: &[Route] = &[route(A, 12, 9), route(B, 9, 9)];
 
+/// Pins that can carry USART2's output.
+pub const USART2_TX: &[Route] = &[route(A, 2, 7)];
+
+/// Pins that can carry USART2's input.
+pub const USART2_RX: &[Route] = &[route(A, 3, 7)];
+
 /// The timer channel (timer, channel from 1) that an alternate function connects to a pin.
 #[must_use]
 pub fn timer_at(port: Port, pin: u8, af: u8) -> Option<(usize, usize)> {

@@ -12,12 +12,15 @@
 //! | [`lockstep`]: a bus whose time waits for its clients | `omnibus` |
 //! | [`slcan_tcp`]: slcan over TCP | `omnibus`, python-can (`slcan`, `socket://`) |
 //! | [`pty`]: slcan over a pseudo terminal | slcand, python-can (`slcan`), everything for serial adapters |
+//! | [`cable`]: the serial port of an emulated robot | the same, and whoever wants to see what the firmware answers |
 //! | [`socketcand`]: socketcand in raw mode | python-can (`socketcand`), Wireshark, Kayak |
 //! | [`socket_can`]: a Linux CAN interface | can-utils, python-can, everything for Linux |
 //! | [`pose`]: true poses as lines of JSON | what would listen to a motion-capture system |
 //! | [`gyro`]: samples of the robots' gyros as lines of JSON | what would listen to real ones |
 //! | [`replay`]: a candump log in | nobody: it plays a file |
 
+#[cfg(unix)]
+pub mod cable;
 pub mod gyro;
 pub mod json_lines;
 pub mod lockstep;
@@ -31,6 +34,8 @@ pub mod slcan_tcp;
 pub mod socket_can;
 pub mod socketcand;
 mod stream;
+#[cfg(unix)]
+mod terminal;
 
 use std::io;
 

@@ -638,6 +638,11 @@ impl Robot for EmulatedRobot {
         self.powered && !self.board.is_asleep() && until_ns - self.now_ns > 2_000
     }
 
+    fn send_cable(&mut self, bytes: &[u8], baud: f64) {
+        self.catch_up();
+        self.board.serial().send(bytes, baud);
+    }
+
     fn board(&mut self) -> Option<&mut Board> {
         Some(&mut self.board)
     }

@@ -191,6 +191,12 @@ pub trait Robot: Send {
         false
     }
 
+    /// Puts bytes on the line into its serial port, from a sender with this baud rate; without a
+    /// processor they are lost.
+    fn send_cable(&mut self, bytes: &[u8], baud: f64) {
+        let _ = (bytes, baud);
+    }
+
     /// Its emulated board, if it has one.
     fn board(&mut self) -> Option<&mut emulator::Board> {
         None

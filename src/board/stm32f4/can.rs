@@ -15,6 +15,15 @@
 //! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. A
 //! millisecond has at most 20 frames, so the queue can hold them.
 //!
+//! A robot that is a gateway ([`Can::set_gateway`]) passes frames of its cable on to the bus one at
+//! a time, and takes each as received when it has left: the queue holds the frames of both sides in
+//! the one order in which the bus has seen them, with the times at which the other nodes have got
+//! them. A frame that does not leave (nobody acknowledges, bus-off, 20 ms) is taken back and
+//! received then. Until a frame leaves again the controller counts as alone: frames of the cable
+//! are received at once, and offered to the bus where there is room. All frames of the bus are kept
+//! for the cable in a queue of their own, [`OVERHEARD`], so a storm of what concerns nobody here
+//! costs the robot none of its own.
+//!
 //! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated
 //! until they are acknowledged. While the mailboxes are full the sender keeps its frame; this
 //! driver drops none.
@@ -28,8 +37,9 @@
 //! Why not the HAL's driver: its buffered receiver silently drops a frame when its queue is full,
 //! and its buffered sender loses the second of two frames with one identifier.
 
-use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU16, AtomicU32, Ordering};
 
+use can_text::slcan::flags;
 use canopen::Frame;
 use control::time::Micros;
 use embassy_stm32::interrupt::InterruptExt;
@@ -76,6 +86,21 @@ impl Health {
 }
 
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
+/// Frames of the bus for the cable.
+static OVERHEARD: Channel<CriticalSectionRawMutex, Overheard, 32> = Channel::new();
+/// The mailbox with a frame of the cable, and since when, the lower half of the time in
+/// microseconds.
+static LEAVING: AtomicU8 = AtomicU8::new(NONE);
+static LEAVING_SINCE: AtomicU32 = AtomicU32::new(0);
+static GATEWAY: AtomicBool = AtomicBool::new(false);
+/// A frame has left, and nothing since says that the bus is gone.
+static JOINED: AtomicBool = AtomicBool::new(false);
+/// Bus-off has come while others were on the bus.
+static LEFT: AtomicBool = AtomicBool::new(false);
+/// Frames of the bus that found no room on the way to the cable.
+static OVERHEARD_LOST: AtomicBool = AtomicBool::new(false);
+/// Frames of the cable that the bus was not even offered.
+static NOT_OFFERED: AtomicBool = AtomicBool::new(false);
 static LISTENS_TO: AtomicU16 = AtomicU16::new(u16::MAX);
 static CAN_WAIT: AtomicU16 = AtomicU16::new(0);
 static OWN_NODE: AtomicU16 = AtomicU16::new(0);
@@ -113,6 +138,25 @@ const QUANTA: u32 = {
     );
     quantum_hz / BIT_HZ
 };
+
+/// How long a frame of the cable may wait for the bus. One of low priority waits for some
+/// milliseconds on a full bus.
+pub const CABLE_PATIENCE: Micros = Micros(20_000);
+
+/// [`LEAVING`]: no frame, for which [`RECEIVED`] is set too; the bits of the mailbox; the robot
+/// itself has it already.
+const NONE: u8 = u8::MAX;
+const MAILBOX: u8 = 3;
+const RECEIVED: u8 = 1 << 7;
+
+/// A frame of the bus, for the cable.
+#[derive(Clone, Copy)]
+pub struct Overheard {
+    /// When it was received, the lower half of the time in microseconds.
+    pub at_us: u32,
+    /// The frame.
+    pub frame: Frame,
+}
 
 /// The CAN controller.
 pub struct Can(());
@@ -191,34 +235,117 @@ impl Can {
         RX_QUEUE.try_receive().ok()
     }
 
+    /// Becomes a gateway, or is none any more.
+    pub fn set_gateway(&mut self, on: bool) {
+        GATEWAY.store(on, Ordering::Relaxed);
+        while !on && OVERHEARD.try_receive().is_ok() {}
+    }
+
+    /// Takes the oldest frame of the bus for the cable, if there is one.
+    pub fn try_overhear(&self) -> Option<Overheard> {
+        OVERHEARD.try_receive().ok()
+    }
+
+    /// What was lost between cable and bus since the last call, as bits of an adapter's answer to
+    /// `F`.
+    pub fn take_losses(&self) -> u8 {
+        let bit = |lost: &AtomicBool, flag| {
+            if lost.swap(false, Ordering::Relaxed) {
+                flag
+            } else {
+                0
+            }
+        };
+        bit(&OVERHEARD_LOST, flags::RECEIVE_FULL) | bit(&NOT_OFFERED, flags::TRANSMIT_FULL)
+    }
+
+    /// What an adapter says of the controller, as bits of its answer to `F`.
+    pub fn status_flags(&self) -> u8 {
+        let error = pac::CAN1.esr().read();
+        let bit = |on: bool, flag| if on { flag } else { 0 };
+        bit(error.ewgf(), flags::WARNING)
+            | bit(error.epvf(), flags::PASSIVE)
+            | bit(error.boff(), flags::BUS_ERROR)
+    }
+
+    /// Whether the controller has gone off a bus on which others were, since the last call.
+    pub fn has_been_left(&self) -> bool {
+        LEFT.swap(false, Ordering::Relaxed)
+    }
+
+    /// Whether others are on the bus: a frame has left since nobody acknowledged one.
+    pub fn is_joined(&self) -> bool {
+        JOINED.load(Ordering::Relaxed)
+    }
+
+    /// Passes a frame of the cable on to the bus. The robot itself receives it when it has left;
+    /// alone, at once. `None` while there is no free mailbox, of which the bus task is told;
+    /// `false` when the robot has no room for it.
+    pub fn pass_on(&mut self, frame: &Frame) -> Option<bool> {
+        cortex_m::interrupt::free(|_| {
+            if JOINED.load(Ordering::Relaxed) {
+                return leave(frame, 0).then_some(true);
+            }
+            let received = receive_own(*frame);
+            if LEAVING.load(Ordering::Relaxed) != NONE || !leave(frame, RECEIVED) {
+                NOT_OFFERED.store(true, Ordering::Relaxed);
+            }
+            Some(received)
+        })
+    }
+
+    /// Whether a frame of the cable is on its way that the robot itself has not received.
+    pub fn is_passing_on(&self) -> bool {
+        LEAVING.load(Ordering::Relaxed) & RECEIVED == 0
+    }
+
+    /// Whether a frame of the cable is in a mailbox.
+    pub fn has_one_of_the_cable(&self) -> bool {
+        LEAVING.load(Ordering::Relaxed) != NONE
+    }
+
+    /// Counts as alone until a frame leaves.
+    pub fn give_up(&mut self) {
+        JOINED.store(false, Ordering::Relaxed);
+    }
+
+    /// Notices what has left, and takes back a frame of the cable that does not leave. To be called
+    /// at every turn, until nothing is on its way any more.
+    pub fn look_after(&mut self) {
+        cortex_m::interrupt::free(|_| {
+            note_left();
+            let error = pac::CAN1.esr().read();
+            // ISO 11898-1: from 128 on a node is error passive.
+            let gone = error.boff() || error.tec() >= 128;
+            if gone && JOINED.swap(false, Ordering::Relaxed) && error.boff() {
+                LEFT.store(true, Ordering::Relaxed);
+            }
+            let leaving = LEAVING.load(Ordering::Relaxed);
+            if leaving == NONE {
+                return;
+            }
+            let waited = low_us(now()).wrapping_sub(LEAVING_SINCE.load(Ordering::Relaxed));
+            if u64::from(waited) > CABLE_PATIENCE.0 || gone && leaving & RECEIVED == 0 {
+                let mailbox = usize::from(leaving & MAILBOX);
+                pac::CAN1.tsr().write(|w| w.set_abrq(mailbox, true));
+            }
+        });
+    }
+
     /// Puts a frame into a free mailbox; `false` when all three are taken. Then the bus task is
     /// woken when one is free.
     #[must_use]
     pub fn try_send(&mut self, frame: &Frame) -> bool {
-        let can = pac::CAN1;
-        let status = can.tsr().read();
-        if !(status.tme(0) || status.tme(1) || status.tme(2)) {
-            // The interrupt comes at once if a mailbox has become free since.
-            cortex_m::interrupt::free(|_| can.ier().modify(|w| w.set_tmeie(true)));
-            return false;
-        }
-        // RM0390 30.9.2: with at least one mailbox free, CODE is the number of the next free one.
-        let mailbox = can.tx(usize::from(status.code().min(2)));
-        let [a, b, c, d, e, f, g, h] = *frame.padded();
-        mailbox.tdtr().write(|w| w.set_dlc(frame.len()));
-        mailbox
-            .tdlr()
-            .write_value(regs::Tdlr(u32::from_le_bytes([a, b, c, d])));
-        mailbox
-            .tdhr()
-            .write_value(regs::Tdhr(u32::from_le_bytes([e, f, g, h])));
-        mailbox.tir().write(|w| {
-            w.set_stid(frame.id());
-            w.set_ide(Ide::STANDARD);
-            w.set_rtr(Rtr::DATA);
-            w.set_txrq(true);
-        });
-        true
+        // Masked: the transmit interrupt takes mailboxes for frames of the cable.
+        cortex_m::interrupt::free(|_| {
+            let Some(mailbox) = free_mailbox() else {
+                // Comes at once if a mailbox has become free since.
+                pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+                return false;
+            };
+            request(mailbox, frame);
+            true
+        })
     }
 
     /// Aborts the frames that wait in mailboxes.
@@ -286,6 +413,111 @@ fn enable_interrupts() {
     }
 }
 
+/// A free mailbox, but for that of the frame of the cable, which nobody has noticed yet.
+fn free_mailbox() -> Option<u8> {
+    let status = pac::CAN1.tsr().read();
+    let leaving = LEAVING.load(Ordering::Relaxed);
+    (0..3).find(|mailbox| {
+        status.tme(usize::from(*mailbox)) && (leaving == NONE || leaving & MAILBOX != *mailbox)
+    })
+}
+
+/// Asks for a frame to be sent through a free mailbox.
+fn request(mailbox: u8, frame: &Frame) {
+    let mailbox = pac::CAN1.tx(usize::from(mailbox.min(2)));
+    let [a, b, c, d, e, f, g, h] = *frame.padded();
+    mailbox.tdtr().write(|w| w.set_dlc(frame.len()));
+    mailbox
+        .tdlr()
+        .write_value(regs::Tdlr(u32::from_le_bytes([a, b, c, d])));
+    mailbox
+        .tdhr()
+        .write_value(regs::Tdhr(u32::from_le_bytes([e, f, g, h])));
+    mailbox.tir().write(|w| {
+        w.set_stid(frame.id());
+        w.set_ide(Ide::STANDARD);
+        w.set_rtr(Rtr::DATA);
+        w.set_txrq(true);
+    });
+}
+
+/// Whether this robot wants to see frames with this identifier.
+fn concerns_us(id: u16) -> bool {
+    id & 0x7F == OWN_NODE.load(Ordering::Relaxed)
+        || LISTENS_TO.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "compared by wrapping differences"
+)]
+fn low_us(time: Micros) -> u32 {
+    time.0 as u32
+}
+
+/// Receives a frame of the cable, if it concerns this robot; `false` when there is no room.
+fn receive_own(frame: Frame) -> bool {
+    let at = now();
+    !concerns_us(frame.id()) || RX_QUEUE.try_send(Received { at, frame }).is_ok()
+}
+
+/// Puts a frame of the cable into a mailbox; `false` when all are taken. With interrupts masked, or
+/// from the transmit interrupt, which comes when it has left, or when there is a free mailbox.
+fn leave(frame: &Frame, received: u8) -> bool {
+    pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+    let Some(mailbox) = free_mailbox() else {
+        return false;
+    };
+    request(mailbox, frame);
+    LEAVING.store(mailbox | received, Ordering::Relaxed);
+    LEAVING_SINCE.store(low_us(now()), Ordering::Relaxed);
+    true
+}
+
+/// Notices which mailboxes are done, and receives the frame of the cable that has left. One that
+/// was taken back is received too: the bus is gone. With interrupts masked, or from the transmit
+/// interrupt.
+fn note_left() {
+    let can = pac::CAN1;
+    let status = can.tsr().read();
+    for mailbox in 0..3_u8 {
+        let number = usize::from(mailbox);
+        if !status.rqcp(number) {
+            continue;
+        }
+        // Flags of this register are cleared by writing one.
+        can.tsr().write(|w| w.set_rqcp(number, true));
+        let left = status.txok(number);
+        if left {
+            JOINED.store(true, Ordering::Relaxed);
+        }
+        let leaving = LEAVING.load(Ordering::Relaxed);
+        if leaving == NONE || leaving & MAILBOX != mailbox {
+            continue;
+        }
+        LEAVING.store(NONE, Ordering::Relaxed);
+        if !left {
+            JOINED.store(false, Ordering::Relaxed);
+        }
+        let mailbox = can.tx(number);
+        let frame = frame_of(
+            mailbox.tir().read().stid(),
+            mailbox.tdtr().read().dlc(),
+            [mailbox.tdlr().read().0, mailbox.tdhr().read().0],
+        );
+        if leaving & RECEIVED == 0 && !frame.is_none_or(receive_own) {
+            QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The frame in the registers of a mailbox.
+fn frame_of(id: u16, length: u8, [low, high]: [u32; 2]) -> Option<Frame> {
+    let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
+    let length = usize::from(length).min(data.len());
+    Frame::new(id, &data[..length])
+}
+
 struct RxHandler;
 
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
@@ -309,17 +541,27 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             let id = mailbox.rir().read().stid();
             let is_in = |codes: &AtomicU16| codes.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1;
             let own = id & 0x7F == OWN_NODE.load(Ordering::Relaxed);
-            let frame = if own || is_in(&LISTENS_TO) {
-                let (low, high) = (mailbox.rdlr().read().0, mailbox.rdhr().read().0);
-                let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
-                let length = usize::from(mailbox.rdtr().read().dlc()).min(data.len());
-                Frame::new(id, &data[..length])
+            let wanted = own || is_in(&LISTENS_TO);
+            let gateway = GATEWAY.load(Ordering::Relaxed);
+            let frame = if wanted || gateway {
+                frame_of(
+                    id,
+                    mailbox.rdtr().read().dlc(),
+                    [mailbox.rdlr().read().0, mailbox.rdhr().read().0],
+                )
             } else {
                 None
             };
             can.rfr(0).write(|w| w.set_rfom(true));
             while can.rfr(0).read().rfom() {}
-            if let Some(frame) = frame {
+            if let Some(frame) = frame.filter(|_| gateway) {
+                let at_us = low_us(at);
+                if OVERHEARD.try_send(Overheard { at_us, frame }).is_err() {
+                    OVERHEARD_LOST.store(true, Ordering::Relaxed);
+                }
+                wake::BUS.signal_at_next_tick();
+            }
+            if let Some(frame) = frame.filter(|_| wanted) {
                 let taken = RX_QUEUE.try_send(Received { at, frame }).is_ok();
                 if !taken {
                     QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
@@ -340,6 +582,10 @@ struct TxHandler;
 impl Handler<typelevel::CAN1_TX> for TxHandler {
     unsafe fn on_interrupt() {
         pac::CAN1.ier().modify(|w| w.set_tmeie(false));
+        note_left();
+        if LEAVING.load(Ordering::Relaxed) != NONE {
+            pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+        }
         wake::BUS.signal();
     }
 }

@@ -12,6 +12,7 @@
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
 //! | 6 | TIM7 (control executor) | the control tick |
+//! | 7 | USART2, DMA1 streams 5 and 6 (cable) | waits for a control tick; the rings last for two of them |
 //! | - | thread mode | the bus side |
 
 #![expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]

@@ -25,6 +25,7 @@ pub mod outputs;
 pub mod pin;
 pub mod power;
 mod safe_state;
+pub mod serial;
 pub mod tick;
 pub mod wiring;
 
@@ -36,6 +37,7 @@ use self::iwdg::Watchdog;
 use self::meters::Meters;
 use self::outputs::Outputs;
 use self::pin::{PORTS, Pin, Pull, Role, all_differ, outputs_by_port, ports_of};
+use self::serial::Serial;
 use self::tick::TickTimer;
 use super::{ResetCause, WIRING};
 
@@ -43,6 +45,8 @@ use super::{ResetCause, WIRING};
 pub struct Board {
     /// CAN controller.
     pub can: Can,
+    /// The serial port of the cable; `None` on a board without.
+    pub cable: Option<Serial>,
     /// Motor outputs and brake.
     pub outputs: Outputs,
     /// Encoder counters.
@@ -139,6 +143,7 @@ impl Board {
 
         Self {
             can,
+            cable: Serial::new(),
             outputs,
             encoders,
             indexes,

@@ -3,7 +3,8 @@
 //! A board is one constant of type [`Wiring`]. The drivers read it where they need it, and so does
 //! code without `self`: interrupt handlers, the transition to the safe state, and the first
 //! instructions after reset. As a constant it costs no instruction. The family fixes the use of
-//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time.
+//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time, USART2
+//! the cable.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
@@ -51,6 +52,17 @@ pub struct Wiring {
     pub node_switches: &'static [Pin],
     /// LED, high is on.
     pub led: Pin,
+    /// The serial port of the cable: USART2.
+    pub cable: Option<Serial>,
+}
+
+/// Pins of USART2.
+#[derive(Clone, Copy)]
+pub struct Serial {
+    /// Receive.
+    pub receive: Pin,
+    /// Transmit.
+    pub transmit: Pin,
 }
 
 /// One encoder.

@@ -29,6 +29,10 @@ pub struct Endpoints {
     /// Serves slcan on a pseudo terminal and links it here.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
+    /// Puts the serial port of an emulated robot on a pseudo terminal and links it here: of the
+    /// first robot, or of the one whose node follows, as in /tmp/robot@3. Again for more.
+    #[arg(long, value_name = "PATH[@NODE]")]
+    cable: Vec<String>,
     /// Joins the bus with this CAN interface (Linux), for example vcan0.
     #[arg(long, value_name = "IFACE")]
     socketcan: Option<String>,
@@ -65,6 +69,11 @@ impl Endpoints {
         })
     }
 
+    /// Whether some need the robots' processors.
+    pub fn need_processors(&self) -> bool {
+        !self.cable.is_empty()
+    }
+
     /// Opens them all, for the robots of this group.
     pub fn open(&self, group: &GroupFile) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
         let listen =
@@ -83,6 +92,9 @@ impl Endpoints {
         }
         if let Some(path) = &self.pty {
             open.push(pty(path)?);
+        }
+        for text in &self.cable {
+            open.push(cable(text, group)?);
         }
         if let Some(interface) = &self.socketcan {
             open.push(socket_can(interface)?);
@@ -119,6 +131,28 @@ fn pty(path: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
 #[cfg(not(unix))]
 fn pty(_: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
     bail!("--pty: this system has no pseudo terminals; use --slcan-tcp")
+}
+
+/// `PATH`, or `PATH@NODE` for another robot than the first.
+#[cfg(unix)]
+fn cable(text: &str, group: &GroupFile) -> anyhow::Result<Box<dyn Endpoint>> {
+    let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+    let (path, node) = match text.rsplit_once('@') {
+        Some((path, node)) => (path, node.parse().ok()),
+        None => (text, nodes.first().copied()),
+    };
+    let Some(node) = node.filter(|node| nodes.contains(node)) else {
+        bail!("--cable {text}: no robot of the group has this node; its nodes are {nodes:?}");
+    };
+    let cable = omnibus_sim::endpoint::cable::Cable::open(std::path::Path::new(path), node);
+    Ok(Box::new(cable.with_context(|| {
+        format!("--cable {path}: cannot be linked; give a path where nothing is yet")
+    })?))
+}
+
+#[cfg(not(unix))]
+fn cable(_: &str, _: &GroupFile) -> anyhow::Result<Box<dyn Endpoint>> {
+    bail!("--cable: this system has no pseudo terminals")
 }
 
 #[cfg(target_os = "linux")]

@@ -113,6 +113,9 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     };
     let until = end(arguments.duration)?;
     let has_processor = matches!(backend, Backend::Emulator(_));
+    if arguments.endpoints.need_processors() && !has_processor {
+        bail!("--cable: only emulated robots have a serial port; add --backend emulator");
+    }
     let mut faults = Faults::new(&group, has_processor, &arguments.fault)?;
     let mut world = World::new(&group, backend, options)?;
     if let Some(path) = &arguments.log {

@@ -1,0 +1,634 @@
+//! The robot as a CAN adapter: the release image with a program at its cable.
+//!
+//! Single boards with a bus made by hand show what an adapter does when things go wrong; three
+//! robots in a world, one of them the gateway, show that the group does not notice. `OMNIBUS_ELF`
+//! names the image (`cargo xtask test` builds it and says so).
+
+mod common;
+
+use can_text::slcan::{self, Answer, Answers};
+use canopen::{Frame, Micros};
+use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Firmware, Port};
+use omnibus::bus::link::{Link, LinkError};
+use omnibus::path::curve::Curve;
+use omnibus::session::Group;
+use sim::{Backend, Options, TruthSample, World};
+
+const MS: u64 = 1_000_000;
+const BAUD: f64 = 1e6;
+/// The node of a board whose switches are open.
+const NODE: u8 = 2;
+const HEARTBEAT: u16 = 0x700 + NODE as u16;
+
+fn firmware() -> Firmware {
+    let path =
+        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
+    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// What is at the CAN connector of a board.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Bus {
+    /// Another node that acknowledges.
+    Other,
+    /// A transceiver and nobody else.
+    Nobody,
+    /// No transceiver: the controller does not see its own dominant bits.
+    NoTransceiver,
+    /// Somebody who keeps the bus for himself.
+    Blocked,
+}
+
+/// One board, its bus and the program at its cable.
+struct Desk {
+    board: Board,
+    bus: Bus,
+    answers: Answers,
+    said: Vec<Answer>,
+    /// Frames that left for the bus, with the time in ns at which they ended.
+    left: Vec<(u64, Frame)>,
+}
+
+impl Desk {
+    /// A robot on its desk, booted.
+    fn new(bus: Bus) -> Self {
+        let mut board = Board::new(&firmware(), BoardConfig::default());
+        for (port, pin, level) in [
+            (Port::B, 12, false),
+            (Port::A, 6, false),
+            (Port::C, 12, false),
+            (Port::B, 13, true),
+        ] {
+            board.set_input(port, pin, level);
+        }
+        // 12 V behind the divider.
+        board.set_analog(4, 12.0 / 11.0);
+        let mut desk = Self {
+            board,
+            bus,
+            answers: Answers::new(),
+            said: Vec::new(),
+            left: Vec::new(),
+        };
+        desk.run(50 * MS);
+        desk
+    }
+
+    fn now(&self) -> u64 {
+        self.board.now_ns()
+    }
+
+    /// Lets time pass.
+    fn run(&mut self, ns: u64) {
+        let end = self.now() + ns;
+        while self.now() < end {
+            let until = end.max(self.now() + 1);
+            self.board.run_until_request(until).unwrap();
+            self.serve_bus(end);
+        }
+        let sent = self.board.serial().take_sent();
+        let heard = sent.iter().filter_map(|(_, byte)| self.answers.push(*byte));
+        self.said.extend(heard);
+    }
+
+    /// Carries what the controller wants to send, a frame at a time, each for as long as it takes.
+    fn serve_bus(&mut self, end: u64) {
+        while self.now() < end
+            && self.bus != Bus::Blocked
+            && let Some(frame) = self.board.can().begin()
+        {
+            let bits = u64::from(frame.bits());
+            let until = self.now() + bits * 1_000;
+            match self.bus {
+                Bus::Other => {
+                    self.board.run_until(until).unwrap();
+                    self.board.can().transmitted();
+                    if let CanId::Standard(id) = frame.id() {
+                        let frame = Frame::new(id, frame.data()).unwrap();
+                        self.left.push((self.now(), frame));
+                    }
+                }
+                Bus::Nobody => {
+                    self.board.run_until(until).unwrap();
+                    self.board.can().error(CanError::Acknowledge);
+                }
+                Bus::NoTransceiver => {
+                    // An error frame at the first bit, and the pause.
+                    let until = self.now() + 25_000;
+                    self.board.run_until(until).unwrap();
+                    self.board.can().error(CanError::BitDominant);
+                }
+                Bus::Blocked => {}
+            }
+        }
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        self.board.serial().send(bytes, BAUD);
+    }
+
+    fn send_frame(&mut self, frame: &Frame) {
+        self.send(slcan::frame(frame, None).as_bytes());
+    }
+
+    /// What the adapter has said since the last call.
+    fn take_said(&mut self) -> Vec<Answer> {
+        std::mem::take(&mut self.said)
+    }
+
+    /// Frames that it has said.
+    fn take_frames(&mut self) -> Vec<Frame> {
+        let said = self.take_said().into_iter();
+        said.filter_map(|answer| match answer {
+            Answer::Frame(frame, _) => Some(frame),
+            _ => None,
+        })
+        .collect()
+    }
+
+    fn open(&mut self) {
+        self.send(b"C\rS8\rO\r");
+        self.run(MS);
+        let said = self.take_said();
+        let accepted = said.iter().filter(|answer| **answer == Answer::Other);
+        assert_eq!(accepted.count(), 3, "{said:?}");
+    }
+
+    /// Asks for the status flags.
+    fn flags(&mut self) -> u8 {
+        self.take_said();
+        self.send(b"F\r");
+        self.run(3 * MS);
+        let flags = self
+            .take_said()
+            .into_iter()
+            .find_map(|answer| match answer {
+                Answer::Flags(flags) => Some(flags),
+                _ => None,
+            });
+        flags.expect("an answer to F")
+    }
+
+    /// Reads an object of the robot by SDO, through the cable.
+    fn read(&mut self, index: u16, sub: u8) -> Option<[u8; 4]> {
+        let [low, high] = index.to_le_bytes();
+        self.take_said();
+        self.send_frame(&Frame::of(
+            0x600 + u16::from(NODE),
+            [0x40, low, high, sub, 0, 0, 0, 0],
+        ));
+        for _ in 0..50 {
+            self.run(MS);
+            let answer = self
+                .take_frames()
+                .into_iter()
+                .find(|frame| frame.id() == 0x580 + u16::from(NODE));
+            if let Some(answer) = answer {
+                let [command, .., a, b, c, d] = *answer.padded();
+                return (command >> 5 == 2).then_some([a, b, c, d]);
+            }
+        }
+        None
+    }
+
+    /// From the bus: a frame of another node.
+    fn receive(&mut self, frame: &Frame) {
+        let frame = CanFrame::new(frame.id(), frame.data()).unwrap();
+        self.board.can().receive(&frame);
+    }
+}
+
+/// Device type and identity come over the cable whatever is at the CAN connector: NMT, SDO,
+/// heartbeats, for as long as one likes.
+fn robot_answers(bus: Bus) {
+    let mut desk = Desk::new(bus);
+    desk.open();
+    for round in 0..5 {
+        assert!(desk.read(0x1000, 0).is_some(), "round {round}");
+        desk.run(100 * MS);
+    }
+    desk.take_said();
+    // Reset of the communication: it says that it has booted.
+    desk.send_frame(&Frame::of(0, [0x82, NODE]));
+    desk.run(50 * MS);
+    let boot_up = Frame::of(HEARTBEAT, [0]);
+    assert!(desk.take_frames().contains(&boot_up));
+    // Heartbeats go on, and the processor has not been reset.
+    desk.run(500 * MS);
+    let heard = desk.take_frames();
+    let beats = heard.iter().filter(|frame| frame.id() == HEARTBEAT).count();
+    assert!((4..=6).contains(&beats), "{beats} heartbeats in 0.5 s");
+    assert_eq!(desk.board.resets(), 0);
+}
+
+#[test]
+fn a_robot_on_its_cable_answers_with_others_on_the_bus() {
+    robot_answers(Bus::Other);
+}
+
+#[test]
+fn a_robot_on_its_cable_answers_with_nobody_on_the_bus() {
+    robot_answers(Bus::Nobody);
+}
+
+#[test]
+fn a_robot_on_its_cable_answers_without_a_transceiver() {
+    robot_answers(Bus::NoTransceiver);
+}
+
+#[test]
+fn a_robot_on_its_cable_answers_while_the_bus_is_blocked() {
+    robot_answers(Bus::Blocked);
+}
+
+/// The commands of programs, and what they are answered with.
+#[test]
+fn commands_are_answered_as_adapters_do() {
+    let mut desk = Desk::new(Bus::Other);
+    let mut answer = |text: &[u8]| {
+        desk.send(text);
+        desk.run(2 * MS);
+        desk.board.serial().take_sent();
+        desk.take_said()
+    };
+    for text in [
+        &b"\r"[..],
+        b"C\r",
+        b"S8\r",
+        b"V\r",
+        b"N\r",
+        b"Z1\r",
+        b"Z0\r",
+    ] {
+        assert_eq!(answer(text), [Answer::Other], "{text:?}");
+    }
+    for text in [
+        &b"S6\r"[..],
+        b"t0800\r",
+        b"T000000800\r",
+        b"r0800\r",
+        b"R000000800\r",
+        b"AT\r",
+    ] {
+        assert_eq!(answer(text), [Answer::Refused], "{text:?}");
+    }
+    assert_eq!(answer(b"F\r"), [Answer::Flags(0)]);
+    assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
+}
+
+/// `L`: everything is heard, nothing goes out and nothing reaches the robot.
+#[test]
+fn a_channel_that_listens_sends_nothing() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.send(b"L\r");
+    desk.run(2 * MS);
+    desk.take_said();
+    desk.left.clear();
+    desk.send_frame(&Frame::of(0, [0x82, NODE]));
+    desk.run(2 * MS);
+    assert_eq!(desk.take_said(), [Answer::Refused]);
+    let foreign = Frame::of(0x345, [1, 2, 3]);
+    desk.receive(&foreign);
+    desk.run(250 * MS);
+    let heard = desk.take_frames();
+    assert!(heard.contains(&foreign));
+    assert!(heard.contains(&Frame::of(HEARTBEAT, [0x7F])));
+    assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
+}
+
+/// `Z1`: the time at which the interrupt took the frame, in ms.
+#[test]
+fn time_stamps_are_those_of_the_bus() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    desk.send(b"Z1\r");
+    desk.run(2 * MS);
+    desk.take_said();
+    let mut stamps = Vec::new();
+    for _ in 0..4 {
+        desk.receive(&Frame::of(0x345, []));
+        desk.run(7 * MS);
+        let said = desk.take_said().into_iter();
+        stamps.extend(said.filter_map(|answer| match answer {
+            Answer::Frame(frame, stamp) if frame.id() == 0x345 => stamp,
+            _ => None,
+        }));
+    }
+    let steps: Vec<u16> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert_eq!(steps, [7, 7, 7]);
+}
+
+/// Every frame of the bus comes to the cable, in order, also those that the robot does not listen
+/// to.
+#[test]
+fn frames_of_the_bus_come_in_their_order() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    let sent: Vec<Frame> = (0..500_u16)
+        .map(|n| Frame::of(0x300 + n % 7, n.to_le_bytes()))
+        .collect();
+    for frame in &sent {
+        desk.receive(frame);
+        // 85 us on the bus at least; 15 characters on the cable.
+        desk.run(200_000);
+    }
+    desk.run(10 * MS);
+    let heard = desk.take_frames().into_iter();
+    let heard: Vec<Frame> = heard.filter(|frame| frame.id() & 0x700 == 0x300).collect();
+    assert_eq!(heard, sent);
+    assert_eq!(desk.flags(), 0);
+}
+
+/// Frames of the cable leave in the order in which they were sent, whatever their priorities.
+#[test]
+fn frames_of_the_cable_leave_in_their_order() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    desk.run(150 * MS);
+    desk.left.clear();
+    let sent: Vec<Frame> = (0..300_u16)
+        .map(|n| Frame::of(0x37F - n % 60, n.to_le_bytes()))
+        .collect();
+    for frame in &sent {
+        desk.send_frame(frame);
+    }
+    desk.run(100 * MS);
+    let left = desk.left.iter().map(|(_, frame)| *frame);
+    let left: Vec<Frame> = left.filter(|frame| frame.id() != HEARTBEAT).collect();
+    assert_eq!(left, sent);
+    let said = desk.take_said();
+    assert_eq!(
+        said.iter()
+            .filter(|answer| **answer == Answer::Sent)
+            .count(),
+        sent.len()
+    );
+}
+
+/// 10^6 bytes without a meaning: nothing goes to the bus, no fault, no reset, and the next command
+/// is answered. The channel is open, which is the worst case.
+#[test]
+fn a_million_bytes_of_noise_do_nothing() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    let mut state = 0x2545_F491_u32;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        state.to_le_bytes()[1]
+    };
+    desk.left.clear();
+    for _ in 0..1_000_000 / 250 {
+        let bytes: Vec<u8> = (0..250).map(|_| random()).collect();
+        desk.send(&bytes);
+        desk.run(2_500_000);
+        desk.said.clear();
+    }
+    assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
+    assert_eq!(desk.board.resets(), 0);
+    desk.send(b"\rO\r");
+    desk.run(5 * MS);
+    // Error register and history of the device.
+    assert_eq!(desk.read(0x1001, 0).map(|data| data[0]), Some(0));
+    assert_eq!(desk.read(0x1003, 0).map(|data| data[0]), Some(0));
+}
+
+/// What a modem manager tries, a boot loader prints, and a terminal at another speed makes of both.
+#[test]
+fn what_is_no_slcan_does_nothing() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.left.clear();
+    let text = b"AT+GCAP\r\nATI\r\n~\x00x\xF0\x7E\r\nU-Boot 2026.01\r\nHit any key: 3 2 1\r\n";
+    for baud in [1e6, 115_200.0, 9_600.0, 921_600.0] {
+        desk.board.serial().send(text, baud);
+        desk.run(100 * MS);
+    }
+    desk.board.serial().send_broken(0, 1e6);
+    desk.run(MS);
+    assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
+    desk.send(b"\r");
+    desk.run(MS);
+    desk.open();
+    assert!(desk.read(0x1000, 0).is_some());
+    assert_eq!(desk.board.resets(), 0);
+}
+
+/// A broken byte takes its line with it and no other.
+#[test]
+fn a_framing_error_spoils_its_line() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    desk.left.clear();
+    desk.send(b"t3451");
+    desk.board.serial().send_broken(b'1', BAUD);
+    desk.run(MS);
+    desk.send(b"1\rt3460\r");
+    desk.run(5 * MS);
+    let left = desk.left.iter().map(|(_, frame)| *frame);
+    let left: Vec<Frame> = left.filter(|frame| frame.id() != HEARTBEAT).collect();
+    assert_eq!(left, [Frame::of(0x346, [])]);
+    let overrun = slcan::flags::OVERRUN;
+    assert_eq!(desk.flags() & overrun, overrun);
+    assert_eq!(desk.flags() & overrun, 0, "once");
+}
+
+/// The worst that both sides can bring at once: the bus as full of short frames as it can be, and
+/// the cable as full of bytes. The control tick is as punctual as ever, the watchdog content, and
+/// what was lost is told.
+#[test]
+fn storms_on_both_sides_do_not_hold_up_the_control_tick() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    let short = Frame::of(0x345, []);
+    for n in 0..20_000_u32 {
+        desk.receive(&short);
+        if n % 20 == 0 {
+            // A line that is no frame of ours costs as much as one that is.
+            desk.send(&b"t3460\r".repeat(17));
+        }
+        // 47 bits and the pause.
+        desk.run(50_000);
+        desk.said.clear();
+    }
+    assert_eq!(desk.board.resets(), 0);
+    desk.run(100 * MS);
+    let full = slcan::flags::RECEIVE_FULL;
+    assert_eq!(desk.flags() & full, full, "the cable carries half of it");
+    // Late ticks, as docs/can-protocol.md has them.
+    let late = desk
+        .read(LATE_TICKS.0, LATE_TICKS.1)
+        .map(u32::from_le_bytes);
+    assert_eq!(late, Some(0));
+    assert_eq!(
+        desk.read(0x1001, 0).map(|data| data[0]),
+        Some(0),
+        "no fault"
+    );
+}
+
+const LATE_TICKS: (u16, u8) = (0x2121, 1);
+
+/// The world's robots, the first of them with the master at its cable. USB carries bytes once a
+/// millisecond either way, by a clock of its own.
+struct CableLink {
+    world: World,
+    node: u8,
+    answers: Answers,
+    heard: std::collections::VecDeque<(Micros, Frame)>,
+    outgoing: Vec<u8>,
+    /// The next USB frame, ns; `None` for a cable without USB.
+    usb_ns: Option<u64>,
+}
+
+/// A USB frame of a host whose crystal is off by 300 ppm, so that all delays up to a millisecond
+/// come up.
+const USB_FRAME_NS: u64 = 1_000_300;
+
+impl CableLink {
+    fn new(mut world: World, node: u8, usb: bool) -> Self {
+        world.set_listening(sim::MASTER, false);
+        Self {
+            world,
+            node,
+            answers: Answers::new(),
+            heard: Default::default(),
+            outgoing: b"C\rS8\rO\r".to_vec(),
+            usb_ns: usb.then_some(0),
+        }
+    }
+
+    /// What the cable carries now.
+    fn carry(&mut self) {
+        let now = self.world.now_ns();
+        match &mut self.usb_ns {
+            Some(at) if now < *at => return,
+            Some(at) => *at += USB_FRAME_NS,
+            None => {}
+        }
+        let bytes = std::mem::take(&mut self.outgoing);
+        self.world.send_cable(self.node, &bytes);
+        for (_, byte) in self.world.take_cable(self.node) {
+            if let Some(Answer::Frame(frame, _)) = self.answers.push(byte) {
+                self.heard.push_back((self.world.now(), frame));
+            }
+        }
+    }
+}
+
+impl Link for CableLink {
+    fn now(&self) -> Micros {
+        self.world.now()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        let line = slcan::frame(frame, None);
+        self.outgoing.extend_from_slice(line.as_bytes());
+        Ok(())
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        loop {
+            self.carry();
+            if let Some(heard) = self.heard.pop_front() {
+                return Ok(Some(heard));
+            }
+            if self.world.now() >= until {
+                return Ok(None);
+            }
+            let step = (self.world.now() + Micros(100)).min(until);
+            self.world.run_until(step).map_err(|error| LinkError {
+                bus: "cable".into(),
+                problem: error.to_string(),
+                remedy: String::new(),
+            })?;
+        }
+    }
+}
+
+/// A circle of three robots, as `quick_drive` has it, with the master at the cable of the first.
+fn cable_drive(usb: bool) -> (CableLink, Vec<TruthSample>) {
+    let group = common::group("tcc-3");
+    let plan = Curve::Circle.plan(true);
+    let options = Options {
+        truth_period_ns: u64::from(group.sync_period_us) * 1_000,
+        start: plan.start(),
+        ..Options::default()
+    };
+    let mut world = World::new(&group, Backend::Emulator(firmware()), options).unwrap();
+    // Power-on, and 300 ms for all to boot.
+    world.run_until(Micros(300_000)).unwrap();
+    let mut link = CableLink::new(world, group.robots[0].node, usb);
+    let mut truth = Vec::new();
+    let mut drive = || -> Result<(), Box<dyn std::error::Error>> {
+        let mut session = Group::connect(&mut link, &group)?;
+        session.configure(true)?;
+        session.start()?;
+        session.link().world.take_truth();
+        session.link().world.reset_worst_shape_error();
+        session.link().world.start_trace();
+        session.follow(&plan, &mut |link, _| truth.extend(link.world.take_truth()))?;
+        Ok(())
+    };
+    if let Err(error) = drive() {
+        for (node, line) in link.world.take_logs() {
+            println!(
+                "node {node} {:>10} us {} {}",
+                line.time_us, line.level, line.text
+            );
+        }
+        panic!("{error}");
+    }
+    (link, truth)
+}
+
+/// Largest distance between the group with an adapter and the group with the cable at any SYNC over
+/// the circle: the setpoints reach the bus a fraction of a millisecond later.
+const POSITION_MM: f64 = 0.5;
+/// What docs/safety.md and docs/performance.md promise of the pulse widths of a group, ns.
+const SKEW_NS: u64 = 50_000;
+
+/// Largest distance in time between the duty changes of the robots that belong together.
+fn skew_ns(world: &mut World) -> u64 {
+    let changes: Vec<Vec<u64>> = (0..3).map(|robot| world.take_duty_changes(robot)).collect();
+    let [first, others @ ..] = &changes[..] else {
+        panic!("three robots")
+    };
+    assert!(first.len() > 1_000, "{} changes", first.len());
+    let mut worst = 0;
+    for other in others {
+        for at in first {
+            let place = other.partition_point(|time| time < at);
+            let near = [place.checked_sub(1), Some(place)];
+            let near = near.into_iter().flatten().filter_map(|n| other.get(n));
+            let distance = near.map(|time| time.abs_diff(*at)).min().unwrap();
+            // A duty that has not changed in one robot is no skew.
+            if distance < 500_000 {
+                worst = worst.max(distance);
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn three_robots_behind_a_cable_drive_as_behind_an_adapter() {
+    let adapter = common::quick_drive(
+        &common::group("tcc-3"),
+        Backend::Emulator(firmware()),
+        Curve::Circle,
+        true,
+    );
+    let (mut link, truth) = cable_drive(false);
+    assert!(adapter.result.is_ok());
+    let skew = skew_ns(&mut link.world);
+    let count = adapter.truth.len().min(truth.len());
+    assert!(count > 700, "{count} samples");
+    let mut position = 0.0_f64;
+    for (a, c) in adapter.truth.iter().zip(&truth) {
+        position = position.max((a.group.x - c.group.x).hypot(a.group.y - c.group.y) * 1e3);
+    }
+    println!("position {position:.3} mm, skew {skew} ns");
+    assert!(position < POSITION_MM, "{position} mm");
+    assert!(skew < SKEW_NS, "{skew} ns");
+}
