@@ -7,11 +7,15 @@
 mod common;
 
 use can_text::slcan::{self, Answer, Answers};
-use canopen::{Frame, Micros};
+use canopen::{Frame, Micros, NmtCommand};
 use emulator::{Board, BoardConfig, CanError, CanFrame, CanId, Firmware, Port};
+use kinematics::Twist;
 use omnibus::bus::link::{Link, LinkError};
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
+use omnibus::simulation::link::SimLink;
+use protocol::{Fault, MemberState};
+use sim::test_master::TestMaster;
 use sim::{Backend, Options, TruthSample, World};
 
 const MS: u64 = 1_000_000;
@@ -631,4 +635,92 @@ fn three_robots_behind_a_cable_drive_as_behind_an_adapter() {
     println!("position {position:.3} mm, skew {skew} ns");
     assert!(position < POSITION_MM, "{position} mm");
     assert!(skew < SKEW_NS, "{skew} ns");
+}
+
+/// The same over USB, which holds every byte up to a millisecond, each time another while: SYNC
+/// comes to the bus by that much too early or too late, and the robots' clocks bridge it.
+#[test]
+fn sync_that_usb_has_held_up_is_bridged() {
+    let (mut link, truth) = cable_drive(true);
+    let skew = skew_ns(&mut link.world);
+    assert!(truth.len() > 700, "{} samples", truth.len());
+    let shape = link.world.worst_shape_error_mm();
+    println!("over USB: shape {shape:.3} mm, skew {skew} ns");
+    assert!(shape < SHAPE_MM, "{shape} mm");
+    assert!(skew < SKEW_NS, "{skew} ns");
+}
+
+/// Largest strain on the load, as with native robots on an adapter.
+const SHAPE_MM: f64 = 1.0;
+
+/// A group of three that drives, with its master at the cable of the first.
+fn driving() -> TestMaster {
+    let group = common::group("tcc-3");
+    let options = Options {
+        truth_period_ns: 0,
+        ..Options::default()
+    };
+    let world = World::new(&group, Backend::Emulator(firmware()), options).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let mut session = Group::connect(&mut link, &group).unwrap();
+    session.configure(false).unwrap();
+    let mut master = TestMaster::new(link.world, &group);
+    master.plug_in(NODE);
+    master.run(100).unwrap();
+    master.command(NmtCommand::Start, None);
+    master.run(100).unwrap();
+    assert!(master.all_are(MemberState::Moving));
+    master.twist = Some(Twist::new(0.4, 0.0, 0.0));
+    master.run(500).unwrap();
+    assert!(master.all_are(MemberState::Moving));
+    assert!(master.measured(NODE).unwrap().vx > 0.3);
+    master
+}
+
+/// The setpoint latched at a SYNC is the same in the gateway as in the others.
+#[test]
+fn all_robots_latch_the_same_setpoint() {
+    let mut master = driving();
+    for _ in 0..50 {
+        // Between the answers to a SYNC and the next setpoint.
+        master.run_to_phase(10, 6).unwrap();
+        let sequence = master.sequence();
+        for node in [2, 3, 4] {
+            assert_eq!(
+                master.status(node).unwrap().sequence,
+                sequence,
+                "node {node}"
+            );
+        }
+    }
+}
+
+/// A cable that is pulled is a master that is silent: the whole group stands.
+#[test]
+fn a_pulled_cable_is_a_silent_master() {
+    let mut master = driving();
+    (master.heartbeat, master.sync, master.twist) = (false, false, None);
+    master.run(1_500).unwrap();
+    for robot in master.world.truth().robots {
+        let rates: [f64; 4] = robot.wheel_rates.into();
+        assert!(rates.iter().all(|rate| rate.abs() < 1e-3), "{rates:?}");
+    }
+    let codes: Vec<u16> = master.emergencies(NODE).map(|(_, code)| code).collect();
+    let silent = [Fault::SetpointOverdue, Fault::SyncLost, Fault::MasterSilent].map(Fault::code);
+    assert!(codes.iter().any(|code| silent.contains(code)), "{codes:x?}");
+}
+
+/// A second master at the cable is one too many, as on the bus.
+#[test]
+fn a_second_master_at_the_cable_is_noticed() {
+    let mut master = driving();
+    master.second = true;
+    master.run(500).unwrap();
+    for node in [2, 3, 4] {
+        let mut codes = master.emergencies(node).map(|(_, code)| code);
+        assert!(
+            codes.any(|code| code == Fault::TwoMasters.code()),
+            "node {node}"
+        );
+    }
 }

@@ -9,6 +9,7 @@
 
 use std::collections::BTreeMap;
 
+use can_text::slcan::{self, Answer, Answers};
 use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
 use kinematics::{Twist, WheelRates};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
@@ -44,6 +45,10 @@ pub struct TestMaster {
     measured: BTreeMap<u8, Twist>,
     rates: BTreeMap<u8, WheelRates>,
     emergencies: Vec<(Micros, u8, u16)>,
+    /// The robot at whose cable it is, instead of on the bus, and what that says.
+    cable: Option<(u8, Answers)>,
+    /// Bytes that the cable has carried from the robot.
+    carried: u64,
 }
 
 impl TestMaster {
@@ -65,7 +70,47 @@ impl TestMaster {
             measured: BTreeMap::new(),
             rates: BTreeMap::new(),
             emergencies: Vec::new(),
+            cable: None,
+            carried: 0,
         }
+    }
+
+    /// Leaves the bus for the cable of a robot, whose channel it opens.
+    pub fn plug_in(&mut self, node: u8) {
+        self.world.set_listening(MASTER, false);
+        self.world.send_cable(node, b"\rC\rS8\rO\r");
+        self.cable = Some((node, Answers::new()));
+    }
+
+    /// Bytes that the cable has carried from the robot so far.
+    #[must_use]
+    pub fn carried(&self) -> u64 {
+        self.carried
+    }
+
+    fn put(&mut self, frame: Frame) {
+        match &self.cable {
+            Some((node, _)) => {
+                let line = slcan::frame(&frame, None);
+                self.world.send_cable(*node, line.as_bytes());
+            }
+            None => self.world.send(frame),
+        }
+    }
+
+    /// Takes in what the cable has brought.
+    fn hear_cable(&mut self) {
+        let Some((node, mut answers)) = self.cable.take() else {
+            return;
+        };
+        let now = self.world.now();
+        for (_, byte) in self.world.take_cable(node) {
+            self.carried += 1;
+            if let Some(Answer::Frame(frame, _)) = answers.push(byte) {
+                self.hear(now, &frame);
+            }
+        }
+        self.cable = Some((node, answers));
     }
 
     /// Sends what is due and goes on to the next whole multiple of [`STEP_US`].
@@ -82,6 +127,7 @@ impl TestMaster {
         while let Some((at, frame)) = self.world.take_received(MASTER) {
             self.hear(at, &frame);
         }
+        self.hear_cable();
         Ok(())
     }
 
@@ -110,7 +156,7 @@ impl TestMaster {
         let target = node
             .and_then(NodeId::new)
             .map_or(NmtTarget::All, NmtTarget::Node);
-        self.world.send(client::nmt(command, target));
+        self.put(client::nmt(command, target));
     }
 
     /// Sends a setpoint beside the regular ones, with a sequence this far from the last.
@@ -164,7 +210,7 @@ impl TestMaster {
         if self.heartbeat && millis.is_multiple_of(HEARTBEAT_MS.into()) {
             let master = NodeId::new(protocol::MASTER).unwrap_or(NodeId::MIN);
             let frame = client::heartbeat(master, NmtState::Operational);
-            self.world.send(frame);
+            self.put(frame);
         }
         let phase = millis % self.period_ms;
         if let Some(twist) = self.twist.filter(|_| phase + LEAD_MS == self.period_ms) {
@@ -179,7 +225,7 @@ impl TestMaster {
         }
         if self.sync && phase == 0 {
             self.counter = self.counter % SYNC_OVERFLOW + 1;
-            self.world.send(client::sync(Some(self.counter)));
+            self.put(client::sync(Some(self.counter)));
         }
     }
 

@@ -2,7 +2,8 @@
 
 Every test starts its own world and ends it with the log complete. The environment says which: OMNIBUS_SIM is the
 simulator, OMNIBUS_BACKEND what the robot is (native, emulator), OMNIBUS_ELF the release image, OMNIBUS_LOGS where
-the candump logs go. `cargo xtask interop` sets them.
+the candump logs go. With OMNIBUS_CABLE the master is at the emulated robot's own serial port instead of an adapter
+on its bus. `cargo xtask interop` sets them.
 
 The simulated time never runs faster than the clock on the wall, and on a busy machine slower. So nobody here measures
 time: a test waits for a frame, long, or proves silence by a later answer on the same bus.
@@ -14,6 +15,7 @@ import pathlib
 import queue
 import signal
 import subprocess
+import tempfile
 import unittest
 import zlib
 
@@ -22,6 +24,7 @@ import canopen
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 EDS = ROOT / "docs" / "omnibus.eds"
 BACKEND = os.environ.get("OMNIBUS_BACKEND", "native")
+CABLE = "OMNIBUS_CABLE" in os.environ
 NODE = 2
 GROUP = 1
 PATIENCE = 30.0
@@ -57,11 +60,17 @@ def variables(od):
 
 class Robot(unittest.TestCase):
     def setUp(self):
-        log = pathlib.Path(os.environ["OMNIBUS_LOGS"]) / f"{BACKEND}-{self.id()}.log"
+        kind = "cable" if CABLE else BACKEND
+        log = pathlib.Path(os.environ["OMNIBUS_LOGS"]) / f"{kind}-{self.id()}.log"
         arguments = [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "single.toml"]
         arguments += ["--backend", BACKEND, "--slcan-tcp", "127.0.0.1:0", "--log", log]
         if BACKEND == "emulator":
             arguments += ["--elf", os.environ["OMNIBUS_ELF"]]
+        if CABLE:
+            folder = tempfile.TemporaryDirectory()
+            self.addCleanup(folder.cleanup)
+            cable = os.path.join(folder.name, "cable")
+            arguments += ["--cable", cable]
         # What happens to the robot from outside comes as lines on its standard input.
         arguments += ["--fault", "-"]
         self.process = subprocess.Popen(
@@ -72,6 +81,10 @@ class Robot(unittest.TestCase):
         self.assertEqual(name, "slcan-tcp")
         self.network = canopen.Network()
         self.channel = f"socket://{address}"
+        if CABLE:
+            while not os.path.exists(cable):
+                self.process.stdout.readline()
+            self.channel = cable
         self.network.connect(interface="slcan", channel=self.channel, sleep_after_open=0)
         self.addCleanup(self.network.disconnect)
         self.node = self.network.add_node(NODE, str(EDS))
@@ -108,6 +121,18 @@ class Robot(unittest.TestCase):
         heartbeats = self.frames(0x700 + node)
         self.process.stdin.write(f"node={NODE}:power-cycle\n")
         self.process.stdin.flush()
+        if CABLE:
+            # The adapter has been switched off, too: its channel is closed, and the boot-up before it is open again
+            # is not for us.
+            for _ in range(int(PATIENCE / 0.1)):
+                self.network.bus.open()
+                try:
+                    while heartbeats.get(timeout=0.1) != b"\x7f":
+                        pass
+                    return
+                except queue.Empty:
+                    pass
+            self.fail("no heartbeat after the power cycle")
         while heartbeats.get(timeout=PATIENCE) != b"\0":
             pass
         self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")

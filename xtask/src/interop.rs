@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     std::fs::create_dir_all(&logs).with_context(|| format!("{}", logs.display()))?;
 
     let _awake = Awake::new(&python)?;
-    let unittest = |files: &[&str], backend: &str| {
+    let python_tests = |files: &[&str], backend: &str| {
         println!("{backend}: {}", files.join(", "));
         let mut command = Command::new(&python);
         command
@@ -57,8 +57,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .env("OMNIBUS_ELF", &elf)
             .env("OMNIBUS_BACKEND", backend)
             .env("OMNIBUS_LOGS", &logs);
-        cargo::run(&mut command)
+        command
     };
+    let unittest = |files: &[&str], backend: &str| cargo::run(&mut python_tests(files, backend));
     for backend in ["native", "emulator"] {
         if arguments
             .backend
@@ -76,6 +77,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             )?;
         }
     }
+    println!("at the robot's cable");
+    cargo::run(
+        python_tests(&["test_robot", "test_dictionary"], "emulator").env("OMNIBUS_CABLE", "1"),
+    )?;
     unittest(&["test_emulate"], "emulator")?;
     unittest(&["test_log"], "logs")?;
     unittest(

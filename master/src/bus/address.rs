@@ -11,6 +11,8 @@ use crate::run::DriveError;
 /// A bus as named on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BusAddress {
+    /// `auto`: the only serial adapter that is plugged in and answers.
+    Auto,
     /// `sim:GROUP.toml`: a simulated world in this process, with the robots of a group file.
     Sim(PathBuf),
     /// `socketcan:can0`: a Linux CAN interface.
@@ -28,8 +30,9 @@ pub enum BusAddress {
 /// Why a text names no bus.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{0}' names no bus; give one of sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
-     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE, lockstep://HOST:PORT (for example sim:groups/tcc-3.toml, \
+    "'{0}' names no bus; give one of auto, sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
+     slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE, lockstep://HOST:PORT (for example \
+     sim:groups/tcc-3.toml, \
      socketcan:can0, slcan:/dev/ttyACM0, socketcand://pi.local:29536/can0)"
 )]
 pub struct NoBus(String);
@@ -38,6 +41,9 @@ impl FromStr for BusAddress {
     type Err = NoBus;
 
     fn from_str(text: &str) -> Result<Self, NoBus> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
         match text.split_once(':') {
             Some((_, "")) | None => Err(NoBus(text.into())),
             Some(("sim", _)) if cfg!(not(feature = "simulation")) => Err(NoBus(text.into())),
@@ -86,6 +92,7 @@ impl std::fmt::Display for BusAddress {
             }
             Self::SlcanTcp(address) => write!(f, "slcan-tcp://{address}"),
             Self::Lockstep(address) => write!(f, "lockstep://{address}"),
+            Self::Auto => f.write_str("auto"),
             Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
         }
     }
@@ -116,6 +123,7 @@ mod tests {
     #[test]
     fn names_are_read_and_written_alike() {
         for text in [
+            "auto",
             "sim:groups/tcc-3.toml",
             "socketcan:can0",
             "slcan:/dev/ttyACM0",

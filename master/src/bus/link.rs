@@ -8,6 +8,8 @@
 
 use std::ops::DerefMut;
 
+use std::time::Duration;
+
 use canopen::{Frame, Micros};
 
 use crate::monitor::telemetry::Punctuality;
@@ -60,6 +62,12 @@ pub trait Link {
         None
     }
 
+    /// How long the adapter takes to answer, there and back, if it can be asked: the median of
+    /// several tries.
+    fn latency(&mut self) -> Option<Duration> {
+        None
+    }
+
     /// Asks the link to send SYNC by itself from now on, or with `None` to leave off. `false` when
     /// it cannot: then whoever drives the session sends SYNC when the link's clock says so, which
     /// on a bus with virtual time is exact.
@@ -95,6 +103,10 @@ impl<P: DerefMut<Target: Link>> Link for P {
 
     fn diagnosis(&mut self) -> Option<String> {
         (**self).diagnosis()
+    }
+
+    fn latency(&mut self) -> Option<Duration> {
+        (**self).latency()
     }
 
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {

@@ -6,6 +6,7 @@
 
 pub mod adapter;
 pub mod address;
+pub mod auto;
 pub mod foreign;
 pub mod link;
 pub mod load;

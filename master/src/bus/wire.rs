@@ -95,6 +95,11 @@ impl<L: Link> Wire<L> {
         self.link.diagnosis()
     }
 
+    /// How long the adapter takes to answer, there and back, if it can be asked.
+    pub fn latency(&mut self) -> Option<std::time::Duration> {
+        self.link.latency()
+    }
+
     /// Claims to be the bus's master from now on (with a heartbeat), or no longer.
     pub fn claim(&mut self, master: bool) {
         self.next_heartbeat = master.then(|| self.link.now());

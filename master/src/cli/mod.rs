@@ -55,8 +55,9 @@ const BOOTED: Micros = Micros(100_000);
 /// Which bus, and which group on it.
 #[derive(clap::Args)]
 pub struct Target {
-    /// sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
-    /// socketcand://HOST:PORT/INTERFACE; lockstep://HOST:PORT is omnibus-sim's.
+    /// auto (the adapter that is plugged in), sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE,
+    /// slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE; lockstep://HOST:PORT is
+    /// omnibus-sim's.
     #[arg(
         long,
         help_heading = "Bus",

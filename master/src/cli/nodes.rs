@@ -14,6 +14,7 @@ use super::{Target, json, print_json, say};
 
 const SCAN_EXAMPLES: &str = "Examples:
   omnibus scan --bus sim:groups/tcc-3.toml
+  omnibus scan --bus auto
   omnibus scan --bus socketcan:can0
   omnibus scan --bus slcan:/dev/ttyACM0 --group groups/tcc-2.toml
 
@@ -223,6 +224,12 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
     }
     if survey.found.is_empty() {
         return Err(nobody(target, &mut wire));
+    }
+    if !json()
+        && let Some(latency) = wire.latency()
+    {
+        let ms = latency.as_secs_f64() * 1e3;
+        say(format_args!("the adapter answers within {ms:.1} ms"))?;
     }
     for conflict in &survey.conflicts {
         say(conflict)?;

@@ -643,6 +643,10 @@ impl Robot for EmulatedRobot {
         self.board.serial().send(bytes, baud);
     }
 
+    fn take_cable(&mut self) -> Vec<(u64, u8)> {
+        self.board.serial().take_sent()
+    }
+
     fn board(&mut self) -> Option<&mut Board> {
         Some(&mut self.board)
     }

@@ -197,6 +197,12 @@ pub trait Robot: Send {
         let _ = (bytes, baud);
     }
 
+    /// Takes the bytes that its serial port has sent, each with the time at which it ended, ns since
+    /// it was switched on.
+    fn take_cable(&mut self) -> Vec<(u64, u8)> {
+        Vec::new()
+    }
+
     /// Its emulated board, if it has one.
     fn board(&mut self) -> Option<&mut emulator::Board> {
         None

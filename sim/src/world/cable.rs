@@ -25,7 +25,7 @@ impl World {
     /// Takes the bytes that a robot's serial port has sent, each with the time at which it ended,
     /// by the time since the robot was switched on, ns.
     pub fn take_cable(&mut self, node: u8) -> Vec<(u64, u8)> {
-        self.board(node)
-            .map_or_else(Vec::new, |board| board.serial().take_sent())
+        let found = self.units.iter_mut().find(|unit| unit.node == node);
+        found.map_or_else(Vec::new, |unit| unit.robot.take_cable())
     }
 }

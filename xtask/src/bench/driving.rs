@@ -33,10 +33,7 @@ impl Driving {
         let mut driving = Self::ready(group, firmware, options)?;
         driving.start()?;
         driving.drive(300)?;
-        ensure!(
-            driving.master.all_are(MemberState::Moving),
-            "the group does not drive"
-        );
+        driving.ensure_moving()?;
         Ok(driving)
     }
 
@@ -63,6 +60,30 @@ impl Driving {
             robots,
             period_ms: u64::from(group.sync_period_us) / 1_000,
         })
+    }
+
+    /// Puts the master at the cable of the first robot instead of on the bus.
+    pub fn plug_in(&mut self) -> anyhow::Result<()> {
+        let node = self
+            .master
+            .world
+            .truth()
+            .robots
+            .first()
+            .context("no robots")?
+            .node;
+        self.master.plug_in(node);
+        self.master.run(READY_MS)?;
+        Ok(())
+    }
+
+    /// Says so if the group does not drive.
+    pub fn ensure_moving(&self) -> anyhow::Result<()> {
+        ensure!(
+            self.master.all_are(MemberState::Moving),
+            "the group does not drive"
+        );
+        Ok(())
     }
 
     /// Switches the drivers on.

@@ -20,8 +20,39 @@ const CALLS: u64 = 200;
 const MOVES_MS: u64 = 60;
 const STANDS_MS: u64 = 400;
 
-/// Calls and measures.
+/// Calls on the bus and measures.
 pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
+    let (calls, syncs) = measure(group, firmware, false)?;
+    let mean = syncs.iter().sum::<f64>() / syncs.len() as f64;
+    let worst = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
+    Ok(vec![
+        Figure::new("sync_to_pwm.mean", mean, "us"),
+        Figure::new("sync_to_pwm.worst", worst(&syncs), "us").ceiling(3_500.0),
+        Figure::new("call_to_pwm.median", calls[calls.len() / 2], "us"),
+        Figure::new("call_to_pwm.p99", calls[calls.len() * 99 / 100], "us"),
+        Figure::new("call_to_pwm.worst", worst(&calls), "us").ceiling(33_000.0),
+    ])
+}
+
+/// Calls at the cable and measures.
+pub fn at_cable(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
+    let (calls, _) = measure(group, firmware, true)?;
+    Ok(vec![
+        Figure::new("gateway.call_to_pwm.median", calls[calls.len() / 2], "us"),
+        Figure::new(
+            "gateway.call_to_pwm.p99",
+            calls[calls.len() * 99 / 100],
+            "us",
+        ),
+    ])
+}
+
+/// Times from the call to the wheel, sorted, and from SYNC to it, us.
+fn measure(
+    group: &GroupFile,
+    firmware: &Firmware,
+    cable: bool,
+) -> anyhow::Result<(Vec<f64>, Vec<f64>)> {
     let mut group = group.clone();
     group.robots.truncate(1);
     group.simulation.crystal_ppm.truncate(1);
@@ -31,6 +62,9 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         ..Options::default()
     };
     let mut driving = Driving::ready(&group, firmware, options)?;
+    if cable {
+        driving.plug_in()?;
+    }
     driving.start()?;
     let period_ms = u64::from(group.sync_period_us) / 1_000;
     let steps = period_ms * 1_000 / sim::test_master::STEP_US;
@@ -61,13 +95,5 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     }
     ensure!(calls.len() == CALLS as usize, "calls are missing");
     calls.sort_by(f64::total_cmp);
-    let mean = syncs.iter().sum::<f64>() / syncs.len() as f64;
-    let worst = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
-    Ok(vec![
-        Figure::new("sync_to_pwm.mean", mean, "us"),
-        Figure::new("sync_to_pwm.worst", worst(&syncs), "us").ceiling(3_500.0),
-        Figure::new("call_to_pwm.median", calls[calls.len() / 2], "us"),
-        Figure::new("call_to_pwm.p99", calls[calls.len() * 99 / 100], "us"),
-        Figure::new("call_to_pwm.worst", worst(&calls), "us").ceiling(33_000.0),
-    ])
+    Ok((calls, syncs))
 }

@@ -11,6 +11,7 @@ mod accuracy;
 mod bus;
 mod driving;
 mod figure;
+mod gateway;
 mod host;
 mod image;
 mod kernels;
@@ -93,6 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     figures.push(rate::figure(&group, calculated)?);
     figures.push(running::ready(&group, &image)?);
     figures.extend(latency::figures(&group, &image)?);
+    figures.extend(gateway::figures(&group, &image)?);
     figures.extend(image::figures(&elf, &image)?);
     figures.extend(bus::figures(&group)?);
     figures.extend(accuracy::figures()?);

@@ -122,6 +122,14 @@ impl Robot for Watched {
         self.lock().robot.set_power(on);
     }
 
+    fn send_cable(&mut self, bytes: &[u8], baud: f64) {
+        self.lock().robot.send_cable(bytes, baud);
+    }
+
+    fn take_cable(&mut self) -> Vec<(u64, u8)> {
+        self.lock().robot.take_cable()
+    }
+
     fn start_trace(&mut self) {
         self.lock().robot.start_trace();
     }

@@ -4,19 +4,33 @@
 //! because the bit rate is wrong. The reading thread leaves the latest such report here; it is
 //! shown when robots do not answer.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The latest report, shared between the reading thread and the link.
 #[derive(Clone, Default)]
-pub(super) struct Diagnosis(Arc<Mutex<Option<&'static str>>>);
+pub(super) struct Diagnosis {
+    text: Arc<Mutex<Option<&'static str>>>,
+    /// Inquiries that the adapter has answered.
+    inquiries: Arc<AtomicU32>,
+}
 
 impl Diagnosis {
     pub fn report(&self, text: Option<&'static str>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = text;
+        *self.text.lock().unwrap_or_else(PoisonError::into_inner) = text;
     }
 
     pub fn read(&self) -> Option<&'static str> {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.text.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The adapter has answered an inquiry.
+    pub fn answered(&self) {
+        self.inquiries.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub fn inquiries(&self) -> u32 {
+        self.inquiries.load(Ordering::Relaxed)
     }
 }
 

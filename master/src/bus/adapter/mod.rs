@@ -60,6 +60,8 @@ pub struct AdapterLink {
 
 /// How long an adapter may take to say how the bus is.
 const INQUIRY: Duration = Duration::from_millis(200);
+/// How often an adapter is asked to find how long that takes.
+const INQUIRIES: usize = 9;
 
 impl AdapterLink {
     /// Starts the reading thread. `read` blocks until a frame has come; `write` until one is taken.
@@ -153,6 +155,24 @@ impl Link for AdapterLink {
         self.diagnosis.read().map(Into::into)
     }
 
+    fn latency(&mut self) -> Option<Duration> {
+        let inquire = self.inquiry.as_mut()?;
+        let mut took = Vec::new();
+        for _ in 0..INQUIRIES {
+            let (asked, seen) = (Instant::now(), self.diagnosis.inquiries());
+            inquire().ok()?;
+            while self.diagnosis.inquiries() == seen {
+                if asked.elapsed() > INQUIRY {
+                    return None;
+                }
+                std::thread::sleep(Duration::from_micros(20));
+            }
+            took.push(asked.elapsed());
+        }
+        took.sort_unstable();
+        took.get(took.len() / 2).copied()
+    }
+
     fn pace(&mut self, schedule: Option<Schedule>) -> bool {
         // The old thread ends before a new one starts: two SYNC counters would be two masters.
         self.pacer = None;
@@ -180,11 +200,15 @@ impl Link for AdapterLink {
 /// When it cannot be opened; the error says what to check.
 pub fn open(bus: &BusAddress) -> Result<Box<dyn Link>, LinkError> {
     let opened: io::Result<Box<dyn Link>> = match bus {
+        #[cfg(feature = "adapters")]
+        BusAddress::Auto => return open(&crate::bus::auto::find()?),
         BusAddress::Sim(_) => Err(io::ErrorKind::Unsupported.into()),
         #[cfg(not(feature = "adapters"))]
-        BusAddress::Slcan(_) | BusAddress::SocketCan(_) => Err(io::Error::other(
-            "this program was built without serial ports and SocketCAN (cargo feature adapters)",
-        )),
+        BusAddress::Auto | BusAddress::Slcan(_) | BusAddress::SocketCan(_) => {
+            Err(io::Error::other(
+                "this program was built without serial ports and SocketCAN (cargo feature adapters)",
+            ))
+        }
         #[cfg(feature = "adapters")]
         BusAddress::Slcan(device) => slcan::open_serial(bus, device).map(boxed),
         BusAddress::SlcanTcp(address) => slcan::open_tcp(bus, address).map(boxed),
@@ -213,6 +237,7 @@ fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
     let refused = kind == io::ErrorKind::ConnectionRefused;
     match bus {
         BusAddress::Sim(_) => "a simulated bus has no adapter".into(),
+        BusAddress::Auto => "give slcan:DEVICE".into(),
         BusAddress::Slcan(device) => match kind {
             io::ErrorKind::PermissionDenied => format!(
                 "you may not use {}; on Linux add yourself to the group dialout \

@@ -44,7 +44,10 @@ impl Hearing {
                 return Some(frame);
             }
             Answer::Sent => self.succeeded(),
-            Answer::Flags(flags) => self.diagnosis.report(diagnosis::of_slcan_flags(flags)),
+            Answer::Flags(flags) => {
+                self.diagnosis.report(diagnosis::of_slcan_flags(flags));
+                self.diagnosis.answered();
+            }
             Answer::Refused => {
                 self.refusals += 1;
                 if self.refusals == REFUSALS {
@@ -107,6 +110,44 @@ fn start(
     link.diagnosis = diagnosis;
     link.inquiry = Some(Box::new(move || inquiry.write_all(b"F\r")));
     Ok(link)
+}
+
+/// Whether an adapter that speaks slcan is at a port: it says its version when asked.
+#[cfg(feature = "adapters")]
+pub fn answers(device: &str) -> bool {
+    const PATIENCE: std::time::Duration = std::time::Duration::from_millis(300);
+    let port = serialport::new(device, BAUD).timeout(READ_TIMEOUT).open();
+    port.is_ok_and(|port| says_its_version(port, PATIENCE).unwrap_or(false))
+}
+
+#[cfg(feature = "adapters")]
+fn says_its_version(
+    mut port: impl Read + Write,
+    patience: std::time::Duration,
+) -> io::Result<bool> {
+    // The first ends whatever line it is in.
+    port.write_all(b"\rC\rV\r")?;
+    let deadline = std::time::Instant::now() + patience;
+    let mut heard = Vec::new();
+    let mut buffer = [0; 256];
+    while std::time::Instant::now() < deadline {
+        match port.read(&mut buffer) {
+            Ok(count) => heard.extend_from_slice(&buffer[..count]),
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => {}
+            Err(error) => return Err(error),
+        }
+        // V and four digits; what was under way may stand before it.
+        let is_version = |line: &[u8]| match line {
+            [.., b'V', a, b, c, d] => [a, b, c, d]
+                .iter()
+                .all(|digit| digit.is_ascii_alphanumeric()),
+            _ => false,
+        };
+        if heard.split(|byte| *byte == b'\r').any(is_version) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Opens a serial adapter.
@@ -251,6 +292,56 @@ mod tests {
         let diagnosis = link.diagnosis().unwrap();
         assert!(diagnosis.contains("acknowledges"), "{diagnosis}");
         drop(served.join().unwrap());
+    }
+
+    /// A device that answers nothing but what is asked for in `knows`, each time after a while.
+    #[cfg(all(unix, feature = "adapters"))]
+    fn device(knows: &'static [(&'static [u8], &'static [u8])]) -> String {
+        use serialport::SerialPort as _;
+        let (mut device, slave) = serialport::TTYPort::pair().unwrap();
+        let name = slave.name().unwrap();
+        device.set_timeout(Duration::from_secs(10)).unwrap();
+        std::thread::spawn(move || {
+            let (mut line, mut byte) = (Vec::new(), [0]);
+            let began = std::time::Instant::now();
+            while began.elapsed() < Duration::from_secs(10) {
+                // As long as nobody has the terminal open, reading it is an error.
+                if device.read_exact(&mut byte).is_err() {
+                    std::thread::sleep(Duration::from_millis(1));
+                    continue;
+                }
+                line.push(byte[0]);
+                if byte[0] == b'\r' {
+                    std::thread::sleep(DELAY);
+                    for (_, answer) in knows.iter().filter(|(asked, _)| *asked == line) {
+                        let _ = device.write_all(answer);
+                    }
+                    line.clear();
+                }
+            }
+        });
+        name
+    }
+
+    /// How long a device of these tests takes for an answer.
+    #[cfg(all(unix, feature = "adapters"))]
+    const DELAY: Duration = Duration::from_millis(2);
+
+    #[test]
+    #[cfg(all(unix, feature = "adapters"))]
+    fn an_adapter_is_one_that_says_its_version() {
+        assert!(answers(&device(&[(b"\r", b"\x07"), (b"V\r", b"V1013\r")])));
+        assert!(!answers(&device(&[(b"V\r", b"ERROR\r\n")])));
+        assert!(!answers("/dev/there-is-none"));
+    }
+
+    #[test]
+    #[cfg(all(unix, feature = "adapters"))]
+    fn the_latency_is_that_of_the_answer() {
+        let name = device(&[(b"F\r", b"F00\r")]);
+        let bus = BusAddress::Slcan(name.clone().into());
+        let mut link = open_serial(&bus, std::path::Path::new(&name)).unwrap();
+        assert!(link.latency().unwrap() >= DELAY);
     }
 
     #[test]
