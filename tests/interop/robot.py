@@ -90,7 +90,21 @@ class Robot(unittest.TestCase):
         self.node = self.network.add_node(NODE, str(EDS))
         self.node.sdo.RESPONSE_TIMEOUT = PATIENCE
         self.node.sdo.MAX_RETRIES = 0
+        if CABLE:
+            self.open_cable(self.frames(0x700 + NODE))
         self.node.nmt.wait_for_heartbeat(PATIENCE)
+
+    def open_cable(self, heartbeats):
+        """Opens the channel of a robot that may not have booted yet, until it is heard."""
+        for _ in range(int(PATIENCE / 0.1)):
+            self.network.bus.open()
+            try:
+                while heartbeats.get(timeout=0.1) != b"\x7f":
+                    pass
+                return
+            except queue.Empty:
+                pass
+        self.fail("no heartbeat at the cable")
 
     def end(self):
         self.process.send_signal(signal.SIGINT)
@@ -122,17 +136,8 @@ class Robot(unittest.TestCase):
         self.process.stdin.write(f"node={NODE}:power-cycle\n")
         self.process.stdin.flush()
         if CABLE:
-            # The adapter has been switched off, too: its channel is closed, and the boot-up before it is open again
-            # is not for us.
-            for _ in range(int(PATIENCE / 0.1)):
-                self.network.bus.open()
-                try:
-                    while heartbeats.get(timeout=0.1) != b"\x7f":
-                        pass
-                    return
-                except queue.Empty:
-                    pass
-            self.fail("no heartbeat after the power cycle")
+            # The adapter has been switched off, too; the boot-up before its channel is open again is not for us.
+            return self.open_cable(heartbeats)
         while heartbeats.get(timeout=PATIENCE) != b"\0":
             pass
         self.assertEqual(heartbeats.get(timeout=PATIENCE), b"\x7f")
