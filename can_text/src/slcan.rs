@@ -111,6 +111,7 @@ pub mod flags {
 
 /// The line of a frame, with its end and, if there is one, its time stamp in milliseconds.
 #[must_use]
+#[inline(never)]
 pub fn frame(frame: &Frame, stamp_ms: Option<u16>) -> Line {
     let mut line = Line::new();
     line.push(b't');
@@ -241,6 +242,8 @@ impl Channel {
     }
 
     /// Takes one byte; returns what is to be done when it ends a command.
+    // Not inlined: its caller is built for speed.
+    #[inline(never)]
     pub fn push(&mut self, byte: u8) -> Option<Step> {
         let mut line = Line::new();
         match self.commands.push(byte)? {
