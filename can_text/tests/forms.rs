@@ -30,10 +30,10 @@ mod slcan_form {
     #[test]
     fn golden_lines() {
         let sent = frame(0x181, &[0x10, 0xFF, 0x00]);
-        assert_eq!(*slcan::frame(&sent, None), "t181310FF00\r");
-        assert_eq!(*slcan::frame(&sent, Some(0xEA5F)), "t181310FF00EA5F\r");
-        assert_eq!(*slcan::frame(&frame(0x80, &[]), None), "t0800\r");
-        assert_eq!(*slcan::flags_answer(0xA2), "FA2\r");
+        assert_eq!(&*slcan::frame(&sent, None), "t181310FF00\r");
+        assert_eq!(&*slcan::frame(&sent, Some(0xEA5F)), "t181310FF00EA5F\r");
+        assert_eq!(&*slcan::frame(&frame(0x80, &[]), None), "t0800\r");
+        assert_eq!(&*slcan::flags_answer(0xA2), "FA2\r");
         assert_eq!(Command::parse(b"t181310ff00"), Command::Send(sent));
         assert_eq!(Answer::parse(b"t181310FF00"), Answer::Frame(sent, None));
         let stamped = Answer::Frame(sent, Some(0x1234));

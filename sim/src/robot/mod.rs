@@ -197,8 +197,8 @@ pub trait Robot: Send {
         let _ = (bytes, baud);
     }
 
-    /// Takes the bytes that its serial port has sent, each with the time at which it ended, ns since
-    /// it was switched on.
+    /// Takes the bytes that its serial port has sent, each with the time at which it ended, ns
+    /// since it was switched on.
     fn take_cable(&mut self) -> Vec<(u64, u8)> {
         Vec::new()
     }

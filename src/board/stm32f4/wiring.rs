@@ -3,8 +3,8 @@
 //! A board is one constant of type [`Wiring`]. The drivers read it where they need it, and so does
 //! code without `self`: interrupt handlers, the transition to the safe state, and the first
 //! instructions after reset. As a constant it costs no instruction. The family fixes the use of
-//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time, USART2
-//! the cable.
+//! each timer: TIM1 the PWM, TIM8 driver enable and brake, TIM7 the tick, TIM9 the local time,
+//! USART2 the cable.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
