@@ -340,7 +340,7 @@ fn motors_are_identified_over_the_bus() {
     let period_us = session.period_us();
     let settings = motors::Settings::default();
     let wire = session.wire();
-    let motors = motors::identify_motors(wire, 3, period_us, &settings, &mut |_| {}).unwrap();
+    let motors = motors::identify_motors(wire, 3, period_us, &settings, &mut |_| Ok(())).unwrap();
     let motor = &group.robots[1].motor;
     let forward = motor.feedforward();
     for found in &motors {
