@@ -19,11 +19,11 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use control::configuration::Configuration;
-use control::identification::Outcome;
 use control::interface::{Command, Report};
 use control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use identification::Outcome;
 
 /// A value that one side replaces and the other reads: the latest wins.
 pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, Cell<T>>);

@@ -9,8 +9,8 @@ use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
-use crate::identification::Bounds;
 use crate::rollers::{IndexPulse, RollerState};
+use identification::Bounds;
 
 /// The mode that the bus side requests. The control side decides: it owns drivers, brake and
 /// duties.

@@ -25,7 +25,6 @@ pub mod clock;
 pub mod configuration;
 pub mod current;
 pub mod drivetrain;
-pub mod identification;
 pub mod interface;
 pub mod limiter;
 pub mod math;

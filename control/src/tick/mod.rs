@@ -17,7 +17,6 @@ use crate::brake::Brake;
 use crate::configuration::Configuration;
 use crate::current::Current;
 use crate::drivetrain::Factors;
-use crate::identification::{Identification, Outcome, Step, Stopped};
 use crate::interface::{Command, Inputs, Mode, Outputs, Report};
 use crate::limiter::Limiter;
 use crate::observer::Observer;
@@ -29,6 +28,7 @@ use crate::threshold::{Hysteresis, Lasting};
 use crate::time::{Micros, TICK_US};
 use crate::watch::Watch;
 use crate::wheel::{Available, Held, WheelLoop, WheelMeasurement, WheelReference};
+use identification::{Identification, Outcome, Step, Stopped};
 
 /// A tick later than this after the last one counts as late, us.
 const LATE_US: u32 = TICK_US + TICK_US / 2;
@@ -581,7 +581,7 @@ impl Supervision {
         let nominal = motion.configuration.supply.nominal;
         let run = self
             .identification
-            .get_or_insert_with(|| Identification::new(command.bounds, nominal));
+            .get_or_insert_with(|| Identification::new(command.bounds, nominal, TICK_US as u16));
         if self.report.mode == Mode::Identify {
             return match run.tick(turned, self.report.rates.into(), dt) {
                 Step::Voltage(voltage) => voltage,

@@ -6,13 +6,14 @@
 //! all ramp to standstill and switch off, and only an NMT start goes on from there. Nothing it
 //! finds takes effect by itself. Heartbeat and SYNC of the master are watched as in any motion.
 
+use ::identification::{Bounds, Outcome, Stopped, WheelModel};
 use control::time::Micros;
+use control::wheel::Gains;
 use protocol::Address;
 use protocol::address::HEARTBEAT_TIMEOUT;
 
 use super::BusSide;
 use crate::state::{self, State};
-use control::identification::{Bounds, Outcome, Stopped, WheelModel};
 
 /// How long a permission to move alone lasts, us. An identification ends within 20 s by itself.
 const PERMISSION_US: u64 = 60_000_000;
@@ -68,7 +69,7 @@ impl Record {
             .index
             .checked_sub(protocol::address::identified::FIRST)?;
         let model = self.models.get(usize::from(wheel))?;
-        let gains = model.gains(self.bandwidth, self.damping);
+        let gains = gains(model, self.bandwidth, self.damping);
         Some(match address.sub {
             1 => model.static_friction,
             2 => model.speed,
@@ -78,6 +79,22 @@ impl Record {
             6 => model.residual,
             _ => return None,
         })
+    }
+}
+
+/// Feedforward as found, and a loop with this bandwidth `b`, rad/s, and damping `d`: the
+/// characteristic polynomial `kA s^2 + (kV + kP) s + kI` is made `kA (s^2 + 2 d b s + b^2)`.
+///
+/// A wheel that is more than damped enough by its own back-EMF still gets a tenth of `kV`, because
+/// the loop's anti-windup needs some `kP`.
+fn gains(model: &WheelModel, bandwidth: f32, damping: f32) -> Gains {
+    let proportional = 2.0 * damping * bandwidth * model.acceleration - model.speed;
+    Gains {
+        static_friction: model.static_friction,
+        speed: model.speed,
+        acceleration: model.acceleration,
+        proportional: proportional.max(0.1 * model.speed),
+        integral: model.acceleration * bandwidth * bandwidth,
     }
 }
 
@@ -162,5 +179,26 @@ impl BusSide {
         if self.dictionary.identification.status == RUNNING {
             self.dictionary.identification.status = Stopped::Asked.code();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_place_the_poles_where_they_are_asked_for() {
+        let model = WheelModel {
+            static_friction: 0.4,
+            speed: 0.8,
+            acceleration: 0.15,
+            residual: 0.0,
+        };
+        // s^2 + (kV + kP)/kA s + kI/kA = s^2 + 2 * 0.8 * 20 s + 400.
+        let found = gains(&model, 20.0, 0.8);
+        assert!(((found.speed + found.proportional) / found.acceleration - 32.0).abs() < 1e-4);
+        assert!((found.integral / found.acceleration - 400.0).abs() < 1e-3);
+        // Slower than the motor is by itself: 2 * 1 * 2 * 0.15 < 0.8.
+        assert!((gains(&model, 2.0, 1.0).proportional - 0.08).abs() < 1e-6);
     }
 }

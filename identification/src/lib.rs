@@ -12,27 +12,29 @@
 //! u = kS sgn(w) + kV w + kA w'
 //! ```
 //!
-//! Nothing is differentiated. Multiplied with a triangle two windows of [`HALF_TICKS`] wide and
-//! integrated, the equation holds between three numbers that whole counts give exactly: the
+//! Nothing is differentiated. Multiplied with a triangle two windows of a tenth of a second wide
+//! and integrated, the equation holds between three numbers that whole counts give exactly: the
 //! weighted voltage, the difference of the two windows' mean angles over a window's length (the
 //! rate), and the difference of their ways over its square (the acceleration). Of the three only
 //! the acceleration is noisy (half a count over a window's length squared), so it appears in sums
 //! and in products with the others, never squared: its noise averages out instead of pulling `kA`
 //! down.
 //!
-//! For how a loop is made of it see [`WheelModel::gains`]. What can go wrong is a [`Stopped`];
+//! What can go wrong is a [`Stopped`];
 //! every way out ends with no voltage. At most [`Identification::TIME_LIMIT`] seconds, half of the
 //! nominal supply, and the rate and way in [`Bounds`]. A wheel that does not move at a quarter of
 //! the nominal supply ends it: its encoder may be dead.
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 
-use crate::time::TICK_US;
-use crate::wheel::Gains;
+#![no_std]
+#![forbid(unsafe_code)]
 
-/// Ticks in a window of a tenth of a second.
-#[expect(clippy::cast_possible_truncation, reason = "at most 10 000 of them")]
-const HALF_TICKS: u16 = (100_000 / TICK_US) as u16;
+#[cfg(test)]
+extern crate std;
+
+/// Length of a window, us.
+const WINDOW_US: u32 = 100_000;
 /// Share of the nominal supply by which the ramp rises, 1/s.
 const RAMP_SHARE: f32 = 0.1;
 /// Largest share of the nominal supply.
@@ -118,7 +120,7 @@ pub type Outcome = Result<[WheelModel; 4], (Stopped, Option<u8>)>;
 
 /// Output of a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) enum Step {
+pub enum Step {
     /// This voltage on all wheels.
     Voltage(f32),
     /// It is over.
@@ -174,7 +176,9 @@ struct Wheel {
 
 /// One run.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) struct Identification {
+pub struct Identification {
+    /// Ticks in a window.
+    half_ticks: u16,
     bounds: Bounds,
     nominal: f32,
     stage: Stage,
@@ -195,9 +199,11 @@ impl Identification {
     /// Longest run, s.
     pub const TIME_LIMIT: f32 = 20.0;
 
-    /// Begins with the robot at rest.
-    pub fn new(bounds: Bounds, nominal: f32) -> Self {
+    /// Begins with the robot at rest: with this nominal supply, V, and a tick of this period, us.
+    #[must_use]
+    pub fn new(bounds: Bounds, nominal: f32, tick_us: u16) -> Self {
         Self {
+            half_ticks: u16::try_from(WINDOW_US / u32::from(tick_us.max(1))).unwrap_or(u16::MAX),
             bounds,
             nominal,
             stage: Stage::Ramp,
@@ -293,18 +299,18 @@ impl Identification {
 
     /// Processes the last tick, which the present voltage has driven.
     fn add(&mut self, turned: [f32; 4], dt: f32) {
-        let place = (f32::from(self.ticks) + 0.5) / f32::from(HALF_TICKS);
+        let place = (f32::from(self.ticks) + 0.5) / f32::from(self.half_ticks);
         self.rising += self.voltage * place;
         self.falling += self.voltage * (1.0 - place);
         self.ticks += 1;
-        let full = self.ticks == HALF_TICKS;
-        let length = f32::from(HALF_TICKS) * dt;
-        let voltage = (self.last_rising + self.falling) / f32::from(HALF_TICKS);
+        let full = self.ticks == self.half_ticks;
+        let length = f32::from(self.half_ticks) * dt;
+        let voltage = (self.last_rising + self.falling) / f32::from(self.half_ticks);
         for (wheel, turned) in self.wheels.iter_mut().zip(turned) {
             wheel.travel += turned;
             wheel.stage_travel += turned;
             // The trapezoid of the angle over this tick.
-            wheel.half.mean += (wheel.half.way + 0.5 * turned) / f32::from(HALF_TICKS);
+            wheel.half.mean += (wheel.half.way + 0.5 * turned) / f32::from(self.half_ticks);
             wheel.half.way += turned;
             if !full {
                 continue;
@@ -437,7 +443,7 @@ impl Wheel {
             static_friction: static_friction.max(0.0),
             speed,
             acceleration,
-            residual: crate::math::sqrt((left / n).max(0.0)),
+            residual: libm::sqrtf((left / n).max(0.0)),
         })
     }
 }
@@ -455,25 +461,6 @@ impl Stopped {
             Self::DoesNotMove => 8,
             Self::TurnsBackwards => 9,
             Self::BadFit => 10,
-        }
-    }
-}
-
-impl WheelModel {
-    /// Feedforward as found, and a loop with this bandwidth `b`, rad/s, and damping `d`: the
-    /// characteristic polynomial `kA s^2 + (kV + kP) s + kI` is made `kA (s^2 + 2 d b s + b^2)`.
-    ///
-    /// A wheel that is more than damped enough by its own back-EMF still gets a tenth of `kV`,
-    /// because the loop's anti-windup needs some `kP`.
-    #[must_use]
-    pub fn gains(&self, bandwidth: f32, damping: f32) -> Gains {
-        let proportional = 2.0 * damping * bandwidth * self.acceleration - self.speed;
-        Gains {
-            static_friction: self.static_friction,
-            speed: self.speed,
-            acceleration: self.acceleration,
-            proportional: proportional.max(0.1 * self.speed),
-            integral: self.acceleration * bandwidth * bandwidth,
         }
     }
 }

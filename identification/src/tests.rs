@@ -3,6 +3,7 @@
 use super::*;
 
 const DT: f64 = 1e-3;
+const TICK_US: u16 = 1_000;
 const NOMINAL: f32 = 24.0;
 const BOUNDS: Bounds = Bounds {
     rate: 5.0,
@@ -61,7 +62,7 @@ impl Motor {
 /// Runs with these motors; the encoders have `counts` a revolution and see a vibration of `noise`
 /// rad.
 fn run(mut motors: [Motor; 4], bounds: Bounds, counts: f64, noise: f64) -> (Outcome, [f64; 2]) {
-    let mut run = Identification::new(bounds, NOMINAL);
+    let mut run = Identification::new(bounds, NOMINAL, TICK_US);
     let step = core::f64::consts::TAU / counts;
     let mut seen = [0_i64; 4];
     let mut random = 1_u64;
@@ -192,7 +193,7 @@ fn a_wheel_that_does_not_turn_is_named() {
 
 #[test]
 fn a_wheel_that_turns_backwards_is_named() {
-    let mut run = Identification::new(BOUNDS, NOMINAL);
+    let mut run = Identification::new(BOUNDS, NOMINAL, TICK_US);
     let turned = [0.01, 0.01, 0.01, -0.01];
     let outcome = (0..20).find_map(|_| match run.tick(turned, [0.0; 4], 1e-3) {
         Step::Voltage(_) | Step::Ended => None,
@@ -203,7 +204,7 @@ fn a_wheel_that_turns_backwards_is_named() {
 
 #[test]
 fn a_wheel_that_runs_away_is_named() {
-    let mut run = Identification::new(BOUNDS, NOMINAL);
+    let mut run = Identification::new(BOUNDS, NOMINAL, TICK_US);
     let outcome = run.tick([0.0; 4], [0.0, 7.6, 0.0, 0.0], 1e-3);
     let expected = Err((Stopped::TooFast, Some(1)));
     assert_eq!(outcome, Step::Finished(expected));
@@ -221,6 +222,7 @@ fn it_times_out() {
             wheels: 0,
         },
         NOMINAL,
+        TICK_US,
     );
     let mut ticks = 0_u32;
     let outcome = loop {
@@ -232,22 +234,6 @@ fn it_times_out() {
     };
     assert_eq!(outcome, Err((Stopped::TimedOut, None)));
     assert!((19_990..20_010).contains(&ticks), "{ticks} ms");
-}
-
-#[test]
-fn gains_place_the_poles_where_they_are_asked_for() {
-    let model = WheelModel {
-        static_friction: 0.4,
-        speed: 0.8,
-        acceleration: 0.15,
-        residual: 0.0,
-    };
-    // s^2 + (kV + kP)/kA s + kI/kA = s^2 + 2 * 0.8 * 20 s + 400.
-    let gains = model.gains(20.0, 0.8);
-    assert!(((gains.speed + gains.proportional) / gains.acceleration - 32.0).abs() < 1e-4);
-    assert!((gains.integral / gains.acceleration - 400.0).abs() < 1e-3);
-    // Slower than the motor is by itself: 2 * 1 * 2 * 0.15 < 0.8.
-    assert!((model.gains(2.0, 1.0).proportional - 0.08).abs() < 1e-6);
 }
 
 #[test]
