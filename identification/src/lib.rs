@@ -201,9 +201,9 @@ impl Identification {
 
     /// Begins with the robot at rest: with this nominal supply, V, and a tick of this period, us.
     #[must_use]
-    pub fn new(bounds: Bounds, nominal: f32, tick_us: u16) -> Self {
+    pub fn new(bounds: Bounds, nominal: f32, tick_us: u32) -> Self {
         Self {
-            half_ticks: u16::try_from(WINDOW_US / u32::from(tick_us.max(1))).unwrap_or(u16::MAX),
+            half_ticks: u16::try_from(WINDOW_US / tick_us.max(1)).unwrap_or(u16::MAX),
             bounds,
             nominal,
             stage: Stage::Ramp,

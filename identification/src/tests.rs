@@ -3,7 +3,7 @@
 use super::*;
 
 const DT: f64 = 1e-3;
-const TICK_US: u16 = 1_000;
+const TICK_US: u32 = 1_000;
 const NOMINAL: f32 = 24.0;
 const BOUNDS: Bounds = Bounds {
     rate: 5.0,

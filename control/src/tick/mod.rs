@@ -581,7 +581,7 @@ impl Supervision {
         let nominal = motion.configuration.supply.nominal;
         let run = self
             .identification
-            .get_or_insert_with(|| Identification::new(command.bounds, nominal, TICK_US as u16));
+            .get_or_insert_with(|| Identification::new(command.bounds, nominal, TICK_US));
         if self.report.mode == Mode::Identify {
             return match run.tick(turned, self.report.rates.into(), dt) {
                 Step::Voltage(voltage) => voltage,

@@ -417,6 +417,11 @@ fn enable_interrupts() {
 fn free_mailbox() -> Option<u8> {
     let status = pac::CAN1.tsr().read();
     let leaving = LEAVING.load(Ordering::Relaxed);
+    if leaving == NONE {
+        // RM0390 30.9.2: with at least one mailbox free, CODE is the number of the next free one.
+        let any = status.tme(0) || status.tme(1) || status.tme(2);
+        return any.then(|| status.code().min(2));
+    }
     (0..3).find(|mailbox| {
         status.tme(usize::from(*mailbox)) && (leaving == NONE || leaving & MAILBOX != *mailbox)
     })
@@ -554,14 +559,15 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             };
             can.rfr(0).write(|w| w.set_rfom(true));
             while can.rfr(0).read().rfom() {}
-            if let Some(frame) = frame.filter(|_| gateway) {
+            let Some(frame) = frame else { continue };
+            if gateway {
                 let at_us = low_us(at);
                 if OVERHEARD.try_send(Overheard { at_us, frame }).is_err() {
                     OVERHEARD_LOST.store(true, Ordering::Relaxed);
                 }
                 wake::BUS.signal_at_next_tick();
             }
-            if let Some(frame) = frame.filter(|_| wanted) {
+            if wanted {
                 let taken = RX_QUEUE.try_send(Received { at, frame }).is_ok();
                 if !taken {
                     QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
