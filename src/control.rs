@@ -71,7 +71,7 @@ pub async fn control(
         }
         wake::BUS.tick(begin);
 
-        CONTROL_LATENESS.note(begin.since(due));
+        CONTROL_LATENESS.record(begin.since(due));
         if let Some(sync) = SYNC.receive() {
             schedule.on_sync(sync);
         }

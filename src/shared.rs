@@ -147,7 +147,7 @@ impl Longest {
     }
 
     /// Records a time.
-    pub fn note(&self, time: Micros) {
+    pub fn record(&self, time: Micros) {
         let time_us = u32::try_from(time.0).unwrap_or(u32::MAX);
         self.0.fetch_max(time_us, Ordering::Relaxed);
     }

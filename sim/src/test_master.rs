@@ -107,7 +107,7 @@ impl TestMaster {
         for (_, byte) in self.world.take_cable(node) {
             self.carried += 1;
             if let Some(Answer::Frame(frame, _)) = answers.push(byte) {
-                self.hear(now, &frame);
+                self.receive(now, &frame);
             }
         }
         self.cable = Some((node, answers));
@@ -125,7 +125,7 @@ impl TestMaster {
         self.world
             .run_until(Micros((now / STEP_US + 1) * STEP_US))?;
         while let Some((at, frame)) = self.world.take_received(MASTER) {
-            self.hear(at, &frame);
+            self.receive(at, &frame);
         }
         self.hear_cable();
         Ok(())
@@ -229,7 +229,7 @@ impl TestMaster {
         }
     }
 
-    fn hear(&mut self, at: Micros, frame: &Frame) {
+    fn receive(&mut self, at: Micros, frame: &Frame) {
         match RobotReport::decode(frame.id(), frame.data()) {
             Some((node, RobotReport::Status(status))) => {
                 self.status.insert(node, status);

@@ -44,7 +44,7 @@ pub fn serve(address: SocketAddr, hub: &Hub, group: &GroupFile) -> io::Result<So
         };
         for item in stream {
             if let Telemetry::Frame(frame) = item {
-                live.take(&frame, &group);
+                live.on_frame(&frame, &group);
             }
         }
         let _ = server.stop().wait_blocking();
@@ -59,7 +59,7 @@ struct Live {
 }
 
 impl Live {
-    fn take(&mut self, heard: &BusFrame, group: &GroupFile) {
+    fn on_frame(&mut self, heard: &BusFrame, group: &GroupFile) {
         let at = micros(heard.t);
         let messages = self.messages.get_or_insert_with(|| {
             let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);

@@ -124,7 +124,7 @@ impl Bridge {
             }
             let request = Request::parse(&text);
             let understood = request.is_ok();
-            let done = request.and_then(|request| self.take(client, &request));
+            let done = request.and_then(|request| self.handle(client, &request));
             if let Err(reason) = done {
                 line(&mut *lock(output), &message::refused(&reason))?;
             }
@@ -136,14 +136,14 @@ impl Bridge {
     }
 
     /// Does what a client asks for, or says why not.
-    fn take(&self, client: Client, request: &Request) -> Result<(), String> {
+    fn handle(&self, client: Client, request: &Request) -> Result<(), String> {
         let now = self.now();
         // Held until the order is out: orders leave in the order of decisions.
         let mut arbiter = lock(&self.arbiter);
         match *request {
             Request::Start => {
                 for wish in [ClientMessage::Take {}, ClientMessage::Start {}] {
-                    if let Reply::Refused(reason) = arbiter.take(now, client, true, &wish) {
+                    if let Reply::Refused(reason) = arbiter.handle(now, client, true, &wish) {
                         return Err(reason);
                     }
                 }
@@ -178,7 +178,7 @@ impl Bridge {
     }
 
     /// Keeps the arbiter up to date with what the robots do.
-    fn note(&self, item: &Telemetry) {
+    fn on_telemetry(&self, item: &Telemetry) {
         let mut arbiter = lock(&self.arbiter);
         match item {
             Telemetry::Snapshot(snapshot) => {
@@ -208,7 +208,7 @@ pub fn operate(
     let stream = pilot.telemetry();
     while !abort.is_asked() && !ended.load(Ordering::Relaxed) && !pilot.is_over() {
         if let Some(item) = stream.next_within(TICK) {
-            bridge.note(&item);
+            bridge.on_telemetry(&item);
         }
     }
     Pilot::finish_shared(pilot)

@@ -115,7 +115,7 @@ pub struct Meter {
 
 impl Meter {
     /// Notes a frame that was on the bus at `t`, in s.
-    pub fn note(&mut self, t: f64, frame: &Frame) {
+    pub fn record(&mut self, t: f64, frame: &Frame) {
         let bits = bits::frame_bits(frame) + bits::INTERMISSION;
         self.recent.push_back((t, bits));
         while self.recent.front().is_some_and(|(at, _)| t - at > WINDOW) {

@@ -43,7 +43,7 @@ impl Default for Lateness {
 
 impl Lateness {
     /// One thing was so late.
-    pub fn note(&mut self, late_ns: u64) {
+    pub fn record(&mut self, late_ns: u64) {
         let bin = usize::try_from(late_ns.div_ceil(1000)).unwrap_or(LONGEST_US);
         self.counts[bin.min(LONGEST_US)] += 1;
         self.count += 1;
@@ -122,10 +122,10 @@ mod tests {
     fn mean_99_percent_and_worst() {
         let mut lateness = Lateness::default();
         for _ in 0..98 {
-            lateness.note(10_000);
+            lateness.record(10_000);
         }
-        lateness.note(50_000);
-        lateness.note(3_000_000);
+        lateness.record(50_000);
+        lateness.record(3_000_000);
         let read = lateness.read();
         assert_eq!(read.count, 100);
         assert!((read.mean_us - (980.0 + 50.0 + 3000.0) / 100.0).abs() < 1e-9);
@@ -141,7 +141,7 @@ mod tests {
     fn nothing_noted_is_nothing_late_and_the_far_end_holds() {
         assert_eq!(Lateness::default().read(), Punctuality::default());
         let mut lateness = Lateness::default();
-        lateness.note(60_000_000_000);
+        lateness.record(60_000_000_000);
         lateness.miss(2);
         assert_eq!(lateness.read().p99_us, 10_000.0);
         assert_eq!(lateness.read().worst_us, 60e6);

@@ -135,14 +135,14 @@ impl<L: Link> Wire<L> {
     }
 
     /// Notes a frame that is on the bus.
-    fn note(&mut self, at: Micros, frame: &Frame, sent: bool) {
+    fn record(&mut self, at: Micros, frame: &Frame, sent: bool) {
         if sent
             && frame.id() == cob::SYNC
             && let Some(counter) = frame.data().first()
         {
             self.sync_counter = *counter;
         }
-        self.load.note(self.seconds(at), frame);
+        self.load.record(self.seconds(at), frame);
         for sink in &self.sinks {
             sink(at, frame, sent);
         }
@@ -166,7 +166,7 @@ impl<L: Link> Wire<L> {
     /// # Errors
     /// When the link fails.
     pub fn send(&mut self, frame: &Frame) -> Result<(), MasterError> {
-        self.note(self.link.now(), frame, true);
+        self.record(self.link.now(), frame, true);
         Ok(self.link.send(frame)?)
     }
 
@@ -181,10 +181,10 @@ impl<L: Link> Wire<L> {
             self.note_late(late);
         }
         while let Some((at, sync)) = self.link.take_sent() {
-            self.note(at, &sync, true);
+            self.record(at, &sync, true);
         }
         if let Some((at, frame)) = &received {
-            self.note(*at, frame, false);
+            self.record(*at, frame, false);
         }
         Ok(received)
     }

@@ -100,7 +100,7 @@ fn look(link: &mut impl Link) -> anyhow::Result<Heard> {
             frame.id(),
             cob::SYNC | cob::GROUP_TWIST | cob::MASTER_HEARTBEAT
         );
-        listener.take(at.0 as f64 * 1e-6, &frame);
+        listener.push(at.0 as f64 * 1e-6, &frame);
     }
     let members = listener.now(0.0).members;
     let operational = members

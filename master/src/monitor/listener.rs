@@ -3,7 +3,7 @@
 //! A [`Listener`] claims nothing and asks nobody. It is fed with every frame, the master's own
 //! included, and so says the same about a group that this program drives, that another program
 //! drives, or that drove last week and was recorded. What it knows about a SYNC period is complete
-//! when the next SYNC comes; [`Listener::take`] returns it then. It holds one entry per robot and
+//! when the next SYNC comes; [`Listener::push`] returns it then. It holds one entry per robot and
 //! the frames of the last 100 ms, and cannot fail: what does not decode is left out.
 //!
 //! The target is where the setpoints alone would have brought the group since it last stood: the
@@ -78,9 +78,9 @@ impl Listener {
 
     /// Takes in a frame that was complete on the bus at `t`, in s. A SYNC completes the period
     /// before it, which is returned.
-    pub fn take(&mut self, t: f64, frame: &Frame) -> Option<Snapshot> {
+    pub fn push(&mut self, t: f64, frame: &Frame) -> Option<Snapshot> {
         self.now = t;
-        self.load.note(t, frame);
+        self.load.record(t, frame);
         let (id, data) = (frame.id(), frame.data());
         if id == cob::SYNC {
             return self.close(t);
@@ -114,7 +114,7 @@ impl Listener {
         std::mem::take(&mut self.events)
     }
 
-    fn say(&mut self, t: f64, node: u8, what: EventKind) {
+    fn emit(&mut self, t: f64, node: u8, what: EventKind) {
         self.events.push(Event {
             t,
             node: Some(node),
@@ -146,7 +146,7 @@ impl Listener {
             // A robot that left does not say so in a status: it sends none any more.
             member.state = None;
         }
-        self.say(t, node, EventKind::Nmt(state));
+        self.emit(t, node, EventKind::Nmt(state));
     }
 
     /// Process data or an emergency message of a robot.
@@ -165,7 +165,7 @@ impl Listener {
                 member.pose = Some(self.frame.place(usize::from(node), t, report.pose).pose);
             }
             RobotReport::WheelRates(report) => member.wheel_rates = Some(report.rates),
-            RobotReport::Emergency(code) => self.say(t, node, EventKind::Emergency(code)),
+            RobotReport::Emergency(code) => self.emit(t, node, EventKind::Emergency(code)),
         }
     }
 
@@ -181,10 +181,10 @@ impl Listener {
         let state = member.state.replace(status.state);
         let code = std::mem::replace(&mut member.code, status.code);
         if state != Some(status.state) {
-            self.say(t, node, EventKind::State(status.state));
+            self.emit(t, node, EventKind::State(status.state));
         }
         if code != status.code {
-            self.say(t, node, EventKind::Code(status.code));
+            self.emit(t, node, EventKind::Code(status.code));
         }
     }
 
@@ -217,7 +217,7 @@ impl Listener {
     fn close(&mut self, t: f64) -> Option<Snapshot> {
         let mut snapshot = self.finished(t);
         snapshot.bus_load = Some(self.load.share(t));
-        snapshot.target = self.reckoning.note(&snapshot);
+        snapshot.target = self.reckoning.advance(&snapshot);
         self.current.t = t;
         self.commanded = self.pending.is_some();
         if let Some(setpoint) = self.pending.take() {
@@ -252,7 +252,7 @@ impl Reckoning {
     /// Takes the group at the next SYNC and says where the setpoints before it would have brought
     /// it.
     #[expect(clippy::cast_possible_truncation, reason = "a period of SYNC in s")]
-    pub fn note(&mut self, now: &Snapshot) -> Option<Pose> {
+    pub fn advance(&mut self, now: &Snapshot) -> Option<Pose> {
         let stands =
             |twist: Twist| twist.vx.hypot(twist.vy) < STANDING && twist.omega.abs() < STANDING;
         let resting = stands(now.command) && now.measured.is_none_or(stands);
@@ -333,8 +333,8 @@ mod tests {
     #[test]
     fn a_period_is_told_when_the_next_sync_comes() {
         let mut listener = Listener::new([2, 3]);
-        assert_eq!(listener.take(1.0, &twist(0.2, 7)), None);
-        assert_eq!(listener.take(1.002, &sync()), None);
+        assert_eq!(listener.push(1.0, &twist(0.2, 7)), None);
+        assert_eq!(listener.push(1.002, &sync()), None);
         for frame in [
             status(2, 0.5, Code::None),
             status(3, 0.25, Code::None),
@@ -345,9 +345,9 @@ mod tests {
             pose(2, 1.45, 3.1),
             pose(3, 1.55, -3.1),
         ] {
-            assert_eq!(listener.take(1.005, &frame), None);
+            assert_eq!(listener.push(1.005, &frame), None);
         }
-        let told = listener.take(1.012, &sync()).unwrap();
+        let told = listener.push(1.012, &sync()).unwrap();
         assert_eq!(
             (told.t, told.sequence, told.phase),
             (1.002, 7, SessionState::Running)
@@ -364,7 +364,7 @@ mod tests {
             "{mean:?}"
         );
         // Nobody said anything in the next period.
-        let empty = listener.take(1.022, &sync()).unwrap();
+        let empty = listener.push(1.022, &sync()).unwrap();
         assert_eq!((empty.pose, empty.scale, empty.strain), (None, None, None));
         assert_eq!(empty.members[0].silent_syncs, 1);
         assert_eq!(empty.members[0].state, Some(MemberState::Moving));
@@ -375,14 +375,14 @@ mod tests {
         let mut listener = Listener::new([2]);
         let mut t = 0.0;
         let mut cycle = |vx: f32, scale: f32, moved: f32| {
-            listener.take(t, &twist(vx, 1));
-            let told = listener.take(t, &sync());
+            listener.push(t, &twist(vx, 1));
+            let told = listener.push(t, &sync());
             for frame in [
                 status(2, scale, Code::None),
                 measured(2, moved, 0.0),
                 pose(2, 1.0, 0.0),
             ] {
-                listener.take(t + 0.002, &frame);
+                listener.push(t + 0.002, &frame);
             }
             t += 0.01;
             told
@@ -406,12 +406,12 @@ mod tests {
     fn changes_are_events_once() {
         let mut listener = Listener::new([2]);
         let fault = Code::Fault(protocol::Fault::EncoderDead);
-        listener.take(0.0, &Frame::of(0x702, [5]));
-        listener.take(0.1, &Frame::of(0x702, [5]));
-        listener.take(0.2, &status(2, 1.0, fault));
-        listener.take(0.3, &status(2, 1.0, fault));
-        listener.take(0.4, &Frame::of(0x082, [0x0B, 0xFF, 0, 0, 0, 0, 0, 0]));
-        listener.take(0.5, &Frame::of(0x083, [0x0B, 0xFF, 0, 0, 0, 0, 0, 0]));
+        listener.push(0.0, &Frame::of(0x702, [5]));
+        listener.push(0.1, &Frame::of(0x702, [5]));
+        listener.push(0.2, &status(2, 1.0, fault));
+        listener.push(0.3, &status(2, 1.0, fault));
+        listener.push(0.4, &Frame::of(0x082, [0x0B, 0xFF, 0, 0, 0, 0, 0, 0]));
+        listener.push(0.5, &Frame::of(0x083, [0x0B, 0xFF, 0, 0, 0, 0, 0, 0]));
         let what: Vec<_> = listener.take_events().into_iter().map(|e| e.what).collect();
         assert_eq!(
             what,
@@ -429,7 +429,7 @@ mod tests {
     fn without_a_group_file_robots_are_taken_as_they_come() {
         let mut listener = Listener::new([]);
         for id in [0x705, 0x702, 0x701, 0x77F] {
-            listener.take(0.0, &Frame::of(id, [5]));
+            listener.push(0.0, &Frame::of(id, [5]));
         }
         let nodes: Vec<_> = listener.now(0.0).members.iter().map(|m| m.node).collect();
         assert_eq!(nodes, [2, 5]);
@@ -441,7 +441,7 @@ mod tests {
         let frame = Frame::of(0x555, []);
         // 45 bits by hand (canopen::bits) and three of intermission, a hundred times in 100 ms.
         for n in 0..200 {
-            listener.take(f64::from(n) * 1e-3, &frame);
+            listener.push(f64::from(n) * 1e-3, &frame);
         }
         let load = listener.now(0.1995).bus_load.unwrap();
         assert!((load - 0.048).abs() < 1e-6, "{load}");
@@ -452,8 +452,8 @@ mod tests {
     fn a_status_of_a_tenth_of_a_second_ago_is_the_past() {
         let fault = Code::Fault(protocol::Fault::SyncLost);
         let mut listener = Listener::new([2]);
-        listener.take(0.0, &Frame::of(0x702, [5]));
-        listener.take(0.01, &status(2, 1.0, fault));
+        listener.push(0.0, &Frame::of(0x702, [5]));
+        listener.push(0.01, &status(2, 1.0, fault));
         let then = listener.now(0.1).members[0];
         assert_eq!((then.state, then.code), (Some(MemberState::Moving), fault));
         let later = listener.now(0.2).members[0];
@@ -471,8 +471,8 @@ mod tests {
     #[test]
     fn a_master_that_stopped_leaves_no_setpoint_behind() {
         let mut listener = Listener::new([2]);
-        listener.take(0.0, &twist(0.5, 1));
-        listener.take(0.0, &sync());
+        listener.push(0.0, &twist(0.5, 1));
+        listener.push(0.0, &sync());
         assert_eq!(listener.now(0.1).command.vx, 0.5);
         let later = listener.now(1.0);
         assert_eq!(

@@ -91,7 +91,7 @@ pub struct Outline {
 }
 
 impl Outline {
-    fn take(&mut self, row: &Row) {
+    fn add(&mut self, row: &Row) {
         self.first = self.first.or_else(|| row.pose());
         let both = [self.slowest, slowdown([row])].into_iter().flatten();
         self.slowest = both.min_by(|a, b| a.scale.total_cmp(&b.scale));
@@ -119,7 +119,7 @@ impl Recorder {
             && self.rows.len() >= 2 * limit
         {
             for row in self.rows.drain(..limit) {
-                self.dropped.take(&row);
+                self.dropped.add(&row);
             }
         }
         self.rows.push(Row {
@@ -140,7 +140,7 @@ impl Recorder {
     pub fn outline(&self) -> Outline {
         let mut outline = self.dropped;
         for row in &self.rows {
-            outline.take(row);
+            outline.add(row);
         }
         outline
     }

@@ -118,7 +118,7 @@ impl Messages {
             text: schema::can,
         };
         out(&self.message(CAN, schema, at.0 * 1_000, json!(record)))?;
-        if let Some(snapshot) = self.listener.take(at.0 as f64 * 1e-6, frame) {
+        if let Some(snapshot) = self.listener.push(at.0 as f64 * 1e-6, frame) {
             self.snapshot(&snapshot, out)?;
         }
         for event in self.listener.take_events() {

@@ -74,7 +74,7 @@ impl Recording {
         let mut listener = Listener::new(nodes.collect::<Vec<_>>());
         let (mut snapshots, mut events) = (Vec::new(), Vec::new());
         for recorded in &self.frames {
-            snapshots.extend(listener.take(recorded.t_ns as f64 * 1e-9, &recorded.frame));
+            snapshots.extend(listener.push(recorded.t_ns as f64 * 1e-9, &recorded.frame));
             events.append(&mut listener.take_events());
         }
         (snapshots, events)

@@ -81,7 +81,7 @@ impl Arbiter {
     }
 
     /// Takes a message of a client; `trusted` when it has shown the token.
-    pub fn take(
+    pub fn handle(
         &mut self,
         now: u64,
         client: Client,
@@ -311,11 +311,11 @@ mod tests {
     fn started() -> Arbiter {
         let mut arbiter = Arbiter::new(&LIMITS, true);
         assert_eq!(
-            arbiter.take(1000, 1, true, &ClientMessage::Take {}),
+            arbiter.handle(1000, 1, true, &ClientMessage::Take {}),
             Reply::Done
         );
         assert_eq!(
-            arbiter.take(1000, 1, true, &ClientMessage::Start {}),
+            arbiter.handle(1000, 1, true, &ClientMessage::Start {}),
             Reply::Done
         );
         arbiter.set_running(true);
@@ -334,19 +334,19 @@ mod tests {
         let mut arbiter = started();
         assert_eq!(arbiter.twist(1000), Twist::ZERO);
         assert_eq!(
-            arbiter.take(1010, 1, true, &drive(1, 0.5, 1000)),
+            arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000)),
             Reply::Done
         );
         assert_eq!(arbiter.twist(1010 + STALE_MS).vx, 0.5);
         assert_eq!(arbiter.twist(1011 + STALE_MS), Twist::ZERO);
         // What was pressed then is over, also when its messages come again.
         assert_eq!(
-            arbiter.take(1300, 1, true, &drive(1, 0.5, 1290)),
+            arbiter.handle(1300, 1, true, &drive(1, 0.5, 1290)),
             Reply::Done
         );
         assert_eq!(arbiter.twist(1300), Twist::ZERO);
         assert_eq!(
-            arbiter.take(1310, 1, true, &drive(2, 0.4, 1290)),
+            arbiter.handle(1310, 1, true, &drive(2, 0.4, 1290)),
             Reply::Done
         );
         assert_eq!(arbiter.twist(1310).vx, 0.4);
@@ -355,8 +355,8 @@ mod tests {
     #[test]
     fn release_stops_at_once() {
         let mut arbiter = started();
-        arbiter.take(1010, 1, true, &drive(1, 0.5, 1000));
-        arbiter.take(1020, 1, true, &ClientMessage::Release {});
+        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
+        arbiter.handle(1020, 1, true, &ClientMessage::Release {});
         assert_eq!(arbiter.twist(1020), Twist::ZERO);
         assert!(arbiter.is_wanted(1020), "the robots stay started");
     }
@@ -364,7 +364,7 @@ mod tests {
     #[test]
     fn a_driver_that_goes_stops_the_robots() {
         let mut arbiter = started();
-        arbiter.take(1010, 1, true, &drive(1, 0.5, 1000));
+        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
         arbiter.gone(2);
         assert_eq!(arbiter.twist(1010).vx, 0.5);
         arbiter.gone(1);
@@ -376,20 +376,20 @@ mod tests {
     fn only_the_driver_moves_anything_and_anybody_stops() {
         let mut arbiter = started();
         is_refused(
-            arbiter.take(1010, 2, true, &ClientMessage::Take {}),
+            arbiter.handle(1010, 2, true, &ClientMessage::Take {}),
             "another",
         );
-        is_refused(arbiter.take(1010, 2, true, &drive(1, 0.5, 1000)), "take");
+        is_refused(arbiter.handle(1010, 2, true, &drive(1, 0.5, 1000)), "take");
         is_refused(
-            arbiter.take(1010, 2, true, &ClientMessage::Start {}),
+            arbiter.handle(1010, 2, true, &ClientMessage::Start {}),
             "take",
         );
         assert_eq!(arbiter.twist(1010), Twist::ZERO);
-        arbiter.take(1010, 1, true, &drive(1, 0.5, 1000));
+        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
         // Another's release is not the driver's.
-        arbiter.take(1020, 2, false, &ClientMessage::Release {});
+        arbiter.handle(1020, 2, false, &ClientMessage::Release {});
         assert_eq!(arbiter.twist(1020).vx, 0.5);
-        arbiter.take(1030, 2, false, &ClientMessage::Stop {});
+        arbiter.handle(1030, 2, false, &ClientMessage::Stop {});
         assert_eq!(arbiter.twist(1030), Twist::ZERO);
         assert!(!arbiter.is_wanted(1030));
     }
@@ -402,11 +402,11 @@ mod tests {
             ClientMessage::Start {},
             drive(1, 0.1, 0),
         ] {
-            is_refused(arbiter.take(0, 1, false, &message), "token");
+            is_refused(arbiter.handle(0, 1, false, &message), "token");
         }
         assert!(!arbiter.is_taken() && !arbiter.is_wanted(0));
         let mut closed = Arbiter::new(&LIMITS, false);
-        is_refused(closed.take(0, 1, true, &ClientMessage::Take {}), "watches");
+        is_refused(closed.handle(0, 1, true, &ClientMessage::Take {}), "watches");
     }
 
     #[test]
@@ -431,8 +431,8 @@ mod tests {
         ];
         for (message, word) in bad {
             let mut arbiter = started();
-            arbiter.take(1010, 1, true, &drive(1, 0.5, 1000));
-            is_refused(arbiter.take(1010, 1, true, &message), word);
+            arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
+            is_refused(arbiter.handle(1010, 1, true, &message), word);
             assert_eq!(arbiter.twist(1010), Twist::ZERO, "{message:?}");
         }
     }
@@ -440,10 +440,10 @@ mod tests {
     #[test]
     fn robots_are_started_before_they_are_driven_and_not_left_on() {
         let mut arbiter = Arbiter::new(&LIMITS, true);
-        arbiter.take(0, 1, true, &ClientMessage::Take {});
-        is_refused(arbiter.take(0, 1, true, &drive(1, 0.5, 0)), "start");
-        arbiter.take(0, 1, true, &ClientMessage::Start {});
-        is_refused(arbiter.take(0, 1, true, &drive(1, 0.5, 0)), "not ready");
+        arbiter.handle(0, 1, true, &ClientMessage::Take {});
+        is_refused(arbiter.handle(0, 1, true, &drive(1, 0.5, 0)), "start");
+        arbiter.handle(0, 1, true, &ClientMessage::Start {});
+        is_refused(arbiter.handle(0, 1, true, &drive(1, 0.5, 0)), "not ready");
         assert_eq!(arbiter.twist(0), Twist::ZERO);
         let mut arbiter = started();
         assert!(arbiter.is_wanted(1000 + IDLE_MS));

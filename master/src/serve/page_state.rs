@@ -107,12 +107,12 @@ impl PageState {
     }
 
     /// Takes a message of a client; returns why it was refused.
-    pub fn take(&self, client: Client, trusted: bool, message: &ClientMessage) -> Option<String> {
+    pub fn handle(&self, client: Client, trusted: bool, message: &ClientMessage) -> Option<String> {
         let now = self.now();
         // Held until the order is out: orders leave in the order of decisions.
         let mut arbiter = lock(&self.arbiter);
         let drove = arbiter.drives(client);
-        let reply = arbiter.take(now, client, trusted, message);
+        let reply = arbiter.handle(now, client, trusted, message);
         match (message, &reply) {
             (ClientMessage::Start {}, Reply::Done) => (self.order)(Order::Start),
             (ClientMessage::Stop {}, _) => (self.order)(Order::Stop),
@@ -130,7 +130,7 @@ impl PageState {
 
     /// A message that could not even be read: like every refused one it ends the press.
     pub fn confused(&self, client: Client) {
-        self.take(client, false, &ClientMessage::Release {});
+        self.handle(client, false, &ClientMessage::Release {});
     }
 
     /// A connection has ended.
@@ -189,7 +189,7 @@ impl PageState {
         }
     }
 
-    fn note(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         if matches!(event.what, EventKind::Failed(_)) {
             lock(&self.arbiter).stop();
         }
@@ -224,12 +224,12 @@ pub fn operate(pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result<(),
     while !abort.is_asked() && !pilot.is_over() {
         match stream.next_within(Duration::from_millis(STATE_MS)) {
             Some(Telemetry::Snapshot(snapshot)) => {
-                let target = snapshot.target.or(reckoning.note(&snapshot));
+                let target = snapshot.target.or(reckoning.advance(&snapshot));
                 let mut snapshot = Arc::unwrap_or_clone(snapshot);
                 snapshot.target = target;
                 page.publish(Arc::new(snapshot));
             }
-            Some(Telemetry::Event(event)) => page.note(&event),
+            Some(Telemetry::Event(event)) => page.on_event(&event),
             Some(Telemetry::Frame(_)) | None => {}
         }
         if tidied.elapsed() > Duration::from_secs(1) {

@@ -128,7 +128,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
                     }
                 }
                 Ok(_) if page.access.closed && !trusted => Some("show the token first".into()),
-                Ok(message) => page.take(client, trusted, &message),
+                Ok(message) => page.handle(client, trusted, &message),
                 Err(reason) => {
                     page.confused(client);
                     Some(reason)

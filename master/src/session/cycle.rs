@@ -117,7 +117,7 @@ impl<L: Link> Group<L> {
         self.next_sync = Micros(self.next_sync.0 + skipped * period);
         self.missed += skipped;
         self.wire.note_late(Micros(skipped * period));
-        self.tell(None, EventKind::Late(self.missed));
+        self.publish(None, EventKind::Late(self.missed));
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)
     }

@@ -2,9 +2,9 @@
 //!
 //! [`Group`] owns the link and is driven from one thread: every method sends what is due, listens
 //! until the next thing is due, and returns. Whatever arrives while it waits is taken in by
-//! [`Group::hear`], so no frame is ever lost between two steps; nothing is buffered apart from the
-//! last word of every member, the recorder's rows, and what subscribers of the telemetry have not
-//! read.
+//! [`Group::receive_frame`], so no frame is ever lost between two steps; nothing is buffered apart
+//! from the last word of every member, the recorder's rows, and what subscribers of the telemetry
+//! have not read.
 //!
 //! ```no_run
 //! # fn main() -> anyhow::Result<()> {
@@ -38,7 +38,7 @@
 pub mod configure;
 mod cycle;
 pub mod follow;
-mod hear;
+mod receive;
 pub mod roller_index;
 pub mod sdo;
 mod snapshot;
@@ -324,7 +324,7 @@ impl<L: Link> Group<L> {
     /// When the link fails.
     pub fn listen(&mut self, until: Micros) -> Result<(), MasterError> {
         while let Some((at, frame)) = self.wire.next(until)? {
-            self.hear(at, &frame);
+            self.receive_frame(at, &frame);
         }
         Ok(())
     }
@@ -446,16 +446,16 @@ impl<L: Link> Group<L> {
     fn set_phase(&mut self, phase: SessionState) {
         if self.phase != phase {
             self.phase = phase;
-            self.tell(None, EventKind::SessionState(phase));
+            self.publish(None, EventKind::SessionState(phase));
         }
     }
 
     /// Tells subscribers why the session ends.
     pub(crate) fn fail(&self, error: &MasterError) {
-        self.tell(None, EventKind::Failed(error.to_string()));
+        self.publish(None, EventKind::Failed(error.to_string()));
     }
 
-    fn tell(&self, node: Option<u8>, what: EventKind) {
+    fn publish(&self, node: Option<u8>, what: EventKind) {
         let t = self.wire.seconds(self.wire.now());
         let event = Event { t, node, what };
         self.wire.hub.0.publish(&Telemetry::Event(event));

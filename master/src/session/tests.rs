@@ -523,7 +523,7 @@ fn an_observer_sends_nothing_and_does_not_take_over_from_another_master() {
     let stream = group.telemetry();
     let now = canopen::Micros(0);
     for counter in 1..=3 {
-        group.hear(now, &canopen::client::sync(Some(counter)));
+        group.receive_frame(now, &canopen::client::sync(Some(counter)));
     }
     assert_eq!(group.claim(), Err(MasterError::AnotherMaster(Sign::Sync)));
     assert!(matches!(stream.try_next(), Some(Telemetry::Snapshot(_))));
@@ -546,7 +546,7 @@ fn a_displaced_master_says_so_and_leaves_the_robots_to_the_other() {
     let echo: Vec<_> = echo.rev().take(2).collect();
     let now = group.link().now();
     for frame in &echo {
-        group.hear(now, frame);
+        group.receive_frame(now, frame);
     }
     group.cycle(Twist::new(0.1, 0.0, 0.0)).unwrap();
     let foreign = GroupTwist {
@@ -556,7 +556,7 @@ fn a_displaced_master_says_so_and_leaves_the_robots_to_the_other() {
     };
     let frame = canopen::Frame::of(cob::GROUP_TWIST, foreign.encode());
     let now = group.link().now();
-    group.hear(now, &frame);
+    group.receive_frame(now, &frame);
     let error = group.cycle(Twist::new(0.1, 0.0, 0.0)).unwrap_err();
     assert_eq!(error, MasterError::Displaced(Sign::GroupTwist));
     let sent = group.link().sent.len();
@@ -576,7 +576,7 @@ fn a_pose_that_jumps_in_motion_ends_the_drive_by_name() {
         let report = protocol::PoseReport { pose };
         let now = Link::now(group.link());
         let frame = canopen::Frame::of(cob::pose(3), report.encode());
-        group.hear(now, &frame);
+        group.receive_frame(now, &frame);
         group.cycle(Twist::new(0.1, 0.0, 0.0))
     };
     // 10 mm in a period of 10 ms is 1 m/s.

@@ -312,7 +312,7 @@ impl<F: Flash> RecordStore<F> {
             let record = record.filter(|record| record.end() <= last);
             match record {
                 Some(record) if self.flash.word(record.seal()) == 0 => {
-                    self.note(record);
+                    self.record(record);
                     at = record.end();
                 }
                 torn => {
@@ -375,7 +375,7 @@ impl<F: Flash> RecordStore<F> {
     }
 
     /// Counts a record that is whole.
-    fn note(&mut self, record: Record) {
+    fn record(&mut self, record: Record) {
         match record.kind {
             kind::COPY if record.length == 0 => self.image = Image::Unreadable,
             kind::IMAGE | kind::COPY => self.image = Image::At(record.content(), record.length),
@@ -410,7 +410,7 @@ impl<F: Flash> RecordStore<F> {
             // Should it fail, what is there is not blank any more.
             self.end = None;
             if self.write(record(end), Content::Bytes(content)).is_ok() {
-                self.note(record(end));
+                self.record(record(end));
                 self.end = Some(record(end).end());
                 self.cut = false;
                 return Ok(());
@@ -484,7 +484,7 @@ impl<F: Flash> RecordStore<F> {
         self.faults = faults;
         self.image = image;
         self.cut = false;
-        self.note(new);
+        self.record(new);
         self.end = Some(new.end());
         // What is left to do is not needed for what has been stored.
         let _ = if is_old_ours {

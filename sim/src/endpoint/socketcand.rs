@@ -111,38 +111,38 @@ impl Client {
             let mut text = String::new();
             // Writing into a string cannot fail.
             let _ = write_frame(&mut text, at.0, &frame);
-            self.say(&text);
+            self.send(&text);
         }
     }
 
     fn answer(&mut self, request: Request, world: &mut World) {
         match (request, self.stage) {
-            (Request::Echo, _) => self.say("< echo >"),
-            (Request::Refuse(why), _) => self.say(&format!("< error {why} >")),
+            (Request::Echo, _) => self.send("< echo >"),
+            (Request::Refuse(why), _) => self.send(&format!("< error {why} >")),
             (Request::Open, Stage::Connected) => {
                 self.stage = Stage::Open;
-                self.say("< ok >");
+                self.send("< ok >");
             }
             (Request::Raw, Stage::Open) => {
                 world.set_listening(self.port, true);
                 self.stage = Stage::Raw(world.now() + QUIET);
-                self.say("< ok >");
+                self.send("< ok >");
             }
             (Request::SendForeign, Stage::Raw(_)) => {}
             (Request::Send(frame), Stage::Raw(_)) => world.send_from(self.port, frame),
             (Request::Raw | Request::Send(_) | Request::SendForeign, Stage::Connected) => {
-                self.say("< error open a bus first >");
+                self.send("< error open a bus first >");
             }
             (Request::Send(_) | Request::SendForeign, Stage::Open) => {
-                self.say("< error only rawmode is served >")
+                self.send("< error only rawmode is served >")
             }
             (Request::Open, Stage::Open | Stage::Raw(_)) | (Request::Raw, Stage::Raw(_)) => {
-                self.say("< error is already so >");
+                self.send("< error is already so >");
             }
         }
     }
 
-    fn say(&mut self, text: &str) {
+    fn send(&mut self, text: &str) {
         self.pipe.output.extend_from_slice(text.as_bytes());
     }
 }

@@ -181,11 +181,11 @@ impl ExternalPlant {
             steps: 0,
             time_s: 0.0,
         };
-        plant.say(&hello)?;
+        plant.send(&hello)?;
         Ok(plant)
     }
 
-    fn say(&mut self, line: &impl Serialize) -> Result<(), SimError> {
+    fn send(&mut self, line: &impl Serialize) -> Result<(), SimError> {
         let mut text = serde_json::to_vec(line).map_err(|error| self.fail(&error.to_string()))?;
         text.push(b'\n');
         self.send
@@ -193,7 +193,7 @@ impl ExternalPlant {
             .map_err(|error| self.fail(&format!("gone ({error})")))
     }
 
-    fn hear(&mut self) -> Result<Answer, SimError> {
+    fn receive(&mut self) -> Result<Answer, SimError> {
         let mut line = String::new();
         match self.receive.read_line(&mut line) {
             Ok(0) => return Err(self.fail("closed the connection")),
@@ -260,14 +260,14 @@ impl Plant for ExternalPlant {
         for (rates, turned) in rates.iter_mut().zip(turned) {
             *rates = turned.map(|angle| angle / dt);
         }
-        self.say(&Step {
+        self.send(&Step {
             t: self.time_s,
             dt,
             wheel_rate: &rates,
             wheel_torque: self.inertia.map(|_| &driven[..]),
         })?;
         (self.rates, self.driven) = (rates, driven);
-        let answer = self.hear()?;
+        let answer = self.receive()?;
         for (pose, [x, y, heading]) in self.poses.iter_mut().zip(answer.pose) {
             *pose = Pose::new(x, y, heading);
         }

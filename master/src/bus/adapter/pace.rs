@@ -83,7 +83,7 @@ impl Pacer {
                 lateness
                     .lock()
                     .unwrap_or_else(PoisonError::into_inner)
-                    .note(nanos);
+                    .record(nanos);
                 counter = counter % schedule.overflow + 1;
                 due = after(due, Instant::now(), period);
             }

@@ -34,7 +34,7 @@ struct State {
 }
 
 impl State {
-    fn take(&mut self, event: [u8; 8]) {
+    fn apply(&mut self, event: [u8; 8]) {
         let [_, _, _, _, low, high, kind, number] = event;
         let value = i16::from_le_bytes([low, high]);
         // Away and to the right are positive there.
@@ -68,7 +68,7 @@ impl Gamepad {
                 shared
                     .lock()
                     .unwrap_or_else(PoisonError::into_inner)
-                    .take(event);
+                    .apply(event);
             }
             // The pad has gone: let go.
             *shared.lock().unwrap_or_else(PoisonError::into_inner) = State::default();
@@ -101,15 +101,15 @@ mod tests {
             event(2, TURNING, 500),
             event(2, 7, 32_767),
         ] {
-            state.take(event);
+            state.apply(event);
         }
         assert!(!state.held);
         assert_eq!(state.stick.forward, 1.0);
         assert!((state.stick.left + 0.5).abs() < 1e-4);
         assert_eq!(state.stick.turn, 0.0, "within the dead zone");
-        state.take(event(1, SHOULDER, 1));
+        state.apply(event(1, SHOULDER, 1));
         assert!(state.held);
-        state.take(event(1, SHOULDER, 0));
+        state.apply(event(1, SHOULDER, 0));
         assert!(!state.held);
     }
 

@@ -227,7 +227,7 @@ fn show(
             next = now + TICK;
             while let Some(item) = stream.try_next() {
                 match item {
-                    Telemetry::Snapshot(snapshot) => view.take(snapshot),
+                    Telemetry::Snapshot(snapshot) => view.update(snapshot),
                     Telemetry::Event(event) => {
                         // Start and stop are shown by the phase.
                         if !matches!(event.what, EventKind::SessionState(_)) {

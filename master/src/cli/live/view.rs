@@ -68,7 +68,7 @@ impl View {
     }
 
     /// Takes a snapshot.
-    pub fn take(&mut self, now: Arc<Snapshot>) {
+    pub fn update(&mut self, now: Arc<Snapshot>) {
         self.pose = now.pose.or(self.pose);
         self.now = Some(now);
     }
@@ -340,7 +340,7 @@ mod tests {
 
     fn view(members: Vec<MemberSample>) -> View {
         let mut view = View::new("tcc-2 on socketcan:can0".into(), false);
-        view.take(Arc::new(Snapshot {
+        view.update(Arc::new(Snapshot {
             t: 12.34,
             phase: SessionState::Running,
             command: Twist::new(0.2, -0.1, 0.3),
@@ -423,7 +423,7 @@ mod tests {
         let mut now = Snapshot::clone(view.now.as_ref().unwrap());
         (now.phase, now.foreign_master) = (SessionState::Idle, true);
         now.members[0] = member(3, Code::None).aged(Some(0.05), Some(1.2));
-        view.take(Arc::new(now));
+        view.update(Arc::new(now));
         let text = screen(&view);
         assert!(
             text.starts_with(
@@ -438,7 +438,7 @@ mod tests {
     fn nothing_known_is_dashes_and_not_zeros() {
         let mut view = View::new("x".into(), true);
         assert!(screen(&view).contains("opening the bus"));
-        view.take(Arc::new(Snapshot {
+        view.update(Arc::new(Snapshot {
             members: vec![MemberSample {
                 node: 2,
                 ..MemberSample::default()

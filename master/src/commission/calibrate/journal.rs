@@ -215,7 +215,7 @@ impl<'a> Journal<'a> {
             .kept
             .pop_front_if(|line| line.number == number && line.name == name);
         let observed = if self.left_out.contains(&number) {
-            self.say(name, What::LeftOut);
+            self.emit(name, What::LeftOut);
             if kept.is_none_or(|line| line.observed.is_some()) {
                 self.changed = true;
                 self.keep(name, None)?;
@@ -224,14 +224,14 @@ impl<'a> Journal<'a> {
         } else if let Some(kept) = kept.and_then(|line| line.observed)
             && let Ok(observed) = serde_json::from_value(kept)
         {
-            self.say(name, What::Kept);
+            self.emit(name, What::Kept);
             Some(observed)
         } else {
             self.changed = true;
             let observed = self.drive(name, drive)?;
             let value = serde_json::to_value(&observed).map_err(|e| self.problem(&e))?;
             self.keep(name, Some(value.clone()))?;
-            self.say(name, What::Finished(value));
+            self.emit(name, What::Finished(value));
             Some(observed)
         };
         self.left.pop_front();
@@ -243,10 +243,10 @@ impl<'a> Journal<'a> {
         name: &str,
         drive: &mut dyn FnMut() -> Result<T, MasterError>,
     ) -> Result<T, MasterError> {
-        self.say(name, What::Begins);
+        self.emit(name, What::Begins);
         for _ in 1..TRIES {
             match drive() {
-                Err(error) if passes(&error) => self.say(name, What::Again(error.to_string())),
+                Err(error) if passes(&error) => self.emit(name, What::Again(error.to_string())),
                 done => return done,
             }
         }
@@ -279,7 +279,7 @@ impl<'a> Journal<'a> {
         }
     }
 
-    fn say(&mut self, name: &str, what: What) {
+    fn emit(&mut self, name: &str, what: What) {
         let step = Step {
             number: self.number,
             of: self.number - 1 + self.left.len().max(1),

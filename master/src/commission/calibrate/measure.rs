@@ -226,12 +226,12 @@ fn rest<L: Link>(
         // The row of this SYNC is being filled still; the one before is complete.
         if let Some(row) = rows.len().checked_sub(2).and_then(|n| rows.get(n)) {
             for (mean, subject) in believed.iter_mut().zip(subjects) {
-                mean.take(subject.believed(&row.members));
+                mean.add(subject.believed(&row.members));
             }
         }
         if let Witness::Poses(poses) = witness {
             for (mean, pose) in measured.iter_mut().zip(poses(group.link())?) {
-                mean.take(Some(pose));
+                mean.add(Some(pose));
             }
         }
     }
@@ -253,7 +253,7 @@ struct Mean {
 }
 
 impl Mean {
-    fn take(&mut self, pose: Option<[f64; 3]>) {
+    fn add(&mut self, pose: Option<[f64; 3]>) {
         let Some(pose) = pose else { return };
         let first = *self.first.get_or_insert(pose);
         let turn = (pose[2] - first[2] + PI).rem_euclid(TAU) - PI;
@@ -287,8 +287,8 @@ mod tests {
     #[test]
     fn a_mean_across_half_a_turn_stays_there() {
         let mut mean = Mean::default();
-        mean.take(Some([0.0, 0.0, PI - 0.01]));
-        mean.take(Some([0.002, 0.0, 0.01 - PI]));
+        mean.add(Some([0.0, 0.0, PI - 0.01]));
+        mean.add(Some([0.002, 0.0, 0.01 - PI]));
         let [x, _, heading] = mean.get().unwrap();
         assert!((x - 0.001).abs() < 1e-12 && (heading - PI).abs() < 1e-12);
     }

@@ -186,7 +186,7 @@ fn run(
             }
             // Where time waits, nobody is late.
             if limit.is_none() {
-                behind.note(passed - due);
+                behind.record(passed - due);
             }
             if passed - due > LAG {
                 began += passed - due;
@@ -208,7 +208,7 @@ struct Behind {
 }
 
 impl Behind {
-    fn note(&mut self, lag: Duration) {
+    fn record(&mut self, lag: Duration) {
         if lag < LATE {
             return;
         }

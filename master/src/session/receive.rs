@@ -14,9 +14,9 @@ use crate::monitor::telemetry::{EventKind, SessionState};
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.
-    pub(crate) fn hear(&mut self, at: Micros, frame: &Frame) {
+    pub(crate) fn receive_frame(&mut self, at: Micros, frame: &Frame) {
         let (id, data) = (frame.id(), frame.data());
-        self.note_foreign(at, frame);
+        self.watch_for_masters(at, frame);
         if let Some((node, state)) = client::parse_heartbeat(frame) {
             let node = node.get();
             if node == protocol::MASTER {
@@ -27,7 +27,7 @@ impl<L: Link> Group<L> {
                     member.heard_at = Some(at);
                     let changed = member.nmt.replace(state) != Some(state);
                     if changed {
-                        self.tell(Some(node), EventKind::Nmt(state));
+                        self.publish(Some(node), EventKind::Nmt(state));
                     }
                 }
                 None => {
@@ -36,7 +36,7 @@ impl<L: Link> Group<L> {
             }
         } else if id == cob::SYNC {
             if !self.wire.is_master() {
-                self.hear_sync(at);
+                self.on_foreign_sync(at);
             }
         } else if id == cob::GROUP_TWIST {
             if let Ok(setpoint) = GroupTwist::try_from(data)
@@ -45,13 +45,13 @@ impl<L: Link> Group<L> {
                 (self.twist, self.sequence) = (setpoint.twist, setpoint.sequence);
             }
         } else {
-            self.hear_member(at, id, data);
+            self.on_report(at, id, data);
         }
     }
 
     /// Remembers signs of another master. An adapter may return what this program has sent, so
     /// while it commands only what it cannot have sent counts as displacing it.
-    fn note_foreign(&mut self, at: Micros, frame: &Frame) {
+    fn watch_for_masters(&mut self, at: Micros, frame: &Frame) {
         let Some(sign) = Sign::of(frame) else { return };
         if sign != Sign::Nmt {
             self.foreign = Some((at, sign));
@@ -74,7 +74,7 @@ impl<L: Link> Group<L> {
     }
 
     /// Another master's SYNC: the row before it is complete.
-    fn hear_sync(&mut self, at: Micros) {
+    fn on_foreign_sync(&mut self, at: Micros) {
         self.close_row();
         let t = self.wire.seconds(at);
         let (sequence, twist) = (self.sequence, self.twist);
@@ -84,7 +84,7 @@ impl<L: Link> Group<L> {
         }
     }
 
-    fn hear_member(&mut self, at: Micros, id: u16, data: &[u8]) {
+    fn on_report(&mut self, at: Micros, id: u16, data: &[u8]) {
         let Some((node, report)) = RobotReport::decode(id, data) else {
             return;
         };
@@ -129,7 +129,7 @@ impl<L: Link> Group<L> {
         }
         let from = Some(node);
         for event in events.into_iter().flatten() {
-            self.tell(from, event);
+            self.publish(from, event);
         }
     }
 }
