@@ -406,7 +406,10 @@ mod tests {
         }
         assert!(!arbiter.is_taken() && !arbiter.is_wanted(0));
         let mut closed = Arbiter::new(&LIMITS, false);
-        is_refused(closed.handle(0, 1, true, &ClientMessage::Take {}), "watches");
+        is_refused(
+            closed.handle(0, 1, true, &ClientMessage::Take {}),
+            "watches",
+        );
     }
 
     #[test]
