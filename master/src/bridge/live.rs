@@ -47,7 +47,7 @@ pub fn serve(address: SocketAddr, hub: &Hub, group: &GroupFile) -> io::Result<So
                 live.on_frame(&frame, &group);
             }
         }
-        let _ = server.stop().wait_blocking();
+        server.stop().wait_blocking();
     });
     Ok(address)
 }
