@@ -1,10 +1,10 @@
 //! A file against the declaration: keys nobody knows, values of the wrong kind, what is missing,
 //! and numbers that a robot would refuse.
 //!
-//! [`prune`] reports every such thing and takes it out of the tree, so that what is left can be
-//! read and the other rules see it too: one run says everything. [`outside_limits`] then goes
-//! through the numbers. Both know places in the text; what they do not know are rules that involve
-//! more than one key.
+//! [`Checker::prune`] reports every such thing and takes it out of the tree, so that what is left
+//! can be read and the other rules see it too: one run says everything. [`Checker::outside_limits`]
+//! then goes through the numbers. Both know places in the text; what they do not know are rules
+//! that involve more than one key.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};

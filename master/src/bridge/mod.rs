@@ -1,10 +1,10 @@
 //! `omnibus bridge`: other programs drive the group and see it, by lines of JSON.
 //!
-//! A [`Bridge`] stands between a [`Pilot`](crate::pilot::Pilot) and any number of clients, each a
+//! A [`Bridge`] stands between a [`Pilot`] and any number of clients, each a
 //! pair of a reader and a writer: standard input and output, a TCP connection, a Unix socket. Each
 //! client gets the telemetry from a queue of its own, so a slow one loses its oldest lines and
 //! holds nobody up. Who may drive is decided by the same
-//! [`Arbiter`](crate::serve::arbiter::Arbiter) as for the page. `docs/bridge.md` has the messages;
+//! [`Arbiter`] as for the page. `docs/bridge.md` has the messages;
 //! [`message`] reads and writes them.
 //!
 //! A velocity is good for the time that its message names. After that the group is commanded to
