@@ -7,9 +7,9 @@ use super::code::{Code, GPIOA, GPIOB, NVIC_ISER0, RAM, RCC_AHB1ENR, RCC_APB1ENR,
 #[test]
 fn an_unmodelled_register_stops_with_its_name() {
     let mut code = Code::default();
-    code.store(RCC_APB1ENR, 1 << 17);
+    code.store(RCC_APB1ENR, 1 << 18);
     let at = code.here();
-    code.read(0x4000_4400);
+    code.read(0x4000_4800);
     code.branch_to_itself();
     let stop = code
         .board(0, BoardConfig::default())
@@ -18,8 +18,8 @@ fn an_unmodelled_register_stops_with_its_name() {
     assert_eq!(
         stop.kind,
         StopKind::Unmodelled {
-            what: "USART2_+0x0".to_owned(),
-            address: 0x4000_4400,
+            what: "USART3_+0x0".to_owned(),
+            address: 0x4000_4800,
             written: None
         }
     );
