@@ -60,8 +60,8 @@ wait_for ' 703#00$' can.log
 say "omnibus scan"
 "$omnibus" scan --bus socketcan:vcan0 --group "$group" >scan.out
 cat scan.out
-grep -q ' 2 .* PreOperational ' scan.out
-grep -q ' 3 .* PreOperational ' scan.out
+grep -q ' 2 .* PRE-OP ' scan.out
+grep -q ' 3 .* PRE-OP ' scan.out
 
 say "omnibus drive"
 "$omnibus" drive --bus socketcan:vcan0 --group "$group" --vx 0.2 --for 1
@@ -91,8 +91,8 @@ wait $adapter || true
 # The same terminal, opened by the master itself.
 say "omnibus scan on the pseudo terminal"
 "$omnibus" scan --bus slcan:/dev/omnibus-can --group "$group" >scan.out
-grep ' 2 .* PreOperational ' scan.out
-grep ' 3 .* PreOperational ' scan.out
+grep ' 2 .* PRE-OP ' scan.out
+grep ' 3 .* PRE-OP ' scan.out
 
 say "the same frames on both sides"
 # What is on its way to the logger arrives.

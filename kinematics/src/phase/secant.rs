@@ -18,9 +18,11 @@ use crate::roller::Rollers;
 /// ```
 /// use mecanum_kinematics::{RollerAngle, Rollers, Secant};
 ///
-/// let eight = Rollers::<f32>::new(8)?; let secant = Secant::new(Some(&eight)); // At the roller
-/// transition, 22.5 degrees. assert!((secant.at(RollerAngle::from_bits(i32::MIN)) -
-/// 1.0823922).abs() < 1e-6); // Of infinitely many rollers none ever leans.
+/// let eight = Rollers::<f32>::new(8)?;
+/// let secant = Secant::new(Some(&eight));
+/// // At the roller transition, 22.5 degrees.
+/// assert!((secant.at(RollerAngle::from_bits(i32::MIN)) - 1.0823922).abs() < 1e-6);
+/// // Of infinitely many rollers none ever leans.
 /// assert_eq!(Secant::<f32>::new(None).at(RollerAngle::from_bits(i32::MIN)), 1.0);
 /// # Ok::<(), mecanum_kinematics::GeometryError>(())
 /// ```
