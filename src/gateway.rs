@@ -54,8 +54,16 @@ impl Gateway {
     }
 
     /// Takes in what has come over the cable, up to a frame that has to wait for the bus.
-    #[inline(never)]
     pub fn receive(&mut self, can: &mut Can) {
+        let news = self.serial.as_ref().is_some_and(Serial::has_news);
+        // A robot that is no gateway pays for the questions only.
+        if news || self.channel.is_open() || can.has_one_of_the_cable() {
+            self.process(can);
+        }
+    }
+
+    #[inline(never)]
+    fn process(&mut self, can: &mut Can) {
         if self.channel.is_open() || can.has_one_of_the_cable() {
             can.look_after();
         }

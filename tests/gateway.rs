@@ -280,6 +280,36 @@ fn commands_are_answered_as_adapters_do() {
     assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
 }
 
+/// A command is answered when the line is idle behind it, whatever the control tick is doing, and
+/// costs one interrupt: 10 us of an idle line, at most a tick and a turn of the bus task in
+/// progress, and the answer's own 10 us.
+#[test]
+fn a_command_is_answered_at_once() {
+    const SOON_NS: u64 = 60_000;
+    let mut desk = Desk::new(Bus::Nobody);
+    // Every phase of the tick.
+    for _ in 0..50 {
+        desk.board.serial().send(b"\r", BAUD);
+        let came = desk.now() + 10_000;
+        let (begin, slept) = desk.board.cycles();
+        let until = came + 500_000;
+        desk.board.run_until(until).unwrap();
+        let sent = desk.board.serial().take_sent();
+        let [(at, b'\r')] = sent[..] else {
+            panic!("{sent:?}")
+        };
+        assert!(at < came + SOON_NS, "{} us", (at - came) / 1_000);
+        let (end, slept_then) = desk.board.cycles();
+        let busy = (end - begin) - (slept_then - slept);
+        assert!(busy < BUSY_CYCLES, "{busy} cycles for one command");
+        desk.run(520_000);
+    }
+}
+
+/// What half a millisecond with one command may cost: a control tick, two turns of the bus task,
+/// and the interrupts of the port.
+const BUSY_CYCLES: u64 = 12_000;
+
 /// `L`: everything is heard, nothing goes out and nothing reaches the robot.
 #[test]
 fn a_channel_that_listens_sends_nothing() {

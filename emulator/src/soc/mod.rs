@@ -250,7 +250,12 @@ impl Soc {
                 .map_err(|error| error.0),
             Unit::Gpio(port) => self.gpio[port as usize].read(offset).ok_or(""),
             Unit::Can1 => self.can.read(now, offset).ok_or(""),
-            Unit::Usart2 => self.usart2.read(offset).ok_or(""),
+            Unit::Usart2 => {
+                let word = self.usart2.read(offset).ok_or("")?;
+                // Reading the data register clears flags, and with them a request.
+                self.settle();
+                Ok(word)
+            }
             Unit::Dma1 => self.dma1.read(offset).ok_or(""),
             Unit::Rcc => {
                 self.apply_clocks();

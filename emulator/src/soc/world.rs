@@ -226,6 +226,7 @@ mod tests {
     use super::*;
     use crate::ram::Ram;
     use crate::system::flash;
+    use crate::system::map::irq;
 
     #[test]
     fn encoder_pins_reach_the_counter_through_the_filter() {
@@ -261,5 +262,36 @@ mod tests {
         let turned = |(_, change): &(u64, Change)| matches!(change, Change::Encoder { .. });
         let changes: Vec<_> = changes.into_iter().filter(turned).collect();
         assert_eq!(changes, [(208, Change::Encoder { timer: 3, count: 1 })]);
+    }
+
+    /// 25.6.1: a read of SR and one of DR clear IDLE, and with it the request of an interrupt,
+    /// without any write or event that would let the lines be looked at.
+    #[test]
+    fn reading_the_data_register_ends_its_request() {
+        let store = Arc::new(RamStore::new(flash::SIZE));
+        let mut soc = Soc::new(store, Arc::new(Ram::new()), 0.0, 8_000_000, 32_000);
+        soc.system_reset(0);
+        for (address, value) in [
+            (0x4002_3830, 1),       // GPIOA
+            (0x4002_3840, 1 << 17), // USART2
+            (0x4002_0000, 0xA8 << 24 | 2 << 6),
+            (0x4002_0020, 7 << 12), // PA3 is USART2's RX
+            (0x4000_4408, 0x10),
+            (0x4000_440C, 0x2034), // UE, RXNEIE, IDLEIE, RE
+        ] {
+            soc.write(address, 4, value);
+        }
+        let asks = |soc: &Soc| soc.irq[1] >> (irq::USART2 - 32) & 1 != 0;
+        soc.serial_arrive(b"x", 1e6, true);
+        for _ in 0..2 {
+            assert!(!asks(&soc));
+            soc.now = soc.next_event;
+            soc.dispatch();
+            assert!(asks(&soc));
+            soc.read(0x4000_4400, 4);
+            assert!(asks(&soc), "reading SR alone clears nothing");
+            soc.read(0x4000_4404, 4);
+        }
+        assert!(!asks(&soc));
     }
 }

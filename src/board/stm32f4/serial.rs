@@ -53,6 +53,8 @@ static INCOMING: [AtomicU8; IN as usize] = [const { AtomicU8::new(0) }; IN as us
 static OUTGOING: [AtomicU8; OUT as usize] = [const { AtomicU8::new(0) }; OUT as usize];
 /// Halves of the first ring that have been filled since the start.
 static HALVES: AtomicU32 = AtomicU32::new(0);
+/// An interrupt has told of bytes, or of damage, since the last look.
+static NEWS: AtomicBool = AtomicBool::new(false);
 /// Something of what came was wrong.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
 /// Bytes that have ever been written into the second ring, that have left it, and that the stream
@@ -143,6 +145,12 @@ impl Serial {
         Some(Self { read: 0 })
     }
 
+    /// Whether bytes, or damage, may have come since the last call: every byte is followed by an
+    /// idle line or by more bytes, and both have an interrupt.
+    pub fn has_news(&self) -> bool {
+        NEWS.load(Ordering::Relaxed) && NEWS.swap(false, Ordering::Relaxed)
+    }
+
     /// What has come.
     pub fn arrived(&mut self) -> Arrived {
         let until = received();
@@ -159,6 +167,7 @@ impl Serial {
     pub fn neglected(&mut self) {
         if received() != self.read {
             DAMAGED.store(true, Ordering::Relaxed);
+            NEWS.store(true, Ordering::Relaxed);
         }
     }
 
@@ -266,6 +275,7 @@ impl Handler<typelevel::USART2> for PortHandler {
         if status.fe() || status.ne() || status.ore() {
             DAMAGED.store(true, Ordering::Relaxed);
         }
+        NEWS.store(true, Ordering::Relaxed);
         wake::BUS.signal();
     }
 }
@@ -277,6 +287,7 @@ impl Handler<typelevel::DMA1_STREAM5> for InHandler {
     unsafe fn on_interrupt() {
         clear(RECEIVE);
         HALVES.fetch_add(1, Ordering::Relaxed);
+        NEWS.store(true, Ordering::Relaxed);
         wake::BUS.signal();
     }
 }
