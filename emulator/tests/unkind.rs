@@ -6,8 +6,8 @@
 mod common;
 
 use common::{board, board_with, firmware, frames, nmt, register, run};
-use emulator::system::flash::{OPTIONS_FROM_FACTORY, OPTIONS_ON_A_ROBOT};
-use emulator::{BoardConfig, CanFrame, Firmware, PinLevel, Port, ResetCause};
+use emulator::system::flash::{OPTIONS_ERASED, OPTIONS_FROM_FACTORY, OPTIONS_ON_A_ROBOT};
+use emulator::{BoardConfig, CanFrame, Firmware, FlashOperations, PinLevel, Port, ResetCause};
 
 const START: u8 = 1;
 const STOP: u8 = 2;
@@ -212,7 +212,41 @@ fn a_chip_from_the_factory_gets_its_brown_out_reset_once() {
     assert!(booted(&heard).is_some());
     assert_eq!(board.resets(), 0);
     assert_eq!(board.option_bytes(), OPTIONS_ON_A_ROBOT);
-    assert_eq!(board.flash_operations().erases, 0);
+    let once = FlashOperations {
+        options: 1,
+        ..FlashOperations::default()
+    };
+    assert_eq!(board.flash_operations(), once);
+}
+
+/// Power that fails while the option bytes are written leaves a read-protected chip without a
+/// brown-out reset. The robot still starts and programs the reset, but never the protection:
+/// changing that would erase the program.
+#[test]
+fn power_that_fails_while_the_brown_out_reset_is_programmed_leaves_a_robot() {
+    const PROTECTION: u32 = 0xFF00;
+    const BROWN_OUT: u32 = 0xC;
+    let config = BoardConfig {
+        option_bytes: OPTIONS_FROM_FACTORY,
+        ..BoardConfig::default()
+    };
+    let mut board = board_with(&firmware(), config);
+    board.cut_power_at_flash_operation(1);
+    assert!(board.run_until(1_000 * MS).is_err(), "the power fails");
+    assert_eq!(board.option_bytes(), OPTIONS_ERASED);
+
+    let config = BoardConfig {
+        option_bytes: board.option_bytes(),
+        ..BoardConfig::default()
+    };
+    let program = board.flash();
+    let mut board = board_with(&firmware(), config);
+    let heard = frames(&mut board, 1_000 * MS);
+    assert!(booted(&heard).is_some());
+    assert_eq!(board.resets(), 0);
+    assert_eq!(board.option_bytes() & BROWN_OUT, 0);
+    assert_eq!(board.option_bytes() & PROTECTION, PROTECTION);
+    assert_eq!(board.flash()[..0x4000], program[..0x4000]);
 }
 
 /// Pins of the encoders' channels A and B, and their counters.

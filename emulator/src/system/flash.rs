@@ -8,8 +8,9 @@
 //!
 //! Operations are counted from power-on, and the power can be made to fail in the middle of any of
 //! them: an erase then ends as with a reset, and a program operation has written the lower half of
-//! its bytes. The model has no cells between 0 and 1, which would read differently from time to
-//! time.
+//! its bytes. Option bytes are left erased, which is the worst that can happen to them: read
+//! protection at level 1, no brown-out reset. The model has no cells between 0 and 1, which would
+//! read differently from time to time.
 
 use std::sync::Arc;
 
@@ -50,6 +51,10 @@ const OPTSTRT: u32 = 1 << 1;
 pub const OPTIONS_FROM_FACTORY: u32 = 0x0FFF_AAEC;
 /// The same after a robot's first start: brown-out reset at level 3.
 pub const OPTIONS_ON_A_ROBOT: u32 = 0x0FFF_AAE0;
+/// Erased option bytes: no write protection, brown-out reset off, read protection at level 1.
+pub const OPTIONS_ERASED: u32 = 0x0FFF_FFEC;
+/// The value of RDP, bits 8 to 15, for no read protection (3.6.3).
+const UNPROTECTED: u32 = 0xAA;
 const CR_PG: u32 = 1;
 const CR_SER: u32 = 1 << 1;
 const CR_MER: u32 = 1 << 2;
@@ -94,6 +99,8 @@ pub struct FlashOperations {
     pub programs: u64,
     /// Sectors erased; a mass erase counts as one.
     pub erases: u64,
+    /// Times the option bytes were programmed.
+    pub options: u64,
 }
 
 /// What has been done, and when the power fails.
@@ -107,7 +114,12 @@ struct Operations {
 impl Operations {
     /// Whether the power fails in the operation that has just been counted.
     fn fails(&mut self) -> bool {
-        let fails = self.cut_at == Some(self.done.programs + self.done.erases);
+        let FlashOperations {
+            programs,
+            erases,
+            options,
+        } = self.done;
+        let fails = self.cut_at == Some(programs + erases + options);
         self.cut |= fails;
         fails
     }
@@ -202,6 +214,11 @@ impl Flash {
                 let _ = self.array.fill(erase.start, erase.length, 0xFF);
             }
             if let Some(options) = self.option_write.take() {
+                let level_0 = |options: u32| options >> 8 & 0xFF == UNPROTECTED;
+                if level_0(options) && !level_0(self.options) {
+                    // 3.6.3: giving up the protection erases the whole flash.
+                    let _ = self.array.fill(0, SIZE, 0xFF);
+                }
                 self.options = options;
                 self.optcr &= !OPTSTRT;
             }
@@ -326,17 +343,23 @@ impl Flash {
 
     /// 3.6.2: what is written is programmed when OPTSTRT is set. A reset before the end of it is
     /// taken to leave what was there, which is the kind one of the outcomes that real option bytes
-    /// have.
+    /// have; a loss of power the unkind one.
     fn write_optcr(&mut self, now_ps: u64, value: u32) {
         if self.optcr & OPTLOCK != 0 || self.sr & SR_BSY != 0 {
             return;
         }
         self.optcr = value & 0x0FFF_FFEF;
-        if value & OPTSTRT != 0 {
-            self.option_write = Some(value & 0x0FFF_FFEC);
-            self.sr |= SR_BSY;
-            self.busy_until = now_ps + OPTIONS_MS * MS;
+        if value & OPTSTRT == 0 {
+            return;
         }
+        self.operations.done.options += 1;
+        if self.operations.fails() {
+            self.options = OPTIONS_ERASED;
+            return;
+        }
+        self.option_write = Some(value & 0x0FFF_FFEC);
+        self.sr |= SR_BSY;
+        self.busy_until = now_ps + OPTIONS_MS * MS;
     }
 
     fn write_cr(&mut self, now_ps: u64, value: u32) {
@@ -463,6 +486,33 @@ mod tests {
         assert_eq!(flash.brown_out().0, 2.83);
     }
 
+    /// Programs these option bytes and waits for the end.
+    fn program_options(flash: &mut Flash, options: u32) {
+        flash.write(0, 8, 0x0819_2A3B).unwrap();
+        flash.write(0, 8, 0x4C5D_6E7F).unwrap();
+        flash.write(0, 0x14, options).unwrap();
+        flash.write(0, 0x14, options | OPTSTRT).unwrap();
+        if let Some(done) = flash.busy_until() {
+            flash.sync(done);
+        }
+    }
+
+    #[test]
+    fn power_that_fails_leaves_erased_option_bytes_and_giving_up_protection_erases_the_flash() {
+        let (mut flash, array) = flash();
+        flash.set_options(OPTIONS_FROM_FACTORY);
+        flash.cut_power_at(1);
+        program_options(&mut flash, OPTIONS_ON_A_ROBOT);
+        assert!(flash.power_is_cut());
+        assert_eq!(flash.options(), OPTIONS_ERASED);
+        assert_eq!(flash.brown_out().0, 1.68);
+        // Another level of the brown-out reset, and the protection as it is.
+        program_options(&mut flash, OPTIONS_ERASED & !0xC);
+        assert_eq!((flash.brown_out().0, byte(&array, 0)), (2.83, 0));
+        program_options(&mut flash, OPTIONS_ON_A_ROBOT);
+        assert_eq!(byte(&array, 0), 0xFF);
+    }
+
     #[test]
     fn erases_one_sector_in_its_time() {
         let (mut flash, array) = flash();
@@ -526,6 +576,7 @@ mod tests {
         let once = FlashOperations {
             programs: 1,
             erases: 1,
+            options: 0,
         };
         assert_eq!(flash.operations(), once);
     }
