@@ -5,6 +5,7 @@
 
 mod common;
 
+use canopen::Frame;
 use common::{Drive, quick_drive};
 use kinematics::{MemberKinematics, Mount};
 use omnibus::commission::motors;
@@ -13,6 +14,8 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::address::{self, history};
 use protocol::{Fault, Kind, Value, cob};
+use sim::bus::disturb::Share;
+use sim::bus::errors::ErrorState;
 use sim::robot::{Robot, emulated::EmulatedRobot};
 use sim::{Backend, Options, World};
 
@@ -251,6 +254,106 @@ fn the_motors_current_is_measured_and_a_sensor_that_fails_cuts() {
     }
 }
 
+/// Three sensors, a motor or two each, are added up, each from its own pin.
+#[test]
+fn the_currents_of_all_sensors_are_added() {
+    const SCALE: f32 = 160.0;
+    const OFFSET: f32 = 0.5;
+    /// Channels of PA7, PC4 and PC5, and the voltages there.
+    const PINS: [(usize, f64); 3] = [(7, 0.6), (14, 0.7), (15, 0.9)];
+    for (inputs, amperes) in [(1, 0.1 * SCALE), (2, 0.3 * SCALE), (3, 0.7 * SCALE)] {
+        let group = common::group("single");
+        let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+        let mut link = SimLink::new(world, "test");
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        for (at, value) in [
+            (address::CURRENT_SCALE, Value::F32(SCALE)),
+            (address::CURRENT_OFFSET, Value::F32(OFFSET)),
+            (address::CURRENT_INPUTS, Value::U8(inputs)),
+        ] {
+            session.wire().write(2, at, value).unwrap();
+        }
+        for (channel, volts) in PINS {
+            let board = session.link().world.board(2).unwrap();
+            board.set_analog(channel, volts);
+        }
+        session.start().unwrap();
+        let value = session.wire().read(2, address::CURRENT, Kind::F32).unwrap();
+        let Value::F32(sum) = value else {
+            panic!("{value:?}")
+        };
+        // A step of the converter is 0.13 A at each.
+        let rounding = 0.13 * f32::from(inputs);
+        assert!((sum - amperes).abs() <= rounding, "{inputs}: {sum} A");
+    }
+}
+
+/// Flashes of the LED of a robot (PA5) over so many milliseconds: for how long it is on and then
+/// off, in tens of milliseconds. What has begun before and what has not ended is left out.
+fn flashes(world: &mut World, node: u8, millis: u64) -> Vec<(u32, u32)> {
+    let mut spells: Vec<(bool, u32)> = Vec::new();
+    for _ in 0..millis / 10 {
+        world
+            .run_until(canopen::Micros(world.now().0 + 10_000))
+            .unwrap();
+        let board = world.board(node).unwrap();
+        let is_on = board.output(emulator::Port::A, 5) == emulator::PinLevel::High;
+        match spells.last_mut() {
+            Some((was_on, length)) if *was_on == is_on => *length += 1,
+            _ => spells.push((is_on, 1)),
+        }
+    }
+    let begin = spells.iter().skip(1).position(|(is_on, _)| *is_on);
+    let whole = &spells[begin.map_or(spells.len(), |at| at + 1)..spells.len() - 1];
+    let pairs = whole.chunks_exact(2);
+    pairs.map(|pair| (pair[0].1, pair[1].1)).collect()
+}
+
+/// The LED tells a robot's own fault from one that follows from another robot's
+/// (docs/bring-up.md): three flashes, or a second on; two are an emergency stop.
+#[test]
+fn the_led_tells_the_cause_from_what_follows() {
+    const FLASH: (u32, u32) = (20, 20);
+    const LAST: (u32, u32) = (20, 100);
+    const LONG: (u32, u32) = (100, 20);
+    for (is_stop, own) in [(false, &[FLASH, FLASH, LAST][..]), (true, &[FLASH, LAST])] {
+        let group = common::group("tcc-2");
+        let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+        let mut link = SimLink::new(world, "test");
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        session.start().unwrap();
+        for _ in 0..200 {
+            session
+                .cycle(kinematics::Twist::new(0.1, 0.0, 0.0))
+                .unwrap();
+        }
+        let world = &mut session.link().world;
+        if is_stop {
+            world.set_emergency_stop(1, true);
+        } else {
+            world.set_driver_fault(1, true);
+        }
+        // The ramp, and the pattern that was under way.
+        let soon = canopen::Micros(world.now().0 + 3_000_000);
+        world.run_until(soon).unwrap();
+        let near = |found: &[(u32, u32)], wanted: &[(u32, u32)]| {
+            let each = found.iter().zip(wanted.iter().cycle());
+            found.len() >= wanted.len()
+                && each
+                    .clone()
+                    .all(|(a, b)| a.0.abs_diff(b.0) <= 1 && a.1.abs_diff(b.1) <= 1)
+        };
+        let found = flashes(world, group.robots[0].node, 5_000);
+        assert!(near(&found, &[LONG]), "follows: {found:?}");
+        let found = flashes(world, group.robots[1].node, 6_000);
+        let begin = found.iter().position(|flash| flash.1.abs_diff(LAST.1) <= 1);
+        let after = begin.map_or(&[][..], |at| &found[at + 1..]);
+        assert!(near(after, own), "its own: {found:?}");
+    }
+}
+
 /// The converter's reference is the chip's supply, and a regulator's is 3.3 V within some per cent.
 /// The chip measures it by its VREFINT. Rounding: one step of 1501 in the calibration and in the
 /// reading of VREFINT, one of 2500 in the supply's own: 0.18 %.
@@ -323,6 +426,56 @@ fn the_bridges_switch_at_the_frequency_asked_for() {
     for (one, other) in others.iter().flat_map(|run| first.iter().zip(run)) {
         assert!((one - other).abs() < 0.01 * one.abs(), "{duties:?}");
     }
+}
+
+/// A spell of error passive that begins and ends while the bus task is at work on something else,
+/// here on the configuration at an NMT start, is announced as well.
+#[test]
+fn a_spell_of_error_passive_during_an_nmt_start_is_announced() {
+    let group = common::group("single");
+    let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+    let mut link = SimLink::new(world, "test");
+    let mut session = Group::connect(&mut link, &group).unwrap();
+    session.configure(true).unwrap();
+    let world = &mut session.link().world;
+    while world.take_received(sim::MASTER).is_some() {}
+    // What it answers gets no acknowledge, until the next failure makes it error passive.
+    let answers = Share {
+        of: 1.0,
+        id: Some(cob::sdo_response(2)),
+    };
+    world.set_lost_acknowledge(answers);
+    let serial = [0x40, 0x01, 0x20, 1, 0, 0, 0, 0];
+    world.send(Frame::of(cob::sdo_request(2), serial));
+    let mut until = |done: &dyn Fn(ErrorState, u32) -> bool, start: bool| {
+        let begin = world.now().0;
+        while !done(world.robot_errors(0).0, world.robot_errors(0).1.transmit) {
+            let now = world.now().0;
+            assert!(now < begin + 20_000, "{now} us");
+            world.run_until(canopen::Micros(now + 5)).unwrap();
+        }
+        if start {
+            world.send(Frame::of(cob::NMT, [1, 0]));
+        }
+        world.now().0
+    };
+    until(&|_, transmit| transmit >= 120, true);
+    let from = until(&|state, _| state == ErrorState::Passive, false);
+    session.link().world.set_lost_acknowledge(Share::NONE);
+    let world = &mut session.link().world;
+    while world.robot_errors(0).0 == ErrorState::Passive {
+        let now = world.now().0;
+        world.run_until(canopen::Micros(now + 5)).unwrap();
+    }
+    let spell_us = world.now().0 - from;
+    assert!(spell_us < 200, "{spell_us} us");
+    let soon = canopen::Micros(world.now().0 + 20_000);
+    world.run_until(soon).unwrap();
+    let told: Vec<u16> = std::iter::from_fn(|| world.take_received(sim::MASTER))
+        .filter(|(_, frame)| frame.id() == cob::emergency(2))
+        .map(|(_, frame)| u16::from_le_bytes([frame.data()[0], frame.data()[1]]))
+        .collect();
+    assert!(told.contains(&canopen::Emergency::CAN_PASSIVE), "{told:X?}");
 }
 
 /// The release image finds the constants of the simulated motors, and gains that drive them.

@@ -375,6 +375,23 @@ fn members_that_disagree_report_strain_then_stop() {
     assert_eq!(faulted(&world), Some(Fault::StrainExcess));
 }
 
+/// Strain stops a group that was told nothing about it: 0.3 m/s by default, and so does slip.
+#[test]
+fn strain_and_slip_are_faults_by_default() {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    for object in [at::STRAIN_FAULT, at::SLIP_FAULT] {
+        let value = f32::from_bits(world.read(2, object).unwrap());
+        assert!(value > 0.0, "{object:?}");
+    }
+    world.start();
+    world.run(30);
+    world.drive(FORWARD, 1000);
+    slipping(&mut world, 0.6 - 0.35, 400);
+    world.run(1200);
+    assert_eq!(faulted(&world), Some(Fault::StrainExcess));
+}
+
 /// What a wheel does to the load is announced after what is wrong with the wheel.
 #[test]
 fn a_longer_wheel_fault_time_makes_strain_wait() {
