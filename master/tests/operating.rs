@@ -9,9 +9,9 @@ mod common;
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
-use common::root;
+use common::{Served, programs, root};
 
 /// A line of the page.
 struct Line {
@@ -49,18 +49,6 @@ fn lines(page: &str) -> Vec<Line> {
     out
 }
 
-/// The programs' folder: this test builds the simulator, which is another package's.
-fn programs() -> PathBuf {
-    let omnibus = Path::new(env!("CARGO_BIN_EXE_omnibus"));
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--package", "omnibus-sim", "--bin", "omnibus-sim"])
-        .current_dir(root())
-        .status()
-        .unwrap();
-    assert!(built.success());
-    omnibus.parent().unwrap().to_owned()
-}
-
 /// A folder with what the page's commands find in the repository.
 fn folder() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("operating");
@@ -75,16 +63,6 @@ fn folder() -> PathBuf {
         }
     }
     folder
-}
-
-/// The simulator, which ends with the test.
-struct Served(Child);
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 #[test]

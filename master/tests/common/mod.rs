@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "every test uses its part")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 
 /// The root of the repository.
 pub fn root() -> PathBuf {
@@ -55,4 +55,26 @@ pub fn check(name: &str, found: &str) {
         wanted.lines().count(),
         "{name}: number of lines\n{found}"
     );
+}
+
+/// The programs' folder: builds the simulator, which is another package's.
+pub fn programs() -> PathBuf {
+    let omnibus = Path::new(env!("CARGO_BIN_EXE_omnibus"));
+    let built = Command::new(env!("CARGO"))
+        .args(["build", "--package", "omnibus-sim", "--bin", "omnibus-sim"])
+        .current_dir(root())
+        .status()
+        .unwrap();
+    assert!(built.success());
+    omnibus.parent().unwrap().to_owned()
+}
+
+/// The simulator, which ends with the test.
+pub struct Served(pub Child);
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
