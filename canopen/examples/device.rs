@@ -29,10 +29,10 @@ fn main() -> std::io::Result<()> {
     config.node = NodeId::new(5);
     let mut device = Device::new(config);
     loop {
+        device.poll(bus.now(), &mut lamp);
         if let Some(frame) = bus.receive() {
             device.on_frame(bus.now(), &frame, &mut lamp);
         }
-        device.poll(bus.now(), &mut lamp);
         while let Some(frame) = device.pop_frame() {
             bus.send(&frame);
         }

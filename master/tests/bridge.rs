@@ -11,6 +11,9 @@ use serde_json::{Value, json};
 
 const BUS: &str = "sim:groups/tcc-2.toml";
 
+/// No test's group is driven for longer, in s.
+const LONGEST: f64 = 30.0;
+
 fn bridge(arguments: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_omnibus"))
         .args(["bridge", "--bus", BUS])
@@ -50,6 +53,11 @@ impl Pipes {
         loop {
             let text = self.output.next().expect("the bridge has ended").unwrap();
             let message: Value = serde_json::from_str(&text).unwrap();
+            let late = message["t"].as_f64().is_some_and(|t| t > LONGEST);
+            assert!(
+                !late && message["type"] != "refused" || wanted(&message),
+                "{text}"
+            );
             if wanted(&message) {
                 return message;
             }

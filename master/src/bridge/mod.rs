@@ -41,6 +41,8 @@ const TICK: Duration = Duration::from_millis(50);
 /// What all clients share.
 pub struct Bridge {
     welcome: Value,
+    /// What clients hear. The arbiter hears it first, so that no client sees a state in which it
+    /// would still be refused.
     hub: Hub,
     arbiter: Mutex<Arbiter>,
     order: Box<dyn Fn(Order) + Send + Sync>,
@@ -63,7 +65,7 @@ impl Bridge {
         let reach = Arc::downgrade(pilot);
         Self {
             welcome: message::welcome(group, bus),
-            hub: pilot.hub(),
+            hub: Hub::default(),
             arbiter: Mutex::new(Arbiter::new(&group.limits, true)),
             // A pilot that has ended ends the bridge, too.
             order: Box::new(move |order| {
@@ -206,12 +208,20 @@ pub fn operate(
     ended: &AtomicBool,
 ) -> Result<(), crate::run::DriveError> {
     let stream = pilot.telemetry();
-    while !abort.is_asked() && !ended.load(Ordering::Relaxed) && !pilot.is_over() {
-        if let Some(item) = stream.next_within(TICK) {
-            bridge.on_telemetry(&item);
+    std::thread::scope(|scope| {
+        // Until the group has ended, its ramp included.
+        scope.spawn(|| {
+            for item in stream {
+                bridge.on_telemetry(&item);
+                bridge.hub.publish(&item);
+            }
+            bridge.hub.end();
+        });
+        while !abort.is_asked() && !ended.load(Ordering::Relaxed) && !pilot.is_over() {
+            std::thread::sleep(TICK);
         }
-    }
-    Pilot::finish_shared(pilot)
+        Pilot::finish_shared(pilot)
+    })
 }
 
 /// Writes what the subscription brings until the client or the session is over.

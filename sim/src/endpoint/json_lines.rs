@@ -36,25 +36,27 @@ impl JsonLines {
         self.listener.address()
     }
 
-    /// Takes in new clients and hands these lines to all.
+    /// Hands these lines to all, and the last one to new clients.
     pub fn send(&mut self, lines: impl Iterator<Item = String>) {
-        // Where time waits, the next line may not come before somebody has seen this one.
-        while let Some(mut pipe) = self.listener.accept() {
-            pipe.output.extend_from_slice(self.latest.as_bytes());
-            self.clients.push(pipe);
-        }
         let lines: Vec<String> = lines.collect();
-        if let Some(latest) = lines.last() {
-            self.latest.clone_from(latest);
-        }
-        self.clients.retain_mut(|pipe| {
-            let came = pipe.fill();
-            pipe.input.clear();
+        for pipe in &mut self.clients {
             for line in &lines {
                 if pipe.output.len() + line.len() <= WAITING {
                     pipe.output.extend_from_slice(line.as_bytes());
                 }
             }
+        }
+        if let Some(latest) = lines.into_iter().last() {
+            self.latest = latest;
+        }
+        // Where time waits, the next line may not come before a new client has seen this one.
+        while let Some(mut pipe) = self.listener.accept() {
+            pipe.output.extend_from_slice(self.latest.as_bytes());
+            self.clients.push(pipe);
+        }
+        self.clients.retain_mut(|pipe| {
+            let came = pipe.fill();
+            pipe.input.clear();
             came.and_then(|()| pipe.flush()).is_ok()
         });
     }
