@@ -35,10 +35,11 @@ DEVICE_STATE = 0x08000022
 
 
 def eds():
-    """The sections of the EDS, for what python-canopen does not keep."""
+    """The sections of the EDS, for what python-canopen does not keep; with limits and defaults of the reals, which
+    are comments in it."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.optionxform = str
-    parser.read(EDS)
+    parser.read_string(EDS.read_text().replace("\n;", "\n"))
     return parser
 
 

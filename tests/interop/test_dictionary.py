@@ -1,7 +1,10 @@
 """Every object of docs/omnibus.eds, read from a robot and compared; every limit tried from both sides."""
 
 import math
+import pathlib
 import struct
+import subprocess
+import sys
 import unittest
 
 from canopen.objectdictionary import ODArray
@@ -9,6 +12,7 @@ from canopen.objectdictionary import datatypes as t
 
 from robot import (
     DEVICE_STATE,
+    EDS,
     NODE,
     READ_ONLY,
     Robot,
@@ -160,6 +164,12 @@ class Dictionary(Robot):
         for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029):
             kind = type(self.node.object_dictionary[index])
             self.assertIs(kind, ODArray, f"{index:04X}")
+
+    def test_strict_readers_find_nothing(self):
+        """Lely's checker, whose readers take a REAL32 as the integer with the same bits."""
+        checker = pathlib.Path(sys.executable).with_name("dcfchk")
+        done = subprocess.run([checker, "-n", str(NODE), EDS], capture_output=True, text=True)
+        self.assertEqual((done.returncode, done.stdout + done.stderr), (0, ""))
 
     def test_the_eds_names_all_there_is(self):
         named = set(self.node.object_dictionary)

@@ -8,7 +8,7 @@ use core::fmt::{Result, Write};
 use super::Shown;
 use crate::pdos::PDOS;
 use crate::table::{OBJECTS, RECORDS};
-use crate::{Access, Kind};
+use crate::{Access, Kind, Object};
 
 /// Objects of one index: name, and the sub-indices from 0 on; a lone variable has one entry.
 struct Communication {
@@ -414,21 +414,23 @@ fn manufacturer(out: &mut impl Write, index: u16, name: &str) -> Result {
             object.kind as u8,
             object.access.eds()
         )?;
-        if object.access == Access::Parameter && object.kind != Kind::Domain {
-            writeln!(
-                out,
-                "LowLimit={}\nHighLimit={}",
-                Shown(object.min),
-                Shown(object.max)
-            )?;
-        }
-        // What the robot works out has no default.
-        if object.access == Access::ReadOnly {
-            writeln!(out, "DefaultValue=")?;
-        } else {
-            writeln!(out, "DefaultValue={}", Shown(object.default))?;
-        }
+        values(out, object)?;
         writeln!(out, "PDOMapping={}\n", u8::from(object.mappable))?;
     }
     Ok(())
+}
+
+/// Limits and default. Those of a REAL32 are comments: CiA 306 gives numbers as integers only, and
+/// tools read a real as a decimal number or as the integer with the same bits (ADR 0034).
+fn values(out: &mut impl Write, object: &Object) -> Result {
+    let remark = if object.kind == Kind::F32 { ";" } else { "" };
+    if object.access == Access::Parameter && object.kind != Kind::Domain {
+        let (min, max) = (Shown(object.min), Shown(object.max));
+        writeln!(out, "{remark}LowLimit={min}\n{remark}HighLimit={max}")?;
+    }
+    // What the robot works out has no default.
+    if object.access == Access::ReadOnly {
+        return writeln!(out, "DefaultValue=");
+    }
+    writeln!(out, "{remark}DefaultValue={}", Shown(object.default))
 }
