@@ -160,6 +160,22 @@ fn a_pulled_connector_neither_hears_nor_speaks() {
     assert_eq!(strings[1].lock().unwrap().received.len(), 2);
 }
 
+/// A robot's frame of 44 bits is on the wire when another program joins at 20 us: it stays the
+/// robot's own. One that receives its own frame takes it for another robot's.
+#[test]
+fn a_program_that_joins_within_a_frame_does_not_change_whose_it_is() {
+    let (mut world, strings) = world("tcc-2");
+    strings[1].lock().unwrap().send.push_back(frame(0x183));
+    world.run_until(Micros(20)).unwrap();
+    let port = world.add_port();
+    world.run_until(Micros(1_000)).unwrap();
+    let heard = |robot: usize| strings[robot].lock().unwrap().received.len();
+    assert_eq!((heard(0), heard(1)), (1, 0));
+    assert!(strings[1].lock().unwrap().send.is_empty());
+    assert_eq!(world.take_received(port).unwrap().1, frame(0x183));
+    assert_eq!(world.take_received(port), None);
+}
+
 /// A duty that ends at 10 rad/s: after 4 s the rate is there, the encoders agree with the wheels to
 /// a count, and the robots have gone forward by wheel angle times radius times Table 3's ratio.
 #[test]

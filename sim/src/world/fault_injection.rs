@@ -79,7 +79,7 @@ impl World {
             unit.robot.set_power(on);
             unit.held = None;
             if !on {
-                self.cut_off(self.node_of(robot));
+                self.cut_off(robot);
             }
         }
     }
@@ -97,7 +97,7 @@ impl World {
             unit.connected = connected;
             unit.alone_ns = now_ns;
             if !connected {
-                self.cut_off(self.node_of(robot));
+                self.cut_off(robot);
             }
         }
     }
@@ -109,8 +109,8 @@ impl World {
         for (place, unit) in self.units.iter_mut().enumerate() {
             unit.far = first.is_some_and(|first| place >= first);
         }
-        let foreign = self.node_of(self.units.len());
-        (0..=foreign).for_each(|node| self.cut_off(node));
+        let nodes = self.first_port() + self.ports.len();
+        (0..nodes).for_each(|node| self.cut_off(node));
     }
 
     /// A node stops in the middle of its frame, if it is sending one.

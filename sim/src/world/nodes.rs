@@ -1,8 +1,9 @@
 //! The nodes of the bus: their arbitration, and their reaction to the end of a frame.
 //!
-//! Nodes are numbered: first the ports, then the robots, then a foreign node that only babbles.
-//! While the bus is parted, its far half is a separate bus with robots only; a robot that is alone
-//! on it gets no acknowledge.
+//! Nodes are numbered: first the robots, then a foreign node that only babbles, then the ports: a
+//! port may be added while a frame is on the wire, and nobody else's number changes by that. While
+//! the bus is parted, its far half is a separate bus with robots only; a robot that is alone on it
+//! gets no acknowledge.
 
 use canopen::{Frame, Micros};
 
@@ -53,29 +54,31 @@ impl World {
     /// Arbitrates the free bus, or its far half.
     pub(super) fn arbitrate(&mut self, far: bool) {
         let now_ns = self.now_ns;
-        let first = self.ports.len();
+        let (babbler, first_port) = (self.babbler(), self.first_port());
         let ports = self.ports.iter().enumerate();
         let from_ports = ports.filter_map(|(n, port)| {
             let (at, frame) = port.send.front()?;
             let ready = *at <= now_ns && port.errors.state() != ErrorState::BusOff;
-            (ready && !far).then_some((n, *frame))
+            (ready && !far).then_some((first_port + n, *frame))
         });
         let units = self.units.iter().enumerate();
         let units = units.filter(|(_, unit)| unit.far == far);
-        let from_units = units.filter_map(|(n, unit)| Some((first + n, unit.wants(now_ns)?)));
+        let from_units = units.filter_map(|(n, unit)| Some((n, unit.wants(now_ns)?)));
         let babble = self
             .disturbances
             .babble
             .filter(|_| !far)
-            .map(|f| (first + self.units.len(), f));
+            .map(|frame| (babbler, frame));
         let contenders = from_ports
             .chain(from_units)
             .chain(babble)
             .filter(|(node, _)| self.suspended.iter().all(|(waits, _)| waits != node));
         let (ports, units) = (&self.ports, &self.units);
-        let state = |node: usize| match node.checked_sub(first) {
-            None => ports[node].errors.state(),
-            Some(n) => units.get(n).map_or(ErrorState::Active, Unit::error_state),
+        let state = |node: usize| match node.checked_sub(first_port) {
+            Some(n) => ports[n].errors.state(),
+            None => units
+                .get(node)
+                .map_or(ErrorState::Active, Unit::error_state),
         };
         let disturbances = &mut self.disturbances;
         let mut missed = Vec::new();
@@ -84,7 +87,7 @@ impl World {
         let transfer = bus.arbitrate(now_ns, contenders, is_active, |senders, frame| {
             let active = senders.iter().any(|sender| is_active(*sender));
             let hears = |(n, unit): (usize, &Unit)| {
-                let sends = senders.contains(&(first + n));
+                let sends = senders.contains(&n);
                 unit.far == far && unit.connected && unit.powered && !sends
             };
             // In the other half the ports are there.
@@ -98,7 +101,7 @@ impl World {
                 }
                 missed.push(n);
                 if fate == Fate::Good && unit.error_state() == ErrorState::Active {
-                    fate = Fate::Refused { by: first + n };
+                    fate = Fate::Refused { by: n };
                 }
             }
             fate
@@ -111,7 +114,7 @@ impl World {
                 continue;
             }
             unit.misses_this = missed.contains(&n);
-            let sends = transfer.is_sent_by(first + n) || transfer.dropped.contains(&(first + n));
+            let sends = transfer.is_sent_by(n) || transfer.dropped.contains(&n);
             unit.sends_own = sends && unit.injected.babble.is_none();
             if unit.injected.babble.is_some() || !unit.connected {
                 continue;
@@ -135,9 +138,9 @@ impl World {
         let until = bus.free_at_ns() + u64::from(SUSPEND) * BIT_NS;
         let senders = transfer.others.iter().chain(&transfer.dropped);
         for sender in senders.copied().chain([transfer.sender]) {
-            let state = match sender.checked_sub(self.ports.len()) {
-                None => self.ports[sender].errors.state(),
-                Some(n) => (self.units.get(n)).map_or(ErrorState::Active, Unit::error_state),
+            let state = match sender.checked_sub(self.first_port()) {
+                Some(n) => self.ports[n].errors.state(),
+                None => (self.units.get(sender)).map_or(ErrorState::Active, Unit::error_state),
             };
             if state == ErrorState::Passive {
                 self.suspended.push((sender, until));
@@ -159,8 +162,9 @@ impl World {
 
     fn deliver_to_ports(&mut self, transfer: &Transfer) {
         let time = Micros(transfer.end_ns / 1_000);
+        let first = self.first_port();
         for (n, port) in self.ports.iter_mut().enumerate() {
-            if let Some(failed) = seen_by_sender(transfer, n) {
+            if let Some(failed) = seen_by_sender(transfer, first + n) {
                 match failed {
                     None => {
                         port.errors.transmitted();
@@ -185,9 +189,8 @@ impl World {
     }
 
     fn deliver_to_units(&mut self, transfer: &Transfer, far: bool) {
-        let first = self.ports.len();
         for (n, unit) in self.units.iter_mut().enumerate() {
-            if let Some(failed) = seen_by_sender(transfer, first + n) {
+            if let Some(failed) = seen_by_sender(transfer, n) {
                 if !unit.sends_own {
                     continue;
                 }
@@ -199,7 +202,7 @@ impl World {
             } else if !unit.connected || unit.far != far {
                 continue;
             } else if transfer.fate.is_destroyed() {
-                let by_it = transfer.fate == Fate::Refused { by: first + n };
+                let by_it = transfer.fate == Fate::Refused { by: n };
                 unit.robot.set_now(transfer.end_ns);
                 unit.robot.receive_failed(by_it);
             } else if unit.misses_this {
@@ -213,9 +216,13 @@ impl World {
         }
     }
 
-    /// A node of the bus, by its robot's place.
-    pub(super) fn node_of(&self, robot: usize) -> usize {
-        self.ports.len() + robot
+    /// The foreign node.
+    fn babbler(&self) -> usize {
+        self.units.len()
+    }
+
+    pub(super) fn first_port(&self) -> usize {
+        self.babbler() + 1
     }
 }
 
