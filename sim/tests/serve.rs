@@ -470,3 +470,15 @@ fn time_waits_for_a_lockstep_client() {
     assert_eq!(line(&mut other), "");
     served.end("-INT");
 }
+
+/// Robots that nobody could reach are a forgotten option.
+#[test]
+fn a_world_without_a_way_in_is_refused() {
+    let done = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args(["serve", &group()])
+        .output()
+        .unwrap();
+    assert_eq!(done.status.code(), Some(1));
+    let text = String::from_utf8(done.stderr).unwrap();
+    assert!(text.contains("--lockstep"), "{text}");
+}

@@ -129,6 +129,12 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     // Nobody sits at the master's port here.
     world.set_listening(MASTER, false);
     let mut endpoints = arguments.endpoints.open(&group)?;
+    if endpoints.is_empty() && arguments.duration.is_none() && arguments.log.is_none() {
+        bail!(
+            "no program could reach these robots; give an endpoint, --lockstep 127.0.0.1:7701 for \
+             one, or --duration or --log to let them be by themselves"
+        );
+    }
     for endpoint in &endpoints {
         println!("{}", endpoint.announce());
     }
@@ -234,7 +240,8 @@ impl Behind {
     fn sum_up(&self) {
         if self.stalls > 0 {
             let (stalls, worst) = (self.stalls, self.worst.as_millis());
-            eprintln!("fell behind the clock {stalls} times, by {worst} ms at most");
+            let times = if stalls == 1 { "time" } else { "times" };
+            eprintln!("fell behind the clock {stalls} {times}, by {worst} ms at most");
         }
     }
 }
