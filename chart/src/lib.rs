@@ -144,6 +144,16 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
+/// The axis of a value that does not change: with zero on it, for there is no change to give it a
+/// scale.
+fn from_zero(value: f64) -> (f64, f64) {
+    if value.abs() < FLAT {
+        return (-1.0, 1.0);
+    }
+    let end = 1.1 * value;
+    (end.min(0.0), end.max(0.0))
+}
+
 /// Every n-th point so that at most [`MAX_POINTS`] remain, the last one included.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
@@ -223,6 +233,11 @@ impl Chart {
             let high = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
             if high > low {
                 x = (low, high);
+            }
+            let low = all().map(|p| p.1).fold(f64::INFINITY, f64::min);
+            let high = all().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+            if high - low < FLAT && low <= high {
+                y = from_zero(f64::midpoint(low, high));
             }
         }
         (x, y)
@@ -372,6 +387,15 @@ mod tests {
             assert_eq!(tick(value, 1.0), expected);
         }
         assert_eq!(tick(-2e-5, 1e-4), "-0.00002");
+    }
+
+    #[test]
+    fn what_does_not_change_is_shown_against_zero() {
+        let axis = |value: f64| chart(vec![(0.0, value), (10.0, value + 1e-6)]).ranges().1;
+        assert_eq!(axis(0.0), (-1.0, 1.0));
+        let (low, high) = axis(2.0);
+        assert!(low == 0.0 && (high - 2.2).abs() < 1e-4, "{low} {high}");
+        assert_eq!(axis(-2.0).1, 0.0);
     }
 
     #[test]
