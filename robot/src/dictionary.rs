@@ -493,6 +493,9 @@ impl ObjectDictionary for Dictionary {
         self.alone_for_now = false;
         if scope == ResetScope::Application {
             self.parameters = self.store.parameters();
+            // What is measured is not reset: a reset does not move the robot. The sequence that
+            // it followed last stays barred.
+            (self.setpoint.0, self.alone.0) = ([0; 8], [0; 8]);
         }
     }
 }

@@ -117,6 +117,12 @@ its square
 
 A robot without tables reads a set without rows, version 0.
 
+## Resets
+
+Reset communication (NMT) sets the objects of the communication to their saved values; reset node
+also those of the application, and 0x2100 and 0x2101 to 0. Neither changes what the robot measures:
+pose (0x2112), counters and histories go on. A robot that moves ramps down with its group.
+
 ## Node number
 
 The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the

@@ -379,6 +379,24 @@ fn an_nmt_reset_in_motion_is_a_ramp() {
     }
 }
 
+/// CiA 301 7.3.2.2.1: reset node sets the application's objects to their power-on values; those of
+/// 0x2100 are 0. A reset of the communication leaves them.
+#[test]
+fn a_node_reset_forgets_the_last_setpoint() {
+    let mut world = moving(&[2, 3]);
+    let vx = protocol::Address::new(0x2100, 1);
+    let sequence = protocol::Address::new(0x2100, 4);
+    assert_ne!(world.read(2, vx), Ok(0));
+    world.nmt(NmtCommand::ResetCommunication, 2);
+    world.run(1500);
+    assert_ne!(world.read(2, vx), Ok(0));
+    world.nmt(NmtCommand::ResetNode, 2);
+    world.run(1500);
+    assert_eq!(world.read(2, vx), Ok(0));
+    assert_eq!(world.read(2, sequence), Ok(0));
+    assert_ne!(world.read(3, vx), Ok(0));
+}
+
 /// Error passive is told once each time, by emergency message and limit, and taken back once it is
 /// over.
 #[test]
