@@ -52,14 +52,12 @@ pub enum MasterError {
         reason: String,
     },
     /// A robot refused a parameter.
-    #[error("node {node}: {object} = {value} was refused: {abort}; {}", remedy(*abort))]
+    #[error("node {node}: {action} was refused: {abort}; {}", remedy(*abort))]
     Refused {
         /// The node.
         node: u8,
-        /// Name and address of the object.
-        object: String,
-        /// What was to be written, or "read".
-        value: String,
+        /// What was to be done, as in "reading State (2110:1)".
+        action: String,
         /// The reason the node gave.
         abort: AbortCode,
     },
@@ -181,12 +179,12 @@ pub enum MasterError {
     Lss(String),
     /// Another master commands this bus.
     #[error(
-        "another master is on the bus ({0} was heard); stop it first: robots stop when two \
-         command them"
+        "another master is on the bus (heard: {0}); stop it first: robots stop when two command \
+         them"
     )]
     AnotherMaster(Sign),
     /// Another master has begun to command the robots of this one.
-    #[error("another master took the robots ({0} was heard that this program did not send)")]
+    #[error("another master took the robots (heard, and not sent by this program: {0})")]
     Displaced(Sign),
     /// Something was to drive that does not listen to setpoints.
     #[error("the group is not started, so nothing would move; start it before each drive")]
@@ -290,7 +288,9 @@ fn remedy(abort: AbortCode) -> &'static str {
         AbortCode::ValueTooHigh | AbortCode::ValueTooLow | AbortCode::InvalidValue => {
             "correct the value in the group file"
         }
-        AbortCode::DeviceState => "it can only be written in PRE-OPERATIONAL",
+        AbortCode::DeviceState => {
+            "the robot does so only while its group is stopped (PRE-OPERATIONAL)"
+        }
         AbortCode::Timeout => "check the bus wiring and that the node is powered",
         _ => "see the object's text in docs/can-protocol.md",
     }

@@ -51,6 +51,8 @@ enum Command {
     /// Gives robots their node ids over the bus.
     #[command(subcommand, after_help = cli::lss::EXAMPLES)]
     Lss(cli::lss::Command),
+    /// Resets robots, as if they were switched off and on.
+    Reset(cli::reset::Arguments),
     /// Flashes one robot's LED, to tell which robot it is.
     #[command(alias = "identify")]
     Blink(cli::wheel_test::Blink),
@@ -79,7 +81,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return ExitCode::from(cli::output::print_usage(&error)),
+    };
     cli::output::set(arguments.output);
     let done = match arguments.command {
         Command::Follow(arguments) => cli::follow::run(&arguments),
@@ -89,6 +94,7 @@ fn main() -> ExitCode {
         Command::Teleop(arguments) => cli::live::teleop(&arguments),
         Command::Scan(arguments) => cli::nodes::scan(&arguments),
         Command::Status(arguments) => cli::nodes::status(&arguments),
+        Command::Reset(arguments) => cli::reset::run(&arguments),
         Command::Param(arguments) => cli::param::run(&arguments),
         Command::Group(arguments) => cli::group::run(&arguments),
         Command::Lss(command) => cli::lss::run(&command),

@@ -280,7 +280,8 @@ pub fn measured<L: Link>(
         }
     };
     let driven = session(link, drive, &plan, &Seen::default(), progress, &mut watch)?;
-    let by_wheels = odometry::rows(plan.at(0.0).0, &driven.instants, &driven.rows);
+    let mounts: Vec<_> = drive.group.robots.iter().map(|robot| robot.mount).collect();
+    let by_wheels = odometry::rows(plan.at(0.0).0, &mounts, &driven.instants, &driven.rows);
     let points = match &drive.feedback {
         Some(_) => driven
             .sightings

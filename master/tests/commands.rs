@@ -652,3 +652,80 @@ fn a_dump_is_written_also_where_json_is_asked_for() {
     assert!(std::fs::read_to_string(&path).unwrap().contains("node = 2"));
     std::fs::remove_file(path).unwrap();
 }
+
+/// What is wrong with the arguments, also when only a command can know, is exit code 2, and JSON
+/// where JSON is asked for.
+#[test]
+fn wrong_usage_is_exit_code_2_and_json_where_asked_for() {
+    let real = "slcan-tcp://127.0.0.1:1";
+    let cases: [(&[&str], &str); 6] = [
+        (&["drive", "--bus", BUS], "--for <SECONDS>"),
+        (
+            &["drive", "--vx", "0.1", "--for", "-1", "--bus", BUS],
+            "give more than 0",
+        ),
+        (
+            &["drive", "--vx", "0.1", "--for", "1", "--bus", real],
+            "--group GROUP.toml is missing",
+        ),
+        (
+            &["wheel-test", "--node", "2", "--bus", BUS],
+            "--wheels-free",
+        ),
+        (&["bus-load", "--robots", "200"], "between 1 and 16"),
+        (&["reset", "--node", "1", "--bus", BUS], "2 to 17"),
+    ];
+    for (arguments, part) in cases {
+        let told = |more: &[&str]| {
+            let output = omnibus(&[arguments, more].concat());
+            assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+            String::from_utf8(output.stderr).unwrap()
+        };
+        let text = told(&[]);
+        assert!(text.contains(part), "{text}");
+        let object: Value = serde_json::from_str(&told(&["--json"])).unwrap();
+        let text = object["error"].as_str().unwrap();
+        assert!(text.contains(part), "{text}");
+        assert_eq!(object["exit_code"], 2);
+    }
+}
+
+#[test]
+fn objects_are_told_with_what_their_numbers_mean() {
+    let get = |object: &str| omnibus(&["param", "get", object, "--node", "2", "--bus", BUS]);
+    let text = String::from_utf8(get("2110:1").stdout).unwrap();
+    assert_eq!(text, "State (2110:1) = 0 (Unconfigured)\n");
+    let text = String::from_utf8(get("2122:1").stdout).unwrap();
+    assert_eq!(text, "Newest (2122:1) = 0 (none)\n");
+    let text = String::from_utf8(get("2010").stderr).unwrap();
+    for part in ["2010:1 (Half track)", "2010:5"] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let set = ["param", "set", "2031:6", "a", "--node", "2", "--bus", BUS];
+    let text = String::from_utf8(omnibus(&set).stderr).unwrap();
+    assert!(text.contains("'a' is no whole number"), "{text}");
+}
+
+#[test]
+fn reset_names_the_robots_that_started_anew() {
+    let told = omnibus(&["reset", "--all", "--bus", BUS]);
+    let text = String::from_utf8(told.stdout).unwrap();
+    assert_eq!(text, "nodes 2, 3 have started anew\n");
+    let one = json(&["reset", "--node", "3", "--bus", BUS, "--json"]);
+    assert_eq!(one["reset"], serde_json::json!([3]));
+    let none = omnibus(&["reset", "--node", "9", "--bus", BUS]);
+    assert_eq!(none.status.code(), Some(4));
+}
+
+/// A report that cannot be written takes nothing from the result.
+#[test]
+fn the_result_is_printed_though_the_report_cannot_be_written() {
+    let curve = ["follow", "circle", "--scale", "0.1", "--bus", BUS];
+    let report = ["--report", "/nowhere/report.html"];
+    let output = omnibus(&[&curve[..], &report[..]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("tracking error, rms"), "{text}");
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("/nowhere/report.html"), "{text}");
+}

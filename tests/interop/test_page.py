@@ -265,7 +265,7 @@ class Page(Served):
         tab.wait(f"state.command[1] > 0.4 && {speed} > 0.1")
         tab.key("keyUp", "ArrowLeft", "ArrowLeft")
         tab.wait(f"{asked} === 0")
-        tab.key("keyDown", "w", "KeyW")
+        tab.key("keyDown", "i", "KeyI")
         tab.wait("state.command[0] > 0.4")
         tab.key("keyDown", " ", "Space")
         tab.wait("state.phase === 'idle'")
@@ -273,17 +273,17 @@ class Page(Served):
     def test_who_looks_away_does_not_drive(self):
         tab = self.started()
         for loss in ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]:
-            tab.key("keyDown", "w", "KeyW")
+            tab.key("keyDown", "i", "KeyI")
             tab.wait("state.command[0] > 0.4")
             tab.run(loss)
             tab.wait(f"{asked} === 0 && {speed} < 1e-3")
             self.assertEqual(tab.run("state.phase"), "running")
-            tab.key("keyUp", "w", "KeyW")
+            tab.key("keyUp", "i", "KeyI")
 
     def test_a_page_that_dies_ramps_down(self):
         viewer = self.client()
         tab = self.started()
-        tab.key("keyDown", "w", "KeyW")
+        tab.key("keyDown", "i", "KeyI")
         viewer.until("motion", lambda: viewer.states[-1]["command"][0] > 0.4)
         tab.call("Page.navigate", url="about:blank")
         viewer.until("robots off", lambda: viewer.states[-1]["phase"] == "idle")

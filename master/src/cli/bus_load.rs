@@ -1,10 +1,9 @@
 //! `omnibus bus-load --robots N --rate HZ`: how full the bus will be, calculated.
 
-use anyhow::bail;
 use omnibus::bus::load::{BUSY, total, traffic};
 use serde_json::json;
 
-use super::{json, output, print_json, say};
+use super::{Usage, json, output, print_json, say};
 
 const EXAMPLES: &str = "Examples:
   omnibus bus-load --robots 8
@@ -24,10 +23,16 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (robots, rate) = (arguments.robots, arguments.rate);
     if !(1..=16).contains(&robots) {
-        bail!("--robots: {robots} is not between 1 and 16, which is what one bus has node ids for");
+        return Err(Usage(format!(
+            "--robots: {robots} is not between 1 and 16, which is what one bus has node ids for"
+        ))
+        .into());
     }
     if !(10.0..=500.0).contains(&rate) {
-        bail!("--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)");
+        return Err(Usage(format!(
+            "--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)"
+        ))
+        .into());
     }
     let traffic = traffic(robots, rate);
     let (low, high) = total(&traffic);

@@ -1,7 +1,6 @@
 //! `omnibus drive --vx --vy --omega --for`: one velocity of the group for a time, with ramps that
 //! the robots make by their own limits.
 
-use anyhow::bail;
 use kinematics::{Pose, Twist};
 use omnibus::Group;
 use omnibus::bus::link::Link;
@@ -12,7 +11,7 @@ use serde_json::json;
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, json, note, print_json, say};
+use super::{Target, Usage, json, note, print_json, say};
 
 /// Rows that are kept; a drive of an hour has 360 000.
 const ROWS: usize = 1_000;
@@ -38,7 +37,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     omega: f32,
     /// For how long, s.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     seconds: f64,
     #[command(flatten)]
     record: RecordTo,
@@ -50,7 +49,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Refused before the bus is even opened.
     omnibus::session::check_twist(twist, &file.limits)?;
     if !(arguments.seconds > 0.0 && arguments.seconds <= 3600.0) {
-        bail!("--for: {} s is not between 0 and 3600 s", arguments.seconds);
+        return Err(Usage(format!(
+            "--for: {} s; give more than 0 and at most 3600 s",
+            arguments.seconds
+        ))
+        .into());
     }
     let link = arguments.target.command(&file)?;
     let recorder = arguments

@@ -73,13 +73,18 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Switch::On)]
     compensation: Switch,
     /// Time over which the curve is entered and left, s.
-    #[arg(long, default_value_t = RAMP, value_name = "SECONDS")]
+    #[arg(long, default_value_t = RAMP, value_name = "SECONDS", allow_negative_numbers = true)]
     ramp: f64,
     /// How often a closed curve is driven, without stopping in between.
     #[arg(long, default_value_t = 1)]
     repeats: u32,
     /// Size, as a multiple of the curve's own; it takes the same time, so a small one is slow.
-    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    #[arg(
+        long,
+        default_value_t = 1.0,
+        value_name = "FACTOR",
+        allow_negative_numbers = true
+    )]
     scale: f64,
     /// Where the curve begins and which way it is turned, in the frame of the results and of
     /// `--pose tcp://`: metres, metres, degrees.
@@ -89,7 +94,12 @@ pub struct Arguments {
     #[arg(long)]
     paper: bool,
     /// Speed, as a multiple of the curve's own.
-    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    #[arg(
+        long,
+        default_value_t = 1.0,
+        value_name = "FACTOR",
+        allow_negative_numbers = true
+    )]
     speed: f64,
     /// Heading offset, degrees counter-clockwise.
     #[arg(
@@ -107,7 +117,8 @@ pub struct Arguments {
     #[arg(long, value_name = "SOURCE")]
     pose: Option<Source>,
     /// Gain of the feedback, 1/s; for the heading too.
-    #[arg(long, default_value_t = Law::default().gain, value_name = "GAIN", requires = "pose")]
+    #[arg(long, default_value_t = Law::default().gain, value_name = "GAIN", requires = "pose",
+          allow_negative_numbers = true)]
     gain: f32,
     /// Drives without feedback first, to compare. (A simulated bus always does.)
     #[arg(long, requires = "pose")]
@@ -228,10 +239,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let mut report = run::report(&group, &name, backend, vec![last]);
     report.paper = arguments.paper;
-    if let Some(path) = &arguments.report {
-        file::replace(path, report::html::to_html(&report)?)
-            .with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    let reported = match &arguments.report {
+        Some(path) => file::replace(path, report::html::to_html(&report)?)
+            .with_context(|| format!("cannot write {}", path.display())),
+        None => Ok(()),
+    };
+    let written = recorded.and(reported);
     let law = feedbacks.last().and_then(|f| f.as_ref()).map(|f| f.law);
     if json() {
         let mut document: Value = serde_json::from_str(&report::json::to_json(&report))?;
@@ -242,7 +255,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         document["sync"] = json!(syncs.last().and_then(|s| s.as_ref()).map(sync_json));
         print_json(&document)?;
-        return recorded;
+        return written;
     }
     say(report::table::to_table(&report))?;
     if arguments.paper {
@@ -262,7 +275,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for sync in syncs.iter().flatten() {
         note(sync);
     }
-    recorded
+    written
 }
 
 /// Four decimals.

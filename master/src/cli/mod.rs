@@ -40,10 +40,11 @@ pub mod plot;
 pub mod record;
 pub mod recorder;
 pub mod replay;
+pub mod reset;
 pub mod serve;
 pub mod wheel_test;
 
-pub use output::{json, note, print_json, print_json_line, quiet, say};
+pub use output::{Usage, json, note, print_json, print_json_line, quiet, say};
 
 /// Where the firmware image is after `cargo xtask size`, from the root of the workspace.
 const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware";
@@ -85,10 +86,11 @@ impl Target {
     pub fn group(&self) -> anyhow::Result<GroupFile> {
         match self.group_if_any()? {
             Some(group) => Ok(group),
-            None => bail!(
+            None => Err(Usage(format!(
                 "--group GROUP.toml is missing: which robots are on {}?",
                 self.bus
-            ),
+            ))
+            .into()),
         }
     }
 
@@ -112,7 +114,7 @@ impl Target {
     pub fn group_path(&self) -> anyhow::Result<&Path> {
         match (&self.bus, &self.group) {
             (BusAddress::Sim(path), _) | (_, Some(path)) => Ok(path),
-            _ => bail!("--group GROUP.toml is missing"),
+            _ => Err(Usage("--group GROUP.toml is missing".into()).into()),
         }
     }
 
@@ -225,7 +227,7 @@ impl Target {
         match foreign::look(link)? {
             Some(sign) if self.force => {
                 note(format!(
-                    "{}: another master is on the bus ({sign} was heard); --force takes its robots",
+                    "{}: another master is on the bus (heard: {sign}); --force takes its robots",
                     self.bus
                 ));
                 Ok(())

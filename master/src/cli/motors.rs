@@ -6,7 +6,7 @@ use omnibus::session::Group;
 use serde_json::json;
 
 use super::output::{self, Progress};
-use super::{Target, say};
+use super::{Target, Usage, say};
 
 const EXAMPLES: &str = "Examples:
   omnibus identify-motors --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -51,12 +51,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--node {node}: group '{}' has no such robot", group.name);
     };
     if !arguments.wheels_free {
-        bail!(
+        return Err(Usage(format!(
             "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) to either \
              side; lift them or clear the area, then say --wheels-free",
             arguments.travel,
             arguments.travel * robot.geometry.wheel_radius()
-        );
+        ))
+        .into());
     }
     let settings = Settings {
         rate: arguments.rate,
@@ -77,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         motors::accept(wire, node, &motors)?;
     }
     if arguments.save {
-        motors::save(wire, node)?;
+        wire.save(node)?;
     }
     if super::json() {
         let rows = motors.iter().zip(WHEELS).map(|(motor, wheel)| {

@@ -330,7 +330,8 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         rows.push(json!({"node": node, "answers": false}));
     }
     if json() {
-        return print_json(&json!({"group": group.map(|group| group.name), "robots": rows}));
+        print_json(&json!({"group": group.map(|group| group.name), "robots": rows}))?;
+        return survey_is_complete(&survey);
     }
     say(&table)?;
     for meaning in meanings {
@@ -341,7 +342,16 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     } else if arguments.history {
         say(&faults)?;
     }
-    Ok(())
+    survey_is_complete(&survey)
+}
+
+/// Whether every robot of the group file has answered.
+fn survey_is_complete(survey: &Survey) -> anyhow::Result<()> {
+    match survey.missing.len() {
+        0 => Ok(()),
+        1 => Err(Found("1 robot of the group file does not answer".into()).into()),
+        n => Err(Found(format!("{n} robots of the group file do not answer")).into()),
+    }
 }
 
 #[cfg(test)]

@@ -184,6 +184,33 @@ impl std::fmt::Display for Found {
 
 impl std::error::Error for Found {}
 
+/// The command was called wrongly, which its arguments alone do not show.
+#[derive(Debug)]
+pub struct Usage(pub String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// Prints what is wrong with the arguments, which were asked to produce JSON or not; `--help` and
+/// `--version` come this way, too.
+pub fn print_usage(error: &clap::Error) -> u8 {
+    let wrong = error.use_stderr();
+    if wrong && std::env::args_os().any(|argument| argument == "--json") {
+        let text = error.render().to_string();
+        let first = text.split("\n\n").next().unwrap_or_default();
+        let first = first.trim_start_matches("error: ");
+        eprintln!("{}", json!({"error": first, "exit_code": 2}));
+    } else {
+        let _ = error.print();
+    }
+    if wrong { 2 } else { 0 }
+}
+
 /// Prints an error.
 pub fn print_error(error: &anyhow::Error) {
     if json() {
@@ -215,6 +242,9 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     });
     if error.downcast_ref::<Found>().is_some() {
         return 6;
+    }
+    if error.downcast_ref::<Usage>().is_some() {
+        return 2;
     }
     if error.chain().any(|cause| cause.is::<LinkError>()) {
         return 3;

@@ -8,7 +8,7 @@ use omnibus::bus::wire::Wire;
 use omnibus::error::MasterError;
 use omnibus::session::{configure, sdo};
 use protocol::object::Access;
-use protocol::{Address, Kind, OBJECTS, Object, Value, address};
+use protocol::{Address, Code, Kind, MemberState, OBJECTS, Object, Value, address};
 use serde_json::json;
 
 use super::output::Found;
@@ -47,13 +47,15 @@ struct At {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Lists the objects that a robot has: address, type, unit, limits, meaning. Needs no bus.
-    #[command(after_help = EXAMPLES)]
+    #[command(after_help = "Example:\n  omnibus param list wheel")]
     List {
         /// Only objects whose name, address or meaning contains this.
         filter: Option<String>,
     },
     /// Reads one object of one robot.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Examples:\n  omnibus param get 2010:3 --node 3 --bus socketcan:can0\n  omnibus param get 'wheel radius' --node 3 --bus socketcan:can0"
+    )]
     Get {
         /// Address such as 2010:3, or name such as 'wheel radius'.
         object: String,
@@ -61,7 +63,9 @@ enum Command {
         at: At,
     },
     /// Writes one object of one robot and reads it back.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Example:\n  omnibus param set 2031:1 1.5 --node 3 --bus socketcan:can0"
+    )]
     Set {
         /// Address such as 2010:3, or name.
         object: String,
@@ -72,7 +76,9 @@ enum Command {
         at: At,
     },
     /// Reads all parameters of one robot into a file.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Example:\n  omnibus param dump --node 3 --output node-3.toml --bus socketcan:can0"
+    )]
     Dump {
         /// The file; the standard output without it.
         #[arg(long, short)]
@@ -81,7 +87,9 @@ enum Command {
         at: At,
     },
     /// Writes the parameters of a file into a robot and reads them back.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Example:\n  omnibus param load node-3.toml --node 3 --bus socketcan:can0"
+    )]
     Load {
         /// The file, as `dump` writes it.
         file: PathBuf,
@@ -90,7 +98,9 @@ enum Command {
     },
     /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they
     /// differ.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Examples:\n  omnibus param diff --bus socketcan:can0 --group groups/tcc-2.toml\n  omnibus param diff node-3.toml --node 3 --bus socketcan:can0"
+    )]
     Diff {
         /// A file as `dump` writes it; the group file without it.
         file: Option<PathBuf>,
@@ -101,13 +111,15 @@ enum Command {
         target: Target,
     },
     /// Stores the parameters in a robot's flash, so that they survive power-off.
-    #[command(after_help = EXAMPLES)]
+    #[command(after_help = "Example:\n  omnibus param save --node 3 --bus socketcan:can0")]
     Save {
         #[command(flatten)]
         at: At,
     },
     /// Brings the default parameters back at the robot's next reset.
-    #[command(after_help = EXAMPLES)]
+    #[command(
+        after_help = "Examples:\n  omnibus param restore --node 3 --bus socketcan:can0\n  omnibus reset --node 3 --bus socketcan:can0"
+    )]
     Restore {
         #[command(flatten)]
         at: At,
@@ -140,34 +152,54 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
         );
     };
     let at = Address::new(index, sub);
-    OBJECTS
-        .iter()
-        .find(|object| object.address == at)
-        .with_context(|| format!("there is no object {at}; `omnibus param list` shows all"))
+    let known = OBJECTS.iter().find(|object| object.address == at);
+    let Some(object) = known else {
+        let of_record = OBJECTS
+            .iter()
+            .filter(|object| object.address.index == index);
+        let of_record: Vec<_> = of_record
+            .map(|object| format!("{} ({})", object.address, object.name))
+            .collect();
+        if of_record.is_empty() {
+            bail!("there is no object {at}; `omnibus param list` shows all");
+        }
+        bail!(
+            "there is no object {at}; {index:04X} has {}",
+            of_record.join(", ")
+        );
+    };
+    Ok(object)
 }
 
 /// A value of an object from its text, within the object's limits.
 pub fn parse(object: &Object, text: &str) -> anyhow::Result<Value> {
     let name = sdo::name(object.address);
-    let wrong = || format!("{name}: '{text}' is no {}", object.kind.name());
     let value = match object.kind {
-        Kind::I16 => Value::I16(text.parse().with_context(wrong)?),
-        Kind::U8 => Value::U8(text.parse().with_context(wrong)?),
-        Kind::U16 => Value::U16(text.parse().with_context(wrong)?),
-        Kind::U32 => Value::U32(text.parse().with_context(wrong)?),
-        Kind::F32 => Value::F32(text.parse().with_context(wrong)?),
-        Kind::I24 => Value::I24(text.parse().with_context(wrong)?),
+        Kind::I16 => text.parse().ok().map(Value::I16),
+        Kind::U8 => text.parse().ok().map(Value::U8),
+        Kind::U16 => text.parse().ok().map(Value::U16),
+        Kind::U32 => text.parse().ok().map(Value::U32),
+        Kind::F32 => text.parse().ok().map(Value::F32),
+        Kind::I24 => text.parse().ok().map(Value::I24),
         Kind::Domain => bail!("{name} is a block of bytes, which a group file or a dump holds"),
     };
-    value.check(object.min, object.max).map_err(|error| {
-        anyhow::anyhow!(
-            "{name} = {}: {error}; give {} to {} {}",
-            sdo::show(value),
-            sdo::show(object.min),
-            sdo::show(object.max),
-            object.unit,
-        )
-    })?;
+    let range = format!(
+        "{} to {} {}",
+        sdo::show(object.min),
+        sdo::show(object.max),
+        object.unit
+    );
+    let range = range.trim_end();
+    let Some(value) = value else {
+        let kind = match object.kind {
+            Kind::F32 => "number",
+            _ => "whole number of this size",
+        };
+        bail!("{name}: '{text}' is no {kind}; give {range}");
+    };
+    value
+        .check(object.min, object.max)
+        .map_err(|error| anyhow::anyhow!("{name} = {}: {error}; give {range}", sdo::show(value)))?;
     Ok(value)
 }
 
@@ -225,16 +257,41 @@ fn number(value: Value) -> serde_json::Value {
     serde_json::from_str(&sdo::show(value)).unwrap_or_else(|_| json!(sdo::show(value)))
 }
 
+/// What a number stands for, where it is a state or a code.
+fn meaning(object: &Object, value: &serde_json::Value) -> Option<String> {
+    let number = u16::try_from(value.as_u64()?).ok()?;
+    let of_code = || match Code::from_code(number) {
+        Some(Code::None) => Some("none".to_owned()),
+        Some(Code::Limit(limit)) => Some(limit.name().to_owned()),
+        Some(Code::Fault(fault)) => Some(fault.name().to_owned()),
+        None => None,
+    };
+    match object.address {
+        address::STATE => {
+            let state = MemberState::try_from(u8::try_from(number).ok()?).ok()?;
+            Some(format!("{state:?}"))
+        }
+        address::STATUS_CODE => of_code(),
+        // The last faults, and the last limits.
+        Address {
+            index: 0x2122 | 0x2124,
+            ..
+        } => of_code(),
+        _ => None,
+    }
+}
+
 fn tell(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::Result<()> {
+    let meaning = meaning(object, value);
     if json() {
         return print_json(&json!({"node": node, "object": object.address.to_string(),
-            "name": object.name, "value": value, "unit": object.unit}));
+            "name": object.name, "value": value, "unit": object.unit, "meaning": meaning}));
     }
     let line = format!(
         "{} = {} {}",
         sdo::name(object.address),
         text(value),
-        object.unit
+        meaning.map_or_else(|| object.unit.to_owned(), |meaning| format!("({meaning})"))
     );
     say(line.trim_end())
 }

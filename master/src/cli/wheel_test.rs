@@ -15,7 +15,7 @@ use protocol::{Value, address};
 use serde_json::json;
 
 use super::output::{self, Found, Progress};
-use super::{Target, note, say};
+use super::{Target, Usage, note, say};
 
 const EXAMPLES: &str = "Examples:
   omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -79,10 +79,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--node {node}: group '{}' has no such robot", group.name);
     }
     if !arguments.wheels_free {
-        bail!(
+        return Err(Usage(format!(
             "the wheels of node {node} will turn one by one; lift them off the floor, then say \
              --wheels-free"
-        );
+        ))
+        .into());
     }
     let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;

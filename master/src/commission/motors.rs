@@ -27,8 +27,6 @@ const TIME_LIMIT_US: u64 = 25_000_000;
 /// Status of object 0x2051:2.
 const RUNNING: u32 = 1;
 const DONE: u32 = 2;
-/// Saves all parameters (CiA 301 7.5.2.13).
-const SAVE: Address = Address::new(0x1010, 1);
 
 /// How far a run may go, and what is made of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,14 +178,6 @@ pub fn accept<L: Link>(
         }
     }
     Ok(())
-}
-
-/// Lets the robot keep all its parameters over a power cycle.
-///
-/// # Errors
-/// When it refuses or cannot.
-pub fn save<L: Link>(wire: &mut Wire<L>, node: u8) -> Result<(), MasterError> {
-    wire.write(node, SAVE, Value::U32(u32::from_le_bytes(*b"save")))
 }
 
 /// What a status says.

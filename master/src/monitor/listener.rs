@@ -19,7 +19,9 @@ use protocol::{GroupTwist, MemberStatus, RobotReport, cob, is_robot};
 use crate::bus::load::Meter;
 use crate::monitor::average::{mean_pose, mean_twist, strain};
 use crate::monitor::common_frame::CommonFrame;
-use crate::monitor::telemetry::{Event, EventKind, MemberSample, SessionState, Snapshot};
+use crate::monitor::telemetry::{
+    Event, EventKind, MemberSample, SessionState, Snapshot, happening,
+};
 
 /// Without a SYNC for this long, in s, no setpoint is in force.
 const SYNC_PATIENCE: f64 = 0.5;
@@ -183,8 +185,9 @@ impl Listener {
         if state != Some(status.state) {
             self.emit(t, node, EventKind::State(status.state));
         }
-        if code != status.code {
-            self.emit(t, node, EventKind::Code(status.code));
+        let (was, is) = (happening(code), happening(status.code));
+        if was != is {
+            self.emit(t, node, EventKind::Code(is));
         }
     }
 
@@ -423,6 +426,22 @@ mod tests {
             ]
         );
         assert!(listener.take_events().is_empty());
+    }
+
+    #[test]
+    fn the_groups_own_ramp_is_no_event() {
+        let mut listener = Listener::new([2]);
+        let ramp = Code::Limit(protocol::Limit::Acceleration);
+        let slip = Code::Limit(protocol::Limit::Slip);
+        for code in [ramp, Code::None, ramp, slip, ramp] {
+            listener.push(0.0, &status(2, 1.0, code));
+        }
+        let told = listener.take_events().into_iter();
+        let codes: Vec<_> = told
+            .filter(|event| matches!(event.what, EventKind::Code(_)))
+            .map(|event| event.what)
+            .collect();
+        assert_eq!(codes, [EventKind::Code(slip), EventKind::Code(Code::None)]);
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! Every member reports the pose of the *group* as it works it out from its own wheels, in the
 //! frame in which it was configured. Bolted to one load they should all report the same; the mean
-//! is taken for the group's pose, and the largest distance from it shows how far they disagree.
-//! Instants at which no member reported are left out.
+//! is taken for the group's pose. The shape error is what the simulator measures, too: the distance
+//! of a robot from its place in the group, here of where its own wheels take it. Instants at which
+//! no member reported are left out.
 
 use kinematics::{Pose, WheelRates};
 
@@ -23,9 +24,10 @@ pub fn seen_from(frame: Pose, pose: Pose) -> Pose {
     }
 }
 
-/// What was seen at every instant of a drive that began at `start` of the curve.
+/// What was seen at every instant of a drive that began at `start` of the curve, by robots with
+/// these places in the group.
 #[must_use]
-pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
+pub fn rows(start: Pose, mounts: &[Pose], instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let begun = instants
         .first()
         .and_then(|instant| rows.get(instant.row)?.pose());
@@ -37,14 +39,16 @@ pub fn rows(start: Pose, instants: &[Instant], rows: &[Row]) -> Vec<TruthRow> {
     let one = |instant: &Instant| {
         let members = &rows.get(instant.row)?.members;
         let group = rows.get(instant.row)?.pose()?;
-        let poses = members.iter().filter_map(|member| member.pose);
-        let distance = poses.map(|p| (p.x - group.x).hypot(p.y - group.y));
+        let places = members.iter().zip(mounts).filter_map(|(member, mount)| {
+            let (own, place) = (member.pose?.compose(*mount), group.compose(*mount));
+            Some((own.x - place.x).hypot(own.y - place.y))
+        });
         Some(TruthRow {
             t: instant.t,
             theory: instant.pose,
             theory_twist: instant.twist,
             group: place(group),
-            shape_error_mm: f64::from(distance.fold(0.0, f32::max)) * 1000.0,
+            shape_error_mm: f64::from(places.fold(0.0, f32::max)) * 1000.0,
             bus_load: 0.0,
             robots: members
                 .iter()
@@ -110,11 +114,28 @@ mod tests {
             row(&[(2.0, 1.002), (2.0, 0.998)]),
         ];
         let start = Pose::new(2.5, 0.0, 0.0);
-        let seen = rows(start, &[instant(0), instant(1), instant(2)], &recorded);
+        let mounts = [Pose::new(0.5, 0.0, 0.0), Pose::new(-0.5, 0.0, 0.0)];
+        let instants = [instant(0), instant(1), instant(2)];
+        let seen = rows(start, &mounts, &instants, &recorded);
         assert_eq!(seen.len(), 2, "nobody reported at the second instant");
         assert_eq!(seen[0].group, start);
         assert!((seen[1].group.x - 3.5).abs() < 1e-6);
         assert!((seen[1].shape_error_mm - 2.0).abs() < 1e-3);
+    }
+
+    /// Two robots half a metre from the centre, whose headings differ by 0.02 rad: each is half of
+    /// it from the mean, which is 5 mm at its place, though both put the centre where it is.
+    #[test]
+    fn a_heading_of_its_own_takes_a_robot_from_its_place() {
+        let mut turned = row(&[(0.0, 0.0), (0.0, 0.0)]);
+        for (member, heading) in turned.members.iter_mut().zip([0.01, -0.01]) {
+            member.pose = Some(Pose::new(0.0, 0.0, heading));
+        }
+        let mounts = [Pose::new(0.5, 0.0, 0.0), Pose::new(-0.5, 0.0, 0.0)];
+        let straight = row(&[(0.0, 0.0), (0.0, 0.0)]);
+        let instants = [instant(0), instant(1)];
+        let seen = rows(Pose::default(), &mounts, &instants, &[straight, turned]);
+        assert!((seen[1].shape_error_mm - 5.0).abs() < 1e-3);
     }
 
     /// A whole turn to the right in quarters, as robots report it.
@@ -128,7 +149,7 @@ mod tests {
             one
         });
         let instants = [0, 1, 2, 3, 4].map(instant);
-        let seen = rows(Pose::new(0.0, 0.0, 0.0), &instants, &recorded);
+        let seen = rows(Pose::default(), &[Pose::default()], &instants, &recorded);
         let end = seen.last().unwrap().group.heading;
         assert!((end + 4.0 * quarter).abs() < 1e-5, "{end}");
     }

@@ -140,8 +140,8 @@ fn provenance(report: &Report) -> &'static str {
         super::BackendName::Robots => {
             "<h2>Where this comes from</h2><p>The path drawn here is what the robots' own wheels \
              say (the mean of the members' odometry), not an outside measurement: slip that the \
-             compensation does not know of is not in it. The shape error is how far the members \
-             disagree.</p>"
+             compensation does not know of is not in it. The shape error, too, is by the wheels: \
+             how far a robot's own put it from its place.</p>"
         }
         super::BackendName::Native => {
             "<h2>Where this comes from</h2><p>Every robot is the firmware's control code compiled \

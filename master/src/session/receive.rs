@@ -10,7 +10,7 @@ use protocol::{GroupTwist, RobotReport, cob};
 use super::Group;
 use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
-use crate::monitor::telemetry::{EventKind, SessionState};
+use crate::monitor::telemetry::{EventKind, SessionState, happening};
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.
@@ -102,8 +102,10 @@ impl<L: Link> Group<L> {
                     if before.map(|b| b.state) != Some(status.state) {
                         events[0] = Some(EventKind::State(status.state));
                     }
-                    if before.map_or(protocol::Code::None, |b| b.code) != status.code {
-                        events[1] = Some(EventKind::Code(status.code));
+                    let was = before.map_or(protocol::Code::None, |b| happening(b.code));
+                    let is = happening(status.code);
+                    if was != is {
+                        events[1] = Some(EventKind::Code(is));
                     }
                     member.silent_syncs = 0;
                     (member.status_at, member.heard_at) = (Some(at), Some(at));

@@ -63,6 +63,20 @@ enum Transfer<'a> {
     WriteBlock(&'a [u8]),
 }
 
+impl Transfer<'_> {
+    /// What is done, for people.
+    fn action(self, address: Address) -> String {
+        let object = name(address);
+        match self {
+            Self::Read => format!("reading {object}"),
+            Self::Write(_) if address == STORE.0 => "saving the parameters".into(),
+            Self::Write(_) if address == RESTORE.0 => "restoring the defaults".into(),
+            Self::Write(value) => format!("writing {} to {object}", show(value)),
+            Self::WriteBlock(bytes) => format!("writing {} bytes to {object}", bytes.len()),
+        }
+    }
+}
+
 impl<L: Link> Wire<L> {
     /// Reads an object of a type.
     ///
@@ -255,12 +269,7 @@ impl<L: Link> Wire<L> {
             Outcome::Failed(SdoError::Timeout) => Err(MasterError::NodeSilent { node }),
             Outcome::Failed(SdoError::Aborted(code)) => Err(MasterError::Refused {
                 node,
-                object: name(address),
-                value: match what {
-                    Transfer::Read => "read".into(),
-                    Transfer::Write(value) => show(value),
-                    Transfer::WriteBlock(bytes) => format!("{} bytes", bytes.len()),
-                },
+                action: what.action(address),
                 abort: AbortCode::from_code(code).unwrap_or(AbortCode::General),
             }),
             Outcome::Failed(SdoError::Protocol(code)) => Err(answer(code.text())),

@@ -89,6 +89,18 @@ fn a_refusal_names_node_object_and_remedy() {
 }
 
 #[test]
+fn a_refusal_says_what_was_to_be_done() {
+    let mut bus = FakeBus::new(&[2]);
+    let store = protocol::Address::new(0x1010, 1);
+    bus.robots[0].refuses = Some((store, AbortCode::DeviceState));
+    let text = Wire::visiting(bus).save(2).unwrap_err().to_string();
+    assert!(
+        text.starts_with("node 2: saving the parameters was refused: "),
+        "{text}"
+    );
+}
+
+#[test]
 fn a_value_that_does_not_read_back_is_an_error() {
     let file = file();
     let mut bus = FakeBus::new(&[2, 3, 4]);

@@ -8,9 +8,12 @@
 //!
 //! The second form is of one body: the group, or the only robot that is asked for. m and rad, any
 //! fixed frame with counter-clockwise headings. Everything else on a line is passed over, its time
-//! too: that is of another clock, so a pose counts from when its line arrived. A thread reads; the
-//! latest line wins, and a line that holds no pose counts as none.
+//! too: that is of another clock, so a pose counts from when its line arrived, but not from before
+//! the bus's clock at the previous look: on a bus whose time waits the clock on the wall says
+//! nothing about age. A thread reads; the latest line wins, and a line that holds no pose counts as
+//! none.
 
+use std::cell::Cell;
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -93,6 +96,16 @@ type Latest = Arc<Mutex<(Instant, Line)>>;
 pub struct PoseStream {
     address: String,
     latest: Latest,
+    seen: Cell<Option<Seen>>,
+}
+
+/// The last look at the latest line.
+#[derive(Clone, Copy)]
+struct Seen {
+    arrived: Instant,
+    /// When that was on the bus's clock.
+    at: Micros,
+    looked: Micros,
 }
 
 impl PoseStream {
@@ -123,6 +136,7 @@ impl PoseStream {
         Ok(Self {
             address: address.to_owned(),
             latest,
+            seen: Cell::new(None),
         })
     }
 
@@ -134,12 +148,24 @@ impl PoseStream {
     /// The latest pose of the group and when it arrived, on a clock that now shows `now`.
     #[must_use]
     pub fn latest(&self, now: Micros) -> Option<(Micros, Pose)> {
-        let (at, line) = self.read();
+        let (arrived, line) = self.read();
         let [x, y, heading] = line.group()?;
-        let age = u64::try_from(at.elapsed().as_micros()).unwrap_or(u64::MAX);
+        let at = match self.seen.get() {
+            Some(seen) if seen.arrived == arrived => seen.at,
+            before => {
+                let age = u64::try_from(arrived.elapsed().as_micros()).unwrap_or(u64::MAX);
+                let earliest = before.map_or(0, |before| before.looked.0);
+                Micros(now.0.saturating_sub(age).max(earliest).min(now.0))
+            }
+        };
+        self.seen.set(Some(Seen {
+            arrived,
+            at,
+            looked: now,
+        }));
         #[expect(clippy::cast_possible_truncation, reason = "setpoints are f32")]
         let pose = Pose::new(x as f32, y as f32, heading as f32);
-        Some((Micros(now.0.saturating_sub(age)), pose))
+        Some((at, pose))
     }
 
     /// The latest pose of the group: m, m, rad.
@@ -223,6 +249,38 @@ mod tests {
         let stream = served("{\"x\":1,\"y\":2,\"heading\":0}\n").unwrap();
         let (_, pose) = stream.latest(Micros(1_000_000)).unwrap();
         assert_eq!(pose, Pose::new(1.0, 2.0, 0.0));
+    }
+
+    /// The clock on the wall goes on for 50 ms, that of the bus for 10: the pose is 10 ms old, and
+    /// not
+    /// 50. A new one that came meanwhile is not older than the look before it.
+    #[test]
+    fn a_pose_ages_with_the_clock_of_the_bus() {
+        let (more, wait) = std::sync::mpsc::channel::<()>();
+        let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = server.local_addr().unwrap().to_string();
+        std::thread::spawn(move || {
+            let (mut stream, _) = server.accept().unwrap();
+            stream
+                .write_all(b"{\"x\":1,\"y\":0,\"heading\":0}\n")
+                .unwrap();
+            wait.recv().unwrap();
+            stream
+                .write_all(b"{\"x\":2,\"y\":0,\"heading\":0}\n")
+                .unwrap();
+            let _ = wait.recv();
+        });
+        let stream = PoseStream::connect(&address).unwrap();
+        let (first, _) = stream.latest(Micros(5_000_000)).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(stream.latest(Micros(5_010_000)).unwrap().0, first);
+        more.send(()).unwrap();
+        while stream.read().1.group().unwrap()[0] < 2.0 {
+            std::thread::yield_now();
+        }
+        std::thread::sleep(Duration::from_millis(50));
+        let (second, pose) = stream.latest(Micros(5_020_000)).unwrap();
+        assert_eq!((second, pose.x), (Micros(5_010_000), 2.0));
     }
 
     #[test]

@@ -31,7 +31,7 @@ use self::deadman::DeadMan;
 use self::gamepad::Gamepad;
 use self::keys::Action;
 use self::view::View;
-use super::Target;
+use super::{Target, Usage};
 
 /// How often the pilot is told and the screen is drawn.
 const TICK: Duration = Duration::from_millis(50);
@@ -92,6 +92,12 @@ pub fn watch(arguments: &Watch) -> anyhow::Result<()> {
 
 /// `omnibus teleop`.
 pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
+    if super::json() {
+        return Err(Usage(
+            "teleop shows a terminal and has no JSON; `omnibus bridge` lets programs drive".into(),
+        )
+        .into());
+    }
     let gamepad = match &arguments.gamepad {
         Some(path) => Some(Gamepad::open(path).with_context(|| {
             format!(

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use canopen::{Frame, NmtState};
 use kinematics::{Pose, Twist, WheelRates};
-use protocol::{Code, MemberState};
+use protocol::{Code, Limit, MemberState};
 
 /// One item of the stream.
 #[derive(Clone, Debug, PartialEq)]
@@ -233,6 +233,15 @@ pub enum EventKind {
     Late(u64),
     /// The session ended with an error; its message.
     Failed(String),
+}
+
+/// What of a code is worth an event. That the group's own ramp holds it back is what every change
+/// of velocity by hand does.
+pub(crate) const fn happening(code: Code) -> Code {
+    match code {
+        Code::Limit(Limit::Acceleration) => Code::None,
+        other => other,
+    }
 }
 
 impl std::fmt::Display for EventKind {

@@ -476,10 +476,11 @@ let timer = null;
 
 const ready = () => Boolean(trusted && seat.yours && state && state.phase === "running" && performance.now() - stateAt < STALE_MS);
 
+// Those of `omnibus teleop`, where s starts and q quits.
 const KEYS = {
-  ArrowUp: [1, 0, 0], KeyW: [1, 0, 0], ArrowDown: [-1, 0, 0], KeyS: [-1, 0, 0],
-  ArrowLeft: [0, 1, 0], KeyA: [0, 1, 0], ArrowRight: [0, -1, 0], KeyD: [0, -1, 0],
-  KeyQ: [0, 0, 1], KeyE: [0, 0, -1],
+  ArrowUp: [1, 0, 0], KeyI: [1, 0, 0], ArrowDown: [-1, 0, 0], KeyK: [-1, 0, 0],
+  ArrowLeft: [0, 1, 0], KeyJ: [0, 1, 0], ArrowRight: [0, -1, 0], KeyL: [0, -1, 0],
+  KeyU: [0, 0, 1], KeyO: [0, 0, -1],
 };
 
 function deflection() {
