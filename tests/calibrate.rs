@@ -35,6 +35,7 @@ fn tracking(group: &GroupFile, elf: Option<&Path>) -> f64 {
         log: None,
         abort: Abort::default(),
         record: None,
+        index_search: Some(&|_| {}),
     };
     simulated(&drive, &mut |_, _| {}).unwrap().errors.rms_mm
 }

@@ -47,6 +47,7 @@ fn ripple(group: &GroupFile, elf: Option<&std::path::Path>) -> f64 {
         log: None,
         abort: Abort::default(),
         record: None,
+        index_search: Some(&|_| {}),
     };
     let run = simulated(&drive, &mut |_, _| {}).unwrap();
     println!("{:?} {:?}", run.errors, run.evenness);

@@ -50,6 +50,7 @@ fn drive(group: &GroupFile, elf: Option<&PathBuf>, curve: Curve, compensation: b
         log: None,
         abort: Abort::default(),
         record: None,
+        index_search: Some(&|_| {}),
     };
     let run = simulated(&drive, &mut |_, _| {}).unwrap();
     println!(

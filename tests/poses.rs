@@ -54,6 +54,7 @@ fn a_member_that_began_anew_misleads_nobody() {
             log: None,
             abort: Abort::default(),
             record: None,
+            index_search: Some(&|_| {}),
         };
         let (run, _) = measured(&mut link, &drive, &mut |_, _| {}).unwrap();
         let after = link.world.truth().group;

@@ -27,6 +27,7 @@ use crate::path::steering::{Eyes, Law, Sighting, Steering};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
 use crate::session::follow::Instant;
+use crate::session::roller_index::IndexSearch;
 use crate::source::pose::PoseStream;
 
 /// Shares of the progress bar: the drive begins and ends here.
@@ -53,6 +54,9 @@ pub struct Drive<'a> {
     pub abort: Abort,
     /// Where every frame, the curve and what was seen of the group are recorded.
     pub record: Option<&'a dyn Record>,
+    /// Who is told of the search for the wheels' indexes before it begins; `None` leaves the search
+    /// out, and robots begin with the mean of their rollers.
+    pub index_search: Option<&'a dyn Fn(&IndexSearch)>,
 }
 
 /// A recording, as a drive sees it. Times are on the link's clock.
@@ -224,9 +228,11 @@ pub(crate) fn session<L: Link>(
     progress(DRIVING.start / 2.0, "configuring");
     group.set_abort(drive.abort.clone());
     group.configure(drive.compensation)?;
-    if has_rollers(drive.group) {
-        progress(DRIVING.start / 2.0, "seeking index");
-        group.find_rollers()?;
+    if let Some(announce) = drive.index_search
+        && has_rollers(drive.group)
+    {
+        progress(DRIVING.start / 2.0, "index search");
+        group.find_rollers(&mut |search| announce(search))?;
     }
     group.start()?;
     let first = group.recorder().rows().len();

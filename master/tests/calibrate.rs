@@ -89,6 +89,7 @@ fn errors(file: &GroupFile, curve: Curve, compensation: bool) -> [f64; 2] {
         log: None,
         abort: Abort::default(),
         record: None,
+        index_search: Some(&|_| {}),
     };
     let run = simulated(&drive, &mut |_, _| {}).unwrap();
     [run.errors.x_percent, run.errors.y_percent]

@@ -131,6 +131,7 @@ impl Robot {
                 log: None,
                 abort: abort.clone(),
                 record: None,
+                index_search: Some(&|_| {}),
             };
             simulated(&drive, &mut |_, _| {}).unwrap().evenness
         };
@@ -251,7 +252,7 @@ fn a_robot_whose_gyro_is_lost_is_stopped() {
     });
     let world = omnibus::simulation::run::world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
-    group.find_rollers().unwrap();
+    group.find_rollers(&mut |_| {}).unwrap();
     let gyro = GyroStream::connect(&address).unwrap();
     let (mut calls, mut speed) = (0, 0.0);
     let mut rates = |link: &mut SimLink| {

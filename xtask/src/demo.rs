@@ -130,6 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .then(|| folder.join(format!("compensation-{word}.robots.log"))),
             abort: abort.clone(),
             record: None,
+            index_search: Some(&|_| {}),
         };
         let run = simulated(&drive, &mut |done, phase| {
             progress.set_position((done * PROGRESS_STEPS) as u64);

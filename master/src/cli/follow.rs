@@ -15,6 +15,7 @@ use omnibus::path::curve::{Curve, RAMP};
 use omnibus::path::steering::Law;
 use omnibus::report::{self, BackendName, Run};
 use omnibus::run::{self, Drive, Feedback, Record, Source};
+use omnibus::session::roller_index::IndexSearch;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::run::simulated;
 use serde_json::{Value, json};
@@ -123,6 +124,10 @@ pub struct Arguments {
     /// Drives without feedback first, to compare. (A simulated bus always does.)
     #[arg(long, requires = "pose")]
     compare: bool,
+    /// Begins with the mean of the rollers where a wheel has not seen its index, instead of driving
+    /// a turn of the wheels ahead and back first. The index is found on the way.
+    #[arg(long)]
+    no_seek: bool,
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
@@ -222,6 +227,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             log: arguments.log.clone(),
             abort: abort.clone(),
             record: recorder.as_ref().map(|recorder| recorder as &dyn Record),
+            index_search: (!arguments.no_seek).then_some(&announce),
         };
         let driven = drive_once(target, &group, &drive, &name);
         // What was heard is kept however it ended, and the result is printed whatever became of it.
@@ -276,6 +282,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         note(sync);
     }
     written
+}
+
+/// Says what happens before the curve, and how much room it needs.
+fn announce(search: &IndexSearch) {
+    note(search);
+    note("(--no-seek leaves this out: the robots begin with the mean of their rollers.)");
 }
 
 /// Four decimals.

@@ -126,14 +126,12 @@ impl Plan {
         Self { name, motion }
     }
 
-    /// Straight ahead by a distance (m) and back, as a cosine: as fast as the group's limits allow
-    /// with some room.
+    /// Straight ahead by a distance (m) and back, as a cosine: at `speed` (m/s) at most, and within
+    /// the group's limits with some room.
     #[must_use]
-    pub fn there_and_back(distance: f64, limits: &Limits) -> Self {
-        let (speed, acceleration) = (
-            0.7 * f64::from(limits.linear_speed),
-            0.7 * f64::from(limits.linear_acceleration),
-        );
+    pub fn there_and_back(distance: f64, speed: f64, limits: &Limits) -> Self {
+        let speed = speed.min(0.7 * f64::from(limits.linear_speed));
+        let acceleration = 0.7 * f64::from(limits.linear_acceleration);
         let pi = std::f64::consts::PI;
         let by_speed = pi * distance / speed;
         let by_acceleration = pi * (2.0 * distance / acceleration).sqrt();
@@ -154,6 +152,14 @@ impl Plan {
     #[must_use]
     pub fn duration(&self) -> f64 {
         self.motion.duration()
+    }
+
+    /// The largest speed of the motion, m/s.
+    #[must_use]
+    pub fn fastest(&self) -> f64 {
+        let steps = (self.duration() / CHECK_STEP).ceil() as u32;
+        let twists = (0..=steps).map(|step| self.motion.at(f64::from(step) * CHECK_STEP).1);
+        twists.map(|v| v.vx.hypot(v.vy)).fold(0.0, f64::max)
     }
 
     /// Where the curve begins.

@@ -1,8 +1,9 @@
-//! Lets a group find the angles of its wheels: there and back by a little more than a turn, so that
+//! Lets a group find the angles of its wheels: ahead and back by a little more than a turn, so that
 //! every encoder's index comes by.
 //!
-//! The group ends where it began, as far as its wheels know. Whoever needs the pose to be exact
-//! measures it afterwards.
+//! Nobody expects this motion of a command that follows a curve, so it is slow, and whoever asks
+//! for it is told before how much room it needs ([`IndexSearch`]). The group ends where it began,
+//! as far as its wheels know.
 
 use kinematics::WheelRates;
 use protocol::{Kind, Value, address};
@@ -17,23 +18,53 @@ pub const KNOWN: u8 = 2;
 
 /// How much further than one turn.
 const MARGIN: f64 = 1.08;
+/// Slow enough to step aside, m/s.
+const SPEED: f64 = 0.2;
 
 /// Wheels as people name them, in the order of the objects.
 const WHEELS: [&str; 4] = ["front left", "front right", "rear left", "rear right"];
 
+/// The motion that brings every index by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IndexSearch {
+    /// How far the group goes ahead, and back, m.
+    pub distance: f64,
+    /// How fast at most, m/s.
+    pub speed: f64,
+    /// How long it takes, s.
+    pub seconds: f64,
+}
+
+impl std::fmt::Display for IndexSearch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            distance,
+            speed,
+            seconds,
+        } = self;
+        write!(
+            f,
+            "Index search first: the group drives {distance:.2} m ahead and back, {speed:.2} m/s at \
+             most, in {seconds:.0} s; keep {distance:.2} m free in front of it."
+        )
+    }
+}
+
+/// Is told of an index search before anything moves.
+pub type Announce<'a> = &'a mut dyn FnMut(&IndexSearch);
+
 impl<L: Link> Group<L> {
-    /// Starts the group, drives it there and back, and checks that every wheel of a robot with
+    /// Starts the group, drives it ahead and back, and checks that every wheel of a robot with
     /// rollers has seen its index. The group stands afterwards and is in PRE-OPERATIONAL. Does
-    /// nothing when all have already.
+    /// nothing, and announces nothing, when all have already.
     ///
     /// # Errors
     /// [`MasterError::NoIndex`] naming the first wheel that has not, and whatever driving fails
     /// with.
-    pub fn find_rollers(&mut self) -> Result<(), MasterError> {
+    pub fn find_rollers(&mut self, announce: Announce<'_>) -> Result<(), MasterError> {
         if self.unreferenced_wheel()?.is_none() {
             return Ok(());
         }
-        self.start()?;
         let radii = self
             .config()
             .robots
@@ -41,7 +72,13 @@ impl<L: Link> Group<L> {
             .map(|r| r.geometry.wheel_radius());
         let radius = radii.fold(0.0, f32::max);
         let distance = MARGIN * std::f64::consts::TAU * f64::from(radius);
-        let plan = Plan::there_and_back(distance, &self.config().limits);
+        let plan = Plan::there_and_back(distance, SPEED, &self.config().limits);
+        announce(&IndexSearch {
+            distance,
+            speed: plan.fastest(),
+            seconds: plan.duration(),
+        });
+        self.start()?;
         self.follow(&plan, &mut |_, _| {})?;
         match self.unreferenced_wheel()? {
             None => Ok(()),

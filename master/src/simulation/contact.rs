@@ -78,6 +78,7 @@ pub fn calibrated(group: &GroupFile, abort: &Abort) -> Result<GroupFile, DriveEr
             log: None,
             abort: abort.clone(),
             record: None,
+            index_search: Some(&|_| {}),
         };
         simulated(&drive, &mut |_, _| {})
     };

@@ -26,6 +26,7 @@ fn drive(group: &GroupFile, curve: Curve, compensation: bool) -> anyhow::Result<
         log: None,
         abort: Abort::default(),
         record: None,
+        index_search: Some(&|_| {}),
     };
     Ok(simulated(&drive, &mut |_, _| {})?)
 }

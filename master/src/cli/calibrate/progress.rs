@@ -36,6 +36,9 @@ impl Progress {
 
     /// Shows a step.
     pub fn show(&mut self, step: &Step) {
+        if let What::Searches(search) = &step.what {
+            return self.line(search.to_string());
+        }
         let left = time(step.seconds_left);
         let name = &step.name;
         if let Some(bar) = &self.bar {
@@ -46,7 +49,7 @@ impl Progress {
         let motion = format!("motion {} of about {}: {name}", step.number, step.of);
         match &step.what {
             What::Begins if self.bar.is_none() => note(format!("{motion}; {left} to go")),
-            What::Begins => {}
+            What::Begins | What::Searches(_) => {}
             What::Again(reason) => self.line(format!("{motion} is driven again: {reason}")),
             What::Kept => self.line(format!("{motion}: from the earlier run")),
             What::LeftOut => self.line(format!("{motion}: left out")),

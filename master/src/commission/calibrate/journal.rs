@@ -18,6 +18,7 @@ use serde_json::Value;
 
 use super::CalibrateError;
 use crate::error::MasterError;
+use crate::session::roller_index::IndexSearch;
 
 /// How often a motion is driven again after a passing failure.
 const TRIES: u32 = 3;
@@ -40,6 +41,8 @@ pub struct Step {
 /// What happens to a motion.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
+    /// Before the first motion the group searches for its wheels' indexes.
+    Searches(IndexSearch),
     /// It is driven.
     Begins,
     /// It is driven again, for this reason.
@@ -199,6 +202,11 @@ impl<'a> Journal<'a> {
         }
     }
 
+    /// Reports a search for indexes that is about to begin.
+    pub(super) fn announce(&mut self, search: &IndexSearch) {
+        self.emit("index search", What::Searches(*search));
+    }
+
     /// Drives a motion, or takes it from an earlier run; `None` where it is left out. `drive` is
     /// called again after a failure that passes.
     ///
@@ -282,7 +290,7 @@ impl<'a> Journal<'a> {
     fn emit(&mut self, name: &str, what: What) {
         let step = Step {
             number: self.number,
-            of: self.number - 1 + self.left.len().max(1),
+            of: (self.number + self.left.len().max(1)).saturating_sub(1),
             name: name.into(),
             seconds_left: self.left.iter().sum(),
             what,

@@ -100,7 +100,7 @@ pub fn calibrate<L: Link>(
         return Err(CalibrateError::NoSpeeds);
     }
     group.configure(false)?;
-    group.find_rollers()?;
+    group.find_rollers(&mut |search| journal.announce(search))?;
     let motions = straight(&bare, settings);
     let turning = turns(&bare, settings);
     let checking = checks(&bare, settings);
