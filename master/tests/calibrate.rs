@@ -7,7 +7,7 @@ use omnibus::abort::Abort;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::Settings;
 use omnibus::commission::calibrate::measure::Witness;
-use omnibus::commission::calibrate::{Calibration, calibrate};
+use omnibus::commission::calibrate::{CalibrateError, Calibration, calibrate};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
 use omnibus::run::Drive;
@@ -34,6 +34,12 @@ const ROLLING: Bounds = Bounds {
     after: 0.15,
 };
 
+/// Of two robots 30 degrees apart, whose axes are not the group's.
+const MIXED: Bounds = Bounds {
+    before: 1.5,
+    after: 0.5,
+};
+
 /// m/s.
 const SPEEDS: [f64; 3] = [0.1, 0.5, 1.0];
 
@@ -52,6 +58,10 @@ fn settings(speeds: &[f64]) -> Settings {
 }
 
 fn calibrated(file: &GroupFile, speeds: &[f64]) -> Calibration {
+    attempt(file, speeds).unwrap()
+}
+
+fn attempt(file: &GroupFile, speeds: &[f64]) -> Result<Calibration, CalibrateError> {
     let world = world(file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
     let mut session = Group::connect(SimLink::new(world, "sim"), file).unwrap();
     let rigid = file.simulation.rigid;
@@ -74,7 +84,6 @@ fn calibrated(file: &GroupFile, speeds: &[f64]) -> Calibration {
         &mut witness,
         &mut Journal::new(|_| {}),
     )
-    .unwrap()
 }
 
 /// Errors of a curve, lateral and longitudinal, per cent.
@@ -130,6 +139,42 @@ fn a_calibration_on_the_measured_floor_holds_on_the_curves() {
 #[test]
 fn a_calibration_on_the_contact_plant_holds_on_the_curves() {
     holds(&contact::on_contact(&group("tcc-2"), 8), &SPEEDS, BOUNDS);
+}
+
+/// Two robots 30 degrees apart, bolted together (the paper's figure 19f). Each loses what Table 3
+/// says along its own axes: the coefficients at 0.5 m/s are 1.0022 and 1.0345.
+#[test]
+fn robots_that_face_differently_are_calibrated_bolted_together() {
+    let file = holds(&group("acc-2"), &SPEEDS, MIXED);
+    let table = &file.robots[1].compensation_table;
+    for (rows, expected) in [(&table.longitudinal, 1.0022), (&table.lateral, 1.0345)] {
+        let (speed, coefficient) = rows[1];
+        assert!((speed * coefficient - 0.5).abs() < 1e-3);
+        assert!((coefficient - expected).abs() < 5e-4, "{rows:?}");
+    }
+    holds(&contact::on_contact(&group("acc-2"), 8), &SPEEDS, MIXED);
+}
+
+/// Robots that all face sideways in their group: poses are the group's, motions the robots'.
+#[test]
+fn robots_that_all_face_left_are_calibrated_too() {
+    let mut file = group("scc-2");
+    for robot in &mut file.robots {
+        robot.mount.heading = std::f32::consts::FRAC_PI_2;
+    }
+    let found = calibrated(&file, &[0.5]).file.robots[0].compensation;
+    assert!((found.longitudinal() - 1.0022).abs() < 5e-4, "{found:?}");
+    assert!((found.lateral() - 1.0345).abs() < 5e-4, "{found:?}");
+}
+
+/// A quarter turn apart, side by side: the sum of what both lose ahead and sideways is all that
+/// translation shows, and the group turns by their difference, 0.0145 rad/m.
+#[test]
+fn robots_a_quarter_turn_apart_are_refused_where_it_turns_their_group() {
+    let mut file = group("acc-2");
+    file.robots[1].mount.heading = std::f32::consts::FRAC_PI_2;
+    let error = attempt(&file, &[0.5]).unwrap_err().to_string();
+    assert!(error.contains("simulation.rigid = false"), "{error}");
 }
 
 /// The hand-over of the contact plant's eight rollers costs 0.00127 s/m: the momentum of

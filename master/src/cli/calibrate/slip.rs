@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         progress::form(path)?;
     }
     let settings = slip.settings(&group, arguments.rollers)?;
-    let subjects = Subject::all(&group)?;
+    let subjects = Subject::all(&group);
     if slip.tape && subjects.len() > 1 {
         bail!(
             "--tape measures one body, and the {} robots of {} are apart; calibrate them one by \
@@ -218,6 +218,14 @@ fn by_tape<L: Link>(
     settings: &Settings,
     link: L,
 ) -> anyhow::Result<()> {
+    let heading = Subject::all(file).first().map_or(0.0, Subject::heading);
+    if heading != 0.0 {
+        note(format!(
+            "Ahead is {:+.1} degrees from the group's x axis (left is positive): as the robots \
+             face, in the mean.",
+            heading.to_degrees()
+        ));
+    }
     let answers = tape::answers();
     let mut ask = |group: &mut Group<L>, motion: &Manoeuvre| tape::ask(group, motion, &answers);
     let witness = &mut Witness::Tape(&mut ask);

@@ -15,15 +15,18 @@ pub enum CalibrateError {
          limits.linear_speed and limits.yaw_rate"
     )]
     NoSpeeds,
-    /// Bolted robots that do not face one way.
+    /// Bolted robots that face so differently that ahead and sideways are not told apart, and
+    /// that turn their group for it.
     #[error(
-        "node {node} faces {degrees:.1} degrees away from the first robot; bolted together they \
-         cannot be told apart: calibrate the robots one by one, then bolt them"
+        "with the new coefficients {motion} motion turns the group by {degrees:.2} degrees a \
+         metre; its robots face so differently that what they lose ahead and sideways cannot be \
+         told apart while they are bolted together; nothing is written. Unbolt them, calibrate \
+         with simulation.rigid = false in the group file, then bolt them again"
     )]
-    FacesElsewhere {
-        /// The node.
-        node: u8,
-        /// By how much.
+    NotToldApart {
+        /// Which motion.
+        motion: &'static str,
+        /// By how much, counter-clockwise.
         degrees: f64,
     },
     /// A motion that was left out.

@@ -24,6 +24,9 @@ const SUREST: f64 = 1e-5;
 /// A motion is an outlier if it is off by more than this share of its speed: the few of a row
 /// cannot tell how far they scatter.
 const OUTLIER: f64 = 5e-3;
+/// With less alignment what robots lose ahead and sideways is not told apart: an error of the
+/// motions would count more than twice.
+const TOLD_APART: f64 = 0.25;
 /// Rows of a table.
 const ROWS: usize = protocol::compensation::ROWS;
 
@@ -186,6 +189,45 @@ impl Found {
             );
         }
         Ok(found)
+    }
+
+    /// The coefficients of robots that face differently, from those of the group along and across
+    /// their mean axis ([`super::measure`]). The shares that a group achieves there are the mean of
+    /// the robots' shares, more or less `alignment` times half their difference.
+    #[must_use]
+    pub fn told_apart(mut self, alignment: f64) -> Self {
+        let pull = if alignment < TOLD_APART {
+            0.0
+        } else {
+            1.0 / alignment
+        };
+        let (own, other) = (0.5 * (1.0 + pull), 0.5 * (1.0 - pull));
+        let mix = |row: &Row, across: &Row| {
+            let share = |row: &Row| row.fit.coefficient.recip();
+            let half =
+                |row: &Row| 0.5 * (row.fit.interval.1 - row.fit.interval.0) * share(row).powi(2);
+            let mut out = *row;
+            let coefficient = (own * share(row) + other * share(across)).recip();
+            let half = (own * half(row)).hypot(other * half(across)) * coefficient.powi(2);
+            out.fit.coefficient = coefficient;
+            out.fit.interval = (coefficient - half, coefficient + half);
+            out
+        };
+        let at = |rows: &[Row], speed: f64| {
+            let near = |row: &&Row| row.speed.total_cmp(&speed).is_eq();
+            rows.iter().find(near).copied()
+        };
+        let each = |rows: &[Row], others: &[Row]| -> Vec<Row> {
+            let pairs = rows
+                .iter()
+                .filter_map(|row| Some((row, at(others, row.speed)?)));
+            pairs.map(|(row, other)| mix(row, &other)).collect()
+        };
+        (self.ahead, self.aside) = (
+            each(&self.ahead, &self.aside),
+            each(&self.aside, &self.ahead),
+        );
+        self
     }
 
     /// The tables as a robot takes them.
@@ -383,6 +425,33 @@ mod tests {
         let (speed, coefficient) = found.table(7).lateral[0];
         assert!((f64::from(speed) - 0.3 / ASIDE).abs() < 1e-6);
         assert!((f64::from(coefficient) - ASIDE).abs() < 1e-6);
+    }
+
+    /// Robots 30 degrees apart, by hand: along their mean axis each moves at 15 degrees to itself,
+    /// and the group achieves `a cos^2 + b sin^2` there.
+    #[test]
+    fn robots_that_face_differently_are_told_apart() {
+        let (sin, cos) = 15_f64.to_radians().sin_cos();
+        let [a, b] = [AHEAD, ASIDE].map(f64::recip);
+        let along = (a * cos * cos + b * sin * sin).recip();
+        let across = (a * sin * sin + b * cos * cos).recip();
+        let mut seen_so = Vec::new();
+        for sign in [1.0, -1.0] {
+            seen_so.push(seen(Way::Ahead, 0.3, [sign, 0.0, 0.0], [along, 1.0]));
+            seen_so.push(seen(Way::Aside, 0.3, [0.0, sign, 0.0], [1.0, across]));
+        }
+        let group = Found::straight(&seen_so).unwrap();
+        let found = group.clone().told_apart(30_f64.to_radians().cos());
+        let of = |rows: &[Row]| rows[0].fit.coefficient;
+        assert!((of(&found.ahead) - AHEAD).abs() < 1e-9, "{found:?}");
+        assert!((of(&found.aside) - ASIDE).abs() < 1e-9, "{found:?}");
+        let width = |rows: &[Row]| rows[0].fit.interval.1 - rows[0].fit.interval.0;
+        assert!(width(&found.ahead) > width(&group.ahead));
+        // Nothing to tell apart: both are their mean.
+        let mean = group.told_apart(0.0);
+        let share = 0.5 * (a + b);
+        assert!((of(&mean.ahead) - share.recip()).abs() < 1e-9);
+        assert!((of(&mean.aside) - share.recip()).abs() < 1e-9);
     }
 
     /// Lateral rows of `1.005 + slope v`, two motions each, that are off by so much either way.

@@ -4,6 +4,15 @@
 //! with the compensation in force taken off again: so ramps, delays and a scaled-down speed do not
 //! matter, and both are read at rest. Robots bolted to one load are one subject with the pose of
 //! the group; robots apart are a subject each.
+//!
+//! Bolted robots may face different ways. With `theta_j` where robot `j` faces, and robots that
+//! carry alike, a group moves as the mean of what its robots would: by `R_j diag(a, b) R_j^T`, when
+//! each achieves the share `a` of what it asks for ahead and `b` of what it asks for sideways. That
+//! mean is `(a + b) / 2 + alignment (a - b) / 2` along the mean direction of `2 theta_j`, halved,
+//! `(a + b) / 2 - alignment (a - b) / 2` across it, and nothing from one to the other; `alignment`
+//! is the length of the mean of `exp(2 i theta_j)`. So both shares follow from motions along these
+//! two axes, unless the alignment is near zero. Then translation does not depend on the difference
+//! of the shares, and it is not looked for.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +20,6 @@ use group::GroupFile;
 use kinematics::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
-use super::CalibrateError;
 use super::manoeuvre::{Manoeuvre, Way};
 use crate::bus::link::Link;
 use crate::error::MasterError;
@@ -23,44 +31,45 @@ use crate::session::Group;
 pub(super) const SETTLE: f64 = 0.3;
 pub(super) const AVERAGE: f64 = 0.3;
 
+/// From this alignment on robots count as facing one way: half a degree apart.
+const ALIKE: f64 = 0.9999;
+
 /// What moves as one body: a bolted group, or one robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subject {
     /// Places of its robots in the group file.
     pub robots: Vec<usize>,
-    /// Its pose in the group frame: faces as its robots do.
+    /// Its pose in the group frame: faces as its robots do, or as they do in the mean.
     frame: [f64; 3],
+    /// Its pose in the frame of what the source of poses tracks, which for bolted robots is the
+    /// group.
+    tracked: [f64; 3],
+    /// 1 where all robots face one way or the opposite, 0 where ahead of some is sideways of as
+    /// many others.
+    pub alignment: f64,
     /// Share of a turn that its robots' turning makes, the rest being what they do sideways.
     pub turning: f64,
 }
 
 impl Subject {
     /// The subjects of a group.
-    ///
-    /// # Errors
-    /// When bolted robots do not face one way, or the opposite.
-    pub fn all(file: &GroupFile) -> Result<Vec<Self>, CalibrateError> {
+    #[must_use]
+    pub fn all(file: &GroupFile) -> Vec<Self> {
         let place = |pose: Pose| [pose.x, pose.y, pose.heading].map(f64::from);
         if !file.simulation.rigid {
             let robots = file.robots.iter().enumerate();
-            return Ok(robots
+            return robots
                 .map(|(n, robot)| Self {
                     robots: vec![n],
                     frame: place(robot.mount),
+                    tracked: [0.0; 3],
+                    alignment: 1.0,
                     turning: 1.0,
                 })
-                .collect());
+                .collect();
         }
-        let [_, _, facing] = file.robots.first().map_or([0.0; 3], |r| place(r.mount));
-        for robot in &file.robots {
-            let [_, _, heading] = place(robot.mount);
-            if (heading - facing).sin().abs() > 1e-3 {
-                return Err(CalibrateError::FacesElsewhere {
-                    node: robot.node,
-                    degrees: (heading - facing).to_degrees(),
-                });
-            }
-        }
+        let headings = file.robots.iter().map(|robot| place(robot.mount)[2]);
+        let (facing, alignment) = mean_axis(headings);
         let count = file.robots.len().max(1) as f64;
         let centre = file.robots.iter().fold([0.0; 2], |[x, y], robot| {
             let [px, py, _] = place(robot.mount);
@@ -74,11 +83,19 @@ impl Subject {
             own += wheels;
             all += wheels + (x - centre[0]).powi(2) + (y - centre[1]).powi(2);
         }
-        Ok(vec![Self {
+        vec![Self {
             robots: (0..file.robots.len()).collect(),
             frame: [0.0, 0.0, facing],
+            tracked: [0.0, 0.0, facing],
+            alignment,
             turning: if all > 0.0 { own / all } else { 1.0 },
-        }])
+        }]
+    }
+
+    /// Whether its robots face different ways.
+    #[must_use]
+    pub fn is_mixed(&self) -> bool {
+        self.alignment < ALIKE
     }
 
     /// Its nodes.
@@ -88,9 +105,9 @@ impl Subject {
         robots.map(|robot| robot.node).collect()
     }
 
-    /// Where the robots face in the group frame, rad.
+    /// Where the robots face in the group frame, in the mean, rad.
     #[must_use]
-    pub(super) fn heading(&self) -> f64 {
+    pub fn heading(&self) -> f64 {
         self.frame[2]
     }
 
@@ -103,6 +120,22 @@ impl Subject {
             self.frame,
         ))
     }
+}
+
+/// The direction along which robots with these headings do what they do ahead, rad, and how alike
+/// they face: see [`Subject::alignment`]. Within a quarter turn of where the first one faces.
+fn mean_axis(headings: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let first = headings.clone().next().unwrap_or(0.0);
+    // Counted from the first, so that robots that face alike give its heading exactly.
+    let (sin, cos, count) = headings.fold((0.0, 0.0, 0.0), |(sin, cos, count), heading| {
+        let (s, c) = (2.0 * (heading - first)).sin_cos();
+        (sin + s, cos + c, count + 1.0)
+    });
+    let alignment = f64::hypot(sin, cos) / f64::max(count, 1.0);
+    if alignment < 1e-6 {
+        return (first, alignment);
+    }
+    (first + 0.5 * f64::atan2(sin, cos), alignment)
 }
 
 fn compose([x, y, heading]: [f64; 3], [dx, dy, turn]: [f64; 3]) -> [f64; 3] {
@@ -230,8 +263,9 @@ fn rest<L: Link>(
             }
         }
         if let Witness::Poses(poses) = witness {
-            for (mean, pose) in measured.iter_mut().zip(poses(group.link())?) {
-                mean.add(Some(pose));
+            let seen = poses(group.link())?.into_iter().zip(subjects);
+            for (mean, (pose, subject)) in measured.iter_mut().zip(seen) {
+                mean.add(Some(compose(pose, subject.tracked)));
             }
         }
     }
@@ -298,14 +332,29 @@ mod tests {
     fn bolted_robots_turn_mostly_by_going_sideways() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
         let file = GroupFile::load(path).unwrap();
-        let subjects = Subject::all(&file).unwrap();
+        let subjects = Subject::all(&file);
         let own = 3.0 * (0.35_f64.powi(2) + 0.37_f64.powi(2));
         assert_eq!(subjects[0].robots, [0, 1, 2]);
         assert!((subjects[0].turning - own / (own + 2.0 * 1.44)).abs() < 1e-6);
-        let mut crooked = file.clone();
-        crooked.robots[1].mount.heading = 0.5;
-        assert!(Subject::all(&crooked).is_err());
-        crooked.simulation.rigid = false;
-        assert_eq!(Subject::all(&crooked).unwrap().len(), 3);
+        let mut apart = file.clone();
+        apart.simulation.rigid = false;
+        assert_eq!(Subject::all(&apart).len(), 3);
+    }
+
+    /// By hand: two robots 30 degrees apart have their axis between them and cos(30 degrees) of
+    /// alignment; two a quarter turn apart have none; half a turn is no difference.
+    #[test]
+    fn robots_that_face_differently_have_a_mean_axis() {
+        let axis = |degrees: &[f64]| {
+            let (heading, alignment) = mean_axis(degrees.iter().map(|d| d.to_radians()));
+            (heading.to_degrees(), alignment)
+        };
+        let near = |(a, b): (f64, f64), (c, d): (f64, f64)| {
+            assert!((a - c).abs() < 1e-9 && (b - d).abs() < 1e-9, "{a} {b}");
+        };
+        near(axis(&[0.0, 30.0]), (15.0, 0.75_f64.sqrt()));
+        near(axis(&[90.0, 90.0, 270.0]), (90.0, 1.0));
+        near(axis(&[180.0, 0.0]), (180.0, 1.0));
+        assert!(axis(&[0.0, 90.0, 180.0, 270.0]).1 < 1e-9);
     }
 }

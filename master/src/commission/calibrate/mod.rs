@@ -41,7 +41,8 @@ const ROUNDS: usize = 5;
 const LIKELY_ROUNDS: usize = 2;
 /// A turn this exact is good enough, relative.
 const EXACT: f64 = 1e-3;
-/// A calibration that leaves more than this is refused, relative.
+/// A calibration that leaves more than this is refused, relative; of a group whose robots face
+/// differently also one that turns it more than this on a straight way, rad/m.
 const HOLDS: f64 = 0.01;
 
 /// What is left of one motion with the calibration in force.
@@ -95,13 +96,17 @@ pub fn calibrate<L: Link>(
     let mut bare = group.config().clone();
     bare.hand_over_loss = 0.0;
     group.set_config(bare.clone());
-    let subjects = Subject::all(&bare)?;
+    let subjects = Subject::all(&bare);
     if settings.speeds.is_empty() || settings.rates.is_empty() {
         return Err(CalibrateError::NoSpeeds);
     }
     group.configure(false)?;
     group.find_rollers(&mut |search| journal.announce(search))?;
-    let motions = straight(&bare, settings);
+    let mut motions = straight(&bare, settings);
+    if subjects.iter().any(Subject::is_mixed) {
+        // What is oblique to one robot is not to another.
+        motions.retain(|motion| motion.way != Way::Oblique);
+    }
     let turning = turns(&bare, settings);
     let checking = checks(&bare, settings);
     let ahead = |rounds: usize| {
@@ -117,9 +122,13 @@ pub fn calibrate<L: Link>(
     let seen = drive(group, &subjects, &motions, witness, journal)?;
     let mut outcomes = Vec::new();
     for (subject, seen) in subjects.iter().zip(&seen) {
+        let mut found = Found::straight(seen)?;
+        if subject.is_mixed() {
+            found = found.told_apart(subject.alignment);
+        }
         outcomes.push(Outcome {
             nodes: subject.nodes(&bare),
-            found: Found::straight(seen)?,
+            found,
             left: Vec::new(),
             missed: motions.len() - seen.len(),
         });
@@ -174,8 +183,11 @@ pub fn calibrate<L: Link>(
     journal.ahead(ahead(0));
     journal.depends();
     let seen = drive(group, &subjects, &checking, witness, journal)?;
-    for (outcome, seen) in outcomes.iter_mut().zip(&seen) {
+    for ((outcome, seen), subject) in outcomes.iter_mut().zip(&seen).zip(&subjects) {
         outcome.left = left(seen);
+        if subject.is_mixed() {
+            turns_nothing(seen)?;
+        }
         if let Some(bad) = outcome.left.iter().find(|left| left.error.abs() > HOLDS) {
             return Err(CalibrateError::DoesNotHold {
                 motion: bad.way.name(),
@@ -321,6 +333,20 @@ fn checks(file: &GroupFile, settings: &Settings) -> Vec<Manoeuvre> {
     let mut out = straight(file, &few);
     out.extend(turns(file, &few));
     out
+}
+
+/// Refuses straight motions that turn a group whose robots face differently.
+fn turns_nothing(seen: &[Observation]) -> Result<(), CalibrateError> {
+    for o in seen.iter().filter(|o| o.way != Way::Turn) {
+        let a_metre = o.measured[2] / o.believed[0].hypot(o.believed[1]);
+        if a_metre.abs() > HOLDS {
+            return Err(CalibrateError::NotToldApart {
+                motion: o.way.name(),
+                degrees: a_metre.to_degrees(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The worst of each kind.
