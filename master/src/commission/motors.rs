@@ -5,7 +5,8 @@
 //! PRE-OPERATIONAL. The permission to move (object 0x2050:1) is a declaration by whoever calls:
 //! wheels off the floor, or nobody and nothing within the way they may roll. It is taken back at
 //! the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest. What was found
-//! takes effect only by [`accept`], and survives a power cycle only by [`save`].
+//! takes effect only by [`accept`], and survives a power cycle only by
+//! [`Group::save`](crate::session::Group::save).
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
