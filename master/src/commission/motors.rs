@@ -6,7 +6,7 @@
 //! wheels off the floor, or nobody and nothing within the way they may roll. It is taken back at
 //! the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest. What was found
 //! takes effect only by [`accept`], and survives a power cycle only by
-//! [`Group::save`](crate::session::Group::save).
+//! [`Wire::save`].
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
