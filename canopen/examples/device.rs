@@ -1,10 +1,10 @@
 //! Node 5 with one object, 0x2000: the brightness of a lamp in percent. The bus is slcan over TCP.
 mod slcan;
-use canopen::{AbortCode, Config, Device, NmtState, NodeId, ObjectDictionary};
+use canopen::{AbortCode, Application, Config, Device, NmtState, NodeId};
 
 struct Lamp(u8);
 
-impl ObjectDictionary for Lamp {
+impl Application for Lamp {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         match (index, sub) {
             (0x2000, 0) => out[0] = self.0,

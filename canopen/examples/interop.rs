@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use canopen::{
-    AbortCode, CobId, Config, Device, Event, Identity, Mapping, NmtCommand, NmtState, NodeId,
-    ObjectDictionary, PdoConfig, PdoDirection, Storage, StoreProgress, StoreScope,
+    AbortCode, Application, CobId, Config, Device, Errors, Event, Identity, Mapping, NmtCommand,
+    NmtState, NodeId, PdoConfig, PdoDirection, ReceivedSync, Storage, StoreProgress, StoreScope,
 };
 
 /// 0x2000 u16 setpoint, 0x2001 u32 up to 1000 and not while operational, 0x2002 u16 the setpoint as
@@ -22,7 +22,7 @@ struct Objects {
 
 const TEXT: &[u8] = b"a value that is longer than four bytes";
 
-impl ObjectDictionary for Objects {
+impl Application for Objects {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         let value = match (index, sub) {
             (0x2003, 0) => TEXT,
@@ -77,6 +77,11 @@ impl ObjectDictionary for Objects {
             (0x2000..=0x2005, _, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
+    }
+
+    fn on_sync(&mut self, _: ReceivedSync, _: &mut Errors<'_>) {
+        let setpoint = self.values[&0x2000].clone();
+        self.values.insert(0x2002, setpoint);
     }
 
     fn storage(&mut self) -> Option<&mut dyn Storage> {
@@ -224,10 +229,6 @@ fn main() -> std::io::Result<()> {
         }
         while let Some(event) = device.pop_event() {
             match event {
-                Event::Sync { .. } => {
-                    let setpoint = objects.values[&0x2000].clone();
-                    objects.values.insert(0x2002, setpoint);
-                }
                 Event::NmtCommand(NmtCommand::ResetNode) => return Ok(()),
                 Event::ObjectWritten { index: 0x2000, .. } => device.trigger_tpdo(2),
                 _ => {}

@@ -1,6 +1,6 @@
 //! The events that the device reports to the application.
 
-use crate::{AbortCode, Micros, NmtCommand, NmtState, NodeId};
+use crate::{AbortCode, NmtCommand, NmtState, NodeId};
 
 /// A set of receive PDOs by number, 1 to 32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,16 +34,6 @@ pub enum Event {
         from: NmtState,
         /// The state now.
         to: NmtState,
-    },
-    /// A SYNC came in. The synchronous RPDOs that were waiting for it have just been written; the
-    /// synchronous TPDOs are read at the next `on_sync_done` or `poll`.
-    Sync {
-        /// The counter, if the frame had one.
-        counter: Option<u8>,
-        /// When the frame was received.
-        at: Micros,
-        /// Which RPDOs it applied.
-        applied: RpdoSet,
     },
     /// The SYNC counter skipped: SYNC frames have been lost.
     SyncGap {
@@ -126,7 +116,7 @@ pub struct Counters {
     pub sync_gaps: u32,
     /// SYNCs that did not come in time.
     pub syncs_lost: u32,
-    /// RPDOs that did not come in time, and synchronous PDOs outside the window of 0x1007.
+    /// RPDOs that did not come in time, and synchronous ones outside the window of 0x1007.
     pub pdos_late: u32,
     /// RPDOs that were too short for their mapping.
     pub rpdo_too_short: u32,

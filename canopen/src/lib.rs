@@ -7,7 +7,7 @@
 //! `Device`, so a process may run any number of nodes.
 //!
 //! The device holds the communication objects (0x1000 to 0x1FFF); the application holds all others
-//! and provides them through the [`ObjectDictionary`] trait.
+//! and provides them through the [`Application`] trait.
 //!
 //! The transmit queue and the event queue can overflow. Both then drop the newest entry and count
 //! it ([`Device::counters`]). Limits: the crate does not support remote frames, 29-bit identifiers,
@@ -21,12 +21,12 @@
 //!
 //! ```
 //! use canopen::client::{Outcome, SdoClient};
-//! use canopen::{AbortCode, Config, Device, Micros, NmtState, NodeId, ObjectDictionary};
+//! use canopen::{AbortCode, Config, Device, Micros, NmtState, NodeId, Application};
 //!
 //! /// 0x2000: the brightness of a lamp, 0 to 255.
 //! struct Lamp(u8);
 //!
-//! impl ObjectDictionary for Lamp {
+//! impl Application for Lamp {
 //!     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
 //!         match (index, sub) {
 //!             (0x2000, 0) => out[0] = self.0,
@@ -87,6 +87,7 @@
 extern crate std;
 
 mod abort;
+mod application;
 pub mod bits;
 mod bytes;
 pub mod client;
@@ -102,18 +103,17 @@ mod event;
 mod frame;
 mod nmt;
 mod node;
-mod od;
 mod storage;
 mod time;
 
 pub use abort::AbortCode;
+pub use application::{Application, PdoDirection, ReceivedSync, ResetScope};
 pub use config::{CobId, Config, Identity, Mapping, PdoConfig};
-pub use device::{Device, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_SDO, MAX_TPDO};
+pub use device::{Device, Errors, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_SDO, MAX_TPDO};
 pub use emergency::{Emergency, ErrorClass};
 pub use event::{Counters, Event, RpdoSet};
 pub use frame::{Frame, function_code_bit};
 pub use nmt::{NmtCommand, NmtState, NmtTarget};
 pub use node::NodeId;
-pub use od::{ObjectDictionary, PdoDirection, ResetScope};
 pub use storage::{Storage, StoreProgress, StoreScope};
 pub use time::Micros;

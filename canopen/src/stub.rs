@@ -5,8 +5,8 @@
 //! attributed to the device. It is not a CANopen device and must not be used on a bus.
 
 use crate::{
-    AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtState, NodeId,
-    ObjectDictionary, PdoDirection, ResetScope, StoreScope,
+    AbortCode, Application, Config, Counters, ErrorClass, Event, Frame, Micros, NmtState, NodeId,
+    PdoDirection, ResetScope, StoreScope,
 };
 
 /// As the device has it.
@@ -59,11 +59,11 @@ impl Device {
     }
 
     /// Passes each kind of frame to the method it is for.
-    pub fn on_frame<O: ObjectDictionary>(&mut self, at: Micros, frame: &Frame, od: &mut O) {
-        self.take(at, frame, od);
+    pub fn on_frame<O: Application>(&mut self, at: Micros, frame: &Frame, app: &mut O) {
+        self.take(at, frame, app);
     }
 
-    fn take(&mut self, at: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    fn take(&mut self, at: Micros, frame: &Frame, app: &mut dyn Application) {
         let [a, b, c, d, e, f, g, h] = *frame.padded();
         let mut out = [a, b, c, d, e, f, g, h];
         let index = u16::from_le_bytes([b, c]);
@@ -73,7 +73,7 @@ impl Device {
                     return;
                 };
                 let from = core::mem::replace(&mut self.state, NmtState::Operational);
-                od.reset(ResetScope::Application);
+                app.reset(ResetScope::Application);
                 self.event = Some(match b {
                     0 => Event::NmtCommand(command),
                     _ => Event::NmtChanged {
@@ -90,23 +90,32 @@ impl Device {
                 });
             }
             (0x80, _) => {
-                self.event = Some(Event::Sync {
+                let sync = crate::ReceivedSync {
                     counter: Some(a),
                     at,
                     applied: crate::RpdoSet::default(),
-                });
+                };
+                app.on_sync(sync, &mut Errors(self));
+                self.transmit(app);
             }
             (0x181, _) => {
-                od.rpdo(1, &out);
+                if app.on_rpdo(1, &out) {
+                    app.rpdo(1, &out);
+                }
             }
+            (0x701, state) => {
+                let state = NmtState::from_code(state).unwrap_or_default();
+                app.on_heartbeat(at, NodeId::MIN, state);
+            }
+            (0x180..0x300, _) => app.on_frame(at, frame, self.state),
             (_, 0) => {
-                let _ = od.mappable(index, d, PdoDirection::Receive);
+                let _ = app.mappable(index, d, PdoDirection::Receive);
             }
             (_, 1) => {
-                let _ = od.write(index, d, &[e, f, g, h], self.state);
+                let _ = app.write(index, d, &[e, f, g, h], self.state);
             }
             (_, 2) => {
-                if let Some(storage) = od.storage() {
+                if let Some(storage) = app.storage() {
                     let _ = storage.save(StoreScope::All, &[e]);
                     let _ = storage.restore(StoreScope::Application);
                     let _ = storage.save_node(NodeId::new(e));
@@ -115,23 +124,22 @@ impl Device {
             }
             (_, 3) => self.event = Some(Event::RecoverBus),
             _ => {
-                let _ = od.read(index, d, &mut out);
+                let _ = app.read(index, d, &mut out);
             }
         }
         self.frame = Frame::new(0x580, &out);
     }
 
     /// Asks for a transmit PDO.
-    pub fn poll<O: ObjectDictionary>(&mut self, _: Micros, od: &mut O) {
-        let mut data = [0; 8];
-        if od.tpdo(1, &mut data).is_some() {
-            self.frame = Frame::new(0x180, &data);
-        }
+    pub fn poll<O: Application>(&mut self, _: Micros, app: &mut O) {
+        self.transmit(app);
     }
 
-    /// The same.
-    pub fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
-        self.poll(now, od);
+    fn transmit(&mut self, app: &mut dyn Application) {
+        let mut data = [0; 8];
+        if app.tpdo(1, &mut data).is_some() {
+            self.frame = Frame::new(0x180, &data);
+        }
     }
 
     /// The last frame made.
@@ -153,15 +161,15 @@ impl Device {
     /// The application's objects only.
     ///
     /// # Errors
-    /// Those of [`ObjectDictionary::read`].
-    pub fn read<O: ObjectDictionary>(
+    /// Those of [`Application::read`].
+    pub fn read<O: Application>(
         &self,
         index: u16,
         sub: u8,
         out: &mut [u8],
-        od: &O,
+        app: &O,
     ) -> Result<usize, AbortCode> {
-        od.read(index, sub, out)
+        app.read(index, sub, out)
     }
 
     /// Counts nothing.
@@ -177,15 +185,8 @@ impl Device {
     }
 
     /// Tells nobody.
-    pub fn raise_error(&mut self, _: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
-        let [a, b] = code.to_le_bytes();
-        let [c, d, e, f, _] = info;
-        self.frame = Frame::new(0x80, &[a, b, class as u8, c, d, e, f]);
-    }
-
-    /// Tells nobody.
-    pub fn clear_error(&mut self, now: Micros, code: u16, info: u8) {
-        self.raise_error(now, code, ErrorClass::Generic, [info; 5]);
+    pub fn errors(&mut self, _: Micros) -> Errors<'_> {
+        Errors(self)
     }
 
     /// Does nothing.
@@ -196,5 +197,22 @@ impl Device {
     /// Does nothing.
     pub fn on_bus_recovered(&mut self, _: Micros) {
         self.frame = None;
+    }
+}
+
+/// Tells nobody.
+pub struct Errors<'a>(&'a mut Device);
+
+impl Errors<'_> {
+    /// Tells nobody.
+    pub fn raise(&mut self, code: u16, class: ErrorClass, info: [u8; 5]) {
+        let [a, b] = code.to_le_bytes();
+        let [c, d, e, f, _] = info;
+        self.0.frame = Frame::new(0x80, &[a, b, class as u8, c, d, e, f]);
+    }
+
+    /// Tells nobody.
+    pub fn clear(&mut self, code: u16, detail: u8) {
+        self.raise(code, ErrorClass::Generic, [detail; 5]);
     }
 }

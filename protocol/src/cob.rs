@@ -72,51 +72,52 @@ pub const fn heartbeat(node: u8) -> u16 {
     0x700 + node as u16
 }
 
-/// Whether only the robot `node` sends frames with this identifier.
-#[must_use]
-pub const fn is_sent_by(cob_id: u16, node: u8) -> bool {
-    const FUNCTIONS: u16 = function_bit(emergency(0))
-        | function_bit(member_status(0))
-        | function_bit(measured_twist(0))
-        | function_bit(pose(0))
-        | function_bit(wheel_rates(0))
-        | function_bit(sdo_response(0))
-        | function_bit(heartbeat(0));
-    cob_id & 0x7F == node as u16 && FUNCTIONS & function_bit(cob_id) != 0
+/// What only a robot sends, each kind with a function code of its own.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Sent {
+    /// Emergency message.
+    Emergency,
+    /// Status.
+    Status,
+    /// Measured twist.
+    Measured,
+    /// Pose.
+    Pose,
+    /// Wheel rates.
+    WheelRates,
+    /// Answer to an SDO request.
+    SdoResponse,
+    /// Heartbeat or boot-up message.
+    Heartbeat,
 }
 
-/// The function code of an identifier as one bit of sixteen.
-const fn function_bit(cob_id: u16) -> u16 {
-    1 << (cob_id >> 7 & 0xF)
-}
-
-/// The robot whose emergency message a frame with this identifier carries, if it is one.
+/// What a frame with this identifier is, and which robot it comes from; `None` if robots only
+/// receive it.
 #[must_use]
-pub const fn emergency_sender(cob_id: u16) -> Option<u8> {
-    match cob_id.checked_add(0x100) {
-        Some(status) => status_sender(status),
-        None => None,
+pub const fn sent(cob_id: u16) -> Option<(Sent, u8)> {
+    const EMERGENCY: u16 = emergency(0);
+    const STATUS: u16 = member_status(0);
+    const MEASURED: u16 = measured_twist(0);
+    const POSE: u16 = pose(0);
+    const WHEEL_RATES: u16 = wheel_rates(0);
+    const SDO_RESPONSE: u16 = sdo_response(0);
+    const HEARTBEAT: u16 = heartbeat(0);
+    let [low, _] = cob_id.to_le_bytes();
+    let node = low & 0x7F;
+    if !crate::is_robot(node) {
+        return None;
     }
-}
-
-/// The robot whose status a frame with this identifier carries, if it is one.
-#[must_use]
-pub const fn status_sender(cob_id: u16) -> Option<u8> {
-    let [high, low] = cob_id.to_be_bytes();
-    if high == 0x01 && low >= 0x80 && crate::is_robot(low - 0x80) {
-        Some(low - 0x80)
-    } else {
-        None
-    }
-}
-
-/// The robot whose measured twist a frame with this identifier carries, if it is one.
-#[must_use]
-pub const fn measured_sender(cob_id: u16) -> Option<u8> {
-    match cob_id.checked_sub(0x100) {
-        Some(status) => status_sender(status),
-        None => None,
-    }
+    let sent = match cob_id - node as u16 {
+        EMERGENCY => Sent::Emergency,
+        STATUS => Sent::Status,
+        MEASURED => Sent::Measured,
+        POSE => Sent::Pose,
+        WHEEL_RATES => Sent::WheelRates,
+        SDO_RESPONSE => Sent::SdoResponse,
+        HEARTBEAT => Sent::Heartbeat,
+        _ => return None,
+    };
+    Some((sent, node))
 }
 
 #[cfg(test)]
@@ -136,27 +137,24 @@ mod tests {
 
     #[test]
     fn a_robot_has_seven_identifiers_of_its_own() {
-        let own = (0..0x800).filter(|id| is_sent_by(*id, 3));
+        let own = (0..0x800).filter(|id| matches!(sent(*id), Some((_, 3))));
         let seven = [0x083, 0x183, 0x283, 0x383, 0x483, 0x583, 0x703];
         assert!(own.eq(seven));
     }
 
     #[test]
-    fn status_sender_names_robots_only() {
-        assert_eq!(status_sender(0x181), None, "the master's own frame");
-        assert_eq!(status_sender(0x182), Some(2));
-        assert_eq!(status_sender(0x191), Some(17));
-        assert_eq!(status_sender(0x192), None);
-        assert_eq!(status_sender(0x282), None);
-        assert_eq!(status_sender(0x082), None);
-        assert_eq!(measured_sender(0x282), Some(2));
-        assert_eq!(measured_sender(0x182), None);
-        assert_eq!(measured_sender(0x082), None);
-        assert_eq!(emergency_sender(0x082), Some(2));
-        assert_eq!(emergency_sender(0x091), Some(17));
-        assert_eq!(emergency_sender(0x080), None);
-        assert_eq!(emergency_sender(0x081), None, "the master's own");
-        assert_eq!(emergency_sender(0x092), None);
-        assert_eq!(emergency_sender(0xFFFF), None);
+    fn what_is_sent_names_robots_only() {
+        assert_eq!(sent(0x181), None, "the master's own frame");
+        assert_eq!(sent(0x182), Some((Sent::Status, 2)));
+        assert_eq!(sent(0x191), Some((Sent::Status, 17)));
+        assert_eq!(sent(0x192), None);
+        assert_eq!(sent(0x282), Some((Sent::Measured, 2)));
+        assert_eq!(sent(0x082), Some((Sent::Emergency, 2)));
+        assert_eq!(sent(0x091), Some((Sent::Emergency, 17)));
+        assert_eq!(sent(0x080), None);
+        assert_eq!(sent(0x081), None, "the master's own");
+        assert_eq!(sent(0x092), None);
+        assert_eq!(sent(0x202), None, "sent to a robot");
+        assert_eq!(sent(0xFFFF), None);
     }
 }

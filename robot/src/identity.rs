@@ -3,8 +3,6 @@
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
 
-use crate::dictionary::Device;
-
 /// What the platform knows about this robot before anybody has configured it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Identity {
@@ -124,19 +122,6 @@ pub(crate) fn config(identity: &Identity) -> Config {
         rpdos: &RPDOS,
         tpdos: &TPDOS,
         ..Config::DEFAULT
-    }
-}
-
-pub(crate) const fn device(identity: &Identity) -> Device {
-    Device {
-        node: identity.node.get(),
-        serial: identity.serial,
-        firmware: identity.firmware,
-        reset_cause: identity.reset_cause,
-        node_switches: identity.node_switches,
-        clock_wait_ms: identity.clock_wait_ms,
-        brown_out_level: identity.brown_out_level,
-        storage: identity.storage,
     }
 }
 

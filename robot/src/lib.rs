@@ -38,10 +38,13 @@
 extern crate std;
 
 pub mod agreement;
-mod bus;
+mod application;
+mod bus_side;
+mod can;
 mod compensation;
 pub mod configuration;
-mod dictionary;
+mod counters;
+mod event;
 mod fault_memory;
 mod history;
 mod identity;
@@ -54,9 +57,11 @@ pub mod state;
 mod store;
 mod strain;
 
-pub use bus::{BusSide, CanErrors, Event};
+pub use bus_side::BusSide;
+pub use can::CanErrors;
 pub use configuration::ConfigurationError;
-pub use dictionary::{Counters, StoreWear};
+pub use counters::{Counters, StoreWear};
+pub use event::Event;
 pub use fault_memory::Memorable;
 pub use identity::Identity;
 pub use parameters::Parameters;

@@ -24,18 +24,17 @@
 //! The memory the image lies in is the platform's: a robot that stores nothing needs none, and one
 //! that does can make its bus side on a small stack.
 
-use canopen::{AbortCode, NodeId, Storage, StoreProgress, StoreScope};
+use canopen::{AbortCode, NodeId};
 use protocol::compensation::{CompensationSet, LENGTH_MAX};
 use protocol::{Access, Address, ENTRIES, Kind, crc32, entry, is_robot};
 
-use crate::dictionary::Dictionary;
 use crate::parameters::Parameters;
 
 /// Bytes kept for the communication part; a longer one cannot be saved.
 const COMMUNICATION: usize = 192;
-const HEADER: usize = 8;
-const CRC: usize = 4;
-const FORMAT: u8 = 2;
+pub(crate) const HEADER: usize = 8;
+pub(crate) const CRC: usize = 4;
+pub(crate) const FORMAT: u8 = 2;
 
 /// Length of the longest image.
 pub const IMAGE_MAX: usize = HEADER + parameters_length() + COMMUNICATION;
@@ -74,8 +73,6 @@ pub(crate) struct Store {
     length: usize,
     /// A save waits for the platform.
     pub asked: bool,
-    /// Outputs are off.
-    pub at_rest: bool,
     /// What is wrong with the image that was loaded: the object, 0 where it is the image itself.
     pub corrupt: Option<Address>,
 }
@@ -88,7 +85,6 @@ impl Store {
             bytes: &mut [],
             length: 0,
             asked: false,
-            at_rest: false,
             corrupt: None,
         }
     }
@@ -121,6 +117,35 @@ impl Store {
         };
     }
 
+    /// Puts an image there that the platform is to store.
+    pub fn put(&mut self, image: &[u8]) -> Result<(), AbortCode> {
+        let memory = self.bytes.get_mut(..image.len());
+        memory.ok_or(AbortCode::CannotStore)?.copy_from_slice(image);
+        self.length = image.len();
+        self.asked = true;
+        Ok(())
+    }
+
+    /// The image that waits for the platform.
+    pub fn image_to_store(&self) -> Option<&[u8]> {
+        self.asked.then(|| self.image())
+    }
+
+    /// The platform has stored it; or it has not, and this is what it has.
+    pub fn finish(&mut self, outcome: Result<(), Stored<'_>>) -> Result<(), AbortCode> {
+        self.asked = false;
+        match outcome {
+            Ok(()) => {
+                self.corrupt = None;
+                Ok(())
+            }
+            Err(stored) => {
+                self.keep(stored);
+                Err(AbortCode::Hardware)
+            }
+        }
+    }
+
     /// The parameters of the image; the defaults when nothing is stored.
     pub fn parameters(&self) -> Parameters {
         check(self.image()).unwrap_or_default()
@@ -131,8 +156,8 @@ impl Store {
         self.image().get(HEADER - 1).copied().unwrap_or(0)
     }
 
-    /// Both parts of the image.
-    fn parts(&self) -> (&[u8], &[u8]) {
+    /// The application's and the communication part of the image.
+    pub fn parts(&self) -> (&[u8], &[u8]) {
         split(self.image()).unwrap_or((&[], &[]))
     }
 }
@@ -194,142 +219,6 @@ pub fn stored_node(image: &[u8]) -> Option<NodeId> {
     split(image).filter(|_| is_whole)?;
     let node = image.get(HEADER - 1).copied()?;
     NodeId::new(node).filter(|_| is_robot(node))
-}
-
-/// What an image to be stored has of the application.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Application {
-    /// What is stored.
-    Kept,
-    /// What has been written.
-    Written,
-    /// Nothing: the defaults.
-    Forgotten,
-}
-
-/// Collects an image.
-struct Writer {
-    bytes: [u8; IMAGE_MAX],
-    length: usize,
-}
-
-impl Writer {
-    fn add(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
-        let end = self.length.saturating_add(bytes.len());
-        let to = self.bytes.get_mut(self.length..end);
-        to.ok_or(AbortCode::CannotStore)?.copy_from_slice(bytes);
-        self.length = end;
-        Ok(())
-    }
-
-    fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
-        if let Some(to) = self.bytes.get_mut(at..at.saturating_add(N)) {
-            to.copy_from_slice(&bytes);
-        }
-    }
-}
-
-impl Dictionary {
-    /// Makes the image to store; what is not given, the communication part or the node, stays as it
-    /// is stored.
-    #[inline(never)]
-    fn ask(
-        &mut self,
-        application: Application,
-        communication: Option<&[u8]>,
-        node: Option<u8>,
-    ) -> Result<StoreProgress, AbortCode> {
-        if !self.store.at_rest || self.store.asked {
-            return Err(AbortCode::DeviceState);
-        }
-        let (old_application, old_communication) = self.store.parts();
-        let mut image = Writer {
-            bytes: [0; IMAGE_MAX],
-            length: HEADER,
-        };
-        if application == Application::Kept {
-            image.add(old_application)?;
-        } else if application == Application::Written {
-            for entry in ENTRIES.iter().filter(|entry| entry.persistent) {
-                let Some(value) = self.parameters.written(entry) else {
-                    continue;
-                };
-                let [low, high] = entry.address.index.to_le_bytes();
-                image.add(&[low, high, entry.address.sub])?;
-                if entry.kind == Kind::Domain {
-                    let set = self.parameters.set_bytes();
-                    image.add(&[u8::try_from(set.len()).unwrap_or(0)])?;
-                    image.add(set)?;
-                    continue;
-                }
-                let bytes = value.to_bytes();
-                let length = usize::from(entry.kind.bytes());
-                image.add(bytes.get(..length).unwrap_or(&[]))?;
-            }
-        }
-        let length = u16::try_from(image.length.saturating_sub(HEADER)).unwrap_or(u16::MAX);
-        let [low, high] = length.to_le_bytes();
-        let node = node.unwrap_or_else(|| self.store.node());
-        image.put(CRC, [FORMAT, low, high, node]);
-        image.add(communication.unwrap_or(old_communication))?;
-        let content = image.bytes.get(CRC..image.length).unwrap_or(&[]);
-        let crc = crc32(content.iter().copied());
-        image.put(0, crc.to_le_bytes());
-        let whole = image.bytes.get(..image.length).unwrap_or(&[]);
-        let memory = self.store.bytes.get_mut(..image.length);
-        memory.ok_or(AbortCode::CannotStore)?.copy_from_slice(whole);
-        self.store.length = image.length;
-        self.store.asked = true;
-        Ok(StoreProgress::Pending)
-    }
-}
-
-/// What becomes of the application's part in a save or restore of this scope.
-fn part(scope: StoreScope, changed: Application) -> Application {
-    if scope.has_application() {
-        changed
-    } else {
-        Application::Kept
-    }
-}
-
-impl Storage for Dictionary {
-    fn save(
-        &mut self,
-        scope: StoreScope,
-        communication: &[u8],
-    ) -> Result<StoreProgress, AbortCode> {
-        self.ask(
-            part(scope, Application::Written),
-            scope.has_communication().then_some(communication),
-            None,
-        )
-    }
-
-    fn restore(&mut self, scope: StoreScope) -> Result<StoreProgress, AbortCode> {
-        self.ask(
-            part(scope, Application::Forgotten),
-            scope.has_communication().then_some(&[]),
-            None,
-        )
-    }
-
-    fn save_node(&mut self, node: Option<NodeId>) -> Result<StoreProgress, AbortCode> {
-        let node = node.map_or(0, NodeId::get);
-        if node != 0 && !is_robot(node) {
-            return Err(AbortCode::InvalidValue);
-        }
-        self.ask(Application::Kept, None, Some(node))
-    }
-
-    fn load(&mut self, out: &mut [u8]) -> usize {
-        let (_, communication) = self.store.parts();
-        let Some(to) = out.get_mut(..communication.len()) else {
-            return 0;
-        };
-        to.copy_from_slice(communication);
-        communication.len()
-    }
 }
 
 // A persistent object without a slot could be saved but not loaded.

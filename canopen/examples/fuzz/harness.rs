@@ -13,9 +13,9 @@ use std::mem::Discriminant;
 
 use canopen::client::{Outcome, SdoClient};
 use canopen::{
-    AbortCode, CobId, Config, Device, ErrorClass, Event, Frame, Identity, Mapping, Micros,
-    NmtState, NodeId, ObjectDictionary, PdoConfig, PdoDirection, Storage, StoreProgress,
-    StoreScope,
+    AbortCode, Application, CobId, Config, Device, ErrorClass, Errors, Event, Frame, Identity,
+    Mapping, Micros, NmtState, NodeId, PdoConfig, PdoDirection, ReceivedSync, Storage,
+    StoreProgress, StoreScope,
 };
 
 /// Where decisions come from.
@@ -74,9 +74,11 @@ struct Objects {
     values: [Vec<u8>; 4],
     image: Vec<u8>,
     pending: bool,
+    /// How it has been called: bit 0 for a SYNC, 1 for an RPDO, 2 for a heartbeat, 3 for a frame.
+    calls: u8,
 }
 
-impl ObjectDictionary for Objects {
+impl Application for Objects {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         let value = match (index, sub) {
             (0x2000..=0x2003, 0) => &self.values[usize::from(index - 0x2000)],
@@ -105,6 +107,27 @@ impl ObjectDictionary for Objects {
             (0x2002, 0) => Ok(32),
             _ => Err(AbortCode::NotMappable),
         }
+    }
+
+    fn on_sync(&mut self, sync: ReceivedSync, errors: &mut Errors<'_>) {
+        self.calls |= 1;
+        match sync.counter {
+            Some(counter) if counter % 2 == 1 => errors.raise(0xFF01, ErrorClass::Generic, [0; 5]),
+            _ => errors.clear(0xFF01, 0),
+        }
+    }
+
+    fn on_rpdo(&mut self, _: u8, data: &[u8]) -> bool {
+        self.calls |= 2;
+        data.first() != Some(&13)
+    }
+
+    fn on_heartbeat(&mut self, _: Micros, _: NodeId, _: NmtState) {
+        self.calls |= 4;
+    }
+
+    fn on_frame(&mut self, _: Micros, _: &Frame, _: NmtState) {
+        self.calls |= 8;
     }
 
     fn storage(&mut self) -> Option<&mut dyn Storage> {
@@ -328,7 +351,11 @@ fn remap(random: &mut Source<'_>, device: &mut Device, objects: &mut Objects, no
 
 /// Kinds of events there are; in ten million frames all of them are seen.
 #[allow(dead_code, reason = "only one of the two programs uses it")]
-pub const EVENTS: usize = 17;
+pub const EVENTS: usize = 16;
+
+/// All ways in which the application is called.
+#[allow(dead_code, reason = "only one of the two programs uses it")]
+pub const CALLS: u8 = 0b1111;
 
 /// What the device answered.
 pub struct Totals {
@@ -338,6 +365,8 @@ pub struct Totals {
     pub digest: u64,
     /// Kinds of events.
     pub events: Vec<Discriminant<Event>>,
+    /// Ways in which the application has been called.
+    pub calls: u8,
     /// Codes of SDO aborts.
     pub aborts: Vec<u32>,
     /// Whole values that came through in a transfer of the honest client, segmented or block, up or
@@ -351,6 +380,7 @@ impl Totals {
         answers: 0,
         digest: 0xCBF2_9CE4_8422_2325,
         events: Vec::new(),
+        calls: 0,
         aborts: Vec::new(),
         transfers: 0,
     };
@@ -397,8 +427,10 @@ pub fn life(random: &mut Source<'_>, frames: u64, totals: &mut Totals) {
         now = now + Micros(random.below(pause + 1));
         device.on_frame(now, &frame(random, node), &mut objects);
         match random.below(64) {
-            0 => device.raise_error(now, random.byte().into(), ErrorClass::Generic, [0; 5]),
-            1 => device.clear_error(now, random.byte().into(), 0),
+            0 => device
+                .errors(now)
+                .raise(random.byte().into(), ErrorClass::Generic, [0; 5]),
+            1 => device.errors(now).clear(random.byte().into(), 0),
             2 => device.on_bus_off(now),
             3 | 4 => device.on_bus_recovered(now),
             5 => device.finish_store(random.one_of(&[Ok(()), Err(AbortCode::Hardware)])),
@@ -423,13 +455,12 @@ pub fn life(random: &mut Source<'_>, frames: u64, totals: &mut Totals) {
         while let Some(event) = device.pop_event() {
             totals.event(&event);
         }
+        totals.calls |= objects.calls;
     }
 }
 
 /// Polls, and checks that nothing is left to do.
 fn settle(device: &mut Device, objects: &mut Objects, now: Micros) {
-    // A second time, because after its own SYNC a producer waits for the application.
-    device.poll(now, objects);
     device.poll(now, objects);
     assert!(
         device.next_deadline().is_none_or(|next| next > now),

@@ -146,6 +146,30 @@ impl Emergencies {
     }
 }
 
+/// The emergency service for the application: it tells of errors of its own.
+pub struct Errors<'a> {
+    core: &'a mut Core,
+    now: Micros,
+}
+
+impl<'a> Errors<'a> {
+    pub(super) fn new(core: &'a mut Core, now: Micros) -> Self {
+        Self { core, now }
+    }
+
+    /// An error has appeared: sends an emergency message with this code and sets the bit of its
+    /// class in 0x1001, until [`clear`](Self::clear). Errors with the same code and the same first
+    /// byte of `info` are the same error and announced once.
+    pub fn raise(&mut self, code: u16, class: ErrorClass, info: [u8; 5]) {
+        self.core.raise(self.now, code, class, info);
+    }
+
+    /// The error with this code and this first byte of `info` has gone.
+    pub fn clear(&mut self, code: u16, detail: u8) {
+        self.core.clear(self.now, code, detail);
+    }
+}
+
 impl Core {
     /// An error has appeared. If it is present already, nothing happens.
     pub(super) fn raise(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {

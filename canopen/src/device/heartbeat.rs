@@ -70,6 +70,14 @@ impl Heartbeat {
     }
 }
 
+/// The node that a heartbeat or boot-up message comes from, and its state.
+pub(super) fn parse(frame: &Frame) -> Option<(NodeId, NmtState)> {
+    match (frame.id() & 0x780, frame.data()) {
+        (HEARTBEAT, &[code]) => NodeId::of_cob_id(frame.id()).zip(NmtState::from_code(code)),
+        _ => None,
+    }
+}
+
 impl Core {
     /// Starts a heartbeat period now.
     pub(super) fn start_heartbeat(&mut self, now: Micros) {
@@ -82,13 +90,10 @@ impl Core {
         self.out.wake(self.heartbeat.timer);
     }
 
-    pub(super) fn on_heartbeat(&mut self, now: Micros, sender: NodeId, frame: &Frame) {
-        let &[code] = frame.data() else {
+    pub(super) fn on_heartbeat(&mut self, now: Micros, sender: NodeId, state: NmtState) {
+        if self.state == NmtState::Initialising {
             return;
-        };
-        let Some(state) = NmtState::from_code(code) else {
-            return;
-        };
+        }
         let (lowest, highest) = self.config.node_ids;
         self.lss.crowded |= (lowest..=highest).contains(&sender.get());
         let used = |consumer: &&mut Consumer| consumer.is_used() && consumer.node() == Some(sender);

@@ -16,8 +16,7 @@
 use super::Core;
 use crate::bytes::{high_u16, low_u16};
 use crate::{
-    AbortCode, Frame, Identity, Micros, NmtState, NodeId, ObjectDictionary, ResetScope,
-    StoreProgress,
+    AbortCode, Application, Frame, Identity, Micros, NmtState, NodeId, ResetScope, StoreProgress,
 };
 
 pub(super) const REQUEST: u16 = 0x7E5;
@@ -77,7 +76,7 @@ const fn part(identity: &Identity, which: u8) -> Option<u32> {
 }
 
 impl Core {
-    pub(super) fn on_lss(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    pub(super) fn on_lss(&mut self, now: Micros, frame: &Frame, app: &mut dyn Application) {
         if frame.len() != 8 {
             return;
         }
@@ -85,14 +84,14 @@ impl Core {
         let number = u32::from_le_bytes([a, b, c, d]);
         let configuring = self.lss.configuring;
         match command {
-            0x04 => self.switch_lss(now, a, od),
+            0x04 => self.switch_lss(now, a, app),
             0x40..=0x43 if !configuring => self.select_lss(command - 0x40, number),
             0x46..=0x4B => self.identify_lss(command - 0x46, number),
             0x4C if self.node.is_none() && self.lss.node.is_none() => self.answer_lss(0x50, [0; 4]),
             0x51 if !configuring => self.scan_lss(frame),
             0x11 if configuring => {
                 let (lowest, highest) = self.config.node_ids;
-                let error = if !self.may_change_node(od) {
+                let error = if !self.may_change_node(app) {
                     NOT_NOW
                 } else if a == UNCONFIGURED || (lowest..=highest).contains(&a) {
                     self.lss.node = NodeId::new(a);
@@ -103,10 +102,10 @@ impl Core {
                 self.answer_lss(0x11, [error, 0, 0, 0]);
             }
             0x13 if configuring => self.answer_lss(0x13, [REFUSED, 0, 0, 0]),
-            0x17 if configuring && !self.may_change_node(od) => {
+            0x17 if configuring && !self.may_change_node(app) => {
                 self.answer_lss(0x17, [NOT_NOW, 0, 0, 0]);
             }
-            0x17 if configuring => self.store_lss(od),
+            0x17 if configuring => self.store_lss(app),
             0x5A..=0x5D if configuring => {
                 let number = part(&self.config.identity, command - 0x5A).unwrap_or(0);
                 self.answer_lss(command, number.to_le_bytes());
@@ -120,9 +119,9 @@ impl Core {
     }
 
     /// Whether it may become another node, or store which one it is.
-    fn may_change_node(&self, od: &dyn ObjectDictionary) -> bool {
+    fn may_change_node(&self, app: &dyn Application) -> bool {
         let among_others = self.lss.with_all && self.lss.crowded;
-        self.state != NmtState::Operational && !among_others && od.may_change_node()
+        self.state != NmtState::Operational && !among_others && app.may_change_node()
     }
 
     /// Another device has answered an LSS master: a node-ID given to all devices is not accepted.
@@ -134,12 +133,12 @@ impl Core {
     }
 
     /// Store configuration.
-    fn store_lss(&mut self, od: &mut dyn ObjectDictionary) {
+    fn store_lss(&mut self, app: &mut dyn Application) {
         if self.storing {
             return self.answer_lss_store(Err(AbortCode::DeviceState));
         }
         let node = self.lss.node;
-        let saved = match od.storage() {
+        let saved = match app.storage() {
             Some(storage) => storage.save_node(node),
             None => Err(AbortCode::UnsupportedAccess),
         };
@@ -179,12 +178,12 @@ impl Core {
     }
 
     /// Switch state global.
-    fn switch_lss(&mut self, now: Micros, mode: u8, od: &mut dyn ObjectDictionary) {
+    fn switch_lss(&mut self, now: Micros, mode: u8, app: &mut dyn Application) {
         match mode {
             0 => {
                 self.lss.configuring = false;
                 if self.node.is_none() && self.lss.node.is_some() {
-                    self.reset(now, ResetScope::Communication, od);
+                    self.reset(now, ResetScope::Communication, app);
                 }
             }
             1 if self.state != NmtState::Operational => {

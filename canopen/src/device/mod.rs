@@ -1,15 +1,16 @@
 //! The device: passes every frame to its service.
 //!
-//! `Core` holds the communication objects and the independent services (one file each); the SDO
-//! server is beside it, because it needs all of them at once. Each frame is processed completely
-//! before the next, so a setpoint and a SYNC keep their order.
+//! A frame is routed once, by `Core::service`. `Core` holds the communication objects and the
+//! independent services (one file each); the SDO server is beside it, because it needs all of them
+//! at once. Each frame is processed completely before the next, so a setpoint and a SYNC keep their
+//! order.
 //!
 //! The methods that reach the application's objects are generic for the caller's sake only: inside,
-//! the object dictionary is a trait object, so that this code is compiled once, in this crate, with
+//! the application is a trait object, so that this code is compiled once, in this crate, with
 //! this crate's optimisation; `inline(never)` keeps it from being copied into callers that are
 //! built for speed.
 //!
-//! Cost: a SYNC or PDO frame is found by comparing identifiers, SYNC first. `poll` returns at once
+//! Cost: the service is found by comparing identifiers, SYNC first. `poll` returns at once
 //! until the earliest of all timers is due: every timer that is set lowers `Outbox::next`, and only
 //! a `poll` that has checked all of them raises it again. The deadline may therefore be early, but
 //! never late.
@@ -29,8 +30,8 @@ mod tpdo;
 
 use crate::nmt;
 use crate::{
-    AbortCode, Config, Counters, ErrorClass, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
-    ObjectDictionary, ResetScope,
+    AbortCode, Application, Config, Counters, Event, Frame, Micros, NmtCommand, NmtState, NodeId,
+    ResetScope,
 };
 
 use bus_off::BusOff;
@@ -43,6 +44,7 @@ use rpdo::Rpdos;
 use sync::Sync;
 use tpdo::Tpdos;
 
+pub use emergency::Errors;
 pub use heartbeat::MAX_CONSUMERS;
 pub use pdo::MAX_MAPPED;
 pub use rpdo::MAX_RPDO;
@@ -105,20 +107,13 @@ impl Device {
 
     /// Handles a received frame. `now` is the time of its reception; frames must come in the order
     /// they were received.
-    pub fn on_frame<O: ObjectDictionary>(&mut self, now: Micros, frame: &Frame, od: &mut O) {
-        self.handle(now, frame, od);
+    pub fn on_frame<O: Application>(&mut self, now: Micros, frame: &Frame, app: &mut O) {
+        self.handle(now, frame, app);
     }
 
-    /// Does what is due: boot-up, heartbeats, time-outs, and the synchronous TPDOs if
-    /// [`on_sync_done`](Self::on_sync_done) has not been called since the last SYNC.
-    pub fn poll<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
-        self.poll_all(now, od);
-    }
-
-    /// The application has brought its objects up to date after a SYNC: reads and queues the
-    /// synchronous TPDOs. Does nothing if no SYNC is waiting for that.
-    pub fn on_sync_done<O: ObjectDictionary>(&mut self, now: Micros, od: &mut O) {
-        self.core.on_sync_done(now, od);
+    /// Does what is due: boot-up, heartbeats, time-outs, transmit PDOs by time.
+    pub fn poll<O: Application>(&mut self, now: Micros, app: &mut O) {
+        self.poll_all(now, app);
     }
 
     /// The next frame to send.
@@ -150,7 +145,7 @@ impl Device {
     #[must_use]
     pub fn next_deadline(&self) -> Option<Micros> {
         let booting = self.core.state == NmtState::Initialising && self.core.node.is_some();
-        if booting || self.core.sync.waits_for_application() {
+        if booting {
             return Some(Micros::ZERO);
         }
         Some(self.core.out.next()).filter(|next| *next != Micros::MAX)
@@ -180,16 +175,9 @@ impl Device {
         self.core.trigger_tpdo(number);
     }
 
-    /// An error has appeared: sends an emergency message with this code and sets the bit of its
-    /// class in 0x1001, until [`clear_error`](Self::clear_error). Errors with the same code and the
-    /// same first byte of `info` are the same error and announced once.
-    pub fn raise_error(&mut self, now: Micros, code: u16, class: ErrorClass, info: [u8; 5]) {
-        self.core.raise(now, code, class, info);
-    }
-
-    /// The error with this code and this first byte of `info` has gone.
-    pub fn clear_error(&mut self, now: Micros, code: u16, detail: u8) {
-        self.core.clear(now, code, detail);
+    /// The emergency service, to tell of the application's own errors.
+    pub fn errors(&mut self, now: Micros) -> Errors<'_> {
+        Errors::new(&mut self.core, now)
     }
 
     /// The error register, object 0x1001.
@@ -220,97 +208,86 @@ impl Device {
     /// Reads any object, as an SDO client would.
     ///
     /// # Errors
-    /// Those of [`ObjectDictionary::read`].
-    pub fn read<O: ObjectDictionary>(
+    /// Those of [`Application::read`].
+    pub fn read<O: Application>(
         &self,
         index: u16,
         sub: u8,
         out: &mut [u8],
-        od: &O,
+        app: &O,
     ) -> Result<usize, AbortCode> {
-        self.core.read(index, sub, out, od)
+        self.core.read(index, sub, out, app)
     }
 
     /// Writes any object, as an SDO client would.
     ///
     /// # Errors
-    /// Those of [`ObjectDictionary::write`].
-    pub fn write<O: ObjectDictionary>(
+    /// Those of [`Application::write`].
+    pub fn write<O: Application>(
         &mut self,
         now: Micros,
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &mut O,
+        app: &mut O,
     ) -> Result<(), AbortCode> {
-        self.core.write(now, index, sub, data, od)
+        self.core.write(now, index, sub, data, app)
     }
 
     #[inline(never)]
-    fn handle(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    fn handle(&mut self, now: Micros, frame: &Frame, app: &mut dyn Application) {
         let core = &mut self.core;
-        if frame.id() == lss::REQUEST {
-            return core.on_lss(now, frame, od);
-        }
-        if frame.id() == lss::RESPONSE {
-            return core.hear_lss();
-        }
-        let (Some(node), true) = (core.node, core.state != NmtState::Initialising) else {
-            return;
-        };
-        let id = frame.id();
-        if id == core.sync.id() {
-            core.on_sync(now, frame, od);
-        } else if id == 0 {
-            self.on_nmt(now, frame, node, od);
-        } else if core.state == NmtState::Stopped {
-            if let Some(sender) = heartbeat_sender(id) {
-                core.on_heartbeat(now, sender, frame);
+        match core.service(frame) {
+            Service::Sync => core.on_sync(now, frame, app),
+            Service::Nmt => self.on_nmt(now, frame, app),
+            Service::Sdo => self.sdo.on_request(now, frame, core, app),
+            Service::Heartbeat(sender, state) => {
+                app.on_heartbeat(now, sender, state);
+                core.on_heartbeat(now, sender, state);
             }
-        } else if id == node.cob_id(SDO_REQUEST) {
-            self.sdo.on_request(now, frame, core, od);
-        } else if let Some(sender) = heartbeat_sender(id) {
-            core.on_heartbeat(now, sender, frame);
-        } else {
-            core.on_rpdo(now, frame, od);
+            Service::Lss => core.on_lss(now, frame, app),
+            Service::LssAnswer => core.hear_lss(),
+            Service::Other => {
+                app.on_frame(now, frame, core.state);
+                core.on_rpdo(now, frame, app);
+            }
         }
     }
 
     #[inline(never)]
-    fn poll_all(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
+    fn poll_all(&mut self, now: Micros, app: &mut dyn Application) {
         if self.core.state == NmtState::Initialising {
-            self.core.boot(now, od);
+            self.core.boot(now, app);
         }
-        self.core.on_sync_done(now, od);
         if now < self.core.out.next() {
             return;
         }
         self.core.out.clear_next();
         self.core.poll_bus_off(now);
         self.core.poll_heartbeat(now);
-        self.core.poll_sync(now, od);
+        self.core.poll_sync(now, app);
         self.core.poll_rpdos(now);
-        self.core.poll_tpdos(now, od);
+        self.core.poll_tpdos(now, app);
         self.sdo.poll(now, &mut self.core);
         self.core.poll_overflow(now);
         self.core.poll_emergencies(now);
     }
 
-    fn on_nmt(&mut self, now: Micros, frame: &Frame, node: NodeId, od: &mut dyn ObjectDictionary) {
-        let Some((command, target)) = nmt::parse(frame) else {
+    fn on_nmt(&mut self, now: Micros, frame: &Frame, app: &mut dyn Application) {
+        let core = &mut self.core;
+        let (Some((command, target)), Some(node)) = (nmt::parse(frame), core.node) else {
             return;
         };
-        if !target.includes(node) {
+        if core.state == NmtState::Initialising || !target.includes(node) {
             return;
         }
-        let core = &mut self.core;
         core.out.emit(Event::NmtCommand(command));
         match command {
             NmtCommand::Start => core.enter(now, NmtState::Operational),
             NmtCommand::Stop => core.enter(now, NmtState::Stopped),
             NmtCommand::EnterPreOperational => core.enter(now, NmtState::PreOperational),
-            NmtCommand::ResetNode => core.reset(now, ResetScope::Application, od),
-            NmtCommand::ResetCommunication => core.reset(now, ResetScope::Communication, od),
+            NmtCommand::ResetNode => core.reset(now, ResetScope::Application, app),
+            NmtCommand::ResetCommunication => core.reset(now, ResetScope::Communication, app),
         }
         match self.core.state {
             NmtState::Initialising | NmtState::Stopped => self.sdo.reset(),
@@ -325,21 +302,47 @@ impl Device {
     }
 }
 
-/// The node a heartbeat or boot-up frame comes from.
-fn heartbeat_sender(id: u16) -> Option<NodeId> {
-    match id & 0x780 {
-        HEARTBEAT => NodeId::of_cob_id(id),
-        _ => None,
-    }
+/// What a frame is for. Each service knows for itself in which NMT states it works.
+enum Service {
+    Sync,
+    Nmt,
+    /// A request to this device.
+    Sdo,
+    /// Of this node, in this state.
+    Heartbeat(NodeId, NmtState),
+    /// A request of an LSS master.
+    Lss,
+    /// Another device answers one.
+    LssAnswer,
+    /// For the application, and for those receive PDOs that listen.
+    Other,
 }
 
 impl Core {
+    fn service(&self, frame: &Frame) -> Service {
+        let id = frame.id();
+        if id == self.sync.id() {
+            return Service::Sync;
+        }
+        if self.node.is_some_and(|node| id == node.cob_id(SDO_REQUEST)) {
+            return Service::Sdo;
+        }
+        match id {
+            0 => Service::Nmt,
+            lss::REQUEST => Service::Lss,
+            lss::RESPONSE => Service::LssAnswer,
+            _ => heartbeat::parse(frame).map_or(Service::Other, |(sender, state)| {
+                Service::Heartbeat(sender, state)
+            }),
+        }
+    }
+
     /// Goes on the bus: boot-up frame, then PRE-OPERATIONAL. Not without a node-ID.
-    fn boot(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
+    fn boot(&mut self, now: Micros, app: &mut dyn Application) {
         let Some(node) = self.node else {
             return;
         };
-        self.load(now, od);
+        self.load(now, app);
         self.out.send(Frame::of(node.cob_id(HEARTBEAT), [0]));
         self.start_heartbeat(now);
         self.enter(now, NmtState::PreOperational);
@@ -366,7 +369,7 @@ impl Core {
 
     /// Brings the communication objects, and the application's if it is in the scope, back to their
     /// power-on values and boots again.
-    fn reset(&mut self, now: Micros, scope: ResetScope, od: &mut dyn ObjectDictionary) {
+    fn reset(&mut self, now: Micros, scope: ResetScope, app: &mut dyn Application) {
         self.enter(now, NmtState::Initialising);
         self.out.clear_frames();
         self.out.clear_next();
@@ -378,8 +381,8 @@ impl Core {
         self.sync = Sync::new(&self.config);
         self.rpdos = Rpdos::new(&self.config, self.node);
         self.tpdos = Tpdos::new(&self.config, self.node);
-        od.reset(scope);
-        self.boot(now, od);
+        app.reset(scope);
+        self.boot(now, app);
     }
 }
 

@@ -10,7 +10,7 @@ use super::pdo::{self, LAST_SYNCHRONOUS, Map};
 use super::{Core, PdoIndex};
 use crate::bytes::{low_u8, low_u16, put};
 use crate::time::Timer;
-use crate::{AbortCode, Config, Emergency, Micros, NmtState, ObjectDictionary, PdoDirection};
+use crate::{AbortCode, Application, Config, Emergency, Micros, NmtState, PdoDirection};
 
 /// What an object of the device holds.
 pub(super) enum Value {
@@ -42,10 +42,10 @@ impl Core {
         index: u16,
         sub: u8,
         out: &mut [u8],
-        od: &dyn ObjectDictionary,
+        app: &dyn Application,
     ) -> Result<usize, AbortCode> {
         let Some(found) = self.own(index, sub) else {
-            return od.read(index, sub, out);
+            return app.read(index, sub, out);
         };
         match found? {
             Value::Number { value, len, .. } => {
@@ -62,10 +62,10 @@ impl Core {
         index: u16,
         sub: u8,
         data: &[u8],
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) -> Result<(), AbortCode> {
         let len = match self.own(index, sub) {
-            None => return od.write(index, sub, data, self.state),
+            None => return app.write(index, sub, data, self.state),
             Some(Ok(Value::Number {
                 len,
                 writable: true,
@@ -87,7 +87,7 @@ impl Core {
         match data.len() {
             short if short < len => Err(AbortCode::TooShort),
             long if long > len => Err(AbortCode::TooLong),
-            _ => self.set(now, index, sub, u32::from_le_bytes(bytes), od),
+            _ => self.set(now, index, sub, u32::from_le_bytes(bytes), app),
         }
     }
 
@@ -190,12 +190,12 @@ impl Core {
         index: u16,
         sub: u8,
         value: u32,
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) -> Result<(), AbortCode> {
         match index {
             0x1003 | 0x1014 | 0x1015 | 0x1029 => return self.emergencies.set(index, value),
             0x1005..=0x1007 | 0x1019 => return self.set_sync(now, index, value),
-            0x1010 | 0x1011 => return self.store(index == 0x1010, sub, value, od),
+            0x1010 | 0x1011 => return self.store(index == 0x1010, sub, value, app),
             0x1016 => return self.set_consumer(now, sub, value),
             0x1017 => {
                 self.heartbeat.period_ms = low_u16(value);
@@ -205,7 +205,7 @@ impl Core {
                 0 | Config::STARTUP_BY_MASTER => self.startup = value,
                 _ => return Err(AbortCode::InvalidValue),
             },
-            _ => return self.set_pdo(now, index, sub, value, od),
+            _ => return self.set_pdo(now, index, sub, value, app),
         }
         Ok(())
     }
@@ -236,7 +236,7 @@ impl Core {
         index: u16,
         sub: u8,
         value: u32,
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) -> Result<(), AbortCode> {
         let missing = AbortCode::NoObject;
         match PdoIndex::of(index).ok_or(missing)? {
@@ -278,12 +278,19 @@ impl Core {
             PdoIndex::ReceiveMap(at) => {
                 let rpdo = self.rpdos.get_mut(at).ok_or(missing)?;
                 let is_on = rpdo.cob_id & pdo::OFF == 0;
-                set_map(&mut rpdo.map, is_on, sub, value, PdoDirection::Receive, od)?;
+                set_map(&mut rpdo.map, is_on, sub, value, PdoDirection::Receive, app)?;
             }
             PdoIndex::TransmitMap(at) => {
                 let tpdo = self.tpdos.get_mut(at).ok_or(missing)?;
                 let is_on = tpdo.is_on();
-                set_map(&mut tpdo.map, is_on, sub, value, PdoDirection::Transmit, od)?;
+                set_map(
+                    &mut tpdo.map,
+                    is_on,
+                    sub,
+                    value,
+                    PdoDirection::Transmit,
+                    app,
+                )?;
             }
         }
         Ok(())
@@ -323,7 +330,7 @@ fn set_map(
     sub: u8,
     value: u32,
     direction: PdoDirection,
-    od: &dyn ObjectDictionary,
+    app: &dyn Application,
 ) -> Result<(), AbortCode> {
     if is_on || (sub != 0 && map.count != 0) {
         return Err(AbortCode::UnsupportedAccess);
@@ -335,7 +342,7 @@ fn set_map(
     let allowed = match (value, index, direction) {
         (0, _, _) => 0,
         (_, ..0x20, PdoDirection::Receive) => dummy_bits(index).ok_or(AbortCode::NotMappable)?,
-        _ => od.mappable(index, sub, direction)?,
+        _ => app.mappable(index, sub, direction)?,
     };
     if bits != allowed || bits & 7 != 0 {
         return Err(AbortCode::NotMappable);

@@ -7,8 +7,8 @@ use super::Core;
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};
 use crate::time::Timer;
 use crate::{
-    Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary,
-    PdoConfig, RpdoSet,
+    Application, Config, Emergency, ErrorClass, Event, Frame, Micros, NmtState, NodeId, PdoConfig,
+    RpdoSet,
 };
 
 /// How many receive PDOs a device can have: each takes some 130 bytes of RAM, used or not.
@@ -70,10 +70,10 @@ impl Rpdo {
         number: u8,
         state: NmtState,
         out: &mut super::Outbox,
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) {
         let mut rest = self.data.get(..usize::from(self.map.bytes)).unwrap_or(&[]);
-        if self.map.is_default && od.rpdo(number, rest) {
+        if self.map.is_default && app.rpdo(number, rest) {
             return;
         }
         for (index, sub, len) in self.map.objects() {
@@ -85,7 +85,7 @@ impl Rpdo {
             if index < 0x20 {
                 continue;
             }
-            if let Err(code) = od.write(index, sub, value, state) {
+            if let Err(code) = app.write(index, sub, value, state) {
                 out.count(|counters| &mut counters.rpdo_refused);
                 out.emit(Event::RpdoRefused { number, code });
             }
@@ -150,20 +150,23 @@ impl Rpdos {
 }
 
 impl Core {
-    pub(super) fn on_rpdo(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    pub(super) fn on_rpdo(&mut self, now: Micros, frame: &Frame, app: &mut dyn Application) {
         if self.state != NmtState::Operational {
             return;
         }
         let mut from = 0;
         while let Some(at) = self.rpdos.find(from, frame.id()) {
             from = at.saturating_add(1);
-            self.take_rpdo(now, at, frame, od);
+            self.take_rpdo(now, at, frame, app);
         }
     }
 
     /// Takes a frame of the PDO at 0x1400 plus `at`.
-    fn take_rpdo(&mut self, now: Micros, at: usize, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    fn take_rpdo(&mut self, now: Micros, at: usize, frame: &Frame, app: &mut dyn Application) {
         let number = u8::try_from(at).unwrap_or(u8::MAX).saturating_add(1);
+        if !app.on_rpdo(number, frame.data()) {
+            return;
+        }
         let late = self.sync.window_is_over(now);
         let Some(rpdo) = self.rpdos.list.get_mut(at) else {
             return;
@@ -179,7 +182,7 @@ impl Core {
         self.out.wake(rpdo.deadline);
         if rpdo.transmission > LAST_SYNCHRONOUS {
             rpdo.data = *frame.padded();
-            rpdo.apply(number, self.state, &mut self.out, od);
+            rpdo.apply(number, self.state, &mut self.out, app);
             self.out.emit(Event::RpdoApplied { number });
         } else if late {
             // Past the window of 0x1007 nothing is taken until the next SYNC.
@@ -212,7 +215,7 @@ impl Core {
     }
 
     /// Writes what has been latched since the last SYNC.
-    pub(super) fn apply_rpdos(&mut self, od: &mut dyn ObjectDictionary) -> RpdoSet {
+    pub(super) fn apply_rpdos(&mut self, app: &mut dyn Application) -> RpdoSet {
         let latched = core::mem::take(&mut self.rpdos.latched);
         let mut left = latched;
         let mut number: u8 = 1;
@@ -221,7 +224,7 @@ impl Core {
                 break;
             }
             if left & 1 == 1 {
-                rpdo.apply(number, self.state, &mut self.out, od);
+                rpdo.apply(number, self.state, &mut self.out, app);
             }
             left >>= 1;
             number = number.wrapping_add(1);

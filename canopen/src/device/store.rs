@@ -7,7 +7,7 @@
 use super::Core;
 use super::objects::Value;
 use super::pdo::{self, Map};
-use crate::{AbortCode, Micros, ObjectDictionary, StoreProgress, StoreScope};
+use crate::{AbortCode, Application, Micros, StoreProgress, StoreScope};
 
 /// Bytes of the longest image.
 const IMAGE: usize = 512;
@@ -54,7 +54,7 @@ impl Core {
         saves: bool,
         sub: u8,
         signature: u32,
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) -> Result<(), AbortCode> {
         let scope = match sub {
             1 => StoreScope::All,
@@ -75,7 +75,7 @@ impl Core {
         if saves && scope.has_communication() {
             self.collect(&mut image)?;
         }
-        let storage = od.storage().ok_or(AbortCode::Hardware)?;
+        let storage = app.storage().ok_or(AbortCode::Hardware)?;
         let progress = match saves {
             true => storage.save(scope, image.bytes.get(..image.len).unwrap_or(&[]))?,
             false => storage.restore(scope)?,
@@ -85,12 +85,12 @@ impl Core {
     }
 
     /// Brings back the communication objects that have been saved.
-    pub(super) fn load(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
+    pub(super) fn load(&mut self, now: Micros, app: &mut dyn Application) {
         if !self.config.storage {
             return;
         }
         let mut bytes = [0; IMAGE];
-        let len = match od.storage() {
+        let len = match app.storage() {
             Some(storage) => storage.load(&mut bytes),
             None => 0,
         };
@@ -99,7 +99,7 @@ impl Core {
             // What a later version of the software refuses stays at its default. Only the
             // communication objects are taken from here.
             if matches!(index, 0x1000..=0x100F | 0x1012..=0x1FFF) {
-                let _ = self.write(now, index, sub, value, od);
+                let _ = self.write(now, index, sub, value, app);
             }
             rest = behind;
         }

@@ -1,4 +1,4 @@
-//! SYNC: applies the waiting RPDOs, then notifies the application and sends the synchronous TPDOs.
+//! SYNC: applies the waiting RPDOs, gives the application its turn, sends the synchronous TPDOs.
 //!
 //! As a consumer (the usual case) the device watches the counter (0x1019) for gaps and, while
 //! OPERATIONAL, the period (0x1006) for silence. As the producer (bit 30 of 0x1005) it sends SYNC
@@ -6,10 +6,11 @@
 //! leaves STOPPED, as CiA 301, 7.2.5.3.2 asks.
 
 use super::Core;
+use super::emergency::Errors;
 use super::pdo::is_restricted;
 use crate::bytes::{low_u8, low_u16};
 use crate::time::Timer;
-use crate::{AbortCode, Config, Emergency, Event, Frame, Micros, NmtState, ObjectDictionary};
+use crate::{AbortCode, Application, Config, Emergency, Event, Frame, Micros, NmtState};
 
 /// The pre-defined identifier.
 pub(super) const SYNC: u32 = 0x80;
@@ -33,8 +34,6 @@ pub(super) struct Sync {
     pub overflow: u8,
     /// Counter of the last SYNC, if it had one.
     counter: Option<u8>,
-    /// A SYNC came and its TPDOs have not been sent yet.
-    waits: bool,
     /// When synchronous PDOs of the last SYNC are too late.
     window: Timer,
     /// Of a consumer when SYNC is missing, of the producer when the next one is due.
@@ -50,7 +49,6 @@ impl Sync {
             window_us: config.sync_window_us,
             overflow: config.sync_overflow,
             counter: None,
-            waits: false,
             window: Timer::OFF,
             timer: Timer::OFF,
         }
@@ -63,10 +61,6 @@ impl Sync {
 
     pub const fn counter(&self) -> Option<u8> {
         self.counter
-    }
-
-    pub const fn waits_for_application(&self) -> bool {
-        self.waits
     }
 
     /// Whether a synchronous PDO comes too late for the last SYNC.
@@ -109,7 +103,7 @@ impl Sync {
 }
 
 impl Core {
-    pub(super) fn on_sync(&mut self, now: Micros, frame: &Frame, od: &mut dyn ObjectDictionary) {
+    pub(super) fn on_sync(&mut self, now: Micros, frame: &Frame, app: &mut dyn Application) {
         match self.state {
             NmtState::Initialising | NmtState::Stopped => return,
             NmtState::PreOperational | NmtState::Operational => {}
@@ -119,13 +113,12 @@ impl Core {
             [counter] => Some(counter),
             _ => return,
         };
-        let applied = self.apply_rpdos(od);
+        let applied = self.apply_rpdos(app);
         if let Some((expected, received)) = self.sync.advance(counter) {
             self.out.count(|counters| &mut counters.sync_gaps);
             self.out.emit(Event::SyncGap { expected, received });
         }
         let sync = &mut self.sync;
-        sync.waits = true;
         if sync.window_us != 0 {
             sync.window = Timer::at(now + Micros(u64::from(sync.window_us)));
         }
@@ -135,11 +128,6 @@ impl Core {
             self.out.wake(sync.timer);
         }
         let wrong_length = counter.is_some() != (sync.overflow != 0);
-        self.out.emit(Event::Sync {
-            counter,
-            at: now,
-            applied,
-        });
         if wrong_length {
             // Taken all the same: to miss it would be worse for what depends on it.
             self.raise_communication(now, Emergency::SYNC_LENGTH, frame.len());
@@ -147,12 +135,13 @@ impl Core {
             self.clear(now, Emergency::SYNC_LENGTH, 1 - frame.len().min(1));
             self.clear(now, Emergency::SYNC_LOST, 0);
         }
-    }
-
-    pub(super) fn on_sync_done(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
-        if core::mem::take(&mut self.sync.waits) {
-            self.send_synchronous_tpdos(now, od);
-        }
+        let sync = crate::ReceivedSync {
+            counter,
+            at: now,
+            applied,
+        };
+        app.on_sync(sync, &mut Errors::new(self, now));
+        self.send_synchronous_tpdos(app);
     }
 
     /// The NMT state has changed.
@@ -161,7 +150,6 @@ impl Core {
         match to {
             NmtState::Initialising | NmtState::Stopped => {
                 sync.counter = None;
-                sync.waits = false;
                 sync.timer = Timer::OFF;
                 sync.window = Timer::OFF;
             }
@@ -185,7 +173,7 @@ impl Core {
         self.out.wake(sync.timer);
     }
 
-    pub(super) fn poll_sync(&mut self, now: Micros, od: &mut dyn ObjectDictionary) {
+    pub(super) fn poll_sync(&mut self, now: Micros, app: &mut dyn Application) {
         if self.sync.timer.due(now) {
             if self.sync.is_producer() {
                 let frame = self.sync.produce();
@@ -195,7 +183,7 @@ impl Core {
                     true => Timer::at(now + self.sync.period()),
                     false => on_time,
                 };
-                self.on_sync(now, &frame, od);
+                self.on_sync(now, &frame, app);
             } else {
                 self.sync.timer = Timer::OFF;
                 self.out.count(|counters| &mut counters.syncs_lost);

@@ -76,6 +76,13 @@ pub(super) struct Objects {
     pub write_only: u8,
     pub long: Vec<u8>,
     pub resets: Vec<ResetScope>,
+    pub syncs: Vec<ReceivedSync>,
+    /// What it makes of a SYNC.
+    pub at_sync: Option<fn(&mut Self, &mut Errors<'_>)>,
+    /// Frames of RPDO 1 with this first byte are for others.
+    pub refused: Option<u8>,
+    pub heartbeats: Vec<(NodeId, NmtState)>,
+    pub others: Vec<(Frame, NmtState)>,
     pub memory: Memory,
 }
 
@@ -89,7 +96,7 @@ fn exact<const N: usize>(data: &[u8]) -> Result<[u8; N], AbortCode> {
     })
 }
 
-impl ObjectDictionary for Objects {
+impl Application for Objects {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
         match (index, sub) {
             (0x2000, 0) => bytes::put(out, &self.setpoint.to_le_bytes()),
@@ -133,6 +140,28 @@ impl ObjectDictionary for Objects {
             (0x2000..=0x2005, _, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
+    }
+
+    fn on_sync(&mut self, sync: ReceivedSync, errors: &mut Errors<'_>) {
+        self.syncs.push(sync);
+        if let Some(act) = self.at_sync {
+            act(self, errors);
+        }
+    }
+
+    fn on_rpdo(&mut self, number: u8, data: &[u8]) -> bool {
+        number != 1
+            || self
+                .refused
+                .is_none_or(|first| data.first() != Some(&first))
+    }
+
+    fn on_heartbeat(&mut self, _: Micros, node: NodeId, state: NmtState) {
+        self.heartbeats.push((node, state));
+    }
+
+    fn on_frame(&mut self, _: Micros, frame: &Frame, state: NmtState) {
+        self.others.push((*frame, state));
     }
 
     fn storage(&mut self) -> Option<&mut dyn Storage> {
@@ -182,7 +211,7 @@ pub(super) const CONFIG: Config = Config {
 /// A device with its objects and a clock.
 pub(super) struct Bench {
     pub device: Device,
-    pub od: Objects,
+    pub app: Objects,
     pub now: Micros,
 }
 
@@ -191,7 +220,7 @@ impl Bench {
     pub fn cold(config: Config) -> Self {
         Self {
             device: Device::new(config),
-            od: Objects::default(),
+            app: Objects::default(),
             now: Micros(1_000),
         }
     }
@@ -217,11 +246,11 @@ impl Bench {
 
     pub fn receive<const N: usize>(&mut self, id: u16, data: [u8; N]) {
         self.device
-            .on_frame(self.now, &Frame::of(id, data), &mut self.od);
+            .on_frame(self.now, &Frame::of(id, data), &mut self.app);
     }
 
     pub fn poll(&mut self) {
-        self.device.poll(self.now, &mut self.od);
+        self.device.poll(self.now, &mut self.app);
     }
 
     /// Lets time pass, polling at every deadline.
@@ -308,7 +337,7 @@ proptest! {
         bench.poll();
         for (frame, pause, take) in frames {
             bench.now = bench.now + Micros(pause);
-            bench.device.on_frame(bench.now, &frame, &mut bench.od);
+            bench.device.on_frame(bench.now, &frame, &mut bench.app);
             bench.poll();
             prop_assert!(bench.device.next_deadline() > Some(bench.now));
             if take {
@@ -338,9 +367,9 @@ proptest! {
         prop_assert!(codes & function_code_bit(0x5FF) == 0);
         for (frame, pause) in frames {
             let [all, some] = &mut benches;
-            all.device.on_frame(all.now, &frame, &mut all.od);
+            all.device.on_frame(all.now, &frame, &mut all.app);
             if some.device.function_codes() & function_code_bit(frame.id()) != 0 {
-                some.device.on_frame(some.now, &frame, &mut some.od);
+                some.device.on_frame(some.now, &frame, &mut some.app);
             }
             for bench in &mut benches {
                 bench.now = bench.now + Micros(pause);

@@ -7,7 +7,7 @@
 use super::Core;
 use super::pdo::{self, LAST_SYNCHRONOUS, Map};
 use crate::time::Timer;
-use crate::{Config, Frame, Micros, NmtState, NodeId, ObjectDictionary, PdoConfig};
+use crate::{Application, Config, Frame, Micros, NmtState, NodeId, PdoConfig};
 
 /// How many transmit PDOs a device can have.
 pub const MAX_TPDO: usize = 8;
@@ -109,11 +109,11 @@ impl Tpdo {
     }
 
     /// Reads the objects and makes the frame.
-    fn frame(&self, number: u8, od: &dyn ObjectDictionary) -> Frame {
+    fn frame(&self, number: u8, app: &dyn Application) -> Frame {
         let id = crate::bytes::low_u16(self.cob_id);
         let mut data = [0; 8];
         if self.map.is_default
-            && let Some(len) = od.tpdo(number, &mut data)
+            && let Some(len) = app.tpdo(number, &mut data)
         {
             return Frame::prefix(id, data, u8::try_from(len).unwrap_or(8));
         }
@@ -123,7 +123,7 @@ impl Tpdo {
                 break;
             };
             // An object that cannot be read leaves zeros.
-            if od.read(index, sub, value).is_err() {
+            if app.read(index, sub, value).is_err() {
                 value.fill(0);
             }
             rest = behind;
@@ -173,12 +173,8 @@ impl Core {
         }
     }
 
-    pub(super) fn send_synchronous_tpdos(&mut self, now: Micros, od: &dyn ObjectDictionary) {
+    pub(super) fn send_synchronous_tpdos(&mut self, app: &dyn Application) {
         if self.state != NmtState::Operational {
-            return;
-        }
-        if self.sync.window_is_over(now) {
-            self.out.count(|counters| &mut counters.pdos_late);
             return;
         }
         let counter = self.sync.counter();
@@ -186,12 +182,12 @@ impl Core {
         for tpdo in &mut self.tpdos.list {
             number = number.wrapping_add(1);
             if tpdo.is_on() && tpdo.is_synchronous() && tpdo.is_due_at_sync(counter) {
-                self.out.send(tpdo.frame(number, od));
+                self.out.send(tpdo.frame(number, app));
             }
         }
     }
 
-    pub(super) fn poll_tpdos(&mut self, now: Micros, od: &dyn ObjectDictionary) {
+    pub(super) fn poll_tpdos(&mut self, now: Micros, app: &dyn Application) {
         if self.state != NmtState::Operational {
             return;
         }
@@ -210,7 +206,7 @@ impl Core {
                 let inhibit = u64::from(tpdo.inhibit_100us).saturating_mul(100);
                 tpdo.inhibited_until = now + Micros(inhibit);
                 tpdo.event = Timer::after_millis(now, tpdo.event_ms);
-                self.out.send(tpdo.frame(number, od));
+                self.out.send(tpdo.frame(number, app));
             }
             if tpdo.triggered {
                 self.out.wake(Timer::at(tpdo.inhibited_until));

@@ -9,7 +9,7 @@
 //! can be read the next word is tried, as the map did.
 
 use super::{BLANK, Flash, WORD, byte};
-use crate::dictionary::StoreWear;
+use crate::counters::StoreWear;
 
 /// Key of the image.
 const IMAGE: u8 = 1;

@@ -34,7 +34,7 @@ mod legacy;
 
 use protocol::crc32;
 
-use crate::dictionary::StoreWear;
+use crate::counters::StoreWear;
 
 /// Two sectors of flash, as words at offsets in bytes from the first one.
 pub trait Flash {

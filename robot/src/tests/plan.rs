@@ -202,6 +202,42 @@ fn a_group_twist_is_for_the_group_that_its_mapping_names() {
     }
 }
 
+/// RPDO1 listens where a master told it to; what is counted, and what is for another group, goes by
+/// that and not by the identifier it has by default.
+#[test]
+fn group_twists_are_counted_at_the_identifier_that_carries_them() {
+    const ELSEWHERE: u16 = 0x1F1;
+    let mut world = World::new(&[2]);
+    world.configure();
+    for cob_id in [0x8000_0181, u32::from(ELSEWHERE)] {
+        write(&mut world, 2, (0x1400, 1, cob_id, 4)).unwrap();
+    }
+    world.start();
+    world.twist = None;
+    let send = |world: &mut World, sequence, group| {
+        let twist = Twist::ZERO;
+        let frame = protocol::GroupTwist {
+            twist,
+            sequence,
+            group,
+        };
+        world.send(1, ELSEWHERE, &frame.encode());
+    };
+    for sequence in 1..20 {
+        send(&mut world, sequence, GROUP);
+        send(&mut world, sequence, GROUP + 1);
+        world.run(10);
+    }
+    assert_eq!(world.robots[0].bus.state().fault(), None, "one master each");
+    for sequence in 20..40 {
+        send(&mut world, sequence, GROUP);
+        send(&mut world, sequence, GROUP);
+        world.run(10);
+    }
+    let fault = world.robots[0].bus.state().fault();
+    assert_eq!(fault, Some(Fault::TwoMasters));
+}
+
 /// The checksum as the protocol page says, by hand: FNV-1a over the group CRC, the communication
 /// CRC and the setpoint, and the finish of MurmurHash3.
 #[test]

@@ -13,7 +13,7 @@ mod segmented;
 
 use super::Core;
 use crate::time::Timer;
-use crate::{AbortCode, Event, Frame, Micros, NmtState, NodeId, ObjectDictionary};
+use crate::{AbortCode, Application, Event, Frame, Micros, NmtState, NodeId};
 
 /// The longest value, in bytes, that can be read or written: 73 segments.
 pub const MAX_SDO: usize = 511;
@@ -91,16 +91,16 @@ pub(super) struct Server {
 struct Access<'a> {
     now: Micros,
     core: &'a mut Core,
-    od: &'a mut (dyn ObjectDictionary + 'a),
+    app: &'a mut (dyn Application + 'a),
 }
 
 impl Access<'_> {
     fn read(&self, index: u16, sub: u8, out: &mut [u8]) -> Result<usize, AbortCode> {
-        self.core.read(index, sub, out, self.od)
+        self.core.read(index, sub, out, self.app)
     }
 
     fn write(&mut self, index: u16, sub: u8, data: &[u8]) -> Result<(), AbortCode> {
-        self.core.write(self.now, index, sub, data, self.od)?;
+        self.core.write(self.now, index, sub, data, self.app)?;
         self.core.out.emit(Event::ObjectWritten { index, sub });
         Ok(())
     }
@@ -134,7 +134,7 @@ impl Server {
         now: Micros,
         frame: &Frame,
         core: &mut Core,
-        od: &mut dyn ObjectDictionary,
+        app: &mut dyn Application,
     ) {
         let speaks = matches!(core.state, NmtState::PreOperational | NmtState::Operational);
         if !speaks || frame.len() != 8 {
@@ -142,7 +142,7 @@ impl Server {
         }
         let request = *frame.padded();
         let was_storing = core.storing;
-        let mut access = Access { now, core, od };
+        let mut access = Access { now, core, app };
         let answer = match self.handle(request, &mut access) {
             Ok(Some(answer)) if core.storing && !was_storing => {
                 // The client waits as long as it takes; the application always comes back.

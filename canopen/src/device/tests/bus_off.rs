@@ -37,7 +37,8 @@ fn nothing_is_sent_meanwhile_and_an_emergency_afterwards() {
     assert_eq!(bench.device.state(), NmtState::PreOperational);
     bench
         .device
-        .raise_error(bench.now, 0x1000, ErrorClass::Generic, [0; 5]);
+        .errors(bench.now)
+        .raise(0x1000, ErrorClass::Generic, [0; 5]);
     bench.pass(1_000);
     assert_eq!(bench.frames(), []);
     assert_eq!(bench.device.counters().tx_overflow, 0);

@@ -14,7 +14,7 @@ fn an_error_is_announced_when_it_appears_and_when_it_has_gone() {
     let mut bench = Bench::booted(QUIET);
     let now = bench.now;
     let raise = |bench: &mut Bench, code, class, info| {
-        bench.device.raise_error(now, code, class, info);
+        bench.device.errors(now).raise(code, class, info);
         bench.frames()
     };
     assert_eq!(
@@ -30,13 +30,13 @@ fn an_error_is_announced_when_it_appears_and_when_it_has_gone() {
         [Frame::of(0x085, [0x10, 0x32, 0x0D, 0, 0, 0, 0, 0])]
     );
     assert_eq!(bench.read(0x1001, 0), Ok(std::vec![0x0D]));
-    bench.device.clear_error(now, 0x4210, 1);
-    bench.device.clear_error(now, 0x4210, 1);
+    bench.device.errors(now).clear(0x4210, 1);
+    bench.device.errors(now).clear(0x4210, 1);
     assert_eq!(
         bench.frames(),
         [Frame::of(0x085, [0, 0, 0x05, 0x10, 0x42, 1, 0, 0])]
     );
-    bench.device.clear_error(now, 0x3210, 0);
+    bench.device.errors(now).clear(0x3210, 0);
     assert_eq!(
         bench.frames(),
         [Frame::of(0x085, [0, 0, 0, 0x10, 0x32, 0, 0, 0])]
@@ -55,10 +55,12 @@ fn the_history_is_newest_first_bounded_and_can_be_cleared() {
         let class = ErrorClass::Manufacturer;
         bench
             .device
-            .raise_error(now, 0xFF00 | u16::from(code), class, info);
+            .errors(now)
+            .raise(0xFF00 | u16::from(code), class, info);
         bench
             .device
-            .clear_error(now, 0xFF00 | u16::from(code), code);
+            .errors(now)
+            .clear(0xFF00 | u16::from(code), code);
     }
     bench.frames();
     assert_eq!(bench.read(0x1003, 0), Ok(std::vec![8]));
@@ -79,7 +81,8 @@ fn the_inhibit_time_spaces_messages_and_stopped_holds_them_back() {
         let now = bench.now;
         bench
             .device
-            .raise_error(now, code, ErrorClass::Generic, NONE);
+            .errors(now)
+            .raise(code, ErrorClass::Generic, NONE);
     };
     raise(&mut bench, 0x1001);
     raise(&mut bench, 0x1002);
@@ -110,7 +113,8 @@ fn the_identifier_can_be_changed_only_while_the_service_is_off() {
     let now = bench.now;
     bench
         .device
-        .raise_error(now, 0x1000, ErrorClass::Generic, NONE);
+        .errors(now)
+        .raise(0x1000, ErrorClass::Generic, NONE);
     assert_eq!(bench.frames(), []);
     assert_eq!(bench.write(0x1014, 0, &[0x85, 5, 0, 0]), Err(0x0609_0030));
     assert_eq!(
@@ -118,7 +122,7 @@ fn the_identifier_can_be_changed_only_while_the_service_is_off() {
         Err(0x0609_0030)
     );
     bench.write(0x1014, 0, &[0x90, 0, 0, 0]).unwrap();
-    bench.device.clear_error(now, 0x1000, 0);
+    bench.device.errors(now).clear(0x1000, 0);
     assert_eq!(bench.frames()[0].id(), 0x090);
 }
 
@@ -179,15 +183,14 @@ fn a_sync_of_the_wrong_length_is_taken_but_reported() {
         });
         let receive = |bench: &mut Bench, data: &[u8]| {
             let frame = Frame::new(0x80, data).unwrap();
-            bench.device.on_frame(bench.now, &frame, &mut bench.od);
+            bench.device.on_frame(bench.now, &frame, &mut bench.app);
         };
         receive(&mut bench, wrong);
         receive(&mut bench, wrong);
         let len = wrong.len() as u8;
         let error = Frame::of(0x085, [0x40, 0x82, 0x11, len, 0, 0, 0, 0]);
         assert_eq!(bench.frames(), [error]);
-        let syncs = bench.events().into_iter();
-        assert_eq!(syncs.filter(|e| matches!(e, Event::Sync { .. })).count(), 2);
+        assert_eq!(bench.app.syncs.len(), 2);
         receive(&mut bench, right);
         let over = Frame::of(0x085, [0, 0, 0, 0x40, 0x82, len, 0, 0]);
         assert_eq!(bench.frames(), [over]);
@@ -247,7 +250,9 @@ fn what_is_not_expected_any_more_is_not_missed_any_more() {
         (0x1006, 0, &[0; 4]),
     ] {
         let (now, device) = (bench.now, &mut bench.device);
-        device.write(now, index, sub, value, &mut bench.od).unwrap();
+        device
+            .write(now, index, sub, value, &mut bench.app)
+            .unwrap();
     }
     assert_eq!(codes(bench.frames()), [0, 0, 0]);
     assert_eq!(bench.device.error_register(), 0);

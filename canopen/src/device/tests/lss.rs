@@ -9,7 +9,7 @@ const UNCONFIGURED: Config = Config {
 };
 
 fn ask(bench: &mut Bench, frame: Frame) -> Vec<LssAnswer> {
-    bench.device.on_frame(bench.now, &frame, &mut bench.od);
+    bench.device.on_frame(bench.now, &frame, &mut bench.app);
     let frames = bench.frames();
     frames.iter().filter_map(client::parse_lss).collect()
 }
@@ -31,10 +31,10 @@ fn a_device_without_a_node_id_is_selected_configured_and_boots() {
     assert_eq!(answer, [LssAnswer::NodeIdSet(0)]);
     let answer = ask(&mut bench, client::lss_store());
     assert_eq!(answer, [LssAnswer::Stored(0)]);
-    assert_eq!(bench.od.memory.node, Some(Some(NODE)));
+    assert_eq!(bench.app.memory.node, Some(Some(NODE)));
     assert_eq!(bench.device.node(), None);
     let off = client::lss_switch_all(false);
-    bench.device.on_frame(bench.now, &off, &mut bench.od);
+    bench.device.on_frame(bench.now, &off, &mut bench.app);
     assert_eq!(bench.frames(), [Frame::of(0x705, [0])]);
     assert_eq!(bench.device.node(), Some(NODE));
     assert_eq!(bench.device.state(), NmtState::PreOperational);
@@ -49,8 +49,8 @@ fn storing_that_takes_its_time_is_answered_when_it_is_done() {
             storage: true,
             ..CONFIG
         });
-        bench.od.memory.slow_node = true;
-        bench.od.memory.progress = Some(StoreProgress::Done);
+        bench.app.memory.slow_node = true;
+        bench.app.memory.progress = Some(StoreProgress::Done);
         bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!(ask(&mut bench, client::lss_store()), []);
         // One at a time, for any client.
@@ -159,7 +159,7 @@ fn one_of_several_takes_no_node_that_was_meant_for_all() {
         if !answer {
             bench
                 .device
-                .on_frame(bench.now, &Frame::of(id, [5]), &mut bench.od);
+                .on_frame(bench.now, &Frame::of(id, [5]), &mut bench.app);
         }
         bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);
         if answer {
@@ -175,7 +175,7 @@ fn one_of_several_takes_no_node_that_was_meant_for_all() {
         // Selected, it is the one that is meant.
         bench
             .device
-            .on_frame(bench.now, &Frame::of(0x706, [5]), &mut bench.od);
+            .on_frame(bench.now, &Frame::of(0x706, [5]), &mut bench.app);
         for frame in client::lss_select(&CONFIG.identity) {
             ask(&mut bench, frame);
         }
@@ -230,7 +230,7 @@ fn scan(devices: &mut [Bench]) -> (Scanned, usize) {
         questions += 1;
         let mut answers = Vec::new();
         for bench in devices.iter_mut() {
-            bench.device.on_frame(now, &question, &mut bench.od);
+            bench.device.on_frame(now, &question, &mut bench.app);
             answers.extend(bench.frames());
         }
         // Equal answers at the same time are one frame on the bus.
@@ -282,7 +282,7 @@ fn fastscan_finds_one_device_after_the_other_until_there_is_none() {
             client::lss_switch_all(false),
         ] {
             for bench in &mut devices {
-                bench.device.on_frame(bench.now, &frame, &mut bench.od);
+                bench.device.on_frame(bench.now, &frame, &mut bench.app);
             }
         }
         for bench in &mut devices {

@@ -58,7 +58,7 @@ fn every_nmt_command_leads_to_its_state_from_every_state() {
             bench.poll();
             assert_eq!(bench.device.state(), PreOperational);
             assert_eq!(bench.frames(), [Frame::of(0x705, [0])]);
-            assert_eq!(bench.od.resets, [scope]);
+            assert_eq!(bench.app.resets, [scope]);
         }
     }
 }
@@ -220,18 +220,48 @@ fn sync_is_reported_with_counter_and_time() {
     let mut bench = Bench::booted(CONFIG);
     bench.receive(0x80, []);
     bench.receive(0x80, [7]);
-    let sync = |counter| Event::Sync {
+    let sync = |counter| ReceivedSync {
         counter,
         at: Micros(1_000),
         applied: RpdoSet::default(),
     };
-    assert_eq!(bench.events(), [sync(None), sync(Some(7))]);
+    let both = [sync(None), sync(Some(7))];
+    assert_eq!(bench.app.syncs, both);
     bench.receive(0x80, [7, 0]);
-    assert_eq!(bench.events(), []);
+    assert_eq!(bench.app.syncs, both);
     bench.receive(0, [2, 0]);
-    bench.events();
     bench.receive(0x80, []);
-    assert_eq!(bench.events(), []);
+    assert_eq!(bench.app.syncs, both);
+}
+
+#[test]
+fn frames_for_no_service_and_heartbeats_reach_the_application_once() {
+    let mut bench = Bench::operational(CONFIG);
+    let status = Frame::of(0x186, [1, 2]);
+    let malformed = Frame::of(0x706, [5, 5]);
+    for frame in [
+        status,
+        malformed,
+        Frame::of(0x706, [5]),
+        Frame::of(0x80, []),
+        Frame::of(0x605, [0x40, 0, 0x10, 0, 0, 0, 0, 0]),
+        Frame::of(0x7E4, [0; 8]),
+        Frame::of(0x7E5, [0; 8]),
+        Frame::of(0, [2, 0]),
+        status,
+    ] {
+        bench.device.on_frame(bench.now, &frame, &mut bench.app);
+    }
+    let operational = NmtState::Operational;
+    let others = [status, malformed].map(|frame| (frame, operational));
+    let [first, second] = others;
+    assert_eq!(
+        bench.app.others,
+        [first, second, (status, NmtState::Stopped)]
+    );
+    let six = NodeId::new(6).unwrap();
+    assert_eq!(bench.app.heartbeats, [(six, operational)]);
+    assert_eq!(bench.app.syncs.len(), 1);
 }
 
 #[test]
@@ -269,11 +299,10 @@ fn sync_follows_its_identifier() {
         Err(0x0609_0030)
     );
     bench.write(0x1005, 0, &[0x90, 0, 0, 0]).unwrap();
-    bench.events();
     bench.receive(0x80, []);
-    assert_eq!(bench.events(), []);
+    assert_eq!(bench.app.syncs, []);
     bench.receive(0x90, []);
-    assert_eq!(bench.events().len(), 1);
+    assert_eq!(bench.app.syncs.len(), 1);
 }
 
 #[test]
@@ -305,7 +334,7 @@ fn a_producer_sends_sync_and_takes_its_own() {
         [1, 2, 3, 1, 2]
     );
     assert_eq!(frames.len(), 10, "a TPDO for each: {frames:?}");
-    assert_eq!(bench.od.setpoint, 7);
+    assert_eq!(bench.app.setpoint, 7);
     bench.receive(0, [2, 0]);
     bench.pass(50);
     assert_eq!(bench.frames(), []);

@@ -3,14 +3,8 @@
 use super::*;
 
 fn applied(bench: &mut Bench) -> Vec<bool> {
-    bench
-        .events()
-        .into_iter()
-        .filter_map(|event| match event {
-            Event::Sync { applied, .. } => Some(applied.contains(1)),
-            _ => None,
-        })
-        .collect()
+    let syncs = bench.app.syncs.drain(..);
+    syncs.map(|sync| sync.applied.contains(1)).collect()
 }
 
 #[test]
@@ -22,11 +16,11 @@ fn setpoint_sync_setpoint_back_to_back_applies_the_first() {
         bench.receive(0x80, []);
         let [low, high] = (2 * round + 1).to_le_bytes();
         bench.receive(0x181, [low, high]);
-        assert_eq!(bench.od.setpoint, 2 * round);
+        assert_eq!(bench.app.setpoint, 2 * round);
         assert_eq!(applied(&mut bench), [true]);
     }
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 399);
+    assert_eq!(bench.app.setpoint, 399);
 }
 
 #[test]
@@ -35,12 +29,12 @@ fn a_setpoint_waits_for_sync_and_is_applied_once() {
     bench.receive(0x181, [1, 0]);
     bench.receive(0x181, [2, 0]);
     bench.pass(50);
-    assert_eq!(bench.od.setpoint, 0);
+    assert_eq!(bench.app.setpoint, 0);
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 2);
-    bench.od.setpoint = 9;
+    assert_eq!(bench.app.setpoint, 2);
+    bench.app.setpoint = 9;
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 9);
+    assert_eq!(bench.app.setpoint, 9);
     assert_eq!(applied(&mut bench), [true, false]);
 }
 
@@ -53,7 +47,7 @@ fn setpoints_outside_operational_are_discarded() {
         bench.receive(0x205, [1, 0]);
         bench.receive(0, [1, 0]);
         bench.receive(0x80, []);
-        assert_eq!(bench.od.setpoint, 0);
+        assert_eq!(bench.app.setpoint, 0);
     }
 }
 
@@ -65,7 +59,7 @@ fn a_latched_setpoint_does_not_survive_an_nmt_change() {
         bench.receive(0, [command, 0]);
         bench.receive(0, [1, 0]);
         bench.receive(0x80, []);
-        assert_eq!(bench.od.setpoint, 0);
+        assert_eq!(bench.app.setpoint, 0);
     }
 }
 
@@ -74,12 +68,12 @@ fn a_short_setpoint_is_discarded_and_counted_a_long_one_is_cut() {
     let mut bench = Bench::operational(CONFIG);
     bench.receive(0x181, [1]);
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 0);
+    assert_eq!(bench.app.setpoint, 0);
     assert!(bench.events().contains(&Event::RpdoTooShort { number: 1 }));
     assert_eq!(bench.device.counters().rpdo_too_short, 1);
     bench.receive(0x181, [1, 2, 3]);
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 0x0201);
+    assert_eq!(bench.app.setpoint, 0x0201);
 }
 
 /// A config whose RPDO1 is this one.
@@ -138,11 +132,9 @@ fn past_the_synchronous_window_pdos_wait_for_the_next_sync() {
     bench.pass(1);
     bench.receive(0x181, [2, 0]);
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 1);
-    bench.now = bench.now + Micros::from_millis(2);
-    bench.poll();
-    assert_eq!(bench.frames(), []);
-    assert_eq!(bench.device.counters().pdos_late, 2);
+    assert_eq!(bench.app.setpoint, 1);
+    assert_eq!(bench.frames().len(), 1);
+    assert_eq!(bench.device.counters().pdos_late, 1);
 }
 
 #[test]
@@ -153,9 +145,9 @@ fn every_synchronous_type_of_an_rpdo_waits_for_one_sync() {
             ..CONFIG.rpdos[0]
         }));
         bench.receive(0x181, [1, 0]);
-        assert_eq!(bench.od.setpoint, 0);
+        assert_eq!(bench.app.setpoint, 0);
         bench.receive(0x80, []);
-        assert_eq!(bench.od.setpoint, 1);
+        assert_eq!(bench.app.setpoint, 1);
     }
 }
 
@@ -163,34 +155,43 @@ fn every_synchronous_type_of_an_rpdo_waits_for_one_sync() {
 fn an_event_driven_setpoint_is_applied_at_once() {
     let mut bench = Bench::operational(CONFIG);
     bench.receive(0x205, [7, 0]);
-    assert_eq!(bench.od.setpoint, 7);
+    assert_eq!(bench.app.setpoint, 7);
     assert_eq!(bench.events(), [Event::RpdoApplied { number: 2 }]);
 }
 
 #[test]
-fn tpdos_see_what_the_application_did_after_the_sync() {
+fn at_a_sync_the_application_is_between_its_rpdos_and_its_tpdos() {
     let mut bench = Bench::operational(CONFIG);
+    bench.app.at_sync = Some(|app, errors| {
+        app.measured = app.setpoint + 1;
+        errors.raise(0x1000, ErrorClass::Generic, [0; 5]);
+    });
+    bench.receive(0x181, [0x33, 0x12]);
     bench.receive(0x80, []);
-    bench.od.measured = 0x1234;
-    assert_eq!(bench.device.next_deadline(), Some(Micros::ZERO));
-    bench.device.on_sync_done(bench.now, &mut bench.od);
-    assert_eq!(bench.frames(), [Frame::of(0x185, [0x34, 0x12])]);
-    bench.device.on_sync_done(bench.now, &mut bench.od);
+    let error = Frame::of(0x085, [0, 0x10, 1, 0, 0, 0, 0, 0]);
+    let tpdo = Frame::of(0x185, [0x34, 0x12]);
+    assert_eq!(bench.frames(), [error, tpdo]);
     bench.poll();
     assert_eq!(bench.frames(), []);
+}
+
+#[test]
+fn a_frame_of_an_rpdo_that_is_for_others_is_ignored() {
+    let mut bench = Bench::operational(CONFIG);
+    bench.app.refused = Some(9);
+    bench.receive(0x181, [1, 0]);
+    bench.receive(0x181, [9, 0]);
+    bench.receive(0x181, [9]);
     bench.receive(0x80, []);
-    bench.od.measured = 1;
-    bench.poll();
-    assert_eq!(bench.frames(), [Frame::of(0x185, [1, 0])]);
+    assert_eq!(bench.app.setpoint, 1);
+    assert_eq!(bench.device.counters().rpdo_too_short, 0);
 }
 
 #[test]
 fn no_tpdo_outside_operational() {
     for command in [128, 2] {
         let mut bench = Bench::operational(CONFIG);
-        bench.receive(0x80, []);
         bench.receive(0, [command, 0]);
-        bench.poll();
         bench.receive(0x80, []);
         bench.poll();
         assert_eq!(bench.frames(), []);
@@ -295,7 +296,7 @@ fn the_inhibit_time_holds_back_and_loses_nothing() {
     bench.pass(2);
     bench.device.trigger_tpdo(1);
     bench.pass(2);
-    bench.od.measured = 7;
+    bench.app.measured = 7;
     bench.device.trigger_tpdo(1);
     bench.pass(5);
     assert_eq!(bench.frames(), []);
@@ -383,7 +384,7 @@ fn a_mapping_is_changed_in_the_order_cia_301_asks_for_and_no_other() {
     assert_eq!(bench.write(0x1800, 1, &extended), Err(0x0609_0030));
     bench.write(0x1800, 1, &[0x90, 2, 0, 0x40]).unwrap();
     bench.receive(0, [1, 0]);
-    bench.od.measured = 0x1234;
+    bench.app.measured = 0x1234;
     bench.receive(0x80, []);
     bench.poll();
     assert_eq!(bench.frames(), [Frame::of(0x290, [0x34, 0x12, 0x34, 0x12])]);
@@ -405,7 +406,7 @@ fn an_rpdo_can_leave_gaps() {
     bench.receive(0, [1, 0]);
     bench.receive(0x181, [0xFF, 0x34, 0x12]);
     bench.receive(0x80, []);
-    assert_eq!(bench.od.setpoint, 0x1234);
+    assert_eq!(bench.app.setpoint, 0x1234);
 }
 
 #[test]
@@ -450,7 +451,7 @@ fn a_full_transmit_queue_is_counted() {
 #[derive(Default)]
 struct Whole(Vec<(u8, Vec<u8>)>);
 
-impl ObjectDictionary for Whole {
+impl Application for Whole {
     fn read(&self, _: u16, _: u8, _: &mut [u8]) -> Result<usize, AbortCode> {
         Err(AbortCode::NoObject)
     }
@@ -472,23 +473,23 @@ impl ObjectDictionary for Whole {
 
 #[test]
 fn an_application_may_take_and_give_whole_pdos_as_long_as_the_default_mapping_holds() {
-    let mut od = Whole::default();
+    let mut app = Whole::default();
     let mut device = Device::new(CONFIG);
-    device.poll(Micros(0), &mut od);
-    let receive = |device: &mut Device, od: &mut Whole, frame: Frame| {
-        device.on_frame(Micros(1), &frame, od);
-        device.poll(Micros(1), od);
+    device.poll(Micros(0), &mut app);
+    let receive = |device: &mut Device, app: &mut Whole, frame: Frame| {
+        device.on_frame(Micros(1), &frame, app);
+        device.poll(Micros(1), app);
         core::iter::from_fn(|| device.pop_frame()).last()
     };
     receive(
         &mut device,
-        &mut od,
+        &mut app,
         client::nmt(NmtCommand::Start, NmtTarget::All),
     );
-    receive(&mut device, &mut od, Frame::of(0x181, [1, 2, 3]));
-    let sent = receive(&mut device, &mut od, client::sync(None));
+    receive(&mut device, &mut app, Frame::of(0x181, [1, 2, 3]));
+    let sent = receive(&mut device, &mut app, client::sync(None));
     assert_eq!(sent, Some(Frame::of(0x185, [1; 5])));
-    assert_eq!(od.0, [(1, std::vec![1, 2])]);
+    assert_eq!(app.0, [(1, std::vec![1, 2])]);
     // After a remapping, even to the same objects, the entries are used.
     for (index, sub, data) in [
         (0x1400, 1, &[0x81, 0x01, 0, 0x80][..]),
@@ -496,10 +497,10 @@ fn an_application_may_take_and_give_whole_pdos_as_long_as_the_default_mapping_ho
         (0x1600, 0, &[1]),
         (0x1400, 1, &[0x81, 0x01, 0, 0]),
     ] {
-        device.write(Micros(1), index, sub, data, &mut od).unwrap();
+        device.write(Micros(1), index, sub, data, &mut app).unwrap();
     }
-    receive(&mut device, &mut od, Frame::of(0x181, [1, 2, 3]));
-    receive(&mut device, &mut od, client::sync(None));
-    assert_eq!(od.0.len(), 1);
+    receive(&mut device, &mut app, Frame::of(0x181, [1, 2, 3]));
+    receive(&mut device, &mut app, client::sync(None));
+    assert_eq!(app.0.len(), 1);
     assert_eq!(device.counters().rpdo_refused, 1);
 }

@@ -30,7 +30,7 @@ fn writes_are_confirmed_and_reported() {
         bench.sdo([0x2B, 0x00, 0x20, 0, 0x34, 0x12, 0, 0]),
         [0x60, 0x00, 0x20, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.od.setpoint, 0x1234);
+    assert_eq!(bench.app.setpoint, 0x1234);
     assert_eq!(
         bench.events(),
         [Event::ObjectWritten {
@@ -47,7 +47,7 @@ fn a_write_that_does_not_say_its_size_has_that_of_the_object() {
         bench.sdo([0x22, 0x00, 0x20, 0, 0x34, 0x12, 0, 0]),
         [0x60, 0x00, 0x20, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.od.setpoint, 0x1234);
+    assert_eq!(bench.app.setpoint, 0x1234);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn refusals_say_why_and_change_nothing() {
     assert_eq!(bench.write(0x1019, 0, &[241]), Err(0x0609_0031));
     let too_high = 1001u32.to_le_bytes();
     assert_eq!(bench.write(0x2001, 0, &too_high), Err(0x0609_0031));
-    assert_eq!(bench.od.limited, 0);
+    assert_eq!(bench.app.limited, 0);
     bench.receive(0, [1, 0]);
     assert_eq!(bench.write(0x2001, 0, &[0; 4]), Err(0x0800_0022));
     assert_eq!(bench.device.counters().sdo_aborts, 16);
@@ -124,12 +124,12 @@ fn long_values_are_written_in_segments_and_all_at_once() {
         bench.sdo([0x00, 1, 2, 3, 4, 5, 6, 7]),
         [0x20, 0, 0, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.od.long, []);
+    assert_eq!(bench.app.long, []);
     assert_eq!(
         bench.sdo([0x1B, 8, 9, 0, 0, 0, 0, 0]),
         [0x30, 0, 0, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.od.long, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+    assert_eq!(bench.app.long, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
 }
 
 /// The code of the abort that answers the last of these requests.
@@ -174,7 +174,7 @@ fn broken_segmented_transfers_are_aborted_with_the_code_that_says_why() {
     ] {
         let mut bench = Bench::booted(CONFIG);
         assert_eq!(abort_of(&mut bench, requests), code, "{requests:02X?}");
-        assert_eq!(bench.od.long, []);
+        assert_eq!(bench.app.long, []);
         // And the server is free again.
         assert!(bench.read(0x1000, 0).is_ok());
     }
@@ -206,8 +206,8 @@ fn a_second_client_is_refused_and_the_first_goes_on() {
     bench.sdo([0x00, 1, 2, 3, 4, 5, 6, 7]);
     assert_eq!(bench.write(0x2000, 0, &[1, 0]), Err(0x060A_0023));
     bench.sdo([0x1B, 8, 9, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.od.long, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
-    assert_eq!(bench.od.setpoint, 0);
+    assert_eq!(bench.app.long, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+    assert_eq!(bench.app.setpoint, 0);
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn an_nmt_reset_ends_a_transfer_without_a_word() {
 #[test]
 fn a_block_is_read_with_its_crc() {
     let mut bench = Bench::booted(CONFIG);
-    bench.od.long = b"123456789".to_vec();
+    bench.app.long = b"123456789".to_vec();
     assert_eq!(
         bench.sdo([0xA4, 0x05, 0x20, 0, 127, 0, 0, 0]),
         [0xC6, 0x05, 0x20, 0, 9, 0, 0, 0]
@@ -266,7 +266,7 @@ fn a_block_is_written_if_its_crc_is_right() {
         );
         let [low, high] = crc.to_le_bytes();
         assert_eq!(bench.sdo([0xC1 | 5 << 2, low, high, 0, 0, 0, 0, 0]), answer);
-        assert_eq!(bench.od.long == b"123456789", crc == 0x31C3);
+        assert_eq!(bench.app.long == b"123456789", crc == 0x31C3);
     }
 }
 
@@ -289,7 +289,7 @@ fn broken_block_transfers_are_aborted_with_the_code_that_says_why() {
     ] {
         let mut bench = Bench::booted(CONFIG);
         assert_eq!(abort_of(&mut bench, requests), code, "{requests:02X?}");
-        assert_eq!(bench.od.long, []);
+        assert_eq!(bench.app.long, []);
         assert!(bench.read(0x1000, 0).is_ok());
     }
     // An acknowledgement of what has not been sent.
@@ -320,7 +320,7 @@ fn transfer(
         if let Some(frame) = client.pop_frame() {
             count += 1;
             if !lose(count, &frame) {
-                bench.device.on_frame(bench.now, &frame, &mut bench.od);
+                bench.device.on_frame(bench.now, &frame, &mut bench.app);
             }
             continue;
         }
@@ -333,7 +333,7 @@ fn transfer(
                 && let Some(outcome) = client.on_frame(bench.now, &frame)
             {
                 while let Some(frame) = client.pop_frame() {
-                    bench.device.on_frame(bench.now, &frame, &mut bench.od);
+                    bench.device.on_frame(bench.now, &frame, &mut bench.app);
                 }
                 return (outcome, count);
             }
@@ -368,7 +368,7 @@ proptest! {
             start(&mut client, way, bench.now, Some(&data));
             let (outcome, _) = transfer(&mut bench, &mut client, |_, _| false);
             prop_assert_eq!(outcome, client::Outcome::Downloaded);
-            prop_assert_eq!(&bench.od.long, &data);
+            prop_assert_eq!(&bench.app.long, &data);
             start(&mut client, way, bench.now, None);
             let (outcome, _) = transfer(&mut bench, &mut client, |_, _| false);
             prop_assert_eq!(outcome, client::Outcome::Uploaded);
@@ -390,15 +390,15 @@ proptest! {
         let mut bench = Bench::booted(CONFIG);
         let mut client = client::SdoClient::new(NODE, Micros::from_millis(100));
         if upload {
-            bench.od.long = data.clone();
+            bench.app.long = data.clone();
         }
         start(&mut client, way, bench.now, (!upload).then_some(&data[..]));
         let (outcome, _) = transfer(&mut bench, &mut client, |count, _| lost.contains(&count));
         match outcome {
             client::Outcome::Uploaded => prop_assert_eq!(client.data(), &data),
-            client::Outcome::Downloaded => prop_assert_eq!(&bench.od.long, &data),
+            client::Outcome::Downloaded => prop_assert_eq!(&bench.app.long, &data),
             client::Outcome::Failed(_) if !upload => {
-                prop_assert!(bench.od.long.is_empty() || bench.od.long == data);
+                prop_assert!(bench.app.long.is_empty() || bench.app.long == data);
             }
             client::Outcome::Failed(_) => {}
         }
@@ -415,7 +415,7 @@ fn a_segment_lost_inside_a_block_is_repeated() {
         let mut bench = Bench::booted(CONFIG);
         let mut client = client::SdoClient::new(NODE, Micros::from_millis(100));
         if upload {
-            bench.od.long = data.clone();
+            bench.app.long = data.clone();
         }
         start(
             &mut client,
@@ -429,7 +429,7 @@ fn a_segment_lost_inside_a_block_is_repeated() {
             assert_eq!(client.data(), data);
         } else {
             assert_eq!(outcome, client::Outcome::Downloaded);
-            assert_eq!(bench.od.long, data);
+            assert_eq!(bench.app.long, data);
         }
         assert!(frames > 41, "{frames}");
     }

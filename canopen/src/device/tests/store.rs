@@ -10,14 +10,14 @@ const CONFIG: Config = Config {
 
 fn bench() -> Bench {
     let mut bench = Bench::booted(CONFIG);
-    bench.od.memory.progress = Some(StoreProgress::Done);
+    bench.app.memory.progress = Some(StoreProgress::Done);
     bench
 }
 
 /// Switches the device off and on again; what is in memory stays.
 fn power_cycle(bench: &Bench) -> Bench {
     let mut next = Bench::cold(CONFIG);
-    next.od.memory = bench.od.memory.clone();
+    next.app.memory = bench.app.memory.clone();
     next.poll();
     next.frames();
     next
@@ -42,8 +42,8 @@ fn only_the_signature_saves() {
         StoreScope::Communication,
         StoreScope::Application,
     ];
-    assert_eq!(bench.od.memory.saved, all);
-    assert_eq!(bench.od.memory.restored, all);
+    assert_eq!(bench.app.memory.saved, all);
+    assert_eq!(bench.app.memory.restored, all);
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn without_storage_the_objects_do_not_exist() {
 fn a_device_as_configured_has_an_empty_image() {
     let mut bench = bench();
     bench.write(0x1010, 1, b"save").unwrap();
-    assert_eq!(bench.od.memory.image, []);
+    assert_eq!(bench.app.memory.image, []);
 }
 
 /// Objects, each with a value that is not its default.
@@ -137,7 +137,7 @@ fn a_client_waits_until_saving_has_ended() {
         ),
     ] {
         let mut bench = bench();
-        bench.od.memory.progress = Some(StoreProgress::Pending);
+        bench.app.memory.progress = Some(StoreProgress::Pending);
         bench.receive(0x605, save);
         bench.pass(5_000);
         assert_eq!(bench.frames(), []);
@@ -154,7 +154,7 @@ fn a_client_waits_until_saving_has_ended() {
 #[test]
 fn a_reset_while_saving_ends_the_waiting() {
     let mut bench = bench();
-    bench.od.memory.progress = Some(StoreProgress::Pending);
+    bench.app.memory.progress = Some(StoreProgress::Pending);
     bench.receive(0x605, [0x23, 0x10, 0x10, 1, b's', b'a', b'v', b'e']);
     bench.receive(0, [130, 0]);
     bench.poll();
@@ -169,7 +169,7 @@ proptest! {
     #[test]
     fn any_image_is_survived(image in prop::collection::vec(any::<u8>(), 0..512)) {
         let mut bench = bench();
-        bench.od.memory.image = image;
+        bench.app.memory.image = image;
         let mut bench = power_cycle(&bench);
         prop_assert!(bench.read(0x1000, 0).is_ok());
     }

@@ -1,15 +1,22 @@
-//! The device's interface to the application: its part of the object dictionary.
+//! The device's interface to the application: its objects, and what it does when frames come.
+//!
+//! The device routes every frame once and calls the application for what concerns it: an object is
+//! read when its value is needed and written when it has come, a SYNC is the application's turn
+//! between its receive and its transmit PDOs, and frames that are for no service of the device are
+//! passed on. All calls happen inside [`Device::on_frame`](crate::Device::on_frame) and
+//! [`Device::poll`](crate::Device::poll); what needs the device itself waits until they return, and
+//! so do errors to report, except at a SYNC, where [`Errors`] sends them before the PDOs.
 //!
 //! Values travel as their little-endian bytes. The device answers for the communication objects it
 //! knows and asks the application for every other index, so an application may add objects of the
 //! 0x1000 range that the device lacks.
 //!
-//! Two shortcuts, [`rpdo`](ObjectDictionary::rpdo) and [`tpdo`](ObjectDictionary::tpdo), let the
+//! Two shortcuts, [`rpdo`](Application::rpdo) and [`tpdo`](Application::tpdo), let the
 //! application receive or provide a whole PDO at once instead of object by object. They are used
 //! only while that PDO has the mapping of the [`Config`](crate::Config); once a master has changed
 //! the mapping, the device uses the objects.
 
-use crate::{AbortCode, NmtState, Storage};
+use crate::{AbortCode, Errors, Frame, Micros, NmtState, NodeId, RpdoSet, Storage};
 
 /// Which way a PDO carries its objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -31,8 +38,21 @@ pub enum ResetScope {
     Application,
 }
 
-/// The application's objects.
-pub trait ObjectDictionary {
+/// A SYNC as the application gets it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ReceivedSync {
+    /// The counter, if the frame had one.
+    pub counter: Option<u8>,
+    /// When the frame was received.
+    pub at: Micros,
+    /// Which RPDOs it applied.
+    pub applied: RpdoSet,
+}
+
+/// The application of a device: its objects, and its part in the services. Only the objects must be
+/// there; everything else does nothing unless it is implemented.
+pub trait Application {
     /// Writes the value of an object to the front of `out` and returns its length in bytes.
     ///
     /// # Errors
@@ -72,6 +92,30 @@ pub trait ObjectDictionary {
     fn tpdo(&self, number: u8, out: &mut [u8; 8]) -> Option<usize> {
         let _ = (number, out);
         None
+    }
+
+    /// A SYNC came in. The synchronous RPDOs that were waiting for it have just been written; the
+    /// synchronous TPDOs are read when this returns.
+    fn on_sync(&mut self, sync: ReceivedSync, errors: &mut Errors<'_>) {
+        let _ = (sync, errors);
+    }
+
+    /// A frame of receive PDO `number` (1 is 0x1400) came in while OPERATIONAL. `false` says that
+    /// it is meant for other devices: this one then ignores it.
+    fn on_rpdo(&mut self, number: u8, data: &[u8]) -> bool {
+        let _ = (number, data);
+        true
+    }
+
+    /// Another node, or one with the same number, has sent its heartbeat or boot-up message.
+    fn on_heartbeat(&mut self, now: Micros, node: NodeId, state: NmtState) {
+        let _ = (now, node, state);
+    }
+
+    /// A frame came in that is for no service of this device, except perhaps for a receive PDO:
+    /// what other nodes send. `state` is the NMT state of the device.
+    fn on_frame(&mut self, now: Micros, frame: &Frame, state: NmtState) {
+        let _ = (now, frame, state);
     }
 
     /// The non-volatile memory behind objects 0x1010 and 0x1011, if there is one.

@@ -1,54 +1,65 @@
-//! What the robot reports about itself, at every SYNC and to everybody who reads it.
+//! What the robot reports about itself: its process data, worked out when they are asked for.
 
 use control::time::Micros;
 use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, WheelRateReport};
 
-use super::BusSide;
+use super::Application;
 use crate::state::State;
 
-impl BusSide {
-    /// Brings the process data up to date.
-    pub(super) fn publish(&mut self, at: Micros) {
-        self.dictionary.uptime_ms = u32::try_from(at.0 / 1000).unwrap_or(u32::MAX);
-        let code = self.code();
-        self.remember(at, code);
+impl Application {
+    /// The record of process data at this index, as the bytes of its PDO.
+    #[inline(never)]
+    pub(super) fn process_data(&self, index: u16) -> Option<[u8; 8]> {
         let report = &self.report;
-        let sequence = self.setpoints.sequence();
-        let configuration = self.configuration.as_ref();
-        let group = configuration.map_or(0, |configuration| configuration.group);
-        self.dictionary.status = MemberStatus {
-            state: self.state.reported(configuration.is_some()),
-            sequence,
+        Some(match index {
+            0x2100 => self.group_twist.bytes,
+            0x2101 => self.alone.twist.bytes,
+            0x2110 => self.status().encode(),
+            0x2111 => MeasuredTwist {
+                twist: report.measured,
+                sequence: report.sequence,
+                group: self.configuration.as_ref().map_or(0, |known| known.group),
+            }
+            .encode(),
+            0x2112 => PoseReport { pose: report.pose }.encode(),
+            0x2113 => WheelRateReport {
+                rates: report.rates,
+            }
+            .encode(),
+            _ => return None,
+        })
+    }
+
+    fn status(&self) -> MemberStatus {
+        let report = &self.report;
+        MemberStatus {
+            state: self.state.reported(self.configuration.is_some()),
+            sequence: self.setpoints.sequence(),
             scale: self.own.scale,
             slip_residual: (report.configuration != 0).then_some(report.slip_residual),
-            code,
+            code: self.code(),
             plan: self.own.plan,
         }
-        .encode();
-        self.dictionary.measured = MeasuredTwist {
-            twist: report.measured,
-            sequence: report.sequence,
-            group,
-        }
-        .encode();
-        self.dictionary.pose = PoseReport { pose: report.pose }.encode();
-        self.dictionary.rates = WheelRateReport {
-            rates: report.rates,
-        }
-        .encode();
     }
 
     /// Keeps a limit in the history when it becomes active.
-    fn remember(&mut self, at: Micros, code: Code) {
-        let limit = match code {
+    pub(super) fn note_limit(&mut self, at: Micros) {
+        let limit = match self.code() {
             Code::Limit(limit) => limit.code(),
             Code::None | Code::Fault(_) => 0,
         };
         if limit != 0 && limit != self.limit {
             let time_ms = u32::try_from(at.0 / 1000).unwrap_or(u32::MAX);
-            self.dictionary.limits.push(limit, time_ms);
+            self.limits.push(limit, time_ms);
         }
         self.limit = limit;
+    }
+
+    /// The same where there may be no SYNC.
+    pub fn note_limit_at_rest(&mut self, now: Micros) {
+        if self.is_at_rest() {
+            self.note_limit(now);
+        }
     }
 
     /// The most important thing to say.
@@ -61,7 +72,7 @@ impl BusSide {
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
         let limit = self.waits.or(self.report.limit).or_else(|| {
-            if self.dictionary.can.passive {
+            if self.can.passive {
                 Some(Limit::BusErrors)
             } else if moving && self.strain.is_limit() {
                 Some(Limit::Strain)

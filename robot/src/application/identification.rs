@@ -7,24 +7,19 @@
 //! finds takes effect by itself. Heartbeat and SYNC of the master are watched as in any motion.
 
 use ::identification::{Bounds, Outcome, Stopped, WheelModel};
+use canopen::{AbortCode, NmtState};
 use control::time::Micros;
 use control::wheel::Gains;
 use protocol::Address;
-use protocol::address::HEARTBEAT_TIMEOUT;
 
-use super::BusSide;
+use super::Application;
 use crate::state::{self, State};
 
-/// How long a permission to move alone lasts, us. An identification ends within 20 s by itself.
-const PERMISSION_US: u64 = 60_000_000;
-
-/// What has been asked for and what came of it.
+/// What has been asked for, and the result.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) struct Record {
-    /// Whether it may begin now.
-    pub permitted: bool,
-    /// Begin (1) or stop (0), until it is looked at.
-    pub asked: Option<bool>,
+pub(super) struct Identification {
+    /// The commissioning motion is an identification.
+    pub is_running: bool,
     /// Object 0x2051:2.
     pub status: u8,
     /// Object 0x2051:3: the wheel concerned, or 255.
@@ -32,7 +27,7 @@ pub(crate) struct Record {
     pub bounds: Bounds,
     pub bandwidth: f32,
     pub damping: f32,
-    pub models: [WheelModel; 4],
+    models: [WheelModel; 4],
 }
 
 /// No wheel in particular.
@@ -40,11 +35,10 @@ const NO_WHEEL: u8 = u8::MAX;
 const RUNNING: u8 = 1;
 const DONE: u8 = 2;
 
-impl Record {
+impl Identification {
     pub const fn new() -> Self {
         Self {
-            permitted: false,
-            asked: None,
+            is_running: false,
             status: 0,
             wheel: 0,
             bounds: Bounds {
@@ -98,10 +92,10 @@ fn gains(model: &WheelModel, bandwidth: f32, damping: f32) -> Gains {
     }
 }
 
-impl BusSide {
+impl Application {
     /// Takes in what the control side has found out.
     pub fn on_identification(&mut self, now: Micros, outcome: &Outcome) {
-        let record = &mut self.dictionary.identification;
+        let record = &mut self.identification;
         (record.status, record.wheel) = match outcome {
             Ok(models) => {
                 record.models = *models;
@@ -112,72 +106,30 @@ impl BusSide {
         self.end_identification(now);
     }
 
-    /// Blinks, and no longer.
-    pub(super) fn update_blinking(&mut self, now: Micros) {
-        if let Some(seconds) = self.dictionary.blink_asked.take() {
-            self.blinks_until = now + Micros(u64::from(seconds) * 1_000_000);
+    /// A write of 0x2051:1. A run begins only where a robot may move alone; what it may do is
+    /// settled before.
+    pub(super) fn begin_identification(&mut self, nmt: NmtState) -> Result<(), AbortCode> {
+        let is_able = self.state == State::Armed && self.able().is_some();
+        if nmt != NmtState::Operational || !self.alone.is_permitted || !is_able {
+            return Err(AbortCode::DeviceState);
         }
-        let left = self.blinks_until.since(now).0;
-        // A division of 64 bits takes a while, and hardly ever is there something to divide.
-        self.dictionary.blinks = match left {
-            0 => 0,
-            _ => u8::try_from(left.div_ceil(1_000_000)).unwrap_or(u8::MAX),
-        };
+        let record = &mut self.identification;
+        record.is_running = true;
+        record.status = RUNNING;
+        record.wheel = NO_WHEEL;
+        record.models = [WheelModel::default(); 4];
+        self.command.bounds = record.bounds;
+        self.transition(state::Event::OwnSetpoint, self.now());
+        Ok(())
     }
 
-    /// A permission to move alone ends by itself: whoever needs it longer gives it again.
-    pub(super) fn update_permission(&mut self, now: Micros) {
-        if self.dictionary.alone_for_now {
-            self.update_alone(now);
-        }
-        if core::mem::take(&mut self.dictionary.permission_renewed) {
-            self.permitted_until = now + Micros(PERMISSION_US);
-        }
-        if self.dictionary.commissioning && now >= self.permitted_until {
-            self.dictionary.commissioning = false;
-            if self.state == State::Alone && !self.identifying {
-                self.transition(state::Event::Left, now);
-            }
-        }
-    }
-
-    /// Who declared the robot alone has to stay: without a master it is a member again.
-    #[cold]
-    fn update_alone(&mut self, now: Micros) {
-        if core::mem::take(&mut self.dictionary.alone_declared) {
-            self.last_heartbeat = now;
-        }
-        let timeout_ms = self.dictionary.parameters.unsigned(HEARTBEAT_TIMEOUT);
-        let silent = self.last_heartbeat + Micros(u64::from(timeout_ms) * 1_000);
-        self.dictionary.alone_for_now = now < silent;
-    }
-
-    pub(super) fn may_identify(&self) -> bool {
-        self.state == State::Armed && self.able().is_some()
-    }
-
-    /// Does what was asked for, and stops when it is no longer permitted.
-    pub(super) fn update_identification(&mut self, now: Micros) {
-        let asked = self.dictionary.identification.asked.take();
-        if self.identifying && (asked == Some(false) || !self.dictionary.commissioning) {
-            self.end_identification(now);
-        } else if asked == Some(true) && self.may_identify() {
-            let record = &mut self.dictionary.identification;
-            record.status = RUNNING;
-            record.wheel = NO_WHEEL;
-            record.models = [WheelModel::default(); 4];
-            self.command.bounds = record.bounds;
-            self.identifying = true;
-            self.transition(state::Event::OwnSetpoint, now);
-        }
-    }
-
-    fn end_identification(&mut self, now: Micros) {
-        if self.state == State::Alone && self.identifying {
+    /// Stops it, or takes note that it has ended.
+    pub(super) fn end_identification(&mut self, now: Micros) {
+        if self.state == State::Alone && self.identification.is_running {
             self.transition(state::Event::Left, now);
         }
-        if self.dictionary.identification.status == RUNNING {
-            self.dictionary.identification.status = Stopped::Asked.code();
+        if self.identification.status == RUNNING {
+            self.identification.status = Stopped::Asked.code();
         }
     }
 }

@@ -1,0 +1,147 @@
+//! SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
+//!
+//! The rules themselves are in [`crate::agreement`] and [`crate::interlock`].
+
+use control::configuration::Configuration;
+use control::time::Micros;
+use kinematics::{Twist, desaturate};
+use protocol::address::SYNC_PERIOD;
+use protocol::{Fault, Limit, Scale};
+
+use super::Application;
+use crate::agreement::{Agreement, Own, Verdict};
+use crate::interlock::is_standstill;
+use crate::rhythm::Beat;
+use crate::sequence::Reception;
+use crate::state::{self, State};
+
+impl Application {
+    /// The robot's part of a SYNC, between its setpoint and its status.
+    #[inline(never)]
+    pub(super) fn agree(&mut self, at: Micros, counter: Option<u8>) {
+        self.last_sync = at;
+        let period_us = self.parameters.unsigned(SYNC_PERIOD);
+        self.clock.on_sync(at, period_us as f32);
+        let beat = self.rhythm.on_sync(at, counter, period_us);
+        let Some(configuration) = &self.configuration else {
+            return;
+        };
+        let (members, group) = (configuration.members, configuration.group);
+        // From now on the votes of this SYNC are missing.
+        self.runs_out = self
+            .runs_out
+            .min(at + Micros(configuration.times.silence_us()));
+        self.decide(at, members);
+        let before = self.setpoints.ignored();
+        let received = self.group_twist.take();
+        let reception = self.setpoints.on_sync(at, beat, received.as_ref(), group);
+        let ignored = self.setpoints.ignored().wrapping_sub(before);
+        let counter = &mut self.counters.ignored_setpoints;
+        *counter = counter.wrapping_add(ignored);
+        if reception == Reception::TwoMasters {
+            self.transition(state::Event::Failed(Fault::TwoMasters), at);
+        }
+        if let Some(configuration) = &self.configuration
+            && let Some(fault) = self.strain.on_sync(at, self.report.measured, configuration)
+            && self.state == State::Moving
+        {
+            self.transition(state::Event::Failed(fault), at);
+        }
+        self.vote(beat);
+        self.follow_alone(at, beat);
+    }
+
+    /// Whether every other member has voted since the last SYNC.
+    pub(super) fn has_all_votes(&self, configuration: &Configuration) -> bool {
+        let node = self.identity.node.get();
+        self.agreement.is_complete(configuration.members, node)
+    }
+
+    /// Groups share the bus, its SYNC and its master's heartbeat. A twist for another one is
+    /// neither taken nor counted.
+    pub(super) fn is_for_this_group(&self, data: &[u8]) -> bool {
+        let group = self.configuration.as_ref().map(|known| known.group);
+        let addressed = self.group_byte.and_then(|byte| data.get(byte).copied());
+        group.is_none() || addressed.is_none() || group == addressed
+    }
+
+    /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
+    fn decide(&mut self, at: Micros, members: u32) {
+        let latched = match self.state {
+            State::Armed if self.alone.started_so => None,
+            State::Armed | State::Moving => self.setpoints.latched(),
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
+        };
+        let Some(latched) = latched else {
+            self.agreement = Agreement::new();
+            self.interlock.disagree();
+            return;
+        };
+        let node = self.identity.node.get();
+        match self.agreement.decide(members, node, self.own) {
+            Verdict::Go { scale, own } => {
+                if self.state == State::Armed {
+                    if !self.interlock.agree() {
+                        return;
+                    }
+                    self.setpoints.touch(at);
+                }
+                self.scale = scale;
+                self.scale_is_own = own;
+                self.transition(state::Event::GroupSetpoint, at);
+                self.aim(at, latched.twist * scale.factor(), latched.sequence);
+            }
+            Verdict::Stop(fault) => {
+                self.interlock.disagree();
+                // Before motion everything else may be over at the next SYNC.
+                if self.state == State::Moving || fault == Fault::PlanMismatch {
+                    self.transition(state::Event::Failed(fault), at);
+                }
+            }
+        }
+    }
+
+    /// Rule 1: what this robot would do with what it just latched, and the scale at which its own
+    /// wheels could follow.
+    fn vote(&mut self, beat: Beat) {
+        self.own = Own {
+            sequence: self.setpoints.sequence(),
+            ..Own::NONE
+        };
+        let armed = self.state == State::Armed;
+        let standstill = armed && self.interlock.permits_standstill() && !beat.off_period;
+        self.waits = (armed && self.rhythm.is_off()).then_some(Limit::SyncPeriod);
+        if self.alone.started_so {
+            self.waits = Some(Limit::Alone);
+        }
+        let Some(latched) = self.setpoints.latched() else {
+            return;
+        };
+        self.own.plan = self.plan.checksum(&latched.encode());
+        let permits = match self.state {
+            State::Moving => true,
+            State::Armed if self.alone.started_so => false,
+            State::Armed if is_standstill(latched.twist) => standstill,
+            State::Armed => {
+                self.waits = self.waits.or(Some(Limit::AwaitingStandstill));
+                false
+            }
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
+        };
+        if let Some(configuration) = self.able().filter(|_| permits) {
+            self.own.scale = permitted(configuration, latched.twist);
+        }
+    }
+}
+
+/// The scale at which this robot's wheels can make the group move like that.
+pub(super) fn permitted(configuration: &Configuration, twist: Twist) -> Scale {
+    let drivetrain = &configuration.drivetrain;
+    let scale = |twist| desaturate(drivetrain.fastest(twist), configuration.wheel_rate_max).1;
+    let first = scale(twist);
+    if drivetrain.is_constant() {
+        return Scale::new(first);
+    }
+    // At the smaller speed the compensation asks for a little more or less.
+    Scale::new(first * scale(twist * first))
+}

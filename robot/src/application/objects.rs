@@ -1,0 +1,233 @@
+//! The value of every object beyond the communication profile, and what a write does.
+//!
+//! Every access is looked up in the one table of `protocol`; what is not there does not exist, what
+//! is out of its limits is refused, and a refused write changes nothing. A parameter lies in its
+//! slot. Everything else is worked out here when it is asked for, and takes effect here when it is
+//! written.
+
+use canopen::{AbortCode, NmtState};
+use control::time::Micros;
+use protocol::address::{self as at, history, rollers};
+use protocol::compensation::{CompensationSet, SetError};
+use protocol::object::ValueError;
+use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highest_sub};
+
+use super::{Application, Received};
+use crate::compensation::compensation;
+use crate::configuration;
+
+impl Application {
+    /// The bytes of a DOMAIN.
+    pub(super) fn block(&self, address: Address) -> &[u8] {
+        match address {
+            at::STORED_FAULTS => self.memory.bytes(),
+            _ => self.parameters.set_bytes(),
+        }
+    }
+
+    /// How many seconds the LED will blink.
+    fn blinks_left(&self) -> u8 {
+        let left = self.blinks_until.since(self.now()).0;
+        u8::try_from(left.div_ceil(1_000_000)).unwrap_or(u8::MAX)
+    }
+
+    pub(super) fn value(&self, entry: &Entry) -> Option<Value> {
+        let address = entry.address;
+        let counters = &self.counters;
+        Some(match address {
+            at::WIRE_VERSION => entry.default(),
+            at::SERIAL_NUMBER => Value::U32(self.identity.serial),
+            at::FIRMWARE_VERSION => Value::U32(self.identity.firmware),
+            at::RESET_CAUSE => Value::U8(self.identity.reset_cause),
+            at::NODE_SWITCHES => Value::U8(self.identity.node_switches),
+            at::CLOCK_WAIT => Value::U16(self.identity.clock_wait_ms),
+            at::BROWN_OUT_LEVEL => Value::U8(self.identity.brown_out_level),
+            at::NODE_STORED => Value::U8(self.store.node()),
+            at::CONFIGURATION_STATUS => Value::U32(match self.store.corrupt {
+                Some(address) => address.packed() << 8 | 3,
+                None => configuration::build(&self.parameters, self.identity.node.get())
+                    .map_or_else(|error| error.code(), |_| 0),
+            }),
+            at::CONFIGURATION_CRC => Value::U32(self.parameters.crc()),
+            at::GROUP_CRC => Value::U32(self.parameters.group_crc()),
+            at::COMPENSATION_VERSION => {
+                let set = self.parameters.compensation_set();
+                Value::U32(set.map_or(0, |set| set.version))
+            }
+            at::COMPENSATION_CRC => {
+                let set = self.parameters.compensation_set();
+                Value::U32(set.map_or(0, |set| set.crc))
+            }
+            at::COMMISSIONING => Value::U8(u8::from(self.alone.is_permitted)),
+            at::ALONE_FOR_NOW => Value::U8(u8::from(self.alone.for_now)),
+            at::IDENTIFY => Value::U8(u8::from(self.identification.status == 1)),
+            at::IDENTIFY_STATUS => Value::U8(self.identification.status),
+            at::IDENTIFY_WHEEL => Value::U8(self.identification.wheel),
+            at::IDENTIFY_RATE => Value::F32(self.identification.bounds.rate),
+            at::IDENTIFY_TRAVEL => Value::F32(self.identification.bounds.travel),
+            at::IDENTIFY_BANDWIDTH => Value::F32(self.identification.bandwidth),
+            at::IDENTIFY_DAMPING => Value::F32(self.identification.damping),
+            at::IDENTIFY_WHEELS => Value::U8(self.identification.bounds.wheels),
+            at::BLINK => Value::U8(self.blinks_left()),
+            at::SUPPLY => Value::F32(self.report.supply.unwrap_or(0.0)),
+            at::SLIP => Value::F32(self.report.slip_residual),
+            at::CURRENT => Value::F32(self.report.current),
+            at::LATE_TICKS => Value::U32(self.report.late_ticks),
+            at::LOST_SYNCS => Value::U32(counters.lost_syncs),
+            at::IGNORED_SETPOINTS => Value::U32(counters.ignored_setpoints),
+            at::REFUSED_WRITES => Value::U32(counters.refused_writes),
+            at::STOPS => Value::U32(counters.stops),
+            at::WATCHDOG_RESETS => Value::U32(counters.watchdog_resets),
+            at::CAN_ERRORS => Value::U32(counters.can_errors),
+            at::CAN_TRANSMIT_ERRORS => Value::U8(self.can.errors.transmit),
+            at::CAN_RECEIVE_ERRORS => Value::U8(self.can.errors.receive),
+            at::CAN_LAST_ERROR => Value::U8(self.can.errors.last),
+            at::CAN_PASSIVES => Value::U32(self.can.passives),
+            at::CAN_BUS_OFFS => Value::U32(self.can.bus_offs),
+            at::SAVES => Value::U32(counters.store.saves),
+            at::ERASES => Value::U32(counters.store.erases),
+            at::CUT_SAVES => Value::U32(counters.store.cut),
+            at::UPTIME => Value::U32(u32::try_from(self.now().0 / 1000).unwrap_or(u32::MAX)),
+            at::START_NUMBER => Value::U32(self.memory.start),
+            at::UNSTORED_FAULTS => Value::U8(self.memory.unstored()),
+            Address { index, sub } if index == history::code(1).index => {
+                Value::U16(self.faults.nth(sub).0)
+            }
+            Address { index, sub } if index == history::time(1).index => {
+                Value::U32(self.faults.nth(sub).1)
+            }
+            Address { index, sub } if index == history::limit_code(1).index => {
+                Value::U16(self.limits.nth(sub).0)
+            }
+            Address { index, sub } if index == history::limit_time(1).index => {
+                Value::U32(self.limits.nth(sub).1)
+            }
+            Address { index, sub } if index == rollers::state(0).index => {
+                let wheel = usize::from(sub.checked_sub(1)?);
+                Value::U8(*self.report.roller_states.get(wheel)? as u8)
+            }
+            Address { index, sub } if index == rollers::sweep(0).index => {
+                let wheel = usize::from(sub.checked_sub(1)?);
+                Value::F32(*self.report.roller_sweeps.get(wheel)?)
+            }
+            _ => match self.process_data(address.index) {
+                Some(bytes) => {
+                    let (from, length) = place(entry);
+                    Value::from_bytes(entry.kind, bytes.get(from..from + length)?).ok()?
+                }
+                None => match self.identification.result(address) {
+                    Some(result) => Value::F32(result),
+                    None => self.parameters.get(address)?,
+                },
+            },
+        })
+    }
+
+    pub(super) fn check_write(
+        &mut self,
+        address: Address,
+        data: &[u8],
+        state: NmtState,
+    ) -> Result<(), AbortCode> {
+        let entry = find(address)?;
+        match entry.access {
+            Access::Const | Access::ReadOnly => return Err(AbortCode::ReadOnly),
+            Access::Parameter if state == NmtState::Operational => {
+                return Err(AbortCode::DeviceState);
+            }
+            Access::Parameter | Access::ReadWrite => {}
+        }
+        if entry.kind == Kind::Domain {
+            return self.write_set(entry, data);
+        }
+        let value = entry.accept(data).map_err(|error| match error {
+            ValueError::TooShort => AbortCode::TooShort,
+            ValueError::TooLong => AbortCode::TooLong,
+            ValueError::Invalid => AbortCode::InvalidValue,
+            ValueError::TooHigh => AbortCode::ValueTooHigh,
+            ValueError::TooLow => AbortCode::ValueTooLow,
+        })?;
+        if let Some(slot) = entry.slot {
+            self.parameters.set(slot, value);
+            return Ok(());
+        }
+        self.take_value(entry, value, state)
+    }
+
+    /// What the write of an object does that is no parameter.
+    fn take_value(&mut self, entry: &Entry, value: Value, nmt: NmtState) -> Result<(), AbortCode> {
+        let record = &mut self.identification;
+        match (entry.address, value) {
+            (at::COMMISSIONING, Value::U8(wanted @ 0..=1)) => {
+                return self.permit_alone(wanted == 1);
+            }
+            (at::ALONE_FOR_NOW, Value::U8(wanted @ 0..=1)) => {
+                return self.declare_alone(wanted == 1, nmt);
+            }
+            (at::IDENTIFY, Value::U8(0)) if record.is_running => {
+                self.end_identification(self.now())
+            }
+            (at::IDENTIFY, Value::U8(0)) => {}
+            (at::IDENTIFY, Value::U8(1)) => return self.begin_identification(nmt),
+            (at::IDENTIFY_RATE, Value::F32(value)) => record.bounds.rate = value,
+            (at::IDENTIFY_TRAVEL, Value::F32(value)) => record.bounds.travel = value,
+            (at::IDENTIFY_BANDWIDTH, Value::F32(value)) => record.bandwidth = value,
+            (at::IDENTIFY_DAMPING, Value::F32(value)) => record.damping = value,
+            (at::IDENTIFY_WHEELS, Value::U8(value)) => record.bounds.wheels = value,
+            (at::BLINK, Value::U8(seconds)) => {
+                self.blinks_until = self.now() + Micros(u64::from(seconds) * 1_000_000);
+            }
+            (Address { index: 0x2100, .. }, _) => write_field(&mut self.group_twist, entry, value),
+            (Address { index: 0x2101, .. }, _) => write_field(&mut self.alone.twist, entry, value),
+            _ => return Err(AbortCode::InvalidValue),
+        }
+        Ok(())
+    }
+
+    /// Takes a compensation set as a whole or not at all.
+    fn write_set(&mut self, entry: &Entry, data: &[u8]) -> Result<(), AbortCode> {
+        let set = CompensationSet::decode(data).map_err(|error| match error {
+            SetError::TooShort => AbortCode::TooShort,
+            SetError::TooLong => AbortCode::TooLong,
+            SetError::CoefficientTooLow => AbortCode::ValueTooLow,
+            SetError::OutOfRange => AbortCode::ValueTooHigh,
+            SetError::Crc | SetError::Format | SetError::TooManyRows | SetError::Speed => {
+                AbortCode::InvalidValue
+            }
+        })?;
+        let constant = self.parameters.constant_compensation();
+        constant
+            .and_then(|constant| compensation(&set, &constant))
+            .map_err(|_| AbortCode::ParameterIncompatible)?;
+        let slot = entry.slot.ok_or(AbortCode::General)?;
+        self.parameters.set_block(slot, data);
+        Ok(())
+    }
+}
+
+/// Offset and length of a field in its process data: the fields lie in the order of their
+/// sub-indices.
+fn place(entry: &Entry) -> (usize, usize) {
+    let before = ENTRIES.iter().filter(|other| {
+        other.address.index == entry.address.index && other.address.sub < entry.address.sub
+    });
+    let from = before.map(|other| usize::from(other.kind.bytes())).sum();
+    (from, usize::from(entry.kind.bytes()))
+}
+
+fn write_field(to: &mut Received, entry: &Entry, value: Value) {
+    let (from, length) = place(entry);
+    if let Some(field) = to.bytes.get_mut(from..from + length) {
+        for (to, byte) in field.iter_mut().zip(value.to_bytes()) {
+            *to = byte;
+        }
+        to.is_fresh = true;
+    }
+}
+
+pub(super) fn find(address: Address) -> Result<&'static Entry, AbortCode> {
+    entry(address).ok_or(match highest_sub(address.index) {
+        Some(_) => AbortCode::NoSubIndex,
+        None => AbortCode::NoObject,
+    })
+}

@@ -1,0 +1,311 @@
+//! The bus side: the CANopen device, the robot's application behind it, and the way in and out.
+//!
+//! A frame goes to the device, which knows whose service it is for and calls the application for
+//! what concerns the robot: a SYNC, a setpoint, a heartbeat, what another member sends, the value
+//! of an object. Only what needs device and application at once is here: a start, a change of the
+//! NMT state, emergency messages, the store.
+//!
+//! Frames must come in the order they were received; with each comes the time of its reception, and
+//! all time-outs are checked before a frame is, so a frame that comes too late revives nothing. The
+//! owner keeps it going:
+//!
+//! - after every control tick (or at least once per SYNC) hand over the newest [`Report`];
+//! - after every call take the [`Configuration`] if there is one, then the [`Command`];
+//! - call [`BusSide::poll`] at [`BusSide::next_deadline`], which is never further than 10 ms away:
+//!   the control side takes a bus side without sign of life for dead.
+//!
+//! Queues that can fill up: the device's frames and events, and the events here; all drop the
+//! newest, and the device counts it.
+
+use canopen::{Device, Emergency, ErrorClass, Frame, NmtCommand, NmtState};
+use control::configuration::Configuration;
+use control::interface::{Command, Report};
+use control::time::Micros;
+use identification::Outcome;
+use protocol::{Fault, StoredFault, cob};
+
+use crate::application::{Application, device_time, local_time};
+use crate::can::{CanChange, CanErrors};
+use crate::counters::Counters;
+use crate::event::Event;
+use crate::fault_memory::Memorable;
+use crate::identity::{self, Identity};
+use crate::parameters::Parameters;
+use crate::state::State;
+use crate::store::{IMAGE_MAX, Stored};
+
+/// Longest time between two polls, us.
+const ALIVE_US: u64 = 10_000;
+
+/// The bus side of one robot.
+pub struct BusSide {
+    device: Device,
+    robot: Application,
+}
+
+impl BusSide {
+    /// A robot that has not been on the bus yet.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(identity: Identity) -> Self {
+        Self {
+            device: Device::new(identity::config(&identity)),
+            robot: Application::new(identity),
+        }
+    }
+
+    /// Takes in a frame received at `at`.
+    pub fn on_frame(&mut self, at: Micros, frame: &Frame) {
+        self.begin(at);
+        self.device
+            .on_frame(device_time(at), frame, &mut self.robot);
+        self.finish(at);
+    }
+
+    /// Does what is due at `now`.
+    pub fn poll(&mut self, now: Micros) {
+        self.begin(now);
+        self.robot.note_limit_at_rest(now);
+        self.device.poll(device_time(now), &mut self.robot);
+        self.finish(now);
+    }
+
+    /// Of the function codes it wants to see, those whose frames mean nothing before the next SYNC:
+    /// they may be kept from it for a millisecond, if the order and the times at which frames were
+    /// received stay what they are.
+    pub const CAN_WAIT: u16 = canopen::function_code_bit(cob::member_status(0))
+        | canopen::function_code_bit(cob::measured_twist(0))
+        | canopen::function_code_bit(cob::GROUP_TWIST)
+        | canopen::function_code_bit(cob::MASTER_HEARTBEAT);
+
+    /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128
+    /// n on); the others may be kept from it. What a master changes is in it before the answer to
+    /// that is sent.
+    #[must_use]
+    pub fn function_codes(&self) -> u16 {
+        [
+            cob::emergency(0),
+            cob::member_status(0),
+            cob::measured_twist(0),
+            cob::GROUP_TWIST,
+            cob::MASTER_HEARTBEAT,
+        ]
+        .into_iter()
+        .fold(self.device.function_codes(), |codes, id| {
+            codes | canopen::function_code_bit(id)
+        })
+    }
+
+    /// Takes in what the control side did and saw.
+    pub fn on_report(&mut self, report: &Report) {
+        self.robot.on_report(report);
+        self.announce(report.at);
+    }
+
+    /// Takes in what the control side has found out about the motors.
+    pub fn on_identification(&mut self, now: Micros, outcome: &Outcome) {
+        self.robot.on_identification(now, outcome);
+    }
+
+    /// Takes in a fault that only the platform can see: bus-off, overrun, a crash before this
+    /// start.
+    ///
+    /// A robot at rest stays in the state it is in, but the fault is announced and kept in the
+    /// history.
+    pub fn on_fault(&mut self, now: Micros, fault: Fault) {
+        self.robot.on_fault(now, fault);
+        self.announce(now);
+    }
+
+    /// The CAN controller went off the bus: ramps down; nothing is sent until
+    /// [`BusSide::on_bus_recovered`]. [`Event::RecoverBus`] says when to try.
+    pub fn on_bus_off(&mut self, now: Micros) {
+        self.on_fault(now, Fault::BusOff);
+        self.device.on_bus_off(device_time(now));
+        self.robot.can.off = true;
+        self.robot.can.bus_offs = self.device.counters().bus_off;
+        self.finish(now);
+    }
+
+    /// The CAN controller is back on the bus.
+    pub fn on_bus_recovered(&mut self, now: Micros) {
+        self.robot.can.off = false;
+        self.device.on_bus_recovered(device_time(now));
+        self.finish(now);
+    }
+
+    /// Takes in the error counters of the CAN controller; nothing happens when they have not
+    /// changed.
+    pub fn on_can_errors(&mut self, now: Micros, errors: &CanErrors) {
+        match self.robot.can.update(errors) {
+            None => {}
+            Some(CanChange::Passive) => self.announce_passive(now),
+            Some(CanChange::Active) => {
+                let mut emergencies = self.device.errors(device_time(now));
+                emergencies.clear(Emergency::CAN_PASSIVE, 0);
+            }
+        }
+    }
+
+    /// The next frame to send.
+    pub fn pop_frame(&mut self) -> Option<Frame> {
+        self.device.pop_frame()
+    }
+
+    /// The next event.
+    pub fn pop_event(&mut self) -> Option<Event> {
+        self.robot.events.pop_front()
+    }
+
+    /// When [`BusSide::poll`] has something to do, at the latest.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Micros> {
+        let alive = self.robot.command.alive + Micros(ALIVE_US);
+        let device = self.device.next_deadline().map_or(Micros::MAX, local_time);
+        Some(alive.min(device).min(self.robot.runs_out))
+    }
+
+    /// What the control side is asked to do.
+    #[must_use]
+    pub const fn command(&self) -> &Command {
+        &self.robot.command
+    }
+
+    /// A configuration the control side must take over before the next command; given once.
+    pub fn take_configuration(&mut self) -> Option<&Configuration> {
+        self.robot.take_configuration()
+    }
+
+    /// What the robot is doing.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.robot.state
+    }
+
+    /// The NMT state.
+    #[must_use]
+    pub const fn nmt_state(&self) -> NmtState {
+        self.device.state()
+    }
+
+    /// Its node number. Frames that end in it are for it, or from another robot with the same
+    /// number: it wants to see them whatever their function code.
+    #[must_use]
+    pub const fn node(&self) -> u8 {
+        self.robot.identity.node.get()
+    }
+
+    /// The group scale in force, 0 to 1.
+    #[must_use]
+    pub fn group_scale(&self) -> f32 {
+        self.robot.scale.factor()
+    }
+
+    /// Whether somebody has asked which robot this is: the LED shall answer.
+    #[must_use]
+    pub fn blinks(&self) -> bool {
+        self.robot.blinks()
+    }
+
+    /// The parameters as they have been written.
+    #[must_use]
+    pub const fn parameters(&self) -> &Parameters {
+        &self.robot.parameters
+    }
+
+    /// What the robot counts; the platform adds what only it can see.
+    pub const fn counters_mut(&mut self) -> &mut Counters {
+        &mut self.robot.counters
+    }
+
+    /// Takes in what the platform has stored, at start, before anything else, and the memory it may
+    /// keep an image in. The parameters take effect if all of them are good; otherwise they have
+    /// their defaults, and the robot is in fault and refuses to start until a master has saved or
+    /// restored.
+    pub fn load(&mut self, now: Micros, memory: &'static mut [u8; IMAGE_MAX], stored: Stored<'_>) {
+        self.robot.load(now, memory, stored);
+        self.announce(now);
+    }
+
+    /// An image that the platform must store now, in place of the one it has; then it calls
+    /// [`BusSide::finish_store`]. Outputs are off and stay off until then.
+    #[must_use]
+    pub fn image_to_store(&self) -> Option<&[u8]> {
+        self.robot.store.image_to_store()
+    }
+
+    /// The image has been stored; or it has not, and this is what the platform has.
+    pub fn finish_store(&mut self, outcome: Result<(), Stored<'_>>) {
+        let answer = self.robot.store.finish(outcome);
+        self.device.finish_store(answer);
+    }
+
+    /// Takes in the starts that the platform has counted and the faults that it has stored, the
+    /// newest last; at start, before there is a new one.
+    pub fn recall(&mut self, starts: u32, faults: impl Iterator<Item = [u8; StoredFault::LENGTH]>) {
+        self.robot.memory.recall(starts, faults);
+    }
+
+    /// What the platform is to add to its fault memory now; then it calls [`BusSide::remembered`]
+    /// and asks again. Outputs are off. It may take half a second; a start that comes meanwhile
+    /// takes effect after that.
+    #[must_use]
+    pub fn to_remember(&self, now: Micros) -> Option<Memorable> {
+        let may_write = self.robot.is_off() && !self.robot.store.asked;
+        self.robot.memory.next(now).filter(|_| may_write)
+    }
+
+    /// What was to be remembered is stored, or cannot be.
+    pub fn remembered(&mut self, now: Micros, is_stored: bool) {
+        self.robot.memory.stored(now, is_stored);
+    }
+
+    /// Before a frame, or what is due, is handled.
+    fn begin(&mut self, now: Micros) {
+        self.robot.supervise(now);
+        self.announce(now);
+        self.robot.command.alive = now;
+    }
+
+    /// Does what the device's events ask for, and sends what there is to announce.
+    fn finish(&mut self, now: Micros) {
+        while let Some(event) = self.device.pop_event() {
+            match event {
+                canopen::Event::NmtCommand(NmtCommand::Start) => {
+                    self.robot.start(now, &self.device);
+                }
+                canopen::Event::NmtChanged { from, to } => {
+                    self.robot.on_nmt(now, from, to, self.device.node());
+                    if from == NmtState::Initialising && self.robot.can.passive {
+                        self.announce_passive(now);
+                    }
+                }
+                canopen::Event::SyncGap { .. } => {
+                    let lost = &mut self.robot.counters.lost_syncs;
+                    *lost = lost.wrapping_add(1);
+                }
+                canopen::Event::RecoverBus => self.robot.emit(Event::RecoverBus),
+                _ => {}
+            }
+        }
+        self.announce(now);
+    }
+
+    /// Sends emergency messages about what is new since the last time.
+    fn announce(&mut self, now: Micros) {
+        if self.robot.has_news() {
+            self.robot
+                .announce(&mut self.device.errors(device_time(now)));
+        }
+    }
+
+    /// The CAN controller is error passive; said once more after a reset of the communication.
+    fn announce_passive(&mut self, now: Micros) {
+        let mut emergencies = self.device.errors(device_time(now));
+        emergencies.raise(
+            Emergency::CAN_PASSIVE,
+            ErrorClass::Communication,
+            Default::default(),
+        );
+    }
+}

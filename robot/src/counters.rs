@@ -1,0 +1,31 @@
+//! What a robot counts beside what its control side does.
+
+/// Since the robot started, wrapping.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Counters {
+    /// Gaps in the SYNC counter.
+    pub lost_syncs: u32,
+    /// Setpoints not followed.
+    pub ignored_setpoints: u32,
+    /// Writes to the table that were refused.
+    pub refused_writes: u32,
+    /// Times a fault brought the robot to rest.
+    pub stops: u32,
+    /// Set by the platform.
+    pub watchdog_resets: u32,
+    /// Set by the platform.
+    pub can_errors: u32,
+    /// What the platform's store has been through.
+    pub store: StoreWear,
+}
+
+/// What a store has been through since it was new.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct StoreWear {
+    /// Images stored.
+    pub saves: u32,
+    /// Sectors erased.
+    pub erases: u32,
+    /// Saves that a loss of power cut off.
+    pub cut: u32,
+}
