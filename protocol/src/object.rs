@@ -333,6 +333,51 @@ impl Object {
         )
     }
 
+    /// Something that never changes.
+    #[must_use]
+    pub(crate) const fn constant(
+        address: Address,
+        name: &'static str,
+        value: Value,
+        text: &'static str,
+    ) -> Self {
+        Self::new(address, name, "", [value; 3], Access::Const, text)
+    }
+
+    /// Something the robot counts.
+    #[must_use]
+    pub(crate) const fn counter(address: Address, name: &'static str, text: &'static str) -> Self {
+        Self::state(address, name, "", Kind::U32, text)
+    }
+
+    /// Something the robot tells in a PDO.
+    #[must_use]
+    pub(crate) const fn process(
+        address: Address,
+        name: &'static str,
+        unit: &'static str,
+        kind: Kind,
+        text: &'static str,
+    ) -> Self {
+        let mut object = Self::state(address, name, unit, kind, text);
+        object.mappable = true;
+        object
+    }
+
+    /// Something the robot is told in a PDO.
+    #[must_use]
+    pub(crate) const fn received(
+        address: Address,
+        name: &'static str,
+        unit: &'static str,
+        kind: Kind,
+        text: &'static str,
+    ) -> Self {
+        let mut object = Self::command(address, name, unit, kind, text);
+        object.mappable = true;
+        object
+    }
+
     /// Something that may be written at any time and is not kept.
     #[must_use]
     pub(crate) const fn command(
@@ -371,13 +416,6 @@ impl Object {
             self.max.to_bits(),
             self.default.to_bits(),
         ]
-    }
-
-    /// The same object, mappable into a PDO.
-    #[must_use]
-    pub(crate) const fn mapped(mut self) -> Self {
-        self.mappable = true;
-        self
     }
 }
 

@@ -1,6 +1,8 @@
 //! Who the robot is on the bus, and which PDOs it has.
 
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
+use protocol::ENTRIES;
+use protocol::pdos::{PDOS, Pdo};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
 
 /// What the platform knows about this robot before anybody has configured it.
@@ -45,43 +47,37 @@ impl Identity {
     }
 }
 
-const TWIST_BITS: [u8; 5] = [16, 16, 16, 8, 8];
-
-const fn five(index: u16, bits: [u8; 5]) -> [Mapping; 5] {
-    let [a, b, c, d, e] = bits;
-    [
-        Mapping::new(index, 1, a),
-        Mapping::new(index, 2, b),
-        Mapping::new(index, 3, c),
-        Mapping::new(index, 4, d),
-        Mapping::new(index, 5, e),
-    ]
+/// The mapping of a PDO that carries the record at this index, from the first sub-index to the
+/// last.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn mapping<const N: usize>(index: u16) -> [Mapping; N] {
+    let mut out = [Mapping::new(0, 0, 0); N];
+    let (mut at, mut next) = (0, 0);
+    while at < ENTRIES.len() {
+        let (address, kind) = (ENTRIES[at].address, ENTRIES[at].kind);
+        if address.index == index {
+            out[next] = Mapping::new(index, address.sub, kind.bytes() * 8);
+            next += 1;
+        }
+        at += 1;
+    }
+    assert!(next == N, "the record has more or fewer objects");
+    out
 }
 
-static SETPOINT: [Mapping; 5] = five(0x2100, TWIST_BITS);
-static ALONE: [Mapping; 5] = five(0x2101, TWIST_BITS);
-static STATUS: [Mapping; 6] = [
-    Mapping::new(0x2110, 1, 8),
-    Mapping::new(0x2110, 2, 8),
-    Mapping::new(0x2110, 3, 16),
-    Mapping::new(0x2110, 4, 8),
-    Mapping::new(0x2110, 5, 16),
-    Mapping::new(0x2110, 6, 8),
-];
-static MEASURED: [Mapping; 5] = five(0x2111, TWIST_BITS);
-static POSE: [Mapping; 3] = [
-    Mapping::new(0x2112, 1, 24),
-    Mapping::new(0x2112, 2, 24),
-    Mapping::new(0x2112, 3, 16),
-];
-static RATES: [Mapping; 4] = [
-    Mapping::new(0x2113, 1, 16),
-    Mapping::new(0x2113, 2, 16),
-    Mapping::new(0x2113, 3, 16),
-    Mapping::new(0x2113, 4, 16),
-];
+static SETPOINT: [Mapping; 5] = mapping(PDOS[0].index);
+static ALONE: [Mapping; 5] = mapping(PDOS[1].index);
+static STATUS: [Mapping; 6] = mapping(PDOS[2].index);
+static MEASURED: [Mapping; 5] = mapping(PDOS[3].index);
+static POSE: [Mapping; 3] = mapping(PDOS[4].index);
+static RATES: [Mapping; 4] = mapping(PDOS[5].index);
 
-const fn pdo(cob_id: CobId, mapping: &'static [Mapping]) -> PdoConfig {
+const fn pdo(declared: &Pdo, mapping: &'static [Mapping]) -> PdoConfig {
+    let cob_id = if declared.broadcast {
+        CobId::Fixed(declared.cob_base)
+    } else {
+        CobId::PlusNode(declared.cob_base)
+    };
     PdoConfig {
         cob_id,
         mapping,
@@ -89,19 +85,13 @@ const fn pdo(cob_id: CobId, mapping: &'static [Mapping]) -> PdoConfig {
     }
 }
 
-static RPDOS: [PdoConfig; 2] = [
-    pdo(CobId::Fixed(protocol::cob::GROUP_TWIST), &SETPOINT),
-    pdo(
-        CobId::PlusNode(protocol::cob::commissioning_twist(0)),
-        &ALONE,
-    ),
-];
+static RPDOS: [PdoConfig; 2] = [pdo(&PDOS[0], &SETPOINT), pdo(&PDOS[1], &ALONE)];
 
 static TPDOS: [PdoConfig; 4] = [
-    pdo(CobId::PlusNode(protocol::cob::member_status(0)), &STATUS),
-    pdo(CobId::PlusNode(protocol::cob::measured_twist(0)), &MEASURED),
-    pdo(CobId::PlusNode(protocol::cob::pose(0)), &POSE),
-    pdo(CobId::PlusNode(protocol::cob::wheel_rates(0)), &RATES),
+    pdo(&PDOS[2], &STATUS),
+    pdo(&PDOS[3], &MEASURED),
+    pdo(&PDOS[4], &POSE),
+    pdo(&PDOS[5], &RATES),
 ];
 
 pub(crate) fn config(identity: &Identity) -> Config {
@@ -128,7 +118,6 @@ pub(crate) fn config(identity: &Identity) -> Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::pdos::PDOS;
 
     #[test]
     fn pdos_are_those_of_the_table() {

@@ -12,6 +12,7 @@ use protocol::compensation::{CompensationSet, SetError};
 use protocol::object::ValueError;
 use protocol::{Access, Address, ENTRIES, Entry, Kind, Value, entry, table::highest_sub};
 
+use super::publish::record;
 use super::{Application, Received};
 use crate::compensation::compensation;
 use crate::configuration;
@@ -177,8 +178,12 @@ impl Application {
             (at::BLINK, Value::U8(seconds)) => {
                 self.blinks_until = self.now() + Micros(u64::from(seconds) * 1_000_000);
             }
-            (Address { index: 0x2100, .. }, _) => write_field(&mut self.group_twist, entry, value),
-            (Address { index: 0x2101, .. }, _) => write_field(&mut self.alone.twist, entry, value),
+            _ if entry.address.index == record::GROUP_TWIST => {
+                write_field(&mut self.group_twist, entry, value);
+            }
+            _ if entry.address.index == record::ALONE_TWIST => {
+                write_field(&mut self.alone.twist, entry, value);
+            }
             _ => return Err(AbortCode::InvalidValue),
         }
         Ok(())

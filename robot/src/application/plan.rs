@@ -3,6 +3,7 @@
 
 use canopen::Device;
 use protocol::Plan;
+use protocol::address::SETPOINT_GROUP;
 
 use super::Application;
 
@@ -70,7 +71,7 @@ impl Application {
 
     /// Which byte of a frame with the group twist is the group, by the mapping of RPDO1 (0x1600).
     pub(super) fn group_byte(&self, device: &Device) -> Option<usize> {
-        const GROUP: u32 = 0x2100_0508;
+        const GROUP: u32 = SETPOINT_GROUP.packed() << 8 | 8;
         let mut bits = 0;
         let [mapped, ..] = self.object(device, 0x1600, 0).to_le_bytes();
         for sub in 1..=mapped {

@@ -6,23 +6,35 @@ use protocol::{Code, Limit, MeasuredTwist, MemberStatus, PoseReport, Scale, Whee
 use super::Application;
 use crate::state::State;
 
+/// Indices of the records that are process data.
+pub(super) mod record {
+    use protocol::address as at;
+
+    pub const GROUP_TWIST: u16 = at::SETPOINT_VX.index;
+    pub const ALONE_TWIST: u16 = at::ALONE_VX.index;
+    pub const STATUS: u16 = at::STATE.index;
+    pub const MEASURED: u16 = at::MEASURED_VX.index;
+    pub const POSE: u16 = at::POSE_X.index;
+    pub const RATES: u16 = at::RATE_FRONT_LEFT.index;
+}
+
 impl Application {
     /// The record of process data at this index, as the bytes of its PDO.
     #[inline(never)]
     pub(super) fn process_data(&self, index: u16) -> Option<[u8; 8]> {
         let report = &self.report;
         Some(match index {
-            0x2100 => self.group_twist.bytes,
-            0x2101 => self.alone.twist.bytes,
-            0x2110 => self.status().encode(),
-            0x2111 => MeasuredTwist {
+            record::GROUP_TWIST => self.group_twist.bytes,
+            record::ALONE_TWIST => self.alone.twist.bytes,
+            record::STATUS => self.status().encode(),
+            record::MEASURED => MeasuredTwist {
                 twist: report.measured,
                 sequence: report.sequence,
                 group: self.configuration.as_ref().map_or(0, |known| known.group),
             }
             .encode(),
-            0x2112 => PoseReport { pose: report.pose }.encode(),
-            0x2113 => WheelRateReport {
+            record::POSE => PoseReport { pose: report.pose }.encode(),
+            record::RATES => WheelRateReport {
                 rates: report.rates,
             }
             .encode(),

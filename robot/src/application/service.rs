@@ -4,6 +4,7 @@ use canopen::{AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, Received
 use protocol::{Access, Address, Kind, MASTER, table::highest_sub};
 
 use super::objects::find;
+use super::publish::record;
 use super::{Application, Received, local_time};
 use crate::event::Event;
 
@@ -78,7 +79,13 @@ impl canopen::Application for Application {
     }
 
     fn tpdo(&self, number: u8, out: &mut [u8; 8]) -> Option<usize> {
-        *out = self.process_data(0x210F + u16::from(number))?;
+        *out = self.process_data(match number {
+            1 => record::STATUS,
+            2 => record::MEASURED,
+            3 => record::POSE,
+            4 => record::RATES,
+            _ => return None,
+        })?;
         Some(8)
     }
 

@@ -1,0 +1,285 @@
+//! The table as a whole, put together by the compiler: every object with its texts for whoever
+//! makes a page of it, and a short entry of each for the robot.
+
+use super::{PARTS, Record};
+use crate::address::Address;
+use crate::object::{Access, Entry, Object};
+
+/// How many objects there are.
+pub const COUNT: usize = count();
+
+/// How many of them are parameters and so have a slot in the robot's store.
+pub const PARAMETERS: usize = parameters();
+
+/// Every object, by rising address.
+pub static OBJECTS: &[Object] = &FLAT;
+
+/// Name of the object or record at an index, for the EDS and the protocol page.
+pub static RECORDS: &[(u16, &str)] = &records();
+
+/// The same objects without the texts, for the robot.
+pub static ENTRIES: [Entry; COUNT] = entries();
+
+static FLAT: [Object; COUNT] = flat();
+
+const fn count() -> usize {
+    let mut count = 0;
+    let mut parts = PARTS;
+    while let Some((part, rest)) = parts.split_first() {
+        let mut part: &[Record] = part;
+        while let Some((record, others)) = part.split_first() {
+            count += record.objects.len();
+            part = others;
+        }
+        parts = rest;
+    }
+    count
+}
+
+const fn record_count() -> usize {
+    let mut count = 0;
+    let mut parts = PARTS;
+    while let Some((part, rest)) = parts.split_first() {
+        count += part.len();
+        parts = rest;
+    }
+    count
+}
+
+const fn parameters() -> usize {
+    let mut objects = OBJECTS;
+    let mut count = 0;
+    while let Some((object, rest)) = objects.split_first() {
+        if matches!(object.access, Access::Parameter) {
+            count += 1;
+        }
+        objects = rest;
+    }
+    count
+}
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn flat() -> [Object; COUNT] {
+    let mut out = [PARTS[0][0].objects[0]; COUNT];
+    let mut next = 0;
+    let mut parts = PARTS;
+    while let Some((part, rest)) = parts.split_first() {
+        let mut part: &[Record] = part;
+        while let Some((record, others)) = part.split_first() {
+            let mut objects = record.objects;
+            while let Some((object, behind)) = objects.split_first() {
+                assert!(object.address.index == record.index, "in another record");
+                assert!(
+                    next == 0 || out[next - 1].address.packed() < object.address.packed(),
+                    "the table is not in order"
+                );
+                out[next] = *object;
+                next += 1;
+                objects = behind;
+            }
+            part = others;
+        }
+        parts = rest;
+    }
+    out
+}
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn records() -> [(u16, &'static str); record_count()] {
+    let mut out = [(0, ""); record_count()];
+    let mut next = 0;
+    let mut parts = PARTS;
+    while let Some((part, rest)) = parts.split_first() {
+        let mut part: &[Record] = part;
+        while let Some((record, others)) = part.split_first() {
+            out[next] = (record.index, record.name);
+            next += 1;
+            part = others;
+        }
+        parts = rest;
+    }
+    out
+}
+
+/// Lowest and highest value and default of an object, as words.
+type Range = [u32; 3];
+
+/// Every combination that occurs, once, and how many there are.
+const UNIQUE: ([Range; COUNT], usize) = unique();
+
+/// The same for the robot: most objects share theirs with others.
+static RANGES: [Range; UNIQUE.1] = ranges();
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn unique() -> ([Range; COUNT], usize) {
+    let mut out = [[0; 3]; COUNT];
+    let (mut next, mut found) = (0, 0);
+    while next < COUNT {
+        let range = FLAT[next].range();
+        if place(&out, found, range) == found {
+            out[found] = range;
+            found += 1;
+        }
+        next += 1;
+    }
+    (out, found)
+}
+
+/// Where a range is among the first `count`; `count` if it is not there.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn place(ranges: &[Range; COUNT], count: usize, [a, b, c]: Range) -> usize {
+    let mut at = 0;
+    while at < count {
+        let [x, y, z] = ranges[at];
+        if a == x && b == y && c == z {
+            return at;
+        }
+        at += 1;
+    }
+    count
+}
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn ranges() -> [Range; UNIQUE.1] {
+    let mut out = [[0; 3]; UNIQUE.1];
+    let mut next = 0;
+    while next < out.len() {
+        out[next] = UNIQUE.0[next];
+        next += 1;
+    }
+    out
+}
+
+/// Lowest and highest value and default, by [`Entry`]'s number.
+pub(crate) fn range(number: u8) -> Range {
+    RANGES.get(usize::from(number)).copied().unwrap_or([0; 3])
+}
+
+#[expect(
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation,
+    reason = "evaluated by the compiler only, with the numbers asserted"
+)]
+const fn entries() -> [Entry; COUNT] {
+    const { assert!(PARAMETERS < 256 && UNIQUE.1 < 256, "both are bytes") };
+    let mut out = [Entry::of(&FLAT[0], 0, None); COUNT];
+    let (mut next, mut slot) = (0, 0_usize);
+    while next < COUNT {
+        let object = &FLAT[next];
+        let range = place(&UNIQUE.0, UNIQUE.1, object.range()) as u8;
+        out[next] = if matches!(object.access, Access::Parameter) {
+            slot += 1;
+            Entry::of(object, range, Some((slot - 1) as u8))
+        } else {
+            Entry::of(object, range, None)
+        };
+        next += 1;
+    }
+    out
+}
+
+/// The entry of an object, or `None` when there is no such object.
+#[must_use]
+pub fn entry(address: Address) -> Option<&'static Entry> {
+    let found = ENTRIES
+        .binary_search_by_key(&address.packed(), |entry| entry.address.packed())
+        .ok()?;
+    ENTRIES.get(found)
+}
+
+/// The highest sub-index at an index: what sub-index 0 of a record reads. `None` when there is no
+/// such index, 0 when it is no record.
+#[must_use]
+pub fn highest_sub(index: u16) -> Option<u8> {
+    let end = ENTRIES.partition_point(|entry| entry.address.index <= index);
+    let last = ENTRIES.get(end.checked_sub(1)?)?;
+    (last.address.index == index).then_some(last.address.sub)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::WIRE_VERSION;
+    use crate::address as at;
+    use crate::object::{Access, Value};
+
+    #[test]
+    fn every_object_is_found_by_its_address() {
+        for object in OBJECTS {
+            let entry = entry(object.address).unwrap();
+            assert_eq!(entry.address, object.address);
+            assert_eq!(entry.kind, object.kind);
+            assert_eq!(entry.min(), object.min);
+            assert_eq!(entry.max(), object.max);
+            assert_eq!(entry.default(), object.default);
+        }
+        assert!(entry(Address::new(0x2000, 1)).is_none());
+        assert!(entry(Address::new(0x2FFF, 0)).is_none());
+    }
+
+    #[test]
+    fn every_default_is_within_its_own_limits() {
+        for object in OBJECTS {
+            assert_eq!(
+                object.default.check(object.min, object.max),
+                Ok(()),
+                "{:?} {}",
+                object.address,
+                object.name
+            );
+            assert_eq!(object.min.kind(), object.kind);
+            assert_eq!(object.max.kind(), object.kind);
+        }
+    }
+
+    #[test]
+    fn slots_count_the_parameters_without_gaps() {
+        let slots: std::vec::Vec<u8> = ENTRIES.iter().filter_map(|entry| entry.slot).collect();
+        let want: std::vec::Vec<u8> = (0..u8::try_from(PARAMETERS).unwrap()).collect();
+        assert_eq!(slots, want);
+    }
+
+    #[test]
+    fn records_name_every_index_once() {
+        let mut indices: std::vec::Vec<u16> =
+            OBJECTS.iter().map(|object| object.address.index).collect();
+        indices.dedup();
+        let named: std::vec::Vec<u16> = RECORDS.iter().map(|(index, _)| *index).collect();
+        assert_eq!(indices, named);
+    }
+
+    #[test]
+    fn sub_indices_of_a_record_have_no_gaps() {
+        for (index, _) in RECORDS {
+            let subs: std::vec::Vec<u8> = OBJECTS
+                .iter()
+                .filter(|object| object.address.index == *index)
+                .map(|object| object.address.sub)
+                .collect();
+            let highest = highest_sub(*index).unwrap();
+            if highest == 0 {
+                assert_eq!(subs, [0]);
+            } else {
+                let want: std::vec::Vec<u8> = (1..=highest).collect();
+                assert_eq!(subs, want, "index {index:04X}");
+            }
+        }
+        assert_eq!(highest_sub(0x2003), None);
+        assert_eq!(highest_sub(0x1FFF), None);
+    }
+
+    #[test]
+    fn what_changes_the_motion_is_locked_while_operational() {
+        for object in OBJECTS.iter().filter(|object| object.required) {
+            assert_eq!(object.access, Access::Parameter);
+            assert!(object.persistent);
+        }
+    }
+
+    #[test]
+    fn wire_version_is_an_object() {
+        let entry = entry(at::WIRE_VERSION).unwrap();
+        assert_eq!(entry.default(), Value::U16(WIRE_VERSION));
+        assert_eq!(entry.access, Access::Const);
+    }
+}
