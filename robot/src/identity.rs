@@ -65,12 +65,18 @@ const fn mapping<const N: usize>(index: u16) -> [Mapping; N] {
     out
 }
 
-static SETPOINT: [Mapping; 5] = mapping(PDOS[0].index);
-static ALONE: [Mapping; 5] = mapping(PDOS[1].index);
-static STATUS: [Mapping; 6] = mapping(PDOS[2].index);
-static MEASURED: [Mapping; 5] = mapping(PDOS[3].index);
-static POSE: [Mapping; 3] = mapping(PDOS[4].index);
-static RATES: [Mapping; 4] = mapping(PDOS[5].index);
+/// A PDO as the protocol declares it.
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn declared(nth: usize) -> &'static Pdo {
+    &PDOS[nth]
+}
+
+static SETPOINT: [Mapping; 5] = mapping(declared(0).index);
+static ALONE: [Mapping; 5] = mapping(declared(1).index);
+static STATUS: [Mapping; 6] = mapping(declared(2).index);
+static MEASURED: [Mapping; 5] = mapping(declared(3).index);
+static POSE: [Mapping; 3] = mapping(declared(4).index);
+static RATES: [Mapping; 4] = mapping(declared(5).index);
 
 const fn pdo(declared: &Pdo, mapping: &'static [Mapping]) -> PdoConfig {
     let cob_id = if declared.broadcast {
@@ -85,13 +91,13 @@ const fn pdo(declared: &Pdo, mapping: &'static [Mapping]) -> PdoConfig {
     }
 }
 
-static RPDOS: [PdoConfig; 2] = [pdo(&PDOS[0], &SETPOINT), pdo(&PDOS[1], &ALONE)];
+static RPDOS: [PdoConfig; 2] = [pdo(declared(0), &SETPOINT), pdo(declared(1), &ALONE)];
 
 static TPDOS: [PdoConfig; 4] = [
-    pdo(&PDOS[2], &STATUS),
-    pdo(&PDOS[3], &MEASURED),
-    pdo(&PDOS[4], &POSE),
-    pdo(&PDOS[5], &RATES),
+    pdo(declared(2), &STATUS),
+    pdo(declared(3), &MEASURED),
+    pdo(declared(4), &POSE),
+    pdo(declared(5), &RATES),
 ];
 
 pub(crate) fn config(identity: &Identity) -> Config {

@@ -267,8 +267,10 @@ fn eds_objects() -> std::vec::Vec<(u16, u8, u8, std::string::String, std::string
     for section in text.split("\n[").skip(1) {
         let (name, body) = section.split_once(']').unwrap();
         let (index, sub) = name.split_once("sub").unwrap_or((name, "0"));
+        // Defaults of reals are comments.
         let field = |key: &str| {
             body.lines()
+                .map(|line| line.trim_start_matches(';'))
                 .find_map(|line| line.strip_prefix(key)?.strip_prefix('='))
                 .map(std::borrow::ToOwned::to_owned)
         };
