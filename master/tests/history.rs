@@ -31,9 +31,12 @@ fn serve() -> (Served, String) {
         .unwrap();
     let lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let served = Served(child);
-    let place = lines
+    // To the last line that it prints: it must not find its output closed.
+    let lines: Vec<String> = lines
         .map_while(Result::ok)
-        .find_map(|line| line.strip_prefix("lockstep ").map(str::to_owned));
+        .take_while(|line| !line.starts_with("serving"))
+        .collect();
+    let place = lines.iter().find_map(|line| line.strip_prefix("lockstep "));
     let place = place.expect("it says where it serves");
     (served, format!("lockstep://{place}"))
 }
