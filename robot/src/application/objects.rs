@@ -32,6 +32,17 @@ impl Application {
         u8::try_from(left.div_ceil(1_000_000)).unwrap_or(u8::MAX)
     }
 
+    /// What speaks against the parameters, as object 0x2002:1 shows it; 0 if nothing. Not inlined:
+    /// the configuration on its stack is a kilobyte.
+    #[inline(never)]
+    pub(super) fn objection(&self) -> u32 {
+        match self.store.corrupt {
+            Some(address) => address.packed() << 8 | 3,
+            None => configuration::build(&self.parameters, self.identity.node.get())
+                .map_or_else(|error| error.code(), |_| 0),
+        }
+    }
+
     pub(super) fn value(&self, entry: &Entry) -> Option<Value> {
         let address = entry.address;
         let counters = &self.counters;
@@ -44,11 +55,7 @@ impl Application {
             at::CLOCK_WAIT => Value::U16(self.identity.clock_wait_ms),
             at::BROWN_OUT_LEVEL => Value::U8(self.identity.brown_out_level),
             at::NODE_STORED => Value::U8(self.store.node()),
-            at::CONFIGURATION_STATUS => Value::U32(match self.store.corrupt {
-                Some(address) => address.packed() << 8 | 3,
-                None => configuration::build(&self.parameters, self.identity.node.get())
-                    .map_or_else(|error| error.code(), |_| 0),
-            }),
+            at::CONFIGURATION_STATUS => Value::U32(self.objection()),
             at::CONFIGURATION_CRC => Value::U32(self.parameters.crc()),
             at::GROUP_CRC => Value::U32(self.parameters.group_crc()),
             at::COMPENSATION_VERSION => {

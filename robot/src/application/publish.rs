@@ -44,8 +44,10 @@ impl Application {
 
     fn status(&self) -> MemberStatus {
         let report = &self.report;
+        // A ready robot is asked by SDO; one that is started has a configuration.
+        let is_complete = self.state != State::Ready || self.objection() == 0;
         MemberStatus {
-            state: self.state.reported(self.configuration.is_some()),
+            state: self.state.reported(is_complete),
             sequence: self.setpoints.sequence(),
             scale: self.own.scale,
             slip_residual: (report.configuration != 0).then_some(report.slip_residual),

@@ -37,6 +37,22 @@ fn configured_and_started_robots_reach_the_commanded_twist() {
     }
 }
 
+/// Before any start, and without SYNC: who reads the state sees that it is ready, and that it is no
+/// longer once a parameter contradicts the others.
+#[test]
+fn the_state_that_is_read_knows_whether_the_parameters_are_complete() {
+    let mut world = World::new(&[2]);
+    let read = |world: &mut World| world.read(2, at::STATE).unwrap();
+    assert_eq!(read(&mut world), MemberState::Unconfigured as u32);
+    for (address, value) in configuration(0, 0b100) {
+        world.write(2, address, value).unwrap();
+    }
+    assert_eq!(read(&mut world), MemberState::Ready as u32);
+    world.write(2, at::MEMBERS, Value::U32(0b1000)).unwrap();
+    assert_ne!(world.read(2, at::CONFIGURATION_STATUS), Ok(0));
+    assert_eq!(read(&mut world), MemberState::Unconfigured as u32);
+}
+
 #[test]
 fn drivers_stay_off_until_the_configuration_is_complete() {
     let all = configuration(0, 0b100);
