@@ -174,6 +174,9 @@ pub enum MasterError {
          the poses"
     )]
     PoseLost,
+    /// Nobody is there who could answer a question.
+    #[error("the standard input ended before the question was answered")]
+    NoAnswer,
     /// Giving node ids did not work.
     #[error("LSS: {0}")]
     Lss(String),

@@ -415,6 +415,20 @@ fn calibrate_without_an_answer_gives_nothing() {
     assert!(output.stdout.is_empty());
 }
 
+/// An end of the standard input is no Ctrl-C.
+#[test]
+fn a_question_that_nobody_can_answer_says_so() {
+    for command in [
+        &["calibrate", "--tape"][..],
+        &["wheel-test", "--node", "2", "--wheels-free", "--ask"],
+    ] {
+        let output = omnibus(&[command, &["--bus", BUS]].concat());
+        assert_eq!(output.status.code(), Some(1), "{command:?}");
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(text.contains("the standard input ended"), "{text}");
+    }
+}
+
 #[test]
 fn wheel_test_and_blink() {
     let wheels = ["wheel-test", "--node", "2", "--bus", BUS];

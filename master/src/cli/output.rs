@@ -279,6 +279,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::Busy { .. }
             | MasterError::NotStarted
             | MasterError::PoseLost
+            | MasterError::NoAnswer
             | MasterError::PoseSource { .. }
             | MasterError::GyroSource { .. },
         )

@@ -231,7 +231,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             at.target.visit()?.restore(at.node)?;
             done(
                 at.node,
-                "will have its default parameters after the next reset",
+                "will have its default parameters after the next reset (`omnibus reset`)",
             )
         }
     }

@@ -72,7 +72,7 @@ fn question<L: Link>(
                     let until = Micros(group.wire().now().0 + 50_000);
                     group.listen(until)?;
                 }
-                Err(mpsc::RecvTimeoutError::Disconnected) => return Err(MasterError::Aborted),
+                Err(mpsc::RecvTimeoutError::Disconnected) => return Err(MasterError::NoAnswer),
             }
             if group.abort().is_asked() {
                 return Err(MasterError::Aborted);

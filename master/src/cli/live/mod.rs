@@ -137,7 +137,7 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
         .seconds
         .map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
     if super::json() && !steers {
-        return lines(&live.target.pilot(&file)?, until);
+        return lines(live.target.pilot(&file)?, until);
     }
     if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         bail!("this needs a terminal; `omnibus watch --json` prints one line per SYNC without one");
@@ -160,7 +160,7 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
 }
 
 /// Prints snapshots as lines of JSON.
-fn lines(pilot: &Pilot, until: Option<Instant>) -> anyhow::Result<()> {
+fn lines(pilot: Pilot, until: Option<Instant>) -> anyhow::Result<()> {
     let stream = pilot.telemetry();
     while until.is_none_or(|until| Instant::now() < until) && !pilot.is_over() {
         if let Some(Telemetry::Snapshot(now)) = stream.next_within(TICK) {
@@ -170,7 +170,7 @@ fn lines(pilot: &Pilot, until: Option<Instant>) -> anyhow::Result<()> {
             writeln!(std::io::stdout().lock(), "{line}")?;
         }
     }
-    Ok(())
+    Ok(pilot.finish()?)
 }
 
 fn snapshot_json(now: &Snapshot) -> serde_json::Value {
