@@ -98,8 +98,10 @@ pub enum MasterError {
     },
     /// A robot did not get ready to move.
     #[error(
-        "node {node} did not get ready to move: NMT state {nmt:?}, member state {state:?}, code \
-         {code}; read its fault list"
+        "node {node} did not get ready to move: NMT state {}, member state {}, code {code}; its last \
+         faults: omnibus status --history",
+        known(*nmt),
+        known(*state)
     )]
     NotReady {
         /// The node.
@@ -280,6 +282,11 @@ impl MasterError {
             _ => false,
         }
     }
+}
+
+/// A state as last heard.
+fn known(state: Option<impl std::fmt::Debug>) -> String {
+    state.map_or_else(|| "unknown".into(), |state| format!("{state:?}"))
 }
 
 /// What to do about an SDO abort.

@@ -463,6 +463,8 @@ fn ctrl_c_ends_a_wheel_test_that_asks() {
         .spawn()
         .unwrap();
     let mut errors = BufReader::new(child.stderr.take().unwrap());
+    // To wait for a child closes its input, and the end of the input is another error.
+    let input = child.stdin.take();
     let mut line = String::new();
     while !line.contains("what turned first?") {
         line.clear();
@@ -474,6 +476,7 @@ fn ctrl_c_ends_a_wheel_test_that_asks() {
         .status();
     assert!(killed.unwrap().success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
+    drop(input);
     let mut rest = String::new();
     errors.read_to_string(&mut rest).unwrap();
     assert!(rest.contains("stopped on request"), "{rest}");

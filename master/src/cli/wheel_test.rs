@@ -187,7 +187,10 @@ fn read_line(abort: &Abort) -> Result<String, MasterError> {
     loop {
         match answer.recv_timeout(LOOK) {
             Ok(Some(line)) => return Ok(line),
-            Ok(None) | Err(RecvTimeoutError::Disconnected) => return Err(MasterError::NoAnswer),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => {
+                abort.check()?;
+                return Err(MasterError::NoAnswer);
+            }
             Err(RecvTimeoutError::Timeout) => abort.check()?,
         }
     }

@@ -40,7 +40,7 @@ pub struct Figures {
     pub largest_slip_rad_s: Option<f32>,
     /// Largest disagreement of two robots, m/s.
     pub largest_strain_m_s: Option<f32>,
-    /// Largest bus load over 100 ms, 0 to 1.
+    /// Largest bus load over 100 ms while moving, 0 to 1.
     pub largest_bus_load: Option<f32>,
     /// Root mean square distance between curve and observer (or wheels), mm; where a curve was
     /// driven.
@@ -97,7 +97,7 @@ fn of(recording: &Recording, rows: &[Snapshot], events: &[Event]) -> Figures {
         smallest_scale: moving().filter_map(|row| row.scale).reduce(f32::min),
         largest_slip_rad_s: largest(members().map(|m| m.slip_residual.map(f32::abs))),
         largest_strain_m_s: largest(rows.iter().map(|row| row.strain)),
-        largest_bus_load: largest(rows.iter().map(|row| row.bus_load)),
+        largest_bus_load: largest(moving().map(|row| row.bus_load)),
         rms_mm: rms_mm(recording),
         faults: events.iter().filter(is_fault).count(),
         damage: recording.damage.clone(),
@@ -178,7 +178,7 @@ fn cards(out: &mut String, figures: &Figures) {
                 .largest_bus_load
                 .map(|v| format!("{:.1} %", v * 100.0)),
         ),
-        "largest bus load",
+        "largest bus load while moving",
     );
     if let Some(rms) = figures.rms_mm {
         card(format!("{rms:.2} mm"), "rms distance from the curve");

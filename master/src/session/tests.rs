@@ -330,6 +330,11 @@ fn a_robot_that_does_not_arm_is_named() {
         matches!(error, MasterError::NotReady { node: 4, .. }),
         "{error}"
     );
+    let text = error.to_string();
+    assert!(
+        text.contains("member state ") && !text.contains("Some("),
+        "{text}"
+    );
     assert_stopped(&bus);
 }
 
