@@ -480,7 +480,7 @@ fn number(value: Option<&str>, name: &str) -> f64 {
 
 #[test]
 fn the_bit_timing_is_that_of_the_code() {
-    let (can, board) = (read("src/board/stm32f4/can.rs"), read(BOARD));
+    let (can, board) = (read("src/board/stm32f4/can/start.rs"), read(BOARD));
     // Half of the PLL's output is the core's clock, a quarter of that APB1's.
     let apb1_hz =
         field(&board, "hse_hz") / field(&board, "divide_by") * field(&board, "multiply_by") / 8.0;

@@ -14,9 +14,8 @@ use rsemu::core::space::{
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
 
-use crate::firmware::FLASH_BASE;
+use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::{self, Ram};
-use crate::rtt::RAM_BASE;
 use crate::soc::{DBGMCU, IrqLines, Soc};
 use crate::system::adc::VREFINT_CALIBRATION;
 use crate::system::flash;

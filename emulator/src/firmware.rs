@@ -15,10 +15,8 @@ use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use crate::fast::Programmed;
+use crate::memory_map::FLASH_BASE;
 use crate::system::flash;
-
-/// First address of flash.
-pub(crate) const FLASH_BASE: u32 = 0x0800_0000;
 
 /// Why an image cannot be loaded.
 #[derive(Debug, thiserror::Error)]

@@ -59,6 +59,7 @@ pub mod clock;
 mod fast;
 mod fetch;
 mod firmware;
+mod memory_map;
 pub mod profile;
 mod ram;
 mod rtt;

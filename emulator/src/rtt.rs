@@ -12,9 +12,7 @@ use crate::ram::Ram;
 use defmt_decoder::{DecodeError, Encoding};
 
 use crate::firmware::Firmware;
-
-/// First address of RAM.
-pub(crate) const RAM_BASE: u32 = 0x2000_0000;
+use crate::memory_map::RAM_BASE;
 
 /// Severity of a log line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

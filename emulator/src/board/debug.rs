@@ -11,8 +11,7 @@ use crate::ram::Ram;
 use rsemu::cpu::arm::v7m::Regs;
 
 use super::Board;
-use crate::firmware::FLASH_BASE;
-use crate::rtt::RAM_BASE;
+use crate::memory_map::{FLASH_BASE, RAM_BASE};
 
 /// The debugger's side of a board.
 #[derive(Debug, Default)]

@@ -11,9 +11,9 @@ use rsemu::cpu::arm::v7m::isa::{Insn, decode, is_32bit};
 
 use super::Leave;
 use super::micro::Op;
-use super::translate::{Place, translate};
+use super::translate::{PAGE, Place, translate};
 use crate::fetch;
-use crate::firmware::FLASH_BASE;
+use crate::memory_map::FLASH_BASE;
 use crate::system::flash;
 
 /// A decoded instruction with its length in bytes.
@@ -34,8 +34,6 @@ pub(super) struct Slot {
     pub(super) line: u32,
 }
 
-/// Bytes of code per page.
-pub(super) const PAGE: usize = 4096;
 /// Halfwords of a page, a power of two so that an index needs no check.
 const HALVES: usize = PAGE / 2;
 /// Pages of the flash.

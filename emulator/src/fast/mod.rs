@@ -36,9 +36,8 @@ use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
 use crate::fetch::Fetch;
-use crate::firmware::FLASH_BASE;
+use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::Ram;
-use crate::rtt::RAM_BASE;
 use crate::system::flash;
 pub(crate) use code::Programmed;
 use code::{Code, Entry};

@@ -9,12 +9,12 @@
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
 
-use super::code::{PAGE, Page};
+use super::code::Page;
 use super::micro::Op;
+use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
-use crate::firmware::FLASH_BASE;
+use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram;
-use crate::rtt::RAM_BASE;
 
 /// The page of an address.
 const PAGE_OF: u32 = !(PAGE as u32 - 1);

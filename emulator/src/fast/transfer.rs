@@ -3,8 +3,8 @@
 use rsemu::core::value::Width;
 
 use super::{Core, Done, Leave, Memory, exchangeable};
+use crate::memory_map::RAM_BASE;
 use crate::ram;
-use crate::rtt::RAM_BASE;
 
 impl Core {
     /// Whether `count` words can be transferred at an address: aligned, in RAM or (for loads)

@@ -9,9 +9,11 @@ use rsemu::cpu::arm::v7m::isa::{
     Size,
 };
 
-use super::code::PAGE;
 use super::execute::PRIMASK;
 use super::micro::Op;
+
+/// Bytes of code per page.
+pub(super) const PAGE: usize = 4096;
 
 /// What is around an instruction.
 #[derive(Debug, Clone, Copy)]

@@ -7,8 +7,8 @@
 //! Anything else (FIFO, double buffers, wider items, memory to memory, the peripheral as flow
 //! controller) is refused when the stream is enabled.
 
+use crate::memory_map::RAM_BASE;
 use crate::ram::Ram;
-use crate::rtt::RAM_BASE;
 
 /// Registers (section 9.5).
 mod reg {

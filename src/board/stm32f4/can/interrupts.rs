@@ -1,0 +1,104 @@
+//! The controller's interrupts: a frame has come, a mailbox is done, error passive or bus-off.
+
+use core::sync::atomic::{AtomicU16, Ordering};
+
+use embassy_stm32::interrupt::typelevel::{self, Handler};
+use embassy_stm32::{bind_interrupts, pac};
+
+use super::cable::{GATEWAY, leaving_mailbox, note_left, overhear};
+use super::mailboxes::frame_of;
+use super::{
+    CAN_WAIT, LISTENS_TO, OVERRUNS, OWN_NODE, PASSIVE_AT, QUEUE_OVERFLOWS, RX_QUEUE, Received,
+};
+use crate::board::now;
+use crate::wake;
+
+bind_interrupts!(pub(super) struct Irqs {
+    CAN1_RX0 => RxHandler;
+    CAN1_TX => TxHandler;
+    CAN1_SCE => ErrorHandler;
+});
+
+pub(super) struct RxHandler;
+
+#[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+impl Handler<typelevel::CAN1_RX0> for RxHandler {
+    unsafe fn on_interrupt() {
+        let can = pac::CAN1;
+        loop {
+            let fifo = can.rfr(0).read();
+            if fifo.fovr() {
+                OVERRUNS.fetch_add(1, Ordering::Relaxed);
+                wake::BUS.signal();
+                // The flags of this register are cleared by writing one, and only this one is to be
+                // cleared.
+                can.rfr(0).write(|w| w.set_fovr(true));
+            }
+            if fifo.fmp() == 0 {
+                break;
+            }
+            let at = now();
+            let mailbox = can.rx(0);
+            let id = mailbox.rir().read().stid();
+            let is_in = |codes: &AtomicU16| codes.load(Ordering::Relaxed) >> (id >> 7) & 1 == 1;
+            let own = id & 0x7F == OWN_NODE.load(Ordering::Relaxed);
+            let wanted = own || is_in(&LISTENS_TO);
+            let gateway = GATEWAY.load(Ordering::Relaxed);
+            let frame = if wanted || gateway {
+                frame_of(
+                    id,
+                    mailbox.rdtr().read().dlc(),
+                    [mailbox.rdlr().read().0, mailbox.rdhr().read().0],
+                )
+            } else {
+                None
+            };
+            can.rfr(0).write(|w| w.set_rfom(true));
+            while can.rfr(0).read().rfom() {}
+            let Some(frame) = frame else { continue };
+            if gateway {
+                overhear(at, frame);
+            }
+            if wanted {
+                let taken = RX_QUEUE.try_send(Received { at, frame }).is_ok();
+                if !taken {
+                    QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
+                }
+                if taken && !own && is_in(&CAN_WAIT) {
+                    wake::BUS.signal_at_next_tick();
+                } else {
+                    wake::BUS.signal();
+                }
+            }
+        }
+    }
+}
+
+pub(super) struct TxHandler;
+
+#[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+impl Handler<typelevel::CAN1_TX> for TxHandler {
+    unsafe fn on_interrupt() {
+        pac::CAN1.ier().modify(|w| w.set_tmeie(false));
+        note_left();
+        if leaving_mailbox().is_some() {
+            pac::CAN1.ier().modify(|w| w.set_tmeie(true));
+        }
+        wake::BUS.signal();
+    }
+}
+
+pub(super) struct ErrorHandler;
+
+#[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+impl Handler<typelevel::CAN1_SCE> for ErrorHandler {
+    unsafe fn on_interrupt() {
+        // Error passive or bus-off. Flags of this register are cleared by writing one.
+        pac::CAN1.msr().write(|w| w.set_erri(true));
+        let error = pac::CAN1.esr().read();
+        if error.epvf() {
+            PASSIVE_AT.store(error.0, Ordering::Relaxed);
+        }
+        wake::BUS.signal();
+    }
+}
