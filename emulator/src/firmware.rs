@@ -4,7 +4,6 @@
 //! of variables are in flash for the start-up code to copy. Debug information is searched only when
 //! the source line of an address is needed, which is when something has gone wrong.
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -251,39 +250,69 @@ impl Firmware {
     #[must_use]
     pub fn location(&self, address: u32) -> Option<String> {
         let file = ElfFile32::<object::LittleEndian>::parse(&*self.image.elf).ok()?;
-        let load = |id: gimli::SectionId| -> Result<_, gimli::Error> {
-            let data = file
-                .section_by_name(id.name())
-                .and_then(|section| section.data().ok());
-            Ok(gimli::EndianSlice::new(
-                data.unwrap_or(&[]),
-                gimli::LittleEndian,
-            ))
-        };
-        let dwarf = gimli::Dwarf::load(load).ok()?;
-        let context = addr2line::Context::from_dwarf(dwarf).ok()?;
-        let mut frames = context
-            .find_frames(u64::from(address))
-            .skip_all_loads()
-            .ok()?;
-        let mut parts = Vec::new();
-        while let Ok(Some(frame)) = frames.next() {
-            let name = frame
-                .function
-                .as_ref()
-                .and_then(|function| function.raw_name().ok());
-            let name = name.map_or(Cow::Borrowed("?"), |name| Cow::Owned(demangle(&name)));
-            parts.push(match frame.location {
-                Some(at) => format!(
-                    "{name} ({}:{})",
-                    at.file.unwrap_or("?"),
-                    at.line.unwrap_or(0)
-                ),
-                None => name.into_owned(),
-            });
-        }
+        let parts = frames(&debug_information(&file)?, address, |name, at| match at {
+            Some(at) => format!(
+                "{name} ({}:{})",
+                at.file.unwrap_or("?"),
+                at.line.unwrap_or(0)
+            ),
+            None => name,
+        });
         (!parts.is_empty()).then(|| parts.join(" < "))
     }
+
+    /// The function at each address with those that it is inlined into, innermost first; without
+    /// debug information the function alone.
+    #[must_use]
+    pub fn names(&self, addresses: &[u32]) -> Vec<Vec<String>> {
+        let file = ElfFile32::<object::LittleEndian>::parse(&*self.image.elf).ok();
+        let context = file.as_ref().and_then(debug_information);
+        let one = |address: &u32| {
+            let inlined = context
+                .as_ref()
+                .map(|context| frames(context, *address, |name, _| name));
+            let symbol = || self.function_at(*address).map(|found| found.name.clone());
+            match inlined {
+                Some(names) if !names.is_empty() => names,
+                _ => symbol().into_iter().collect(),
+            }
+        };
+        addresses.iter().map(one).collect()
+    }
+}
+
+type Slice<'a> = gimli::EndianSlice<'a, gimli::LittleEndian>;
+
+fn debug_information<'a>(
+    file: &ElfFile32<'a, object::LittleEndian>,
+) -> Option<addr2line::Context<Slice<'a>>> {
+    let load = |id: gimli::SectionId| -> Result<_, gimli::Error> {
+        let data = file
+            .section_by_name(id.name())
+            .and_then(|section| section.data().ok());
+        Ok(Slice::new(data.unwrap_or(&[]), gimli::LittleEndian))
+    };
+    addr2line::Context::from_dwarf(gimli::Dwarf::load(load).ok()?).ok()
+}
+
+/// What is made of the name and the place of each function inlined at an address, innermost first.
+fn frames<T>(
+    context: &addr2line::Context<Slice<'_>>,
+    address: u32,
+    make: impl Fn(String, Option<addr2line::Location<'_>>) -> T,
+) -> Vec<T> {
+    let mut found = Vec::new();
+    let frames = context.find_frames(u64::from(address)).skip_all_loads();
+    let Ok(mut frames) = frames else { return found };
+    while let Ok(Some(frame)) = frames.next() {
+        let name = frame
+            .function
+            .as_ref()
+            .and_then(|function| function.raw_name().ok());
+        let name = name.map_or_else(|| "?".into(), |name| demangle(&name));
+        found.push(make(name, frame.location));
+    }
+    found
 }
 
 /// The readable part of a mangled name: path segments of the legacy scheme; other names stay.

@@ -3,7 +3,7 @@
 //! A function's [`Usage`] excludes the functions it called. A [`Call`] of a watched function
 //! includes them, but excludes the handlers that interrupted it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use crate::firmware::Firmware;
 
@@ -69,10 +69,21 @@ impl Usage {
     }
 }
 
+impl std::ops::AddAssign for Usage {
+    fn add_assign(&mut self, other: Self) {
+        self.calls += other.calls;
+        self.instructions += other.instructions;
+        self.cycles += other.cycles;
+        self.waited += other.waited;
+    }
+}
+
 /// Counts per function, by the function's address.
 #[derive(Debug, Clone, Default)]
 pub struct Profile {
     functions: BTreeMap<u32, Usage>,
+    /// By the address of the instruction.
+    instructions: HashMap<u32, Usage>,
     exceptions: Usage,
     handlers: BTreeMap<u16, Usage>,
     watched: BTreeMap<u32, Vec<Call>>,
@@ -110,6 +121,7 @@ impl Profile {
         let usage = self.functions.entry(self.last.0).or_default();
         usage.calls += u64::from(pc == self.last.0);
         usage.add(cost);
+        self.instructions.entry(pc).or_default().add(cost);
         self.handlers.entry(at.exception).or_default().add(cost);
         if !self.watched.is_empty() {
             self.count_calls(at, cycles);
@@ -188,6 +200,32 @@ impl Profile {
         all
     }
 
+    /// Functions of the source with what they used, the most cycles first: those that the compiler
+    /// has inlined count, too. First what a function used itself, then with the functions that are
+    /// inlined into it.
+    #[must_use]
+    pub fn inlined(&self, firmware: &Firmware) -> Vec<(String, Usage, Usage)> {
+        let mut all: HashMap<String, (Usage, Usage)> = HashMap::new();
+        let (addresses, usages): (Vec<u32>, Vec<Usage>) = self.instructions.iter().unzip();
+        for (mut names, usage) in firmware.names(&addresses).into_iter().zip(usages) {
+            if let Some(innermost) = names.first() {
+                all.entry(innermost.clone()).or_default().0 += usage;
+            }
+            // One that is inlined into itself counts once.
+            names.sort_unstable();
+            names.dedup();
+            for name in names {
+                all.entry(name).or_default().1 += usage;
+            }
+        }
+        let mut all: Vec<_> = all
+            .into_iter()
+            .map(|(name, (own, whole))| (name, own, whole))
+            .collect();
+        all.sort_by(|a, b| (b.2.cycles, &a.0).cmp(&(a.2.cycles, &b.0)));
+        all
+    }
+
     /// The last changes from one function to another: program counter and stack pointer on arrival,
     /// the latest last.
     pub fn recent(&self) -> impl Iterator<Item = (u32, u32)> {
@@ -212,13 +250,10 @@ impl Profile {
     /// Sum over all functions whose address is in a range.
     #[must_use]
     pub fn total(&self, addresses: std::ops::Range<u32>) -> Usage {
-        self.functions
-            .range(addresses)
-            .fold(Usage::default(), |sum, (_, usage)| Usage {
-                calls: sum.calls + usage.calls,
-                instructions: sum.instructions + usage.instructions,
-                cycles: sum.cycles + usage.cycles,
-                waited: sum.waited + usage.waited,
-            })
+        let mut sum = Usage::default();
+        for (_, usage) in self.functions.range(addresses) {
+            sum += *usage;
+        }
+        sum
     }
 }

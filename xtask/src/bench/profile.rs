@@ -1,6 +1,7 @@
 //! The instructions of a driving robot by function: `cargo xtask profile`.
 
 use emulator::Firmware;
+use emulator::profile::Profile;
 use group::GroupFile;
 use sim::Options;
 
@@ -19,6 +20,9 @@ pub struct Arguments {
     /// Functions to print.
     #[arg(long, default_value_t = 50)]
     top: usize,
+    /// Count what the compiler has inlined for the functions of the source.
+    #[arg(long)]
+    inlined: bool,
 }
 
 /// Drives and prints.
@@ -69,6 +73,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             lowest.unwrap_or_default()
         );
     }
+    if arguments.inlined {
+        print_inlined(&profile, &firmware, arguments);
+        return Ok(());
+    }
     println!(
         "\n{:>12} {:>9} {:>9} {:>8}  function (per millisecond, without what it calls)",
         "instructions", "cycles", "waiting", "calls"
@@ -83,4 +91,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// Cycles by function of the source.
+fn print_inlined(profile: &Profile, firmware: &Firmware, arguments: &Arguments) {
+    let per_ms = |count: u64| count as f64 / arguments.millis as f64;
+    println!(
+        "\n{:>9} {:>9} {:>9}  function (cycles per millisecond: with what is inlined into it, of \
+         which waiting, and alone)",
+        "cycles", "waiting", "alone"
+    );
+    let all = profile.inlined(firmware);
+    for (name, own, whole) in all.into_iter().take(arguments.top) {
+        println!(
+            "{:>9.1} {:>9.1} {:>9.1}  {name}",
+            per_ms(whole.cycles),
+            per_ms(whole.waited),
+            per_ms(own.cycles)
+        );
+    }
 }
