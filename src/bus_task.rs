@@ -17,16 +17,17 @@
 //! ms, and for a quarter of a second when a sector has to be erased. Frames lost in that time are
 //! counted but are not a fault.
 
+use ::control::time::Micros;
 use canopen::{Frame, NmtState};
-use control::time::Micros;
 use protocol::Fault;
 use robot::record_store::{RecordStore, StoreError};
 use robot::{BusSide, Event, IMAGE_MAX, Memorable, State, Stored};
 
 use crate::board::{Can, Health, ParameterFlash, now, patiently};
+use crate::control;
 use crate::gateway::Gateway;
 use crate::led::{self, Pattern};
-use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, REPORT, SYNC};
+use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, SYNC};
 use crate::wake;
 
 /// Longest time between two turns. The watchdog is fed every 10 ms, if there has been one.
@@ -45,7 +46,7 @@ pub async fn bus(
     loop {
         wake::BUS.wait().await;
 
-        side.on_report(&REPORT.get());
+        control::report(|report| side.on_report(report));
         if let Some(outcome) = IDENTIFIED.receive() {
             side.on_identification(now(), &outcome);
         }
@@ -173,34 +174,34 @@ fn supervise(can: &mut Can, gateway: &mut Gateway, last: &mut Health, side: &mut
 
 fn log(event: Event) {
     match event {
-        Event::Nmt(state) => defmt::info!("NMT {=str}", nmt_name(state)),
+        Event::Nmt(state) => defmt::info!("NMT {=istr}", nmt_name(state)),
         Event::Fault(fault) => {
-            defmt::error!("fault {=u16:#06x} {=str}", fault.code(), fault.name());
+            defmt::error!("fault {=u16:#06x} {}", fault.code(), fault);
         }
         Event::State { from, to } => {
-            defmt::info!("{=str} -> {=str}", state_name(from), state_name(to));
+            defmt::info!("{=istr} -> {=istr}", state_name(from), state_name(to));
         }
         _ => {}
     }
 }
 
-fn nmt_name(state: NmtState) -> &'static str {
+fn nmt_name(state: NmtState) -> defmt::Str {
     match state {
-        NmtState::Initialising => "initialising",
-        NmtState::PreOperational => "pre-operational",
-        NmtState::Operational => "operational",
-        NmtState::Stopped => "stopped",
+        NmtState::Initialising => defmt::intern!("initialising"),
+        NmtState::PreOperational => defmt::intern!("pre-operational"),
+        NmtState::Operational => defmt::intern!("operational"),
+        NmtState::Stopped => defmt::intern!("stopped"),
     }
 }
 
-fn state_name(state: State) -> &'static str {
+fn state_name(state: State) -> defmt::Str {
     match state {
-        State::Ready => "ready",
-        State::Armed => "armed",
-        State::Moving => "moving",
-        State::Alone => "alone",
-        State::Ramping(_) => "ramping",
-        State::Faulted(_) => "faulted",
+        State::Ready => defmt::intern!("ready"),
+        State::Armed => defmt::intern!("armed"),
+        State::Moving => defmt::intern!("moving"),
+        State::Alone => defmt::intern!("alone"),
+        State::Ramping(_) => defmt::intern!("ramping"),
+        State::Faulted(_) => defmt::intern!("faulted"),
     }
 }
 

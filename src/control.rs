@@ -1,117 +1,178 @@
-//! The control task: from encoders to PWM, a thousand times a second.
+//! The control tick: from encoders to PWM, a thousand times a second.
 //!
-//! It runs on the control executor, above the bus side and below the short interrupts in the table
-//! of `board::executors`. It is the only task that touches the motor outputs and the brake. Each
-//! tick reads the encoders and the stop and fault inputs, takes the bus side's latest command, runs
-//! the control side, sets the outputs, stores a report, feeds the watchdog, and wakes the bus task
-//! when a deadline is due or a fault has to be announced. Then it sleeps until the next tick that
-//! the control side requests, which is in step with SYNC. It does not wait for the bus side and
-//! does not log. A tick that cannot start in time starts late, and its lateness is recorded; missed
-//! ticks are not repeated.
+//! It is the handler of a timer's interrupt (`board`'s `tick`), above the bus side and below the
+//! short interrupts in the table of `board::executors`. It alone touches the motor outputs and the
+//! brake. Each tick reads the encoders and the stop and fault inputs, uses the bus side's latest
+//! command, runs the control side, sets the outputs, feeds the watchdog, wakes the bus task when a
+//! deadline is due or a fault has to be announced, and starts the timer for the next tick that the
+//! control side requests, which is in step with SYNC. The bus task reads its [`report`]. It does
+//! not wait for the bus side and does not log. A tick that cannot start in time starts late, and
+//! its lateness is recorded; missed ticks are not repeated.
+
+use core::cell::RefCell;
+use core::mem::MaybeUninit;
 
 use ::control::clock::TickSchedule;
-use ::control::interface::Inputs;
+use ::control::interface::{Inputs, Report};
 use ::control::rollers::RollerConfiguration;
 use ::control::tick::ControlSide;
+use ::control::time::Micros;
+use embassy_sync::blocking_mutex::Mutex;
+use protocol::Fault;
+use static_cell::StaticCell;
 
-use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickTimer, now};
-use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, REPORT, SYNC};
+use crate::board::now;
+use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer, begin_ticks};
+use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
 
+/// The part of the board that belongs to the tick.
+pub struct Parts {
+    /// Motors and brake.
+    pub outputs: Outputs,
+    /// Encoder counters.
+    pub encoders: Encoders,
+    /// Encoder index inputs.
+    pub indexes: Indexes,
+    /// Stop and fault inputs.
+    pub lines: Lines,
+    /// Supply and motor current.
+    pub meters: Meters,
+    /// When the next tick is.
+    pub timer: TickTimer,
+    /// Who feeds the watchdog.
+    pub guard: Guard,
+}
+
 /// Turns commands and encoder counts into motor outputs.
-#[embassy_executor::task]
-pub async fn control(
-    mut outputs: Outputs,
-    encoders: Encoders,
-    mut indexes: Indexes,
-    lines: Lines,
-    meters: Meters,
-    mut timer: TickTimer,
-    mut guard: Guard,
-) {
-    let mut side = ControlSide::new();
-    let mut schedule = TickSchedule::new();
-    let mut senses = false;
-    let mut due = schedule.next(now());
-    let mut announced = (None, false);
-    loop {
-        let begin = timer.until(due).await;
-        if CONFIGURATION.is_full() {
-            let taken = take_over(&mut side, &mut schedule, &encoders, &mut indexes);
-            senses = taken.senses;
-            outputs.set_frequency(taken.pwm_hz);
+struct Control {
+    side: ControlSide,
+    schedule: TickSchedule,
+    /// When the next tick begins.
+    due: Micros,
+    /// Whether current sensors are configured.
+    senses: bool,
+    /// The changes that the bus side has been woken for.
+    announced: (Option<Fault>, bool),
+    parts: Parts,
+}
+
+/// Some kilobytes that must not be moved over the stack.
+static PLACE: StaticCell<Control> = StaticCell::new();
+
+/// The tick's state, from [`start`] on.
+static CONTROL: Mutex<TickMutex, RefCell<Option<&'static mut Control>>> =
+    Mutex::new(RefCell::new(None));
+
+/// Lets ticks begin. Not inlined, so that its stack is released.
+#[inline(never)]
+pub fn start(parts: Parts) {
+    let control = place(PLACE.uninit(), parts);
+    CONTROL.lock(|cell| *cell.borrow_mut() = Some(control));
+    begin_ticks();
+}
+
+fn place(place: &'static mut MaybeUninit<Control>, parts: Parts) -> &'static mut Control {
+    let schedule = TickSchedule::new();
+    place.write(Control {
+        side: ControlSide::new(),
+        due: schedule.next(now()),
+        schedule,
+        senses: false,
+        announced: (None, false),
+        parts,
+    })
+}
+
+/// The report of the last tick, where it is, for the bus side; before the first, that there has
+/// been none.
+pub fn report(use_it: impl FnOnce(&Report)) {
+    CONTROL.lock(|cell| match &*cell.borrow() {
+        Some(control) => use_it(control.side.report()),
+        None => use_it(&Report::NONE),
+    });
+}
+
+/// The timer has run down: for its interrupt's handler.
+pub fn on_tick() {
+    CONTROL.lock(|cell| {
+        if let Some(control) = &mut *cell.borrow_mut() {
+            control.on_timer();
         }
+    });
+}
+
+impl Control {
+    fn on_timer(&mut self) {
+        let begin = now();
+        // The timer does not run longer than 65 ms, and its microseconds begin in those of the
+        // clock.
+        if begin >= self.due {
+            self.tick(begin);
+        }
+        self.parts.timer.start(self.due);
+    }
+
+    #[inline(always)]
+    fn tick(&mut self, begin: Micros) {
+        if CONFIGURATION.is_full() {
+            self.take_over();
+        }
+        let parts = &mut self.parts;
         // Before the counts, so that no pulse is ahead of them.
-        let index = indexes.pulses();
+        let index = parts.indexes.pulses();
         let inputs = Inputs {
             index,
-            encoder_counts: encoders.counts(),
-            emergency_stop: outputs.emergency_stop(),
+            encoder_counts: parts.encoders.counts(),
+            emergency_stop: parts.outputs.emergency_stop(),
             // A bench image reports its drivers as faulty, so an NMT start is refused.
-            driver_fault: lines.driver_fault() || cfg!(feature = "bench"),
-            protective_stop: lines.protective_stop(),
-            supply_input: Some(meters.supply()),
-            current_inputs: senses.then(|| meters.currents()),
+            driver_fault: parts.lines.driver_fault() || cfg!(feature = "bench"),
+            protective_stop: parts.lines.protective_stop(),
+            supply_input: Some(parts.meters.supply()),
+            current_inputs: self.senses.then(|| parts.meters.currents()),
         };
-        let wanted = side.tick(begin, &COMMAND.get(), &inputs);
-        outputs.set(wanted.duty, wanted.drivers_enabled, wanted.brake_released);
-        let report = side.report();
-        REPORT.put(report);
-        guard.tick(report);
+        let wanted = COMMAND.with(|command| self.side.tick(begin, command, &inputs));
+        parts
+            .outputs
+            .set(wanted.duty, wanted.drivers_enabled, wanted.brake_released);
+        let report = self.side.report();
+        parts.guard.tick(report);
         // Changes that the bus side has to process at once.
         let news = (report.fault, report.standstill);
-        if let Some(outcome) = side.take_identification() {
+        if let Some(outcome) = self.side.take_identification() {
             IDENTIFIED.put(&outcome);
             wake::BUS.signal();
         }
-        if news != announced {
-            announced = news;
+        if news != self.announced {
+            self.announced = news;
             wake::BUS.signal();
         }
         wake::BUS.tick(begin);
 
-        CONTROL_LATENESS.record(begin.since(due));
+        CONTROL_LATENESS.record(begin.since(self.due));
         if let Some(sync) = SYNC.receive() {
-            schedule.on_sync(sync);
+            self.schedule.on_sync(sync);
         }
-        due = schedule.next(due);
-        if due <= begin {
-            due = schedule.next(now());
+        self.due = self.schedule.next(self.due);
+        if self.due <= begin {
+            self.due = self.schedule.next(now());
         }
     }
-}
 
-/// The part of a configuration that the task itself needs.
-struct Taken {
-    /// Whether current sensors are configured.
-    senses: bool,
-    /// Frequency of the PWM.
-    pwm_hz: u32,
-}
-
-/// Applies a new configuration. Not inlined, so that its stack is released.
-#[inline(never)]
-fn take_over(
-    side: &mut ControlSide,
-    schedule: &mut TickSchedule,
-    encoders: &Encoders,
-    indexes: &mut Indexes,
-) -> Taken {
-    let mut taken = Taken {
-        senses: false,
-        pwm_hz: 0,
-    };
-    CONFIGURATION.receive_with(|configuration| {
-        *schedule = TickSchedule::with_period(configuration.times.sync_period_us);
-        let rollers = configuration.rollers.as_ref();
-        encoders.set_filter(configuration.encoder_filter);
-        indexes.listen(rollers.is_some_and(RollerConfiguration::has_index));
-        side.configure(configuration);
-        taken = Taken {
-            senses: configuration.current.is_some(),
-            pwm_hz: configuration.pwm_hz,
-        };
-    });
-    taken
+    /// Applies a new configuration. Not inlined, so that its stack is released.
+    #[inline(never)]
+    fn take_over(&mut self) {
+        CONFIGURATION.receive_with(|configuration| {
+            self.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
+            let rollers = configuration.rollers.as_ref();
+            let parts = &mut self.parts;
+            parts.encoders.set_filter(configuration.encoder_filter);
+            let listens = rollers.is_some_and(RollerConfiguration::has_index);
+            parts.indexes.listen(listens);
+            parts.outputs.set_frequency(configuration.pwm_hz);
+            self.senses = configuration.current.is_some();
+            self.side.configure(configuration);
+        });
+    }
 }

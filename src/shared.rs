@@ -5,50 +5,52 @@
 //! | [`COMMAND`] | bus | control | the newer command replaces it; the older one is never wanted |
 //! | [`CONFIGURATION`] | bus | control | the newer configuration replaces it |
 //! | [`SYNC`] | bus | control | the newer time replaces it |
-//! | [`REPORT`] | control | bus | the newer report replaces it |
+//! | [`report`](crate::control::report) | control | bus | the next tick changes it |
 //! | [`IDENTIFIED`] | control | bus | the newer result replaces it |
 //! | [`BUS_PROGRESS`] | bus | control, for the watchdog | counts on; only a change matters |
 //! | [`CONTROL_LATENESS`] | control | health | the largest value stays |
 //!
-//! A cell is copied with interrupts masked. That takes a microsecond for the data of every tick,
-//! and some twenty for a new configuration, with the outputs off. Both are shorter than a frame on
-//! the bus (at least 50 us), so copying can delay a receive time stamp but cannot lose a frame. The
-//! signal that wakes the bus task is in [`wake`](crate::wake).
+//! The control tick uses the cells where they are: the bus side does not run beside it. The bus
+//! side copies with interrupts masked (`board`'s `TickMutex`). That takes a microsecond for the
+//! data of every turn, and some ten for a new configuration, with the outputs off. Both are shorter
+//! than a frame on the bus (at least 50 us), so copying can delay a receive time stamp but cannot
+//! lose a frame. The signal that wakes the bus task is in [`wake`](crate::wake).
 
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use control::configuration::Configuration;
-use control::interface::{Command, Report};
+use control::interface::Command;
 use control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use identification::Outcome;
 
+use crate::board::TickMutex;
+
 /// A value that one side replaces and the other reads: the latest wins.
-pub struct Latest<T: Copy>(Mutex<CriticalSectionRawMutex, Cell<T>>);
+pub struct Latest<T: Copy>(Mutex<TickMutex, RefCell<T>>);
 
 impl<T: Copy> Latest<T> {
     const fn new(first: T) -> Self {
-        Self(Mutex::new(Cell::new(first)))
+        Self(Mutex::new(RefCell::new(first)))
     }
 
     /// Replaces the value.
     pub fn put(&self, value: &T) {
-        self.0.lock(|cell| cell.set(*value));
+        self.0.lock(|cell| *cell.borrow_mut() = *value);
     }
 
-    /// Returns the latest value.
-    pub fn get(&self) -> T {
-        self.0.lock(Cell::get)
+    /// Uses the latest value where it is.
+    pub fn with<R>(&self, use_it: impl FnOnce(&T) -> R) -> R {
+        self.0.lock(|cell| use_it(&cell.borrow()))
     }
 }
 
 /// A value that one side puts in and the other receives, once: the latest wins.
 pub struct Mailbox<T: Copy> {
-    content: Mutex<CriticalSectionRawMutex, RefCell<Option<T>>>,
-    /// Read without a critical section, by a task that checks it every tick. Relaxed: there is one
-    /// core, and the critical section around the content keeps the compiler's order.
+    content: Mutex<TickMutex, RefCell<Option<T>>>,
+    /// Read without the mutex, by the tick. Relaxed: there is one core, and the mutex around the
+    /// content keeps the compiler's order.
     full: AtomicBool,
 }
 
@@ -83,7 +85,7 @@ impl<T: Copy> Mailbox<T> {
 
     /// Empties it, and uses the value where it is if there is one: for what is too large to be
     /// copied onto the stack.
-    pub fn receive_with(&self, mut use_it: impl FnMut(&T)) {
+    pub fn receive_with(&self, use_it: impl FnOnce(&T)) {
         if !self.is_full() {
             return;
         }
@@ -103,9 +105,6 @@ pub static COMMAND: Latest<Command> = Latest::new(Command::NONE);
 
 /// When the last SYNC was received, local time, until the control side has received it.
 pub static SYNC: Mailbox<Micros> = Mailbox::new();
-
-/// The control side's report.
-pub static REPORT: Latest<Report> = Latest::new(Report::NONE);
 
 /// The result of an identification, until the bus side has received it.
 pub static IDENTIFIED: Mailbox<Outcome> = Mailbox::new();

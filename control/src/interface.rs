@@ -88,8 +88,8 @@ pub struct Inputs {
     /// Voltages at the current sensors' inputs, V, where sensors are configured and the board has
     /// such inputs.
     pub current_inputs: Option<[f32; 3]>,
-    /// The last index pulse of each encoder.
-    pub index: [IndexPulse; 4],
+    /// The last index pulse of each encoder; `None` where indexes are not used.
+    pub index: Option<[IndexPulse; 4]>,
 }
 
 /// The control side's outputs in each tick.

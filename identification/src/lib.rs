@@ -33,6 +33,8 @@
 #[cfg(test)]
 extern crate std;
 
+use kinematics::Real as _;
+
 /// Length of a window, us.
 const WINDOW_US: u32 = 100_000;
 /// Share of the nominal supply by which the ramp rises, 1/s.
@@ -443,7 +445,7 @@ impl Wheel {
             static_friction: static_friction.max(0.0),
             speed,
             acceleration,
-            residual: libm::sqrtf((left / n).max(0.0)),
+            residual: (left / n).max(0.0).root(),
         })
     }
 }

@@ -1,5 +1,6 @@
 //! Tests the firmware's own copying and clearing of memory, at every alignment of words and for
-//! every length up to one at which all of its loops have run.
+//! every length up to one at which all of its loops have run, and its division of 64 bits, with
+//! operands on both sides of every power of two.
 
 use core::hint::black_box;
 
@@ -12,7 +13,7 @@ pub fn check() {
     let fits = |f: fn(usize, usize, usize) -> bool| {
         (0..4).all(|to| (0..4).all(|from| (0..=LONGEST).all(|length| f(to, from, length))))
     };
-    if fits(copies) && fits(moves) && fits(fills) {
+    if fits(copies) && fits(moves) && fits(fills) && divides() {
         memory_is_right();
     }
 }
@@ -92,5 +93,31 @@ fn fills(to: usize, value: usize, length: usize) -> bool {
         } else {
             place as u8 ^ 0xA5
         }
+    })
+}
+
+/// Quotient times divisor and remainder are the dividend, and the remainder is less than the
+/// divisor: no other pair of numbers is so.
+fn divides() -> bool {
+    let around = |power: u32| {
+        [
+            (1_u64 << power).wrapping_sub(1),
+            1 << power,
+            (1 << power) | 5,
+        ]
+    };
+    (0..64).flat_map(around).all(|dividend| {
+        (0..64).flat_map(around).all(|divisor| {
+            let (dividend, divisor) = (black_box(dividend), black_box(divisor));
+            if divisor == 0 {
+                return true;
+            }
+            let (quotient, rest) = (black_box(dividend / divisor), black_box(dividend % divisor));
+            rest < divisor
+                && quotient
+                    .checked_mul(divisor)
+                    .and_then(|whole| whole.checked_add(rest))
+                    == Some(dividend)
+        })
     })
 }

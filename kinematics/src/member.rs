@@ -176,7 +176,7 @@ fn null_vector<S: Real>(platform: &Platform<4, S>) -> [S; 4] {
         volume(&a, &b, &d),
         -volume(&a, &b, &c),
     );
-    let unit = raw.normalize();
+    let unit = raw / raw.dot(&raw).root();
     let sign = if unit.x < S::zero() {
         -S::one()
     } else {

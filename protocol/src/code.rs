@@ -35,6 +35,7 @@ macro_rules! codes {
     }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         #[repr(u16)]
         pub enum $name { $($(#[doc = $text])+ $variant = $code,)+ }
 

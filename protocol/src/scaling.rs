@@ -6,8 +6,6 @@
 //! The error of a value in range is therefore at most half an LSB, which a test asserts. (Beyond
 //! 420 m an `f32` itself has coarser steps than a pose; the error is one LSB there.)
 
-use micromath::F32Ext;
-
 /// Steps per m/s in a twist field: one LSB is 0.1 mm/s, the range is +-3.2767 m/s.
 pub const VELOCITY_STEPS: f32 = 10_000.0;
 
@@ -39,17 +37,19 @@ pub const INVALID_I24: i32 = -0x80_0000;
 const MAX_I24: i32 = 0x7F_FFFF;
 
 /// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; not for NaN.
-///
-/// `core` cannot split an `f32`; micromath's `fract` can, exactly for everything below 2^32 (its
-/// `round` adds a half first, which makes a one of 0.49999997).
+/// The limit is at most [`MAX_I24`], so whole numbers and rests are exact (adding a half first would
+/// make a one of 0.49999997).
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the limit is an i32, and the fraction is looked at separately"
 )]
 fn nearest(value: f32, limit: i32) -> i32 {
-    let value = value.clamp(-(limit as f32), limit as f32);
+    let bound = limit as f32;
+    if value.abs() >= bound {
+        return if value < 0.0 { -limit } else { limit };
+    }
     let whole = value as i32;
-    let rest = F32Ext::fract(value);
+    let rest = value - whole as f32;
     if rest >= 0.5 {
         whole + 1
     } else if rest <= -0.5 {
@@ -146,12 +146,12 @@ mod tests {
     }
 
     #[test]
-    fn splits_every_number_it_may_meet_exactly() {
-        // The error of the library's fraction must be below the step it decides on: it is zero.
-        for bits in (0..f32::to_bits(MAX_I24 as f32)).step_by(977) {
+    fn rounds_every_number_it_may_meet_as_the_standard_library_does() {
+        // `f32::round`, which `core` lacks: halves away from zero.
+        for bits in (0..=f32::to_bits(MAX_I24 as f32)).step_by(97) {
             let value = f32::from_bits(bits);
-            assert_eq!(F32Ext::fract(value), value - value.trunc());
-            assert_eq!(F32Ext::fract(-value), value.trunc() - value);
+            assert_eq!(nearest(value, MAX_I24), value.round() as i32);
+            assert_eq!(nearest(-value, MAX_I24), -(value.round() as i32));
         }
     }
 

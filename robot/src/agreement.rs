@@ -93,8 +93,12 @@ impl Agreement {
     /// SYNC.
     #[must_use]
     pub fn is_complete(&self, members: u32, node: u8) -> bool {
-        let mut votes = (FIRST_ROBOT..).zip(&self.votes);
-        votes.all(|(other, vote)| other == node || members >> other & 1 == 0 || vote.is_some())
+        let mut others = others(members, node);
+        self.votes.iter().all(|vote| {
+            let is_other = others & 1 == 1;
+            others >>= 1;
+            !is_other || vote.is_some()
+        })
     }
 
     /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint about which this
@@ -105,8 +109,11 @@ impl Agreement {
             return Verdict::Stop(Fault::MemberStopped);
         }
         let mut smallest = own.scale;
-        for (other, vote) in (FIRST_ROBOT..).zip(votes) {
-            if other == node || members >> other & 1 == 0 {
+        let mut others = others(members, node);
+        for vote in votes {
+            let is_other = others & 1 == 1;
+            others >>= 1;
+            if !is_other {
                 continue;
             }
             let Some(vote) = vote else {
@@ -131,6 +138,11 @@ impl Agreement {
             own: smallest == own.scale,
         }
     }
+}
+
+/// The members other than `node`, one bit each from [`FIRST_ROBOT`] on, in the order of the votes.
+const fn others(members: u32, node: u8) -> u32 {
+    (members & !(1 << node)) >> FIRST_ROBOT
 }
 
 #[cfg(test)]

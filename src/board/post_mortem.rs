@@ -56,7 +56,7 @@ static mut RECORD: MaybeUninit<Words> = MaybeUninit::uninit();
 static mut WATCHDOG_RESETS: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
 
 /// Watchdog resets since power came, this one included if it `is_one`. Called once at start-up,
-/// before the executors run.
+/// before tasks and ticks run.
 pub fn count_watchdog_reset(is_one: bool) -> u32 {
     // SAFETY: nothing else runs yet. Any bit pattern is a valid array of words; RAM is never truly
     // uninitialised.

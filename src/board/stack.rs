@@ -1,7 +1,7 @@
 //! How deep the one stack has been.
 //!
 //! Start-up fills the stack with a pattern (`paint-stack` of cortex-m-rt); what has lost it has
-//! been used. All interrupts and both executors share this stack. It sees the deepest call ever
+//! been used. All interrupts and the tasks share this stack. It sees the deepest call ever
 //! made, not the present one, to within the step with which it looks.
 
 #![expect(unsafe_code, reason = "the stack's limits are linker symbols")]

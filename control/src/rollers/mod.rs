@@ -191,26 +191,15 @@ pub(crate) struct Rollers {
 impl Rollers {
     /// All angles unknown, except those that `before` has for the same wheels.
     pub fn new(configuration: RollerConfiguration, before: Option<&Self>) -> Self {
-        let mut wheels = configuration.wheels.map(Tracked::new);
         let kept = before.filter(|before| before.configuration.index == configuration.index);
-        if let Some(before) = kept {
-            for (wheel, before) in wheels.iter_mut().zip(&before.wheels) {
-                if wheel.track == before.configuration.track
-                    && wheel.configuration.turn == before.configuration.turn
-                {
-                    let own = wheel.configuration;
-                    *wheel = *before;
-                    wheel.configuration = own;
-                    let shift = own
-                        .phase
-                        .to_bits()
-                        .wrapping_sub(before.configuration.phase.to_bits());
-                    wheel
-                        .track
-                        .set(before.track.angle().advanced(RollerAngle::from_bits(shift)));
-                }
-            }
-        }
+        let [a, b, c, d] = configuration.wheels;
+        let of = |wheel: usize| kept.and_then(|before| before.wheels.get(wheel));
+        let wheels = [
+            Tracked::new(a, of(0)),
+            Tracked::new(b, of(1)),
+            Tracked::new(c, of(2)),
+            Tracked::new(d, of(3)),
+        ];
         let mut rollers = Self {
             secants: configuration.least(),
             configuration,
@@ -228,15 +217,22 @@ impl Rollers {
     /// Processes an advance of the counters by `passed` to `now`, and returns the secants in the
     /// middle between the last call and this one.
     #[inline]
-    pub fn update(&mut self, passed: [i16; 4], now: [u16; 4], index: &[IndexPulse; 4]) -> Secants {
-        let tolerance = self
-            .configuration
-            .index
-            .then_some(self.configuration.tolerance);
-        for (((wheel, passed), now), pulse) in
-            self.wheels.iter_mut().zip(passed).zip(now).zip(index)
+    pub fn update(
+        &mut self,
+        passed: [i16; 4],
+        now: [u16; 4],
+        index: Option<&[IndexPulse; 4]>,
+    ) -> Secants {
+        let tolerance = self.configuration.tolerance;
+        let index = index.filter(|_| self.configuration.index);
+        for (place, ((wheel, passed), now)) in
+            self.wheels.iter_mut().zip(passed).zip(now).enumerate()
         {
-            wheel.update(passed, now, *pulse, tolerance);
+            wheel.update(passed);
+            if let Some(pulse) = index.and_then(|pulses| pulses.get(place)) {
+                wheel.compare(now, *pulse, tolerance);
+            }
+            wheel.blend();
         }
         let now = self.now();
         let [a, b, c, d] = self.secants;

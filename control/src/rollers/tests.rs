@@ -38,7 +38,7 @@ impl Bench {
             self.index[0].count = self.counts[0].wrapping_sub(ago.cast_unsigned());
         }
         self.rollers
-            .update([counts, 0, 0, 0], self.counts, &self.index);
+            .update([counts, 0, 0, 0], self.counts, Some(&self.index));
         self.rollers.states()[0]
     }
 
@@ -178,10 +178,10 @@ fn a_reversed_encoder_turns_the_same_roller() {
         number: 1,
         count: 0,
     }; 4];
-    rollers.update([0; 4], [0; 4], &[IndexPulse::default(); 4]);
-    rollers.update([0; 4], [0; 4], &pulse);
+    rollers.update([0; 4], [0; 4], Some(&[IndexPulse::default(); 4]));
+    rollers.update([0; 4], [0; 4], Some(&pulse));
     // Forward is down.
-    rollers.update([-100; 4], [0_u16.wrapping_sub(100); 4], &pulse);
+    rollers.update([-100; 4], [0_u16.wrapping_sub(100); 4], Some(&pulse));
     let sweep = 100.0 / 4000.0 * core::f32::consts::TAU;
     assert!((rollers.sweeps()[2] - sweep).abs() < 1e-5);
 }

@@ -36,7 +36,26 @@ pub(super) struct Tracked {
 }
 
 impl Tracked {
-    pub fn new(configuration: RollerWheel) -> Self {
+    /// A wheel whose angle is unknown, unless it was known `before` of the same wheel. Not inlined:
+    /// four times in a row it is two kilobytes.
+    #[inline(never)]
+    pub fn new(configuration: RollerWheel, before: Option<&Self>) -> Self {
+        let same = before.filter(|before| {
+            configuration.track == before.configuration.track
+                && configuration.turn == before.configuration.turn
+        });
+        let Some(before) = same else {
+            return Self::unknown(configuration);
+        };
+        let mut wheel = *before;
+        wheel.configuration = configuration;
+        let (phase, other) = (configuration.phase, before.configuration.phase);
+        let shift = RollerAngle::from_bits(phase.to_bits().wrapping_sub(other.to_bits()));
+        wheel.track.set(before.track.angle().advanced(shift));
+        wheel
+    }
+
+    fn unknown(configuration: RollerWheel) -> Self {
         Self {
             configuration,
             track: configuration.track,
@@ -51,31 +70,40 @@ impl Tracked {
         }
     }
 
+    /// Advances by the counts since the last tick.
     #[inline]
-    pub fn update(&mut self, passed: i16, now: u16, pulse: IndexPulse, tolerance: Option<i32>) {
+    pub fn update(&mut self, passed: i16) {
         let passed = i32::from(passed);
         self.track.advance(passed);
         if let Some(since) = &mut self.since {
             *since = since.saturating_add(passed);
         }
-        if let Some(tolerance) = tolerance
-            && self.state != RollerState::Constant
-        {
-            let last = self.number.replace(pulse.number);
-            if last.is_some_and(|last| last != pulse.number) {
-                self.on_index(
-                    i32::from(now.wrapping_sub(pulse.count).cast_signed()),
-                    tolerance,
-                );
-            }
-            let patience = self.configuration.patience.saturating_add(tolerance);
-            if self.state == RollerState::Known
-                && self.since.is_none_or(|since| since.abs() > patience)
-            {
-                self.state = RollerState::Lost;
-                self.since = None;
-            }
+    }
+
+    /// Compares with the index, of which `pulse` is the last; the counter is at `now`.
+    #[inline]
+    pub fn compare(&mut self, now: u16, pulse: IndexPulse, tolerance: i32) {
+        if self.state == RollerState::Constant {
+            return;
         }
+        let last = self.number.replace(pulse.number);
+        if last.is_some_and(|last| last != pulse.number) {
+            self.on_index(
+                i32::from(now.wrapping_sub(pulse.count).cast_signed()),
+                tolerance,
+            );
+        }
+        let patience = self.configuration.patience.saturating_add(tolerance);
+        if self.state == RollerState::Known && self.since.is_none_or(|since| since.abs() > patience)
+        {
+            self.state = RollerState::Lost;
+            self.since = None;
+        }
+    }
+
+    /// Goes a step towards the angle, or towards the mean where that is not known.
+    #[inline]
+    pub fn blend(&mut self) {
         if self.state == RollerState::Known {
             self.share = (self.share + 1).min(BLEND);
         } else {

@@ -662,7 +662,7 @@ impl Motion {
         // Whole counts, not filtered rates: no motion is lost at any speed.
         let moved = if let Some(rollers) = &mut self.rollers {
             let passed = passed(previous, &inputs.encoder_counts);
-            let middle = rollers.update(passed, inputs.encoder_counts, &inputs.index);
+            let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
             (report.measured, report.slip_residual) =
                 drivetrain.achieved_at(rates, factors, rollers.secants());
             report.roller_states = rollers.states();

@@ -14,7 +14,9 @@ pub const SIN_COS_RANGE: f32 = 8192.0;
 
 /// Sine and cosine of an angle in rad, to 1e-7 absolute within ±[`SIN_COS_RANGE`]; NaN outside.
 #[must_use]
-#[inline]
+// On a robot once: its callers there prepare something, the tick calls `sin_cos_within`.
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline)]
 pub fn sin_cos(angle: f32) -> (f32, f32) {
     if angle.is_nan() || angle.abs() > SIN_COS_RANGE {
         (f32::NAN, f32::NAN)

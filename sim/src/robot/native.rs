@@ -170,7 +170,10 @@ impl NativeRobot {
             memory: Memory::default(),
             powered: true,
             now_ns: 0,
-            inputs: Inputs::default(),
+            inputs: Inputs {
+                index: Some(Default::default()),
+                ..Inputs::default()
+            },
             live: Live::boot(
                 id,
                 serial,
@@ -426,7 +429,9 @@ impl Robot for NativeRobot {
 
     fn index(&mut self, wheel: usize, ago: i32) {
         let counts = self.inputs.encoder_counts.get(wheel);
-        if let (Some(count), Some(pulse)) = (counts, self.inputs.index.get_mut(wheel)) {
+        let pulse = self.inputs.index.as_mut();
+        let pulse = pulse.and_then(|pulses| pulses.get_mut(wheel));
+        if let (Some(count), Some(pulse)) = (counts, pulse) {
             pulse.number = pulse.number.wrapping_add(1);
             pulse.count = count.wrapping_sub(ago as u16);
         }

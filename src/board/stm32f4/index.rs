@@ -86,15 +86,15 @@ impl Indexes {
         cortex_m::interrupt::free(|_| pac::EXTI.imr(0).modify(|w| w.0 &= !MASK));
     }
 
-    /// The last pulse of each wheel since the lines listen. Lines that have had one listen again.
-    pub fn pulses(&self) -> [IndexPulse; 4] {
-        if self.lines == 0 {
-            const NONE: IndexPulse = IndexPulse {
-                number: 0,
-                count: 0,
-            };
-            return [NONE; 4];
-        }
+    /// The last pulse of each wheel since the lines listen; `None` where they do not. Lines that
+    /// have had one listen again.
+    pub fn pulses(&self) -> Option<[IndexPulse; 4]> {
+        (self.lines != 0).then(|| self.listened())
+    }
+
+    /// Not inlined: most robots have no index.
+    #[inline(never)]
+    fn listened(&self) -> [IndexPulse; 4] {
         let deaf = self.lines & !pac::EXTI.imr(0).read().0;
         if deaf != 0 {
             // Edges that came meanwhile are pending.

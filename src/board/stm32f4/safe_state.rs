@@ -12,7 +12,7 @@
     reason = "fault handlers run outside the language's rules"
 )]
 
-use core::panic::PanicInfo;
+use core::panic::{Location, PanicInfo};
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
@@ -35,12 +35,23 @@ fn is_first() -> bool {
     !failed
 }
 
+// Inlined into `core`'s only call of it, the optimiser sees that the message is not used, and leaves
+// out all messages and the formatting of their numbers: 2 KB.
+#[expect(
+    unused_attributes,
+    reason = "of an exported function rustc says so, but LLVM gets it"
+)]
+#[inline(always)]
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
+    stop(info.location())
+}
+
+fn stop(location: Option<&Location>) -> ! {
     cortex_m::interrupt::disable();
     outputs::cut();
     if is_first()
-        && let Some(location) = info.location()
+        && let Some(location) = location
     {
         post_mortem::write(Failure::Panic {
             file: post_mortem::tail(location.file()),

@@ -176,7 +176,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     Ok(figures)
 }
 
-/// TIM7 (interrupt 55) carries the control executor.
+/// TIM7 (interrupt 55) is the control tick.
 const CONTROL_EXCEPTION: u16 = 16 + 55;
 
 /// An upload of the wheel radius.
