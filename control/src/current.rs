@@ -33,17 +33,24 @@ pub struct CurrentConfiguration {
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub(crate) struct Current {
     over: Lasting,
+    /// It has lasted.
+    too_much: bool,
 }
 
 impl Current {
     pub(crate) const fn new() -> Self {
         Self {
             over: Lasting::new(),
+            too_much: false,
         }
     }
 
-    /// Takes in the voltages at the inputs, V; returns the current, A, and whether it has been too
-    /// much for too long.
+    /// Whether it has been too much for too long.
+    pub(crate) const fn is_too_much(&self) -> bool {
+        self.too_much
+    }
+
+    /// Takes in the voltages at the inputs, V; returns the current, A.
     #[cold]
     #[inline(never)]
     pub(crate) fn update(
@@ -51,7 +58,7 @@ impl Current {
         volts: [f32; 3],
         sensor: &CurrentConfiguration,
         now: Micros,
-    ) -> (f32, bool) {
+    ) -> f32 {
         let (mut sum, mut at_end) = (0.0, false);
         for volts in volts.into_iter().take(sensor.inputs.into()) {
             sum += volts - sensor.offset;
@@ -59,7 +66,8 @@ impl Current {
         }
         let current = sum * sensor.scale;
         let over = at_end || current.abs() > sensor.bound;
-        (current, self.over.update(over, now, OVER_US))
+        self.too_much = self.over.update(over, now, OVER_US);
+        current
     }
 }
 
@@ -78,19 +86,22 @@ mod tests {
     /// When it is too much, ms, if `volts` are at the inputs at each ms.
     fn run(sensor: &CurrentConfiguration, volts: fn(u64) -> [f32; 3]) -> Option<u64> {
         let mut current = Current::new();
-        (0..200).find(|ms| current.update(volts(*ms), sensor, Micros(ms * 1_000)).1)
+        (0..200).find(|ms| {
+            current.update(volts(*ms), sensor, Micros(ms * 1_000));
+            current.is_too_much()
+        })
     }
 
     #[test]
     fn the_inputs_are_added_with_their_signs() {
-        let sum = |volts| Current::new().update(volts, &SENSOR, Micros(0)).0;
+        let sum = |volts| Current::new().update(volts, &SENSOR, Micros(0));
         assert!((sum([1.65, 2.65, 2.15]) - 15.0).abs() < 1e-4);
         assert!((sum([1.15, 1.15, 2.65])).abs() < 1e-4);
         let one = CurrentConfiguration {
             inputs: 1,
             ..SENSOR
         };
-        let (first, _) = Current::new().update([1.15, 3.3, 0.0], &one, Micros(0));
+        let first = Current::new().update([1.15, 3.3, 0.0], &one, Micros(0));
         assert!((first + 5.0).abs() < 1e-4, "the others are not looked at");
     }
 

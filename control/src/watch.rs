@@ -148,7 +148,8 @@ impl Watch {
         rate_ref: f32,
         measured: WheelMeasurement,
         voltage: f32,
-        (now, dt): (Micros, f32),
+        now: Micros,
+        dt: f32,
     ) {
         let behind = (rate_ref - measured.rate).abs();
         let whole = behind > self.blocked_rate;

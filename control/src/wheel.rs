@@ -77,17 +77,6 @@ pub struct Held {
     pub torque: bool,
 }
 
-impl core::ops::BitOr for Held {
-    type Output = Self;
-
-    fn bitor(self, other: Self) -> Self {
-        Self {
-            supply: self.supply | other.supply,
-            torque: self.torque | other.torque,
-        }
-    }
-}
-
 /// The loop around one wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelLoop {
@@ -140,9 +129,7 @@ impl WheelLoop {
             self.integral += self.gains.integral * error * tick.dt;
             return wanted;
         }
-        let (given, by) = self.hold(wanted, reference.rate, rate, tick);
-        *held = *held | by;
-        given
+        self.hold(wanted, reference.rate, rate, tick, held)
     }
 
     /// What the motor needs by its model, V.
@@ -164,28 +151,33 @@ impl WheelLoop {
 
     /// More is wanted than the torque bound or the supply allows.
     #[cold]
-    fn hold(&mut self, wanted: f32, rate_ref: f32, rate: f32, tick: Available) -> (f32, Held) {
-        let (given, held) = self.bound(wanted, rate, tick.voltage);
+    fn hold(
+        &mut self,
+        wanted: f32,
+        rate_ref: f32,
+        rate: f32,
+        tick: Available,
+        held: &mut Held,
+    ) -> f32 {
+        let given = self.bound(wanted, rate, tick.voltage, held);
         let (excess, error) = (wanted - given, rate_ref - rate);
         if excess * error <= 0.0 {
             self.integral += self.gains.integral * error * tick.dt;
         } else if excess * self.integral > 0.0 {
             self.integral -= self.unwind * excess * tick.dt;
         }
-        (given, held)
+        given
     }
 
     /// The part of a voltage that the torque bound leaves for a wheel at `rate`, and then the
     /// supply.
-    fn bound(&self, wanted: f32, rate: f32, available: f32) -> (f32, Held) {
+    fn bound(&self, wanted: f32, rate: f32, available: f32, held: &mut Held) -> f32 {
         let emf = self.gains.speed * rate;
         let eased = wanted.max(emf - self.torque).min(emf + self.torque);
         let given = eased.max(-available).min(available);
-        let held = Held {
-            supply: given != eased,
-            torque: eased != wanted,
-        };
-        (given, held)
+        held.supply |= given != eased;
+        held.torque |= eased != wanted;
+        given
     }
 
     /// The voltage while the encoder is in doubt. Suspected, error and integral together add no
@@ -200,7 +192,8 @@ impl WheelLoop {
         rate: f32,
         trust: Trust,
         tick: Available,
-    ) -> (f32, Held) {
+        held: &mut Held,
+    ) -> f32 {
         let friction = self.gains.static_friction;
         let correction = match trust {
             Trust::Full | Trust::Suspected => {
@@ -218,7 +211,7 @@ impl WheelLoop {
             }
         };
         let wanted = self.feedforward(reference) + correction;
-        self.bound(wanted, reference.rate, tick.voltage)
+        self.bound(wanted, reference.rate, tick.voltage, held)
     }
 
     /// Forgets the past.
@@ -430,13 +423,13 @@ mod tests {
         };
         // 0.6 + 1.2*2 and once more 0.6, and what the integral gains in a tick, 20*2 mV; then the
         // feedforward alone.
-        let mut most = 0.0_f32;
+        let (mut most, mut held) = (0.0_f32, Held::default());
         for _ in 0..1_000 {
-            let (voltage, _) = wheel.doubt(reference, 0.0, Trust::Suspected, at(24.0));
+            let voltage = wheel.doubt(reference, 0.0, Trust::Suspected, at(24.0), &mut held);
             most = most.max(voltage);
         }
         assert!(most > 3.6 - 1e-5 && most < 3.64 + 1e-5, "{most}");
-        let (voltage, _) = wheel.doubt(reference, 0.0, Trust::None, at(24.0));
+        let voltage = wheel.doubt(reference, 0.0, Trust::None, at(24.0), &mut held);
         assert!((voltage - 3.0).abs() < 1e-6);
     }
 }

@@ -1,0 +1,208 @@
+//! *Follow*: from the group's setpoint to the duties of the four wheels.
+
+use kinematics::WheelRates;
+use protocol::Limit;
+
+use super::grant::settled;
+use super::motion::{Motion, RESIDUAL_SCALE};
+use super::{Supervision, Tick};
+use crate::interface::{Command, Mode, Outputs, Report};
+use crate::rollers::Rollers;
+use crate::setpoint::Input;
+use crate::wheel::{Held, WheelMeasurement, WheelReference};
+
+/// Result of the loops of all wheels.
+#[derive(Clone, Copy)]
+struct Drive {
+    duty: [f32; 4],
+    /// The limit that applied to any wheel.
+    held: Held,
+}
+
+impl Supervision {
+    /// Shapes the group's twist and drives the wheels accordingly.
+    #[inline]
+    pub(super) fn follow(
+        &mut self,
+        motion: &mut Motion,
+        command: &Command,
+        turned: [f32; 4],
+        tick: &Tick,
+    ) -> Outputs {
+        let times = motion.configuration.brake;
+        let free = self.brake.release(tick.now, times);
+        let mode = match self.report.mode {
+            Mode::Follow if !free => Mode::Hold,
+            mode => mode,
+        };
+        if self.report.mode == Mode::Follow {
+            self.report.sequence = command.sequence;
+        }
+        let limited = motion.shape(mode, command, tick);
+        self.report.twist_ref = motion.limiter.velocity();
+        if mode == Mode::Ramp {
+            let (limiter, rates) = (&motion.limiter, &self.report.rates);
+            let stands =
+                self.report.standstill || settled(&mut self.settling, limiter, rates, tick.now);
+            if stands && self.brake.engage(tick.now, times) {
+                return self.rest(motion, command, true);
+            }
+        }
+        let drive = motion.drive(&mut self.report, turned, tick);
+        if !free {
+            motion.forgive();
+        }
+        self.report.limit = self.limit(motion, limited && mode == Mode::Follow, drive.held);
+        Outputs {
+            duty: drive.duty,
+            drivers_enabled: true,
+            brake_released: self.brake.is_released(),
+        }
+    }
+
+    /// The most important limit that is active.
+    #[inline]
+    fn limit(&mut self, motion: &Motion, accelerates: bool, held: Held) -> Option<Limit> {
+        let threshold = motion.configuration.thresholds.slip_limit;
+        let slip = self.report.slip_residual.abs();
+        if self.slip_limit.update(slip, threshold) {
+            Some(Limit::Slip)
+        } else if held.torque {
+            Some(Limit::Torque)
+        } else if held.supply {
+            Some(Limit::Voltage)
+        } else if self.supply.is_short(&motion.configuration.supply) {
+            Some(Limit::Supply)
+        } else if accelerates {
+            Some(Limit::Acceleration)
+        } else if motion.rollers.as_ref().is_some_and(Rollers::any_lost) {
+            Some(Limit::RollerPhase)
+        } else {
+            None
+        }
+    }
+}
+
+impl Motion {
+    /// The group's twist for this tick, within the limits of the mode; returns whether a limit
+    /// applied.
+    #[inline]
+    fn shape(&mut self, mode: Mode, command: &Command, tick: &Tick) -> bool {
+        let (input, limits) = if mode == Mode::Follow {
+            let (target, at) = (command.twist_cmd, command.at);
+            let input = self.interpolator.at(tick.now, target, command.update, at);
+            (input, &self.configuration.follow)
+        } else {
+            (Input::default(), &self.configuration.ramp)
+        };
+        let limited = self.limiter.step(input.twist, input.slope, tick.dt, limits);
+        if mode != Mode::Follow {
+            // The next setpoint begins from here.
+            self.interpolator
+                .restart(self.limiter.velocity(), command.update);
+            if self.limiter.stands() {
+                self.limiter.reset();
+            }
+        }
+        limited
+    }
+
+    /// Closes the four loops.
+    #[inline]
+    fn drive(&mut self, report: &mut Report, turned: [f32; 4], tick: &Tick) -> Drive {
+        self.refer(report, tick.dt);
+        // Unrolled: a fifth fewer instructions than a loop.
+        let [a, b, c, d] = &mut self.wheels;
+        let signs = [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign];
+        let references: [f32; 4] = report.rates_ref.into();
+        let rates: [f32; 4] = report.rates.into();
+        let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
+        let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
+        // From the counts, not from the rates: a wheel that stops is detected in the same tick.
+        let residual = self
+            .configuration
+            .drivetrain
+            .slip_residual(&turned.map(scaled).into());
+        let mut held = Held::default();
+        let a = a.drive(ref_a, seen_a, residual, tick, &mut held);
+        let b = b.drive(ref_b, seen_b, residual, tick, &mut held);
+        let c = c.drive(ref_c, seen_c, residual, tick, &mut held);
+        let d = d.drive(ref_d, seen_d, residual, tick, &mut held);
+        let mut voltages = [a, b, c, d];
+        if self.configuration.direction_pause {
+            voltages = self.pause(voltages);
+        }
+        let per_volt = 1.0 / tick.supply;
+        Drive {
+            duty: pairs(voltages, signs, |voltage, sign| voltage * sign)
+                .map(|voltage| voltage * per_volt),
+            held,
+        }
+    }
+
+    /// No voltage for one tick where its sign changes: for bridges that need it.
+    #[cold]
+    fn pause(&mut self, mut voltages: [f32; 4]) -> [f32; 4] {
+        for (wheel, voltage) in self.wheels.iter_mut().zip(&mut voltages) {
+            *voltage = wheel.pause(*voltage);
+        }
+        voltages
+    }
+
+    /// The wheels' references, from the group's twist and acceleration.
+    #[inline]
+    fn refer(&mut self, report: &mut Report, dt: f32) {
+        let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
+        drivetrain.renew(&mut self.factors, velocity, report.measured);
+        if let Some(rollers) = &self.rollers {
+            // Rates for the present roller angles, and the acceleration that brings the wheels to
+            // the rates for the roller angles and the twist of the next tick.
+            let now = drivetrain.asked_at(velocity, &self.factors, rollers.secants());
+            let ahead = rollers.ahead(&now, dt);
+            let next = velocity + self.limiter.acceleration() * dt;
+            let next = drivetrain.asked_at(next, &self.factors, &ahead);
+            report.rates_ref = now;
+            self.accelerations = per_second(&now, &next, dt);
+        } else {
+            report.rates_ref = drivetrain.asked(velocity, &self.factors);
+            let acceleration = self.limiter.acceleration();
+            self.accelerations = drivetrain.asked(acceleration, &self.factors).into();
+        }
+    }
+}
+
+/// Combines two values of every wheel into one.
+#[inline(always)]
+fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4] {
+    let [a, b, c, d] = first;
+    let [e, f, g, h] = second;
+    [make(a, e), make(b, f), make(c, g), make(d, h)]
+}
+
+/// The smallest angle of one tick that fixed point resolves; as a rate it has more digits.
+#[inline(always)]
+fn scaled(turned: f32) -> f32 {
+    turned * RESIDUAL_SCALE
+}
+
+#[inline(always)]
+const fn reference(rate: f32, acceleration: f32) -> WheelReference {
+    WheelReference { rate, acceleration }
+}
+
+#[inline(always)]
+const fn measurement(rate: f32, turned: f32) -> WheelMeasurement {
+    WheelMeasurement { rate, turned }
+}
+
+/// Change per second over one step of `dt` s.
+#[inline]
+fn per_second(from: &WheelRates, to: &WheelRates, dt: f32) -> [f32; 4] {
+    let per_second = 1.0 / dt;
+    [
+        (to.front_left - from.front_left) * per_second,
+        (to.front_right - from.front_right) * per_second,
+        (to.rear_left - from.rear_left) * per_second,
+        (to.rear_right - from.rear_right) * per_second,
+    ]
+}

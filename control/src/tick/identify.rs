@@ -1,0 +1,86 @@
+//! Identification of the motors, which takes the place of *follow* from its beginning to standstill.
+
+use identification::{Identification, Step, Stopped};
+use kinematics::{Twist, WheelRates};
+
+use super::grant::settled;
+use super::motion::Motion;
+use super::{Supervision, Tick};
+use crate::interface::{Command, Mode, Outputs};
+use crate::time::TICK_US;
+
+impl Supervision {
+    /// One tick of an identification, from its beginning to standstill. No loop is closed and no
+    /// setpoint is followed: all wheels get one voltage, and none when it is over or has failed.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn identify(
+        &mut self,
+        motion: &mut Motion,
+        command: &Command,
+        turned: [f32; 4],
+        tick: &Tick,
+    ) -> Outputs {
+        let mode = self.report.mode;
+        self.report.limit = None;
+        self.report.twist_ref = Twist::ZERO;
+        self.report.rates_ref = WheelRates::ZERO;
+        motion.rest(command.update);
+        let voltage = self.identification_voltage(motion, command, turned, tick.dt);
+        let ramps = mode == Mode::Ramp && !self.report.standstill;
+        let (limiter, rates) = (&motion.limiter, &self.report.rates);
+        if mode == Mode::Off || ramps && settled(&mut self.settling, limiter, rates, tick.now) {
+            self.identification = None;
+            return self.safe(command.mode == Mode::Ramp);
+        }
+        let nominal = motion.configuration.supply.nominal;
+        let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
+        let duty = voltage / supply;
+        Outputs {
+            duty: [0, 1, 2, 3].map(|wheel: usize| {
+                let sign = motion.wheels.get(wheel).map_or(0.0, |w| w.motor_sign);
+                if command.bounds.drives(wheel) {
+                    duty * sign
+                } else {
+                    0.0
+                }
+            }),
+            drivers_enabled: true,
+            brake_released: true,
+        }
+    }
+
+    /// The voltage on all wheels, V; keeps the result when the identification is over.
+    fn identification_voltage(
+        &mut self,
+        motion: &Motion,
+        command: &Command,
+        turned: [f32; 4],
+        dt: f32,
+    ) -> f32 {
+        let nominal = motion.configuration.supply.nominal;
+        let run = self
+            .identification
+            .get_or_insert_with(|| Identification::new(command.bounds, nominal, TICK_US));
+        if self.report.mode == Mode::Identify {
+            return match run.tick(turned, self.report.rates.into(), dt) {
+                Step::Voltage(voltage) => voltage,
+                Step::Finished(outcome) => {
+                    run.end();
+                    self.outcome = Some(outcome);
+                    0.0
+                }
+                Step::Ended => 0.0,
+            };
+        }
+        if !run.has_ended() {
+            run.end();
+            let why = match self.report.fault {
+                Some(_) => Stopped::Fault,
+                None => Stopped::Asked,
+            };
+            self.outcome = Some(Err((why, None)));
+        }
+        0.0
+    }
+}

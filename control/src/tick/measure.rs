@@ -1,0 +1,88 @@
+//! *Measure*: from encoder counts to the wheels' rates, the group's twist, slip and pose.
+
+use kinematics::WheelRates;
+
+use super::motion::{Motion, Wheel};
+use crate::interface::{Inputs, Report};
+
+impl Motion {
+    /// Angle by which each wheel turned, rad, a whole number of counts.
+    #[inline]
+    fn turned(&self, previous: &[u16; 4], counts: &[u16; 4]) -> [f32; 4] {
+        let [a, b, c, d] = &self.wheels;
+        let [pa, pb, pc, pd] = *previous;
+        let [na, nb, nc, nd] = *counts;
+        let one = |wheel: &Wheel, from: u16, to: u16| {
+            f32::from(to.wrapping_sub(from).cast_signed()) * wheel.step
+        };
+        [
+            one(a, pa, na),
+            one(b, pb, nb),
+            one(c, pc, nc),
+            one(d, pd, nd),
+        ]
+    }
+
+    /// Measures the wheels since the last tick; returns the angle by which each turned, rad.
+    #[inline]
+    pub(super) fn measure(
+        &mut self,
+        previous: &[u16; 4],
+        inputs: &Inputs,
+        dt: f32,
+        report: &mut Report,
+    ) -> [f32; 4] {
+        let turned = self.turned(previous, &inputs.encoder_counts);
+        let mut rates = [0.0; 4];
+        for (((wheel, turned), acceleration), rate) in self
+            .wheels
+            .iter_mut()
+            .zip(turned)
+            .zip(self.accelerations)
+            .zip(&mut rates)
+        {
+            *rate = wheel.observer.update(turned, acceleration, dt);
+        }
+        report.rates = WheelRates::from(rates);
+        self.locate(previous, inputs, &WheelRates::from(turned), report);
+        turned
+    }
+
+    /// Twist, slip and pose from the wheels' rates and angles.
+    #[inline]
+    fn locate(
+        &mut self,
+        previous: &[u16; 4],
+        inputs: &Inputs,
+        turned: &WheelRates,
+        report: &mut Report,
+    ) {
+        let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
+        let rates = &report.rates;
+        // Whole counts, not filtered rates: no motion is lost at any speed.
+        let moved = if let Some(rollers) = &mut self.rollers {
+            let passed = passed(previous, &inputs.encoder_counts);
+            let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
+            (report.measured, report.slip_residual) =
+                drivetrain.achieved_at(rates, factors, rollers.secants());
+            report.roller_states = rollers.states();
+            report.roller_sweeps = rollers.sweeps();
+            drivetrain.displacement_at(turned, factors, &middle)
+        } else {
+            report.measured = drivetrain.achieved(rates, factors);
+            report.slip_residual = drivetrain.slip_residual(rates);
+            drivetrain.displacement(turned, factors)
+        };
+        self.odometry.update(moved, 1.0);
+        report.pose = self.odometry.pose();
+    }
+}
+
+/// Counts by which each encoder has advanced.
+#[inline]
+fn passed(from: &[u16; 4], to: &[u16; 4]) -> [i16; 4] {
+    let [a, b, c, d] = *from;
+    let [e, f, g, h] = *to;
+    let one = |from: u16, to: u16| to.wrapping_sub(from).cast_signed();
+    [one(a, e), one(b, f), one(c, g), one(d, h)]
+}
