@@ -14,7 +14,6 @@ use core::mem::MaybeUninit;
 
 use ::control::clock::TickSchedule;
 use ::control::interface::{Inputs, Report};
-use ::control::rollers::RollerConfiguration;
 use ::control::tick::ControlSide;
 use ::control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
@@ -165,10 +164,10 @@ impl Control {
     fn take_over(&mut self) {
         CONFIGURATION.receive_with(|configuration| {
             self.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
-            let rollers = configuration.rollers.as_ref();
+            let rolling = configuration.drivetrain.rolling();
             let parts = &mut self.parts;
             parts.encoders.set_filter(configuration.encoder_filter);
-            let listens = rollers.is_some_and(RollerConfiguration::has_index);
+            let listens = rolling.is_some_and(|rolling| rolling.rollers().has_index());
             parts.indexes.listen(listens);
             parts.outputs.set_frequency(configuration.pwm_hz);
             self.senses = configuration.current.is_some();

@@ -9,7 +9,6 @@ use crate::brake::BrakeTimes;
 use crate::current::CurrentConfiguration;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
-use crate::rollers::RollerConfiguration;
 use crate::supply::SupplyConfiguration;
 use crate::wheel::Gains;
 
@@ -94,8 +93,6 @@ pub struct Configuration {
     pub cuts_together: bool,
     /// Group twist to wheel rates and back.
     pub drivetrain: Drivetrain,
-    /// The wheels' rollers; `None` where all are ideal.
-    pub rollers: Option<RollerConfiguration>,
     /// Filter of the encoder channels, for the board: ICxF of the timers.
     pub encoder_filter: u8,
     /// Pose of this robot in the group.

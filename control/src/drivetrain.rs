@@ -30,16 +30,59 @@ pub struct Drivetrain {
     wheels: Kinematics,
     mount: Mount,
     compensation: GridCompensation,
-    /// The same wheels with their rollers, where they are not ideal.
-    rolling: Option<Rolling>,
+    contact: Contact,
+}
+
+/// Where the wheels touch the floor.
+#[derive(Clone, Copy, PartialEq, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, in a place of its own"
+)]
+pub enum Contact {
+    /// In their middle, as if they had infinitely many rollers.
+    Ideal,
+    /// Where their ground rollers stand.
+    Rolling(Rolling),
 }
 
 /// Wheels with rollers, and the ends of what their secants can be.
 #[derive(Clone, Copy, PartialEq, Debug)]
-struct Rolling {
+pub struct Rolling {
     wheels: Wheels,
+    rollers: RollerConfiguration,
     least: Secants,
     largest: Secants,
+}
+
+impl Rolling {
+    /// Wheels of this geometry with these rollers. Not inlined: moving it about is a kilobyte.
+    ///
+    /// # Errors
+    /// [`GeometryError`] when the wheels leave a motion uncontrolled.
+    #[inline(never)]
+    pub fn new(
+        geometry: &FourWheelGeometry,
+        rollers: &RollerConfiguration,
+    ) -> Result<Self, GeometryError> {
+        Ok(Self {
+            wheels: rollers::wheels(geometry)?,
+            least: rollers.least(),
+            largest: rollers.largest(),
+            rollers: *rollers,
+        })
+    }
+
+    /// The kinematics for given secants, uncompensated, in the robot's frame.
+    pub(crate) const fn wheels(&self) -> &Wheels {
+        &self.wheels
+    }
+
+    /// Their rollers.
+    #[must_use]
+    pub const fn rollers(&self) -> &RollerConfiguration {
+        &self.rollers
+    }
 }
 
 /// Coefficients along x, along y and about z of the robot.
@@ -65,22 +108,24 @@ impl Drivetrain {
         wheels: &[Wheel; 4],
         mount: Mount,
         compensation: GridCompensation,
-        rollers: Option<(&FourWheelGeometry, &RollerConfiguration)>,
+        contact: Contact,
     ) -> Result<Self, GeometryError> {
-        let rolling = match rollers {
-            None => None,
-            Some((geometry, rollers)) => Some(Rolling {
-                wheels: rollers::wheels(geometry)?,
-                least: rollers.least(),
-                largest: rollers.largest(),
-            }),
-        };
         Ok(Self {
-            rolling,
             wheels: Kinematics::from_wheels(wheels, &Mount::IDENTITY, &VelocityCompensation::NONE)?,
             mount,
             compensation,
+            contact,
         })
+    }
+
+    /// The wheels' rollers; `None` for ideal wheels.
+    #[must_use]
+    #[inline]
+    pub const fn rolling(&self) -> Option<&Rolling> {
+        match &self.contact {
+            Contact::Ideal => None,
+            Contact::Rolling(rolling) => Some(rolling),
+        }
     }
 
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
@@ -93,7 +138,7 @@ impl Drivetrain {
     /// with its sign.
     #[must_use]
     pub fn fastest(&self, group: Twist) -> WheelRates {
-        let Some(rolling) = &self.rolling else {
+        let Contact::Rolling(rolling) = &self.contact else {
             return self.inverse(group);
         };
         // Rates are linear in the secant, so the fastest is at one of its ends.
@@ -104,59 +149,6 @@ impl Drivetrain {
         let [e, f, g, h] = fast;
         let more = |a: f32, b: f32| if a.abs() > b.abs() { a } else { b };
         WheelRates::from([more(a, e), more(b, f), more(c, g), more(d, h)])
-    }
-
-    /// [`Drivetrain::asked`] with the wheels' rollers where they stand.
-    #[must_use]
-    #[inline]
-    pub fn asked_at(&self, group: Twist, factors: &Factors, secants: &Secants) -> WheelRates {
-        match &self.rolling {
-            Some(rolling) => {
-                let asked = times(self.mount.to_member(group), &factors.asked);
-                rolling.wheels.inverse(asked, secants)
-            }
-            None => self.asked(group, factors),
-        }
-    }
-
-    /// [`Drivetrain::achieved`] and [`Drivetrain::slip_residual`] with the wheels' rollers where
-    /// they stand.
-    #[must_use]
-    #[inline]
-    pub fn achieved_at(
-        &self,
-        rates: &WheelRates,
-        factors: &Factors,
-        secants: &Secants,
-    ) -> (Twist, f32) {
-        match &self.rolling {
-            Some(rolling) => {
-                let (asked, residual) = rolling.wheels.measure(rates, secants);
-                (
-                    self.mount.to_group(times(asked, &factors.achieved)),
-                    residual,
-                )
-            }
-            None => (self.achieved(rates, factors), self.slip_residual(rates)),
-        }
-    }
-
-    /// [`Drivetrain::displacement`] with the secants at the middle of the increments.
-    #[must_use]
-    #[inline]
-    pub fn displacement_at(
-        &self,
-        increments: &WheelRates,
-        factors: &Factors,
-        secants: &Secants,
-    ) -> Twist {
-        match &self.rolling {
-            Some(rolling) => {
-                let asked = rolling.wheels.displacement(increments, secants);
-                self.mount.to_group(times(asked, &factors.achieved))
-            }
-            None => self.displacement(increments, factors),
-        }
     }
 
     /// Whether the coefficients are the same for every motion.
@@ -209,7 +201,19 @@ impl Drivetrain {
     #[must_use]
     #[inline]
     pub fn achieved(&self, rates: &WheelRates, factors: &Factors) -> Twist {
-        let asked = self.wheels.forward(rates);
+        self.to_group(self.wheels.forward(rates), factors)
+    }
+
+    /// What the wheels are asked for, a twist of the robot in its own frame, for a twist of the
+    /// group.
+    #[inline]
+    pub(crate) fn to_wheels(&self, group: Twist, factors: &Factors) -> Twist {
+        times(self.mount.to_member(group), &factors.asked)
+    }
+
+    /// The group's twist for what the wheels are asked for; displacements alike.
+    #[inline]
+    pub(crate) fn to_group(&self, asked: Twist, factors: &Factors) -> Twist {
         self.mount.to_group(times(asked, &factors.achieved))
     }
 
@@ -218,8 +222,7 @@ impl Drivetrain {
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, factors: &Factors) -> Twist {
-        let asked = self.wheels.displacement(increments);
-        self.mount.to_group(times(asked, &factors.achieved))
+        self.to_group(self.wheels.displacement(increments), factors)
     }
 
     fn at(&self, group: Twist) -> Coefficients {
@@ -251,7 +254,13 @@ mod tests {
         let geometry =
             FourWheelGeometry::new(0.370, 0.350, 0.1524, core::f32::consts::FRAC_PI_4).unwrap();
         let mount = Mount::new(Pose::new(1.2, -0.4, 0.3)).unwrap();
-        Drivetrain::new(&geometry.wheels().unwrap(), mount, compensation, None).unwrap()
+        Drivetrain::new(
+            &geometry.wheels().unwrap(),
+            mount,
+            compensation,
+            Contact::Ideal,
+        )
+        .unwrap()
     }
 
     /// Achieved(asked(v)) is v once the factors have settled; with constant coefficients at once.

@@ -7,7 +7,7 @@
 use control::brake::BrakeTimes;
 use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use control::current::CurrentConfiguration;
-use control::drivetrain::Drivetrain;
+use control::drivetrain::{Contact, Drivetrain, Rolling};
 use control::limiter::ChangeLimits;
 use control::rollers::{RollerConfiguration, RollerWheel};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
@@ -76,20 +76,18 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
             compensation(&set, &constant)
         })
         .map_err(|_| bad(at::COMPENSATION_SET))?;
-    let rollers = rollers(parameters)?;
-    // The fast way with rollers is for wheels at the corners of a rectangle.
-    let rolling = match &rollers {
-        None => None,
+    let contact = match rollers(parameters)? {
+        None => Contact::Ideal,
+        // The fast way with rollers is for wheels at the corners of a rectangle.
         Some(_) if parameters.unsigned(at::INDIVIDUAL_WHEELS) != 0 => {
             return Err(bad(rollers::count(0)));
         }
-        Some(rollers) => Some((geometry(parameters)?, rollers)),
+        Some(rollers) => Contact::Rolling(
+            Rolling::new(&geometry(parameters)?, &rollers).map_err(|_| bad(geometry_at))?,
+        ),
     };
-    let rolling = rolling
-        .as_ref()
-        .map(|(geometry, rollers)| (geometry, *rollers));
     let drivetrain =
-        Drivetrain::new(&wheels, mount, compensation, rolling).map_err(|_| bad(geometry_at))?;
+        Drivetrain::new(&wheels, mount, compensation, contact).map_err(|_| bad(geometry_at))?;
 
     let members = parameters.unsigned(at::MEMBERS);
     let own = 1_u32.checked_shl(u32::from(node)).unwrap_or(0);
@@ -136,7 +134,6 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         protective_stop: parameters.unsigned(at::PROTECTIVE_STOP) == 1,
         cuts_together: parameters.unsigned(at::CUTS_TOGETHER) == 1,
         drivetrain,
-        rollers,
         encoder_filter,
         mount,
         wheel_rate_max: real(at::WHEEL_RATE_MAX),

@@ -31,6 +31,7 @@ mod tracked;
 
 use kinematics::{FourWheelGeometry, GeometryError, RollerAngle, RollerTrack, WheelRates};
 
+use crate::drivetrain::Rolling;
 pub use scalar::{Secant, Value, Wheels};
 use tracked::PATIENCE;
 use tracked::Tracked;
@@ -184,13 +185,17 @@ impl RollerConfiguration {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Rollers {
     configuration: RollerConfiguration,
+    kinematics: Wheels,
     wheels: [Tracked; 4],
     secants: Secants,
 }
 
 impl Rollers {
-    /// All angles unknown, except those that `before` has for the same wheels.
-    pub fn new(configuration: RollerConfiguration, before: Option<&Self>) -> Self {
+    /// All angles unknown, except those that `before` has for the same wheels. Not inlined: moving
+    /// it about is half a kilobyte.
+    #[inline(never)]
+    pub fn new(rolling: &Rolling, before: Option<&Self>) -> Self {
+        let configuration = rolling.rollers();
         let kept = before.filter(|before| before.configuration.index == configuration.index);
         let [a, b, c, d] = configuration.wheels;
         let of = |wheel: usize| kept.and_then(|before| before.wheels.get(wheel));
@@ -202,7 +207,8 @@ impl Rollers {
         ];
         let mut rollers = Self {
             secants: configuration.least(),
-            configuration,
+            kinematics: *rolling.wheels(),
+            configuration: *configuration,
             wheels,
         };
         rollers.secants = rollers.now();
@@ -249,6 +255,11 @@ impl Rollers {
     /// The secants now.
     pub const fn secants(&self) -> &Secants {
         &self.secants
+    }
+
+    /// The kinematics for given secants, uncompensated, in the robot's frame.
+    pub const fn kinematics(&self) -> &Wheels {
+        &self.kinematics
     }
 
     /// The secants in `dt` s, when the wheels turn with these rates (rad/s).

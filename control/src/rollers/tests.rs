@@ -21,7 +21,7 @@ impl Bench {
 
     fn of(configuration: RollerConfiguration) -> Self {
         let mut bench = Self {
-            rollers: Rollers::new(configuration, None),
+            rollers: Rollers::new(&rolling(&configuration), None),
             counts: [0; 4],
             index: [IndexPulse::default(); 4],
         };
@@ -54,6 +54,13 @@ impl Bench {
 fn configuration(phase: f32, turn: f32) -> RollerConfiguration {
     let wheel = |rollers| RollerWheel::new(rollers, phase, turn).unwrap();
     RollerConfiguration::new([wheel(8), wheel(0), wheel(0), wheel(0)], true, TOLERANCE)
+}
+
+/// These rollers on the paper's robot.
+fn rolling(rollers: &RollerConfiguration) -> Rolling {
+    let angle = core::f32::consts::FRAC_PI_4;
+    let geometry = FourWheelGeometry::new(0.370, 0.350, 0.1524, angle).unwrap();
+    Rolling::new(&geometry, rollers).unwrap()
 }
 
 /// A secant as a number.
@@ -157,15 +164,21 @@ fn a_new_configuration_keeps_what_the_index_has_told() {
     bench.go(50, Some(0));
     bench.roll(130);
     let before = bench.rollers.sweeps()[0];
-    let again = Rollers::new(configuration(0.1, f32::from(TURN)), Some(&bench.rollers));
+    let again = Rollers::new(
+        &rolling(&configuration(0.1, f32::from(TURN))),
+        Some(&bench.rollers),
+    );
     assert_eq!(again.states(), bench.rollers.states());
     assert!((again.sweeps()[0] - before).abs() < 1e-6);
-    let moved = Rollers::new(configuration(0.15, f32::from(TURN)), Some(&bench.rollers));
+    let moved = Rollers::new(
+        &rolling(&configuration(0.15, f32::from(TURN))),
+        Some(&bench.rollers),
+    );
     assert!((moved.sweeps()[0] - before - 0.05).abs() < 1e-5);
     // Other rollers are other wheels.
     let wheel = |rollers| RollerWheel::new(rollers, 0.1, f32::from(TURN)).unwrap();
     let other = RollerConfiguration::new([wheel(9); 4], true, TOLERANCE);
-    let other = Rollers::new(other, Some(&bench.rollers));
+    let other = Rollers::new(&rolling(&other), Some(&bench.rollers));
     assert_eq!(other.states()[0], RollerState::Sought);
 }
 
@@ -173,7 +186,7 @@ fn a_new_configuration_keeps_what_the_index_has_told() {
 fn a_reversed_encoder_turns_the_same_roller() {
     let wheel = RollerWheel::new(8, 0.0, -f32::from(TURN)).unwrap();
     let configuration = RollerConfiguration::new([wheel; 4], true, TOLERANCE);
-    let mut rollers = Rollers::new(configuration, None);
+    let mut rollers = Rollers::new(&rolling(&configuration), None);
     let pulse = [IndexPulse {
         number: 1,
         count: 0,

@@ -87,11 +87,22 @@ impl Motion {
         if faults.iter().all(Option::is_none) {
             return None;
         }
-        let cuts = |fault: &Fault| fault.reaction() == Reaction::Cut;
-        let mut found = faults.iter().flatten().copied();
-        let cut = found.find(cuts);
-        cut.or_else(|| faults.iter().flatten().copied().next())
+        first_that_cuts(faults)
     }
+}
+
+/// The first fault that cuts; without one, the first.
+#[cold]
+#[inline(never)]
+fn first_that_cuts(faults: [Option<Fault>; 4]) -> Option<Fault> {
+    let mut first = None;
+    for fault in faults.into_iter().flatten() {
+        if fault.reaction() == Reaction::Cut {
+            return Some(fault);
+        }
+        first.get_or_insert(fault);
+    }
+    first
 }
 
 /// The reaction to a fault. In most ticks there is none.

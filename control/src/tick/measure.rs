@@ -63,11 +63,13 @@ impl Motion {
         let moved = if let Some(rollers) = &mut self.rollers {
             let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
-            (report.measured, report.slip_residual) =
-                drivetrain.achieved_at(rates, factors, rollers.secants());
+            let wheels = rollers.kinematics();
+            let (asked, residual) = wheels.measure(rates, rollers.secants());
+            report.measured = drivetrain.to_group(asked, factors);
+            report.slip_residual = residual;
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
-            drivetrain.displacement_at(turned, factors, &middle)
+            drivetrain.to_group(wheels.displacement(turned, &middle), factors)
         } else {
             report.measured = drivetrain.achieved(rates, factors);
             report.slip_residual = drivetrain.slip_residual(rates);

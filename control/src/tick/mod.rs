@@ -114,8 +114,8 @@ impl ControlSide {
         // The angles known from the wheels' indexes stay valid.
         let before = self.motion.as_ref();
         let before = before.and_then(|motion| motion.rollers.as_ref());
-        let configured = configuration.rollers;
-        let rollers = configured.map(|configured| Rollers::new(configured, before));
+        let rolling = configuration.drivetrain.rolling();
+        let rollers = rolling.map(|rolling| Rollers::new(rolling, before));
         self.motion = Some(Motion::new(configuration, rollers));
     }
 
