@@ -128,6 +128,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     let jerk = (real(at::JERK), real(at::JERK_YAW));
     Ok(Configuration {
         crc: parameters.crc().max(1),
+        check: parameters.check(),
         group: parameters.unsigned(at::GROUP_ID).to_le_bytes()[0],
         members,
         standstill_syncs: parameters.unsigned(at::STANDSTILL_SYNCS).to_le_bytes()[0],

@@ -142,7 +142,18 @@ impl Parameters {
         crc32(self.values.iter().copied().flat_map(u32::to_le_bytes))
     }
 
-    /// The same over what all members of a group must have in common.
+    /// Another checksum, independent of the CRC: FNV-1a over all values and the bytes of the
+    /// compensation set.
+    #[must_use]
+    pub fn check(&self) -> u32 {
+        let set = self.set_bytes().iter().map(|byte| u32::from(*byte));
+        let words = self.values.iter().copied().chain(set);
+        words.fold(0x811C_9DC5, |hash, word| {
+            (hash ^ word).wrapping_mul(0x0100_0193)
+        })
+    }
+
+    /// The CRC over what all members of a group must have in common.
     #[must_use]
     pub fn group_crc(&self) -> u32 {
         let common = COMMON.iter().filter_map(|address| self.get(*address));
@@ -220,13 +231,25 @@ mod tests {
     }
 
     #[test]
-    fn crc_tells_every_parameter_apart() {
-        let mut seen = std::collections::BTreeSet::new();
-        seen.insert(Parameters::new().crc());
-        for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
-            let mut parameters = Parameters::new();
-            change(&mut parameters, entry);
-            assert!(seen.insert(parameters.crc()), "{:?}", entry.address);
+    fn both_checksums_tell_every_parameter_apart() {
+        for sum in [Parameters::crc, Parameters::check] {
+            let mut seen = std::collections::BTreeSet::new();
+            seen.insert(sum(&Parameters::new()));
+            for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
+                let mut parameters = Parameters::new();
+                change(&mut parameters, entry);
+                assert!(seen.insert(sum(&parameters)), "{:?}", entry.address);
+            }
         }
+    }
+
+    #[test]
+    fn the_second_checksum_covers_the_bytes_of_the_compensation_set() {
+        let plain = Parameters::new();
+        let mut other = plain;
+        // Behind its own CRC, which both have.
+        other.set[4] ^= 1;
+        assert_eq!(plain.crc(), other.crc());
+        assert_ne!(plain.check(), other.check());
     }
 }
