@@ -123,6 +123,7 @@ impl Limiter {
 
     /// Whether it is zero, within less than the resolution of any field on the bus.
     #[must_use]
+    #[inline(never)]
     pub fn stands(&self) -> bool {
         let still = |twist: Twist, bound: f32| {
             twist.vx.abs() < bound && twist.vy.abs() < bound && twist.omega.abs() < bound

@@ -82,7 +82,8 @@ impl<S: Real> Odometry<S> {
     #[inline]
     pub fn advance(&mut self, displacement: Twist<S>) {
         if displacement.omega.abs() < <S as Scalar>::constant(SMALL_TURN) {
-            self.translate(displacement, displacement.omega.small_chord());
+            let way = S::from_units(self.heading).heading_sine_cosine();
+            self.translate(displacement, displacement.omega.small_chord(), way);
             let next = self.heading.wrapping_add(displacement.omega.to_units());
             // Looks at the upper half only: that is cheaper, and it does not matter where exactly
             // the wrap is.
@@ -101,13 +102,14 @@ impl<S: Real> Odometry<S> {
     #[cold]
     #[inline(never)]
     fn advance_far(&mut self, displacement: Twist<S>) {
-        self.translate(displacement, chord(displacement.omega));
+        let way = S::from_units(self.heading).sine_cosine();
+        self.translate(displacement, chord(displacement.omega), way);
         self.heading = turned_far(self.heading, displacement.omega.turn_units());
     }
 
+    /// Goes along a chord from a heading with this sine and cosine.
     #[inline]
-    fn translate(&mut self, displacement: Twist<S>, (along, across): (S, S)) {
-        let (sin, cos) = S::from_units(self.heading).heading_sine_cosine();
+    fn translate(&mut self, displacement: Twist<S>, (along, across): (S, S), (sin, cos): (S, S)) {
         let Twist { vx, vy, omega } = displacement;
         let step = Twist::new(along * vx - across * vy, across * vx + along * vy, omega);
         let step = step.rotated(sin, cos);

@@ -236,6 +236,7 @@ fn encoder_filter(parameters: &Parameters) -> Result<u8, ConfigurationError> {
 }
 
 /// The usual four wheels.
+#[inline(never)]
 fn geometry(parameters: &Parameters) -> Result<FourWheelGeometry, ConfigurationError> {
     let real = |address| parameters.real(address);
     FourWheelGeometry::new(
@@ -252,13 +253,7 @@ fn wheels(parameters: &Parameters) -> Result<([Wheel; 4], Address), Configuratio
     let real = |address| parameters.real(address);
     if parameters.unsigned(at::INDIVIDUAL_WHEELS) == 0 {
         let bad = ConfigurationError::Inconsistent(at::HALF_TRACK);
-        let geometry = FourWheelGeometry::new(
-            real(at::HALF_TRACK),
-            real(at::HALF_WHEELBASE),
-            real(at::WHEEL_RADIUS),
-            real(at::ROLLER_ANGLE),
-        );
-        let wheels = geometry.and_then(|geometry| geometry.wheels());
+        let wheels = geometry(parameters)?.wheels();
         return Ok((wheels.map_err(|_| bad)?, at::HALF_TRACK));
     }
     let one = |at: u16| {
