@@ -46,9 +46,17 @@ impl<T: Copy> Latest<T> {
     }
 }
 
+/// Content of a mailbox. Unlike an `Option`, an empty one is all zeros, so it takes no flash.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+enum Content<T> {
+    Empty = 0,
+    Full(T) = 1,
+}
+
 /// A value that one side puts in and the other receives, once: the latest wins.
 pub struct Mailbox<T: Copy> {
-    content: Mutex<TickMutex, RefCell<Option<T>>>,
+    content: Mutex<TickMutex, RefCell<Content<T>>>,
     /// Read without the mutex, by the tick. Relaxed: there is one core, and the mutex around the
     /// content keeps the compiler's order.
     full: AtomicBool,
@@ -57,14 +65,15 @@ pub struct Mailbox<T: Copy> {
 impl<T: Copy> Mailbox<T> {
     const fn new() -> Self {
         Self {
-            content: Mutex::new(RefCell::new(None)),
+            content: Mutex::new(RefCell::new(Content::Empty)),
             full: AtomicBool::new(false),
         }
     }
 
     /// Puts a value in. By reference, so that it is copied once.
     pub fn put(&self, value: &T) {
-        self.content.lock(|cell| *cell.borrow_mut() = Some(*value));
+        self.content
+            .lock(|cell| *cell.borrow_mut() = Content::Full(*value));
         self.full.store(true, Ordering::Relaxed);
     }
 
@@ -75,12 +84,9 @@ impl<T: Copy> Mailbox<T> {
 
     /// Empties it: returns the value if there is one.
     pub fn receive(&self) -> Option<T> {
-        if !self.is_full() {
-            return None;
-        }
-        // Before the content: a value that is put in between is found twice rather than missed.
-        self.full.store(false, Ordering::Relaxed);
-        self.content.lock(RefCell::take)
+        let mut received = None;
+        self.receive_with(|value| received = Some(*value));
+        received
     }
 
     /// Empties it, and uses the value where it is if there is one: for what is too large to be
@@ -89,12 +95,13 @@ impl<T: Copy> Mailbox<T> {
         if !self.is_full() {
             return;
         }
+        // Before the content: a value that is put in between is found twice rather than missed.
         self.full.store(false, Ordering::Relaxed);
         self.content.lock(|cell| {
             let mut cell = cell.borrow_mut();
-            if let Some(value) = &*cell {
+            if let Content::Full(value) = &*cell {
                 use_it(value);
-                *cell = None;
+                *cell = Content::Empty;
             }
         });
     }
