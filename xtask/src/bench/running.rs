@@ -130,9 +130,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     figures.extend([
         Figure::new("load", per_cent(busy), "%")
             .budget(4.0)
-            // 3.98 before every robot could be a gateway: the bus task looks at the cable in each
-            // turn.
-            .ceiling(4.2),
+            .ceiling(4.0),
         Figure::new("load.bus_side", per_cent(thread as f64), "%"),
         Figure::new("load.control_side", per_cent(control as f64), "%"),
     ]);
