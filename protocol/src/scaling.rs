@@ -37,8 +37,8 @@ pub const INVALID_I24: i32 = -0x80_0000;
 const MAX_I24: i32 = 0x7F_FFFF;
 
 /// Nearest integer to `value` after saturating it at `±limit`, halves away from zero; not for NaN.
-/// The limit is at most [`MAX_I24`], so whole numbers and rests are exact (adding a half first would
-/// make a one of 0.49999997).
+/// The limit is at most [`MAX_I24`], so whole numbers and rests are exact (adding a half first
+/// would make a one of 0.49999997).
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the limit is an i32, and the fraction is looked at separately"

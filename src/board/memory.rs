@@ -1,11 +1,11 @@
 //! Copying and clearing memory, and dividing 64 bits: functions that the compiler calls.
 //!
 //! The versions of the compiler's own library take 3.3 KB and three to five instructions per word,
-//! on which a robot spent a tenth of its time; these take 200 bytes. The division takes 0.9 KB there
-//! and 150 bytes here, and 20 instructions for a divisor of up to 16 bits, the only ones in a
-//! robot's every turn; for others it goes bit by bit. Where both sides are aligned,
-//! words are moved four at a time. Elsewhere the code relies on the Cortex-M4's unaligned loads and
-//! stores of single words in RAM and flash. Do not use these functions on peripheral registers.
+//! on which a robot spent a tenth of its time; these take 200 bytes. The division takes 0.9 KB
+//! there and 150 bytes here, and 20 instructions for a divisor of up to 16 bits, the only ones in a
+//! robot's every turn; for others it goes bit by bit. Where both sides are aligned, words are moved
+//! four at a time. Elsewhere the code relies on the Cortex-M4's unaligned loads and stores of
+//! single words in RAM and flash. Do not use these functions on peripheral registers.
 //!
 //! Names and arguments are those of the run-time ABI for the Arm architecture (RTABI32, section
 //! 4.3.4).

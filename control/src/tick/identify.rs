@@ -1,4 +1,5 @@
-//! Identification of the motors, which takes the place of *follow* from its beginning to standstill.
+//! Identification of the motors, which takes the place of *follow* from its beginning to
+//! standstill.
 
 use identification::{Identification, Step, Stopped};
 use kinematics::{Twist, WheelRates};

@@ -35,8 +35,8 @@ fn is_first() -> bool {
     !failed
 }
 
-// Inlined into `core`'s only call of it, the optimiser sees that the message is not used, and leaves
-// out all messages and the formatting of their numbers: 2 KB.
+// Inlined into `core`'s only call of it, the optimiser sees that the message is not used, and
+// leaves out all messages and the formatting of their numbers: 2 KB.
 #[expect(
     unused_attributes,
     reason = "of an exported function rustc says so, but LLVM gets it"

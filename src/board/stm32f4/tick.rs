@@ -2,9 +2,9 @@
 //!
 //! The tick is the interrupt's handler ([`crate::control::on_tick`]), without an executor: a task
 //! would cost another 250 cycles in every millisecond, and a timer of `embassy-time` a thousand
-//! (docs/performance.md). The handler starts the timer for the next tick ([`TickTimer::start`]). The
-//! counter counts microseconds beside the one of the local time, from the same clock. Each wait is
-//! measured from the local time as it is, so nothing adds up.
+//! (docs/performance.md). The handler starts the timer for the next tick ([`TickTimer::start`]).
+//! The counter counts microseconds beside the one of the local time, from the same clock. Each wait
+//! is measured from the local time as it is, so nothing adds up.
 //!
 //! What the handler shares with thread mode is behind a [`TickMutex`].
 
