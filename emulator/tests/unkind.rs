@@ -172,27 +172,27 @@ fn a_clock_that_stops_cuts_the_outputs_at_once_and_is_announced() {
     assert_eq!(emergencies(&heard), [0xFF1E]);
 }
 
-/// What fails on the way to the reset, here the clock under a HardFault, does not replace the
+/// What fails on the way to the reset, here the program after the supply, does not replace the
 /// record of what failed first.
 #[test]
 fn the_first_failure_is_the_one_that_is_announced() {
     const NOWHERE: u32 = 0xC000_0000;
     let mut board = board(&firmware());
     run(&mut board, 100 * MS);
-    board.jump(NOWHERE);
+    board.set_vdd(2.95);
     let failed = board.now_ns();
     run(&mut board, failed + MS);
-    board.set_hse(false);
+    board.set_vdd(3.3);
+    board.jump(NOWHERE);
     while board.resets() == 0 {
         let now = board.now_ns();
         run(&mut board, now + MS);
         assert!(now < failed + 100 * MS, "no reset");
     }
-    board.set_hse(true);
     let from = board.now_ns();
     let heard = frames(&mut board, from + 200 * MS);
     assert!(booted(&heard).is_some());
-    assert_eq!(emergencies(&heard), [0xFF13]);
+    assert_eq!(emergencies(&heard), [0xFF1F]);
 }
 
 #[test]
