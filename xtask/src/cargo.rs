@@ -107,6 +107,16 @@ pub fn test(rest: &[String]) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Runs the long tests of a calibration's intervals, which print every robot's.
+pub fn coverage(robots: u32) -> anyhow::Result<()> {
+    let mut command = command();
+    command
+        .args(["test", "--package", "omnibus-master", "--test", "coverage"])
+        .args(["--", "--ignored", "--nocapture"])
+        .env("OMNIBUS_COVERAGE_ROBOTS", robots.to_string());
+    run(&mut command)
+}
+
 /// Runs the CANopen device's fuzzer, which prints its figure. In the profile with all checks on.
 pub fn fuzz(frames: u64, seed: u64) -> anyhow::Result<()> {
     let mut command = command();

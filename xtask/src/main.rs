@@ -1,5 +1,5 @@
-//! Workspace tasks: `cargo xtask demo | test | faults | interop | socketcan | fuzz | bench |
-//! profile | size | flash | check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask demo | test | coverage | faults | interop | socketcan | fuzz |
+//! bench | profile | size | flash | check-elf | check-demo`.
 //!
 //! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
 //! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
@@ -37,6 +37,13 @@ enum Task {
         /// Arguments for `cargo test`, after `--`.
         #[arg(last = true)]
         rest: Vec<String>,
+    },
+    /// Counts how many intervals of 95 % of a calibration hold the truth, on robots whose floors,
+    /// loads and rollers its fits do not know.
+    Coverage {
+        /// Number of robots: four phases and seven coefficients each.
+        #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(10..))]
+        robots: u32,
     },
     /// Injects every cause of a stop into emulated robots and measures their reaction.
     Faults(faults::Arguments),
@@ -88,6 +95,7 @@ fn run(task: Task) -> anyhow::Result<()> {
     match task {
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { rest } => cargo::test(&rest),
+        Task::Coverage { robots } => cargo::coverage(robots),
         Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),
         Task::Socketcan => socketcan::run(),

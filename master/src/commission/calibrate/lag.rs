@@ -105,7 +105,7 @@ fn observe<L: Link>(
     poses: Poses<'_, L>,
 ) -> Result<Vec<f64>, MasterError> {
     let heading = subjects.first().map_or(0.0, Subject::heading);
-    let plan = motion.plan(heading, group.config());
+    let plan = motion.plan(heading);
     let mut paths: Vec<Vec<PathPoint>> = vec![Vec::new(); subjects.len()];
     let mut first: Vec<[f64; 3]> = Vec::new();
     let mut failed = None;

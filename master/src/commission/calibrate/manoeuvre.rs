@@ -5,6 +5,10 @@
 //! of the rollers does not pass for loss. Oblique ones go at atan(3/5) to an axis and not at 45
 //! degrees, where two wheels stand and what is lost depends on the roller they happen to stand on:
 //! here the slow wheels turn a quarter as fast as the others.
+//!
+//! A robot whose contacts reach their limit while it speeds up or slows down loses some millimetres
+//! there, whatever its way. So ramps are gentle, and the way at full speed is at least as long as
+//! both together: fast motions need more room than slow ones.
 
 use std::f64::consts::TAU;
 
@@ -22,8 +26,11 @@ use crate::path::curve::Plan;
 
 /// Shortest ramp, s.
 const RAMP: f64 = 0.5;
-/// Share of the acceleration limit that ramps use.
-const ACCELERATION: f64 = 0.4;
+/// Share of the acceleration limit that ramps use on average; at their steepest it is half as much
+/// again.
+const ACCELERATION: f64 = 0.25;
+/// Least length of a motion, in ramps; one of them is spent on both ramps together.
+const RAMPS: f64 = 2.0;
 /// Slower than this share of the fastest a wheel counts as standing.
 const STANDING: f64 = 0.01;
 
@@ -82,7 +89,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            speeds: vec![0.1, 0.25, 0.5, 1.0],
+            speeds: vec![0.1, 0.25, 0.5],
             rates: vec![0.25, 0.5],
             distance: 1.0,
             repeats: 2,
@@ -111,6 +118,8 @@ pub struct Manoeuvre {
     pub speed: f64,
     /// Its twist at full speed.
     pub twist: Twist<f64>,
+    /// How long each of its ramps takes, s.
+    ramp: f64,
     /// How long it would take without ramps, s.
     pub seconds: f64,
 }
@@ -130,6 +139,7 @@ impl Manoeuvre {
             }
         }
         let least = settings.distance / (speed * lever);
+        let least = least.max(RAMPS * ramp(way, speed, file));
         let seconds = if passage.is_finite() {
             (least / passage).ceil() * passage
         } else {
@@ -139,6 +149,7 @@ impl Manoeuvre {
             way,
             speed,
             twist,
+            ramp: ramp(way, speed, file),
             seconds,
         }
     }
@@ -146,7 +157,7 @@ impl Manoeuvre {
     /// How long it takes with its ramps and the rest before and after, s.
     #[must_use]
     pub fn lasts(&self) -> f64 {
-        self.seconds + RAMP + 2.0 * (measure::SETTLE + measure::AVERAGE)
+        self.seconds + self.ramp + 2.0 * (measure::SETTLE + measure::AVERAGE)
     }
 
     /// Where it leads, in the frame of the robots: m, m, rad.
@@ -157,7 +168,7 @@ impl Manoeuvre {
 
     /// The motion of a group in whose frame the robots face `heading`.
     #[must_use]
-    pub fn plan(&self, heading: f64, file: &GroupFile) -> Plan {
+    pub fn plan(&self, heading: f64) -> Plan {
         let Twist { vx, vy, omega } = self.twist;
         let duration = self.seconds;
         let motion = if self.way == Way::Turn {
@@ -167,13 +178,21 @@ impl Manoeuvre {
             let (vx, vy) = (cos * vx - sin * vy, sin * vx + cos * vy);
             Motion(Box::new(Line { vx, vy, duration }))
         };
-        let fastest = match self.way {
-            Way::Turn => file.limits.yaw_acceleration,
-            _ => file.limits.linear_acceleration,
-        };
-        let ramp = (self.speed / (ACCELERATION * f64::from(fastest))).max(RAMP);
-        Plan::new(format!("calibration {}", self.way.name()), motion, ramp)
+        Plan::new(
+            format!("calibration {}", self.way.name()),
+            motion,
+            self.ramp,
+        )
     }
+}
+
+/// How long a ramp to this speed takes, s.
+fn ramp(way: Way, speed: f64, file: &GroupFile) -> f64 {
+    let steepest = match way {
+        Way::Turn => file.limits.yaw_acceleration,
+        _ => file.limits.linear_acceleration,
+    };
+    (speed / (ACCELERATION * f64::from(steepest))).max(RAMP)
 }
 
 /// Rate of the slowest wheel that turns, rad/s.
@@ -260,8 +279,8 @@ mod tests {
             + f64::from(file.robots[0].geometry.half_wheelbase());
         let mut all = straight(&file, &settings);
         all.extend(turns(&file, &settings));
-        // Four speeds and two of them in four oblique directions, two rates; twice, both ways.
-        assert_eq!(all.len(), (4 * 2 + 2 * 4 + 2) * 4);
+        // Three speeds and two of them in four oblique directions, two rates; twice, both ways.
+        assert_eq!(all.len(), (3 * 2 + 2 * 4 + 2) * 4);
         for manoeuvre in all {
             let [x, y, turn] = manoeuvre.displacement();
             // Equation of a wheel with rollers at 45 degrees: (x -+ y -+ (l + w) turn) / r.

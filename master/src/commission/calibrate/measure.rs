@@ -208,7 +208,7 @@ pub fn observe<L: Link>(
     witness: &mut Witness<'_, L>,
 ) -> Result<Vec<Option<Observation>>, MasterError> {
     let heading = subjects.first().map_or(0.0, Subject::heading);
-    let plan = manoeuvre.plan(heading, group.config());
+    let plan = manoeuvre.plan(heading);
     let before = rest(group, subjects, witness)?;
     group.drive(&plan, None, &mut |_, _| {})?;
     let after = rest(group, subjects, witness)?;
