@@ -270,6 +270,25 @@ class Page(Served):
         tab.key("keyDown", " ", "Space")
         tab.wait("state.phase === 'idle'")
 
+    def test_the_mouse_zooms_and_moves_the_map(self):
+        tab = self.started()
+        x, y, _ = tab.middle("map")
+        scale = tab.run("look.scale")
+        tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-200)
+        tab.wait(f"look.scale > 1.5 * {scale} && look.near <= 8")
+        before = tab.run("centre.slice()")
+        tab.mouse("mousePressed", x, y)
+        tab.mouse("mouseMoved", x + 50, y + 20)
+        tab.mouse("mouseReleased", x + 50, y + 20)
+        # Forward is up and left is left: what is under the mouse stays there.
+        tab.wait("look.moved")
+        moved = tab.run(f"[(centre[0] - {before[0]}) * look.scale, (centre[1] - {before[1]}) * look.scale]")
+        self.assertAlmostEqual(moved[0], 20, delta=1)
+        self.assertAlmostEqual(moved[1], 50, delta=1)
+        tab.picture(PICTURES / "page-map.png")
+        tab.run("document.getElementById('map').dispatchEvent(new MouseEvent('dblclick'))")
+        tab.wait("!look.moved && look.near === 1")
+
     def test_who_looks_away_does_not_drive(self):
         tab = self.started()
         for loss in ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]:

@@ -259,6 +259,9 @@ function showRobot(robot) {
 
 let centre = null;
 let drawn = false;
+// How near the map is, and the scale it was drawn with, px/m; moved by hand it does not follow the group.
+const look = { near: 1, scale: 1, moved: false };
+const NEAREST = 8;
 // Where the group was last seen: robots that are not started do not say.
 let here = [0, 0, 0];
 
@@ -351,11 +354,15 @@ function draw() {
   const pose = here;
   if (!state || !welcome || !centre) return;
   const reach = Math.max(1.2, ...welcome.robots.map((r) => Math.hypot(r.mount[0], r.mount[1]) + 0.8));
-  const scale = Math.min(width, height) / (4 * reach);
-  // The map stands still until the group nears its edge.
-  const [room, side] = [height / scale / 2 - reach * 0.9, width / scale / 2 - reach * 0.9];
-  centre[0] = Math.min(pose[0] + room, Math.max(pose[0] - room, centre[0]));
-  centre[1] = Math.min(pose[1] + side, Math.max(pose[1] - side, centre[1]));
+  const scale = (Math.min(width, height) / (4 * reach)) * look.near;
+  look.scale = scale;
+  if (!look.moved) {
+    // The map stands still until the group nears its edge.
+    const spare = (size) => Math.max(0, size / scale / 2 - reach * 0.9);
+    const [room, side] = [spare(height), spare(width)];
+    centre[0] = Math.min(pose[0] + room, Math.max(pose[0] - room, centre[0]));
+    centre[1] = Math.min(pose[1] + side, Math.max(pose[1] - side, centre[1]));
+  }
   // Forward is up, left is left.
   const at = ([x, y]) => [width / 2 - (y - centre[1]) * scale, height / 2 - (x - centre[0]) * scale];
   grid(paint, width, height, scale);
@@ -396,7 +403,7 @@ function draw() {
 }
 
 function grid(paint, width, height, scale) {
-  const step = scale > 110 ? 0.5 : scale > 25 ? 1 : 5;
+  const step = scale > 440 ? 0.1 : scale > 110 ? 0.5 : scale > 25 ? 1 : 5;
   paint.strokeStyle = css("--line");
   paint.fillStyle = css("--quiet");
   paint.font = "11px system-ui, sans-serif";
@@ -415,6 +422,37 @@ function grid(paint, width, height, scale) {
     if (a > 50 && a < width - 36) paint.fillText(label(y), a + 3, height - 5);
   }
 }
+
+// By mouse; a finger on the map scrolls the page.
+function navigate() {
+  const canvas = $("map");
+  let from = null;
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const near = look.near * Math.exp(-event.deltaY / 400);
+    look.near = Math.min(NEAREST, Math.max(1 / NEAREST, near));
+    draw();
+  }, { passive: false });
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "mouse" || event.button !== 0) return;
+    from = [event.clientX, event.clientY];
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!from || !centre) return;
+    centre[0] += (event.clientY - from[1]) / look.scale;
+    centre[1] += (event.clientX - from[0]) / look.scale;
+    from = [event.clientX, event.clientY];
+    look.moved = true;
+    draw();
+  });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { from = null; });
+  canvas.addEventListener("dblclick", () => {
+    Object.assign(look, { near: 1, moved: false });
+    draw();
+  });
+}
+navigate();
 
 // The load between the robots, and the robots; only outlines for the target.
 function group(paint, path, pose, ghost, at) {
