@@ -46,7 +46,7 @@ pub use address::Address;
 pub use code::{Code, Fault, Limit, Reaction};
 pub use compensation::CompensationSet;
 pub use crc::crc32;
-pub use object::{Access, Entry, Kind, Object, Value};
+pub use object::{Access, Kind, Object, Value};
 pub use pdo::{
     DecodeError, GroupTwist, MeasuredTwist, MemberState, MemberStatus, PoseReport, Scale,
     WheelRateReport,
@@ -54,7 +54,7 @@ pub use pdo::{
 pub use plan::Plan;
 pub use report::RobotReport;
 pub use stored_fault::StoredFault;
-pub use table::{ENTRIES, OBJECTS, RECORDS, entry};
+pub use table::{ENTRIES, Entry, OBJECTS, RECORDS, entry};
 
 /// Version of every byte layout and object meaning in this crate. It goes up by one with any
 /// change that would make an older master or robot misread a frame.

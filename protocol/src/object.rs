@@ -1,7 +1,7 @@
 //! What an object of the dictionary is: type, access, limits, and the checks they imply.
 //!
 //! An [`Object`] is written once, in [`crate::table`], with everything a person or a tool wants to
-//! know about it. An [`Entry`] is the part of it that a robot needs at run time: it is made from
+//! know about it. An [`Entry`](crate::Entry) is the part of it that a robot needs at run time: it is made from
 //! the object by the compiler and holds no text, so that the descriptions stay out of the flash.
 
 use crate::address::Address;
@@ -431,74 +431,6 @@ const fn full_range(kind: Kind) -> [Value; 3] {
         Kind::Domain => (Value::Domain, Value::Domain),
     };
     [min, max, Value::from_bits(kind, 0)]
-}
-
-/// What a robot needs of an [`Object`] at run time.
-#[derive(Clone, Copy, Debug)]
-pub struct Entry {
-    /// Index and sub-index.
-    pub address: Address,
-    /// Type on the wire.
-    pub kind: Kind,
-    /// Who may write it.
-    pub access: Access,
-    /// Kept in flash when the parameters are stored.
-    pub persistent: bool,
-    /// May be mapped into a PDO.
-    pub mappable: bool,
-    /// Must have been written before the drivers can be enabled.
-    pub required: bool,
-    /// Number of its limits and default.
-    range: u8,
-    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a
-    /// parameter.
-    pub slot: Option<u8>,
-}
-
-impl Entry {
-    /// A valid value of this object from the bytes of a write.
-    ///
-    /// # Errors
-    /// Any [`ValueError`].
-    pub fn accept(&self, data: &[u8]) -> Result<Value, ValueError> {
-        let value = Value::from_bytes(self.kind, data)?;
-        value.check(self.min(), self.max())?;
-        Ok(value)
-    }
-
-    /// Lowest value accepted.
-    #[must_use]
-    pub fn min(&self) -> Value {
-        let [min, _, _] = crate::table::range(self.range);
-        Value::from_bits(self.kind, min)
-    }
-
-    /// Highest value accepted.
-    #[must_use]
-    pub fn max(&self) -> Value {
-        let [_, max, _] = crate::table::range(self.range);
-        Value::from_bits(self.kind, max)
-    }
-
-    /// Value after a reset to defaults.
-    #[must_use]
-    pub fn default(&self) -> Value {
-        let [_, _, default] = crate::table::range(self.range);
-        Value::from_bits(self.kind, default)
-    }
-
-    pub(crate) const fn of(object: &Object, range: u8, slot: Option<u8>) -> Self {
-        Self {
-            address: object.address,
-            kind: object.kind,
-            access: object.access,
-            persistent: object.persistent,
-            mappable: object.mappable,
-            required: object.required,
-            range,
-            slot,
-        }
-    }
 }
 
 #[cfg(test)]

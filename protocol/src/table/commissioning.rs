@@ -1,6 +1,6 @@
 //! One robot by itself: 0x2050 on.
 
-use super::{Record, byte, real, records};
+use super::record::{Record, byte, real, records};
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

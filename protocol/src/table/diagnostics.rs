@@ -1,6 +1,6 @@
 //! What the robot measures, counts and remembers: 0x2120 on.
 
-use super::{Record, records};
+use super::record::{Record, records};
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

@@ -1,9 +1,48 @@
 //! The table as a whole, put together by the compiler: every object with its texts for whoever
 //! makes a page of it, and a short entry of each for the robot.
 
-use super::{PARTS, Record};
+use super::record::Record;
+use super::{
+    commissioning, diagnostics, geometry, group, history, identity, limits, motors, process,
+    rollers, wheels,
+};
 use crate::address::Address;
-use crate::object::{Access, Entry, Object};
+use crate::object::{Access, Kind, Object, Value, ValueError};
+
+/// All records, by rising index.
+const PARTS: &[&[Record]] = &[
+    identity::IDENTITY_RECORDS,
+    geometry::ROBOT_RECORDS,
+    wheels::wheel::RECORDS,
+    geometry::DRIVE_RECORDS,
+    motors::WHEELS_RECORDS,
+    wheels::motor::RECORDS,
+    motors::SUPPLY_RECORDS,
+    motors::TORQUE_RECORDS,
+    motors::OUTPUT_STAGE_RECORDS,
+    rollers::PARAMETERS,
+    motors::ROLLER_REFERENCE_RECORDS,
+    motors::ENCODER_INPUTS_RECORDS,
+    limits::LIMITS_RECORDS,
+    group::GROUP_RECORDS,
+    commissioning::COMMISSIONING_RECORDS,
+    commissioning::IDENTIFICATION_RECORDS,
+    wheels::identified::RECORDS,
+    commissioning::BLINK_RECORDS,
+    process::SETPOINT_RECORDS,
+    process::ALONE_RECORDS,
+    process::STATUS_RECORDS,
+    process::MEASURED_RECORDS,
+    process::POSE_RECORDS,
+    process::RATES_RECORDS,
+    rollers::STATES,
+    diagnostics::DIAGNOSTICS_RECORDS,
+    history::RECORDS,
+    diagnostics::STORE_RECORDS,
+    diagnostics::POWER_RECORDS,
+    diagnostics::FAULT_MEMORY_RECORDS,
+    diagnostics::CAN_RECORDS,
+];
 
 /// How many objects there are.
 pub const COUNT: usize = count();
@@ -151,7 +190,7 @@ const fn ranges() -> [Range; UNIQUE.1] {
 }
 
 /// Lowest and highest value and default, by [`Entry`]'s number.
-pub(crate) fn range(number: u8) -> Range {
+fn range(number: u8) -> Range {
     RANGES.get(usize::from(number)).copied().unwrap_or([0; 3])
 }
 
@@ -194,6 +233,74 @@ pub fn highest_sub(index: u16) -> Option<u8> {
     let end = ENTRIES.partition_point(|entry| entry.address.index <= index);
     let last = ENTRIES.get(end.checked_sub(1)?)?;
     (last.address.index == index).then_some(last.address.sub)
+}
+
+/// What a robot needs of an [`Object`] at run time.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// Index and sub-index.
+    pub address: Address,
+    /// Type on the wire.
+    pub kind: Kind,
+    /// Who may write it.
+    pub access: Access,
+    /// Kept in flash when the parameters are stored.
+    pub persistent: bool,
+    /// May be mapped into a PDO.
+    pub mappable: bool,
+    /// Must have been written before the drivers can be enabled.
+    pub required: bool,
+    /// Number of its limits and default.
+    range: u8,
+    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a
+    /// parameter.
+    pub slot: Option<u8>,
+}
+
+impl Entry {
+    /// A valid value of this object from the bytes of a write.
+    ///
+    /// # Errors
+    /// Any [`ValueError`].
+    pub fn accept(&self, data: &[u8]) -> Result<Value, ValueError> {
+        let value = Value::from_bytes(self.kind, data)?;
+        value.check(self.min(), self.max())?;
+        Ok(value)
+    }
+
+    /// Lowest value accepted.
+    #[must_use]
+    pub fn min(&self) -> Value {
+        let [min, _, _] = range(self.range);
+        Value::from_bits(self.kind, min)
+    }
+
+    /// Highest value accepted.
+    #[must_use]
+    pub fn max(&self) -> Value {
+        let [_, max, _] = range(self.range);
+        Value::from_bits(self.kind, max)
+    }
+
+    /// Value after a reset to defaults.
+    #[must_use]
+    pub fn default(&self) -> Value {
+        let [_, _, default] = range(self.range);
+        Value::from_bits(self.kind, default)
+    }
+
+    const fn of(object: &Object, range: u8, slot: Option<u8>) -> Self {
+        Self {
+            address: object.address,
+            kind: object.kind,
+            access: object.access,
+            persistent: object.persistent,
+            mappable: object.mappable,
+            required: object.required,
+            range,
+            slot,
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Wheels, mount and compensation: 0x2010 on.
 
-use super::{Record, byte, real, records};
+use super::record::{Record, byte, real, records};
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

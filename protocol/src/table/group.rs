@@ -1,6 +1,6 @@
 //! The group, its times and its stops: 0x2040 on.
 
-use super::{Record, byte, long, records, word};
+use super::record::{Record, byte, long, records, word};
 use crate::MEMBER_MASK;
 use crate::address::Address;
 use crate::object::Object;

@@ -1,6 +1,6 @@
 //! The histories: the last eight faults and limits; sub-index 1 is the newest.
 
-use super::Record;
+use super::record::Record;
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

@@ -1,6 +1,6 @@
 //! What the robot is, and whether it is configured: 0x2000 on.
 
-use super::{Record, records};
+use super::record::{Record, records};
 use crate::address::Address;
 use crate::object::{Kind, Object, Value};
 

@@ -1,6 +1,6 @@
 //! Limits of the motion and thresholds of its supervision: 0x2030 on.
 
-use super::{Record, real, records, word};
+use super::record::{Record, real, records, word};
 use crate::address::Address;
 use crate::object::Object;
 

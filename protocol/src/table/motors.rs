@@ -1,6 +1,6 @@
 //! Encoders, motors and what drives them: 0x2020 on.
 
-use super::{Record, byte, real, records, word};
+use super::record::{Record, byte, real, records, word};
 use crate::address::Address;
 use crate::object::Object;
 

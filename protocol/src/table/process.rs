@@ -1,6 +1,6 @@
 //! Process data: what PDOs carry, each record as one PDO. 0x2100 on.
 
-use super::{Record, records};
+use super::record::{Record, records};
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

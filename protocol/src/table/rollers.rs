@@ -1,7 +1,7 @@
 //! Records with one object for each wheel, in the order front left, front right, rear left, rear
 //! right: the rollers.
 
-use super::{Record, byte, real};
+use super::record::{Record, byte, real};
 use crate::address::Address;
 use crate::object::{Kind, Object};
 

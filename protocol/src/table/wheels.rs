@@ -8,7 +8,7 @@ macro_rules! per_wheel {
     ($first:literal $record:literal {
         $($name:ident = $sub:literal: $make:ident($title:literal $(, $arg:expr)*), $text:expr;)+
     }) => {
-        use super::super::Record;
+        use super::super::record::Record;
         use crate::address::Address;
         use crate::object::Object;
 
@@ -38,7 +38,7 @@ macro_rules! per_wheel {
 
 /// A wheel of its own kind.
 pub mod wheel {
-    use super::super::real;
+    use super::super::record::real;
 
     per_wheel! { 0x2014 "Wheel" {
         x = 1: parameter("x", "m", real(-10.0, 10.0, 0.0)),
@@ -59,7 +59,7 @@ pub mod wheel {
 
 /// The motor of one wheel.
 pub mod motor {
-    use super::super::real;
+    use super::super::record::real;
 
     per_wheel! { 0x2021 "Motor" {
         static_friction = 1: required("Static friction", "V", real(0.0, 50.0, 0.0)),
