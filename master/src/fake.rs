@@ -7,7 +7,7 @@ use canopen::{AbortCode, Frame, Micros, NmtState, client};
 use protocol::{Address, Code, Fault, MeasuredTwist, MemberState, MemberStatus, Scale, cob};
 
 use crate::bus::link::{Link, LinkError, Schedule};
-use crate::monitor::telemetry::Punctuality;
+use crate::bus::punctuality::Punctuality;
 
 /// How long a robot takes to answer, in µs.
 const ANSWER_US: u64 = 300;

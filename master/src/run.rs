@@ -15,18 +15,18 @@ use kinematics::Pose;
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
+use crate::bus::punctuality::Punctuality;
 use crate::bus::tap::FrameSink;
 use crate::error::MasterError;
 use crate::monitor::metrics::{MetricsError, PathPoint, evenness, path_errors};
 use crate::monitor::odometry;
 use crate::monitor::rows::{Row, TruthRow};
-use crate::monitor::telemetry::Punctuality;
 use crate::path::course::{Course, CourseError};
+use crate::path::curve::Instant;
 use crate::path::curve::Plan;
 use crate::path::steering::{Eyes, Law, Sighting, Steering};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
-use crate::session::follow::Instant;
 use crate::session::roller_index::IndexSearch;
 use crate::source::pose::PoseStream;
 

@@ -43,7 +43,7 @@ fn figure_eight(file: &GroupFile, plant: &GroupFile, feedback: bool) -> f64 {
     let mut steering = Steering::new(Law::default(), eyes, plan.at(0.0).0, feedback);
     let mut path = Vec::new();
     group.start().unwrap();
-    let mut observe = |link: &mut SimLink, instant: &omnibus::session::follow::Instant| {
+    let mut observe = |link: &mut SimLink, instant: &omnibus::path::curve::Instant| {
         let Pose { x, y, heading } = link.world.truth().group;
         let [x, y, heading] = [x, y, heading].map(|v| v as f32);
         let actual = Pose::new(x, y, heading);

@@ -289,6 +289,17 @@ impl Code {
     }
 }
 
+/// A limit or fault in words.
+impl core::fmt::Display for Code {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::None => f.write_str("none"),
+            Self::Limit(limit) => write!(f, "limit {}: {}", limit.name(), limit.text().trim()),
+            Self::Fault(fault) => write!(f, "fault {}: {}", fault.name(), fault.text().trim()),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

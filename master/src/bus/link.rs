@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use canopen::{Frame, Micros};
 
-use crate::monitor::telemetry::Punctuality;
+use crate::bus::punctuality::Punctuality;
 
 /// Why a frame did not go out or none can come in.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

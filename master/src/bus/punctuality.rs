@@ -5,14 +5,32 @@
 
 use std::time::{Duration, Instant};
 
-use crate::monitor::telemetry::Punctuality;
-
 /// Lateness from which all values share the last count, in µs.
 const LONGEST_US: usize = 10_000;
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(1);
 /// Lateness that real-time priority would have prevented, in µs: a tenth of a period at 100 Hz.
 const NOTABLE_US: f64 = 1_000.0;
+
+/// How late frames of a schedule went out, in µs. What is measured is when the system took the
+/// frame, after the time it was due.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Punctuality {
+    /// How many were sent.
+    pub count: u64,
+    /// Mean lateness.
+    pub mean_us: f64,
+    /// 99 of 100 were not later than this.
+    pub p99_us: f64,
+    /// The latest one.
+    pub worst_us: f64,
+    /// The latest one of the last second.
+    pub lately_us: f64,
+    /// Whether the system gave the thread that sends them real-time priority.
+    pub realtime: bool,
+    /// Setpoints that were not ready in time for their SYNC.
+    pub missed: u64,
+}
 
 /// A histogram of lateness.
 #[derive(Clone, Debug)]

@@ -26,6 +26,9 @@ const MASTER: NodeId = match NodeId::new(protocol::MASTER) {
     Some(node) => node,
     None => NodeId::MIN,
 };
+/// How long a robot may take for one answer unless told otherwise, in µs.
+pub const ANSWER_TIMEOUT_US: u64 = 250_000;
+
 /// Waking later than this after the time asked for is late, in µs: two periods of SYNC.
 const LATE_US: u64 = 20_000;
 /// How long lateness may be the cause of what goes wrong, in µs.
@@ -85,7 +88,7 @@ impl<L: Link> Wire<L> {
             began,
             load: Meter::default(),
             sync_counter: 0,
-            patience_us: crate::session::sdo::ANSWER_TIMEOUT_US,
+            patience_us: ANSWER_TIMEOUT_US,
             late: None,
         }
     }

@@ -284,7 +284,7 @@ pub fn tell_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
 }
 
 /// How punctual SYNC was, as JSON.
-pub fn sync_json(punctuality: &omnibus::monitor::telemetry::Punctuality) -> serde_json::Value {
+pub fn sync_json(punctuality: &omnibus::bus::punctuality::Punctuality) -> serde_json::Value {
     serde_json::json!({"count": punctuality.count, "mean_us": punctuality.mean_us,
         "p99_us": punctuality.p99_us, "worst_us": punctuality.worst_us, "missed": punctuality.missed})
 }

@@ -75,7 +75,7 @@ impl Found {
     pub fn code_text(&self) -> String {
         Code::from_code(self.code).map_or_else(
             || format!("unknown {:#06x}", self.code),
-            crate::session::describe,
+            |code| code.to_string(),
         )
     }
 }

@@ -10,7 +10,7 @@ use kinematics::{Pose, WheelRates};
 
 use crate::monitor::average::counted_on;
 use crate::monitor::rows::{RobotTruth, Row, TruthRow};
-use crate::session::follow::Instant;
+use crate::path::curve::Instant;
 
 /// `pose` in the frame that `frame` is.
 #[must_use]

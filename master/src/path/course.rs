@@ -7,10 +7,10 @@
 
 use std::path::PathBuf;
 
-use kinematics::trajectory::{Heading, Line, MotionMode, PaperMotion, Trajectory, Turn};
+use kinematics::trajectory::{Heading, Trajectory};
 use kinematics::{Pose, Twist};
 
-use crate::path::curve::{Beginning, Curve, Plan, RAMP};
+use crate::path::curve::{Beginning, Curve, Motion, Plan, RAMP};
 use crate::path::file;
 
 /// Ends of a closed path may be this far apart: m, rad, m/s.
@@ -192,57 +192,6 @@ pub enum CourseError {
     /// The file.
     #[error(transparent)]
     File(#[from] file::PathFileError),
-}
-
-/// Any motion.
-pub(crate) struct Motion(pub Box<dyn Trajectory<f64>>);
-
-impl Trajectory<f64> for Motion {
-    fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
-        self.0.at(time)
-    }
-
-    fn duration(&self) -> f64 {
-        self.0.duration()
-    }
-}
-
-/// Speed along the lateral and oblique lines, in m/s.
-const LINE_SPEED: f64 = 0.5;
-/// Yaw rate of the turn, in rad/s.
-const TURN_RATE: f64 = 0.5;
-/// How long lines and the turn last, in s.
-const STEADY: f64 = 8.0;
-
-impl Curve {
-    /// The motion, without ramps.
-    #[must_use]
-    pub fn motion(self) -> PaperMotion<f64> {
-        let line = |vx, vy| {
-            PaperMotion::Line(Line {
-                vx,
-                vy,
-                duration: STEADY,
-            })
-        };
-        let part = LINE_SPEED * std::f64::consts::FRAC_1_SQRT_2;
-        match self {
-            Self::FigureEight => MotionMode::FigureEight,
-            Self::Circle => MotionMode::Circle,
-            Self::Harmonic => MotionMode::Harmonic,
-            Self::Forward => MotionMode::Longitudinal,
-            Self::Lateral => return line(0.0, LINE_SPEED),
-            Self::Oblique => return line(part, part),
-            Self::Turn => {
-                return PaperMotion::Turn(Turn {
-                    omega: TURN_RATE,
-                    duration: STEADY,
-                });
-            }
-            Self::Centripetal => MotionMode::Centripetal,
-        }
-        .motion()
-    }
 }
 
 /// A path in another size, from another place on.

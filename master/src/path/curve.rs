@@ -6,11 +6,10 @@
 //! curve says. Evaluated in f64, since time runs to minutes; handed out as the f32 that robots use.
 
 use group::Limits;
-use kinematics::trajectory::{Ramped, Trajectory};
+use kinematics::trajectory::{Line, MotionMode, PaperMotion, Ramped, Trajectory, Turn};
 use kinematics::{Pose, Twist};
 
 use crate::error::MasterError;
-use crate::path::course::Motion;
 
 /// Time over which a curve is entered and left, in s. The paper's 0.6 s would need more
 /// acceleration on its figure-eight than the wheels' friction gives.
@@ -21,6 +20,13 @@ const ENTRY: f64 = 0.3;
 const QUICK: f64 = 6.0;
 /// Step at which a curve is checked against limits, in s.
 const CHECK_STEP: f64 = 0.01;
+
+/// Speed along the lateral and oblique lines, in m/s.
+const LINE_SPEED: f64 = 0.5;
+/// Yaw rate of the turn, in rad/s.
+const TURN_RATE: f64 = 0.5;
+/// How long lines and the turn last, in s.
+const STEADY: f64 = 8.0;
 
 /// A curve by name. Lateral, oblique and turn last 8 s, to see how evenly wheels move a group; the
 /// others have the parameters of the source paper.
@@ -45,6 +51,35 @@ pub enum Curve {
 }
 
 impl Curve {
+    /// The motion, without ramps.
+    #[must_use]
+    pub fn motion(self) -> PaperMotion<f64> {
+        let line = |vx, vy| {
+            PaperMotion::Line(Line {
+                vx,
+                vy,
+                duration: STEADY,
+            })
+        };
+        let part = LINE_SPEED * std::f64::consts::FRAC_1_SQRT_2;
+        match self {
+            Self::FigureEight => MotionMode::FigureEight,
+            Self::Circle => MotionMode::Circle,
+            Self::Harmonic => MotionMode::Harmonic,
+            Self::Forward => MotionMode::Longitudinal,
+            Self::Lateral => return line(0.0, LINE_SPEED),
+            Self::Oblique => return line(part, part),
+            Self::Turn => {
+                return PaperMotion::Turn(Turn {
+                    omega: TURN_RATE,
+                    duration: STEADY,
+                });
+            }
+            Self::Centripetal => MotionMode::Centripetal,
+        }
+        .motion()
+    }
+
     /// The name used on the command line and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -71,6 +106,34 @@ impl Curve {
         };
         Plan::new(self.name().into(), motion, RAMP)
     }
+}
+
+/// Any motion.
+pub(crate) struct Motion(pub Box<dyn Trajectory<f64>>);
+
+impl Trajectory<f64> for Motion {
+    fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
+        self.0.at(time)
+    }
+
+    fn duration(&self) -> f64 {
+        self.0.duration()
+    }
+}
+
+/// What the curve asks for at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant {
+    /// Time since the start of the curve, in s.
+    pub t: f64,
+    /// Place of this SYNC's row in the recorder.
+    pub row: usize,
+    /// Duration of the curve, in s.
+    pub duration: f64,
+    /// Pose asked for, world frame of the curve.
+    pub pose: Pose,
+    /// Twist asked for, world frame of the curve.
+    pub twist: Twist,
 }
 
 impl std::fmt::Display for Curve {

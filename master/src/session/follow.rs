@@ -12,11 +12,11 @@
 //! wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
 
 use group::ContactLag;
-use kinematics::{Pose, Twist};
+use kinematics::Twist;
 
 use crate::bus::link::Link;
 use crate::error::MasterError;
-use crate::path::curve::Plan;
+use crate::path::curve::{Instant, Plan};
 use crate::path::steering::{Lost, Steering, limited};
 use crate::session::{Group, STOP_PATIENCE_US};
 
@@ -52,21 +52,6 @@ fn led(plan: &Plan, t: f64, heading: f32, lag: &ContactLag) -> Twist {
             lag.lateral * acceleration.vy,
             lag.yaw * acceleration.omega,
         )
-}
-
-/// What the curve asks for at one instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instant {
-    /// Time since the start of the curve, in s.
-    pub t: f64,
-    /// Place of this SYNC's row in the recorder.
-    pub row: usize,
-    /// Duration of the curve, in s.
-    pub duration: f64,
-    /// Pose asked for, world frame of the curve.
-    pub pose: Pose,
-    /// Twist asked for, world frame of the curve.
-    pub twist: Twist,
 }
 
 impl<L: Link> Group<L> {

@@ -51,18 +51,18 @@ use std::sync::Arc;
 use canopen::{Micros, NmtCommand, NmtState, NmtTarget, client};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
-use protocol::{Code, MemberState, MemberStatus};
+use protocol::{MemberState, MemberStatus};
 
 use crate::abort::Abort;
 use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
+use crate::bus::punctuality::Punctuality;
 use crate::bus::wire::{HubOwner, Wire};
 use crate::error::MasterError;
 use crate::monitor::common_frame::CommonFrame;
 use crate::monitor::rows::Recorder;
 use crate::monitor::telemetry::{
-    DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, Punctuality, SessionState, Subscription,
-    Telemetry,
+    DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, SessionState, Subscription, Telemetry,
 };
 use crate::path::roller_transition;
 
@@ -379,7 +379,7 @@ impl<L: Link> Group<L> {
                     state: waiting.status.map(|s| s.state),
                     code: waiting
                         .status
-                        .map_or_else(|| "unknown".into(), |s| describe(s.code)),
+                        .map_or_else(|| "unknown".into(), |s| s.code.to_string()),
                 };
                 return Err(self.wire.blame(error));
             }
@@ -516,16 +516,6 @@ pub fn check_twist(twist: Twist, limits: &group::Limits) -> Result<(), MasterErr
         return Err(refused(twist.omega, "rad/s", "limits.yaw_rate", limit));
     }
     Ok(())
-}
-
-/// A limit or fault in words.
-#[must_use]
-pub fn describe(code: Code) -> String {
-    match code {
-        Code::None => "none".into(),
-        Code::Limit(limit) => format!("limit {}: {}", limit.name(), limit.text().trim()),
-        Code::Fault(fault) => format!("fault {}: {}", fault.name(), fault.text().trim()),
-    }
 }
 
 /// Whether a member is in a state from which it cannot move until it is started again.

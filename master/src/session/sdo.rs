@@ -13,9 +13,6 @@ use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
 
-/// How long a robot may take for one answer unless told otherwise, in µs.
-pub const ANSWER_TIMEOUT_US: u64 = 250_000;
-
 /// How often a request is made before the robot counts as silent: frames may be late on a busy
 /// machine, and lost on a bad bus.
 const TRIES: u32 = 3;

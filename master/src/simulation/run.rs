@@ -20,10 +20,10 @@ use sim::{Backend, Options, TruthSample, World};
 use super::link::SimLink;
 use crate::monitor::metrics::{evenness, path_errors};
 use crate::monitor::rows::{RobotTruth, TruthRow};
+use crate::path::curve::Instant;
 use crate::path::curve::Plan;
 use crate::report::Run;
 use crate::run::{Drive, DriveError, Driven, Seen, has_rollers, path, session};
-use crate::session::follow::Instant;
 
 /// SYNC periods over which the bus load is averaged before the largest is taken: 100 ms at 100 Hz.
 const LOAD_WINDOW: usize = 10;

@@ -18,7 +18,7 @@ use canopen::{Frame, Micros};
 use crate::bus::address::BusAddress;
 use crate::bus::link::{Link, LinkError, Schedule};
 use crate::bus::punctuality::Lateness;
-use crate::monitor::telemetry::Punctuality;
+use crate::bus::punctuality::Punctuality;
 use diagnosis::Diagnosis;
 
 mod diagnosis;

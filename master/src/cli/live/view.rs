@@ -309,7 +309,8 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 mod tests {
     use super::*;
     use kinematics::WheelRates;
-    use omnibus::monitor::telemetry::{EventKind, Punctuality};
+    use omnibus::bus::punctuality::Punctuality;
+    use omnibus::monitor::telemetry::EventKind;
     use protocol::{Fault, Limit, MemberState};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -469,7 +470,7 @@ mod tests {
         }
         let shown = screen(&view);
         assert!(shown.contains("\n     1.00 s  node 2: limit Acceleration: The group twist"));
-        let words = omnibus::session::describe(Code::Limit(Limit::Acceleration));
+        let words = Code::Limit(Limit::Acceleration).to_string();
         for word in words.split(' ') {
             assert!(shown.contains(word), "{word} is cut off: {shown}");
         }

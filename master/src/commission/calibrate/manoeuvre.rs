@@ -21,7 +21,7 @@ use kinematics::{
 use serde::{Deserialize, Serialize};
 
 use super::measure;
-use crate::path::course::Motion;
+use crate::path::curve::Motion;
 use crate::path::curve::Plan;
 
 /// Shortest ramp, s.

@@ -20,6 +20,8 @@ use canopen::{Frame, NmtState};
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Code, Limit, MemberState};
 
+use crate::bus::punctuality::Punctuality;
+
 /// One item of the stream.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Telemetry {
@@ -174,26 +176,6 @@ impl MemberSample {
     }
 }
 
-/// How late frames of a schedule went out, in µs. What is measured is when the system took the
-/// frame, after the time it was due.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Punctuality {
-    /// How many were sent.
-    pub count: u64,
-    /// Mean lateness.
-    pub mean_us: f64,
-    /// 99 of 100 were not later than this.
-    pub p99_us: f64,
-    /// The latest one.
-    pub worst_us: f64,
-    /// The latest one of the last second.
-    pub lately_us: f64,
-    /// Whether the system gave the thread that sends them real-time priority.
-    pub realtime: bool,
-    /// Setpoints that were not ready in time for their SYNC.
-    pub missed: u64,
-}
-
 /// A frame on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BusFrame {
@@ -251,7 +233,7 @@ impl std::fmt::Display for EventKind {
             Self::Nmt(state) => write!(f, "NMT {state:?}"),
             Self::State(state) => write!(f, "{state:?}"),
             Self::Code(Code::None) => f.write_str("limit cleared"),
-            Self::Code(code) => f.write_str(&crate::session::describe(*code)),
+            Self::Code(code) => code.fmt(f),
             Self::Emergency(0) => f.write_str("emergency over"),
             Self::Emergency(code) => write!(f, "emergency {code:#06x}"),
             Self::Late(count) => write!(f, "the master fell behind: {count} setpoints too late"),
