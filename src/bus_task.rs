@@ -3,7 +3,7 @@
 //! It wakes for a received frame, for bytes of the cable, for the bus side's next deadline, for a
 //! free mailbox while a frame waits for one, for error passive and bus-off, when the control side
 //! has a fault or reaches standstill, and at least every 5 ms. For deadlines, and for frames that
-//! have no effect before the next SYNC, the control task wakes it, so they are handled at its next
+//! have no effect before the next SYNC, the control tick wakes it, so they are handled at its next
 //! tick. The CAN interrupt has already dropped frames that this robot does not use. In each turn it
 //! passes the control side's latest report to the bus side, then the frames in the order of
 //! reception, each with the time stamp of its interrupt, and stores the resulting command. A frame

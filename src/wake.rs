@@ -1,8 +1,8 @@
 //! The signal that wakes the bus task: for a frame, a deadline, a free mailbox or a fault.
 //!
 //! One signal serves all causes, because waiting for several things would cost time in every turn
-//! of the task. The control task handles the causes that can wait for its next tick: it wakes every
-//! millisecond anyway, so a deadline costs only a comparison there.
+//! of the task. The control side handles the causes that can wait for its next tick: there is one
+//! every millisecond anyway, so a deadline costs only a comparison there.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 

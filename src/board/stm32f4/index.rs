@@ -2,8 +2,8 @@
 //!
 //! All four are lines of one external interrupt vector, at a priority above everything that
 //! computes, so that a counter is read within about a microsecond of the edge: at 15 rad/s and 40
-//! 000 counts a turn a tenth of a count late. The control task takes what is there at its next
-//! tick; each pulse has a number that wraps at 256, which distinguishes it from the last one.
+//! 000 counts a turn a tenth of a count late. The control side takes what is there at its
+//! next tick; each pulse has a number that wraps at 256, which distinguishes it from the last one.
 //!
 //! Noise must not take the processor from the control tick. So the lines listen only when the
 //! configuration has indexes, and a line that has had its pulse listens again from the next tick
