@@ -1,6 +1,6 @@
 //! Tests the firmware's own copying and clearing of memory, at every alignment of words and for
 //! every length up to one at which all of its loops have run, and its division of 64 bits, with
-//! operands on both sides of every power of two.
+//! operands on both sides of powers of two.
 
 use core::hint::black_box;
 
@@ -99,6 +99,8 @@ fn fills(to: usize, value: usize, length: usize) -> bool {
 /// Quotient times divisor and remainder are the dividend, and the remainder is less than the
 /// divisor: no other pair of numbers is so.
 fn divides() -> bool {
+    /// Around these the division takes another way, or another number of its digits.
+    const POWERS: [u32; 12] = [0, 1, 2, 15, 16, 17, 31, 32, 33, 47, 48, 63];
     let around = |power: u32| {
         [
             (1_u64 << power).wrapping_sub(1),
@@ -106,8 +108,8 @@ fn divides() -> bool {
             (1 << power) | 5,
         ]
     };
-    (0..64).flat_map(around).all(|dividend| {
-        (0..64).flat_map(around).all(|divisor| {
+    POWERS.into_iter().flat_map(around).all(|dividend| {
+        POWERS.into_iter().flat_map(around).all(|divisor| {
             let (dividend, divisor) = (black_box(dividend), black_box(divisor));
             if divisor == 0 {
                 return true;

@@ -57,16 +57,61 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     if let Some(address) = parameters.first_missing() {
         return Err(ConfigurationError::Missing(address));
     }
-    let bad = ConfigurationError::Inconsistent;
     let real = |address| parameters.real(address);
-
-    let (wheels, geometry_at) = wheels(parameters)?;
-    let mount = Mount::new(Pose {
-        x: real(at::MOUNT_X),
-        y: real(at::MOUNT_Y),
-        heading: real(at::MOUNT_HEADING),
+    let mount = mount(parameters)?;
+    let drivetrain = drivetrain(parameters, mount)?;
+    let members = members(parameters, node)?;
+    check_thresholds(parameters)?;
+    check_stop(parameters, &drivetrain)?;
+    check_counts(parameters)?;
+    check_gains(parameters)?;
+    check_supply(parameters)?;
+    check_torque(parameters)?;
+    let current = current(parameters)?;
+    let times = times(parameters)?;
+    let encoder_filter = encoder_filter(parameters)?;
+    Ok(Configuration {
+        crc: parameters.crc().max(1),
+        check: parameters.check(),
+        group: parameters.unsigned(at::GROUP_ID).to_le_bytes()[0],
+        members,
+        standstill_syncs: parameters.unsigned(at::STANDSTILL_SYNCS).to_le_bytes()[0],
+        protective_stop: parameters.unsigned(at::PROTECTIVE_STOP) == 1,
+        cuts_together: parameters.unsigned(at::CUTS_TOGETHER) == 1,
+        drivetrain,
+        encoder_filter,
+        mount,
+        wheel_rate_max: real(at::WHEEL_RATE_MAX),
+        follow: change_limits(parameters, at::ACCELERATION, at::ACCELERATION_YAW),
+        ramp: change_limits(parameters, at::DECELERATION, at::DECELERATION_YAW),
+        wheels: [0, 1, 2, 3].map(|wheel| wheel_configuration(parameters, wheel)),
+        observer_bandwidth: real(at::OBSERVER_BANDWIDTH),
+        supply: supply(parameters),
+        current,
+        pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
+        direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
+        brake: BrakeTimes {
+            release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
+            engage_us: u64::from(parameters.unsigned(at::BRAKE_ENGAGE)) * 1000,
+        },
+        thresholds: thresholds(parameters),
+        times,
     })
-    .map_err(|_| bad(at::MOUNT_X))?;
+}
+
+fn mount(parameters: &Parameters) -> Result<Mount, ConfigurationError> {
+    Mount::new(Pose {
+        x: parameters.real(at::MOUNT_X),
+        y: parameters.real(at::MOUNT_Y),
+        heading: parameters.real(at::MOUNT_HEADING),
+    })
+    .map_err(|_| ConfigurationError::Inconsistent(at::MOUNT_X))
+}
+
+/// Wheels, rollers and compensation together.
+fn drivetrain(parameters: &Parameters, mount: Mount) -> Result<Drivetrain, ConfigurationError> {
+    let bad = ConfigurationError::Inconsistent;
+    let (wheels, geometry_at) = wheels(parameters)?;
     let constant = parameters
         .constant_compensation()
         .map_err(|_| bad(at::COMPENSATION_LONGITUDINAL))?;
@@ -86,96 +131,60 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
             Rolling::new(&geometry(parameters)?, &rollers).map_err(|_| bad(geometry_at))?,
         ),
     };
-    let drivetrain =
-        Drivetrain::new(&wheels, mount, compensation, contact).map_err(|_| bad(geometry_at))?;
+    Drivetrain::new(&wheels, mount, compensation, contact).map_err(|_| bad(geometry_at))
+}
 
+/// The members, of which the robot itself is one; bit n stands for node n.
+fn members(parameters: &Parameters, node: u8) -> Result<u32, ConfigurationError> {
     let members = parameters.unsigned(at::MEMBERS);
     let own = 1_u32.checked_shl(u32::from(node)).unwrap_or(0);
     if members & own == 0 || members & !MEMBER_MASK != 0 {
-        return Err(bad(at::MEMBERS));
+        return Err(ConfigurationError::Inconsistent(at::MEMBERS));
     }
-    let supply_nominal = real(at::SUPPLY_NOMINAL);
-    let supply_minimum = real(at::SUPPLY_MINIMUM);
-    let ordered = |limit: Address, fault: Address| real(fault) == 0.0 || real(limit) <= real(fault);
-    if !ordered(at::SLIP_LIMIT, at::SLIP_FAULT) {
-        return Err(bad(at::SLIP_FAULT));
-    }
-    if !ordered(at::STRAIN_LIMIT, at::STRAIN_FAULT) {
-        return Err(bad(at::STRAIN_FAULT));
-    }
-    check_stop(parameters, &drivetrain)?;
-    check_counts(parameters)?;
-    check_gains(parameters)?;
-    check_supply(parameters)?;
-    check_torque(parameters)?;
-    let current = current(parameters)?;
-    let times = times(parameters);
-    let period = u64::from(times.sync_period_us);
-    // Otherwise the control ticks could not keep in step with it.
-    if !times.sync_period_us.is_multiple_of(TICK_US) {
-        return Err(bad(at::SYNC_PERIOD));
-    }
-    // Closer than that, the first late SYNC would be a stop.
-    if times.sync_timeout_us < 2 * period {
-        return Err(bad(at::SYNC_TIMEOUT));
-    }
-    if times.setpoint_timeout_us < 2 * period {
-        return Err(bad(at::SETPOINT_TIMEOUT));
-    }
+    Ok(members)
+}
 
-    let encoder_filter = encoder_filter(parameters)?;
+fn change_limits(parameters: &Parameters, linear: Address, yaw: Address) -> ChangeLimits {
+    let real = |address| parameters.real(address);
+    ChangeLimits::new(real(linear), real(yaw), real(at::JERK), real(at::JERK_YAW))
+}
 
-    let jerk = (real(at::JERK), real(at::JERK_YAW));
-    Ok(Configuration {
-        crc: parameters.crc().max(1),
-        check: parameters.check(),
-        group: parameters.unsigned(at::GROUP_ID).to_le_bytes()[0],
-        members,
-        standstill_syncs: parameters.unsigned(at::STANDSTILL_SYNCS).to_le_bytes()[0],
-        protective_stop: parameters.unsigned(at::PROTECTIVE_STOP) == 1,
-        cuts_together: parameters.unsigned(at::CUTS_TOGETHER) == 1,
-        drivetrain,
-        encoder_filter,
-        mount,
-        wheel_rate_max: real(at::WHEEL_RATE_MAX),
-        follow: ChangeLimits::new(
-            real(at::ACCELERATION),
-            real(at::ACCELERATION_YAW),
-            jerk.0,
-            jerk.1,
-        ),
-        ramp: ChangeLimits::new(
-            real(at::DECELERATION),
-            real(at::DECELERATION_YAW),
-            jerk.0,
-            jerk.1,
-        ),
-        wheels: [0, 1, 2, 3].map(|wheel| wheel_configuration(parameters, wheel)),
-        observer_bandwidth: real(at::OBSERVER_BANDWIDTH),
-        supply: SupplyConfiguration {
-            nominal: supply_nominal,
-            minimum: supply_minimum,
-            maximum: real(at::SUPPLY_MAXIMUM),
-            margin: real(at::SUPPLY_MARGIN),
-            divider: real(at::SUPPLY_DIVIDER),
-            duty_max: real(at::DUTY_MAX),
-        },
-        current,
-        pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
-        direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
-        brake: BrakeTimes {
-            release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
-            engage_us: u64::from(parameters.unsigned(at::BRAKE_ENGAGE)) * 1000,
-        },
-        thresholds: Thresholds {
-            slip_limit: real(at::SLIP_LIMIT),
-            slip_fault: real(at::SLIP_FAULT),
-            strain_limit: real(at::STRAIN_LIMIT),
-            strain_fault: real(at::STRAIN_FAULT),
-            blocked_rate: real(at::BLOCKED_RATE),
-        },
-        times,
-    })
+fn supply(parameters: &Parameters) -> SupplyConfiguration {
+    let real = |address| parameters.real(address);
+    SupplyConfiguration {
+        nominal: real(at::SUPPLY_NOMINAL),
+        minimum: real(at::SUPPLY_MINIMUM),
+        maximum: real(at::SUPPLY_MAXIMUM),
+        margin: real(at::SUPPLY_MARGIN),
+        divider: real(at::SUPPLY_DIVIDER),
+        duty_max: real(at::DUTY_MAX),
+    }
+}
+
+fn thresholds(parameters: &Parameters) -> Thresholds {
+    let real = |address| parameters.real(address);
+    Thresholds {
+        slip_limit: real(at::SLIP_LIMIT),
+        slip_fault: real(at::SLIP_FAULT),
+        strain_limit: real(at::STRAIN_LIMIT),
+        strain_fault: real(at::STRAIN_FAULT),
+        blocked_rate: real(at::BLOCKED_RATE),
+    }
+}
+
+/// A limit comes before its fault.
+fn check_thresholds(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    let real = |address| parameters.real(address);
+    let pairs = [
+        (at::SLIP_LIMIT, at::SLIP_FAULT),
+        (at::STRAIN_LIMIT, at::STRAIN_FAULT),
+    ];
+    for (limit, fault) in pairs {
+        if real(fault) != 0.0 && real(limit) > real(fault) {
+            return Err(ConfigurationError::Inconsistent(fault));
+        }
+    }
+    Ok(())
 }
 
 /// The wheels' rollers, if any wheel has a number of them.
@@ -269,20 +278,34 @@ fn wheels(parameters: &Parameters) -> Result<([Wheel; 4], Address), Configuratio
     Ok(([one(0)?, one(1)?, one(2)?, one(3)?], at::INDIVIDUAL_WHEELS))
 }
 
-fn times(parameters: &Parameters) -> Times {
+fn times(parameters: &Parameters) -> Result<Times, ConfigurationError> {
+    let bad = |address| Err(ConfigurationError::Inconsistent(address));
     let ms = |address| u64::from(parameters.unsigned(address)) * 1000;
     let sync_period_us = parameters.unsigned(at::SYNC_PERIOD);
-    Times {
+    let period = u64::from(sync_period_us);
+    let times = Times {
         sync_period_us,
         sync_timeout_us: match ms(at::SYNC_TIMEOUT) {
             // Two periods, so that one lost SYNC is forgiven, and what the next may be late.
-            0 => u64::from(sync_period_us) * 9 / 4,
+            0 => period * 9 / 4,
             timeout => timeout,
         },
         setpoint_timeout_us: ms(at::SETPOINT_TIMEOUT),
         heartbeat_timeout_us: ms(at::HEARTBEAT_TIMEOUT),
         wheel_fault_us: ms(at::WHEEL_FAULT_TIME),
+    };
+    // Otherwise the control ticks could not keep in step with it.
+    if !sync_period_us.is_multiple_of(TICK_US) {
+        return bad(at::SYNC_PERIOD);
     }
+    // Closer than that, the first late SYNC would be a stop.
+    if times.sync_timeout_us < 2 * period {
+        return bad(at::SYNC_TIMEOUT);
+    }
+    if times.setpoint_timeout_us < 2 * period {
+        return bad(at::SETPOINT_TIMEOUT);
+    }
+    Ok(times)
 }
 
 /// Counts of an encoder's turn: the wheel's own, or what all have.
