@@ -4,13 +4,14 @@
 //! free mailbox while a frame waits for one, for error passive and bus-off, when the control side
 //! has a fault or reaches standstill, and at least every 5 ms. For deadlines, and for frames that
 //! have no effect before the next SYNC, the control tick wakes it, so they are handled at its next
-//! tick. The CAN interrupt has already dropped frames that this robot does not use. In each turn it
-//! passes the control side's latest report to the bus side, then the frames in the order of
-//! reception, each with the time stamp of its interrupt, and stores the resulting command. A frame
-//! that finds no free mailbox waits here; the others wait in the bus side's own queues, and when
-//! one of those is full the bus side counts what it drops. It reports bus-off and lost frames,
-//! which only the CAN controller detects, to the bus side, which also decides when to recover from
-//! bus-off. It logs events and makes no decisions.
+//! tick. Woken for frames that only the cable wants, it prints them and does nothing else. The CAN
+//! interrupt has already dropped frames that this robot does not use. In each turn the task passes
+//! the control side's latest report to the bus side, then the frames in the order of reception,
+//! each with the time stamp of its interrupt, and stores the resulting command. A frame that finds
+//! no free mailbox waits here; the others wait in the bus side's own queues, and when one of those
+//! is full the bus side counts what it drops. It reports bus-off and lost frames, which only the
+//! CAN controller detects, to the bus side, which also decides when to recover from bus-off. It
+//! logs events and makes no decisions.
 //!
 //! It also stores faults and parameters; the bus side provides an image of the parameters only
 //! while the outputs are off. While it writes, no other task of this executor runs: usually for 3
@@ -44,8 +45,10 @@ pub async fn bus(
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        wake::BUS.wait().await;
-
+        if !wake::BUS.wait().await {
+            gateway.send_overheard(&can);
+            continue;
+        }
         control::report(|report| side.on_report(report));
         if let Some(outcome) = IDENTIFIED.receive() {
             side.on_identification(now(), &outcome);
@@ -69,7 +72,6 @@ pub async fn bus(
         }
         COMMAND.put(side.command());
         if save(side, &mut store) || remember(side, &mut store, at) {
-            gateway.neglected();
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()

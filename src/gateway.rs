@@ -115,13 +115,6 @@ impl Gateway {
         true
     }
 
-    /// The task has not looked for a while, because it was writing to the flash.
-    pub fn neglected(&mut self) {
-        if let Some(serial) = &mut self.serial {
-            serial.neglected();
-        }
-    }
-
     fn lose(&mut self, what: u8) {
         self.lost |= what;
         self.losses = self.losses.wrapping_add(1);

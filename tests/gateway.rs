@@ -310,6 +310,31 @@ fn a_command_is_answered_at_once() {
 /// and the interrupts of the port.
 const BUSY_CYCLES: u64 = 12_000;
 
+/// While the robot writes its flash the port goes on by itself: what comes then is late, and not
+/// lost as long as the ring holds it.
+#[test]
+fn what_comes_while_the_flash_is_written_is_not_lost() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    desk.run(300 * MS);
+    desk.flags();
+    desk.left.clear();
+    let programmed = desk.board.flash_operations();
+    let save = Frame::of(0x602, [0x23, 0x10, 0x10, 1, b's', b'a', b'v', b'e']);
+    desk.send_frame(&save);
+    let sent: Vec<Frame> = (0..16).map(|n| Frame::of(0x345, [n])).collect();
+    for frame in &sent {
+        desk.run(200_000);
+        desk.send_frame(frame);
+    }
+    desk.run(20 * MS);
+    assert_ne!(desk.board.flash_operations(), programmed, "nothing written");
+    let left: Vec<Frame> = desk.left.iter().map(|(_, frame)| *frame).collect();
+    let left: Vec<Frame> = left.into_iter().filter(|f| f.id() == 0x345).collect();
+    assert_eq!(left, sent);
+    assert_eq!(desk.flags() & slcan::flags::OVERRUN, 0);
+}
+
 /// `L`: everything is heard, nothing goes out and nothing reaches the robot.
 #[test]
 fn a_channel_that_listens_sends_nothing() {
@@ -740,17 +765,37 @@ fn a_pulled_cable_is_a_silent_master() {
     assert!(codes.iter().any(|code| silent.contains(code)), "{codes:x?}");
 }
 
-/// A second master at the cable is one too many, as on the bus.
+/// What all three robots say of a second master.
+fn all_notice_two_masters(master: &TestMaster) {
+    for node in [2, 3, 4] {
+        let mut codes = master.emergencies(node).map(|(_, code)| code);
+        let two = codes.any(|code| code == Fault::TwoMasters.code());
+        assert!(two, "node {node}");
+    }
+}
+
+/// Two programs at one cable are one too many, as on the bus.
 #[test]
 fn a_second_master_at_the_cable_is_noticed() {
     let mut master = driving();
     master.second = true;
     master.run(500).unwrap();
-    for node in [2, 3, 4] {
-        let mut codes = master.emergencies(node).map(|(_, code)| code);
-        assert!(
-            codes.any(|code| code == Fault::TwoMasters.code()),
-            "node {node}"
-        );
+    all_notice_two_masters(&master);
+}
+
+/// So are one at the cable and one on the bus.
+#[test]
+fn a_master_on_the_bus_beside_that_at_the_cable_is_noticed() {
+    let mut master = driving();
+    for sequence in 0..50 {
+        let other = protocol::GroupTwist {
+            twist: Twist::default(),
+            sequence,
+            group: common::group("tcc-3").group_id,
+        };
+        let frame = Frame::of(protocol::cob::GROUP_TWIST, other.encode());
+        master.world.send(frame);
+        master.run(10).unwrap();
     }
+    all_notice_two_masters(&master);
 }

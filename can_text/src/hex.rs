@@ -20,6 +20,22 @@ pub fn upper(value: u8) -> u8 {
     }
 }
 
+/// The four digits of two bytes, in upper case. All four at once in one word: every frame of a full
+/// bus is printed by a robot that has other things to do.
+#[inline(always)]
+pub fn four([first, second]: [u8; 2]) -> [u8; 4] {
+    let pair = u32::from(first) | u32::from(second) << 16;
+    // One digit a byte, the first in the lowest.
+    let digits = (pair >> 4 & 0x000F_000F) | (pair << 8 & 0x0F00_0F00);
+    // From ten on a digit plus six has bit 4 set; letters lie seven behind where the row goes on.
+    let letters = digits.wrapping_add(0x0606_0606) >> 4 & 0x0101_0101;
+    let ascii = digits.wrapping_add(0x3030_3030);
+    // Seven times.
+    ascii
+        .wrapping_add((letters << 3).wrapping_sub(letters))
+        .to_le_bytes()
+}
+
 /// The number that these digits are: one to four of them.
 pub fn number(digits: &[u8]) -> Option<u16> {
     if digits.is_empty() || digits.len() > 4 {

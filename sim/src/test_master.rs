@@ -166,8 +166,7 @@ impl TestMaster {
             sequence: self.sequence.wrapping_add(ahead),
             group: self.group,
         };
-        self.world
-            .send(Frame::of(cob::GROUP_TWIST, setpoint.encode()));
+        self.put(Frame::of(cob::GROUP_TWIST, setpoint.encode()));
     }
 
     /// The sequence of the last regular setpoint.

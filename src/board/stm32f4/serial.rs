@@ -163,14 +163,6 @@ impl Serial {
         Arrived { until, damaged }
     }
 
-    /// Says that nobody could look at what came: it is dropped at the next look.
-    pub fn neglected(&mut self) {
-        if received() != self.read {
-            DAMAGED.store(true, Ordering::Relaxed);
-            NEWS.store(true, Ordering::Relaxed);
-        }
-    }
-
     /// The next byte of what has come.
     pub fn read(&mut self, arrived: &Arrived) -> Option<u8> {
         if self.read == arrived.until {
@@ -190,16 +182,22 @@ impl Serial {
         if bytes.len() > room {
             return false;
         }
-        let mut at = written;
-        for byte in bytes {
-            if let Some(place) = OUTGOING.get((at % OUT) as usize) {
-                place.store(*byte, Ordering::Relaxed);
-            }
-            at = at.wrapping_add(1);
-        }
-        WRITTEN.store(at, Ordering::Release);
+        let at = (written % OUT) as usize;
+        let (before_end, rest) = bytes.split_at(bytes.len().min(OUT as usize - at));
+        copy(before_end, OUTGOING.get(at..).unwrap_or_default());
+        copy(rest, &OUTGOING);
+        #[expect(clippy::cast_possible_truncation, reason = "it has found room")]
+        let length = bytes.len() as u32;
+        WRITTEN.store(written.wrapping_add(length), Ordering::Release);
         cortex_m::interrupt::free(|_| send());
         true
+    }
+}
+
+/// Puts bytes into the ring for what goes.
+fn copy(bytes: &[u8], to: &[AtomicU8]) {
+    for (place, byte) in to.iter().zip(bytes) {
+        place.store(*byte, Ordering::Relaxed);
     }
 }
 
@@ -285,8 +283,14 @@ struct InHandler;
 #[expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
 impl Handler<typelevel::DMA1_STREAM5> for InHandler {
     unsafe fn on_interrupt() {
+        let flags = pac::DMA1.isr(RECEIVE / 4).read();
         clear(RECEIVE);
         HALVES.fetch_add(1, Ordering::Relaxed);
+        // Both halves since the last interrupt: the processor stood still for longer than one of
+        // them lasts, while a sector was erased, and how often the ring went round is not known.
+        if flags.htif(RECEIVE % 4) && flags.tcif(RECEIVE % 4) {
+            DAMAGED.store(true, Ordering::Relaxed);
+        }
         NEWS.store(true, Ordering::Relaxed);
         wake::BUS.signal();
     }

@@ -18,7 +18,7 @@ const LINE: f64 = 100_000.0;
 const BUDGET: f64 = 2.0;
 
 /// A group of this many of the first robot, in a row.
-fn group_of(file: &GroupFile, robots: u8) -> anyhow::Result<GroupFile> {
+pub(super) fn group_of(file: &GroupFile, robots: u8) -> anyhow::Result<GroupFile> {
     let mut file = file.clone();
     let first = file.robots.first().context("no robots")?.clone();
     file.robots = (0..robots)
@@ -70,7 +70,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         figures.push(Figure::new(name("load"), with, "%"));
         let more = Figure::new(name("load.more"), with - without, "%").budget(BUDGET);
         // Eight robots say seven frames in ten of what the cable carries, and each costs a line.
-        figures.push(more.ceiling(if robots == 1 { BUDGET } else { 4.5 }));
+        figures.push(more.ceiling(if robots == 1 { BUDGET } else { 2.7 }));
         figures.push(Figure::new(name("bytes"), bytes, "bytes/s"));
         figures.push(Figure::new(name("line"), 100.0 * bytes / LINE, "%").ceiling(100.0));
     }

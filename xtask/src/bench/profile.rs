@@ -23,6 +23,12 @@ pub struct Arguments {
     /// Count what the compiler has inlined for the functions of the source.
     #[arg(long)]
     inlined: bool,
+    /// Drives a group of this many robots in a row instead of groups/tcc-3.toml.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=8))]
+    robots: Option<u8>,
+    /// Puts the master at the cable of the first robot, which is the gateway then.
+    #[arg(long)]
+    cable: bool,
 }
 
 /// Drives and prints.
@@ -32,12 +38,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => crate::firmware::build(omnibus::report::Scalar::F32)?,
     };
     let firmware = Firmware::load(&elf)?;
-    let group = GroupFile::load(cargo::root().join("groups/tcc-3.toml"))?;
+    let mut group = GroupFile::load(cargo::root().join("groups/tcc-3.toml"))?;
+    if let Some(robots) = arguments.robots {
+        group = super::gateway::group_of(&group, robots)?;
+    }
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
     };
-    let mut driving = Driving::new(&group, &firmware, options)?;
+    let mut driving = Driving::ready(&group, &firmware, options)?;
+    if arguments.cable {
+        driving.plug_in()?;
+    }
+    driving.start()?;
+    driving.drive(300)?;
+    driving.ensure_moving()?;
     let robot = driving.first()?.clone();
     robot.start_profile(&[]);
     let (cycles, slept) = robot.board(|board| board.cycles());

@@ -165,7 +165,7 @@ pub(super) fn overhear(at: Micros, frame: Frame) {
     if OVERHEARD.try_send(Overheard { at_us, frame }).is_err() {
         OVERHEARD_LOST.store(true, Ordering::Relaxed);
     }
-    wake::BUS.signal_at_next_tick();
+    wake::BUS.signal_cable_at_next_tick();
 }
 
 /// The mailbox of the frame of the cable, if there is one.
