@@ -16,7 +16,7 @@ const SIDE: f64 = 2.0;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let file = GroupFile::load("groups/tcc-3.toml")?;
-    let bus = omnibus::bus::address::open(&"sim:groups/tcc-3.toml".parse()?, &file)?;
+    let bus = omnibus::bus::open(&"sim:groups/tcc-3.toml".parse()?, &file)?;
     let mut group = Group::connect(bus, &file)?;
     let abort = group.abort();
     ctrlc::set_handler(move || abort.ask())?;

@@ -1,12 +1,7 @@
-//! Which bus: the text after `--bus`, what it means, and how it is opened.
+//! Which bus: the text after `--bus`, and what it means.
 
 use std::path::PathBuf;
 use std::str::FromStr;
-
-use group::GroupFile;
-
-use crate::bus::link::Link;
-use crate::run::DriveError;
 
 /// A bus as named on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,24 +91,6 @@ impl std::fmt::Display for BusAddress {
             Self::Slcan(device) => write!(f, "slcan:{}", device.display()),
         }
     }
-}
-
-/// Opens a bus. A simulated one is built with freshly booted native robots of `group` at the
-/// origin.
-///
-/// # Errors
-/// When the adapter cannot be opened or the world cannot be built; the error says what to check.
-pub fn open(bus: &BusAddress, group: &GroupFile) -> Result<Box<dyn Link>, DriveError> {
-    Ok(match bus {
-        #[cfg(feature = "simulation")]
-        BusAddress::Sim(_) => Box::new(crate::simulation::open(group, None, bus.to_string())?),
-        #[cfg(not(feature = "simulation"))]
-        BusAddress::Sim(_) => {
-            let _ = group;
-            return Err(DriveError::NoSimulation);
-        }
-        real => crate::bus::adapter::open(real).map_err(crate::error::MasterError::from)?,
-    })
 }
 
 #[cfg(test)]
