@@ -157,7 +157,8 @@ fn phases(seed: u64) -> (usize, f64) {
 
 /// How far to go for the truth: passages of a roller, over which its ripple is nothing.
 const PASSAGES: f64 = 100.0;
-const SPEEDS: [f64; 3] = [0.25, 0.5, 1.0];
+/// Those that `omnibus calibrate` has by default, but for the slowest.
+const SPEEDS: [f64; 2] = [0.25, 0.5];
 const RATE: f64 = 0.5;
 
 /// The coefficient of a motion: what even wheels ask for over what the plant does with it.
@@ -195,7 +196,7 @@ fn coefficient(file: &GroupFile, contact: Contact, twist: Twist<f64>) -> f64 {
     (vx * vx + vy * vy + omega * omega) * (t - 1.0) / reached
 }
 
-/// How many of a robot's seven coefficients lie in their intervals, and half the mean length of
+/// How many of a robot's five coefficients lie in their intervals, and half the mean length of
 /// these.
 fn coefficients(seed: u64) -> (usize, f64) {
     let Robot {
@@ -265,11 +266,11 @@ fn intervals_of_phases_hold_on_plants_that_the_fit_does_not_know() {
     assert!(wide < 0.5, "{wide}");
 }
 
-/// Of 42 fewer than 36 hold once in 120 times.
+/// Of 30 fewer than 25 hold once in 150 times.
 #[test]
 fn intervals_of_coefficients_hold_on_plants_that_the_fit_does_not_know() {
     let (inside, wide) = all(1..7, coefficients);
-    assert!(inside >= 36, "{inside} of 42");
+    assert!(inside >= 25, "{inside} of 30");
     assert!(wide < 0.005, "{wide}");
 }
 
@@ -295,6 +296,6 @@ fn of_a_hundred_intervals_of_phases_ninety_to_ninety_nine_hold() {
 #[ignore = "minutes"]
 fn of_a_hundred_intervals_of_coefficients_ninety_to_ninety_nine_hold() {
     let (inside, _) = all(101..101 + robots(), coefficients);
-    let percent = 100.0 * inside as f64 / (7 * robots()) as f64;
+    let percent = 100.0 * inside as f64 / (5 * robots()) as f64;
     assert!((90.0..=99.0).contains(&percent), "{percent} %");
 }

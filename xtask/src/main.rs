@@ -41,7 +41,7 @@ enum Task {
     /// Counts how many intervals of 95 % of a calibration hold the truth, on robots whose floors,
     /// loads and rollers its fits do not know.
     Coverage {
-        /// Number of robots: four phases and seven coefficients each.
+        /// Number of robots: four phases and five coefficients each.
         #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(10..))]
         robots: u32,
     },
