@@ -147,6 +147,8 @@ pub fn program_brown_out() {
         "brown-out reset: level {=u8}, programming level 3",
         brown_out_level()
     );
+    // No interrupt counts the timer's overflows meanwhile, as in an erase (`flash`).
+    pac::TIM9.cr1().modify(|w| w.set_cen(false));
     let done = iwdg::patiently(|| {
         // RM0390 3.6.2.
         for key in OPTION_KEYS {
@@ -158,6 +160,7 @@ pub fn program_brown_out() {
         while flash.sr().read().bsy() {}
         flash.optcr().modify(|w| w.set_optlock(true));
     });
+    pac::TIM9.cr1().modify(|w| w.set_cen(true));
     if done.is_err() || brown_out_level() != 3 {
         defmt::error!("brown-out reset: cannot be programmed");
     }
