@@ -1,13 +1,13 @@
-//! The control tick: from encoders to PWM, a thousand times a second.
+//! The control task: from encoders to PWM, a thousand times a second.
 //!
-//! It is the handler of a timer's interrupt (`board`'s `tick`), above the bus side and below the
-//! short interrupts in the table of `board::executors`. It alone touches the motor outputs and the
-//! brake. Each tick reads the encoders and the stop and fault inputs, uses the bus side's latest
-//! command, runs the control side, sets the outputs, feeds the watchdog, wakes the bus task when a
-//! deadline is due or a fault has to be announced, and starts the timer for the next tick that the
-//! control side requests, which is in step with SYNC. The bus task reads its [`report`]. It does
-//! not wait for the bus side and does not log. A tick that cannot start in time starts late, and
-//! its lateness is recorded; missed ticks are not repeated.
+//! It runs on the control executor, above the bus side and below the short interrupts in the table
+//! of `board::executors`. It is the only task that touches the motor outputs and the brake. Each
+//! tick reads the encoders and the stop and fault inputs, uses the bus side's latest command, runs
+//! the control side, sets the outputs, feeds the watchdog, and wakes the bus task when a deadline
+//! is due or a fault has to be announced. Then it sleeps until the next tick that the control side
+//! requests, which is in step with SYNC. The bus task reads its [`report`] where it is. The task
+//! does not wait for the bus side and does not log. A tick that cannot start in time starts late,
+//! and its lateness is recorded; missed ticks are not repeated.
 
 use core::cell::RefCell;
 use core::mem::MaybeUninit;
@@ -21,7 +21,7 @@ use protocol::Fault;
 use static_cell::StaticCell;
 
 use crate::board::now;
-use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer, begin_ticks};
+use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer};
 use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
@@ -38,8 +38,6 @@ pub struct Parts {
     pub lines: Lines,
     /// Supply and motor current.
     pub meters: Meters,
-    /// When the next tick is.
-    pub timer: TickTimer,
     /// Who feeds the watchdog.
     pub guard: Guard,
 }
@@ -60,16 +58,28 @@ struct Control {
 /// Some kilobytes that must not be moved over the stack.
 static PLACE: StaticCell<Control> = StaticCell::new();
 
-/// The tick's state, from [`start`] on.
+/// The task's state, from [`prepare`] on. The bus side reads the report in it.
 static CONTROL: Mutex<TickMutex, RefCell<Option<&'static mut Control>>> =
     Mutex::new(RefCell::new(None));
 
-/// Lets ticks begin. Not inlined, so that its stack is released.
+/// Makes the task's state, and returns when its first tick begins. Not inlined, so that its stack
+/// is released.
 #[inline(never)]
-pub fn start(parts: Parts) {
+pub fn prepare(parts: Parts) -> Micros {
     let control = place(PLACE.uninit(), parts);
+    let due = control.due;
     CONTROL.lock(|cell| *cell.borrow_mut() = Some(control));
-    begin_ticks();
+    due
+}
+
+/// Turns commands and encoder counts into motor outputs, from `due` on. [`prepare`] comes before.
+#[embassy_executor::task]
+pub async fn control(mut timer: TickTimer, due: Micros) {
+    let mut next = Some(due);
+    while let Some(due) = next {
+        let begin = timer.until(due).await;
+        next = CONTROL.lock(|cell| Some(cell.borrow_mut().as_mut()?.tick(begin)));
+    }
 }
 
 fn place(place: &'static mut MaybeUninit<Control>, parts: Parts) -> &'static mut Control {
@@ -93,28 +103,10 @@ pub fn report(use_it: impl FnOnce(&Report)) {
     });
 }
 
-/// The timer has run down: for its interrupt's handler.
-pub fn on_tick() {
-    CONTROL.lock(|cell| {
-        if let Some(control) = &mut *cell.borrow_mut() {
-            control.on_timer();
-        }
-    });
-}
-
 impl Control {
-    fn on_timer(&mut self) {
-        let begin = now();
-        // The timer does not run longer than 65 ms, and its microseconds begin in those of the
-        // clock.
-        if begin >= self.due {
-            self.tick(begin);
-        }
-        self.parts.timer.start(self.due);
-    }
-
+    /// Everything in a tick; returns when the next one begins.
     #[inline(always)]
-    fn tick(&mut self, begin: Micros) {
+    fn tick(&mut self, begin: Micros) -> Micros {
         if CONFIGURATION.is_full() {
             self.take_over();
         }
@@ -157,6 +149,7 @@ impl Control {
         if self.due <= begin {
             self.due = self.schedule.next(now());
         }
+        self.due
     }
 
     /// Applies a new configuration. Not inlined, so that its stack is released.

@@ -1,16 +1,16 @@
 //! The firmware of one robot: tasks that connect a board to `robot` and `control`.
 //!
-//! The tasks of the bus side share an executor in thread mode; the control tick is the handler of
-//! an interrupt and preempts them (`board::executors` has the priorities). Decisions are made in
-//! `robot` and `control`, and registers are accessed in `board`; this crate defines only when each
-//! of them runs and what they exchange.
+//! There are two executors. The tasks of the bus side share one in thread mode; the control side
+//! has its own in an interrupt and preempts them (`board::executors` has the priorities). Decisions
+//! are made in `robot` and `control`, and registers are accessed in `board`; this crate defines
+//! only when each task wakes and what the tasks exchange.
 //!
-//! | task | runs in | wakes | does |
+//! | task | executor | wakes | does |
 //! |---|---|---|---|
-//! | [`bus_task`] | thread mode | a frame, bytes of the cable, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store, [`gateway`] between cable and CAN |
-//! | [`led`] | thread mode | as its pattern asks | shows the state on LD2 |
-//! | [`health`] | thread mode | every second | logs stack use and lateness when they get worse |
-//! | [`control`] | interrupt | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while both sides run |
+//! | [`bus_task`] | bus | a frame, bytes of the cable, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store, [`gateway`] between cable and CAN |
+//! | [`led`] | bus | as its pattern asks | shows the state on LD2 |
+//! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
+//! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while both sides run |
 //!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|

@@ -80,7 +80,7 @@ struct Parts {
     led: Led,
 }
 
-/// Everything before the tasks, and the control tick. Not inlined, for the same reason.
+/// Everything before the tasks, and the control task. Not inlined, for the same reason.
 #[inline(never)]
 fn prepare() -> Parts {
     let board = Board::new();
@@ -131,15 +131,15 @@ fn prepare() -> Parts {
         (None, false) => {}
     }
 
-    control::start(control::Parts {
+    let due = control::prepare(control::Parts {
         outputs: board.outputs,
         encoders: board.encoders,
         indexes: board.indexes,
         lines: board.lines,
         meters: board.meters,
-        timer: board.tick,
         guard: Guard::new(board.watchdog),
     });
+    executors::start_control().spawn(unwrap!(control::control(board.tick, due)));
     Parts {
         can: board.can,
         gateway: Gateway::new(board.cable, board.serial),

@@ -30,7 +30,7 @@ pub use stm32f4::iwdg::{Watchdog, patiently};
 pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
 pub use stm32f4::outputs::Outputs;
 pub use stm32f4::serial::Serial;
-pub use stm32f4::tick::{TickMutex, TickTimer, begin as begin_ticks};
+pub use stm32f4::tick::{TickMutex, TickTimer};
 pub use stm32f4::{Board, Led, Lines, now};
 
 /// Why the chip was reset, with the numbers of the object "reset cause".

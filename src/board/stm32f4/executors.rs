@@ -1,8 +1,8 @@
-//! The executor of the bus side, and the priorities of all interrupts.
+//! The two executors.
 //!
-//! The tasks of the bus side run in thread mode, at the lowest priority. The control tick is the
-//! handler of TIM7's interrupt (`tick`): it interrupts the bus side whatever that is doing. The
-//! priorities, strongest first:
+//! The bus side runs in thread mode, at the lowest priority. The control side runs in the interrupt
+//! of TIM7, which its ticks wait for (`tick`). Whatever the bus side is doing, a control tick
+//! interrupts it. The priorities, strongest first:
 //!
 //! | priority | interrupt | why |
 //! |---|---|---|
@@ -11,21 +11,39 @@
 //! | 2 | EXTI15_10 (encoder index) | reads the counters at the edge; about 50 instructions, once a wheel and tick at most |
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
-//! | 6 | TIM7 (control tick) | encoders to PWM |
+//! | 6 | TIM7 (control executor) | the control tick |
 //! | 7 | USART2, DMA1 streams 5 and 6 (cable) | waits for a control tick; the rings last for two of them |
 //! | - | thread mode | the bus side |
 
+#![expect(unsafe_code, reason = "an interrupt handler is called by the hardware")]
+
 use cortex_m::peripheral::NVIC;
-use embassy_executor::Executor;
+use embassy_executor::{Executor, InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use static_cell::StaticCell;
 
+use super::tick;
+
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
 static BUS: StaticCell<Executor> = StaticCell::new();
+
+/// Starts the control executor and returns its spawner.
+pub fn start_control() -> SendSpawner {
+    interrupt::TIM7.set_priority(Priority::P6);
+    CONTROL.start(interrupt::TIM7)
+}
 
 /// Returns the executor of the bus side. To be called once.
 pub fn bus() -> &'static mut Executor {
     BUS.init(Executor::new())
+}
+
+#[interrupt]
+unsafe fn TIM7() {
+    tick::over();
+    // SAFETY: this is the interrupt the executor was started on, and nothing else calls it.
+    unsafe { CONTROL.on_interrupt() }
 }
 
 /// Sets the priorities of the interrupts that the HAL has enabled.

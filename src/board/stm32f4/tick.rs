@@ -1,22 +1,23 @@
-//! The interrupt of the control tick: TIM7, one shot at a time (RM0390 rev 6, section 20).
+//! When the control tick begins: TIM7, one shot at a time (RM0390 rev 6, section 20).
 //!
-//! The tick is the interrupt's handler ([`crate::control::on_tick`]), without an executor: a task
-//! would cost another 250 cycles in every millisecond, and a timer of `embassy-time` a thousand
-//! (docs/performance.md). The handler starts the timer for the next tick ([`TickTimer::start`]).
+//! Its vector is the control executor's too (`executors`): the interrupt that ends a wait continues
+//! with the task that has waited. A timer of `embassy-time` would be another interrupt before that
+//! one, and two walks through the executor's queue of timers: a thousand cycles in every
+//! millisecond (docs/performance.md).
+//!
 //! The counter counts microseconds beside the one of the local time, from the same clock. Each wait
 //! is measured from the local time as it is, so nothing adds up.
 //!
-//! What the handler shares with thread mode is behind a [`TickMutex`].
+//! What the control task shares with thread mode is behind a [`TickMutex`].
 
-#![expect(
-    unsafe_code,
-    reason = "an interrupt handler is called by the hardware; a mutex vouches for exclusion"
-)]
+#![expect(unsafe_code, reason = "a mutex vouches for exclusion")]
+
+use core::future::poll_fn;
+use core::task::Poll;
 
 use control::time::Micros;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::register::primask;
-use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::{interrupt, pac};
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -30,7 +31,7 @@ const CLOCKS_PER_US: u16 = {
     (hz / 1_000_000) as u16
 };
 
-/// The timer of the control tick.
+/// The timer of the control task.
 pub struct TickTimer(());
 
 impl TickTimer {
@@ -43,44 +44,50 @@ impl TickTimer {
         Self(())
     }
 
-    /// The handler is called at `due` or up to 65 ms before, and at once if that has been.
-    pub fn start(&mut self, due: Micros) {
-        let left = due.since(now()).0;
-        // Two at least: the counter does not run to 0.
-        let us = u16::try_from(left).unwrap_or(u16::MAX).max(2);
-        let timer = pac::TIM7;
-        timer.arr().write(|w| w.set_arr(us - 1));
-        // Counter and prescaler restart; with URS this does not count as the end of a wait.
-        timer.egr().write(|w| w.set_ug(true));
-        timer.cr1().write(|w| {
-            w.set_urs(Urs::COUNTER_ONLY);
-            w.set_opm(true);
-            w.set_cen(true);
-        });
+    /// Waits until `due`, not at all if that has been, and returns the time it is then.
+    pub async fn until(&mut self, due: Micros) -> Micros {
+        poll_fn(|context| {
+            let now = now();
+            let left = due.since(now).0;
+            if left == 0 {
+                return Poll::Ready(now);
+            }
+            // Ready at once, but not before the timer's interrupt: that is the executor's, and it
+            // has no other task. So the interrupt does not have to wake a task. Nothing counts yet,
+            // so what is taken back is this request alone.
+            context.waker().wake_by_ref();
+            NVIC::unpend(interrupt::TIM7);
+            start(u16::try_from(left).unwrap_or(u16::MAX));
+            Poll::Pending
+        })
+        .await
     }
 }
 
-/// Lets the handler be called, for the first time at once.
-pub fn begin() {
-    interrupt::TIM7.set_priority(Priority::P6);
-    NVIC::pend(interrupt::TIM7);
-    // SAFETY: no critical section relies on this interrupt being off; nothing has shared data with
-    // its handler yet but through a `TickMutex`, which masks it.
-    unsafe { interrupt::TIM7.enable() };
+/// Counts so many microseconds from now, two at least: the counter does not run to 0.
+fn start(us: u16) {
+    let timer = pac::TIM7;
+    timer.arr().write(|w| w.set_arr(us.max(2) - 1));
+    // Counter and prescaler restart; with URS this does not count as the end of a wait.
+    timer.egr().write(|w| w.set_ug(true));
+    timer.cr1().write(|w| {
+        w.set_urs(Urs::COUNTER_ONLY);
+        w.set_opm(true);
+        w.set_cen(true);
+    });
 }
 
-#[interrupt]
-fn TIM7() {
+/// For the interrupt handler, before it runs the executor: a wait is over.
+pub fn over() {
     pac::TIM7.sr().write(|w| w.set_uif(false));
-    crate::control::on_tick();
 }
 
-/// Excludes thread mode and the tick's handler from each other. Thread mode masks interrupts while
-/// it holds the mutex; the handler need not do anything, because thread mode does not run beside
-/// it, and so does not hold up the stronger interrupts with their time stamps.
+/// Excludes thread mode and the control task from each other. Thread mode masks interrupts while it
+/// holds the mutex; the task, which runs in an interrupt, need not do anything, because thread mode
+/// does not run beside it, and so does not hold up the stronger interrupts with their time stamps.
 pub struct TickMutex(());
 
-// SAFETY: `lock` runs `f` in thread mode with interrupts masked, or in the handler, which thread
+// SAFETY: `lock` runs `f` in thread mode with interrupts masked, or in TIM7's handler, which thread
 // mode cannot interrupt and which cannot interrupt itself; anywhere else it panics. So no two
 // calls overlap, except for one inside the other.
 unsafe impl RawMutex for TickMutex {
