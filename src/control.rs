@@ -108,7 +108,7 @@ impl Control {
     #[inline(always)]
     fn tick(&mut self, begin: Micros) -> Micros {
         if CONFIGURATION.is_full() {
-            self.take_over();
+            self.apply_configuration();
         }
         let parts = &mut self.parts;
         // Before the counts, so that no pulse is ahead of them.
@@ -154,7 +154,7 @@ impl Control {
 
     /// Applies a new configuration. Not inlined, so that its stack is released.
     #[inline(never)]
-    fn take_over(&mut self) {
+    fn apply_configuration(&mut self) {
         CONFIGURATION.receive_with(|configuration| {
             self.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
             let rolling = configuration.drivetrain.rolling();

@@ -12,7 +12,7 @@ use kinematics::Pose;
 use omnibus::abort::Abort;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::Settings;
-use omnibus::commission::calibrate::measure::Witness;
+use omnibus::commission::calibrate::measure::Instrument;
 use omnibus::commission::calibrate::recorded_motions::Source;
 use omnibus::commission::calibrate::{calibrate, group_file, rollers};
 use omnibus::path::course::Course;
@@ -65,8 +65,8 @@ fn whole_calibration(name: &str, elf: Option<&Path>) -> GroupFile {
     let journal = &mut Journal::new(|_| {});
     let source = &mut Source::Poses(&mut poses);
     rollers::learn(&mut session, &settings, source, journal).unwrap();
-    let witness = &mut Witness::Poses(&mut poses);
-    let found = calibrate(&mut session, &settings, 1, witness, journal).unwrap();
+    let instrument = &mut Instrument::Poses(&mut poses);
+    let found = calibrate(&mut session, &settings, 1, instrument, journal).unwrap();
     session.wire().save(2).unwrap();
 
     let text = group_file::rewrite(&path, &found.file).unwrap();

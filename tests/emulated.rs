@@ -471,11 +471,14 @@ fn a_spell_of_error_passive_during_an_nmt_start_is_announced() {
     assert!(spell_us < 200, "{spell_us} us");
     let soon = canopen::Micros(world.now().0 + 20_000);
     world.run_until(soon).unwrap();
-    let told: Vec<u16> = std::iter::from_fn(|| world.take_received(sim::MASTER))
+    let codes: Vec<u16> = std::iter::from_fn(|| world.take_received(sim::MASTER))
         .filter(|(_, frame)| frame.id() == cob::emergency(2))
         .map(|(_, frame)| u16::from_le_bytes([frame.data()[0], frame.data()[1]]))
         .collect();
-    assert!(told.contains(&canopen::Emergency::CAN_PASSIVE), "{told:X?}");
+    assert!(
+        codes.contains(&canopen::Emergency::CAN_PASSIVE),
+        "{codes:X?}"
+    );
 }
 
 /// The release image finds the constants of the simulated motors, and gains that drive them.
@@ -535,7 +538,7 @@ fn robots_that_are_one_node_notice_it() {
     let mut world = World::with_parts(&group, robots.collect(), plant, options).unwrap();
     world.run_until(canopen::Micros(400_000)).unwrap();
     let frames: Vec<_> = std::iter::from_fn(|| world.take_received(sim::MASTER)).collect();
-    let told = |node| {
+    let codes = |node| {
         let of_node = frames
             .iter()
             .filter(move |(_, frame)| frame.id() == cob::emergency(node));
@@ -548,6 +551,6 @@ fn robots_that_are_one_node_notice_it() {
         boots.next().is_some() && boots.next().is_none(),
         "one boot-up"
     );
-    assert!(told(3).any(|code| code == Fault::DuplicateNode.code()));
-    assert_eq!(told(2).count(), 0);
+    assert!(codes(3).any(|code| code == Fault::DuplicateNode.code()));
+    assert_eq!(codes(2).count(), 0);
 }

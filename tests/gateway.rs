@@ -47,8 +47,8 @@ enum Bus {
 struct Desk {
     board: Board,
     bus: Bus,
-    answers: Answers,
-    said: Vec<Answer>,
+    decoder: Answers,
+    answers: Vec<Answer>,
     /// Frames that left for the bus, with the time in ns at which they ended.
     left: Vec<(u64, Frame)>,
 }
@@ -70,8 +70,8 @@ impl Desk {
         let mut desk = Self {
             board,
             bus,
-            answers: Answers::new(),
-            said: Vec::new(),
+            decoder: Answers::new(),
+            answers: Vec::new(),
             left: Vec::new(),
         };
         desk.run(50 * MS);
@@ -91,8 +91,8 @@ impl Desk {
             self.serve_bus(end);
         }
         let sent = self.board.serial().take_sent();
-        let heard = sent.iter().filter_map(|(_, byte)| self.answers.push(*byte));
-        self.said.extend(heard);
+        let received = sent.iter().filter_map(|(_, byte)| self.decoder.push(*byte));
+        self.answers.extend(received);
     }
 
     /// Carries what the controller wants to send, a frame at a time, each for as long as it takes.
@@ -136,35 +136,36 @@ impl Desk {
     }
 
     /// What the adapter has said since the last call.
-    fn take_said(&mut self) -> Vec<Answer> {
-        std::mem::take(&mut self.said)
+    fn take_answers(&mut self) -> Vec<Answer> {
+        std::mem::take(&mut self.answers)
     }
 
     /// Frames that it has said.
     fn take_frames(&mut self) -> Vec<Frame> {
-        let said = self.take_said().into_iter();
-        said.filter_map(|answer| match answer {
-            Answer::Frame(frame, _) => Some(frame),
-            _ => None,
-        })
-        .collect()
+        let answers = self.take_answers().into_iter();
+        answers
+            .filter_map(|answer| match answer {
+                Answer::Frame(frame, _) => Some(frame),
+                _ => None,
+            })
+            .collect()
     }
 
     fn open(&mut self) {
         self.send(b"C\rS8\rO\r");
         self.run(MS);
-        let said = self.take_said();
-        let accepted = said.iter().filter(|answer| **answer == Answer::Other);
-        assert_eq!(accepted.count(), 3, "{said:?}");
+        let answers = self.take_answers();
+        let accepted = answers.iter().filter(|answer| **answer == Answer::Other);
+        assert_eq!(accepted.count(), 3, "{answers:?}");
     }
 
     /// Asks for the status flags.
     fn flags(&mut self) -> u8 {
-        self.take_said();
+        self.take_answers();
         self.send(b"F\r");
         self.run(3 * MS);
         let flags = self
-            .take_said()
+            .take_answers()
             .into_iter()
             .find_map(|answer| match answer {
                 Answer::Flags(flags) => Some(flags),
@@ -176,7 +177,7 @@ impl Desk {
     /// Reads an object of the robot by SDO, through the cable.
     fn read(&mut self, index: u16, sub: u8) -> Option<[u8; 4]> {
         let [low, high] = index.to_le_bytes();
-        self.take_said();
+        self.take_answers();
         self.send_frame(&Frame::of(
             0x600 + u16::from(NODE),
             [0x40, low, high, sub, 0, 0, 0, 0],
@@ -211,7 +212,7 @@ fn robot_answers(bus: Bus) {
         assert!(desk.read(0x1000, 0).is_some(), "round {round}");
         desk.run(100 * MS);
     }
-    desk.take_said();
+    desk.take_answers();
     // Reset of the communication: it says that it has booted.
     desk.send_frame(&Frame::of(0, [0x82, NODE]));
     desk.run(50 * MS);
@@ -219,8 +220,11 @@ fn robot_answers(bus: Bus) {
     assert!(desk.take_frames().contains(&boot_up));
     // Heartbeats go on, and the processor has not been reset.
     desk.run(500 * MS);
-    let heard = desk.take_frames();
-    let beats = heard.iter().filter(|frame| frame.id() == HEARTBEAT).count();
+    let received = desk.take_frames();
+    let beats = received
+        .iter()
+        .filter(|frame| frame.id() == HEARTBEAT)
+        .count();
     assert!((4..=6).contains(&beats), "{beats} heartbeats in 0.5 s");
     assert_eq!(desk.board.resets(), 0);
 }
@@ -253,7 +257,7 @@ fn commands_are_answered_as_adapters_do() {
         desk.send(text);
         desk.run(2 * MS);
         desk.board.serial().take_sent();
-        desk.take_said()
+        desk.take_answers()
     };
     for text in [
         &b"\r"[..],
@@ -341,17 +345,17 @@ fn a_channel_that_listens_sends_nothing() {
     let mut desk = Desk::new(Bus::Other);
     desk.send(b"L\r");
     desk.run(2 * MS);
-    desk.take_said();
+    desk.take_answers();
     desk.left.clear();
     desk.send_frame(&Frame::of(0, [0x82, NODE]));
     desk.run(2 * MS);
-    assert_eq!(desk.take_said(), [Answer::Refused]);
+    assert_eq!(desk.take_answers(), [Answer::Refused]);
     let foreign = Frame::of(0x345, [1, 2, 3]);
     desk.receive(&foreign);
     desk.run(250 * MS);
-    let heard = desk.take_frames();
-    assert!(heard.contains(&foreign));
-    assert!(heard.contains(&Frame::of(HEARTBEAT, [0x7F])));
+    let received = desk.take_frames();
+    assert!(received.contains(&foreign));
+    assert!(received.contains(&Frame::of(HEARTBEAT, [0x7F])));
     assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
 }
 
@@ -362,13 +366,13 @@ fn time_stamps_are_those_of_the_bus() {
     desk.open();
     desk.send(b"Z1\r");
     desk.run(2 * MS);
-    desk.take_said();
+    desk.take_answers();
     let mut stamps = Vec::new();
     for _ in 0..4 {
         desk.receive(&Frame::of(0x345, []));
         desk.run(7 * MS);
-        let said = desk.take_said().into_iter();
-        stamps.extend(said.filter_map(|answer| match answer {
+        let answers = desk.take_answers().into_iter();
+        stamps.extend(answers.filter_map(|answer| match answer {
             Answer::Frame(frame, stamp) if frame.id() == 0x345 => stamp,
             _ => None,
         }));
@@ -392,9 +396,11 @@ fn frames_of_the_bus_come_in_their_order() {
         desk.run(200_000);
     }
     desk.run(10 * MS);
-    let heard = desk.take_frames().into_iter();
-    let heard: Vec<Frame> = heard.filter(|frame| frame.id() & 0x700 == 0x300).collect();
-    assert_eq!(heard, sent);
+    let received = desk.take_frames().into_iter();
+    let received: Vec<Frame> = received
+        .filter(|frame| frame.id() & 0x700 == 0x300)
+        .collect();
+    assert_eq!(received, sent);
     assert_eq!(desk.flags(), 0);
 }
 
@@ -415,9 +421,10 @@ fn frames_of_the_cable_leave_in_their_order() {
     let left = desk.left.iter().map(|(_, frame)| *frame);
     let left: Vec<Frame> = left.filter(|frame| frame.id() != HEARTBEAT).collect();
     assert_eq!(left, sent);
-    let said = desk.take_said();
+    let answers = desk.take_answers();
     assert_eq!(
-        said.iter()
+        answers
+            .iter()
             .filter(|answer| **answer == Answer::Sent)
             .count(),
         sent.len()
@@ -442,7 +449,7 @@ fn a_million_bytes_of_noise_do_nothing() {
         let bytes: Vec<u8> = (0..250).map(|_| random()).collect();
         desk.send(&bytes);
         desk.run(2_500_000);
-        desk.said.clear();
+        desk.answers.clear();
     }
     assert!(desk.left.iter().all(|(_, frame)| frame.id() == HEARTBEAT));
     assert_eq!(desk.board.resets(), 0);
@@ -508,7 +515,7 @@ fn storms_on_both_sides_do_not_hold_up_the_control_tick() {
         }
         // 47 bits and the pause.
         desk.run(50_000);
-        desk.said.clear();
+        desk.answers.clear();
     }
     assert_eq!(desk.board.resets(), 0);
     desk.run(100 * MS);
@@ -534,7 +541,7 @@ struct CableLink {
     world: World,
     node: u8,
     answers: Answers,
-    heard: std::collections::VecDeque<(Micros, Frame)>,
+    received: std::collections::VecDeque<(Micros, Frame)>,
     outgoing: Vec<u8>,
     /// The next USB frame, ns; `None` for a cable without USB.
     usb_ns: Option<u64>,
@@ -551,7 +558,7 @@ impl CableLink {
             world,
             node,
             answers: Answers::new(),
-            heard: Default::default(),
+            received: Default::default(),
             outgoing: b"C\rS8\rO\r".to_vec(),
             usb_ns: usb.then_some(0),
         }
@@ -569,7 +576,7 @@ impl CableLink {
         self.world.send_cable(self.node, &bytes);
         for (_, byte) in self.world.take_cable(self.node) {
             if let Some(Answer::Frame(frame, _)) = self.answers.push(byte) {
-                self.heard.push_back((self.world.now(), frame));
+                self.received.push_back((self.world.now(), frame));
             }
         }
     }
@@ -589,8 +596,8 @@ impl Link for CableLink {
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         loop {
             self.carry();
-            if let Some(heard) = self.heard.pop_front() {
-                return Ok(Some(heard));
+            if let Some(received) = self.received.pop_front() {
+                return Ok(Some(received));
             }
             if self.world.now() >= until {
                 return Ok(None);

@@ -55,22 +55,22 @@ fn ripple(group: &GroupFile, elf: Option<&std::path::Path>) -> f64 {
 }
 
 /// How the wheels stand with their references after a course, and whether a reference was ever
-/// lost: the robot is told what `told` says, the world is what `truth` says.
+/// lost: the robot is told what `configured` says, the world is what `truth` says.
 fn after(
     truth: &GroupFile,
-    told: &GroupFile,
+    configured: &GroupFile,
     backend: Backend,
     course: &Course,
 ) -> ([u8; 4], bool) {
     let world = World::new(truth, backend, Options::default()).unwrap();
     let mut link = SimLink::new(world, "test");
-    let mut session = Group::connect(&mut link, told).unwrap();
+    let mut session = Group::connect(&mut link, configured).unwrap();
     session.configure(true).unwrap();
     session.start().unwrap();
     session
         .follow(&course.plan().unwrap(), &mut |_, _| {})
         .unwrap();
-    references(&mut session, told.robots[0].node)
+    references(&mut session, configured.robots[0].node)
 }
 
 #[test]
@@ -93,10 +93,10 @@ fn native_robots_keep_their_rollers_behind_a_gear() {
 #[test]
 fn a_wrong_gear_is_noticed() {
     let truth = geared();
-    let mut told = truth.clone();
-    told.robots[0].encoder.gear_ratio = GEAR * 61.0 / 60.0;
+    let mut configured = truth.clone();
+    configured.robots[0].encoder.gear_ratio = GEAR * 61.0 / 60.0;
     let course = Course::of(Curve::Lateral);
-    let (states, lost) = after(&truth, &told, Backend::Native, &course);
+    let (states, lost) = after(&truth, &configured, Backend::Native, &course);
     assert_eq!((states, lost), ([LOST; 4], true));
 }
 

@@ -158,7 +158,7 @@ fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(back
 /// the direction of motion, with the common deceleration, and hold.
 fn ramps_down(
     backend: &Backend,
-    happen: impl Fn(&mut TestMaster),
+    disturb: impl Fn(&mut TestMaster),
     still_drive: &[usize],
     fault: Fault,
     within_ms: f64,
@@ -166,7 +166,7 @@ fn ramps_down(
     let mut master = moving(backend, MIXED);
     master.run_to_phase(100, 1).unwrap();
     let before = robots(&master);
-    happen(&mut master);
+    disturb(&mut master);
     let began = master.world.now().0;
     let speed = f64::from(MIXED.vx.hypot(MIXED.vy));
     let mut shares: Vec<f64> = Vec::new();
@@ -214,47 +214,48 @@ fn share(before: &RobotTruth, now: &RobotTruth) -> f64 {
 }
 
 fn rule_3_a_missing_member_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.world.set_connected(2, false);
-    ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
+    let disturb = |master: &mut TestMaster| master.world.set_connected(2, false);
+    ramps_down(backend, disturb, &[0, 1], Fault::MemberSilent, 21.0);
 }
 
 fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.command(NmtCommand::EnterPreOperational, Some(4));
-    ramps_down(backend, happen, &[0, 1], Fault::MemberSilent, 21.0);
+    let disturb =
+        |master: &mut TestMaster| master.command(NmtCommand::EnterPreOperational, Some(4));
+    ramps_down(backend, disturb, &[0, 1], Fault::MemberSilent, 21.0);
 }
 
 fn rule_3_a_member_in_fault_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.world.set_driver_fault(2, true);
-    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
+    let disturb = |master: &mut TestMaster| master.world.set_driver_fault(2, true);
+    ramps_down(backend, disturb, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_3_a_member_with_another_sequence_stops_the_others_by_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.world.set_misses(2, Some(cob::GROUP_TWIST));
-    ramps_down(backend, happen, &[0, 1], Fault::SequenceMismatch, 21.0);
+    let disturb = |master: &mut TestMaster| master.world.set_misses(2, Some(cob::GROUP_TWIST));
+    ramps_down(backend, disturb, &[0, 1], Fault::SequenceMismatch, 21.0);
 }
 
 fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| {
+    let disturb = |master: &mut TestMaster| {
         master.world.set_emergency_stop(2, true);
         master.run(1).unwrap();
         assert!(is_safe(&robots(master)[2]), "cut in the next tick");
     };
-    ramps_down(backend, happen, &[0, 1], Fault::MemberStopped, 3.0);
+    ramps_down(backend, disturb, &[0, 1], Fault::MemberStopped, 3.0);
 }
 
 fn rule_4_loss_of_the_masters_heartbeat_is_the_same_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.heartbeat = false;
-    ramps_down(backend, happen, &[0, 1, 2], Fault::MasterSilent, 501.0);
+    let disturb = |master: &mut TestMaster| master.heartbeat = false;
+    ramps_down(backend, disturb, &[0, 1, 2], Fault::MasterSilent, 501.0);
 }
 
 fn rule_4_loss_of_sync_is_the_same_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.sync = false;
-    ramps_down(backend, happen, &[0, 1, 2], Fault::SyncLost, 24.0);
+    let disturb = |master: &mut TestMaster| master.sync = false;
+    ramps_down(backend, disturb, &[0, 1, 2], Fault::SyncLost, 24.0);
 }
 
 fn rule_4_an_overdue_setpoint_is_the_same_ramp(backend: &Backend) {
-    let happen = |master: &mut TestMaster| master.twist = None;
-    ramps_down(backend, happen, &[0, 1, 2], Fault::SetpointOverdue, 101.0);
+    let disturb = |master: &mut TestMaster| master.twist = None;
+    ramps_down(backend, disturb, &[0, 1, 2], Fault::SetpointOverdue, 101.0);
 }
 
 fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
@@ -329,8 +330,11 @@ fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
     assert!(robots(&master).iter().all(is_safe));
     assert_eq!(codes(&master, 4), [Fault::ProtectiveStop.code()]);
     assert_eq!(codes(&master, 2), [Fault::MemberStopped.code()]);
-    let heard = master.emergencies(2).next().unwrap().0;
-    assert!(heard.since(before).0 < 3_000, "{heard:?} {before:?}");
+    let announced = master.emergencies(2).next().unwrap().0;
+    assert!(
+        announced.since(before).0 < 3_000,
+        "{announced:?} {before:?}"
+    );
     // Release starts nothing.
     master.world.set_protective_stop(2, false);
     master.run(200).unwrap();
@@ -495,12 +499,12 @@ fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
         }
         master.run(4).unwrap();
         for (node, truth) in NODES.into_iter().zip(&truth) {
-            let said: [f32; 4] = master.rates(node).unwrap().into();
-            for (said, truth) in said.into_iter().zip(rates(truth)) {
-                let said = f64::from(said);
-                known += (said - truth).powi(2);
+            let reported: [f32; 4] = master.rates(node).unwrap().into();
+            for (reported, truth) in reported.into_iter().zip(rates(truth)) {
+                let reported = f64::from(reported);
+                known += (reported - truth).powi(2);
                 kept += (truth - asked).powi(2);
-                mean += said - truth;
+                mean += reported - truth;
                 count += 1.0;
             }
         }

@@ -102,6 +102,6 @@ fn a_bench_image_refuses_to_start_because_of_its_drivers() {
     let node = file.robots[0].node;
     let master = started(&file, "OMNIBUS_ELF_BENCH");
     assert!(!master.all_are(MemberState::Armed) && !master.all_are(MemberState::Moving));
-    let said: Vec<u16> = master.emergencies(node).map(|(_, code)| code).collect();
-    assert_eq!(said, [protocol::Fault::DriverFault.code()]);
+    let codes: Vec<u16> = master.emergencies(node).map(|(_, code)| code).collect();
+    assert_eq!(codes, [protocol::Fault::DriverFault.code()]);
 }

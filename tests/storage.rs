@@ -391,12 +391,12 @@ fn find(firmware: &Firmware, flashes: &[Vec<u8>]) -> Vec<u16> {
             .found()
             .unwrap_or_else(|| panic!("cut {nth}: nothing"));
         found.push(set.0);
-        let told = robot.read(history::code(1)) == u32::from(Fault::StoreInterrupted.code());
-        assert_eq!(robot.read(at::CUT_SAVES), u32::from(told));
+        let announced = robot.read(history::code(1)) == u32::from(Fault::StoreInterrupted.code());
+        assert_eq!(robot.read(at::CUT_SAVES), u32::from(announced));
         // Cut in its very last operation, a save may be found complete.
         let last = nth + 1 == flashes.len();
         assert!(
-            told || last || set == Set(1),
+            announced || last || set == Set(1),
             "cut {nth}: a new set without a word"
         );
         if nth % 16 == 0 {
@@ -550,7 +550,7 @@ fn three_hundred_random_saves_and_power_cuts() {
     let mut state = 0x00C0_FFEE;
     let mut flash = with_first_set(&firmware);
     let mut robot = Robot::power_on(&firmware, &flash);
-    let mut kept = Some(Set(1));
+    let mut stored = Some(Set(1));
     let (mut cuts, mut slowest_ns) = (0, 0);
     for step in 0..300 {
         let new = match random(&mut state) % 3 {
@@ -573,7 +573,7 @@ fn three_hundred_random_saves_and_power_cuts() {
             }
         };
         match &done {
-            Ok(()) => kept = new,
+            Ok(()) => stored = new,
             Err(stop) => assert_eq!(stop.kind, StopKind::PowerCut, "step {step}"),
         }
         if done.is_err() || random(&mut state).is_multiple_of(8) {
@@ -583,10 +583,10 @@ fn three_hundred_random_saves_and_power_cuts() {
             slowest_ns = slowest_ns.max(robot.board.now_ns());
             let found = robot.found();
             assert!(
-                found == kept || (done.is_err() && found == new),
+                found == stored || (done.is_err() && found == new),
                 "step {step}: {found:?}"
             );
-            kept = found;
+            stored = found;
         } else {
             // A cut that has not come does not come later.
             robot.board.cut_power_at_flash_operation(u64::MAX);

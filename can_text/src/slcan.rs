@@ -1,9 +1,11 @@
 //! slcan: the LAWICEL protocol of serial CAN adapters.
 //!
-//! A command is a line that ends in a carriage return; the answer ends in one too, or is a bell for
-//! a refusal. [`Channel`] is the adapter's end, [`Answers`] that of the program that uses it, and
-//! [`frame`] the line of a frame for both. Sources: LAWICEL CAN232 manual 1.4 (commands and status
-//! flags), slcan.c of Linux and python-can (what is sent in practice).
+//! A command is a line that ends in a carriage return; the answer also ends in one, or is the
+//! character BEL (7) for a refusal. [`Channel`] is the adapter's end, [`Answers`] that of the
+//! program that uses it, and [`frame`] the line of a frame for both. Sources: LAWICEL CAN232 manual
+//! 1.4 (commands and status flags), slcan.c of Linux and python-can (what is sent in practice).
+//!
+//! # Commands
 //!
 //! | command | meaning | answer |
 //! |---|---|---|
@@ -12,7 +14,7 @@
 //! | `C` | closes it | CR |
 //! | `S8` | 1 Mbit/s, the rate of the bus | CR; other rates are refused |
 //! | `tIIILDD..` | sends a frame | `z` CR |
-//! | `T`, `r`, `R` | sends an extended or a remote frame, which this bus does not carry | bell |
+//! | `T`, `r`, `R` | sends an extended or a remote frame, which this bus does not carry | BEL |
 //! | `F` | reads and clears the status [`flags`] | `F` two digits CR |
 //! | `V`, `N` | version, serial number | text, CR |
 //! | `Z0`, `Z1` | time stamps off, on: four digits after the data, ms modulo 60 000 | CR |
@@ -54,8 +56,8 @@ impl Line {
 
     /// Appends a byte. A line holds the longest of all: none is too many.
     fn push(&mut self, byte: u8) {
-        if let Some(place) = self.text.get_mut(self.length) {
-            *place = byte;
+        if let Some(slot) = self.text.get_mut(self.length) {
+            *slot = byte;
             self.length += 1;
         }
     }
@@ -70,7 +72,7 @@ impl Line {
         self.digit(byte);
     }
 
-    fn tell(&mut self, letter: u8, bytes: &[u8]) {
+    fn hex_field(&mut self, letter: u8, bytes: &[u8]) {
         self.push(letter);
         bytes.iter().for_each(|byte| self.pair(*byte));
     }
@@ -101,7 +103,7 @@ pub mod flags {
     pub const WARNING: u8 = 1 << 2;
     /// Bytes of the serial line were lost, or frames in the CAN controller.
     pub const OVERRUN: u8 = 1 << 3;
-    /// Error passive: as a rule nobody acknowledges.
+    /// Error passive: usually no other node acknowledges.
     pub const PASSIVE: u8 = 1 << 5;
     /// Arbitration was lost.
     pub const ARBITRATION_LOST: u8 = 1 << 6;
@@ -142,7 +144,7 @@ pub fn frame(frame: &Frame, stamp_ms: Option<u16>) -> Line {
 #[must_use]
 pub fn flags_answer(flags: u8) -> Line {
     let mut line = Line::new();
-    line.tell(b'F', &[flags]);
+    line.hex_field(b'F', &[flags]);
     line.push(ACCEPTED);
     line
 }
@@ -263,7 +265,7 @@ impl Channel {
             Command::Version => VERSION.iter().for_each(|byte| line.push(*byte)),
             Command::Serial => {
                 let [.., high, low] = self.number.to_be_bytes();
-                line.tell(b'N', &[high, low]);
+                line.hex_field(b'N', &[high, low]);
             }
             Command::Accept => {}
             Command::Send(_) | Command::Refuse => {
@@ -418,8 +420,8 @@ impl Lines {
 
     fn add(&mut self, byte: u8) {
         match self.text.get_mut(self.length) {
-            Some(place) => {
-                *place = byte;
+            Some(slot) => {
+                *slot = byte;
                 self.length += 1;
             }
             None => self.spoilt = true,

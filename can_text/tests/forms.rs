@@ -62,16 +62,16 @@ mod slcan_form {
     /// What an adapter with this number answers; frames it is to send count as sent.
     fn served(bytes: &[u8]) -> String {
         let mut channel = slcan::Channel::new(0x1234_0BEF);
-        let mut said = Vec::new();
+        let mut lines = Vec::new();
         for byte in bytes {
             match channel.push(*byte) {
-                Some(slcan::Step::Answer(line)) => said.extend_from_slice(line.as_bytes()),
-                Some(slcan::Step::Send(_)) => said.extend_from_slice(slcan::SENT),
-                Some(slcan::Step::Flags) => said.extend_from_slice(b"F?"),
+                Some(slcan::Step::Answer(line)) => lines.extend_from_slice(line.as_bytes()),
+                Some(slcan::Step::Send(_)) => lines.extend_from_slice(slcan::SENT),
+                Some(slcan::Step::Flags) => lines.extend_from_slice(b"F?"),
                 None => {}
             }
         }
-        String::from_utf8(said).expect("ASCII")
+        String::from_utf8(lines).expect("ASCII")
     }
 
     #[test]
@@ -133,7 +133,7 @@ mod slcan_form {
 
     #[test]
     fn answers_arrive_in_pieces_and_after_noise() {
-        let mut heard = answers(b"\rz\r\x07V1013\rF20\rt08\x07t08010");
+        let mut answered = answers(b"\rz\r\x07V1013\rF20\rt08\x07t08010");
         let wanted = [
             Answer::Other,
             Answer::Sent,
@@ -142,9 +142,9 @@ mod slcan_form {
             Answer::Flags(0x20),
             Answer::Refused,
         ];
-        assert_eq!(heard, wanted);
-        heard = answers(b"t080105\r");
-        assert_eq!(heard, [Answer::Frame(frame(0x80, &[5]), None)]);
+        assert_eq!(answered, wanted);
+        answered = answers(b"t080105\r");
+        assert_eq!(answered, [Answer::Frame(frame(0x80, &[5]), None)]);
     }
 
     #[test]

@@ -53,10 +53,10 @@ fn nmt(bus: &mut slcan::Slcan, node: NodeId, name: &str) -> Option<()> {
 fn state(bus: &mut slcan::Slcan, node: NodeId) -> &'static str {
     let end = bus.now() + Micros::from_millis(10_000);
     while bus.now() < end {
-        let said = bus
+        let answer = bus
             .receive()
             .and_then(|frame| client::parse_heartbeat(&frame));
-        match said {
+        match answer {
             Some((from, state)) if from == node => {
                 return match state {
                     NmtState::Initialising => "boot-up",

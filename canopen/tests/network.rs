@@ -126,6 +126,6 @@ fn three_devices_in_a_ring_count_in_step_with_sync() {
     assert_eq!(outputs, [99; 3]);
     let lost = |(_, event): &(u8, Event)| matches!(event, Event::HeartbeatLost { .. });
     assert!(!events.iter().any(lost));
-    let heard = |(_, event): &&(u8, Event)| matches!(event, Event::HeartbeatStarted { .. });
-    assert_eq!(events.iter().filter(heard).count(), 3);
+    let started = |(_, event): &&(u8, Event)| matches!(event, Event::HeartbeatStarted { .. });
+    assert_eq!(events.iter().filter(started).count(), 3);
 }

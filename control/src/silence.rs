@@ -1,5 +1,7 @@
 //! Detects an encoder that has stopped counting, by comparison with the other three wheels.
 //!
+//! # Theory of operation
+//!
 //! Four wheels measure three degrees of freedom. The redundant fourth, the slip residual, gives the
 //! angle by which a wheel must have turned if the other three are right (the *implied* angle); this
 //! needs no model of the motor, the load or the slope. Half of the commanded angle, less the counts
@@ -18,7 +20,9 @@
 //! of four counts and twenty a second, which an open input beside motor leads may collect; so few
 //! counts do not clear an encoder.
 //!
-//! Limits: it cannot distinguish a dead encoder from a wheel that is held fast while the other
+//! # Limits
+//!
+//! It cannot distinguish a dead encoder from a wheel that is held fast while the other
 //! three continue, which has the same reaction. It does not detect two wheels whose errors cancel
 //! in the residual, or four encoders that stop together; [`crate::watch`] and the torque bound
 //! cover these.

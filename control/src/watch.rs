@@ -1,6 +1,8 @@
 //! Watches one wheel for defects that a loop cannot correct: a dead or inverted encoder, a blocked
 //! wheel.
 //!
+//! # Theory of operation
+//!
 //! All three begin alike: the motor is driven well beyond its static friction, and the rate
 //! estimate stays behind the reference by more than a threshold. From then on the watch adds up
 //! what the encoder counts, raw, and decides by it:
@@ -12,14 +14,16 @@
 //! | nothing, after the full time | encoder dead (or wheel blocked hard): ramp |
 //! | something else, after the full time | wheel blocked or slipping in its drive: ramp |
 //!
-//! At a crawl nothing can stay behind by the whole threshold. There, no count at all while staying
-//! behind by more than half the reference is suspicious too, but must last five times as long,
-//! because a sticky start looks the same. A few counts ahead acquit: a wheel that its load turns
-//! slower or faster than asked is not dead. Counts back do not, but a wheel that its load turns
-//! back at a crawl is not reversed either, as long as its voltage slows it down as the motor's
-//! model says.
-//!
 //! Inversion is the dangerous one, because the loop drives it to full speed; hence its short time.
+//!
+//! # At a crawl
+//!
+//! At a crawl no wheel can stay behind by the whole threshold. There, no count at all while staying
+//! behind by more than half the reference is suspicious too, but must last five times as long,
+//! because a sticky start looks the same. A few counts forward clear the suspicion: a wheel that
+//! its load turns slower or faster than commanded is not dead. Counts backward do not clear it, but
+//! a wheel that its load turns backward at a crawl is not reversed either, as long as its voltage
+//! slows it down as the motor's model predicts.
 
 use crate::time::Micros;
 use protocol::Fault;
@@ -77,7 +81,7 @@ impl Suspicion {
 
 /// Time of a suspicious tick, and whether the wheel lags by the whole threshold.
 #[derive(Clone, Copy)]
-struct Seen {
+struct Tick {
     now: Micros,
     /// Since the last tick, s.
     dt: f32,
@@ -157,12 +161,12 @@ impl Watch {
         if !suspicious || voltage.abs() < self.effort {
             self.suspicion = None;
         } else if self.blocked_rate > 0.0 {
-            self.suspect(rate_ref, measured, voltage, Seen { now, dt, whole });
+            self.suspect(rate_ref, measured, voltage, Tick { now, dt, whole });
         }
     }
 
     #[cold]
-    fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Seen) {
+    fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Tick) {
         let stands = rate_ref.abs() < WELL;
         // A weak suspicion at standstill may have come from the estimate, which still lagged behind
         // a push.

@@ -125,10 +125,10 @@ fn without_its_clock_the_robot_stays_safe_says_so_and_comes_up_when_there_is_one
 
     board.set_hse(true);
     let at = board.now_ns();
-    let heard = frames(&mut board, at + 100 * MS);
-    let took = booted(&heard).expect("it boots") - at;
+    let received = frames(&mut board, at + 100 * MS);
+    let took = booted(&received).expect("it boots") - at;
     println!("on the bus {} ms after the clock", took / MS);
-    assert!(emergencies(&heard).is_empty());
+    assert!(emergencies(&received).is_empty());
 }
 
 #[test]
@@ -137,8 +137,8 @@ fn a_clock_that_comes_late_is_waited_for() {
     board.set_hse(false);
     run(&mut board, 150 * MS);
     board.set_hse(true);
-    let heard = frames(&mut board, 300 * MS);
-    assert!(booted(&heard).is_some());
+    let received = frames(&mut board, 300 * MS);
+    assert!(booted(&received).is_some());
     assert_eq!(board.resets(), 0);
 }
 
@@ -166,10 +166,10 @@ fn a_clock_that_stops_cuts_the_outputs_at_once_and_is_announced() {
     );
     board.set_hse(true);
     let from = board.now_ns();
-    let heard = frames(&mut board, from + 200 * MS);
-    let up = booted(&heard).expect("it boots") - from;
+    let received = frames(&mut board, from + 200 * MS);
+    let up = booted(&received).expect("it boots") - from;
     println!("on the bus {} ms later", up / MS);
-    assert_eq!(emergencies(&heard), [0xFF1E]);
+    assert_eq!(emergencies(&received), [0xFF1E]);
 }
 
 /// What fails on the way to the reset, here the program after the supply, does not replace the
@@ -190,9 +190,9 @@ fn the_first_failure_is_the_one_that_is_announced() {
         assert!(now < failed + 100 * MS, "no reset");
     }
     let from = board.now_ns();
-    let heard = frames(&mut board, from + 200 * MS);
-    assert!(booted(&heard).is_some());
-    assert_eq!(emergencies(&heard), [0xFF1F]);
+    let received = frames(&mut board, from + 200 * MS);
+    assert!(booted(&received).is_some());
+    assert_eq!(emergencies(&received), [0xFF1F]);
 }
 
 #[test]
@@ -206,7 +206,7 @@ fn a_supply_that_sinks_resets_is_announced_and_never_leaves_the_specification() 
     run(&mut board, 400 * MS);
     // 3.3 V to 2.0 V and back, 10 mV a millisecond. The run would end where the chip is not made
     // for its clock.
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for step in 0..400_u32 {
         let volts = if step < 130 {
             3.3 - 0.01 * f64::from(step)
@@ -215,13 +215,13 @@ fn a_supply_that_sinks_resets_is_announced_and_never_leaves_the_specification() 
         };
         board.set_vdd(volts);
         let now = board.now_ns();
-        heard.extend(frames(&mut board, now + MS));
+        received.extend(frames(&mut board, now + MS));
     }
     assert_eq!(board.reset_cause(), ResetCause::BrownOut);
     let now = board.now_ns();
-    heard.extend(frames(&mut board, now + 300 * MS));
-    assert!(booted(&heard).is_some());
-    assert_eq!(emergencies(&heard), [0xFF1F]);
+    received.extend(frames(&mut board, now + 300 * MS));
+    assert!(booted(&received).is_some());
+    assert_eq!(emergencies(&received), [0xFF1F]);
 }
 
 #[test]
@@ -231,8 +231,8 @@ fn a_chip_from_the_factory_gets_its_brown_out_reset_once() {
         ..BoardConfig::default()
     };
     let mut board = board_with(&firmware(), config);
-    let heard = frames(&mut board, 1_000 * MS);
-    assert!(booted(&heard).is_some());
+    let received = frames(&mut board, 1_000 * MS);
+    assert!(booted(&received).is_some());
     assert_eq!(board.resets(), 0);
     assert_eq!(board.option_bytes(), OPTIONS_ON_A_ROBOT);
     let once = FlashOperations {
@@ -264,8 +264,8 @@ fn power_that_fails_while_the_brown_out_reset_is_programmed_leaves_a_robot() {
     };
     let program = board.flash();
     let mut board = board_with(&firmware(), config);
-    let heard = frames(&mut board, 1_000 * MS);
-    assert!(booted(&heard).is_some());
+    let received = frames(&mut board, 1_000 * MS);
+    assert!(booted(&received).is_some());
     assert_eq!(board.resets(), 0);
     assert_eq!(board.option_bytes() & BROWN_OUT, 0);
     assert_eq!(board.option_bytes() & PROTECTION, PROTECTION);
@@ -327,9 +327,9 @@ fn a_bench_image_stands_at_a_breakpoint_and_a_release_image_is_reset() {
             let timer = board.pwm(1, 1);
             assert!(!timer.active);
             board.debug_resume(false);
-            let heard = frames(&mut board, 1_000 * MS);
+            let received = frames(&mut board, 1_000 * MS);
             assert_eq!(board.resets(), 0);
-            assert!(!heard.is_empty(), "it goes on");
+            assert!(!received.is_empty(), "it goes on");
         }
     }
 }
@@ -353,8 +353,8 @@ fn a_bench_image_does_not_arm_and_says_so() {
     // Upload of 0x2001:2, the firmware's version: the highest bit says that it is a bench image.
     let request = CanFrame::new(0x602, &[0x40, 0x01, 0x20, 2, 0, 0, 0, 0]);
     board.can().receive(&request.expect("a frame"));
-    let heard = frames(&mut board, 250 * MS);
-    let answer = heard
+    let received = frames(&mut board, 250 * MS);
+    let answer = received
         .iter()
         .find(|(_, frame)| frame.standard_id() == Some(0x582))
         .expect("an answer");

@@ -30,7 +30,7 @@ heading_deg = 0
 "#;
 
 /// What is said about [`GOOD`] with pieces replaced: errors, warnings.
-fn said(pieces: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
+fn messages(pieces: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
     let mut text = GOOD.to_owned();
     for (from, to) in pieces {
         assert_eq!(text.matches(from).count(), 1, "{from:?} must occur once");
@@ -46,12 +46,12 @@ fn said(pieces: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
 
 #[test]
 fn a_good_file_is_good() {
-    assert_eq!(said(&[]), (vec![], vec![]));
+    assert_eq!(messages(&[]), (vec![], vec![]));
 }
 
 #[test]
 fn every_rule_that_is_broken_is_named_at_once() {
-    let (errors, _) = said(&[
+    let (errors, _) = messages(&[
         ("group_id = 7\n", ""),
         ("wheel_radius", "wheel_raduis"),
         ("half_track = 0.37", "half_track = \"0.37\""),
@@ -102,7 +102,7 @@ fn what_a_file_lacks_is_named_at_once() {
 
 #[test]
 fn what_a_robot_would_refuse_is_refused_with_the_unit_that_was_meant() {
-    let (errors, _) = said(&[
+    let (errors, _) = messages(&[
         ("half_track = 0.37", "half_track = 370"),
         ("wheel_radius = 0.1524", "wheel_radius = 152.4"),
         ("roller_angle_deg = 45", "roller_angle_deg = 0.785"),
@@ -125,7 +125,7 @@ fn what_a_robot_would_refuse_is_refused_with_the_unit_that_was_meant() {
 
 #[test]
 fn robots_on_the_same_floor_are_refused() {
-    let (errors, _) = said(&[("x = -0.6", "x = 0.6")]);
+    let (errors, _) = messages(&[("x = -0.6", "x = 0.6")]);
     assert_eq!(
         errors,
         [
@@ -137,7 +137,7 @@ fn robots_on_the_same_floor_are_refused() {
     // angle (0.5024 + 0.37 = 0.8724 m) nearer.
     let at = |x: &str, heading: &str| {
         let x = format!("x = {x}");
-        said(&[("x = -0.6", &x), ("heading_deg = 0", heading)])
+        messages(&[("x = -0.6", &x), ("heading_deg = 0", heading)])
             .0
             .len()
     };
@@ -151,7 +151,7 @@ fn robots_on_the_same_floor_are_refused() {
 fn speeds_beyond_the_wheels_are_mentioned() {
     // 22 rad/s x 0.1524 m = 3.35 m/s; turning, the far wheels are at 0.95 m and 0.37 m, which is
     // 0.6 + 0.35 + 0.37 m of rim a radian.
-    let (errors, warnings) = said(&[
+    let (errors, warnings) = messages(&[
         ("linear_speed = 2.0", "linear_speed = 50"),
         ("yaw_rate = 1.0", "yaw_rate = 2.6"),
     ]);
@@ -170,7 +170,7 @@ fn speeds_beyond_the_wheels_are_mentioned() {
 
 #[test]
 fn a_heading_in_radians_is_mentioned() {
-    let (_, warnings) = said(&[("heading_deg = 0", "heading_deg = 1.5708")]);
+    let (_, warnings) = messages(&[("heading_deg = 0", "heading_deg = 1.5708")]);
     assert_eq!(
         warnings,
         [
@@ -178,6 +178,6 @@ fn a_heading_in_radians_is_mentioned() {
              write 90"
         ]
     );
-    let (_, warnings) = said(&[("heading_deg = 0", "heading_deg = 1.5")]);
+    let (_, warnings) = messages(&[("heading_deg = 0", "heading_deg = 1.5")]);
     assert!(warnings.is_empty());
 }

@@ -71,7 +71,7 @@ fn an_identified_robot_keeps_its_motors_gains_and_wiring() {
     let written = |file: &GroupFile| omnibus_group::parameters(file, &file.robots[1], true);
     let whole = written(&file);
     file.robots[1].control.identified = true;
-    let kept: Vec<u16> = whole
+    let parsed: Vec<u16> = whole
         .iter()
         .filter(|parameter| !written(&file).contains(parameter))
         .map(|(address, _)| address.index)
@@ -81,7 +81,7 @@ fn an_identified_robot_keeps_its_motors_gains_and_wiring() {
     for index in 0x2021..=0x2024 {
         expected.extend([index; 5]);
     }
-    assert_eq!(kept, expected);
+    assert_eq!(parsed, expected);
 }
 
 /// 0x202A:2; a robot keeps the tolerance it has when the file gives none.

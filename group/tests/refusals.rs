@@ -266,7 +266,7 @@ fn wheel_rate_beyond_the_motor() {
 }
 
 #[test]
-fn group_of_nobody() {
+fn group_without_robots() {
     assert_eq!(
         refusal("group_id = 7", "group_id = 0"),
         "pair.toml:2: group_id: is 0; give a whole number from 1 to 255"
@@ -323,7 +323,7 @@ fn crystal_that_no_crystal_has() {
 }
 
 #[test]
-fn plant_nobody_knows() {
+fn unknown_plant() {
     assert_eq!(
         refusal("[simulation]\n", "[simulation]\nplant = \"ice\"\n"),
         "pair.toml:27: simulation.plant: \"ice\" is not one of its values; use one of: table, contact, \
@@ -409,36 +409,36 @@ fn compensation_table_without_a_version() {
 
 #[test]
 fn an_output_stage_that_is_none_is_refused() {
-    let told = |key: &str| refusal("inertia = 0.4", &format!("inertia = 0.4, {key}"));
+    let wheels = |key: &str| refusal("inertia = 0.4", &format!("inertia = 0.4, {key}"));
     assert_eq!(
-        told("largest_duty = 1.1"),
+        wheels("largest_duty = 1.1"),
         "pair.toml:15: robot.motor.largest_duty: is 1.1; give 0.1 to 1"
     );
     assert_eq!(
-        told("brake_engage_ms = 1001"),
+        wheels("brake_engage_ms = 1001"),
         "pair.toml:15: robot.motor.brake_engage_ms: is 1001; give whole milliseconds, 0 to 1000"
     );
     assert_eq!(
-        told("pwm_frequency = 50000"),
+        wheels("pwm_frequency = 50000"),
         "pair.toml:15: robot.motor.pwm_frequency: is 50000; give whole Hz, 8000 to 40000"
     );
     assert_eq!(
-        told("current_inputs = 4"),
+        wheels("current_inputs = 4"),
         "pair.toml:15: robot.motor.current_inputs: is 4; give whole numbers, 1 to 3"
     );
     assert_eq!(
-        told("current_scale = 100"),
+        wheels("current_scale = 100"),
         "pair.toml:15: robot.motor.current_scale: has nothing to be compared with; give \
          `motor.largest_current` as well: more than that is a fault"
     );
     // 3.3 V * 50 A/V is less than 1.25 * 4 * 40 A.
     assert_eq!(
-        told("largest_current = 40, current_scale = 50"),
+        wheels("largest_current = 40, current_scale = 50"),
         "pair.toml:15: robot.motor.current_scale: with the other keys reaches 165 A; take a sensor \
          that reaches more than 200 A"
     );
     assert_eq!(
-        told("largest_current = 0"),
+        wheels("largest_current = 0"),
         "pair.toml:15: robot.motor.largest_current: is 0; give a number greater than 0"
     );
 }

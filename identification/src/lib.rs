@@ -1,6 +1,8 @@
 //! Identifies the motors: static friction, volts per rate and volts per acceleration of every
 //! wheel.
 //!
+//! # Theory of operation
+//!
 //! All four wheels get the same voltage, so a robot on its wheels drives straight ahead and back;
 //! one on blocks turns them freely. On blocks, [`Bounds::wheels`] may name some of them: the others
 //! get no voltage and need not turn. First the voltage rises slowly, by a tenth of the nominal
@@ -12,18 +14,20 @@
 //! u = kS sgn(w) + kV w + kA w'
 //! ```
 //!
-//! Nothing is differentiated. Multiplied with a triangle two windows of a tenth of a second wide
-//! and integrated, the equation holds between three numbers that whole counts give exactly: the
-//! weighted voltage, the difference of the two windows' mean angles over a window's length (the
-//! rate), and the difference of their ways over its square (the acceleration). Of the three only
-//! the acceleration is noisy (half a count over a window's length squared), so it appears in sums
-//! and in products with the others, never squared: its noise averages out instead of pulling `kA`
-//! down.
+//! Nothing is differentiated. The equation is multiplied by a triangle two windows wide, a tenth of
+//! a second each, and integrated. It then holds between three numbers that follow exactly from
+//! whole counts: the weighted voltage, the difference of the two windows' mean angles over a
+//! window's length (the rate), and the difference of the distances covered in them over its square
+//! (the acceleration). Only the acceleration is noisy (half a count over a window's length
+//! squared), so it appears in sums and in products with the others, never squared: its noise
+//! averages out instead of lowering `kA`.
 //!
-//! What can go wrong is a [`Stopped`];
-//! every way out ends with no voltage. At most [`Identification::TIME_LIMIT`] seconds, half of the
-//! nominal supply, and the rate and way in [`Bounds`]. A wheel that does not move at a quarter of
-//! the nominal supply ends it: its encoder may be dead.
+//! # Limits
+//!
+//! An identification takes at most [`Identification::TIME_LIMIT`] seconds and half of the nominal
+//! supply, and stays within the rate and travel in [`Bounds`]. A wheel that does not move at a
+//! quarter of the nominal supply ends it, because its encoder may be dead. Every failure is a
+//! [`Stopped`], and every end leaves the motors without voltage.
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 

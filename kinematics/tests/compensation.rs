@@ -430,10 +430,10 @@ fn noise(i: u32) -> f64 {
 fn confidence_intervals_hold_in_95_of_100_cases() {
     let mut held = 0;
     let trials = 1000;
-    for trial in 0..trials {
+    for round in 0..trials {
         let samples = (0..12).map(|i| Sample {
             commanded: 0.1 + 0.05 * f64::from(i % 6),
-            measured: (0.1 + 0.05 * f64::from(i % 6)) / 1.04 + 0.002 * noise(trial * 100 + i),
+            measured: (0.1 + 0.05 * f64::from(i % 6)) / 1.04 + 0.002 * noise(round * 100 + i),
         });
         // No outliers here: rejection off, for it would narrow the interval.
         let limits = Limits {

@@ -199,7 +199,7 @@ impl FakeBus {
         for robot in self.robots.iter_mut().filter(|r| now < r.silent_from) {
             let sdo = id == cob::sdo_request(robot.node);
             let after = ANSWER_US + if sdo { robot.slow_us } else { 0 };
-            let mut say = |id: u16, data: &[u8]| {
+            let mut print_line = |id: u16, data: &[u8]| {
                 let frame = Frame::new(id, data).unwrap();
                 self.waiting.push_back((now + after, frame));
             };
@@ -208,13 +208,13 @@ impl FakeBus {
                 robot.deaf_to = robot.deaf_to.saturating_sub(u32::from(data[0] != 0x80));
             } else if sdo {
                 let answer = robot.sdo(data);
-                say(cob::sdo_response(robot.node), &answer);
+                print_line(cob::sdo_response(robot.node), &answer);
             } else if let Some((command, _)) = client::parse_nmt(frame) {
                 robot.nmt = match command {
                     canopen::NmtCommand::Start => NmtState::Operational,
                     _ => NmtState::PreOperational,
                 };
-                say(cob::heartbeat(robot.node), &[robot.nmt.code()]);
+                print_line(cob::heartbeat(robot.node), &[robot.nmt.code()]);
             } else if id == cob::GROUP_TWIST {
                 robot.sequence = data[6];
             } else if id == cob::SYNC && robot.nmt == NmtState::Operational {
@@ -230,13 +230,13 @@ impl FakeBus {
                     code,
                     plan: 0,
                 };
-                say(cob::member_status(robot.node), &status.encode());
+                print_line(cob::member_status(robot.node), &status.encode());
                 let measured = MeasuredTwist {
                     twist: kinematics::Twist::default(),
                     sequence: robot.sequence,
                     group: data[0],
                 };
-                say(cob::measured_twist(robot.node), &measured.encode());
+                print_line(cob::measured_twist(robot.node), &measured.encode());
             }
         }
     }

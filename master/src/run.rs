@@ -24,7 +24,7 @@ use crate::monitor::rows::{Row, TruthRow};
 use crate::path::course::{Course, CourseError};
 use crate::path::curve::Instant;
 use crate::path::curve::Plan;
-use crate::path::steering::{Eyes, Law, Sighting, Steering};
+use crate::path::steering::{Law, PoseInput, Sighting, Steering};
 use crate::report::{BackendName, Outline, Report, Run};
 use crate::session::Group;
 use crate::session::roller_index::IndexSearch;
@@ -105,23 +105,23 @@ impl std::str::FromStr for Source {
 }
 
 /// What an observer leaves for the feedback to see.
-pub(crate) type Seen = Rc<Cell<Option<(Micros, Pose)>>>;
+pub(crate) type Observed = Rc<Cell<Option<(Micros, Pose)>>>;
 
 impl Feedback {
     /// `seen` is where an observer in this process leaves what it sees.
-    fn steering(&self, start: Pose, seen: &Seen) -> Result<Steering, DriveError> {
-        let eyes = match &self.source {
-            Source::Odometry => Eyes::Odometry,
-            Source::Truth => Eyes::Observer(Rc::clone(seen)),
+    fn steering(&self, start: Pose, seen: &Observed) -> Result<Steering, DriveError> {
+        let input = match &self.source {
+            Source::Odometry => PoseInput::Odometry,
+            Source::Truth => PoseInput::Observer(Rc::clone(seen)),
             Source::Stream(address) => {
                 let stream = PoseStream::connect(address);
-                Eyes::Stream(stream.map_err(|error| DriveError::Pose {
+                PoseInput::Stream(stream.map_err(|error| DriveError::Pose {
                     address: address.clone(),
                     problem: error.to_string(),
                 })?)
             }
         };
-        Ok(Steering::new(self.law, eyes, start, self.corrects))
+        Ok(Steering::new(self.law, input, start, self.corrects))
     }
 }
 
@@ -212,7 +212,7 @@ pub(crate) fn session<L: Link>(
     link: L,
     drive: &Drive<'_>,
     plan: &Plan,
-    seen: &Seen,
+    seen: &Observed,
     progress: &mut dyn FnMut(f64, &'static str),
     watch: &mut dyn FnMut(&mut L, Option<&Instant>),
 ) -> Result<Driven, DriveError> {
@@ -285,7 +285,14 @@ pub fn measured<L: Link>(
             recorder.plan(link.now(), instant.pose);
         }
     };
-    let driven = session(link, drive, &plan, &Seen::default(), progress, &mut watch)?;
+    let driven = session(
+        link,
+        drive,
+        &plan,
+        &Observed::default(),
+        progress,
+        &mut watch,
+    )?;
     let mounts: Vec<_> = drive.group.robots.iter().map(|robot| robot.mount).collect();
     let by_wheels = odometry::rows(plan.at(0.0).0, &mounts, &driven.instants, &driven.rows);
     let points = match &drive.feedback {

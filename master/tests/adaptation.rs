@@ -12,7 +12,7 @@ use omnibus::bus::link::Link as _;
 use omnibus::monitor::metrics::{PathPoint, path_errors};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
-use omnibus::path::steering::{Eyes, Law, Steering};
+use omnibus::path::steering::{Law, PoseInput, Steering};
 use omnibus::session::Group;
 use omnibus::simulation::contact;
 use omnibus::simulation::link::SimLink;
@@ -39,8 +39,8 @@ fn figure_eight(file: &GroupFile, plant: &GroupFile, feedback: bool) -> f64 {
     let mut group = Group::connect(SimLink::new(world, "sim"), file).unwrap();
     group.configure(true).unwrap();
     let seen: Rc<Cell<Option<(Micros, Pose)>>> = Rc::default();
-    let eyes = Eyes::Observer(Rc::clone(&seen));
-    let mut steering = Steering::new(Law::default(), eyes, plan.at(0.0).0, feedback);
+    let input = PoseInput::Observer(Rc::clone(&seen));
+    let mut steering = Steering::new(Law::default(), input, plan.at(0.0).0, feedback);
     let mut path = Vec::new();
     group.start().unwrap();
     let mut observe = |link: &mut SimLink, instant: &omnibus::path::curve::Instant| {

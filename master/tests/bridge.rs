@@ -44,7 +44,7 @@ impl Pipes {
         }
     }
 
-    fn say(&mut self, message: &Value) {
+    fn send(&mut self, message: &Value) {
         writeln!(self.input, "{message}").unwrap();
     }
 
@@ -82,8 +82,8 @@ fn listening() -> (Child, String, BufReader<ChildStderr>) {
 
 fn end(mut child: Child) {
     let id = child.id().to_string();
-    let told = Command::new("kill").args(["-INT", &id]).status().unwrap();
-    assert!(told.success());
+    let killed = Command::new("kill").args(["-INT", &id]).status().unwrap();
+    assert!(killed.success());
     assert!(child.wait().unwrap().success());
 }
 
@@ -95,11 +95,11 @@ fn a_velocity_is_followed_until_it_expires() {
     assert_eq!(welcome["group"], "tcc-2");
     assert_eq!(welcome["robots"].as_array().unwrap().len(), 2);
     // Before the robots are ready nothing moves.
-    pipes.say(&json!({"type": "twist", "vx": 0.2}));
+    pipes.send(&json!({"type": "twist", "vx": 0.2}));
     assert_eq!(pipes.refusal(), "send `start` first");
-    pipes.say(&json!({"type": "start"}));
+    pipes.send(&json!({"type": "start"}));
     pipes.until(|m| m["type"] == "state" && m["running"] == true);
-    pipes.say(&json!({"type": "twist", "vx": 0.2, "vy": 0.1, "timeout": 0.5}));
+    pipes.send(&json!({"type": "twist", "vx": 0.2, "vy": 0.1, "timeout": 0.5}));
     let vx = |m: &Value| m["group"]["command"]["vx"].as_f64().unwrap_or(-1.0);
     let first = pipes.until(|m| vx(m) > 0.0);
     assert!((vx(&first) - 0.2).abs() < 1e-6);
@@ -117,8 +117,8 @@ fn a_velocity_is_followed_until_it_expires() {
     assert_eq!(still["running"], true);
     assert_eq!(still["robots"][0]["node"], 2);
     // Beyond the limits: refused, and what was asked before is over, too.
-    pipes.say(&json!({"type": "twist", "vx": 0.2, "timeout": 1}));
-    pipes.say(&json!({"type": "twist", "vx": 99}));
+    pipes.send(&json!({"type": "twist", "vx": 0.2, "timeout": 1}));
+    pipes.send(&json!({"type": "twist", "vx": 99}));
     assert!(pipes.refusal().contains("99 m/s is more than the group's"));
     // The end of the input is the end.
     drop(pipes.input);

@@ -6,7 +6,7 @@ use kinematics::Pose;
 use omnibus::abort::Abort;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::Settings;
-use omnibus::commission::calibrate::measure::Witness;
+use omnibus::commission::calibrate::measure::Instrument;
 use omnibus::commission::calibrate::{CalibrateError, Calibration, calibrate};
 use omnibus::path::course::Course;
 use omnibus::path::curve::Curve;
@@ -75,13 +75,13 @@ fn attempt(file: &GroupFile, speeds: &[f64]) -> Result<Calibration, CalibrateErr
         };
         Ok(poses.iter().map(|p| [p.x, p.y, p.heading]).collect())
     };
-    let mut witness = Witness::Poses(&mut poses);
+    let mut instrument = Instrument::Poses(&mut poses);
     let settings = settings(speeds);
     calibrate(
         &mut session,
         &settings,
         1,
-        &mut witness,
+        &mut instrument,
         &mut Journal::new(|_| {}),
     )
 }

@@ -119,10 +119,10 @@ fn param_dump_diff_and_load() {
     std::fs::write(&file, text.replace("\"2041:2\" = 0 ", "\"2041:2\" = 70 ")).unwrap();
     let other = omnibus(&["param", "diff", &name, "--bus", BUS]);
     assert_eq!(other.status.code(), Some(6));
-    let said = String::from_utf8(other.stdout).unwrap();
+    let output = String::from_utf8(other.stdout).unwrap();
     assert!(
-        said.contains("SYNC timeout (2041:2) is 0, the file has 70"),
-        "{said}"
+        output.contains("SYNC timeout (2041:2) is 0, the file has 70"),
+        "{output}"
     );
     let loaded = json(&[
         "param", "load", &name, "--node", "3", "--bus", BUS, "--json",
@@ -215,10 +215,10 @@ fn a_group_of_ones_own() {
         .replace("node = 3", "node = 2")
         .replace("gear_ratio", "gear_ration");
     std::fs::write(&file, broken).unwrap();
-    let said = transcript(&["group", "check", &file]);
+    let output = transcript(&["group", "check", &file]);
     check(
         "group-check",
-        &said.replace(&*folder.to_string_lossy(), "FOLDER"),
+        &output.replace(&*folder.to_string_lossy(), "FOLDER"),
     );
     let checked = omnibus(&["group", "check", &file, "--json"]);
     let found: Value = serde_json::from_slice(&checked.stdout).unwrap();
@@ -645,11 +645,11 @@ fn a_group_that_cannot_keep_up_says_so() {
     let text = text.replace("max_wheel_rate = 22.0", "max_wheel_rate = 3.0");
     std::fs::write(&path, text).unwrap();
     let drive = ["drive", "--vx", "0.9", "--for", "2", "--bus", &bus];
-    let said = transcript(&drive);
+    let output = transcript(&drive);
     // 3 rad/s x 0.1524 m = 0.457 m/s of 0.9 m/s; the compensation takes 0.2 %.
     assert!(
-        said.contains("The group ran at 51 % of what was asked at its slowest: "),
-        "{said}"
+        output.contains("The group ran at 51 % of what was asked at its slowest: "),
+        "{output}"
     );
     let found = json(&[&drive[..], &["--json"]].concat());
     let scale = found["smallest_scale"].as_f64().unwrap();

@@ -17,7 +17,7 @@ use tungstenite::{Message, WebSocket};
 type Socket = WebSocket<tungstenite::stream::MaybeTlsStream<TcpStream>>;
 
 /// The next text message as JSON.
-fn said(socket: &mut Socket) -> Value {
+fn line(socket: &mut Socket) -> Value {
     loop {
         if let Message::Text(text) = socket.read().unwrap() {
             return serde_json::from_str(text.as_str()).unwrap();
@@ -36,21 +36,21 @@ fn foxglove_gets_the_channels_of_a_recording() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut note = String::new();
+    let mut announced = String::new();
     let mut notes = BufReader::new(child.stderr.take().unwrap());
-    notes.read_line(&mut note).unwrap();
-    let url = note.trim().rsplit(' ').next().unwrap();
+    notes.read_line(&mut announced).unwrap();
+    let url = announced.trim().rsplit(' ').next().unwrap();
     let mut request = url.into_client_request().unwrap();
     let protocol = HeaderValue::from_static("foxglove.sdk.v1");
     request
         .headers_mut()
         .insert("Sec-WebSocket-Protocol", protocol);
     let (mut socket, _) = tungstenite::connect(request).unwrap();
-    assert_eq!(said(&mut socket)["op"], "serverInfo");
+    assert_eq!(line(&mut socket)["op"], "serverInfo");
     // Robots send heartbeats and are listened to: the group's channels come with their frames.
     let mut channels = BTreeMap::new();
     while !(channels.contains_key("/can") && channels.contains_key("/events")) {
-        let message = said(&mut socket);
+        let message = line(&mut socket);
         if message["op"] != "advertise" {
             continue;
         }

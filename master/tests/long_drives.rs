@@ -75,7 +75,7 @@ fn a_full_disk_does_not_take_the_result_away() {
     // Once when it happens, once as the reason for the exit code.
     assert_eq!(err.matches("File too large").count(), 2, "{err}");
     assert!(err.starts_with("warning: "), "{err}");
-    let kept = omnibus::recording::read(&record).unwrap();
-    assert!(kept.damage.is_some());
-    assert!(kept.frames.len() > 1_000, "{}", kept.frames.len());
+    let recording = omnibus::recording::read(&record).unwrap();
+    assert!(recording.damage.is_some());
+    assert!(recording.frames.len() > 1_000, "{}", recording.frames.len());
 }

@@ -92,8 +92,8 @@ fn every_line_of_the_page_runs_in_its_order() {
             .stdin(Stdio::null());
         if line.text.starts_with("omnibus-sim serve") {
             let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
-            let said = BufReader::new(child.stdout.take().unwrap()).lines();
-            let ready = said
+            let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+            let ready = lines
                 .map_while(Result::ok)
                 .any(|line| line.starts_with("serving"));
             served = Some(Served(child));

@@ -325,9 +325,9 @@ fn options_that_do_not_fit_say_what_does() {
         ),
     ] {
         let output = omnibus(&[&["calibrate", "--phase"], options, bus].concat());
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        assert!(said.contains(words), "{said}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{message}");
+        assert!(message.contains(words), "{message}");
     }
     let output = omnibus(&[&["calibrate", "--gyro", "sim"], &simulated[..]].concat());
     assert_eq!(

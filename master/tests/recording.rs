@@ -14,7 +14,7 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 
 type Frames = Vec<(Micros, Frame, bool)>;
-type Heard = Arc<Mutex<Frames>>;
+type Received = Arc<Mutex<Frames>>;
 
 /// A folder of this test's own.
 fn folder(name: &str) -> PathBuf {
@@ -33,16 +33,16 @@ fn group_text() -> String {
 /// Drives two native robots for half a second in virtual time and records it; returns what was on
 /// the bus by another tap's account.
 fn drive(file: &Path) -> Frames {
-    let (summary, heard) = drive_with(file, WAITS);
-    assert_eq!(summary.unwrap().frames, heard.len() as u64);
-    heard
+    let (summary, received) = drive_with(file, WAITS);
+    assert_eq!(summary.unwrap().frames, received.len() as u64);
+    received
 }
 
 /// Time is virtual, so it may wait for the disk.
 const WAITS: Settings = Settings {
     rotate_bytes: None,
     waits: true,
-    told: None,
+    on_error: None,
 };
 
 fn drive_with(file: &Path, settings: Settings) -> (Result<Summary, RecordingError>, Frames) {
@@ -55,14 +55,17 @@ fn drive_with(file: &Path, settings: Settings) -> (Result<Summary, RecordingErro
         epoch_ns: 0,
     };
     let recorder = Recorder::create(file, &header, settings).unwrap();
-    let heard = Heard::default();
-    let witness: FrameSink = {
-        let heard = Arc::clone(&heard);
-        Arc::new(move |at, frame, sent| heard.lock().unwrap().push((at, *frame, sent)))
+    let received = Received::default();
+    let collector: FrameSink = {
+        let received = Arc::clone(&received);
+        Arc::new(move |at, frame, sent| received.lock().unwrap().push((at, *frame, sent)))
     };
     let world =
         omnibus::simulation::run::world(&group_file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
-    let mut group = Group::observe(Tap::new(SimLink::new(world, "sim"), [witness]), &group_file);
+    let mut group = Group::observe(
+        Tap::new(SimLink::new(world, "sim"), [collector]),
+        &group_file,
+    );
     group.wire().tap(recorder.sink());
     group.claim().unwrap();
     group.configure(true).unwrap();
@@ -74,8 +77,8 @@ fn drive_with(file: &Path, settings: Settings) -> (Result<Summary, RecordingErro
     }
     group.ramp_down(2_000_000).unwrap();
     let summary = recorder.finish();
-    let heard = std::mem::take(&mut *heard.lock().unwrap());
-    (summary, heard)
+    let received = std::mem::take(&mut *received.lock().unwrap());
+    (summary, received)
 }
 
 #[test]
@@ -96,7 +99,7 @@ fn every_frame_is_there_with_its_time() {
     assert_eq!(recording.truth[7].1, Pose::new(1.0, 2.0, 3.0));
     assert_eq!(recording.group().unwrap().unwrap().name, "tcc-2");
     // The group moved as it was told: half a second at 0.2 m/s, less the way up to speed.
-    let (snapshots, events) = recording.heard();
+    let (snapshots, events) = recording.decode();
     let fastest = snapshots.iter().filter_map(|s| s.measured).map(|m| m.vx);
     let fastest = fastest.fold(0.0, f32::max);
     assert!((fastest - 0.2).abs() < 0.01, "{fastest}");
@@ -126,10 +129,10 @@ fn a_cut_recording_is_read_up_to_the_cut() {
         std::fs::write(&cut_file, &bytes[..bytes.len() * tenth / 10]).unwrap();
         let cut = recording::read(&cut_file).unwrap();
         assert!(cut.damage.is_some(), "{tenth}");
-        let mut kept = cut.frames.clone();
-        kept.truncate(whole.frames.len());
+        let mut remaining = cut.frames.clone();
+        remaining.truncate(whole.frames.len());
         // Order in time may differ at the very end only: compare as sets.
-        assert!(kept.iter().all(|frame| whole.frames.contains(frame)));
+        assert!(remaining.iter().all(|frame| whole.frames.contains(frame)));
         assert!(cut.frames.len() >= most, "{tenth}");
         most = cut.frames.len();
     }
@@ -228,11 +231,11 @@ fn a_large_recording_goes_on_in_another_file() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_named_at_once_and_the_drive_goes_on() {
-    let told = Arc::new(Mutex::new(Vec::new()));
+    let reports = Arc::new(Mutex::new(Vec::new()));
     let settings = Settings {
-        told: Some({
-            let told = Arc::clone(&told);
-            Box::new(move |error| told.lock().unwrap().push(error.to_string()))
+        on_error: Some({
+            let reports = Arc::clone(&reports);
+            Box::new(move |error| reports.lock().unwrap().push(error.to_string()))
         }),
         ..WAITS
     };
@@ -258,18 +261,18 @@ fn a_full_disk_is_named_at_once_and_the_drive_goes_on() {
         })
     };
     let settings = Settings {
-        told: Some({
-            let told = Arc::clone(&told);
-            Box::new(move |error| told.lock().unwrap().push(error.to_string()))
+        on_error: Some({
+            let reports = Arc::clone(&reports);
+            Box::new(move |error| reports.lock().unwrap().push(error.to_string()))
         }),
         ..WAITS
     };
-    let (summary, heard) = drive_with(&fifo, settings);
+    let (summary, received) = drive_with(&fifo, settings);
     reader.join().unwrap();
     let error = summary.unwrap_err().to_string();
     assert!(error.contains("Broken pipe"), "{error}");
-    assert_eq!(*told.lock().unwrap(), [error]);
-    assert!(heard.len() > 1_000, "{} frames", heard.len());
+    assert_eq!(*reports.lock().unwrap(), [error]);
+    assert!(received.len() > 1_000, "{} frames", received.len());
 }
 
 /// A file that grows is not there under its name until it is complete; the old one is.

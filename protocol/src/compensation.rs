@@ -1,8 +1,11 @@
 //! The compensation set: tables over speed and direction as one object, 0x2013:1.
 //!
-//! One set is one value of type DOMAIN, so SDO brings it whole or not at all, and it carries what
-//! is needed to tell that it is whole: a CRC, and a version that whoever writes it chooses (a date
-//! such as 20261121 serves). All numbers are little-endian:
+//! One set is one value of type DOMAIN, so SDO transfers it whole or not at all. Its CRC shows that
+//! it is whole, and its writer chooses a version (for example a date such as 20261121).
+//!
+//! # Layout
+//!
+//! All numbers are little-endian.
 //!
 //! | bytes | |
 //! |---|---|
@@ -13,6 +16,8 @@
 //! | 4 a row | longitudinal, lateral: speed, coefficient |
 //! | 6 a row | oblique: speed, longitudinal coefficient, lateral coefficient |
 //! | 4 a row | yaw: rate, coefficient |
+//!
+//! # Values
 //!
 //! A speed is an UNSIGNED16 in 0.1 mm/s or 0.1 mrad/s, the achieved one, rising from row to row and
 //! above zero. A coefficient is an UNSIGNED16 in 1/32768, commanded over achieved velocity, at

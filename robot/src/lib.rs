@@ -1,5 +1,7 @@
 //! One robot of a group, without I/O: the same code in the firmware and in a simulated robot.
 //!
+//! # Theory of operation
+//!
 //! A robot is two machines that run at different rates and share two small values:
 //!
 //! ```text
@@ -12,7 +14,7 @@
 //! measurement, limits, wheel loops, and every decision about the outputs. Between them pass a
 //! [`Command`](control::interface::Command), a [`Report`](control::interface::Report) and, at a
 //! start, a [`Configuration`](control::configuration::Configuration); all are `Copy`. Time is an
-//! argument everywhere, so a robot runs as well in virtual time.
+//! argument everywhere, so a robot also runs in virtual time.
 //!
 //! From a group twist to a duty:
 //!
@@ -22,7 +24,9 @@
 //!  `---------------- the same in every member ----------------'
 //! ```
 //!
-//! It cannot tell the time, allocate, log, or touch hardware.
+//! # Limits
+//!
+//! This crate has no clock, allocator or logger, and does not access hardware.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

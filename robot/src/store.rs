@@ -1,8 +1,13 @@
-//! What the robot keeps over a power loss, as one image.
+//! The image of everything that a robot saves: parameters, node-ID, communication objects.
 //!
-//! The bus side hands the image out when a master asks to save or to restore (objects 0x1010 and
-//! 0x1011), and takes one at start. The platform stores it as a whole; where, and how that survives
-//! a power loss, is its matter. The image:
+//! # Interface
+//!
+//! The bus side provides the image when a master asks to save or to restore (objects 0x1010 and
+//! 0x1011), and reads one at start. The platform stores it as a whole, and is responsible for where
+//! it lies and how it survives a power loss. The platform also owns the memory of the image: a
+//! robot that stores nothing needs none, and one that does can build its bus side on a small stack.
+//!
+//! # Layout
 //!
 //! | bytes | |
 //! |---|---|
@@ -13,16 +18,15 @@
 //! | | the application's part: index, sub-index and value of every parameter that has been written; of the compensation set its length in one byte and then the set |
 //! | | the communication part, as `canopen` wants it |
 //!
-//! All numbers are little-endian. An image is looked at as a whole before any of it takes effect: a
-//! wrong CRC, an object this program does not know, or a value out of its limits refuses all of it,
-//! and the robot says which object it was. To restore the defaults is to save an image without
-//! them, so both have one way into the memory.
+//! All numbers are little-endian. An image is checked as a whole before any of it takes effect: a
+//! wrong CRC, an unknown object, or a value out of its limits refuses all of it, and the robot
+//! names the object. Restoring the defaults saves an image without parameters, so both take the
+//! same path.
 //!
-//! Saving happens only at rest, and a robot that has been asked to save does not start before that
-//! is over: while flash is written or erased, the program stands still.
+//! # Limits
 //!
-//! The memory the image lies in is the platform's: a robot that stores nothing needs none, and one
-//! that does can make its bus side on a small stack.
+//! Saving happens only at rest, and a robot that has been asked to save does not start before the
+//! save is done, because the processor stops while flash is written or erased.
 
 use canopen::{AbortCode, NodeId};
 use protocol::compensation::{CompensationSet, LENGTH_MAX};

@@ -16,7 +16,7 @@ use control::threshold::{Hysteresis, Lasting};
 /// Compares measured twists at every SYNC.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Strain {
-    heard: [Option<Twist>; MAX_ROBOTS],
+    twists: [Option<Twist>; MAX_ROBOTS],
     /// What this robot published at the last SYNC.
     own: Twist,
     worst: f32,
@@ -27,7 +27,7 @@ pub(crate) struct Strain {
 impl Strain {
     pub const fn new() -> Self {
         Self {
-            heard: [None; MAX_ROBOTS],
+            twists: [None; MAX_ROBOTS],
             own: Twist::ZERO,
             worst: 0.0,
             limit: Hysteresis { active: false },
@@ -38,8 +38,8 @@ impl Strain {
     /// A member's measured group twist came in.
     pub fn record(&mut self, node: u8, measured: Twist) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
-        if let Some(heard) = self.heard.get_mut(place) {
-            *heard = Some(measured);
+        if let Some(twist) = self.twists.get_mut(place) {
+            *twist = Some(measured);
         }
     }
 
@@ -51,8 +51,8 @@ impl Strain {
         configuration: &Configuration,
     ) -> Option<Fault> {
         let mut worst_squared = 0.0_f32;
-        let heard = core::mem::replace(&mut self.heard, [None; MAX_ROBOTS]);
-        for (node, twist) in (FIRST_ROBOT..).zip(heard) {
+        let twists = core::mem::replace(&mut self.twists, [None; MAX_ROBOTS]);
+        for (node, twist) in (FIRST_ROBOT..).zip(twists) {
             let Some(twist) = twist.filter(|_| configuration.is_member(node)) else {
                 continue;
             };

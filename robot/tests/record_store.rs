@@ -206,7 +206,7 @@ fn the_last_image_comes_back() {
 fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_image() {
     let whole = Fake::<SHORT>::new();
     save_all(whole.power_on());
-    let mut cuts_told = 0;
+    let mut cuts_reported = 0;
     for left in [
         Left::Nothing,
         Left::Half,
@@ -235,7 +235,7 @@ fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_image() {
             let saves = store.wear().saves as usize;
             assert_eq!(saves, complete + usize::from(is_new), "{name}");
             assert_eq!(store.wear().cut, u32::from(told), "{name}");
-            cuts_told += usize::from(told);
+            cuts_reported += usize::from(told);
             // It is told until something has been written, and goes on working.
             let mut store = flash.power_on();
             assert_eq!(store.was_cut(), told, "{name}");
@@ -248,7 +248,7 @@ fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_image() {
             assert_eq!(load(&flash.power_on()), Some(image(SAVES)), "{name}");
         }
     }
-    assert!(cuts_told > whole.operations(), "{cuts_told}");
+    assert!(cuts_reported > whole.operations(), "{cuts_reported}");
 }
 
 #[test]

@@ -284,8 +284,8 @@ mod tests {
             heat += r * motors[0].current().powi(2) * 1e-5;
         }
         let (w, volts) = (motors[0].rate(), bench.volts().unwrap());
-        let kept = j * w0 / k + farad * 24.0 / duty;
-        let expected = kept / (j * duty / (k * k) + farad / duty);
+        let conserved = j * w0 / k + farad * 24.0 / duty;
+        let expected = conserved / (j * duty / (k * k) + farad / duty);
         assert!((volts / expected - 1.0).abs() < 1e-3, "{volts} {expected}");
         assert!((duty * volts / (k * w) - 1.0).abs() < 1e-3, "{w}");
         let lost = 0.5 * j * (w0 * w0 - w * w);

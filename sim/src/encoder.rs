@@ -113,7 +113,7 @@ impl WheelEncoder {
         let before = self.counts;
         self.counts = floor(self.position);
         let passed = (self.counts - before) as i32;
-        let told = match self.state {
+        let counts = match self.state {
             _ if !self.wires.are_clean() => {
                 let to = self.position;
                 self.wires.follow((from_ns, to_ns), (from, to), edges);
@@ -126,13 +126,13 @@ impl WheelEncoder {
             EncoderState::Reversed => -passed,
         };
         if self.noise == EncoderNoise::default() {
-            return told;
+            return counts;
         }
         let dt = (to_ns - from_ns) as f64 * 1e-9;
-        let lost = self.rounded(f64::from(told.abs()) * self.noise.lost);
+        let lost = self.rounded(f64::from(counts.abs()) * self.noise.lost);
         let extra = self.rounded(self.noise.extra_per_s * dt);
         let up = (0..extra).filter(|_| self.random.unit() < 0.5).count() as i32;
-        told - told.signum() * lost + 2 * up - extra
+        counts - counts.signum() * lost + 2 * up - extra
     }
 
     /// Counts since angle 0, all of them.
@@ -178,9 +178,9 @@ mod tests {
     /// Follows in a millisecond, by counts alone.
     fn follow(encoder: &mut WheelEncoder, angle: f64) -> i32 {
         let mut edges = Vec::new();
-        let told = encoder.follow(angle, (0, 1_000_000), &mut edges);
+        let counts = encoder.follow(angle, (0, 1_000_000), &mut edges);
         assert_eq!(edges, []);
-        told
+        counts
     }
 
     #[test]
@@ -197,10 +197,10 @@ mod tests {
     fn one_channel_goes_nowhere() {
         let mut encoder = encoder(EncoderNoise::default());
         encoder.set_state(EncoderState::OneChannel);
-        let told: Vec<i32> = (1..=8)
+        let counts: Vec<i32> = (1..=8)
             .map(|n| follow(&mut encoder, (f64::from(n) + 0.5) * EIGHTH))
             .collect();
-        assert_eq!(told, [0, 1, 0, -1, 0, 1, 0, -1]);
+        assert_eq!(counts, [0, 1, 0, -1, 0, 1, 0, -1]);
     }
 
     /// Of 80 000 counts a tenth is lost: 8000, give or take four standard deviations of the
@@ -212,9 +212,9 @@ mod tests {
             extra_per_s: 0.0,
         };
         let mut encoder = encoder(noise);
-        let told = (1..=10_000).map(|n| follow(&mut encoder, TAU * f64::from(n) + 0.1));
-        let told: i32 = told.sum();
-        assert!((told - 72_000).abs() < 200, "{told}");
+        let counts = (1..=10_000).map(|n| follow(&mut encoder, TAU * f64::from(n) + 0.1));
+        let counts: i32 = counts.sum();
+        assert!((counts - 72_000).abs() < 200, "{counts}");
     }
 
     /// 100 a second for 100 s: 10 000 counts of either sign; their number by the mean, their sum
@@ -226,10 +226,10 @@ mod tests {
             extra_per_s: 100.0,
         };
         let mut encoder = encoder(noise);
-        let told: Vec<i32> = (0..100_000).map(|_| follow(&mut encoder, 0.0)).collect();
-        let number: i32 = told.iter().map(|n| n.abs()).sum();
+        let counts: Vec<i32> = (0..100_000).map(|_| follow(&mut encoder, 0.0)).collect();
+        let number: i32 = counts.iter().map(|n| n.abs()).sum();
         assert!((number - 10_000).abs() < 400, "{number}");
-        let sum: i32 = told.iter().sum();
+        let sum: i32 = counts.iter().sum();
         assert!(number > 0 && sum.abs() < 400, "{sum}");
     }
 }

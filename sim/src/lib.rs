@@ -1,9 +1,11 @@
-//! A virtual CAN bus, plants, and robots native or emulated: the desk in place of the workshop.
+//! A virtual CAN bus, plants, and robots native or emulated.
 //!
-//! A [`World`] holds the robots of a group file and lets virtual time pass. Whoever drives it sits
-//! at the bus: [`World::send`] and [`World::receive`], nothing else reaches the robots. Every
-//! number of their motion comes about the way it does in life: frames, controller, PWM, motor,
-//! wheel, floor, encoder.
+//! # Theory of operation
+//!
+//! A [`World`] holds the robots of a group file and advances virtual time. Commands reach the
+//! robots over the bus alone ([`World::send`], [`World::receive`]), and every quantity of their
+//! motion takes the path that it takes in a real robot: frames, controller, PWM, motor, wheel,
+//! floor, encoder.
 //!
 //! ```text
 //!  master --frames--> bus::Bus <--frames--> robot::Robot --duty--> motor::Motor --.
@@ -12,17 +14,19 @@
 //!                                                                  truth: poses <--'
 //! ```
 //!
+//! # Modules
+//!
 //! - [`robot`]: native robots and emulated ones behind one trait.
 //! - [`bus`]: arbitration, exact bit times, load, candump logs.
 //! - [`motor`], [`battery`], [`encoder`]: from duty to angle and back to counts.
 //! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
 //! - [`configure`]: the group file written into the robots.
-//! - [`test_master`]: a master that can be told to do wrong, for trying what robots do about it.
+//! - [`test_master`]: a master that can also misbehave, for tests of the robots' reactions.
 //! - [`study`]: many groups without a bus.
-//! - [`scale`]: how fast all this is on the machine at hand.
-//! - [`paper`]: the source paper's experiments, beside its own numbers.
-//! - [`fault`]: what goes wrong at a time, as text and as a schedule.
-//! - [`endpoint`]: the bus for programs outside.
+//! - [`scale`]: the speed of the simulation on this machine.
+//! - [`paper`]: the source paper's experiments, compared with its own numbers.
+//! - [`fault`]: faults to inject at given times, as text and as a schedule.
+//! - [`endpoint`]: the bus for other programs.
 #![forbid(unsafe_code)]
 
 pub mod battery;

@@ -67,7 +67,7 @@ pub struct Motor {
     brake: Brake,
     /// Whether it holds, and for how long the opposite has been commanded, s.
     holds: bool,
-    told: f64,
+    reported: f64,
     viscous: f64,
     current: f64,
     rate: f64,
@@ -90,7 +90,7 @@ impl Motor {
             floor: 0.0,
             brake: Brake::default(),
             holds: true,
-            told: 0.0,
+            reported: 0.0,
             viscous: parameters.viscous.into(),
             current: 0.0,
             rate: 0.0,
@@ -131,14 +131,14 @@ impl Motor {
             } else {
                 self.brake.engage
             };
-            // Half a step of tolerance, for `told` is a sum of steps.
-            if self.told + 0.5 * dt >= delay {
+            // Half a step of tolerance, for `reported` is a sum of steps.
+            if self.reported + 0.5 * dt >= delay {
                 self.holds = !released;
             }
-            self.told += dt;
+            self.reported += dt;
         }
         if self.holds != released {
-            self.told = 0.0;
+            self.reported = 0.0;
         }
         if self.holds { self.brake.torque } else { 0.0 }
     }

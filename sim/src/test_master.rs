@@ -99,7 +99,7 @@ impl TestMaster {
     }
 
     /// Takes in what the cable has brought.
-    fn hear_cable(&mut self) {
+    fn receive_cable(&mut self) {
         let Some((node, mut answers)) = self.cable.take() else {
             return;
         };
@@ -127,7 +127,7 @@ impl TestMaster {
         while let Some((at, frame)) = self.world.take_received(MASTER) {
             self.receive(at, &frame);
         }
-        self.hear_cable();
+        self.receive_cable();
         Ok(())
     }
 
@@ -201,8 +201,9 @@ impl TestMaster {
 
     /// Emergency messages of a node so far: when they were complete, and their code.
     pub fn emergencies(&self, node: u8) -> impl Iterator<Item = (Micros, u16)> {
-        let heard = self.emergencies.iter();
-        heard.filter_map(move |(at, sender, code)| (*sender == node).then_some((*at, *code)))
+        let received_codes = self.emergencies.iter();
+        received_codes
+            .filter_map(move |(at, sender, code)| (*sender == node).then_some((*at, *code)))
     }
 
     fn send(&mut self, millis: u64) {

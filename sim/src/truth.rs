@@ -2,7 +2,7 @@
 //!
 //! Samples are taken at whole multiples of a period of virtual time and kept until someone takes
 //! them away; a minute at 100 Hz with three robots is about 4 MB. Nothing in the simulated robots
-//! can read them. [`Eyes`] are an observer's that are not perfect.
+//! can read them. [`NoisyPoses`] are an observer's that are not perfect.
 
 use group::PoseNoise;
 use kinematics::{Pose, WheelRates};
@@ -51,12 +51,12 @@ pub struct RobotTruth {
 
 /// Eyes that see poses with some noise, the same for the same seed.
 #[derive(Debug, Clone)]
-pub(crate) struct Eyes {
+pub(crate) struct NoisyPoses {
     noise: PoseNoise,
     random: Random,
 }
 
-impl Eyes {
+impl NoisyPoses {
     pub fn new(noise: PoseNoise, seed: u64) -> Self {
         // Apart from the streams of everything else that comes from the seed.
         let random = Random::new(seed ^ 0xEE5E_5EEE_0B5E_44ED);
@@ -93,7 +93,7 @@ mod tests {
             position: 0.002,
             heading: 0.001,
         };
-        let mut eyes = Eyes::new(noise, 3);
+        let mut noisy_poses = NoisyPoses::new(noise, 3);
         let sample = TruthSample {
             time_ns: 0,
             group: Pose::new(1.0, 2.0, 3.0),
@@ -102,7 +102,7 @@ mod tests {
             robots: vec![],
         };
         let seen: Vec<_> = (0..10_000)
-            .map(|_| eyes.see(sample.clone()).group)
+            .map(|_| noisy_poses.see(sample.clone()).group)
             .collect();
         let deviation = |value: &dyn Fn(&Pose<f64>) -> f64| {
             (seen.iter().map(|p| value(p).powi(2)).sum::<f64>() / 1e4).sqrt()
@@ -114,9 +114,9 @@ mod tests {
         ] {
             assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
         }
-        let mut again = Eyes::new(noise, 3);
+        let mut again = NoisyPoses::new(noise, 3);
         assert_eq!(again.see(sample.clone()).group, seen[0]);
-        let mut perfect = Eyes::new(PoseNoise::default(), 3);
+        let mut perfect = NoisyPoses::new(PoseNoise::default(), 3);
         assert_eq!(perfect.see(sample.clone()), sample);
     }
 }

@@ -39,7 +39,7 @@ use crate::error::SimError;
 use crate::gyro::{GyroSample, Gyros};
 use crate::plant::{self, Plant};
 use crate::robot::{Backend, LogLine, Robot, Wake};
-use crate::truth::{Eyes, TruthSample};
+use crate::truth::{NoisyPoses, TruthSample};
 use crate::worker_pool::{Absent, WorkerPool};
 use unit::Unit;
 
@@ -117,7 +117,7 @@ pub struct World {
     ports: Vec<PortQueues>,
     candump: Option<Candump>,
     truth: Vec<TruthSample>,
-    eyes: Eyes,
+    noisy_poses: NoisyPoses,
     /// Parameters of the robots' gyros, and the gyros themselves once they are read.
     gyro: (Gyro, u64),
     gyros: Option<Gyros>,
@@ -202,7 +202,7 @@ impl World {
             ports: vec![PortQueues::default()],
             candump: None,
             truth: Vec::new(),
-            eyes: Eyes::new(group.simulation.pose_noise, group.simulation.seed),
+            noisy_poses: NoisyPoses::new(group.simulation.pose_noise, group.simulation.seed),
             gyro: (group.simulation.gyro, group.simulation.seed),
             gyros: None,
             truth_at: (0, 0),
@@ -354,9 +354,9 @@ impl World {
     }
 
     /// The same samples as an observer sees them, with the noise of the group file on every pose.
-    pub fn take_seen(&mut self) -> Vec<TruthSample> {
+    pub fn take_observed(&mut self) -> Vec<TruthSample> {
         let truth = self.take_truth();
-        truth.into_iter().map(|s| self.eyes.see(s)).collect()
+        truth.into_iter().map(|s| self.noisy_poses.see(s)).collect()
     }
 
     /// The samples of the robots' gyros that have come since the last call. The first call switches

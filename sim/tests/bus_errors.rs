@@ -27,7 +27,7 @@ fn run(world: &mut World, until_us: u64) {
     world.run_until(Micros(until_us)).unwrap();
 }
 
-fn heard(world: &mut World) -> Vec<(u64, u16)> {
+fn received(world: &mut World) -> Vec<(u64, u16)> {
     let frames = std::iter::from_fn(|| world.take_received(MASTER));
     frames.map(|(at, frame)| (at.0, frame.id())).collect()
 }
@@ -66,11 +66,11 @@ fn a_lost_acknowledge_makes_the_sender_passive_and_the_receivers_get_it_again() 
     let first = 16 * 55 + 8 + 45;
     let again = 3 + 8 + 45;
     let wanted = [first, first + again, first + 2 * again].map(|at| (at, 0x555));
-    assert_eq!(heard(&mut world), wanted);
+    assert_eq!(received(&mut world), wanted);
     // The fourth one is acknowledged: that is all.
     world.set_lost_acknowledge(Share::NONE);
     run(&mut world, 2_000);
-    assert_eq!(heard(&mut world).len(), 1);
+    assert_eq!(received(&mut world).len(), 1);
     assert_eq!(world.port_errors(sender).1, counters(127, 0));
     let busy = 16 * 55 + 4 * (45 + 3);
     let load = world.truth().bus_load;
@@ -101,8 +101,8 @@ fn a_robot_whose_frames_are_destroyed_goes_off_the_bus_and_comes_back() {
     assert_eq!(states, wanted);
     assert_eq!(world.error_frames(), 33);
     assert_eq!(world.port_errors(MASTER).1, counters(0, 32));
-    let told: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
-    assert_eq!(told, [0x082]);
+    let ids: Vec<u16> = received(&mut world).iter().map(|(_, id)| *id).collect();
+    assert_eq!(ids, [0x082]);
     world.set_corruption(Share::NONE);
     run(&mut world, 1_000_000);
     assert_eq!(world.robot_errors(0), Default::default());
@@ -161,16 +161,19 @@ fn a_babbling_node_fills_the_bus_and_only_higher_priorities_get_through() {
     run(&mut world, 150_000);
     let load = world.bus_load();
     assert!((load.largest - 1.0).abs() < 1e-9, "{load:?}");
-    assert!(heard(&mut world).iter().all(|(_, id)| *id == 0x001));
+    assert!(received(&mut world).iter().all(|(_, id)| *id == 0x001));
     world.send_from(sender, frame(0x000));
     run(&mut world, 151_000);
     assert_eq!(
-        heard(&mut world).iter().filter(|(_, id)| *id == 0).count(),
+        received(&mut world)
+            .iter()
+            .filter(|(_, id)| *id == 0)
+            .count(),
         1
     );
     world.set_babbler(None);
     run(&mut world, 200_000);
-    let robots: Vec<_> = heard(&mut world)
+    let robots: Vec<_> = received(&mut world)
         .iter()
         .map(|(_, id)| *id)
         .filter(|id| *id > 1)
@@ -187,7 +190,7 @@ fn a_robot_that_babbles_does_not_say_what_it_has_to_say() {
     let mut world = world("tcc-2");
     world.set_babbling(1, Some(0x7FE));
     run(&mut world, 50_000);
-    let ids: Vec<_> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    let ids: Vec<_> = received(&mut world).iter().map(|(_, id)| *id).collect();
     assert!(ids.contains(&0x702) && ids.contains(&0x7FE) && !ids.contains(&0x703));
 }
 
@@ -210,7 +213,7 @@ fn a_connector_pulled_in_the_middle_of_a_frame_destroys_it() {
     world.set_connected(0, true);
     run(&mut world, 21_000);
     // And the emergency message that it was error passive.
-    let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    let ids: Vec<u16> = received(&mut world).iter().map(|(_, id)| *id).collect();
     assert_eq!(ids, [0x082, 0x702]);
     assert_eq!(
         world.robot_errors(0),
@@ -224,7 +227,7 @@ fn what_is_delayed_comes_later_by_just_that() {
         let mut world = world("single");
         world.set_delay(0, delay_ns);
         run(&mut world, 50_000);
-        heard(&mut world)[0].0
+        received(&mut world)[0].0
     };
     assert_eq!(boot_up(20_000_000), boot_up(0) + 20_000);
     let mut world = world("single");
@@ -232,7 +235,7 @@ fn what_is_delayed_comes_later_by_just_that() {
     world.set_port_delay(1_500_000);
     world.send_from(sender, frame(0x555));
     run(&mut world, 2_000);
-    assert_eq!(heard(&mut world), [(1_500 + 45, 0x555)]);
+    assert_eq!(received(&mut world), [(1_500 + 45, 0x555)]);
 }
 
 #[test]

@@ -320,9 +320,9 @@ fn ten_and_twelve_rollers_lose_what_eight_lose_by_phase_and_their_own_cosine() {
 fn random_phases_halve_the_ripple_in_the_mean() {
     const ROBOTS: u32 = 60;
     for rollers in [8, 10, 12] {
-        let together = Ripple::in_one_phase(rollers, Rates::Constant).deviation;
+        let in_phase = Ripple::in_one_phase(rollers, Rates::Constant).deviation;
         let closed = rolling_alone(rollers);
-        assert!((together - closed).abs() < WITHIN, "{together} {closed}");
+        assert!((in_phase - closed).abs() < WITHIN, "{in_phase} {closed}");
         let rms = |rates| {
             let contact = scattered(rollers);
             let mut own: Vec<f64> = (1..=u64::from(ROBOTS))
@@ -341,7 +341,7 @@ fn random_phases_halve_the_ripple_in_the_mean() {
         };
         // The square of a sum of four even phasors deviates by sqrt(3)/2 of itself; over 60 robots
         // that is 11 %, half as much in the root.
-        let (own, half) = (rms(Rates::Constant), 0.5 * together);
+        let (own, half) = (rms(Rates::Constant), 0.5 * in_phase);
         assert!((own - half).abs() < 0.15 * half, "{own} {half}");
         rms(Rates::ByPhase);
     }

@@ -49,10 +49,10 @@ impl Emulated {
 
     /// Waits for the end; whether it was a good one, and what was said on standard error.
     fn ended(mut self) -> (bool, String) {
-        let mut said = String::new();
+        let mut output = String::new();
         let mut errors = self.child.stderr.take().unwrap();
-        errors.read_to_string(&mut said).unwrap();
-        (self.child.wait().unwrap().success(), said)
+        errors.read_to_string(&mut output).unwrap();
+        (self.child.wait().unwrap().success(), output)
     }
 }
 
@@ -175,8 +175,8 @@ fn the_log_is_on_the_terminal_and_a_signal_ends_it() {
     let pid = emulated.child.id().to_string();
     let sent = Command::new("kill").args(["-INT", &pid]).status().unwrap();
     assert!(sent.success());
-    let (good, said) = emulated.ended();
-    assert!(good, "{said}");
+    let (good, output) = emulated.ended();
+    assert!(good, "{output}");
 }
 
 #[test]
@@ -199,8 +199,8 @@ fn a_debugger_finds_the_core_at_its_reset_vector() {
     // 6.3.1).
     assert_eq!(gdb.word(0x4002_3800) & 0xFFFF, 0x83);
     gdb.send("k");
-    let (good, said) = emulated.ended();
-    assert!(good, "{said}");
+    let (good, output) = emulated.ended();
+    assert!(good, "{output}");
 }
 
 #[test]
@@ -267,12 +267,12 @@ fn what_is_not_modelled_ends_it_with_address_and_source_line() {
     registers[PC] = place;
     gdb.set_registers(&registers);
     gdb.send("c");
-    let (good, said) = emulated.ended();
+    let (good, output) = emulated.ended();
     assert!(!good);
-    assert!(said.contains("not modelled: read of"), "{said}");
-    assert!(said.contains(&format!("{DAC:#010x}")), "{said}");
+    assert!(output.contains("not modelled: read of"), "{output}");
+    assert!(output.contains(&format!("{DAC:#010x}")), "{output}");
     let location = firmware.location(place).unwrap();
-    assert!(said.contains(&location), "{said}: not {location}");
+    assert!(output.contains(&location), "{output}: not {location}");
 }
 
 #[test]
@@ -282,8 +282,11 @@ fn what_cannot_be_meant_is_refused() {
             .args(arguments)
             .output()
             .unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(!output.status.success() && said.contains(word), "{said}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            !output.status.success() && message.contains(word),
+            "{message}"
+        );
     };
     let elf = elf();
     refused(&["emulate", "no.elf"], "no.elf");

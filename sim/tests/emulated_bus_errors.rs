@@ -24,7 +24,7 @@ fn run(world: &mut World, until_us: u64) {
     world.run_until(Micros(until_us)).unwrap();
 }
 
-fn heard(world: &mut World) -> Vec<(u64, u16)> {
+fn received(world: &mut World) -> Vec<(u64, u16)> {
     let frames = std::iter::from_fn(|| world.take_received(MASTER));
     frames.map(|(at, frame)| (at.0, frame.id())).collect()
 }
@@ -92,14 +92,14 @@ fn a_lost_acknowledge_makes_it_passive_and_it_sends_again() {
     assert_eq!(world.error_frames(), 16);
     let passive = (ErrorState::Passive, counters(128, 0));
     assert_eq!(world.robot_errors(0), passive);
-    let again = heard(&mut world);
+    let again = received(&mut world);
     assert!(again.len() > 50 && again.iter().all(|(_, id)| *id == 0x702));
     world.set_lost_acknowledge(Share::NONE);
     run(&mut world, 30_000);
     // The repetition under way when acknowledges came back, still lost or not, one that stands,
     // which takes one off, and the emergency message that it was error passive, which takes another
     // off.
-    let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    let ids: Vec<u16> = received(&mut world).iter().map(|(_, id)| *id).collect();
     assert!(
         (2..=3).contains(&ids.len()) && ids.ends_with(&[0x702, 0x082]),
         "{ids:X?}"
@@ -144,7 +144,7 @@ fn spell_is_announced(phase_us: u64) {
     );
     // The bus is sound from here on, so what comes is the announcement.
     run(&mut world, until + 2_000);
-    let emergencies = heard(&mut world);
+    let emergencies = received(&mut world);
     let announced = emergencies.iter().find(|(_, id)| *id == 0x082);
     assert!(
         announced.is_some(),
@@ -178,7 +178,7 @@ fn frames_that_lose_arbitration_wait_and_count_nothing() {
     world.set_babbler(Some(0x001));
     run(&mut world, 150_000);
     assert!((world.bus_load().largest - 1.0).abs() < 1e-9);
-    assert!(heard(&mut world).iter().all(|(_, id)| *id == 0x001));
+    assert!(received(&mut world).iter().all(|(_, id)| *id == 0x001));
     for robot in 0..2 {
         let none = (ErrorState::Active, counters(0, 0));
         assert_eq!(world.robot_errors(robot), none);
@@ -186,7 +186,7 @@ fn frames_that_lose_arbitration_wait_and_count_nothing() {
     world.set_babbler(None);
     // Those that have waited, and none of the next.
     run(&mut world, 155_000);
-    let ids = heard(&mut world).into_iter().map(|(_, id)| id);
+    let ids = received(&mut world).into_iter().map(|(_, id)| id);
     let robots: Vec<_> = ids.filter(|id| *id > 1).collect();
     assert!(
         robots.is_sorted() && robots.contains(&0x702) && robots.contains(&0x703),
@@ -206,7 +206,7 @@ fn a_node_that_is_cut_off_sends_when_it_is_back() {
     world.set_connected(0, true);
     run(&mut world, 21_000);
     // And the emergency message that it was error passive.
-    let ids: Vec<u16> = heard(&mut world).iter().map(|(_, id)| *id).collect();
+    let ids: Vec<u16> = received(&mut world).iter().map(|(_, id)| *id).collect();
     assert_eq!(ids, [0x702, 0x082]);
     let active = (ErrorState::Active, counters(126, 0));
     assert_eq!(world.robot_errors(0), active);
@@ -218,7 +218,7 @@ fn what_is_delayed_comes_later_by_just_that() {
         let mut world = world("single");
         world.set_delay(0, delay_ns);
         run(&mut world, 50_000);
-        heard(&mut world)[0].0
+        received(&mut world)[0].0
     };
     assert_eq!(boot_up(20_000_000), boot_up(0) + 20_000);
 }

@@ -135,7 +135,7 @@ fn a_plant_that_goes_away_is_named() {
 }
 
 #[test]
-fn nobody_there() {
+fn nothing_listens() {
     let address = TcpListener::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()

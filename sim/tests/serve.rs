@@ -13,7 +13,7 @@ struct Served {
     endpoints: Vec<(String, String)>,
     errors: BufReader<ChildStderr>,
     /// What it has said on standard error, as far as it was read.
-    said: String,
+    output: String,
 }
 
 impl Drop for Served {
@@ -57,7 +57,7 @@ impl Served {
             child,
             endpoints,
             errors,
-            said: String::new(),
+            output: String::new(),
         }
     }
 
@@ -79,14 +79,18 @@ impl Served {
         let sent = Command::new("kill").args([signal, &pid]).status().unwrap();
         assert!(sent.success());
         assert!(self.child.wait().unwrap().success());
-        self.errors.read_to_string(&mut self.said).unwrap();
-        std::mem::take(&mut self.said)
+        self.errors.read_to_string(&mut self.output).unwrap();
+        std::mem::take(&mut self.output)
     }
 
     /// Waits until it says this on standard error.
     fn wait_for(&mut self, what: &str) {
-        while !self.said.contains(what) {
-            assert_ne!(self.errors.read_line(&mut self.said).unwrap(), 0, "{what}");
+        while !self.output.contains(what) {
+            assert_ne!(
+                self.errors.read_line(&mut self.output).unwrap(),
+                0,
+                "{what}"
+            );
         }
     }
 }
@@ -135,16 +139,16 @@ fn two_programs_and_two_robots_on_one_bus() {
     // NMT: reset all nodes. The listener hears that, then both robots' boot-up.
     master.get_mut().write_all(b"O\rt00028100\r").unwrap();
     while line(&mut listener) != "t00028100" {}
-    let mut heard = Vec::new();
-    while heard.len() < 2 {
+    let mut received = Vec::new();
+    while received.len() < 2 {
         let frame = line(&mut listener);
         if ["t702100", "t703100"].contains(&frame.as_str()) {
-            heard.push(frame);
+            received.push(frame);
         }
     }
     // Which of the two is first is a matter of their crystals.
-    heard.sort();
-    assert_eq!(heard, ["t702100", "t703100"]);
+    received.sort();
+    assert_eq!(received, ["t702100", "t703100"]);
 }
 
 /// LAWICEL's `L` and `Z1`: what comes is heard, with its time in four digits; nothing can be sent.
@@ -157,18 +161,18 @@ fn a_channel_that_only_listens_hears_with_time_stamps() {
     assert_eq!(line(&mut client), "\u{7}");
     assert_eq!((line(&mut client), line(&mut client)), Default::default());
     let mut refused = false;
-    let mut heard = Vec::new();
-    while heard.len() < 2 || !refused {
+    let mut received = Vec::new();
+    while received.len() < 2 || !refused {
         let text = line(&mut client);
         refused |= text == "\u{7}";
         if let Some(stamp) = text.strip_prefix("t70217F") {
-            heard.push(u16::from_str_radix(stamp, 16).unwrap());
+            received.push(u16::from_str_radix(stamp, 16).unwrap());
             assert_eq!(stamp.len(), 4);
         }
     }
     // The heartbeat of a robot comes every 100 ms; its crystal may be off by less than 1 %.
-    let between = (heard[1] + 60_000 - heard[0]) % 60_000;
-    assert!((99..=101).contains(&between), "{heard:?}");
+    let between = (received[1] + 60_000 - received[0]) % 60_000;
+    assert!((99..=101).contains(&between), "{received:?}");
 }
 
 #[test]
@@ -176,15 +180,15 @@ fn socketcand_and_slcan_share_the_bus() {
     let served = Served::new(&["--slcan-tcp", "127.0.0.1:0", "--socketcand", "127.0.0.1:0"]);
     let mut raw = served.connect("socketcand");
     assert_eq!(bracket(&mut raw), "< hi >");
-    let mut say = |text: &str, wanted: &str| {
+    let mut send = |text: &str, wanted: &str| {
         raw.get_mut().write_all(text.as_bytes()).unwrap();
         assert_eq!(bracket(&mut raw), wanted, "{text}");
     };
-    say("< rawmode >", "< error open a bus first >");
-    say("< open can0 >", "< ok >");
-    say("< add 1 0 123 1 00 >", "< error unknown command >");
-    say("< echo >", "< echo >");
-    say("< rawmode >", "< ok >");
+    send("< rawmode >", "< error open a bus first >");
+    send("< open can0 >", "< ok >");
+    send("< add 1 0 123 1 00 >", "< error unknown command >");
+    send("< echo >", "< echo >");
+    send("< rawmode >", "< ok >");
     let mut slcan = served.connect("slcan-tcp");
     slcan.get_mut().write_all(b"O\r").unwrap();
     assert_eq!(line(&mut slcan), "");
@@ -194,18 +198,18 @@ fn socketcand_and_slcan_share_the_bus() {
     raw.get_mut().write_all(sent).unwrap();
     while line(&mut slcan) != wanted {}
     slcan.get_mut().write_all(b"t7EE0\rt7EE1AB\r").unwrap();
-    let mut heard = Vec::new();
-    while heard.len() < 2 {
+    let mut received = Vec::new();
+    while received.len() < 2 {
         let text = bracket(&mut raw);
         let words: Vec<&str> = text.split(' ').collect();
         assert_eq!((words[0], words[1]), ("<", "frame"), "{text}");
         // Nobody hears himself.
         assert_ne!(words[2], "7EF", "{text}");
         if words[2] == "7EE" {
-            heard.push(words[4..].join(" "));
+            received.push(words[4..].join(" "));
         }
     }
-    assert_eq!(heard, [" >", "AB >"]);
+    assert_eq!(received, [" >", "AB >"]);
 }
 
 #[test]
@@ -316,16 +320,16 @@ fn faults_come_from_the_command_line_and_from_standard_input() {
     while line(&mut client) != "t703100" {}
     input.write_all(b"node=2:power-on\n").unwrap();
     while line(&mut client) != "t702100" {}
-    let said = served.end("-TERM");
-    let lines: Vec<&str> = said.lines().collect();
+    let output = served.end("-TERM");
+    let lines: Vec<&str> = output.lines().collect();
     assert!(
         lines.contains(&"node=4:power-on: node: 4 is not in the group; give one of 2, 3"),
-        "{said}"
+        "{output}"
     );
-    let told = |what: &str| lines.iter().any(|line| line.ends_with(what));
+    let logged = |what: &str| lines.iter().any(|line| line.ends_with(what));
     assert!(
-        told(" s: node 3: power-cycle") && told(" s: node 3: power-on"),
-        "{said}"
+        logged(" s: node 3: power-cycle") && logged(" s: node 3: power-on"),
+        "{output}"
     );
 }
 
@@ -345,10 +349,13 @@ fn a_log_is_played_frame_by_frame() {
     };
     serve(&["--log", &first]);
     let off = ["node=2:power-off", "node=3:power-off"];
-    let said = serve(&[
+    let output = serve(&[
         "--log", &second, "--replay", &first, "--fault", off[0], "--fault", off[1],
     ]);
-    assert_eq!(said, format!("replay {first}: 12 frames\nserving tcc-2\n"));
+    assert_eq!(
+        output,
+        format!("replay {first}: 12 frames\nserving tcc-2\n")
+    );
     let [first, second] = [first, second].map(|path| std::fs::read_to_string(path).unwrap());
     let frames = |log: &str| -> Vec<String> {
         let words = log
@@ -372,10 +379,11 @@ fn bad_input_is_named() {
         assert!(!output.status.success());
         String::from_utf8(output.stderr).unwrap()
     };
-    let taken = scratch("serve-taken");
-    std::fs::write(&taken, "").unwrap();
-    let taken_link =
-        format!("error: --pty {taken}: cannot be linked; give a path where nothing is yet");
+    let occupied = scratch("serve-taken");
+    std::fs::write(&occupied, "").unwrap();
+    let occupied_link = format!(
+        "error: --pty {occupied}: cannot make the link; give a path that does not exist yet"
+    );
     for (arguments, wanted) in [
         (
             ["--plant", "ice"],
@@ -383,9 +391,9 @@ fn bad_input_is_named() {
         ),
         (
             ["--socketcand", "nowhere"],
-            "error: cannot listen on nowhere; give HOST:PORT of this machine",
+            "error: cannot listen on nowhere; give a HOST:PORT of this computer that is free",
         ),
-        (["--pty", &taken], &taken_link),
+        (["--pty", &occupied], &occupied_link),
         (
             ["--socketcan", "no-such-can"],
             "error: --socketcan no-such-can: cannot be opened; make one with:",
@@ -400,7 +408,7 @@ fn bad_input_is_named() {
         ),
         (
             ["--fault", "node=2:explode"],
-            "error: --fault node=2:explode: explode: is no action; give one of",
+            "error: --fault node=2:explode: explode: is not an action; give one of",
         ),
         (
             ["--replay", "no.log"],
@@ -408,23 +416,23 @@ fn bad_input_is_named() {
         ),
     ] {
         {
-            let said = run(&arguments);
-            assert!(said.starts_with(wanted), "{said}");
+            let output = run(&arguments);
+            assert!(output.starts_with(wanted), "{output}");
         }
     }
-    let said = run(&["--backend", "emulator", "--elf", "no.elf"]);
+    let output = run(&["--backend", "emulator", "--elf", "no.elf"]);
     assert!(
-        said.starts_with("error: --elf no.elf: cannot be loaded; `cargo xtask size`"),
-        "{said}"
+        output.starts_with("error: --elf no.elf: cannot be loaded; `cargo xtask size`"),
+        "{output}"
     );
     let output = Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
         .args(["serve", "no.toml"])
         .output()
         .unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
+    let output = String::from_utf8(output.stderr).unwrap();
     assert!(
-        said.starts_with("error: no.toml: cannot be read ("),
-        "{said}"
+        output.starts_with("error: no.toml: cannot be read ("),
+        "{output}"
     );
 }
 
@@ -444,7 +452,7 @@ fn time_waits_for_a_lockstep_client() {
     let mut poses = served.connect("pose-tcp");
     assert!(line(&mut poses).starts_with("{\"t\":0.1,"));
     // Half a second, of which the client hears everything that was said, in order, and its end.
-    let (mut heard, mut now) = (Vec::new(), 100_000);
+    let (mut received, mut now) = (Vec::new(), 100_000);
     while now < 600_000 {
         client.get_mut().write_all(b"w600000\n").unwrap();
         loop {
@@ -456,11 +464,14 @@ fn time_waits_for_a_lockstep_client() {
                 now = time;
                 break;
             }
-            heard.push(text);
+            received.push(text);
         }
     }
     assert_eq!(now, 600_000);
-    assert!(!heard.is_empty(), "two robots send heartbeats every 100 ms");
+    assert!(
+        !received.is_empty(),
+        "two robots send heartbeats every 100 ms"
+    );
     // It stands where it was left, also for another client.
     let mut other = served.connect("lockstep");
     assert_eq!(line(&mut other), "omnibus-lockstep 1");

@@ -121,10 +121,10 @@ fn frames_go_out_by_identifier_and_take_their_bits() {
     assert_eq!(world.receive(Micros(1_000)), Ok(None));
     assert_eq!(world.now(), Micros(1_000));
     let first = strings[0].lock().unwrap();
-    let heard: Vec<_> = first.received.iter().map(|(at, f)| (*at, f.id())).collect();
-    assert_eq!(heard[0], (50_000, 0));
-    assert_eq!(heard[1].1, 0x556);
-    assert_eq!(heard.len(), 2);
+    let received: Vec<_> = first.received.iter().map(|(at, f)| (*at, f.id())).collect();
+    assert_eq!(received[0], (50_000, 0));
+    assert_eq!(received[1].1, 0x556);
+    assert_eq!(received.len(), 2);
     assert_eq!(first.lost, 1);
     assert_eq!(world.frames(), 3);
 }
@@ -136,14 +136,14 @@ fn the_masters_frames_keep_their_order() {
         world.send(frame(id));
     }
     world.run_until(Micros(1_000)).unwrap();
-    let heard: Vec<_> = strings[0]
+    let received: Vec<_> = strings[0]
         .lock()
         .unwrap()
         .received
         .iter()
         .map(|(_, f)| f.id())
         .collect();
-    assert_eq!(heard, [0x700, 0x100, 0x300]);
+    assert_eq!(received, [0x700, 0x100, 0x300]);
 }
 
 #[test]
@@ -169,8 +169,8 @@ fn a_program_that_joins_within_a_frame_does_not_change_whose_it_is() {
     world.run_until(Micros(20)).unwrap();
     let port = world.add_port();
     world.run_until(Micros(1_000)).unwrap();
-    let heard = |robot: usize| strings[robot].lock().unwrap().received.len();
-    assert_eq!((heard(0), heard(1)), (1, 0));
+    let received = |robot: usize| strings[robot].lock().unwrap().received.len();
+    assert_eq!((received(0), received(1)), (1, 0));
     assert!(strings[1].lock().unwrap().send.is_empty());
     assert_eq!(world.take_received(port).unwrap().1, frame(0x183));
     assert_eq!(world.take_received(port), None);
@@ -414,7 +414,7 @@ fn a_driver_trips_at_its_current() {
 fn a_parted_bus_is_two() {
     let (mut world, strings) = world("tcc-3");
     let send = |place: usize, id: u16| strings[place].lock().unwrap().send.push_back(frame(id));
-    let heard = |place: usize| -> Vec<(u64, u16)> {
+    let received = |place: usize| -> Vec<(u64, u16)> {
         let received = std::mem::take(&mut strings[place].lock().unwrap().received);
         received.iter().map(|(at, f)| (*at, f.id())).collect()
     };
@@ -427,14 +427,17 @@ fn a_parted_bus_is_two() {
     assert_eq!(master, Micros(45));
     assert_eq!(world.take_received(omnibus_sim::MASTER), None);
     assert_eq!(
-        (heard(0), heard(1), heard(2)),
+        (received(0), received(1), received(2)),
         (vec![], vec![], vec![(45_000, 0x555)])
     );
     assert_eq!(world.frames(), 2);
     world.set_partition(None);
     send(2, 0x556);
     world.run_until(Micros(2_000)).unwrap();
-    assert_eq!((heard(0).len(), heard(1).len(), heard(2).len()), (1, 1, 0));
+    assert_eq!(
+        (received(0).len(), received(1).len(), received(2).len()),
+        (1, 1, 0)
+    );
 }
 
 /// Alone in its half a robot gets no acknowledge and sends for ever; what was on the wire when the

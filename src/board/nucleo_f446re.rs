@@ -1,5 +1,7 @@
 //! NUCLEO-F446RE (STM32F446RET6, LQFP64): clocks and pins. The reference board.
 //!
+//! # Pins
+//!
 //! | function | peripheral | pins |
 //! |---|---|---|
 //! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PA8 PA9 PA10 PA11 |
@@ -19,7 +21,9 @@
 //! | cable: the virtual COM port of the ST-LINK | USART2 | PA3 receive, PA2 transmit |
 //! | user button | GPIO | PC13 |
 //!
-//! Sources: UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
+//! # Sources
+//!
+//! UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
 
 use super::stm32f4::pin::{pin, pins};
 use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Serial, Wiring};

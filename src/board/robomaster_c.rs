@@ -15,6 +15,9 @@
 //! | driver fault, low is a fault | GPIO | PF0 (I2C2 SDA) |
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
 //! | LED, green | GPIO | PH11 |
+//!
+//! # Limits
+//!
 //! The board lacks:
 //! - **Encoders**: TIM2 to TIM5 need channels 1 and 2 of one timer. TIM5 has them on the LEDs
 //!   (PH10, PH11), TIM4 one on CAN2 (PB6), TIM3 and TIM2 theirs on the inertial sensor (PB4, PA7,
@@ -25,7 +28,9 @@
 //!   hardware, and driver enable and brake with the next control tick.
 //! - Encoder index, current sensors, switches for the node-ID: it is 2, or what LSS has stored.
 //!
-//! Sources: the vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
+//! # Sources
+//!
+//! The vendor's own configuration, `20.standard_robot/standard_robot.ioc` and
 //! `5.servo_motor/servo_motor.ioc` of RoboMaster/Development-Board-C-Examples at bd594e1 (pins, 12
 //! MHz crystal, PLL 6 and 168); RM0090 (chip); DS8626 (alternate functions). The connectors of SPI2
 //! and I2C2 have not been determined.

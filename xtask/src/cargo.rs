@@ -153,7 +153,8 @@ pub fn fuzz_guided(seconds: u64) -> anyhow::Result<()> {
         ])
         .args(["--manifest-path", "canopen/fuzz/Cargo.toml", "--target-dir"])
         .arg(&folder);
-    run(&mut build).context("libFuzzer is C++: Debian and Ubuntu have it as g++")?;
+    run(&mut build)
+        .context("libFuzzer needs a C++ compiler; on Debian and Ubuntu install the package g++")?;
     let program = folder.join(host).join("release/frames");
     let mut fuzz = Command::new(program);
     fuzz.current_dir(&folder)
@@ -169,5 +170,5 @@ fn host() -> anyhow::Result<String> {
     let text = String::from_utf8_lossy(&output.stdout);
     let host = text.lines().find_map(|line| line.strip_prefix("host: "));
     host.map(ToOwned::to_owned)
-        .context("rustc does not name its host")
+        .context("`rustc -vV` does not name its host")
 }

@@ -30,7 +30,7 @@ pub fn demo(path: &Path) -> anyhow::Result<()> {
 fn within(run: &Value, field: &str, bounds: &RangeInclusive<f64>) -> anyhow::Result<()> {
     let value = run[field]
         .as_f64()
-        .with_context(|| format!("{field} is missing or no number"))?;
+        .with_context(|| format!("{field} is missing or not a number"))?;
     ensure!(
         bounds.contains(&value),
         "{field} is {value} with compensation {}, promised {} to {}",
@@ -52,7 +52,7 @@ fn promises(json: &Value) -> anyhow::Result<()> {
         json["runs"]
             .as_array()
             .and_then(|runs| runs.iter().find(|run| run["compensation"] == word))
-            .with_context(|| format!("no run with compensation {word}"))
+            .with_context(|| format!("the file has no run with compensation {word}"))
     };
     let (off, on) = (run("off")?, run("on")?);
     within(off, "aside_percent", &LATERAL_OFF)?;

@@ -72,9 +72,7 @@ fn group_file(config: &str) -> PathBuf {
 /// Builds, drives, reports.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.scalar == Scalar::Fixed && arguments.backend != BackendName::Emulator {
-        anyhow::bail!(
-            "--scalar fixed: native robots are compiled for f32; use --backend emulator with it"
-        );
+        anyhow::bail!("--scalar fixed: native robots are compiled for f32; add --backend emulator");
     }
     // A group file with a mistake is refused before anything is built or moved.
     let path = group_file(&arguments.config);

@@ -18,10 +18,10 @@ use crate::{cargo, firmware};
 /// Options of `cargo xtask interop`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// What the robots are; both, one after the other, without this.
+    /// Backend of the robots; by default both, one after the other.
     #[arg(long, value_parser = ["native", "emulator"])]
     backend: Option<String>,
-    /// Also runs the robot's suite through its cable, which does not always pass yet.
+    /// Also runs the suite of one robot through its cable, which does not always pass yet.
     #[arg(long)]
     cable: bool,
 }

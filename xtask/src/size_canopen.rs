@@ -43,7 +43,7 @@ pub fn run() -> anyhow::Result<()> {
         println!("{name:<24} {flash:>8} {ram:>8}");
     }
     if costs[0] > FLASH_MAX || costs[1] > RAM_MAX {
-        bail!("the CANopen device takes more than it may");
+        bail!("the CANopen device exceeds its budget");
     }
     Ok(())
 }

@@ -108,12 +108,12 @@ fn installed() -> anyhow::Result<()> {
 
 /// The unpacked kernel package, fetched when it is not there yet.
 fn kernel(folder: &Path) -> anyhow::Result<PathBuf> {
-    let said = Command::new("apt-cache")
+    let output = Command::new("apt-cache")
         .args(["depends", "--important", KERNEL])
         .output()
         .context("cannot start apt-cache")?;
-    let said = String::from_utf8_lossy(&said.stdout).into_owned();
-    let name = said
+    let output = String::from_utf8_lossy(&output.stdout).into_owned();
+    let name = output
         .lines()
         .filter_map(|line| line.trim().strip_prefix("Depends: "))
         .find(|name| name.starts_with("linux-image-"))
@@ -131,7 +131,7 @@ fn kernel(folder: &Path) -> anyhow::Result<PathBuf> {
     let package = files(folder)?
         .into_iter()
         .find(|path| path.extension().is_some_and(|end| end == "deb"))
-        .context("apt-get has downloaded no package")?;
+        .context("apt-get download has written no package")?;
     let unpacked = folder.join("unpacked");
     cargo::run(
         Command::new("dpkg-deb")
@@ -164,10 +164,12 @@ fn all_files(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
 
 /// A path for the guest's shell.
 fn quoted(path: &Path) -> anyhow::Result<String> {
-    let text = path.to_str().context("a path is not UTF-8")?;
+    let text = path
+        .to_str()
+        .context("a path of the workspace is not UTF-8")?;
     if text.contains('\'') {
         bail!(
-            "{text}: a path with an apostrophe does not reach the guest's shell; move the workspace"
+            "{text}: the guest's shell cannot read a path with an apostrophe; move the workspace"
         );
     }
     Ok(format!("'{text}'"))
@@ -185,7 +187,11 @@ fn ram_disk(kernel: &Path, init: &Path, command: &str) -> anyhow::Result<Vec<u8>
     let busybox = ["/bin/busybox", "/usr/bin/busybox"]
         .iter()
         .find_map(|p| std::fs::read(p).ok());
-    archive.add("bin/busybox", PROGRAM, &busybox.context("no /bin/busybox")?);
+    archive.add(
+        "bin/busybox",
+        PROGRAM,
+        &busybox.context("this system has no /bin/busybox")?,
+    );
     archive.add("init", PROGRAM, &std::fs::read(init)?);
     archive.add("test", FILE, command.as_bytes());
     let mut found = Vec::new();
@@ -275,11 +281,11 @@ fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
         .spawn()
         .context("cannot start qemu-system-x86_64")?;
     let console = guest.stdout.take().context("qemu has no console")?;
-    let (say, said) = channel();
+    let (sender, output) = channel();
     std::thread::spawn(move || {
         for line in BufReader::new(console).split(b'\n').map_while(Result::ok) {
             let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-            if say.send(line).is_err() {
+            if sender.send(line).is_err() {
                 break;
             }
         }
@@ -287,7 +293,7 @@ fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
     let began = Instant::now();
     let mut passed = false;
     loop {
-        match said.recv_timeout(PATIENCE.saturating_sub(began.elapsed())) {
+        match output.recv_timeout(PATIENCE.saturating_sub(began.elapsed())) {
             Ok(line) => {
                 passed |= line == PASSED;
                 writeln!(std::io::stdout(), "{line}")?;

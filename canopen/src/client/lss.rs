@@ -127,7 +127,7 @@ pub struct FastScan {
 }
 
 impl FastScan {
-    const ANYBODY: u8 = 0x80;
+    const ANY_DEVICE: u8 = 0x80;
 
     /// Begins a scan; an answer may take `timeout`.
     #[must_use]
@@ -138,7 +138,7 @@ impl FastScan {
             outgoing: None,
             found: [0; 4],
             part: 0,
-            bit: Self::ANYBODY,
+            bit: Self::ANY_DEVICE,
             confirming: false,
         };
         scan.ask(now);
@@ -173,7 +173,7 @@ impl FastScan {
     }
 
     fn advance(&mut self, now: Micros, answered: bool) -> Option<Scanned> {
-        if self.bit == Self::ANYBODY {
+        if self.bit == Self::ANY_DEVICE {
             if !answered {
                 return self.end(Scanned::Nobody);
             }

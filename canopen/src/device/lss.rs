@@ -125,7 +125,7 @@ impl Core {
     }
 
     /// Another device has answered an LSS master: a node-ID given to all devices is not accepted.
-    pub(super) fn hear_lss(&mut self) {
+    pub(super) fn on_lss_answer(&mut self) {
         if self.lss.configuring && self.lss.with_all {
             self.lss.crowded = true;
             self.lss.node = self.node;

@@ -246,7 +246,7 @@ impl Device {
                 core.on_heartbeat(now, sender, state);
             }
             Service::Lss => core.on_lss(now, frame, app),
-            Service::LssAnswer => core.hear_lss(),
+            Service::LssAnswer => core.on_lss_answer(),
             Service::Other => {
                 app.on_frame(now, frame, core.state);
                 core.on_rpdo(now, frame, app);

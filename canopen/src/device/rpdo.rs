@@ -157,12 +157,12 @@ impl Core {
         let mut from = 0;
         while let Some(at) = self.rpdos.find(from, frame.id()) {
             from = at.saturating_add(1);
-            self.take_rpdo(now, at, frame, app);
+            self.receive_rpdo(now, at, frame, app);
         }
     }
 
     /// Takes a frame of the PDO at 0x1400 plus `at`.
-    fn take_rpdo(&mut self, now: Micros, at: usize, frame: &Frame, app: &mut dyn Application) {
+    fn receive_rpdo(&mut self, now: Micros, at: usize, frame: &Frame, app: &mut dyn Application) {
         let number = u8::try_from(at).unwrap_or(u8::MAX).saturating_add(1);
         if !app.on_rpdo(number, frame.data()) {
             return;

@@ -196,9 +196,9 @@ impl Rollers {
     #[inline(never)]
     pub fn new(rolling: &Rolling, before: Option<&Self>) -> Self {
         let configuration = rolling.rollers();
-        let kept = before.filter(|before| before.configuration.index == configuration.index);
+        let same_index = before.filter(|before| before.configuration.index == configuration.index);
         let [a, b, c, d] = configuration.wheels;
-        let of = |wheel: usize| kept.and_then(|before| before.wheels.get(wheel));
+        let of = |wheel: usize| same_index.and_then(|before| before.wheels.get(wheel));
         let wheels = [
             Tracked::new(a, of(0)),
             Tracked::new(b, of(1)),

@@ -36,16 +36,16 @@ impl Supervision {
     /// that ramps, because a robot with a shorted bridge or a reversed encoder cannot ramp down.
     #[inline]
     pub(super) fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
-        let kept = self.report.fault;
+        let latched = self.report.fault;
         let wheel = motion.wheel_fault();
         let cut = self
             .report
             .obstacle
             .or_else(|| wheel.filter(|fault| fault.reaction() == Reaction::Cut))
             .or_else(|| self.supply.too_high(&motion.configuration.supply, tick.now));
-        self.report.fault = match kept.map(reaction) {
-            Some(Reaction::Cut) => kept,
-            Some(Reaction::Ramp) => cut.or(kept),
+        self.report.fault = match latched.map(reaction) {
+            Some(Reaction::Cut) => latched,
+            Some(Reaction::Ramp) => cut.or(latched),
             None => cut
                 .or_else(|| {
                     let asked = self.report.protective_stop && motion.configuration.protective_stop;

@@ -357,7 +357,7 @@ impl Board {
     }
 
     /// Records a frame on the bus in the trace.
-    pub(crate) fn note_arrival(&mut self, frame: &CanFrame) {
+    pub(crate) fn trace_arrival(&mut self, frame: &CanFrame) {
         let change = Change::Arrival(*frame);
         self.shared.look(|soc| {
             let now = soc.now;

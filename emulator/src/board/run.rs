@@ -236,7 +236,7 @@ impl Board {
                 exception: self.cpu.current_exception().0,
                 cycle: self.now,
             };
-            self.note_place(at);
+            self.trace_position(at);
             let waited = self.fast.waited();
             let (cycles, entered) = self.step_either_way();
             if cycles == 1
@@ -265,7 +265,7 @@ impl Board {
         self.follow.is_some()
     }
 
-    fn note_place(&mut self, at: At) {
+    fn trace_position(&mut self, at: At) {
         let Some(follow) = &mut self.follow else {
             return;
         };

@@ -78,7 +78,7 @@ impl CanPort<'_> {
     /// Another node's frame has arrived complete. It took so many bits from its first to the end of
     /// its last.
     pub fn receive_stuffed(&mut self, frame: &CanFrame, bits: u32) {
-        self.board.note_arrival(frame);
+        self.board.trace_arrival(frame);
         if self.board.can_pins_connected() {
             self.board
                 .with_can(|can, now| can.receive(now, frame, bits));

@@ -273,8 +273,8 @@ impl Core {
                 }
                 Op::Insert { d, n, lsb, width } => {
                     let (mask, lsb) = (mask(width), lsb & 31);
-                    let kept = self.get(d) & !(mask << lsb);
-                    self.set(d, kept | (self.get(n) & mask) << lsb);
+                    let unchanged = self.get(d) & !(mask << lsb);
+                    self.set(d, unchanged | (self.get(n) & mask) << lsb);
                 }
                 Op::CountZeros { d, m } => self.set(d, self.get(m).leading_zeros()),
 

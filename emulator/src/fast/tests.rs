@@ -136,7 +136,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         shared,
     };
     let mut fast = Fast::new(Arc::new(Programmed::new(Vec::new())));
-    let mut taken = 0;
+    let mut instructions = 0;
     for _ in 0..rounds {
         let mut regs = Regs {
             control: FPCA,
@@ -166,7 +166,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
             assert_eq!(cpu.regs(), regs, "left with a trace");
             continue;
         }
-        taken += 1;
+        instructions += 1;
         let result = (cpu.regs(), machine.float_state(), machine.window(), cycles);
 
         cpu.set_regs(regs);
@@ -185,14 +185,14 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         );
         cpu.with_sys(|sys| sys.cfsr = 0);
     }
-    taken
+    instructions
 }
 
 #[test]
 fn random_instructions_do_what_the_reference_core_does() {
-    let taken: u32 = [0x0123_4567_89AB_CDEF, 0x9E37_79B9_7F4A_7C15]
+    let instructions: u32 = [0x0123_4567_89AB_CDEF, 0x9E37_79B9_7F4A_7C15]
         .into_iter()
         .map(|seed| compare(seed, 40_000))
         .sum();
-    assert!(taken > 30_000, "only {taken} were compared");
+    assert!(instructions > 30_000, "only {instructions} were compared");
 }

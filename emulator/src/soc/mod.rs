@@ -485,7 +485,7 @@ impl Soc {
             let delayed = self.timers[number].edge_due(now);
             self.timers[number].sync(now);
             if delayed {
-                self.note_encoder(number);
+                self.trace_encoder(number);
             }
         }
         self.can.sync(now);
@@ -507,7 +507,7 @@ impl Soc {
         const RECEIVE: usize = 5;
         const TRANSMIT: usize = 6;
         if self.usart2.offers_byte() && self.dma1.takes(RECEIVE, CHANNEL, DATA) {
-            let byte = self.usart2.take_byte();
+            let byte = self.usart2.read_byte();
             self.dma1.put(&self.ram, RECEIVE, CHANNEL, DATA, byte);
         }
         while self.usart2.wants_byte()

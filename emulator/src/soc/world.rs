@@ -117,7 +117,7 @@ impl Soc {
             |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
-            self.note_encoder(timer);
+            self.trace_encoder(timer);
             self.settle();
         }
     }
@@ -131,12 +131,12 @@ impl Soc {
         if let Some((timer, channel @ (1 | 2))) = pins::timer_at(port, pin, af)
             && self.timers[timer].set_input(self.now, channel - 1, gpio.level(pin))
         {
-            self.note_encoder(timer);
+            self.trace_encoder(timer);
         }
     }
 
     /// Records the value of an encoder's counter.
-    pub(super) fn note_encoder(&mut self, timer: usize) {
+    pub(super) fn trace_encoder(&mut self, timer: usize) {
         if let Some(trace) = &mut self.trace {
             let count = self.timers[timer].read(self.now, CNT).unwrap_or(0);
             let change = Change::Encoder { timer, count };

@@ -257,7 +257,7 @@ impl Usart {
     }
 
     /// Hands the received byte to the DMA, which reads DR but not SR.
-    pub(crate) fn take_byte(&mut self) -> u8 {
+    pub(crate) fn read_byte(&mut self) -> u8 {
         self.sr &= !sr::RXNE;
         self.received
     }

@@ -242,13 +242,13 @@ fn a_preloaded_duty_is_traced_when_it_takes_effect() {
         })
         .collect();
     let (written, zero) = duties[duties.len() - 2];
-    let (taken, quarter) = duties[duties.len() - 1];
+    let (applied, quarter) = duties[duties.len() - 1];
     assert_eq!((zero, quarter), (0.0, 0.25));
     // The period began when the counter was started, a few instructions before the compare value
     // was written.
     assert!(
-        (990_000..1_000_400).contains(&(taken - written)),
+        (990_000..1_000_400).contains(&(applied - written)),
         "{}",
-        taken - written
+        applied - written
     );
 }

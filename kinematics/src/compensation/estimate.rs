@@ -155,8 +155,8 @@ pub fn fit(
     // 1.4826 median deviations are one standard deviation of normally distributed noise.
     let spread = 1.4826 * median(usable.clone().map(|s| deviation(&s)));
     let allowed = (limits.outlier_deviations * spread).max(limits.resolution);
-    let kept = usable.filter(|s| deviation(s) <= allowed);
-    let used = kept.clone().count();
+    let inliers = usable.filter(|s| deviation(s) <= allowed);
+    let used = inliers.clone().count();
     if used * 2 <= count {
         return Err(EstimationError::Inconsistent);
     }
@@ -164,14 +164,14 @@ pub fn fit(
         return Err(EstimationError::TooFewSamples(used));
     }
 
-    let (power, product) = kept.clone().fold((0.0, 0.0), |(power, product), s| {
+    let (power, product) = inliers.clone().fold((0.0, 0.0), |(power, product), s| {
         (
             power + s.commanded * s.commanded,
             product + s.commanded * s.measured,
         )
     });
     let ratio = product / power;
-    let error = kept.fold(0.0, |sum, s| {
+    let error = inliers.fold(0.0, |sum, s| {
         let residual = s.measured - ratio * s.commanded;
         sum + residual * residual
     });

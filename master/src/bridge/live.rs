@@ -59,8 +59,8 @@ struct Live {
 }
 
 impl Live {
-    fn on_frame(&mut self, heard: &BusFrame, group: &GroupFile) {
-        let at = micros(heard.t);
+    fn on_frame(&mut self, frame_seen: &BusFrame, group: &GroupFile) {
+        let at = micros(frame_seen.t);
         let messages = self.messages.get_or_insert_with(|| {
             let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
             let now_ns = since_1970.map_or(0, |since| since.as_nanos());
@@ -68,10 +68,10 @@ impl Live {
             Messages::new(now_ns.saturating_sub(at.0 * 1_000), Some(group.clone()))
         });
         let (channels, context) = (&mut self.channels, &self.context);
-        let told = messages.frame(at, &heard.frame, heard.sent, &mut |message| {
+        let result = messages.frame(at, &frame_seen.frame, frame_seen.sent, &mut |message| {
             send(channels, context, message)
         });
-        debug_assert!(told.is_ok(), "a topic has one schema: {told:?}");
+        debug_assert!(result.is_ok(), "a topic has one schema: {result:?}");
     }
 }
 

@@ -102,7 +102,7 @@ impl Bridge {
         let stream = self.hub.subscribe(Interest::Group, DEFAULT_CAPACITY);
         let writer = {
             let (output, over, interval) = (Arc::clone(&output), Arc::clone(&over), self.interval);
-            std::thread::spawn(move || tell(&stream, &output, &over, interval))
+            std::thread::spawn(move || publish(&stream, &output, &over, interval))
         };
         let read = self.listen(client, input, &output);
         self.gone(client);
@@ -225,13 +225,13 @@ pub fn operate(
 }
 
 /// Writes what the subscription brings until the client or the session is over.
-fn tell<W: Write>(stream: &Subscription, output: &Mutex<W>, over: &AtomicBool, interval: f64) {
-    let mut told = f64::NEG_INFINITY;
+fn publish<W: Write>(stream: &Subscription, output: &Mutex<W>, over: &AtomicBool, interval: f64) {
+    let mut last = f64::NEG_INFINITY;
     while !over.load(Ordering::Relaxed) && !stream.is_over() {
         let value = match stream.next_within(TICK) {
             // Half a microsecond: times are sums of floating-point periods.
-            Some(Telemetry::Snapshot(now)) if now.t >= told + interval - 5e-7 => {
-                told = now.t;
+            Some(Telemetry::Snapshot(now)) if now.t >= last + interval - 5e-7 => {
+                last = now.t;
                 message::state(&now)
             }
             Some(Telemetry::Event(event)) => message::event(&event),

@@ -181,7 +181,7 @@ impl<L: Link> Wire<L> {
         let received = self.link.receive(until)?;
         let late = self.link.now().since(until);
         if received.is_none() && late.0 > LATE_US {
-            self.note_late(late);
+            self.count_late(late);
         }
         while let Some((at, sync)) = self.link.take_sent() {
             self.record(at, &sync, true);
@@ -193,7 +193,7 @@ impl<L: Link> Wire<L> {
     }
 
     /// This end did something so late.
-    pub(crate) fn note_late(&mut self, late: Micros) {
+    pub(crate) fn count_late(&mut self, late: Micros) {
         let before = self.lately();
         self.late = Some((self.link.now(), late.max(before)));
     }

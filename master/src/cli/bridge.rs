@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use omnibus::bridge::server::{Address, Listener};
 use omnibus::bridge::{Bridge, operate};
 
-use super::{Target, note};
+use super::{Target, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus bridge --bus sim:groups/tcc-2.toml
@@ -62,11 +62,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     ));
     if let Some(address) = &arguments.foxglove {
         let at = live(address, &pilot.hub(), &group)?;
-        note(format_args!("Foxglove: open a connection to ws://{at}"));
+        print_note(format_args!("Foxglove: open a connection to ws://{at}"));
     }
     let ended = Arc::new(AtomicBool::new(false));
     if let Some(listener) = listener {
-        note(format_args!("the bridge is at {}", listener.address()));
+        print_note(format_args!("the bridge is at {}", listener.address()));
         let bridge = Arc::clone(&bridge);
         std::thread::spawn(move || listener.serve(&bridge));
     } else {
@@ -98,10 +98,10 @@ fn live(
     group: &group::GroupFile,
 ) -> anyhow::Result<std::net::SocketAddr> {
     use std::net::ToSocketAddrs as _;
-    let said = || format!("--foxglove {address}: give ADDRESS:PORT that is free here");
-    let mut addresses = address.to_socket_addrs().with_context(said)?;
-    let address = addresses.next().with_context(said)?;
-    omnibus::bridge::live::serve(address, hub, group).with_context(said)
+    let context = || format!("--foxglove {address}: give ADDRESS:PORT that is free here");
+    let mut addresses = address.to_socket_addrs().with_context(context)?;
+    let address = addresses.next().with_context(context)?;
+    omnibus::bridge::live::serve(address, hub, group).with_context(context)
 }
 
 #[cfg(not(feature = "foxglove"))]

@@ -3,7 +3,7 @@
 use omnibus::bus::load::{BUSY, total, traffic};
 use serde_json::json;
 
-use super::{Usage, json, output, print_json, say};
+use super::{Usage, json, output, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus bus-load --robots 8
@@ -62,12 +62,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         String::new(),
         range((low, high)),
     ]);
-    say(&table)?;
-    say("The share depends on the data: from no stuffed bits to as many as there can be.")?;
+    print_line(&table)?;
+    print_line("The share depends on the data: from no stuffed bits to as many as there can be.")?;
     if high > 1.0 {
-        say("That does not fit. Lower --rate (sync_period_ms in the group file).")?;
+        print_line("That does not fit. Lower --rate (sync_period_ms in the group file).")?;
     } else if high > BUSY {
-        say(
+        print_line(
             "That is too full for comfort: parameters and node management hardly get through. \
              Lower --rate.",
         )?;

@@ -4,7 +4,7 @@ use anyhow::Context as _;
 use omnibus::run::DriveError;
 use omnibus::source::pose::PoseStream;
 
-use super::{Target, abort_on_ctrl_c, say};
+use super::{Target, abort_on_ctrl_c, print_line};
 
 mod phase;
 mod progress;

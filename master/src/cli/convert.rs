@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }));
     }
     match &arguments.output {
-        Some(path) => super::say(path.display()),
+        Some(path) => super::print_line(path.display()),
         None => Ok(()),
     }
 }

@@ -5,13 +5,13 @@ use kinematics::{Pose, Twist};
 use omnibus::Group;
 use omnibus::bus::link::Link;
 use omnibus::monitor::average::counted_on;
-use omnibus::monitor::odometry::seen_from;
+use omnibus::monitor::odometry::relative_to;
 use omnibus::monitor::rows::{Recorder, Row};
 use serde_json::json;
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, Usage, json, note, print_json, say};
+use super::{Target, Usage, json, print_json, print_line, print_note};
 
 /// Rows that are kept; a drive of an hour has 360 000.
 const ROWS: usize = 1_000;
@@ -69,21 +69,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let recorded = recorder::finish(recorder);
     let punctuality = group.punctuality();
     if let Some(punctuality) = punctuality {
-        note(punctuality);
+        print_note(punctuality);
     }
     driven?;
     let rows = group.recorder().rows();
     let slowed = group.recorder().outline().slowest;
     let moved = moved(group.recorder());
     if let Some(moved) = moved {
-        say(format_args!(
+        print_line(format_args!(
             "moved {:.3} m ahead, {:.3} m to the left, turned {:.2} degrees (by the wheels)",
             moved.x,
             moved.y,
             moved.heading.to_degrees()
         ))?;
     }
-    super::tell_slowdown(slowed, &file);
+    super::print_slowdown(slowed, &file);
     let mut robots = Vec::new();
     for (index, robot) in file.robots.iter().enumerate() {
         let last = rows.iter().rev().find_map(|row| row.members[index].pose);
@@ -116,7 +116,7 @@ fn moved(recorder: &Recorder) -> Option<Pose> {
         },
     )
     .heading;
-    let way = seen_from(first, last);
+    let way = relative_to(first, last);
     Some(Pose {
         heading: turned,
         ..way

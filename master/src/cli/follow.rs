@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, json, note, print_json, say, sync_json};
+use super::{Target, json, print_json, print_line, print_note, sync_json};
 
 const EXAMPLES: &str = "Examples:
   omnibus follow figure-eight --bus sim:groups/tcc-3.toml
@@ -263,31 +263,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_json(&document)?;
         return written;
     }
-    say(report::table::to_table(&report))?;
+    print_line(report::table::to_table(&report))?;
     if arguments.paper {
-        say("Axes as in the paper: x lateral, y longitudinal.")?;
+        print_line("Axes as in the paper: x lateral, y longitudinal.")?;
     }
     let rows = report.runs.last().map(|run| run.rows.as_slice());
-    super::tell_slowdown(rows.and_then(slowdown), &group);
+    super::print_slowdown(rows.and_then(slowdown), &group);
     if let Some(law) = law {
-        say(format_args!("{law}"))?;
+        print_line(format_args!("{law}"))?;
         match rms[..] {
-            [without, with] => say(format_args!(
+            [without, with] => print_line(format_args!(
                 "rms tracking error: {without:.2} mm without feedback, {with:.2} mm with"
             ))?,
-            _ => say("rms tracking error as above; --compare drives without feedback first")?,
+            _ => {
+                print_line("rms tracking error as above; --compare drives without feedback first")?
+            }
         }
     }
     for sync in syncs.iter().flatten() {
-        note(sync);
+        print_note(sync);
     }
     written
 }
 
 /// Says what happens before the curve, and how much room it needs.
 fn announce(search: &IndexSearch) {
-    note(search);
-    note("(--no-seek leaves this out: the robots begin with the mean of their rollers.)");
+    print_note(search);
+    print_note("(--no-seek leaves this out: the robots begin with the mean of their rollers.)");
 }
 
 /// Four decimals.
@@ -302,10 +304,10 @@ fn drive_once(
     name: &str,
 ) -> anyhow::Result<(Run, Option<Punctuality>)> {
     let progress = Progress::new(name);
-    let tell = &mut |share: f64, phase| progress.share(share, phase);
+    let report = &mut |share: f64, phase| progress.share(share, phase);
     Ok(match &target.bus {
         #[cfg(feature = "simulation")]
-        BusAddress::Sim(_) => (simulated(drive, tell)?, None),
-        _ => run::measured(target.command(group)?, drive, tell)?,
+        BusAddress::Sim(_) => (simulated(drive, report)?, None),
+        _ => run::measured(target.command(group)?, drive, report)?,
     })
 }

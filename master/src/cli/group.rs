@@ -10,7 +10,7 @@ use omnibus::session::{configure, sdo};
 use serde_json::json;
 
 use super::output::{self, Found};
-use super::{Target, json, note, print_json, say};
+use super::{Target, json, print_json, print_line, print_note};
 
 mod draw;
 mod new;
@@ -112,17 +112,17 @@ fn check(files: &[PathBuf]) -> anyhow::Result<()> {
             },
         };
         for error in &found.errors {
-            say(error)?;
+            print_line(error)?;
             problems.push(finding_json(error));
         }
         for warning in &found.warnings {
-            say(format_args!("warning: {warning}"))?;
+            print_line(format_args!("warning: {warning}"))?;
             warnings.push(finding_json(warning));
         }
         let Some(group) = found.group else { continue };
         let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
         let robots = if nodes.len() == 1 { "robot" } else { "robots" };
-        say(format_args!(
+        print_line(format_args!(
             "{}: group '{}', {} {robots}, nodes {nodes:?}: good",
             file.display(),
             group.name,
@@ -177,7 +177,7 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
         cells.extend(columns.iter().map(|column| sdo::show(column[row].1)));
         table.add_row(cells);
     }
-    say(&table)?;
+    print_line(&table)?;
     Ok(())
 }
 
@@ -203,13 +203,13 @@ fn apply(target: &Target, save: bool) -> anyhow::Result<()> {
         return print_json(&json!({"group": file.name, "stored": save, "robots": robots}));
     }
     for (node, count) in counts {
-        say(format_args!(
+        print_line(format_args!(
             "node {node}: {count} parameters written and read back{}",
             if save { ", stored" } else { "" }
         ))?;
     }
     if !save {
-        note("until power-off; --save keeps them in the robots");
+        print_note("until power-off; --save keeps them in the robots");
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use omnibus::commission::lss;
 use omnibus::commission::survey::Survey;
 use serde_json::json;
 
-use super::{Target, json, note, output, print_json, say};
+use super::{Target, json, output, print_json, print_line, print_note};
 
 /// For the help of both.
 pub const EXAMPLES: &str = "Examples:
@@ -96,9 +96,9 @@ fn scan(target: &Target) -> anyhow::Result<()> {
             hex(id.serial),
         ]);
     }
-    say(&table)?;
+    print_line(&table)?;
     if rows.is_empty() {
-        say("no robot answers")?;
+        print_line("no robot answers")?;
     }
     Ok(())
 }
@@ -116,8 +116,8 @@ fn set(
         bail!("{node} is no robot's node id; robots are 2 to 17");
     };
     let mut wire = target.exclusive()?;
-    let taken = Survey::take(&mut wire, None)?;
-    if now != Some(node) && taken.found.iter().any(|robot| robot.node == node) {
+    let survey = Survey::take(&mut wire, None)?;
+    if now != Some(node) && survey.found.iter().any(|robot| robot.node == node) {
         bail!("node {node} is another robot's; give that one another id first");
     }
     let identity = match now {
@@ -137,13 +137,13 @@ fn set(
     if json() {
         return print_json(&json!({"node": node, "serial": identity.serial, "stored": store}));
     }
-    say(format_args!(
+    print_line(format_args!(
         "the robot with serial {:08X} is node {node}{}",
         identity.serial,
         if store { ", stored" } else { "" }
     ))?;
     if now.is_some() && !reset {
-        note("it takes the new id at its next reset; --reset does that now");
+        print_note("it takes the new id at its next reset; --reset does that now");
     }
     Ok(())
 }

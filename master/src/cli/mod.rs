@@ -44,7 +44,7 @@ pub mod reset;
 pub mod serve;
 pub mod wheel_test;
 
-pub use output::{Usage, json, note, print_json, print_json_line, quiet, say};
+pub use output::{Usage, json, print_json, print_json_line, print_line, print_note, quiet};
 
 /// Where the firmware image is after `cargo xtask size`, from the root of the workspace.
 const DEFAULT_ELF: &str = "target/thumbv7em-none-eabihf/release/omnibus-firmware";
@@ -226,7 +226,7 @@ impl Target {
         }
         match foreign::look(link)? {
             Some(sign) if self.force => {
-                note(format!(
+                print_note(format!(
                     "{}: another master is on the bus (heard: {sign}); --force takes its robots",
                     self.bus
                 ));
@@ -266,7 +266,7 @@ pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
 }
 
 /// Says that a group ran slower than it was asked to, and because of whom.
-pub fn tell_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
+pub fn print_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
     let Some(Slowdown {
         scale,
         member,
@@ -277,7 +277,7 @@ pub fn tell_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
     };
     let node = group.robots.get(member).map_or(0, |robot| robot.node);
     let limit = limit.map_or("the wheels", Limit::name);
-    note(format!(
+    print_note(format!(
         "The group ran at {:.0} % of what was asked at its slowest: {limit} of node {node}.",
         100.0 * scale
     ));

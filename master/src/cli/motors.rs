@@ -6,7 +6,7 @@ use omnibus::session::Group;
 use serde_json::json;
 
 use super::output::{self, Progress};
-use super::{Target, Usage, say};
+use super::{Target, Usage, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus identify-motors --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -103,9 +103,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let cells = values.map(|value| format!("{value:.4}"));
         table.add_row(std::iter::once(wheel.to_owned()).chain(cells));
     }
-    say(&table)?;
-    say("kS and misfit in V, kV and kP in V s/rad, kA in V s2/rad, kI in V/rad.")?;
-    say(match (arguments.accept, arguments.save) {
+    print_line(&table)?;
+    print_line("kS and misfit in V, kV and kP in V s/rad, kA in V s2/rad, kI in V/rad.")?;
+    print_line(match (arguments.accept, arguments.save) {
         (false, _) => "Nothing of this is in effect; --accept writes it into the robot.",
         (true, false) => {
             "In effect from the next start, until a group file is written or the power goes; \

@@ -10,7 +10,7 @@ use protocol::{Code, Fault, Kind, StoredFault, address};
 use serde_json::json;
 
 use super::output::{self, Found};
-use super::{Target, json, print_json, say};
+use super::{Target, json, print_json, print_line};
 
 const SCAN_EXAMPLES: &str = "Examples:
   omnibus scan --bus sim:groups/tcc-3.toml
@@ -168,7 +168,7 @@ impl std::fmt::Display for LastFault {
 }
 
 /// Says that nobody answers, with what the adapter knows.
-fn nobody(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
+fn no_answer(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
         "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate \
          is 1 Mbit/s everywhere"
@@ -220,31 +220,31 @@ pub fn scan(arguments: &Scan) -> anyhow::Result<()> {
                 },
             ]);
         }
-        say(&table)?;
+        print_line(&table)?;
     }
     if survey.found.is_empty() {
-        return Err(nobody(target, &mut wire));
+        return Err(no_answer(target, &mut wire));
     }
     if !json()
         && let Some(latency) = wire.latency()
     {
         let ms = latency.as_secs_f64() * 1e3;
-        say(format_args!("the adapter answers within {ms:.1} ms"))?;
+        print_line(format_args!("the adapter answers within {ms:.1} ms"))?;
     }
     for conflict in &survey.conflicts {
-        say(conflict)?;
+        print_line(conflict)?;
     }
     let mut wrong = survey.conflicts.len();
     for node in &survey.missing {
         wrong += 1;
-        say(format_args!(
+        print_line(format_args!(
             "node {node} of group '{}' does not answer; check its power, its node switches and \
              its plug",
             name.unwrap_or_default()
         ))?;
     }
     if survey.master {
-        say("another master's heartbeat is on the bus")?;
+        print_line("another master's heartbeat is on the bus")?;
     }
     if wrong > 0 {
         let problems = if wrong == 1 { "problem" } else { "problems" };
@@ -260,7 +260,7 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
     let mut wire = Wire::visiting(target.link_if_any(group.as_ref())?);
     let survey = Survey::take(&mut wire, group.as_ref())?;
     if survey.found.is_empty() {
-        return Err(nobody(target, &mut wire));
+        return Err(no_answer(target, &mut wire));
     }
     let mut table = output::table([
         "node",
@@ -333,14 +333,14 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         print_json(&json!({"group": group.map(|group| group.name), "robots": rows}))?;
         return survey_is_complete(&survey);
     }
-    say(&table)?;
+    print_line(&table)?;
     for meaning in meanings {
-        say(meaning)?;
+        print_line(meaning)?;
     }
     if arguments.history && faults.is_empty() {
-        say("no robot remembers a fault")?;
+        print_line("no robot remembers a fault")?;
     } else if arguments.history {
-        say(&faults)?;
+        print_line(&faults)?;
     }
     survey_is_complete(&survey)
 }

@@ -64,21 +64,21 @@ pub fn quiet() -> bool {
 }
 
 /// Whether text is wanted.
-pub fn talks() -> bool {
+pub fn prints_text() -> bool {
     !mode().quiet && !mode().json
 }
 
 /// Prints a line of text. Unlike `println!` it does not panic when the reader has gone (`omnibus
 /// ... | head`).
-pub fn say(line: impl std::fmt::Display) -> anyhow::Result<()> {
-    if talks() {
+pub fn print_line(line: impl std::fmt::Display) -> anyhow::Result<()> {
+    if prints_text() {
         writeln!(std::io::stdout().lock(), "{line}")?;
     }
     Ok(())
 }
 
 /// Tells people how it goes, on the standard error.
-pub fn note(line: impl std::fmt::Display) {
+pub fn print_note(line: impl std::fmt::Display) {
     if !mode().quiet {
         let _ = writeln!(std::io::stderr().lock(), "{line}");
     }
@@ -143,7 +143,7 @@ impl Progress {
     }
 
     fn with(name: &str, bar: ProgressBar, template: &str) -> Self {
-        if !talks() {
+        if !prints_text() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
         if let Ok(style) = ProgressStyle::with_template(template) {

@@ -12,7 +12,7 @@ use protocol::{Address, Code, Kind, MemberState, OBJECTS, Object, Value, address
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, json, note, output, param_file, print_json, say};
+use super::{Target, json, output, param_file, print_json, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus param list wheel
@@ -211,10 +211,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let mut wire = at.target.visit()?;
             if object.kind == Kind::Domain {
                 let bytes = param_file::hex(&wire.read_block(at.node, object.address)?);
-                return tell(at.node, object, &json!(bytes));
+                return print_value(at.node, object, &json!(bytes));
             }
             let value = wire.read(at.node, object.address, object.kind)?;
-            tell(at.node, object, &number(value))
+            print_value(at.node, object, &number(value))
         }
         Command::Set { object, value, at } => set(object, value, at),
         Command::Dump { output, at } => dump(output.as_ref(), at),
@@ -241,7 +241,7 @@ fn done(node: u8, what: &str) -> anyhow::Result<()> {
     if json() {
         return print_json(&json!({"node": node, "done": what}));
     }
-    say(format_args!("node {node} {what}"))
+    print_line(format_args!("node {node} {what}"))
 }
 
 /// What people read.
@@ -281,7 +281,7 @@ fn meaning(object: &Object, value: &serde_json::Value) -> Option<String> {
     }
 }
 
-fn tell(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::Result<()> {
+fn print_value(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::Result<()> {
     let meaning = meaning(object, value);
     if json() {
         return print_json(&json!({"node": node, "object": object.address.to_string(),
@@ -293,7 +293,7 @@ fn tell(node: u8, object: &Object, value: &serde_json::Value) -> anyhow::Result<
         text(value),
         meaning.map_or_else(|| object.unit.to_owned(), |meaning| format!("({meaning})"))
     );
-    say(line.trim_end())
+    print_line(line.trim_end())
 }
 
 fn set(object: &str, value: &str, at: &At) -> anyhow::Result<()> {
@@ -304,9 +304,9 @@ fn set(object: &str, value: &str, at: &At) -> anyhow::Result<()> {
     let value = parse(object, value)?;
     let mut wire = at.target.visit()?;
     wire.write_checked(at.node, object.address, value)?;
-    tell(at.node, object, &number(value))?;
+    print_value(at.node, object, &number(value))?;
     if object.persistent {
-        note(format_args!(
+        print_note(format_args!(
             "until power-off; `omnibus param save --node {}` keeps it",
             at.node
         ));
@@ -360,9 +360,9 @@ fn list(filter: Option<&str>) -> anyhow::Result<()> {
             object.unit.to_owned(),
         ]);
     }
-    say(&table)?;
+    print_line(&table)?;
     if let [only] = objects[..] {
-        say(only.text)?;
+        print_line(only.text)?;
     }
     Ok(())
 }
@@ -413,9 +413,9 @@ fn dump(output: Option<&PathBuf>, at: &At) -> anyhow::Result<()> {
     match output {
         Some(path) => {
             let count = values.len() + blocks.len();
-            say(format_args!("{count} parameters in {}", path.display()))
+            print_line(format_args!("{count} parameters in {}", path.display()))
         }
-        None => say(text.trim_end()),
+        None => print_line(text.trim_end()),
     }
 }
 
@@ -425,7 +425,7 @@ fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
     if let Some(node) = parameters.node
         && node != at.node
     {
-        note(format_args!(
+        print_note(format_args!(
             "the file was read from node {node} and goes into node {}, with its mount and group",
             at.node
         ));
@@ -440,11 +440,11 @@ fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
     if json() {
         return print_json(&json!({"node": at.node, "written": count}));
     }
-    say(format_args!(
+    print_line(format_args!(
         "node {}: {count} parameters written and read back",
         at.node
     ))?;
-    note(format_args!(
+    print_note(format_args!(
         "until power-off; `omnibus param save --node {}` keeps them",
         at.node
     ));
@@ -542,7 +542,7 @@ fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
         print_json(&json!({"differences": differences}))?;
     }
     for one in found {
-        say(format_args!(
+        print_line(format_args!(
             "node {}: {} is {}, {what} has {}",
             one.node,
             sdo::name(one.at),
@@ -551,7 +551,7 @@ fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
         ))?;
     }
     if found.is_empty() {
-        return say(format_args!("everything is as {what} says"));
+        return print_line(format_args!("everything is as {what} says"));
     }
     Err(Found(format!(
         "{} parameters differ; `omnibus group apply` writes the group file into the robots, \

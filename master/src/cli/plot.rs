@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::convert::load;
 use super::output::Progress;
-use super::say;
+use super::print_line;
 
 const PLOT_EXAMPLES: &str = "Examples:
   omnibus plot drive.mcap
@@ -90,7 +90,7 @@ pub fn plot(arguments: &Plot) -> anyhow::Result<()> {
     drop(progress);
     for path in &outputs {
         if !super::quiet() && !super::json() {
-            say(path.display())?;
+            print_line(path.display())?;
         }
     }
     if super::json() {
@@ -113,7 +113,7 @@ pub fn report(arguments: &Report) -> anyhow::Result<()> {
         return super::print_json(&serde_json::to_value(page::figures(&recording))?);
     }
     if !super::quiet() {
-        say(path.display())?;
+        print_line(path.display())?;
     }
     Ok(())
 }

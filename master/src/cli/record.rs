@@ -15,7 +15,7 @@ use omnibus::recording::{Recorder, Summary};
 use serde_json::json;
 
 use super::recorder::Rotate;
-use super::{Target, say};
+use super::{Target, print_line};
 
 /// Time between two looks at whether to stop, in µs.
 const SLICE_US: u64 = 100_000;
@@ -60,10 +60,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .rotate
             .begin(&arguments.file, &arguments.target, "record", link.now())?;
     let mut link = Tap::new(link, [recorder.sink()]);
-    let heard = listen(&mut link, arguments, &abort, &recorder);
+    let listened = listen(&mut link, arguments, &abort, &recorder);
     // However it ended, what was heard is kept.
     let summary = recorder.finish()?;
-    heard?;
+    listened?;
     if summary.frames == 0 {
         bail!(
             "{}: nothing was heard; check that the robots are on, the bit rate (1 Mbit/s), and \
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return super::print_json(&show(arguments, &summary));
     }
     if !super::quiet() {
-        say(format_args!(
+        print_line(format_args!(
             "{}: {} frames in {:.3} s, {} messages",
             arguments.file.display(),
             summary.frames,

@@ -7,7 +7,7 @@ use anyhow::bail;
 use canopen::Micros;
 use omnibus::recording::{Recorder, RecordingError, Settings};
 
-use super::{Target, note};
+use super::{Target, print_note};
 
 /// Where a drive is recorded.
 #[derive(clap::Args)]
@@ -57,7 +57,7 @@ impl Rotate {
         let settings = Settings {
             rotate_bytes: self.megabytes.map(|megabytes| megabytes * 1_000_000),
             waits: target.bus.waits(),
-            told: Some(Box::new(warn)),
+            on_error: Some(Box::new(warn)),
         };
         Ok(Recorder::create(
             path,
@@ -68,7 +68,7 @@ impl Rotate {
 }
 
 fn warn(error: &RecordingError) {
-    note(format_args!(
+    print_note(format_args!(
         "warning: {error}; the robots are not affected"
     ));
 }

@@ -20,7 +20,7 @@ use serde_json::json;
 
 use super::convert::load;
 use super::output::Progress;
-use super::{Target, say};
+use super::{Target, print_line};
 
 /// How long the bus is listened to before anything is sent, in µs: three heartbeats of a robot and
 /// ten of a master.
@@ -73,9 +73,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let abort = super::abort_on_ctrl_c()?;
     let mut link: Box<dyn Link> = arguments.target.link_alone()?;
-    let heard = look(&mut link)?;
+    let traffic = observe(&mut link)?;
     if arguments.drive && !arguments.target.force {
-        refuse_if_live(&heard, &arguments.target.bus)?;
+        refuse_if_live(&traffic, &arguments.target.bus)?;
     }
     let sent = if arguments.drive {
         send(&mut link, &frames, &abort)?
@@ -86,12 +86,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// What is on the bus: the group after listening for a while, and whether another master talks.
-struct Heard {
+struct Traffic {
     master: bool,
     armed: Vec<u8>,
 }
 
-fn look(link: &mut impl Link) -> anyhow::Result<Heard> {
+fn observe(link: &mut impl Link) -> anyhow::Result<Traffic> {
     let mut listener = Listener::new([]);
     let mut master = false;
     let until = Micros(link.now().0 + LISTEN_US);
@@ -106,17 +106,17 @@ fn look(link: &mut impl Link) -> anyhow::Result<Heard> {
     let operational = members
         .iter()
         .filter(|m| m.nmt == Some(canopen::NmtState::Operational));
-    Ok(Heard {
+    Ok(Traffic {
         master,
         armed: operational.map(|member| member.node).collect(),
     })
 }
 
-fn refuse_if_live(heard: &Heard, bus: &BusAddress) -> anyhow::Result<()> {
-    if heard.master {
+fn refuse_if_live(traffic: &Traffic, bus: &BusAddress) -> anyhow::Result<()> {
+    if traffic.master {
         bail!("{bus}: another master is on the bus; end it first, or give --force");
     }
-    if let [first, ..] = heard.armed[..] {
+    if let [first, ..] = traffic.armed[..] {
         bail!(
             "{bus}: node {first} is started (OPERATIONAL) without a master; stop it with \
              `omnibus status` and an NMT stop first, or give --force"
@@ -175,12 +175,12 @@ fn report(
         return Ok(());
     }
     if arguments.drive {
-        say(format_args!(
+        print_line(format_args!(
             "sent {sent} of {frames} frames of the master, over {:.3} s",
             seconds.as_secs_f64()
         ))
     } else {
-        say(format_args!(
+        print_line(format_args!(
             "{frames} frames of the master over {:.3} s; nothing was sent: --drive sends them, \
              and robots on {} will move as they did",
             seconds.as_secs_f64(),

@@ -9,7 +9,7 @@ use protocol::cob;
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, Usage, json, print_json, say};
+use super::{Target, Usage, json, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus reset --node 3 --bus socketcan:can0
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         ("nodes", "have")
     };
-    say(format_args!(
+    print_line(format_args!(
         "{node} {} {have} started anew",
         names.join(", ")
     ))

@@ -11,7 +11,7 @@ use omnibus::serve::page_state::{Access, PageState, operate};
 use omnibus::serve::server;
 use serde_json::json;
 
-use super::{Target, say};
+use super::{Target, print_line};
 
 /// A token of one's own must be at least this long.
 const SHORTEST_TOKEN: usize = 12;
@@ -132,10 +132,12 @@ fn greet(arguments: &Arguments, address: SocketAddr, token: &str) -> anyhow::Res
         return Ok(());
     }
     if own || arguments.watch {
-        say(format_args!("the page is at {url}"))?;
+        print_line(format_args!("the page is at {url}"))?;
     } else {
-        say(format_args!("the page is at {url}#token={token}"))?;
-        say("who opens it with that token may drive; without it the page only shows the group")?;
+        print_line(format_args!("the page is at {url}#token={token}"))?;
+        print_line(
+            "who opens it with that token may drive; without it the page only shows the group",
+        )?;
     }
-    say("Ctrl-C ramps the group down and ends")
+    print_line("Ctrl-C ramps the group down and ends")
 }

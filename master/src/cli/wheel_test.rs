@@ -8,14 +8,14 @@ use std::time::Duration;
 use anyhow::bail;
 use omnibus::abort::Abort;
 use omnibus::commission::motors::WHEELS;
-use omnibus::commission::wheel_test::{Finding, Seen, test_wheels};
+use omnibus::commission::wheel_test::{Finding, Observed, test_wheels};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 use protocol::{Value, address};
 use serde_json::json;
 
 use super::output::{self, Found, Progress};
-use super::{Target, Usage, note, say};
+use super::{Target, Usage, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -65,7 +65,7 @@ pub fn blink(arguments: &Blink) -> anyhow::Result<()> {
     if super::json() {
         return super::print_json(&json!({"node": node, "seconds": seconds}));
     }
-    say(match seconds {
+    print_line(match seconds {
         0 => format!("node {node}: its LED shows its state again"),
         _ => format!("node {node}: its LED flashes five times and pauses, for {seconds} s"),
     })
@@ -110,9 +110,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
-    say("All four turn the right way, and their own encoders say so.")?;
+    print_line("All four turn the right way, and their own encoders say so.")?;
     if !arguments.ask {
-        say(
+        print_line(
             "Not checked by eye: a motor and its encoder both reversed would look the same. Use \
              --ask.",
         )?;
@@ -127,12 +127,12 @@ fn show(findings: &[Finding]) -> anyhow::Result<()> {
         row.extend(finding.turned.ways.map(|way| format!("{way:+.2}")));
         table.add_row(row);
     }
-    say(&table)?;
-    say("How far each wheel's encoder turned, rad; + is forward.")?;
+    print_line(&table)?;
+    print_line("How far each wheel's encoder turned, rad; + is forward.")?;
     for finding in findings {
         if let Some(problem) = &finding.problem {
             let wheel = WHEELS.get(finding.wheel).copied().unwrap_or("");
-            say(format!("{wheel}: {problem}"))?;
+            print_line(format!("{wheel}: {problem}"))?;
         }
     }
     Ok(())
@@ -144,10 +144,10 @@ fn finding_json(finding: &Finding) -> serde_json::Value {
 }
 
 /// Asks which wheel was seen to turn, until the answer is one.
-fn ask(wheel: usize, abort: &Abort) -> Result<Option<Seen>, MasterError> {
+fn ask(wheel: usize, abort: &Abort) -> Result<Option<Observed>, MasterError> {
     let name = WHEELS.get(wheel).copied().unwrap_or("");
     loop {
-        note(format!(
+        print_note(format!(
             "{name}: what turned first? f: it did, forward; b: it did, backward; n: nothing; or \
              another wheel: fl, fr, rl, rr with f or b (`rl f`); Enter: did not look"
         ));
@@ -155,7 +155,7 @@ fn ask(wheel: usize, abort: &Abort) -> Result<Option<Seen>, MasterError> {
         let words: Vec<_> = line.split_whitespace().collect();
         let (which, way) = match words.as_slice() {
             [] => return Ok(None),
-            ["n"] => return Ok(Some(Seen::Nothing)),
+            ["n"] => return Ok(Some(Observed::Nothing)),
             [way] => (wheel, *way),
             [other, way] => match ["fl", "fr", "rl", "rr"].iter().position(|n| n == other) {
                 Some(which) => (which, *way),
@@ -164,7 +164,7 @@ fn ask(wheel: usize, abort: &Abort) -> Result<Option<Seen>, MasterError> {
             _ => continue,
         };
         if let "f" | "b" = way {
-            return Ok(Some(Seen::Wheel {
+            return Ok(Some(Observed::Wheel {
                 wheel: which,
                 forward: way == "f",
             }));

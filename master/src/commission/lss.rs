@@ -106,7 +106,7 @@ pub fn unknown<L: Link>(
         let high = known.map_or(Some(u32::MAX), |serial| serial.checked_sub(1));
         if let (Some(low), Some(high)) = (low, high)
             && low <= high
-            && is_anybody(wire, low, high)?
+            && is_any(wire, low, high)?
         {
             halve(wire, low, high, &mut serials)?;
         }
@@ -138,7 +138,7 @@ const ROBOT: Identity = Identity {
 };
 
 /// Whether a robot has a serial number from `low` to `high`.
-fn is_anybody<L: Link>(wire: &mut Wire<L>, low: u32, high: u32) -> Result<bool, MasterError> {
+fn is_any<L: Link>(wire: &mut Wire<L>, low: u32, high: u32) -> Result<bool, MasterError> {
     let requests = lss_identify(&ROBOT, (low, high));
     let answer = talk(wire, &requests, ANSWER_US, |answer| {
         (answer == LssAnswer::Present).then_some(())
@@ -161,11 +161,11 @@ fn halve<L: Link>(
         return Ok(());
     }
     let middle = low + (high - low) / 2;
-    let below = is_anybody(wire, low, middle)?;
+    let below = is_any(wire, low, middle)?;
     if below {
         halve(wire, low, middle, found)?;
     }
-    if !below || is_anybody(wire, middle + 1, high)? {
+    if !below || is_any(wire, middle + 1, high)? {
         halve(wire, middle + 1, high, found)?;
     }
     Ok(())

@@ -104,11 +104,11 @@ impl Survey {
         wire: &mut Wire<L>,
         group: Option<&GroupFile>,
     ) -> Result<Self, MasterError> {
-        let mut heard = BTreeMap::new();
+        let mut states = BTreeMap::new();
         let until = wire.now() + Micros(LISTEN_US);
         while let Some((_, frame)) = wire.next(until)? {
             if let Some((node, state)) = client::parse_heartbeat(&frame) {
-                heard.insert(node.get(), state);
+                states.insert(node.get(), state);
             }
         }
         let mut answered = ask_all(wire)?;
@@ -139,7 +139,7 @@ impl Survey {
                     node,
                     answers,
                     serials: serials.clone(),
-                    nmt: heard.get(&node).copied(),
+                    nmt: states.get(&node).copied(),
                     wire_version,
                     serial: read(address::SERIAL_NUMBER, Kind::U32)?,
                     firmware: read(address::FIRMWARE_VERSION, Kind::U32)?,
@@ -173,7 +173,7 @@ impl Survey {
             found,
             missing,
             foreign,
-            master: heard.contains_key(&protocol::MASTER),
+            master: states.contains_key(&protocol::MASTER),
             conflicts,
         })
     }

@@ -20,7 +20,7 @@ const ALIKE: f32 = 0.25;
 
 /// What somebody saw turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
+pub enum Observed {
     /// Nothing.
     Nothing,
     /// This wheel, so that the base would roll forward first (or not).
@@ -44,7 +44,7 @@ pub struct Finding {
 }
 
 /// Asks what was seen to turn.
-pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Seen>, MasterError>;
+pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Observed>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
 /// `look` is asked after each wheel what was seen; `None` when nobody looks. `watch` is told how
@@ -60,12 +60,12 @@ pub fn test_wheels<L: Link>(
     watch: Watch<'_>,
 ) -> Result<Vec<Finding>, MasterError> {
     let mut turned = [Turned::default(); 4];
-    let mut seen = [None; 4];
+    let mut observed = [None; 4];
     for (wheel, turned) in (0_u8..).zip(&mut turned) {
         *turned = turn_wheel(wire, node, period_us, wheel, watch)?;
         let wheel = usize::from(wheel);
-        if let Some(seen) = seen.get_mut(wheel) {
-            *seen = look(wheel)?;
+        if let Some(observed) = observed.get_mut(wheel) {
+            *observed = look(wheel)?;
         }
     }
     let mut bits = |at| Ok::<_, MasterError>(wire.read(node, at, protocol::Kind::U8)?.to_bits());
@@ -74,7 +74,7 @@ pub fn test_wheels<L: Link>(
         encoders: bits(address::ENCODER_REVERSED)?,
         motors: bits(address::MOTOR_REVERSED)?,
     };
-    Ok(judge(turned, seen, &reversed))
+    Ok(judge(turned, observed, &reversed))
 }
 
 /// The bits of 0x2020:2 and :3 as they are.
@@ -104,7 +104,11 @@ impl Reversed {
     }
 }
 
-fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> Vec<Finding> {
+fn judge(
+    turned: [Turned; 4],
+    observed: [Option<Observed>; 4],
+    reversed: &Reversed,
+) -> Vec<Finding> {
     let mut speeds: Vec<f32> = turned.iter().filter_map(|t| t.speed).collect();
     speeds.sort_by(f32::total_cmp);
     let usual = speeds
@@ -118,22 +122,22 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
             .map(|(n, _)| n)
             .collect()
     };
-    let each = turned.iter().zip(seen).enumerate();
-    each.map(|(wheel, (turned, seen))| {
+    let each = turned.iter().zip(observed).enumerate();
+    each.map(|(wheel, (turned, observed))| {
         let way = turned.ways.get(wheel).copied().unwrap_or(0.0);
         let name = |n: usize| WHEELS.get(n).copied().unwrap_or("unknown");
-        let problem = match (moved(wheel).as_slice(), seen) {
-            ([], Some(Seen::Wheel { wheel: other, .. })) if other != wheel => Some(format!(
+        let problem = match (moved(wheel).as_slice(), observed) {
+            ([], Some(Observed::Wheel { wheel: other, .. })) if other != wheel => Some(format!(
                 "the motor of the {} wheel turns instead, and no encoder counts: exchange the \
                  plugs of the two motors, then test again",
                 name(other)
             )),
-            ([], Some(Seen::Wheel { .. })) => Some(
+            ([], Some(Observed::Wheel { .. })) => Some(
                 "it turns, and its encoder counts nothing: look at the encoder's plug, supply and \
                  both channels"
                     .into(),
             ),
-            ([], Some(Seen::Nothing)) => Some(
+            ([], Some(Observed::Nothing)) => Some(
                 "it does not turn: look at the motor's plug, the driver and its enable, and \
                  whether the wheel is blocked"
                     .into(),
@@ -144,20 +148,24 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
                  whether it is blocked"
                     .into(),
             ),
-            ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one != wheel && turns == *one => {
+            ([one], Some(Observed::Wheel { wheel: turns, .. }))
+                if *one != wheel && turns == *one =>
+            {
                 Some(format!(
                     "the {} wheel turns and counts instead: exchange the plugs of the two motors",
                     name(*one)
                 ))
             }
-            ([one], Some(Seen::Wheel { wheel: turns, .. })) if *one == wheel && turns != wheel => {
+            ([one], Some(Observed::Wheel { wheel: turns, .. }))
+                if *one == wheel && turns != wheel =>
+            {
                 Some(format!(
                     "the {} wheel turns instead, and this one's encoder counts it: exchange the \
                      plugs of both, motors and encoders",
                     name(turns)
                 ))
             }
-            ([one], seen) if *one != wheel => {
+            ([one], observed) if *one != wheel => {
                 let what = if moved(*one) == [wheel] {
                     format!(
                         "the two are in each other's places, so exchange the plugs of the {} \
@@ -172,7 +180,7 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
                         name(*one)
                     )
                 };
-                let which = match seen {
+                let which = match observed {
                     None => "encoders, or of their motors where the other wheel turned",
                     Some(_) => "encoders",
                 };
@@ -181,7 +189,7 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
                     name(*one)
                 ))
             }
-            ([_], Some(Seen::Wheel { forward, .. })) => match (way > 0.0, forward) {
+            ([_], Some(Observed::Wheel { forward, .. })) => match (way > 0.0, forward) {
                 (true, true) => unlike(turned.speed, usual),
                 (false, true) => Some(format!(
                     "its encoder counts backwards: {}",
@@ -194,7 +202,7 @@ fn judge(turned: [Turned; 4], seen: [Option<Seen>; 4], reversed: &Reversed) -> V
                     reversed.encoder(wheel)
                 )),
             },
-            ([_], Some(Seen::Nothing)) => Some(
+            ([_], Some(Observed::Nothing)) => Some(
                 "its encoder counts, and nothing was seen to turn: is this the robot you \
                     look at?"
                     .into(),
@@ -256,8 +264,8 @@ mod tests {
         })
     }
 
-    fn problems(turned: [Turned; 4], seen: [Option<Seen>; 4]) -> [Option<String>; 4] {
-        let findings = judge(turned, seen, &NONE);
+    fn problems(turned: [Turned; 4], observed: [Option<Observed>; 4]) -> [Option<String>; 4] {
+        let findings = judge(turned, observed, &NONE);
         [0, 1, 2, 3].map(|n: usize| findings[n].problem.clone())
     }
 
@@ -272,7 +280,7 @@ mod tests {
     fn wheels_in_order_have_no_problem() {
         assert_eq!(problems(good(), [None; 4]), [None, None, None, None]);
         let forward = [0, 1, 2, 3].map(|wheel| {
-            Some(Seen::Wheel {
+            Some(Observed::Wheel {
                 wheel,
                 forward: true,
             })
@@ -294,9 +302,9 @@ mod tests {
             ],
         );
         assert_eq!((&blind[1], &blind[3]), (&None, &None));
-        let looked = |first, second| {
+        let observation = |first, second| {
             let wheel = |wheel| {
-                Some(Seen::Wheel {
+                Some(Observed::Wheel {
                     wheel,
                     forward: true,
                 })
@@ -304,12 +312,12 @@ mod tests {
             problems(turned, [wheel(first), wheel(1), wheel(second), wheel(3)])
         };
         has(
-            &looked(0, 2)[0],
+            &observation(0, 2)[0],
             &["exchange the plugs of the front left and the rear left wheel's encoders"],
         );
-        assert!(!looked(0, 2)[0].as_deref().unwrap().contains("motors"));
+        assert!(!observation(0, 2)[0].as_deref().unwrap().contains("motors"));
         has(
-            &looked(2, 0)[0],
+            &observation(2, 0)[0],
             &["rear left wheel turns", "plugs of the two motors"],
         );
     }
@@ -323,12 +331,15 @@ mod tests {
             &problems(turned, [None; 4])[1],
             &["backwards", "2020:2 2", "2020:3 2"],
         );
-        let seen = |forward| {
-            let seen = Seen::Wheel { wheel: 1, forward };
-            problems(turned, [None, Some(seen), None, None])[1].clone()
+        let observed = |forward| {
+            let observed = Observed::Wheel { wheel: 1, forward };
+            problems(turned, [None, Some(observed), None, None])[1].clone()
         };
-        has(&seen(true), &["swap A and B", "2020:2 2 --node 2"]);
-        has(&seen(false), &["wires of its motor", "2020:3 2 --node 2"]);
+        has(&observed(true), &["swap A and B", "2020:2 2 --node 2"]);
+        has(
+            &observed(false),
+            &["wires of its motor", "2020:3 2 --node 2"],
+        );
         // A bit that is set already is to be cleared.
         let set = Reversed {
             encoders: 0b0110,
@@ -336,7 +347,7 @@ mod tests {
         };
         has(&judge(turned, [None; 4], &set)[1].problem, &["2020:2 4 "]);
         // Both: the counts look right, only the eye sees it.
-        let both = Seen::Wheel {
+        let both = Observed::Wheel {
             wheel: 0,
             forward: false,
         };
@@ -351,7 +362,7 @@ mod tests {
         let mut turned = good();
         turned[3] = Turned::default();
         has(&problems(turned, [None; 4])[3], &["no encoder counts"]);
-        let nothing = [None, None, None, Some(Seen::Nothing)];
+        let nothing = [None, None, None, Some(Observed::Nothing)];
         has(&problems(turned, nothing)[3], &["motor's plug"]);
         turned[3].ways = [0.0, 1.0, 0.0, 2.0];
         has(

@@ -45,7 +45,7 @@ pub struct Listener {
     frame: CommonFrame,
     events: Vec<Event>,
     /// When each member's last status came, and when it was last heard at all.
-    heard: BTreeMap<u8, (Option<f64>, f64)>,
+    last_frames: BTreeMap<u8, (Option<f64>, f64)>,
 }
 
 fn member(node: u8) -> MemberSample {
@@ -74,7 +74,7 @@ impl Listener {
             load: Meter::default(),
             frame: CommonFrame::default(),
             events: Vec::new(),
-            heard: BTreeMap::new(),
+            last_frames: BTreeMap::new(),
         }
     }
 
@@ -139,7 +139,7 @@ impl Listener {
         let Some(at) = self.place(node) else {
             return;
         };
-        self.heard.entry(node).or_insert((None, t)).1 = t;
+        self.last_frames.entry(node).or_insert((None, t)).1 = t;
         let member = &mut self.current.members[at];
         if member.nmt.replace(state) == Some(state) {
             return;
@@ -174,7 +174,7 @@ impl Listener {
     fn status(&mut self, t: f64, at: usize, status: &MemberStatus) {
         let member = &mut self.current.members[at];
         let node = member.node;
-        self.heard.insert(node, (Some(t), t));
+        self.last_frames.insert(node, (Some(t), t));
         member.silent_syncs = 0;
         // A status is only sent in OPERATIONAL; the last heartbeat may be older.
         member.nmt = Some(NmtState::Operational);
@@ -195,8 +195,8 @@ impl Listener {
     fn finished(&self, t: f64) -> Snapshot {
         let mut snapshot = self.current.clone();
         for member in &mut snapshot.members {
-            if let Some((status, heard)) = self.heard.get(&member.node) {
-                *member = member.aged(status.map(|at| t - at), Some(t - heard));
+            if let Some((status, last_frames)) = self.last_frames.get(&member.node) {
+                *member = member.aged(status.map(|at| t - at), Some(t - last_frames));
             }
         }
         let members = &snapshot.members;
@@ -350,16 +350,16 @@ mod tests {
         ] {
             assert_eq!(listener.push(1.005, &frame), None);
         }
-        let told = listener.push(1.012, &sync()).unwrap();
+        let snapshot = listener.push(1.012, &sync()).unwrap();
         assert_eq!(
-            (told.t, told.sequence, told.phase),
+            (snapshot.t, snapshot.sequence, snapshot.phase),
             (1.002, 7, SessionState::Running)
         );
-        assert_eq!(told.command, Twist::new(0.2, 0.0, 0.0));
+        assert_eq!(snapshot.command, Twist::new(0.2, 0.0, 0.0));
         // The smallest; 0.25 is rounded to a step of 1/65535.
-        assert!((told.scale.unwrap() - 0.25).abs() < 1.0 / 65535.0);
-        assert!((told.strain.unwrap() - 0.03).abs() < LSB);
-        let mean = told.pose.unwrap();
+        assert!((snapshot.scale.unwrap() - 0.25).abs() < 1.0 / 65535.0);
+        assert!((snapshot.strain.unwrap() - 0.03).abs() < LSB);
+        let mean = snapshot.pose.unwrap();
         assert!((mean.x - 1.5).abs() < LSB);
         // Half way between 3.1 and -3.1 is pi, not 0.
         assert!(
@@ -379,7 +379,7 @@ mod tests {
         let mut t = 0.0;
         let mut cycle = |vx: f32, scale: f32, moved: f32| {
             listener.push(t, &twist(vx, 1));
-            let told = listener.push(t, &sync());
+            let snapshot = listener.push(t, &sync());
             for frame in [
                 status(2, scale, Code::None),
                 measured(2, moved, 0.0),
@@ -388,7 +388,7 @@ mod tests {
                 listener.push(t + 0.002, &frame);
             }
             t += 0.01;
-            told
+            snapshot
         };
         for _ in 0..3 {
             cycle(0.0, 1.0, 0.0);
@@ -397,12 +397,18 @@ mod tests {
             cycle(0.4, 0.5, 0.2);
         }
         cycle(0.0, 1.0, 0.2);
-        let told = cycle(0.0, 1.0, 0.0).unwrap();
+        let snapshot = cycle(0.0, 1.0, 0.0).unwrap();
         // Ten periods of 10 ms at 0.4 m/s times 0.5, from where the group stood.
-        assert!((told.target.unwrap().x - 1.02).abs() < LSB, "{told:?}");
+        assert!(
+            (snapshot.target.unwrap().x - 1.02).abs() < LSB,
+            "{snapshot:?}"
+        );
         cycle(0.0, 1.0, 0.0);
-        let told = cycle(0.0, 1.0, 0.0).unwrap();
-        assert!((told.target.unwrap().x - 1.0).abs() < LSB, "{told:?}");
+        let snapshot = cycle(0.0, 1.0, 0.0).unwrap();
+        assert!(
+            (snapshot.target.unwrap().x - 1.0).abs() < LSB,
+            "{snapshot:?}"
+        );
     }
 
     #[test]
@@ -436,8 +442,8 @@ mod tests {
         for code in [ramp, Code::None, ramp, slip, ramp] {
             listener.push(0.0, &status(2, 1.0, code));
         }
-        let told = listener.take_events().into_iter();
-        let codes: Vec<_> = told
+        let events = listener.take_events().into_iter();
+        let codes: Vec<_> = events
             .filter(|event| matches!(event.what, EventKind::Code(_)))
             .map(|event| event.what)
             .collect();

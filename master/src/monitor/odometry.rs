@@ -14,7 +14,7 @@ use crate::path::curve::Instant;
 
 /// `pose` in the frame that `frame` is.
 #[must_use]
-pub fn seen_from(frame: Pose, pose: Pose) -> Pose {
+pub fn relative_to(frame: Pose, pose: Pose) -> Pose {
     let (sin, cos) = frame.heading.sin_cos();
     let (dx, dy) = (pose.x - frame.x, pose.y - frame.y);
     Pose {
@@ -35,7 +35,7 @@ pub fn rows(start: Pose, mounts: &[Pose], instants: &[Instant], rows: &[Row]) ->
         return Vec::new();
     };
     // Poses are reported since configuration; the curve begins where the group stood then.
-    let place = |pose: Pose| start.compose(seen_from(begun, pose));
+    let place = |pose: Pose| start.compose(relative_to(begun, pose));
     let one = |instant: &Instant| {
         let members = &rows.get(instant.row)?.members;
         let group = rows.get(instant.row)?.pose()?;
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn seen_from_undoes_compose() {
         let (frame, inner) = (Pose::new(1.0, -2.0, 0.7), Pose::new(0.3, 0.4, -1.1));
-        let back = seen_from(frame, frame.compose(inner));
+        let back = relative_to(frame, frame.compose(inner));
         assert!((back.x - inner.x).abs() < 1e-6 && (back.y - inner.y).abs() < 1e-6);
         assert!((back.heading - inner.heading).abs() < 1e-6);
     }

@@ -25,7 +25,7 @@ use kinematics::{Pose, Twist};
 
 use super::adaptation::Adaptation;
 use crate::monitor::average::counted_on;
-use crate::monitor::odometry::seen_from;
+use crate::monitor::odometry::relative_to;
 use crate::monitor::rows::Row;
 use crate::source::pose::PoseStream;
 
@@ -87,7 +87,7 @@ impl std::fmt::Display for Law {
 }
 
 /// Where sightings come from.
-pub enum Eyes {
+pub enum PoseInput {
     /// What the robots work out from their wheels.
     Odometry,
     /// An observer in this process, who leaves time and pose here: a simulated world's truth.
@@ -96,7 +96,7 @@ pub enum Eyes {
     Stream(PoseStream),
 }
 
-impl Eyes {
+impl PoseInput {
     fn look(&self, now: Micros, began: Micros, rows: &[Row]) -> Option<(Micros, Pose)> {
         match self {
             Self::Odometry => rows.iter().rev().take(100).find_map(|row| {
@@ -132,7 +132,7 @@ pub struct Steering {
     pub adaptation: Adaptation,
     /// Time of the sighting from which that was last learnt, s along the curve.
     learnt: f64,
-    eyes: Eyes,
+    input: PoseInput,
     /// What is first seen is where the curve begins.
     first: Option<Pose>,
     start: Pose,
@@ -145,13 +145,13 @@ pub struct Steering {
 impl Steering {
     /// Feedback for a curve that begins at `start`. Without `corrects` it only looks.
     #[must_use]
-    pub fn new(law: Law, eyes: Eyes, start: Pose, corrects: bool) -> Self {
+    pub fn new(law: Law, input: PoseInput, start: Pose, corrects: bool) -> Self {
         Self {
             law,
             sightings: Vec::new(),
             adaptation: Adaptation::default(),
             learnt: 0.0,
-            eyes,
+            input,
             first: None,
             start,
             last: None,
@@ -208,11 +208,11 @@ impl Steering {
         rows_began: Micros,
         rows: &[Row],
     ) -> Result<Option<Sighting>, Lost> {
-        let seen = self.eyes.look(now, rows_began, rows);
+        let seen = self.input.look(now, rows_began, rows);
         if let Some((at, pose)) = seen {
             let first = *self.first.get_or_insert(pose);
             let before = self.sightings.last().map_or(self.start, |last| last.pose);
-            let here = self.start.compose(seen_from(first, pose));
+            let here = self.start.compose(relative_to(first, pose));
             let sighting = Sighting {
                 t: at.0 as f64 * 1e-6 - self.began.0 as f64 * 1e-6,
                 pose: counted_on(before.heading, here),
@@ -276,8 +276,8 @@ mod tests {
     fn what_is_first_seen_is_where_the_curve_begins_and_old_sightings_do_not_count() {
         let seen = Rc::new(Cell::new(Some((Micros(0), Pose::new(10.0, 0.0, 0.5)))));
         let start = Pose::new(2.5, 0.0, 0.0);
-        let eyes = Eyes::Observer(Rc::clone(&seen));
-        let mut steering = Steering::new(Law::default(), eyes, start, true);
+        let input = PoseInput::Observer(Rc::clone(&seen));
+        let mut steering = Steering::new(Law::default(), input, start, true);
         steering.begin(Micros(0));
         let first = steering.look(Micros(1), Micros(0), &[]).unwrap().unwrap();
         assert_eq!(first.pose, start);

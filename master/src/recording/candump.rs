@@ -109,13 +109,13 @@ mod tests {
         let mut out = Vec::new();
         write(&recording, &mut out).unwrap();
         // All but the extended and the remote frame.
-        let kept: Vec<_> = LOG
+        let frames: Vec<_> = LOG
             .lines()
             .filter(|l| !l.contains("12345678") && !l.contains('R'))
             .collect();
         assert_eq!(
             String::from_utf8(out).unwrap().lines().collect::<Vec<_>>(),
-            kept
+            frames
         );
     }
 

@@ -76,7 +76,7 @@ pub fn map(recording: &Recording, rows: &[Snapshot]) -> Chart {
         row.filter_map(|row| row.pose).next_back()
     });
     let place = |pose: Pose| match (begin, wheels_then) {
-        (Some((_, origin)), Some(then)) => origin.compose(seen_from(then, pose)),
+        (Some((_, origin)), Some(then)) => origin.compose(relative_to(then, pose)),
         _ => pose,
     };
     let place = &place;
@@ -118,7 +118,7 @@ pub fn map(recording: &Recording, rows: &[Snapshot]) -> Chart {
 }
 
 /// `pose` in the frame that `frame` is.
-fn seen_from(frame: Pose, pose: Pose) -> Pose {
+fn relative_to(frame: Pose, pose: Pose) -> Pose {
     let (sin, cos) = frame.heading.sin_cos();
     let (dx, dy) = (pose.x - frame.x, pose.y - frame.y);
     Pose::new(
@@ -228,7 +228,7 @@ pub fn wheel_rates(rows: &[Snapshot], node: u8) -> Chart {
 /// Everything on one sheet: the map, then the charts over time below each other.
 #[must_use]
 pub fn sheet(recording: &Recording) -> Sheet {
-    let (rows, _) = recording.heard();
+    let (rows, _) = recording.decode();
     let mut charts = vec![map(recording, &rows)];
     charts.extend(velocities(&rows));
     charts.extend(health(&rows));

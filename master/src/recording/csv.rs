@@ -53,7 +53,7 @@ const ROBOT_COLUMNS: [&str; 15] = [
 /// # Errors
 /// When it cannot be written.
 pub fn write(recording: &Recording, out: &mut impl Write) -> io::Result<()> {
-    let (snapshots, _) = recording.heard();
+    let (snapshots, _) = recording.decode();
     // Without a group file robots turn up as they are heard: the last row knows them all.
     let nodes: Vec<u8> = snapshots.last().map_or_else(Vec::new, |last| {
         last.members.iter().map(|member| member.node).collect()

@@ -26,7 +26,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use read::{Recorded, Recording, read};
-pub use write::{Recorder, Settings, Summary, Told};
+pub use write::{OnError, Recorder, Settings, Summary};
 
 /// Every frame on the bus.
 pub const CAN: &str = "/can";

@@ -70,7 +70,7 @@ fn rms_mm(recording: &Recording) -> Option<f64> {
 /// Works the figures out.
 #[must_use]
 pub fn figures(recording: &Recording) -> Figures {
-    let (rows, events) = recording.heard();
+    let (rows, events) = recording.decode();
     of(recording, &rows, &events)
 }
 
@@ -109,7 +109,7 @@ fn of(recording: &Recording, rows: &[Snapshot], events: &[Event]) -> Figures {
 /// # Errors
 /// When a chart cannot be drawn.
 pub fn to_html(recording: &Recording) -> Result<String, ChartError> {
-    let (rows, events) = recording.heard();
+    let (rows, events) = recording.decode();
     let figures = of(recording, &rows, &events);
     let group = figures.group.as_deref().unwrap_or("robots");
     let title = escape(&format!("{group}: {}", figures.activity));

@@ -68,7 +68,7 @@ impl Recording {
 
     /// What a listener on the bus would have known: the group at every SYNC, and what happened.
     #[must_use]
-    pub fn heard(&self) -> (Vec<Snapshot>, Vec<Event>) {
+    pub fn decode(&self) -> (Vec<Snapshot>, Vec<Event>) {
         let group = self.group().ok().flatten();
         let nodes = group.iter().flat_map(|group| &group.robots).map(|r| r.node);
         let mut listener = Listener::new(nodes.collect::<Vec<_>>());

@@ -6,8 +6,8 @@
 //! out and counted. Memory does not grow with the length of a recording but for the index, some
 //! 300 B a second, which a new file begins anew.
 //!
-//! An error ends the recording, never the drive: [`Told`] hears of it at once, frames are dropped
-//! from then on, and [`Recorder::finish`] returns it.
+//! An error ends the recording, never the drive: [`OnError`] is called at once, later frames are
+//! dropped, and [`Recorder::finish`] returns the error.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,7 +32,7 @@ const CHUNK_NS: u64 = 1_000_000_000;
 const QUEUE: usize = 65_536;
 
 /// Hears at once when a recording cannot go on. Called from the recording's thread.
-pub type Told = Box<dyn Fn(&RecordingError) + Send>;
+pub type OnError = Box<dyn Fn(&RecordingError) + Send>;
 
 /// How a recording is written.
 #[derive(Default)]
@@ -42,7 +42,7 @@ pub struct Settings {
     /// Whether frames wait when the disk is slow: where time is virtual.
     pub waits: bool,
     /// Who hears of errors at once.
-    pub told: Option<Told>,
+    pub on_error: Option<OnError>,
 }
 
 /// What was written.
@@ -106,16 +106,20 @@ impl Recorder {
             },
             span_us: None,
         };
-        let (lost, told, path) = (Arc::clone(&queue.lost), settings.told, PathBuf::from(path));
+        let (lost, on_error, path) = (
+            Arc::clone(&queue.lost),
+            settings.on_error,
+            PathBuf::from(path),
+        );
         let thread = std::thread::Builder::new()
             .name("recorder".into())
             .spawn(move || {
-                let tell = |error: &RecordingError| {
-                    if let Some(told) = &told {
-                        told(error);
+                let report = |error: &RecordingError| {
+                    if let Some(on_error) = &on_error {
+                        on_error(error);
                     }
                 };
-                writer.run(&items, &lost, &tell)
+                writer.run(&items, &lost, &report)
             })
             .map_err(|error| RecordingError::new(&path, error))?;
         Ok(Self {
@@ -225,9 +229,9 @@ impl Writer {
         mut self,
         items: &Receiver<Item>,
         lost: &AtomicU64,
-        tell: &dyn Fn(&RecordingError),
+        report: &dyn Fn(&RecordingError),
     ) -> Result<Summary, RecordingError> {
-        let mut said = false;
+        let mut warned = false;
         for item in items {
             let done = match item {
                 Item::Frame(at, frame, sent) => self.frame(at, &frame, sent),
@@ -239,12 +243,12 @@ impl Writer {
             };
             if let Err(error) = done {
                 let error = self.failed(&error);
-                tell(&error);
+                report(&error);
                 return Err(error);
             }
-            if !said && lost.load(Ordering::Relaxed) > 0 {
-                said = true;
-                tell(&self.too_slow(lost));
+            if !warned && lost.load(Ordering::Relaxed) > 0 {
+                warned = true;
+                report(&self.too_slow(lost));
             }
         }
         if let Some(part) = self.part.take()

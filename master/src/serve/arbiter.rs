@@ -262,7 +262,7 @@ impl Arbiter {
 
     /// Whether anybody drives.
     #[must_use]
-    pub fn is_taken(&self) -> bool {
+    pub fn has_driver(&self) -> bool {
         self.driver.is_some()
     }
 
@@ -369,7 +369,7 @@ mod tests {
         assert_eq!(arbiter.twist(1010).vx, 0.5);
         arbiter.gone(1);
         assert_eq!(arbiter.twist(1010), Twist::ZERO);
-        assert!(!arbiter.is_wanted(1010) && !arbiter.is_taken());
+        assert!(!arbiter.is_wanted(1010) && !arbiter.has_driver());
     }
 
     #[test]
@@ -404,7 +404,7 @@ mod tests {
         ] {
             is_refused(arbiter.handle(0, 1, false, &message), "token");
         }
-        assert!(!arbiter.is_taken() && !arbiter.is_wanted(0));
+        assert!(!arbiter.has_driver() && !arbiter.is_wanted(0));
         let mut closed = Arbiter::new(&LIMITS, false);
         is_refused(
             closed.handle(0, 1, true, &ClientMessage::Take {}),

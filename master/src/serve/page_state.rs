@@ -22,7 +22,7 @@ use crate::run::DriveError;
 /// Time between two states that pages get, in ms.
 const STATE_MS: u64 = 50;
 /// Events kept for pages that come later.
-const KEPT_EVENTS: usize = 60;
+const EVENT_HISTORY: usize = 60;
 
 /// Who may do what.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ pub struct PageState {
 
 /// What a connection has seen already.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Seen {
+pub struct Cursor {
     state: u64,
     event: u64,
     seat: Option<(bool, bool)>,
@@ -144,26 +144,26 @@ impl PageState {
     }
 
     /// What a client has not seen yet, oldest first.
-    pub fn news(&self, client: Client, seen: &mut Seen) -> Vec<Value> {
+    pub fn news(&self, client: Client, cursor: &mut Cursor) -> Vec<Value> {
         let mut news = Vec::new();
-        if !std::mem::replace(&mut seen.welcomed, true) {
+        if !std::mem::replace(&mut cursor.welcomed, true) {
             news.push(self.welcome.clone());
         }
         let seat = {
             let arbiter = lock(&self.arbiter);
-            (arbiter.drives(client), arbiter.is_taken())
+            (arbiter.drives(client), arbiter.has_driver())
         };
-        if seen.seat.replace(seat) != Some(seat) {
+        if cursor.seat.replace(seat) != Some(seat) {
             news.push(serde_json::json!({"type": "seat", "yours": seat.0, "taken": seat.1}));
         }
         let published = lock(&self.published);
-        let kept = published.events.len() as u64;
-        let oldest = published.next_event - kept;
-        let skip = usize::try_from(seen.event.saturating_sub(oldest)).unwrap_or(usize::MAX);
+        let stored = published.events.len() as u64;
+        let oldest = published.next_event - stored;
+        let skip = usize::try_from(cursor.event.saturating_sub(oldest)).unwrap_or(usize::MAX);
         news.extend(published.events.iter().skip(skip).cloned());
-        seen.event = published.next_event;
-        if published.number != seen.state {
-            seen.state = published.number;
+        cursor.event = published.next_event;
+        if published.number != cursor.state {
+            cursor.state = published.number;
             let Published {
                 snapshot,
                 at,
@@ -196,7 +196,7 @@ impl PageState {
         let mut published = lock(&self.published);
         published.events.push_back(message::event(event));
         published.next_event += 1;
-        if published.events.len() > KEPT_EVENTS {
+        if published.events.len() > EVENT_HISTORY {
             published.events.pop_front();
         }
     }

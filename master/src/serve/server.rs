@@ -15,7 +15,7 @@ use tungstenite::{Error, Message, WebSocket};
 use super::arbiter::Client;
 use super::http::{self, LONGEST_HEAD, Wish};
 use super::message::{self, ClientMessage, LONGEST};
-use super::page_state::{PageState, Seen};
+use super::page_state::{Cursor, PageState};
 
 /// Connections at a time.
 const MOST: usize = 24;
@@ -111,7 +111,7 @@ fn same(a: &str, b: &str) -> bool {
 fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> Result<(), Error> {
     let mut trusted = false;
     let mut wrong = 0;
-    let mut seen = Seen::default();
+    let mut cursor = Cursor::default();
     loop {
         let refusal = match socket.read() {
             Ok(Message::Text(text)) => match ClientMessage::parse(text.as_str()) {
@@ -154,7 +154,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
             }
         }
         if trusted || !page.access.closed {
-            for news in page.news(client, &mut seen) {
+            for news in page.news(client, &mut cursor) {
                 socket.send(Message::text(news.to_string()))?;
             }
         }

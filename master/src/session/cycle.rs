@@ -61,7 +61,7 @@ impl<L: Link> Group<L> {
     ) -> Result<(), MasterError> {
         self.await_turn()?;
         let twist = setpoint(self.next_sync);
-        self.take_turn(twist)
+        self.run_period(twist)
     }
 
     /// Listens until the setpoint for the next SYNC has to go out; [`Group::next_sync`] then says
@@ -73,7 +73,7 @@ impl<L: Link> Group<L> {
     }
 
     /// Sends the setpoint and sees the SYNC through.
-    pub(crate) fn take_turn(&mut self, twist: Twist) -> Result<(), MasterError> {
+    pub(crate) fn run_period(&mut self, twist: Twist) -> Result<(), MasterError> {
         let sync_at = self.next_sync;
         self.sequence = self.sequence.wrapping_add(1);
         let frame = GroupTwist {
@@ -116,7 +116,7 @@ impl<L: Link> Group<L> {
         let skipped = (now + margin - self.next_sync.0).div_ceil(period);
         self.next_sync = Micros(self.next_sync.0 + skipped * period);
         self.missed += skipped;
-        self.wire.note_late(Micros(skipped * period));
+        self.wire.count_late(Micros(skipped * period));
         self.publish(None, EventKind::Late(self.missed));
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)

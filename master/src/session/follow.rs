@@ -115,7 +115,7 @@ impl<L: Link> Group<L> {
                 None => self.forward(plan, t + preview),
             };
             self.set_target(Some(pose));
-            self.take_turn(setpoint)?;
+            self.run_period(setpoint)?;
             let instant = Instant {
                 t,
                 row: self.recorder().rows().len() - 1,

@@ -90,7 +90,7 @@ pub struct Member {
     /// When that was.
     pub status_at: Option<Micros>,
     /// When it was last heard at all.
-    pub heard_at: Option<Micros>,
+    pub last_heartbeat: Option<Micros>,
     /// SYNCs since the last status.
     pub silent_syncs: u32,
 }
@@ -148,7 +148,7 @@ impl<L: Link> Group<L> {
             nmt: None,
             status: None,
             status_at: None,
-            heard_at: None,
+            last_heartbeat: None,
             silent_syncs: 0,
         });
         Self {

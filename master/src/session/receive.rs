@@ -24,7 +24,7 @@ impl<L: Link> Group<L> {
             }
             match self.members.iter_mut().find(|m| m.node == node) {
                 Some(member) => {
-                    member.heard_at = Some(at);
+                    member.last_heartbeat = Some(at);
                     let changed = member.nmt.replace(state) != Some(state);
                     if changed {
                         self.publish(Some(node), EventKind::Nmt(state));
@@ -108,7 +108,7 @@ impl<L: Link> Group<L> {
                         events[1] = Some(EventKind::Code(is));
                     }
                     member.silent_syncs = 0;
-                    (member.status_at, member.heard_at) = (Some(at), Some(at));
+                    (member.status_at, member.last_heartbeat) = (Some(at), Some(at));
                     row.permitted_scale = Some(status.scale.factor());
                     row.slip_residual = status.slip_residual;
                     row.code = Some(status.code.code());

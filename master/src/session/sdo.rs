@@ -148,11 +148,11 @@ impl<L: Link> Wire<L> {
     /// Lets time pass and sends heartbeats; what is heard waits for whoever listens next.
     fn pass(&mut self, us: u64) -> Result<(), MasterError> {
         let until = Micros(self.now().0 + us);
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         while let Some(frame) = self.next(until)? {
-            heard.push(frame);
+            received.push(frame);
         }
-        self.backlog.extend(heard);
+        self.backlog.extend(received);
         Ok(())
     }
 

@@ -92,6 +92,6 @@ impl<L: Link> Group<L> {
             wheel_rates: row.wheel_rates,
             past: None,
         };
-        sample.aged(age(member.status_at), age(member.heard_at))
+        sample.aged(age(member.status_at), age(member.last_heartbeat))
     }
 }

@@ -449,10 +449,10 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
     let mut bus = paced();
     let mut group = Group::connect(&mut bus, &file).unwrap();
     let noted = Arc::new(Mutex::new(Vec::new()));
-    let note = Arc::clone(&noted);
+    let log = Arc::clone(&noted);
     group.wire().tap(Arc::new(move |at, frame, _| {
         if frame.id() == cob::SYNC {
-            note.lock().unwrap().push((at.0, frame.data().to_vec()));
+            log.lock().unwrap().push((at.0, frame.data().to_vec()));
         }
     }));
     group.start().unwrap();

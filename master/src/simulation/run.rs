@@ -23,7 +23,7 @@ use crate::monitor::rows::{RobotTruth, TruthRow};
 use crate::path::curve::Instant;
 use crate::path::curve::Plan;
 use crate::report::Run;
-use crate::run::{Drive, DriveError, Driven, Seen, has_rollers, path, session};
+use crate::run::{Drive, DriveError, Driven, Observed, has_rollers, path, session};
 
 /// SYNC periods over which the bus load is averaged before the largest is taken: 100 ms at 100 Hz.
 const LOAD_WINDOW: usize = 10;
@@ -160,7 +160,7 @@ fn drive_world(
     plan: &Plan,
     progress: &mut dyn FnMut(f64, &'static str),
 ) -> Result<(Vec<TruthRow>, Driven), DriveError> {
-    let seen = Seen::default();
+    let seen = Observed::default();
     let mut truth = Vec::new();
     let mut watch = |link: &mut &mut SimLink, instant: Option<&Instant>| {
         let Some(instant) = instant else {

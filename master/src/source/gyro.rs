@@ -121,7 +121,7 @@ impl GyroStream {
         let shared = Arc::clone(&waiting);
         std::thread::spawn(move || {
             for text in lines {
-                if Arc::strong_count(&shared) == 1 || !take_in(&shared, text) {
+                if Arc::strong_count(&shared) == 1 || !receive(&shared, text) {
                     return;
                 }
             }
@@ -177,7 +177,7 @@ fn lock(waiting: &Mutex<Waiting>) -> std::sync::MutexGuard<'_, Waiting> {
 }
 
 /// Takes in a line; `false` when it is the last one.
-fn take_in(waiting: &Mutex<Waiting>, text: io::Result<String>) -> bool {
+fn receive(waiting: &Mutex<Waiting>, text: io::Result<String>) -> bool {
     let now = Instant::now();
     let line = text
         .map_err(|error| error.to_string())
@@ -229,8 +229,8 @@ mod tests {
 
     fn patiently(stream: &GyroStream, nodes: &[u8]) -> Result<Vec<Vec<RateSample>>, String> {
         std::thread::sleep(Duration::from_millis(200));
-        let taken = stream.take(nodes, Micros(10_000_000));
-        taken.map_err(|error| error.to_string())
+        let samples = stream.take(nodes, Micros(10_000_000));
+        samples.map_err(|error| error.to_string())
     }
 
     #[test]
@@ -244,8 +244,8 @@ mod tests {
         )
         .unwrap();
         let samples = patiently(&one, &[2]).unwrap().remove(0);
-        let told: Vec<_> = samples.iter().map(|s| (s.t, s.yaw_rate)).collect();
-        assert_eq!(told, [(1.0, 0.5), (1.01, -0.25)]);
+        let rates: Vec<_> = samples.iter().map(|s| (s.t, s.yaw_rate)).collect();
+        assert_eq!(rates, [(1.0, 0.5), (1.01, -0.25)]);
         // It came 20 ms after the first, and both before now.
         assert!(samples[0].arrived < samples[1].arrived && samples[1].arrived < 10.0);
         let two = r#"{"t":1,"robots":[{"node":3,"yaw_rate":0.5},{"node":2,"yaw_rate":1}]}"#;

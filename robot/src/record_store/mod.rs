@@ -1,4 +1,6 @@
-//! What a robot keeps over a power loss, in two sectors of flash: a log of records.
+//! A log of records in two sectors of flash: what a robot retains over a power loss.
+//!
+//! # Theory of operation
 //!
 //! One sector is in use. Records are appended to it until one does not fit; then the other sector
 //! is erased, what still counts is copied there together with the new record, and its header is
@@ -6,6 +8,8 @@
 //! power loss at any operation leaves the old state or the new one, and there is nothing to repair:
 //! [`RecordStore::open`] only reads, every record once, and never writes. How often and what has
 //! been saved makes no difference to the time a start takes.
+//!
+//! # Layout
 //!
 //! | sector, in words | |
 //! |---|---|
@@ -22,10 +26,12 @@
 //! | 1 | CRC-32 of the content |
 //! | 1 | 0, written last: the record is whole |
 //!
-//! A record that was not finished is the last one in its sector: behind it nothing is appended, the
-//! next write goes to the other sector. A record that is whole but whose CRC fails has decayed. Of
-//! a fault that is ignored; if it is the newest image, [`Image::Unreadable`] says so, and no older
-//! one is taken in its place.
+//! # Damage
+//!
+//! An unfinished record is the last one in its sector: nothing is appended behind it, and the next
+//! write goes to the other sector. A record that is whole but whose CRC fails has decayed. A
+//! decayed fault is ignored; a decayed newest image is reported as [`Image::Unreadable`], and no
+//! older one replaces it.
 //!
 //! The flash of a robot that has run a version before this one is read as it is (`legacy`) until
 //! the first write.

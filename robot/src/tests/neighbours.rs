@@ -320,14 +320,14 @@ fn select(world: &mut World, node: u8) {
 fn nodes_are(world: &mut World, nodes: &[u8]) {
     let before = world.log.len();
     world.run(120);
-    let mut heard: std::vec::Vec<u8> = world.log[before..]
+    let mut found: std::vec::Vec<u8> = world.log[before..]
         .iter()
         .filter(|(_, frame)| frame.id() & 0x780 == 0x700 && frame.id() != cob::MASTER_HEARTBEAT)
         .map(|(_, frame)| frame.id() as u8 & 0x7F)
         .collect();
-    heard.sort_unstable();
-    heard.dedup();
-    assert_eq!(heard, nodes);
+    found.sort_unstable();
+    found.dedup();
+    assert_eq!(found, nodes);
 }
 
 /// A robot that is not OPERATIONAL takes a node-ID from whoever selects it; while there are others
@@ -402,7 +402,7 @@ fn a_node_reset_forgets_the_last_setpoint() {
 #[test]
 fn an_error_passive_controller_is_announced_and_taken_back() {
     let mut world = moving(&[2, 3]);
-    let tell = |world: &mut World, transmit, receive, last| {
+    let report_errors = |world: &mut World, transmit, receive, last| {
         let errors = crate::CanErrors {
             transmit,
             receive,
@@ -415,15 +415,15 @@ fn an_error_passive_controller_is_announced_and_taken_back() {
     let limit = |world: &World| world.status(2).code;
     let bus_errors = protocol::Code::Limit(protocol::Limit::BusErrors);
     for round in 1..=3 {
-        tell(&mut world, 127, 0, 3);
+        report_errors(&mut world, 127, 0, 3);
         assert_eq!(limit(&world), protocol::Code::None);
         // Around the border, and long after it.
         for transmit in [128, 127, 136, 100, 128, 96] {
-            tell(&mut world, transmit, 0, 0);
+            report_errors(&mut world, transmit, 0, 0);
             assert_eq!(limit(&world), bus_errors);
         }
         assert_eq!(world.emergencies(2).last(), Some(&0x8120));
-        tell(&mut world, 0, 95, 0);
+        report_errors(&mut world, 0, 95, 0);
         world.run(10);
         assert_eq!(limit(&world), protocol::Code::None);
         // Announced and taken back, once each.
@@ -456,21 +456,21 @@ fn an_error_passive_controller_is_announced_and_taken_back() {
 fn bus_off_is_announced_before_error_passive_is_taken_back() {
     let mut world = moving(&[2, 3]);
     let offset = world.robots[0].offset;
-    let told = |transmit| crate::CanErrors {
+    let errors = |transmit| crate::CanErrors {
         transmit,
         receive: 0,
         last: 0,
     };
     let now = control::time::Micros(world.now + offset);
     let bus = &mut world.robots[0].bus;
-    bus.on_can_errors(now, &told(255));
+    bus.on_can_errors(now, &errors(255));
     bus.on_bus_off(now);
     world.run(200);
     let now = control::time::Micros(world.now + offset);
     let bus = &mut world.robots[0].bus;
-    bus.on_can_errors(now, &told(0));
+    bus.on_can_errors(now, &errors(0));
     bus.on_bus_recovered(now);
-    bus.on_can_errors(now, &told(0));
+    bus.on_can_errors(now, &errors(0));
     world.run(20);
     assert_eq!(world.emergencies(2), [0x8140, 0]);
 }

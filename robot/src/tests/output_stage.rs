@@ -15,7 +15,7 @@ const RESISTANCE: f32 = 0.3;
 const CURRENT: f32 = 15.0;
 
 /// A robot with these parameters besides the usual ones, started.
-fn told(parameters: &[(Address, Value)]) -> World {
+fn world_with(parameters: &[(Address, Value)]) -> World {
     let mut world = World::new(&[2]);
     world.configure();
     for (address, value) in parameters {
@@ -25,7 +25,7 @@ fn told(parameters: &[(Address, Value)]) -> World {
 }
 
 fn started(parameters: &[(Address, Value)]) -> World {
-    let mut world = told(parameters);
+    let mut world = world_with(parameters);
     assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(0));
     world.robots[0].set_supply(SUPPLY);
     world.start();
@@ -197,7 +197,7 @@ fn too_much_current_cuts_after_20_ms_and_not_before() {
 #[test]
 fn a_current_sensor_at_the_end_of_its_range_refuses_a_start() {
     for volts in [0.0, 3.3] {
-        let mut world = told(&sensed());
+        let mut world = world_with(&sensed());
         world.robots[0].inputs.current_inputs = Some([1.65, volts, 0.0]);
         world.run(30);
         world.start();
@@ -218,7 +218,7 @@ fn without_a_scale_no_current_is_too_much() {
 
 #[test]
 fn another_divider_measures_another_supply() {
-    let mut world = told(&[
+    let mut world = world_with(&[
         (at::SUPPLY_NOMINAL, Value::F32(48.0)),
         (at::SUPPLY_MINIMUM, Value::F32(40.0)),
         (at::SUPPLY_DIVIDER, Value::F32(22.0)),
@@ -411,7 +411,7 @@ fn parameters_that_do_not_fit_are_refused_by_name() {
         (&[(at::SYNC_PERIOD, Value::U32(10_500))], at::SYNC_PERIOD),
     ];
     for (parameters, blamed) in cases {
-        let mut world = told(parameters);
+        let mut world = world_with(parameters);
         let status = world.read(2, at::CONFIGURATION_STATUS);
         assert_eq!(status, Ok(blamed.packed() << 8 | 2), "{parameters:?}");
         world.start();

@@ -203,12 +203,12 @@ fn pulled(objects: &[(protocol::Address, Value)]) -> f64 {
 #[test]
 fn an_emergency_stop_of_one_can_cut_all() {
     let alone = pulled(&[]);
-    let together = pulled(&[(at::CUTS_TOGETHER, Value::U8(1))]);
+    let linked = pulled(&[(at::CUTS_TOGETHER, Value::U8(1))]);
     std::println!(
         "emergency stop of one: {:.0} mm, cut together {:.1} mm",
         alone * 1e3,
-        together * 1e3
+        linked * 1e3
     );
     assert!(alone > 0.18, "{alone} m");
-    assert!(together < 2e-3, "{together} m");
+    assert!(linked < 2e-3, "{linked} m");
 }

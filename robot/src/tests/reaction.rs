@@ -237,7 +237,7 @@ fn every_reaction_is_as_fast_as_promised() {
 }
 
 /// Everything that a cause has changed is well again.
-fn mend(world: &mut World, fault: Fault) {
+fn clear(world: &mut World, fault: Fault) {
     world.heartbeat = true;
     world.sync = true;
     for robot in &mut world.robots {
@@ -277,7 +277,7 @@ fn after_any_stop_only_a_start_and_a_new_sequence_move_it_again() {
         };
         at_rest(&world, "after the stop");
         // The cause goes away, and the master drives on as if nothing had been.
-        mend(&mut world, *fault);
+        clear(&mut world, *fault);
         world.drive(FORWARD, 1_000);
         at_rest(&world, "when the cause is gone");
         // A start, and the sequence from before it.

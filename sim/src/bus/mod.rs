@@ -121,33 +121,37 @@ impl Transfer {
 }
 
 /// Several senders of one identifier, on the wire together.
-struct Together {
+struct Contention {
     senders: Vec<(usize, Frame)>,
     dropped: Vec<usize>,
     /// The bit in which an error-active one of them destroyed the frame.
     destroyed: Option<u32>,
 }
 
-impl Together {
+impl Contention {
     fn new(senders: Vec<(usize, Frame)>, is_active: impl Fn(usize) -> bool) -> Self {
-        let mut together = Self {
+        let mut contention = Self {
             senders,
             dropped: Vec::new(),
             destroyed: None,
         };
-        while let Some(bit) = together.first_difference() {
+        while let Some(bit) = contention.first_difference() {
             let recessive = |(_, frame): &(usize, Frame)| Wire::of(frame).level(bit);
-            let losers = together.senders.extract_if(.., |sender| recessive(sender));
+            let losers = contention
+                .senders
+                .extract_if(.., |sender| recessive(sender));
             let losers: Vec<(usize, Frame)> = losers.collect();
             if losers.iter().any(|(node, _)| is_active(*node)) {
                 // Whoever sent a dominant bit comes first: its bits are those on the wire.
-                together.senders.extend(losers);
-                together.destroyed = Some(bit);
+                contention.senders.extend(losers);
+                contention.destroyed = Some(bit);
                 break;
             }
-            together.dropped.extend(losers.iter().map(|(node, _)| node));
+            contention
+                .dropped
+                .extend(losers.iter().map(|(node, _)| node));
         }
-        together
+        contention
     }
 
     /// The first bit in which any two of the senders differ.
@@ -221,11 +225,11 @@ impl Bus {
         if !several.is_empty() {
             self.collisions += 1;
             several.insert(0, (sender, frame));
-            let together = Together::new(several, is_active);
-            (sender, frame) = *together.senders.first()?;
-            let rest = together.senders.iter().skip(1);
+            let contention = Contention::new(several, is_active);
+            (sender, frame) = *contention.senders.first()?;
+            let rest = contention.senders.iter().skip(1);
             others = rest.map(|(node, _)| *node).collect();
-            (dropped, destroyed) = (together.dropped, together.destroyed);
+            (dropped, destroyed) = (contention.dropped, contention.destroyed);
         }
         let fate = match destroyed {
             Some(bit) => Fate::Collided { bit },

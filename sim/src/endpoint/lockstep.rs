@@ -81,7 +81,7 @@ impl Endpoint for LockstepServer {
             let port = self.spare.pop().unwrap_or_else(|| world.add_port());
             world.set_listening(port, true);
             pipe.output.extend_from_slice(GREETING);
-            say_time(&mut pipe.output, world.now());
+            send_time(&mut pipe.output, world.now());
             self.clients.push(Client {
                 pipe,
                 port,
@@ -132,7 +132,7 @@ impl Client {
                 let _ = writeln!(self.pipe.output, "f{} {}", at.0, text.trim_end());
             }
             if self.pipe.output.len() > before || world.now() >= until {
-                say_time(&mut self.pipe.output, world.now());
+                send_time(&mut self.pipe.output, world.now());
                 self.until = None;
             }
         }
@@ -145,6 +145,6 @@ fn waits(line: &[u8]) -> Option<Micros> {
     Some(Micros(digits.parse().ok()?))
 }
 
-fn say_time(output: &mut Vec<u8>, now: Micros) {
+fn send_time(output: &mut Vec<u8>, now: Micros) {
     let _ = writeln!(output, "n{}", now.0);
 }

@@ -92,7 +92,7 @@ impl Endpoint for PoseServer {
     }
 
     fn exchange(&mut self, world: &mut World) -> io::Result<()> {
-        let samples = world.take_seen();
+        let samples = world.take_observed();
         self.0.send(samples.iter().map(sample_line));
         Ok(())
     }

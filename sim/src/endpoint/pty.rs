@@ -40,10 +40,10 @@ impl Endpoint for Pty {
         let channel = self
             .channel
             .get_or_insert_with(|| Channel::new(world.add_port()));
-        let taken = self.terminal.fill();
+        let is_open = self.terminal.fill();
         let (input, output) = self.terminal.bytes();
-        world.set_listening(channel.port(), taken);
-        if taken || !input.is_empty() {
+        world.set_listening(channel.port(), is_open);
+        if is_open || !input.is_empty() {
             channel.exchange(input, output, world);
         }
         if !self.terminal.flush() {

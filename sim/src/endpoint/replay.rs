@@ -41,7 +41,7 @@ impl Replay {
                 Line::Empty => {}
                 Line::Bad => {
                     return Err(format!(
-                        "line {}: `{line}` is no line of `candump -L`; write \
+                        "line {}: `{line}` is not a line of `candump -L`; write \
                          (SECONDS.MICROSECONDS) can0 ID#DATA",
                         number + 1
                     ));
@@ -64,7 +64,7 @@ impl Endpoint for Replay {
     fn announce(&self) -> String {
         let left_out = match self.left_out {
             0 => String::new(),
-            n => format!(", {n} left out: no classic base frames"),
+            n => format!(", {n} left out: not classic base frames"),
         };
         format!(
             "replay {}: {} frames{left_out}",
@@ -107,7 +107,7 @@ mod tests {
         let replay = Replay::new("log", log).unwrap();
         assert_eq!(
             replay.announce(),
-            "replay log: 1 frames, 4 left out: no classic base frames"
+            "replay log: 1 frames, 4 left out: not classic base frames"
         );
     }
 

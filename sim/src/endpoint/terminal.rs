@@ -27,7 +27,7 @@ pub(super) struct Terminal {
     terminal: PathBuf,
     pipe: Pipe<File>,
     /// Whether a program has the terminal open.
-    taken: bool,
+    is_open: bool,
 }
 
 impl Terminal {
@@ -53,7 +53,7 @@ impl Terminal {
             path: path.to_owned(),
             terminal,
             pipe: Pipe::new(File::from(controller)),
-            taken: false,
+            is_open: false,
         })
     }
 
@@ -66,12 +66,12 @@ impl Terminal {
     pub fn fill(&mut self) -> bool {
         // As long as nobody has the terminal open, reading it is an error, which is no reason to
         // give up.
-        let was_taken = std::mem::replace(&mut self.taken, self.pipe.fill().is_ok());
-        if was_taken && !self.taken {
+        let was_open = std::mem::replace(&mut self.is_open, self.pipe.fill().is_ok());
+        if was_open && !self.is_open {
             // What the last program did not read is not for the next one.
             let _ = tcflush(self.pipe.stream(), QueueSelector::IOFlush);
         }
-        self.taken
+        self.is_open
     }
 
     /// What has come and what is to go.
@@ -82,7 +82,7 @@ impl Terminal {
     /// Writes what can be written now; `false` when there is no program, or it has read nothing for
     /// long. Then what waits is dropped.
     pub fn flush(&mut self) -> bool {
-        let works = self.taken && self.pipe.flush().is_ok();
+        let works = self.is_open && self.pipe.flush().is_ok();
         if !works {
             self.pipe.output.clear();
         }

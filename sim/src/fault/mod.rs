@@ -44,7 +44,7 @@ impl Schedule {
         }
     }
 
-    /// Advances time to `until_ns`, applies every fault that is due and calls `tell` for it.
+    /// Advances time to `until_ns`, applies every fault that is due and calls `report` for it.
     ///
     /// # Errors
     /// When a robot or the plant stops.
@@ -52,10 +52,10 @@ impl Schedule {
         &mut self,
         world: &mut World,
         until_ns: u64,
-        tell: &mut dyn FnMut(u64, &Action),
+        report: &mut dyn FnMut(u64, &Action),
     ) -> Result<(), SimError> {
         loop {
-            self.apply_due(world, tell);
+            self.apply_due(world, report);
             let next = self.coming.keys().next().map_or(until_ns, |(at, _)| *at);
             // The world counts in microseconds; a fault comes at the first that is not before its
             // time.
@@ -72,13 +72,13 @@ impl Schedule {
         self.added += 1;
     }
 
-    fn apply_due(&mut self, world: &mut World, tell: &mut dyn FnMut(u64, &Action)) {
+    fn apply_due(&mut self, world: &mut World, report: &mut dyn FnMut(u64, &Action)) {
         while let Some(entry) = self.coming.first_entry()
             && entry.key().0 <= world.now_ns()
         {
             let action = entry.remove();
             if action.apply(world) {
-                tell(world.now_ns(), &action);
+                report(world.now_ns(), &action);
             } else {
                 self.insert(world.now_ns() + AGAIN_NS, action);
             }

@@ -31,94 +31,40 @@ const BABBLE: u16 = 0x001;
 /// Node of the master.
 const MASTER: &str = "1";
 
-/// Every action with what it takes and what it does.
-pub const ACTIONS: &[(&str, &str)] = &[
-    (
-        "power-cycle",
-        "off, and on again 0.1 s later, or after `for`",
-    ),
-    ("power-off", "no power; `power-on` brings it back"),
-    ("power-on", "power"),
-    ("emergency-stop", "pressed; `=off` releases it"),
-    ("driver-fault", "the motor driver says so; `=off` clears it"),
-    ("protective-stop", "its contact opens; `=off` closes it"),
-    ("bus-cut", "CAN connector pulled; `=off` plugs it"),
-    (
-        "bus-parts",
-        "cable broken before it: it and all after it in the group file are a bus of their own; \
-         `=off` mends it",
-    ),
-    (
-        "bus-off",
-        "its next frame fails until its controller is off the bus",
-    ),
-    ("overrun", "more frames at once than its controller holds"),
-    (
-        "misses=ID",
-        "frames with this identifier do not reach it; `=off` ends that",
-    ),
-    (
-        "encoder-dead",
-        "with `wheel`: no counts; `encoder-works` mends it",
-    ),
-    (
-        "encoder-one-channel",
-        "with `wheel`: one channel dead, one count up and one down",
-    ),
-    ("encoder-reversed", "with `wheel`: counts backwards"),
-    (
-        "encoder-floats",
-        "with `wheel`: channel B open, it follows A's edges by chance",
-    ),
-    ("encoder-works", "with `wheel`"),
-    (
-        "encoder-noise=HZ",
-        "with `wheel`: strikes a second on its wires, pulses of 60 ns; on an open wire an edge \
-         each; `=off` ends it",
-    ),
-    (
-        "encoder-slow-edges=US",
-        "with `wheel`: open collector, R times C in us; at most 1 / (RC ln 2) counts a second; \
-         `=off` ends it",
-    ),
-    (
-        "wheel-drag=NM",
-        "with `wheel`: something drags with this torque; `=off` frees it",
-    ),
-    (
-        "wheel-push=NM",
-        "with `wheel`: something turns it with this torque, negative backwards; `=off` ends it",
-    ),
-    (
-        "brake-torque=NM",
-        "its holding brakes hold this much at each wheel; `=off`: 60",
-    ),
-    (
-        "brake-release=MS",
-        "its holding brakes let go this long after the word; `=off`: at once",
-    ),
-    (
-        "brake-engage=MS",
-        "its holding brakes hold this long after the word; `=off`: at once",
-    ),
-    (
-        "driver-trip=A",
-        "its driver switches off and pulls the fault line when a motor draws more; `=off` resets \
-         it",
-    ),
-    ("supply=V", "its supply has this voltage"),
-    (
-        "no-regeneration=UF",
-        "its supply takes no charge; braking charges this capacitance, in uF; `=off` ends it",
-    ),
-    (
-        "halt",
-        "emulated robots: the processor stands still; `=off` lets it go on",
-    ),
-    (
-        "crash",
-        "emulated robots: the processor goes where there is no memory",
-    ),
+/// Every action. `docs/simulation.md` describes them.
+pub const ACTIONS: &[&str] = &[
+    "power-cycle",
+    "power-off",
+    "power-on",
+    "emergency-stop",
+    "driver-fault",
+    "protective-stop",
+    "bus-cut",
+    "bus-parts",
+    "bus-off",
+    "overrun",
+    "misses=ID",
+    "encoder-dead",
+    "encoder-one-channel",
+    "encoder-reversed",
+    "encoder-floats",
+    "encoder-works",
+    "encoder-noise=HZ",
+    "encoder-slow-edges=US",
+    "wheel-drag=NM",
+    "wheel-push=NM",
+    "brake-torque=NM",
+    "brake-release=MS",
+    "brake-engage=MS",
+    "driver-trip=A",
+    "supply=V",
+    "no-regeneration=UF",
+    "halt",
+    "crash",
+    "corrupt=SHARE",
+    "lost-acknowledge=SHARE",
+    "babble",
+    "delay=SECONDS",
 ];
 
 /// One fault: what, when, how long.
@@ -190,8 +136,8 @@ impl<'a> Parts<'a> {
                     if let Some((first, _)) = parts.action {
                         return refuse(
                             name,
-                            format!("is a second action after `{first}`"),
-                            "give one action a fault",
+                            format!("a fault has one action, and this one already has `{first}`"),
+                            "write a second fault for it",
                         );
                     }
                     parts.action = Some((name, value));
@@ -199,7 +145,7 @@ impl<'a> Parts<'a> {
                 }
             };
             if field.is_some() {
-                return refuse(name, "is there twice", "give it once");
+                return refuse(name, "appears twice", "give it once");
             }
             if value.is_none_or(str::is_empty) {
                 return refuse(name, "has no value", format!("write {name}=VALUE"));
@@ -228,12 +174,12 @@ impl<'a> Parts<'a> {
         if value == Some("off") {
             return Ok(Share::NONE);
         }
-        let of = number(name, value, "a share of the frames")?;
+        let of = number(name, value, "a fraction of the frames")?;
         if of > 1.0 {
             return refuse(
                 name,
-                format!("{of} is more than all"),
-                "give a share, 0 to 1",
+                format!("{of} is more than 1"),
+                "give a fraction, 0 to 1",
             );
         }
         let id = self
@@ -250,7 +196,7 @@ impl<'a> Parts<'a> {
         };
         match WHEELS.iter().position(|wheel| *wheel == text) {
             Some(wheel) => Ok(wheel),
-            None => refuse("wheel", format!("{text} is no wheel"), remedy),
+            None => refuse("wheel", format!("{text} is not a wheel"), remedy),
         }
     }
 }
@@ -269,10 +215,10 @@ impl FaultSpec {
         };
         let at_wheel = name.starts_with("encoder-") || name.starts_with("wheel-");
         if parts.wheel.is_some() && !at_wheel {
-            return refuse("wheel", format!("means nothing to {name}"), "leave it out");
+            return refuse("wheel", format!("does not apply to {name}"), "leave it out");
         }
         if parts.id.is_some() && !["corrupt", "lost-acknowledge"].contains(&name) {
-            return refuse("id", format!("means nothing to {name}"), "leave it out");
+            return refuse("id", format!("does not apply to {name}"), "leave it out");
         }
         let action = match bus_action(name, value, &parts)? {
             Some(action) => Action::Bus(action),
@@ -284,7 +230,7 @@ impl FaultSpec {
         if lasts_ns.is_some() && action.undone().is_none() {
             return refuse(
                 "for",
-                format!("means nothing to {name}, which happens once"),
+                format!("does not apply to {name}, which has no duration"),
                 "leave it out",
             );
         }
@@ -302,7 +248,7 @@ fn bus_action(name: &str, value: Option<&str>, parts: &Parts<'_>) -> Checked<Opt
         ("corrupt", None) => BusAction::Corrupt(parts.share(name, value)?),
         ("lost-acknowledge", None) => BusAction::LostAcknowledge(parts.share(name, value)?),
         ("lost-acknowledge", Some(_)) => {
-            return refuse("node", "means nothing to lost-acknowledge", "leave it out");
+            return refuse("node", "does not apply to lost-acknowledge", "leave it out");
         }
         ("babble", None) => BusAction::Babble(babble(name, value)?),
         ("delay", Some(MASTER)) => BusAction::Delay(delay(name, value)?),
@@ -354,7 +300,7 @@ fn robot_action(
         "misses" => RobotAction::Misses(Some(identifier(name, value)?)),
         "encoder-noise" => RobotAction::EncoderNoise(
             parts.wheel()?,
-            number_or_off(name, value, "strikes a second")?,
+            number_or_off(name, value, "pulses per second")?,
         ),
         "encoder-slow-edges" => RobotAction::EncoderSlowEdges(
             parts.wheel()?,
@@ -392,11 +338,15 @@ fn robot_action(
         "no-regeneration" => {
             let farad = number(name, value, "a capacitance in uF")? * 1e-6;
             if farad == 0.0 {
-                return refuse(name, "0 is none", format!("write {name}=UF, more than 0"));
+                return refuse(
+                    name,
+                    "0 is not a capacitance",
+                    format!("write {name}=UF, more than 0"),
+                );
             }
             RobotAction::NoRegeneration(Some(farad))
         }
-        _ if value.is_some() && ACTIONS.iter().any(|(known, _)| *known == name) => {
+        _ if value.is_some() && ACTIONS.contains(&name) => {
             return refuse(name, "takes no value", format!("write {name}"));
         }
         "power-cycle" => RobotAction::PowerCycle,
@@ -410,13 +360,12 @@ fn robot_action(
         "encoder-reversed" => RobotAction::Encoder(parts.wheel()?, EncoderState::Reversed),
         "encoder-floats" => RobotAction::Encoder(parts.wheel()?, EncoderState::Floats),
         "encoder-works" => RobotAction::Encoder(parts.wheel()?, EncoderState::Works),
-        _ => return refuse(name, "is no action", known_actions()),
+        _ => return refuse(name, "is not an action", known_actions()),
     })
 }
 
 fn known_actions() -> String {
-    let names: Vec<&str> = ACTIONS.iter().map(|(name, _)| *name).collect();
-    format!("give one of {}", names.join(", "))
+    format!("give one of {}", ACTIONS.join(", "))
 }
 
 fn on_or_off(name: &str, value: Option<&str>) -> Checked<bool> {
@@ -437,7 +386,7 @@ fn seconds(part: &str, text: &str) -> Checked<u64> {
         Ok(s) if (0.0..=LONGEST_S).contains(&s) => Ok((s * 1e9).round() as u64),
         _ => refuse(
             part,
-            format!("{text} is no time"),
+            format!("{text} is not a time"),
             format!("give seconds, 0 to {LONGEST_S}"),
         ),
     }
@@ -447,7 +396,11 @@ fn number(name: &str, value: Option<&str>, what: &str) -> Checked<f64> {
     let remedy = format!("write {name}=VALUE, {what}, 0 or more");
     match value.map(str::parse::<f64>) {
         Some(Ok(number)) if number.is_finite() && number >= 0.0 => Ok(number),
-        Some(_) => refuse(name, format!("{} is none", value.unwrap_or("")), remedy),
+        Some(_) => refuse(
+            name,
+            format!("{} is not a value", value.unwrap_or("")),
+            remedy,
+        ),
         None => refuse(name, "has no value", remedy),
     }
 }
@@ -468,7 +421,7 @@ fn identifier(name: &str, value: Option<&str>) -> Checked<u16> {
         Some(id) if id <= LAST_IDENTIFIER => Ok(id),
         _ => refuse(
             name,
-            format!("{} is no identifier", value.unwrap_or("nothing")),
+            format!("{} is not an identifier", value.unwrap_or("nothing")),
             format!("write {name}=0x181, at most 0x7FF"),
         ),
     }

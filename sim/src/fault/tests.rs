@@ -100,40 +100,40 @@ fn what_cannot_be_meant_names_the_part_and_the_remedy() {
         ("overrun", "node: is missing; give one of 2, 3, 4"),
         (
             "t=-1:node=2:overrun",
-            "t: -1 is no time; give seconds, 0 to 86400",
+            "t: -1 is not a time; give seconds, 0 to 86400",
         ),
-        ("t=nan:node=2:overrun", "t: nan is no time"),
-        ("t=1:t=2:node=2:overrun", "t: is there twice; give it once"),
+        ("t=nan:node=2:overrun", "t: nan is not a time"),
+        ("t=1:t=2:node=2:overrun", "t: appears twice; give it once"),
         ("t:node=2:overrun", "t: has no value; write t=VALUE"),
         (
             "node=2:explode",
-            "explode: is no action; give one of power-cycle",
+            "explode: is not an action; give one of power-cycle",
         ),
         (
             "node=2:overrun:bus-off",
-            "bus-off: is a second action after `overrun`",
+            "bus-off: a fault has one action, and this one already has `overrun`",
         ),
         ("node=2:overrun=3", "overrun: takes no value; write overrun"),
         (
             "node=2:overrun:for=1",
-            "for: means nothing to overrun, which happens once",
+            "for: does not apply to overrun, which has no duration",
         ),
         (
             "node=2:overrun:wheel=front-left",
-            "wheel: means nothing to overrun",
+            "wheel: does not apply to overrun",
         ),
         (
             "node=2:encoder-dead",
             "wheel: is missing; give wheel=NAME, one of front-left",
         ),
-        ("node=2:encoder-dead:wheel=5", "wheel: 5 is no wheel"),
+        ("node=2:encoder-dead:wheel=5", "wheel: 5 is not a wheel"),
         (
             "node=2:emergency-stop=1",
             "emergency-stop: 1 is neither on nor off",
         ),
         (
             "node=2:misses=0x800",
-            "misses: 0x800 is no identifier; write misses=0x181",
+            "misses: 0x800 is not an identifier; write misses=0x181",
         ),
         (
             "node=2:wheel-drag:wheel=rear-left",
@@ -141,7 +141,7 @@ fn what_cannot_be_meant_names_the_part_and_the_remedy() {
         ),
         (
             "node=2:wheel-drag=-1:wheel=rear-left",
-            "wheel-drag: -1 is none",
+            "wheel-drag: -1 is not a value",
         ),
         (
             "node=2:halt",
@@ -194,13 +194,13 @@ fn a_power_cycle_boots_the_robot_again() {
     schedule
         .run_until(&mut world, 1_000_000_000, &mut |_, _| {})
         .unwrap();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     while let Some((at, frame)) = world.take_received(crate::MASTER) {
         if frame.id() == 0x703 {
-            heard.push((at.0, frame.data()[0]));
+            received.push((at.0, frame.data()[0]));
         }
     }
-    let boots: Vec<u64> = heard
+    let boots: Vec<u64> = received
         .iter()
         .filter(|(_, s)| *s == 0)
         .map(|(at, _)| *at)
@@ -211,5 +211,5 @@ fn a_power_cycle_boots_the_robot_again() {
     assert!((3_000..3_500).contains(&boots[0]), "{boots:?}");
     assert!((753_000..753_500).contains(&boots[1]), "{boots:?}");
     let silent = |(at, _): &&(u64, u8)| (500_000..753_000).contains(at);
-    assert_eq!(heard.iter().find(silent), None);
+    assert_eq!(received.iter().find(silent), None);
 }

@@ -1,7 +1,8 @@
-//! The external plant: another simulator over TCP, in lockstep, one JSON object a line.
+//! The external plant: another simulator over TCP, in lockstep, one JSON object per line.
 //!
-//! This side connects. The first line it sends describes the robots, in the order of the group
-//! file:
+//! # Messages
+//!
+//! This side connects. Its first line describes the robots, in the order of the group file:
 //!
 //! ```json
 //! {"omnibus_plant": 1, "robots": [{"x": 1.2, "y": 0.0, "heading": 0.0, "half_track": 0.37,
@@ -9,9 +10,9 @@
 //!   "rigid_group": 0}, ...]}
 //! ```
 //!
-//! Poses are where the robots stand in the world at the beginning; robots with one `rigid_group`
-//! are bolted together. The plant does not answer this line. Then, for every step from `t` to `t +
-//! dt`,
+//! Poses are where the robots stand in the world at the beginning; robots with the same
+//! `rigid_group` are bolted together. The plant does not answer this line. Then, for every step
+//! from `t` to `t + dt`,
 //!
 //! ```json
 //! {"t": 0.0, "dt": 0.001, "wheel_rate": [[fl, fr, rl, rr], ...]}
@@ -27,7 +28,9 @@
 //! turn wheels itself (a push on a coasting robot); one that only moves bodies integrates the
 //! rates.
 //!
-//! A plant with forces says so in every answer:
+//! # A plant with forces
+//!
+//! A plant that computes forces adds two fields to every answer:
 //!
 //! ```json
 //! {"wheel_angle": .., "pose": .., "wheel_inertia": 0.02, "floor_torque": [[fl, fr, rl, rr], ...]}
@@ -39,10 +42,11 @@
 //! and every step also has `wheel_torque`, what the motors did to the wheels, in the form of
 //! `wheel_rate`.
 //!
-//! A plant that cannot go on answers `{"error": "why"}`, which is shown.
+//! # Errors
 //!
-//! The other side has [`PATIENCE`] for every answer. If it goes away, answers late or answers
-//! something else, the world stops with an error that says which.
+//! A plant that cannot continue answers `{"error": "why"}`, and the reason is shown. It has
+//! [`PATIENCE`] for every answer. If it closes the connection, answers late or answers something
+//! else, the world stops with an error that says which of these happened.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpStream, ToSocketAddrs};

@@ -1,6 +1,8 @@
 //! An emulated robot: the firmware's release image on an emulated NUCLEO-F446RE, wired as a real
 //! one.
 //!
+//! # Wiring
+//!
 //! | wheel | PWM | direction | encoder |
 //! |---|---|---|---|
 //! | front left | TIM1 CH1 | PC0 | TIM2 |
@@ -14,10 +16,12 @@
 //! input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer
 //! drives its pin or holds it low; a pin that floats is a bridge that is off.
 //!
-//! A power cycle creates a new board with the flash of the old one; its time begins at power-on.
-//!
 //! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a
 //! moment at each pulse.
+//!
+//! # Time
+//!
+//! A power cycle creates a new board with the flash of the old one; its time begins at power-on.
 //!
 //! A sleeping board is not run: it is advanced to the present when an input changes or its own next
 //! event is due. It receives encoder counts in one sum when it next computes; the edges of an

@@ -105,7 +105,7 @@ struct Live {
     sending: Option<Frame>,
     errors: Confinement,
     /// What its program knows of them.
-    told: CanErrors,
+    reported: CanErrors,
     /// World time at which it is back on the bus, ns, once it has begun to come back.
     back_ns: Option<u64>,
 }
@@ -136,7 +136,7 @@ impl Live {
             mailboxes: Vec::with_capacity(MAILBOXES),
             sending: None,
             errors: Confinement::default(),
-            told: CanErrors::default(),
+            reported: CanErrors::default(),
             back_ns: None,
         }
     }
@@ -201,7 +201,7 @@ impl NativeRobot {
     }
 
     /// Passes the error counters to the program, as the firmware reads them from its controller.
-    fn tell_errors(&mut self, last: u8) {
+    fn report_errors(&mut self, last: u8) {
         let ErrorCounters { transmit, receive } = self.live.errors.counters();
         let byte = |count: u32| u8::try_from(count).unwrap_or(u8::MAX);
         let errors = CanErrors {
@@ -209,8 +209,8 @@ impl NativeRobot {
             receive: byte(receive),
             last,
         };
-        if self.is_running() && (errors != self.live.told || last != 0) {
-            self.live.told = errors;
+        if self.is_running() && (errors != self.live.reported || last != 0) {
+            self.live.reported = errors;
             let now = self.live.clock.local(self.now_ns);
             self.live.bus.on_can_errors(now, &errors);
             self.pump(now);
@@ -360,7 +360,7 @@ impl Robot for NativeRobot {
 
     fn transmitted(&mut self) {
         self.live.errors.transmitted();
-        self.tell_errors(0);
+        self.report_errors(0);
         if let Some(sent) = self.live.sending.take()
             && let Some(place) = self.live.mailboxes.iter().position(|frame| *frame == sent)
         {
@@ -377,7 +377,7 @@ impl Robot for NativeRobot {
             self.go_off();
         }
         // As ESR.LEC has it (RM0390 30.9.2).
-        self.tell_errors(match error {
+        self.report_errors(match error {
             TransmitError::Form => 2,
             TransmitError::Acknowledge => 3,
             TransmitError::Bit => 4,
@@ -387,7 +387,7 @@ impl Robot for NativeRobot {
     fn receive_failed(&mut self, first: bool) {
         if self.is_on_bus() {
             self.live.errors.receive_failed(first);
-            self.tell_errors(1);
+            self.report_errors(1);
         }
     }
 
@@ -400,7 +400,7 @@ impl Robot for NativeRobot {
             return;
         }
         self.live.errors.received();
-        self.tell_errors(0);
+        self.report_errors(0);
         // As the firmware's interrupt does.
         let codes = self.live.bus.function_codes();
         let own = frame.id() & 0x7F == u16::from(self.live.bus.node());

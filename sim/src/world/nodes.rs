@@ -86,17 +86,18 @@ impl World {
         let is_active = |node: usize| state(node) == ErrorState::Active;
         let transfer = bus.arbitrate(now_ns, contenders, is_active, |senders, frame| {
             let active = senders.iter().any(|sender| is_active(*sender));
-            let hears = |(n, unit): (usize, &Unit)| {
+            let receives = |(n, unit): (usize, &Unit)| {
                 let sends = senders.contains(&n);
                 unit.far == far && unit.connected && unit.powered && !sends
             };
             // In the other half the ports are there.
-            if far && !units.iter().enumerate().any(hears) {
+            if far && !units.iter().enumerate().any(receives) {
                 return Fate::Unacknowledged { active };
             }
             let mut fate = disturbances.fate(frame, active);
             for (n, unit) in units.iter().enumerate() {
-                if !hears((n, unit)) || !disturbances.strikes(unit.injected.bad_receiver, frame) {
+                if !receives((n, unit)) || !disturbances.strikes(unit.injected.bad_receiver, frame)
+                {
                     continue;
                 }
                 missed.push(n);
@@ -261,11 +262,11 @@ impl Unit {
             return self.injected.babble;
         }
         let frame = self.robot.pending()?;
-        let kept = self.injected.delay_ns > 0
+        let held = self.injected.delay_ns > 0
             && self
                 .held
                 .is_none_or(|(_, since)| since + self.injected.delay_ns > now_ns);
-        (!kept).then_some(frame)
+        (!held).then_some(frame)
     }
 
     /// When it may next want something that it does not want now, ns.

@@ -52,7 +52,7 @@ pub(super) struct Unit {
     /// Time since which its bridges are off and its brake is commanded to engage, ns.
     pub safe_since_ns: Option<u64>,
     /// Angles last reported to the plant.
-    told: [f64; 4],
+    reported: [f64; 4],
     /// What the plant adds to the wheels' angles: a plant outside may turn wheels itself.
     slipped: [f64; 4],
     /// Up to when its motors have turned, ns.
@@ -106,7 +106,7 @@ impl Unit {
             half_play: 0.5 * simulation.backlash,
             safe_since_ns: Some(0),
             wheels: [0.0; 4],
-            told: [0.0; 4],
+            reported: [0.0; 4],
             slipped: [0.0; 4],
             at_ns: 0,
         }
@@ -191,12 +191,12 @@ impl Unit {
             let angle = angle + self.slipped[wheel];
             let turned = self.wheels[wheel] + self.slipped[wheel];
             pulses[wheel] = self.indexes.follow(wheel, turned, angle);
-            let told = self.encoders[wheel].follow(angle, span, &mut self.edges);
+            let reported = self.encoders[wheel].follow(angle, span, &mut self.edges);
             if !self.edges.is_empty() && self.robot.encoder_edges(wheel, &self.edges) {
                 self.edges.clear();
             }
             let decoder = &mut self.decoders[wheel];
-            told + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
+            reported + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
         });
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
@@ -240,8 +240,8 @@ impl Unit {
 
     /// Angles by which the wheels have turned since the last report to the plant, rad.
     pub fn turned(&mut self) -> [f64; 4] {
-        let told = std::mem::replace(&mut self.told, self.wheels);
-        std::array::from_fn(|n| self.wheels[n] - told[n])
+        let reported = std::mem::replace(&mut self.reported, self.wheels);
+        std::array::from_fn(|n| self.wheels[n] - reported[n])
     }
 
     /// Sets the torques of the floor on the wheels, N·m.

@@ -105,7 +105,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
             addresses.iter().for_each(|address| profile.watch(*address));
         }
         board.run_until(TIME_NS)?;
-        let profile = board.take_profile().context("nothing was counted")?;
+        let profile = board.take_profile().context("no call was counted")?;
         ensure!(
             profile.calls(right).len() == 1,
             "{core}: src/board/memory.rs copies, moves or fills wrongly, or has not come to its end"

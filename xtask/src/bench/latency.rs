@@ -88,12 +88,15 @@ fn measure(
             [a, b] => (b - a < 1_500_000).then_some(*a),
             _ => None,
         });
-        let at = first.context("the robot does not move when it is told to")?;
+        let at = first.context("the robot does not move when it is commanded to")?;
         calls.push((at - called_ns) as f64 * 1e-3);
         // SYNC comes at whole periods.
         syncs.push((at as f64 * 1e-3) % period_us);
     }
-    ensure!(calls.len() == CALLS as usize, "calls are missing");
+    ensure!(
+        calls.len() == CALLS as usize,
+        "some calls had no effect on the PWM"
+    );
     calls.sort_by(f64::total_cmp);
     Ok((calls, syncs))
 }

@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Where to write the figures as JSON.
     #[arg(long, value_name = "PATH")]
     json: Option<PathBuf>,
-    /// Fails when a figure is past its ceiling, or past its budget where no ceiling is recorded.
+    /// Fails when a figure exceeds its ceiling, or its budget where no ceiling is recorded.
     #[arg(long)]
     check: bool,
     /// Rewrites docs/performance.md.
@@ -49,11 +49,11 @@ pub struct Arguments {
     /// times are never checked, and are separate from the other figures in the JSON.
     #[arg(long)]
     host: bool,
-    /// Only counts the functions of the tick one by one, which needs no image and takes at most a
-    /// minute.
+    /// Counts only the instructions of the functions of the tick, which needs no image and takes
+    /// at most a minute.
     #[arg(long, conflicts_with_all = ["write_docs", "host", "image"])]
     kernels: bool,
-    /// The image; built if none is given.
+    /// Firmware image to measure; by default it is built.
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
 }
@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let calculated = figures
         .iter()
         .find(|figure| figure.name == running::CALCULATED_RATE)
-        .context("no calculated rate")?
+        .context("the run produced no calculated rate")?
         .value;
     figures.push(rate::figure(&group, calculated)?);
     figures.push(running::ready(&group, &image)?);
@@ -116,7 +116,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn hold(arguments: &Arguments, figures: &[Figure]) -> anyhow::Result<()> {
     let regressions: Vec<String> = figures.iter().filter_map(Figure::regression).collect();
     if arguments.check && !regressions.is_empty() {
-        bail!("worse than it was:\n{}", regressions.join("\n"));
+        bail!(
+            "these figures exceed their ceilings:\n{}",
+            regressions.join("\n")
+        );
     }
     Ok(())
 }

@@ -11,13 +11,13 @@ use crate::cargo;
 /// Options of `cargo xtask profile`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The image; built if none is given.
+    /// Firmware image to profile; by default it is built.
     #[arg(long, value_name = "ELF")]
     image: Option<std::path::PathBuf>,
-    /// Milliseconds of driving.
+    /// Duration of the drive in milliseconds.
     #[arg(long, default_value_t = 1_000)]
     millis: u64,
-    /// Functions to print.
+    /// Number of functions to print.
     #[arg(long, default_value_t = 50)]
     top: usize,
     /// Count what the compiler has inlined for the functions of the source.

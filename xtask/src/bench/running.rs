@@ -34,7 +34,7 @@ pub fn function(firmware: &Firmware, name: &str) -> anyhow::Result<u32> {
 
 /// Least, mean and most of a count.
 fn spread(name: &str, calls: &[Call]) -> anyhow::Result<[Figure; 3]> {
-    ensure!(!calls.is_empty(), "{name}: nothing was counted");
+    ensure!(!calls.is_empty(), "{name}: no call was counted");
     let counts = calls.iter().map(|call| call.instructions);
     let sum: u64 = counts.clone().sum();
     let unit = "instructions";
@@ -154,7 +154,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
     let lowest = |exception| profile.lowest_stack().get(&exception).copied();
     let top = firmware
         .variable("_stack_start")
-        .context("no _stack_start")?
+        .context("the image has no symbol _stack_start")?
         .address;
     let all = profile.lowest_stack().values().min().copied();
     for (name, sp) in [
@@ -216,7 +216,7 @@ fn skew(driving: &Driving) -> anyhow::Result<Figure> {
     // step.
     ensure!(
         changes.iter().all(|changes| changes.len() > 250),
-        "the PWM hardly changes"
+        "the PWM changes too rarely to measure its times"
     );
     let mut worst = 0;
     for other in others {
@@ -243,7 +243,7 @@ fn high_water(robot: &super::watched::Watched, firmware: &Firmware) -> anyhow::R
         let symbol = firmware.variable(name);
         symbol
             .map(|symbol| symbol.address)
-            .context("no stack symbols")
+            .context("the image has no symbols of its stack")
     };
     let (end, start) = (address("_stack_end")?, address("_stack_start")?);
     let mut word = end;
@@ -284,5 +284,5 @@ pub fn ready(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Figure> {
             return Ok(Figure::new("ready", at.0 as f64 * 1e-3, "ms").ceiling(100.0));
         }
     }
-    anyhow::bail!("not all robots say that they have booted within 2 s")
+    anyhow::bail!("not all robots have sent their boot-up message within 2 s")
 }

@@ -53,7 +53,7 @@ impl Watched {
     /// What has been profiled since.
     pub fn take_profile(&self) -> anyhow::Result<Profile> {
         self.board(Board::take_profile)
-            .context("it has not been profiled")
+            .context("the robot has not been profiled")
     }
 
     /// Identifiers of the frames it has been given, in order.

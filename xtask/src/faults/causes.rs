@@ -37,16 +37,16 @@ const SUPPLY_SETTLES_MS: u64 = 30;
 
 /// What is done about a cause.
 #[derive(Clone, Copy)]
-pub enum Trial {
+pub enum Procedure {
     /// It appears at a word.
     Now(fn(&mut TestMaster)),
     /// It takes some time to bring about, and appears when this is done.
     After(fn(&mut TestMaster) -> Result<(), SimError>),
     /// It concerns what is stored, and is tried with one board: see [`super::power`].
-    Stored(super::power::Trial),
+    Stored(super::power::Procedure),
 }
 
-impl Trial {
+impl Procedure {
     /// Brings the cause about.
     ///
     /// # Errors
@@ -69,7 +69,7 @@ pub struct Case {
     /// The way in which it is brought about, where that is not all that could be meant.
     pub variant: &'static str,
     /// How.
-    pub trial: Trial,
+    pub procedure: Procedure,
     /// What is announced, if not the fault of the page.
     pub announced: Option<Fault>,
     /// Time for which the duty is ignored, ms: the cause itself changes it.
@@ -87,11 +87,11 @@ pub struct Case {
 }
 
 impl Case {
-    const fn new(number: u8, variant: &'static str, trial: Trial) -> Self {
+    const fn new(number: u8, variant: &'static str, procedure: Procedure) -> Self {
         Self {
             number,
             variant,
-            trial,
+            procedure,
             announced: None,
             settles_ms: 0,
             speed: SPEED,
@@ -104,7 +104,7 @@ impl Case {
 }
 
 const fn now(number: u8, variant: &'static str, appear: fn(&mut TestMaster)) -> Case {
-    Case::new(number, variant, Trial::Now(appear))
+    Case::new(number, variant, Procedure::Now(appear))
 }
 
 const fn after(
@@ -112,11 +112,11 @@ const fn after(
     variant: &'static str,
     appear: fn(&mut TestMaster) -> Result<(), SimError>,
 ) -> Case {
-    Case::new(number, variant, Trial::After(appear))
+    Case::new(number, variant, Procedure::After(appear))
 }
 
-const fn stored(number: u8, variant: &'static str, trial: super::power::Trial) -> Case {
-    Case::new(number, variant, Trial::Stored(trial))
+const fn stored(number: u8, variant: &'static str, procedure: super::power::Procedure) -> Case {
+    Case::new(number, variant, Procedure::Stored(procedure))
 }
 
 /// An encoder that counts backwards from now on.

@@ -20,7 +20,7 @@ use sim::robot::Robot;
 use sim::test_master::{STEP_US, TestMaster};
 use sim::{Backend, Options, RobotTruth, SimError, World};
 
-use super::causes::{Case, Trial, WATCHED};
+use super::causes::{Case, Procedure, WATCHED};
 
 /// Configured limits of the robots' supply of 24 V, V.
 const SUPPLY_MINIMUM: f32 = 18.0;
@@ -88,8 +88,8 @@ pub fn measure(
     announced: Fault,
     reaction: Reaction,
 ) -> anyhow::Result<Measured> {
-    if let Trial::Stored(trial) = case.trial {
-        return trial(firmware);
+    if let Procedure::Stored(procedure) = case.procedure {
+        return procedure(firmware);
     }
     let node = group.robots.get(WATCHED).context("no robots")?.node;
     let mut master = driving(group, Robots::Emulated(firmware), case.speed, &[case])?;
@@ -102,7 +102,7 @@ pub fn measure(
     let (asked, from) = (fastest(&master), master.world.truth().group);
     let mut wheel_rate: f64 = 0.0;
     let announced_before = master.emergencies(node).count();
-    case.trial.appear(&mut master)?;
+    case.procedure.appear(&mut master)?;
     let began = master.world.now().0;
     let cuts = reaction == Reaction::Cut;
     if case.settles_ms > 0 && cuts {
@@ -127,12 +127,18 @@ pub fn measure(
             reaction = Some(since(&master));
         }
         let at_rest = off && !robot.brake_released;
-        ensure!(rest.is_none() || at_rest, "came on again without a start");
+        ensure!(
+            rest.is_none() || at_rest,
+            "the outputs came on again without a start"
+        );
         if rest.is_none() && at_rest {
             rest = Some(since(&master));
         }
         if since(&master) > (REACTION_MS + REST_MS) as f64 {
-            bail!("no rest within {} ms", REACTION_MS + REST_MS);
+            bail!(
+                "the group is not at rest within {} ms",
+                REACTION_MS + REST_MS
+            );
         }
         master.step()?;
         wheel_rate = wheel_rate.max(fastest(&master) / asked);

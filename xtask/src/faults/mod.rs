@@ -45,10 +45,10 @@ pub struct Arguments {
     /// only those that cut, or none.
     #[arg(long, value_enum, default_value = "cuts")]
     pairs: Pairs,
-    /// Number of parallel trials; by default the number of processors.
+    /// Number of tests that run in parallel; by default the number of processors.
     #[arg(long, value_name = "NUMBER")]
     jobs: Option<NonZeroUsize>,
-    /// Uses this image instead of building one.
+    /// Firmware image to test; by default it is built.
     #[arg(long, value_name = "PATH")]
     image: Option<PathBuf>,
 }
@@ -76,7 +76,7 @@ struct Line {
 }
 
 enum Outcome {
-    Kept(Measured),
+    Held(Measured),
     Missed(Measured),
     /// Something else than promised happened.
     Failed(String),
@@ -159,14 +159,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bad = |line: &&Line| matches!(line.outcome, Outcome::Missed(_) | Outcome::Failed(_));
     let bad = lines.iter().filter(bad).count();
     if bad > 0 {
-        bail!("{bad} of {} promises are not kept", lines.len());
+        bail!("{bad} of {} causes break their promise", lines.len());
     }
-    let bad = tried.iter().filter(|tried| !tried.kept()).count();
+    let bad = tried.iter().filter(|tried| !tried.holds()).count();
     if bad > 0 {
         bail!("{bad} of {} pairs of causes break a promise", tried.len());
     }
     if skew.is_some_and(|skew| skew.worst_us > skew::LIMIT_US) {
-        bail!("the robots change their PWM too far apart");
+        bail!("the robots change their PWM at times too far apart");
     }
     Ok(())
 }
@@ -191,7 +191,7 @@ fn jobs(promises: &[Promise], only: Option<u8>) -> anyhow::Result<Vec<Job<'_>>> 
 fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case) -> Outcome {
     let fault = promise.fault;
     let announced = case.announced.unwrap_or(fault);
-    let kept = |measured: &Measured| {
+    let holds = |measured: &Measured| {
         // A cut is one of drivers and brake together.
         let time = match fault.reaction() {
             Reaction::Ramp => measured.reaction_ms,
@@ -207,7 +207,7 @@ fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case)
             && within(measured.way, promise.way)
     };
     match measure::measure(group, firmware, case, announced, fault.reaction()) {
-        Ok(measured) if kept(&measured) => Outcome::Kept(measured),
+        Ok(measured) if holds(&measured) => Outcome::Held(measured),
         Ok(measured) => Outcome::Missed(measured),
         Err(error) => Outcome::Failed(format!("{error:#}")),
     }
@@ -221,8 +221,8 @@ struct TriedPair<'a> {
 }
 
 impl TriedPair<'_> {
-    fn kept(&self) -> bool {
-        self.outcome.as_ref().is_ok_and(pairs::Outcome::kept)
+    fn holds(&self) -> bool {
+        self.outcome.as_ref().is_ok_and(pairs::Outcome::holds)
     }
 }
 
@@ -276,7 +276,7 @@ fn print_pairs(tried: &[TriedPair<'_>]) {
         pairs::DELAYS_MS,
         tried.len() - image
     );
-    for bad in tried.iter().filter(|tried| !tried.kept()) {
+    for bad in tried.iter().filter(|tried| !tried.holds()) {
         let pair = &bad.pair;
         let robots = if bad.image { "image" } else { "native" };
         let name = |(promise, case): (&Promise, &Case)| {
@@ -325,7 +325,7 @@ fn pair_to_json(tried: &TriedPair<'_>) -> serde_json::Value {
         "robots": if tried.image { "image" } else { "native" },
         "promise_ms": outcome.ok().map(|outcome| outcome.promise_ms),
         "measured_ms": outcome.ok().and_then(|outcome| outcome.measured_ms),
-        "kept": tried.kept(),
+        "kept": tried.holds(),
         "reason": outcome.err().map(|error| format!("{error:#}")),
     })
 }
@@ -402,7 +402,7 @@ fn text(line: &Line) -> String {
         )
     };
     match &line.outcome {
-        Outcome::Kept(measured) => format!("{head} {}", figures(measured)),
+        Outcome::Held(measured) => format!("{head} {}", figures(measured)),
         Outcome::Missed(measured) => format!("{head} {}  MISSED", figures(measured)),
         Outcome::Failed(problem) => format!("{head} FAILED: {problem}"),
     }
@@ -411,7 +411,7 @@ fn text(line: &Line) -> String {
 fn to_json(line: &Line) -> serde_json::Value {
     let promise = &line.promise;
     let (verdict, measured, reason) = match &line.outcome {
-        Outcome::Kept(measured) => ("kept", Some(measured), None),
+        Outcome::Held(measured) => ("kept", Some(measured), None),
         Outcome::Missed(measured) => ("missed", Some(measured), None),
         Outcome::Failed(problem) => ("failed", None, Some(problem.as_str())),
     };

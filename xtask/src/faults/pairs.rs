@@ -24,7 +24,7 @@ use sim::test_master::TestMaster;
 
 use protocol::Reaction;
 
-use super::causes::{CASES, Case, SPEED, Trial, WATCHED};
+use super::causes::{CASES, Case, Procedure, SPEED, WATCHED};
 use super::measure::{self, Robots};
 use super::promise::{Promise, Slow};
 
@@ -64,7 +64,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    pub fn kept(&self) -> bool {
+    pub fn holds(&self) -> bool {
         !self.faster && self.measured_ms.is_some_and(|ms| ms <= self.promise_ms)
     }
 }
@@ -77,14 +77,14 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
     };
     let causes: Vec<_> = CASES
         .iter()
-        .filter(|case| !case.alone && !matches!(case.trial, Trial::Stored(_)))
+        .filter(|case| !case.alone && !matches!(case.procedure, Procedure::Stored(_)))
         .filter_map(promised)
         .collect();
     let mut pairs = Vec::new();
     for first in &causes {
         for second in causes
             .iter()
-            .filter(|second| go_together(first.1, second.1))
+            .filter(|second| fit_together(first.1, second.1))
         {
             pairs.extend(DELAYS_MS.map(|delay_ms| Pair {
                 first: *first,
@@ -103,7 +103,7 @@ fn is_of_processor(case: &Case) -> bool {
 }
 
 /// Whether both can be brought about: not when they do something else to the same thing.
-fn go_together(first: &Case, second: &Case) -> bool {
+fn fit_together(first: &Case, second: &Case) -> bool {
     /// The front left encoder; the setpoints that the master sends; the supply.
     const SAME: [&[u8]; 3] = [&[11, 12], &[3, 7, 8, 27], &[16, 26]];
     let both =
@@ -143,11 +143,11 @@ impl Pair<'_> {
         master.run_to_phase(100, 1)?;
         let mut wheel = Wheel::default();
         let at_first = wheel.rate(&master);
-        self.first.1.trial.appear(&mut master)?;
+        self.first.1.procedure.appear(&mut master)?;
         let first_ns = master.world.now_ns();
         wheel.run_to(&mut master, first_ns + self.delay_ms * 1_000_000)?;
         let at_second = wheel.rate(&master);
-        self.second.1.trial.appear(&mut master)?;
+        self.second.1.procedure.appear(&mut master)?;
         let second_ns = master.world.now_ns();
         let reversed = [(self.first.1, at_first), (self.second.1, at_second)]
             .into_iter()

@@ -14,7 +14,7 @@ use super::image;
 use super::measure::Measured;
 
 /// How a cause is tried.
-pub type Trial = fn(&Firmware) -> anyhow::Result<Measured>;
+pub type Procedure = fn(&Firmware) -> anyhow::Result<Measured>;
 
 const NODE: u8 = 2;
 const SAVE: Address = Address::new(0x1010, 1);
@@ -88,7 +88,10 @@ impl Robot {
     fn write(&mut self, to: Address, value: [u8; 4]) -> anyhow::Result<()> {
         let ([low, high], [a, b, c, d]) = (to.index.to_le_bytes(), value);
         let answer = self.request([0x23, low, high, to.sub, a, b, c, d])?;
-        ensure!(answer[0] == 0x60, "{to} is refused: {answer:02x?}");
+        ensure!(
+            answer[0] == 0x60,
+            "the robot refuses to write {to}: {answer:02x?}"
+        );
         Ok(())
     }
 
@@ -128,12 +131,12 @@ impl Robot {
         let boot_up = Some(0x700 + u16::from(NODE));
         let mut sent = self.sent.iter();
         let boot_up = sent.find(|(_, frame)| frame.standard_id() == boot_up);
-        let at = boot_up.context("no boot-up message")?.0;
+        let at = boot_up.context("the robot sends no boot-up message")?.0;
         let start = CanFrame::new(cob::NMT, &[1, 0]).context("a frame")?;
         self.board.can().receive(&start);
         for ms in 1..=100 {
             self.run(UP_NS + ms * 1_000_000, None)?;
-            ensure!(!self.is_live(), "an NMT start switches it on");
+            ensure!(!self.is_live(), "an NMT start switches its outputs on");
         }
         Ok(at)
     }
@@ -177,7 +180,7 @@ pub fn interrupted(firmware: &Firmware) -> anyhow::Result<Measured> {
                 Some(stop) if stop.kind == StopKind::PowerCut => {}
                 _ => return Err(error),
             },
-            Ok(()) => bail!("operation {cut} does not come"),
+            Ok(()) => bail!("operation {cut} does not happen"),
         }
         let mut robot = Robot::power_on(firmware, &robot.board.flash());
         worst = worst.max(robot.stays_off()?);
@@ -204,11 +207,11 @@ pub fn corrupt(firmware: &Firmware) -> anyhow::Result<Measured> {
     let (at_ns, code, info) = first;
     ensure!(
         code == Fault::ParametersCorrupt.code() && info == named,
-        "announces 0x{code:04X} {info:02x?}"
+        "the robot announces 0x{code:04X} {info:02x?}"
     );
     ensure!(
         robot.half_track()? != TOO_MUCH,
-        "it uses what it has refused"
+        "the robot uses an image that it has refused"
     );
     Ok(measured(at_ns))
 }

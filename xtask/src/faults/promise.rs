@@ -46,7 +46,7 @@ pub fn slow(page: &str) -> anyhow::Result<Slow> {
             factor: cells.next()?.parse().ok()?,
         })
     });
-    found.context("docs/safety.md does not say what holds for a slow wheel")
+    found.context("docs/safety.md does not say what is promised for a slow wheel")
 }
 
 /// The promises on a page, by number.
@@ -79,11 +79,17 @@ fn row(
     cells: &[&str],
     more: (Option<usize>, Option<usize>),
 ) -> anyhow::Result<Promise> {
-    let cell = |n: usize| cells.get(n).copied().context("a cell is missing");
+    let cell = |n: usize| {
+        cells
+            .get(n)
+            .copied()
+            .context("a row of the table lacks a cell")
+    };
     let code = cell(3)?;
-    let (digits, name) = code.split_once(' ').context("no code and name")?;
+    let (digits, name) = code.split_once(' ').context("a row has no code and name")?;
     let value = u16::from_str_radix(digits.trim_start_matches("0x"), 16)?;
-    let fault = Fault::from_code(value).context("not a code of the protocol")?;
+    let fault =
+        Fault::from_code(value).context("a row has a code that the protocol does not have")?;
     ensure!(fault.name() == name, "{value:#06x} is {}", fault.name());
     let time = cell(5)?;
     let millis = match time.strip_suffix(" ms") {
@@ -94,7 +100,7 @@ fn row(
         let text = place.map_or(Ok(""), cell)?;
         let number = text.strip_suffix(unit).filter(|number| !number.is_empty());
         let number = number.map(str::parse).transpose();
-        number.with_context(|| format!("{text} is no number of{unit}"))
+        number.with_context(|| format!("{text} is not a number of{unit}"))
     };
     let (wheel_rate, way) = (with_unit(more.0, "")?, with_unit(more.1, " m")?);
     Ok(Promise {

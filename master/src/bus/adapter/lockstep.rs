@@ -25,7 +25,7 @@ pub struct LockstepLink {
     input: BufReader<TcpStream>,
     output: BufWriter<TcpStream>,
     now: Micros,
-    heard: VecDeque<(Micros, Frame)>,
+    received: VecDeque<(Micros, Frame)>,
 }
 
 /// Connects to `HOST:PORT`.
@@ -40,14 +40,14 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
         input: BufReader::new(stream.try_clone()?),
         output: BufWriter::new(stream),
         now: Micros(0),
-        heard: VecDeque::new(),
+        received: VecDeque::new(),
     };
     if link.line()? != GREETING {
         return Err(io::Error::other(
             "no omnibus-sim with --lockstep answers there",
         ));
     }
-    link.take_turn()?;
+    link.wait_for_turn()?;
     // From here on time waits, and so does everybody else.
     link.input.get_ref().set_read_timeout(None)?;
     Ok(link)
@@ -63,7 +63,7 @@ impl LockstepLink {
     }
 
     /// Reads until it is this end's turn.
-    fn take_turn(&mut self) -> io::Result<()> {
+    fn wait_for_turn(&mut self) -> io::Result<()> {
         loop {
             let line = self.line()?;
             let nonsense = || io::Error::other(format!("the simulator said '{line}'"));
@@ -75,7 +75,7 @@ impl LockstepLink {
                     self.now = time;
                     return Ok(());
                 }
-                ("f", Answer::Frame(frame, None)) => self.heard.push_back((time, frame)),
+                ("f", Answer::Frame(frame, None)) => self.received.push_back((time, frame)),
                 _ => return Err(nonsense()),
             }
         }
@@ -84,7 +84,7 @@ impl LockstepLink {
     fn wait(&mut self, until: Micros) -> io::Result<()> {
         writeln!(self.output, "w{}", until.0)?;
         self.output.flush()?;
-        self.take_turn()
+        self.wait_for_turn()
     }
 
     fn error(&self, error: &io::Error) -> LinkError {
@@ -108,12 +108,12 @@ impl Link for LockstepLink {
 
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         loop {
-            if let Some(frame) = self.heard.pop_front() {
+            if let Some(frame) = self.received.pop_front() {
                 return Ok(Some(frame));
             }
             // Frames that are there already come also when there is no time left.
             self.wait(until).map_err(|error| self.error(&error))?;
-            if self.heard.is_empty() && self.now >= until {
+            if self.received.is_empty() && self.now >= until {
                 return Ok(None);
             }
         }

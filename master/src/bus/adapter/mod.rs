@@ -30,7 +30,7 @@ mod socket_can;
 pub mod socketcand;
 
 /// What a thread says: a frame on the bus, or why there will be no more.
-type Heard = io::Result<OnBus>;
+type Received = io::Result<OnBus>;
 
 /// A frame on the bus.
 enum OnBus {
@@ -46,8 +46,8 @@ type Write = dyn FnMut(&Frame) -> io::Result<()> + Send;
 pub struct AdapterLink {
     bus: String,
     started: Instant,
-    heard: Receiver<Heard>,
-    say: Sender<Heard>,
+    received: Receiver<Received>,
+    sender: Sender<Received>,
     output: pace::SharedWrite,
     lateness: Arc<Mutex<Lateness>>,
     pacer: Option<pace::Pacer>,
@@ -71,14 +71,14 @@ impl AdapterLink {
         write: impl FnMut(&Frame) -> io::Result<()> + Send + 'static,
     ) -> Self {
         let started = Instant::now();
-        let (tell, heard): (Sender<Heard>, _) = channel();
-        let say = tell.clone();
+        let (sender, received): (Sender<Received>, _) = channel();
+        let from_adapter = sender.clone();
         std::thread::spawn(move || {
             loop {
                 let frame = read();
                 let failed = frame.is_err();
                 let stamped = frame.map(|frame| OnBus::Received(time_since(started), frame));
-                if tell.send(stamped).is_err() || failed {
+                if from_adapter.send(stamped).is_err() || failed {
                     return;
                 }
             }
@@ -86,8 +86,8 @@ impl AdapterLink {
         Self {
             bus: bus.to_string(),
             started,
-            heard,
-            say,
+            received,
+            sender,
             output: Arc::new(Mutex::new(Box::new(write))),
             lateness: Arc::default(),
             pacer: None,
@@ -129,7 +129,7 @@ impl Link for AdapterLink {
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         loop {
             let left = until.since(self.now());
-            return match self.heard.recv_timeout(Duration::from_micros(left.0)) {
+            return match self.received.recv_timeout(Duration::from_micros(left.0)) {
                 Ok(Ok(OnBus::Received(at, frame))) => Ok(Some((at, frame))),
                 Ok(Ok(OnBus::Sent(at, sync))) => {
                     self.sent.push_back((at, sync));
@@ -182,7 +182,7 @@ impl Link for AdapterLink {
                 self.started,
                 Arc::clone(&self.output),
                 Arc::clone(&self.lateness),
-                self.say.clone(),
+                self.sender.clone(),
             )
         });
         true

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 
 use canopen::client;
 
-use super::{Heard, OnBus, Write, time_since};
+use super::{OnBus, Received, Write, time_since};
 use crate::bus::link::Schedule;
 use crate::bus::punctuality::Lateness;
 
@@ -46,17 +46,17 @@ pub(super) struct Pacer {
 }
 
 impl Pacer {
-    /// Starts to send SYNC. `started` is the zero of the link's clock; what was sent goes to `say`,
-    /// and failures.
+    /// Starts to send SYNC. `started` is the zero of the link's clock; `sender` gets the frames
+    /// that were sent, and failures.
     pub fn start(
         schedule: Schedule,
         started: Instant,
         output: SharedWrite,
         lateness: Arc<Mutex<Lateness>>,
-        say: Sender<Heard>,
+        sender: Sender<Received>,
     ) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&stop);
+        let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
             let granted = ask_for_priority();
             lateness
@@ -67,15 +67,15 @@ impl Pacer {
             let mut due = started + Duration::from_micros(schedule.first.0);
             let mut counter = schedule.counter;
             loop {
-                wait(due, &told);
-                if told.load(Ordering::Relaxed) {
+                wait(due, &stopped);
+                if stopped.load(Ordering::Relaxed) {
                     return;
                 }
                 let sync = client::sync(Some(counter));
                 // Said first, so that no robot's answer comes before it.
-                let _ = say.send(Ok(OnBus::Sent(time_since(started), sync)));
+                let _ = sender.send(Ok(OnBus::Sent(time_since(started), sync)));
                 if let Err(error) = write(&output, &sync) {
-                    let _ = say.send(Err(error));
+                    let _ = sender.send(Err(error));
                     return;
                 }
                 let late = due.elapsed();

@@ -117,22 +117,19 @@ fn start(
 pub fn answers(device: &str) -> bool {
     const PATIENCE: std::time::Duration = std::time::Duration::from_millis(300);
     let port = serialport::new(device, BAUD).timeout(READ_TIMEOUT).open();
-    port.is_ok_and(|port| says_its_version(port, PATIENCE).unwrap_or(false))
+    port.is_ok_and(|port| answers_version(port, PATIENCE).unwrap_or(false))
 }
 
 #[cfg(feature = "adapters")]
-fn says_its_version(
-    mut port: impl Read + Write,
-    patience: std::time::Duration,
-) -> io::Result<bool> {
+fn answers_version(mut port: impl Read + Write, patience: std::time::Duration) -> io::Result<bool> {
     // The first ends whatever line it is in.
     port.write_all(b"\rC\rV\r")?;
     let deadline = std::time::Instant::now() + patience;
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let mut buffer = [0; 256];
     while std::time::Instant::now() < deadline {
         match port.read(&mut buffer) {
-            Ok(count) => heard.extend_from_slice(&buffer[..count]),
+            Ok(count) => received.extend_from_slice(&buffer[..count]),
             Err(error) if error.kind() == io::ErrorKind::TimedOut => {}
             Err(error) => return Err(error),
         }
@@ -143,7 +140,7 @@ fn says_its_version(
                 .all(|digit| digit.is_ascii_alphanumeric()),
             _ => false,
         };
-        if heard.split(|byte| *byte == b'\r').any(is_version) {
+        if received.split(|byte| *byte == b'\r').any(is_version) {
             return Ok(true);
         }
     }

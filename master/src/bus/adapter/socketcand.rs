@@ -24,19 +24,19 @@ struct Reader {
     messages: Messages,
     buffer: [u8; 1024],
     filled: usize,
-    taken: usize,
+    consumed: usize,
 }
 
 impl Reader {
     fn next(&mut self) -> io::Result<String> {
         loop {
-            while self.taken < self.filled {
-                self.taken += 1;
-                if let Some(message) = self.messages.push(self.buffer[self.taken - 1]) {
+            while self.consumed < self.filled {
+                self.consumed += 1;
+                if let Some(message) = self.messages.push(self.buffer[self.consumed - 1]) {
                     return Ok(message.to_owned());
                 }
             }
-            self.taken = 0;
+            self.consumed = 0;
             self.filled = match self.stream.read(&mut self.buffer) {
                 Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
                 Ok(count) => count,
@@ -84,7 +84,7 @@ pub(super) fn open(bus: &BusAddress, address: &str, interface: &str) -> io::Resu
         messages: Messages::new(),
         buffer: [0; 1024],
         filled: 0,
-        taken: 0,
+        consumed: 0,
     };
     reader.expect("hi", "the connection")?;
     let open = format!("< open {interface} >");
@@ -120,9 +120,9 @@ mod tests {
             let (mut stream, _) = server.accept().unwrap();
             for (says, wants) in script {
                 stream.write_all(says.as_bytes()).unwrap();
-                let mut heard = vec![0; wants.len()];
-                stream.read_exact(&mut heard).unwrap();
-                assert_eq!(String::from_utf8(heard).unwrap(), wants);
+                let mut received = vec![0; wants.len()];
+                stream.read_exact(&mut received).unwrap();
+                assert_eq!(String::from_utf8(received).unwrap(), wants);
             }
         });
         (address, played)

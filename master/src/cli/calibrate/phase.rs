@@ -20,7 +20,7 @@ use protocol::{Value, address};
 use serde_json::json;
 
 use super::progress::Progress;
-use super::{Arguments, abort_on_ctrl_c, pose_stream, say};
+use super::{Arguments, abort_on_ctrl_c, pose_stream, print_line};
 use crate::cli::{json, print_json};
 
 /// The gyros of simulated robots.
@@ -162,10 +162,10 @@ pub fn to_json(RobotPhases { node, count, found }: &RobotPhases) -> serde_json::
 pub fn show(RobotPhases { node, count, found }: &RobotPhases) -> anyhow::Result<()> {
     let degrees = found.phases.map(f64::to_degrees);
     let sure = found.confidence.map(f64::to_degrees);
-    say(format!(
+    print_line(format!(
         "# node {node}: front left, front right, rear left, rear right"
     ))?;
-    say(format!(
+    print_line(format!(
         "rollers = {{ count = {count}, phases_deg = [{:.2}, {:.2}, {:.2}, {:.2}] }}",
         degrees[0], degrees[1], degrees[2], degrees[3]
     ))?;
@@ -173,7 +173,7 @@ pub fn show(RobotPhases { node, count, found }: &RobotPhases) -> anyhow::Result<
         Residual::Displacement(metres) => format!("{:.3} mm", metres * 1e3),
         Residual::YawRate(rate) => format!("{:.3} degrees/s", rate.to_degrees()),
     };
-    say(format!(
+    print_line(format!(
         "# ± {:.2} {:.2} {:.2} {:.2} degrees (95 %); residual {residual} over {} intervals; {:.1} \
          % of the ripple explained",
         sure[0],
@@ -190,7 +190,7 @@ fn write<L: Link>(group: &mut Group<L>, node: u8, phases: [f32; 4]) -> anyhow::R
         let at = address::rollers::phase(wheel);
         group.wire().write_checked(node, at, Value::F32(phase))?;
     }
-    say(format!(
+    print_line(format!(
         "# node {node}: written; `omnibus param save` keeps it through a power cycle"
     ))
 }

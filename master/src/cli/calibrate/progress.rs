@@ -4,23 +4,23 @@
 use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use omnibus::commission::calibrate::chart::{self, Seen};
+use omnibus::commission::calibrate::chart::{self, Measured};
 use omnibus::commission::calibrate::journal::{Step, What};
 use std::io::IsTerminal as _;
 
-use crate::cli::{note, output, plot};
+use crate::cli::{output, plot, print_note};
 
 /// What users see while the group is calibrated.
 pub struct Progress {
     bar: Option<ProgressBar>,
     plot: Option<PathBuf>,
-    seen: Vec<Seen>,
+    seen: Vec<Measured>,
 }
 
 impl Progress {
     /// `plot` is the picture or page, checked by [`form`].
     pub fn new(plot: Option<PathBuf>) -> Self {
-        let on_a_terminal = output::talks() && std::io::stderr().is_terminal();
+        let on_a_terminal = output::prints_text() && std::io::stderr().is_terminal();
         let bar = on_a_terminal.then(|| {
             let bar = ProgressBar::new(1);
             let style = ProgressStyle::with_template("[{bar:24}] {pos}/{len}  {msg}");
@@ -48,7 +48,7 @@ impl Progress {
         }
         let motion = format!("motion {} of about {}: {name}", step.number, step.of);
         match &step.what {
-            What::Begins if self.bar.is_none() => note(format!("{motion}; {left} to go")),
+            What::Begins if self.bar.is_none() => print_note(format!("{motion}; {left} to go")),
             What::Begins | What::Searches(_) => {}
             What::Again(reason) => self.line(format!("{motion} is driven again: {reason}")),
             What::Kept => self.line(format!("{motion}: from the earlier run")),
@@ -63,7 +63,7 @@ impl Progress {
     fn line(&self, line: String) {
         match &self.bar {
             Some(bar) => bar.println(line),
-            None => note(line),
+            None => print_note(line),
         }
     }
 

@@ -10,7 +10,7 @@ use omnibus::bus::link::Link;
 use omnibus::commission::calibrate::fit::Row;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
-use omnibus::commission::calibrate::measure::{Subject, Witness};
+use omnibus::commission::calibrate::measure::{Body, Instrument};
 use omnibus::commission::calibrate::recorded_motions::{Source, YawRates};
 use omnibus::commission::calibrate::rollers::{self, RobotPhases};
 use omnibus::commission::calibrate::undo::{Held, UndoRecord};
@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 
 use super::progress::{self, Progress};
 use super::{Arguments, phase, tape};
-use crate::cli::{abort_on_ctrl_c, json, note, print_json, say};
+use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note};
 
 /// How the motions are measured and driven, where it is not the usual.
 #[derive(clap::Args)]
@@ -135,12 +135,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         progress::form(path)?;
     }
     let settings = slip.settings(&group, arguments.rollers)?;
-    let subjects = Subject::all(&group);
-    if slip.tape && subjects.len() > 1 {
+    let bodies = Body::all(&group);
+    if slip.tape && bodies.len() > 1 {
         bail!(
             "--tape measures one body, and the {} robots of {} are apart; calibrate them one by \
              one",
-            subjects.len(),
+            bodies.len(),
             group.name
         );
     }
@@ -166,14 +166,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             if slip.tape {
                 return by_tape(arguments, &group, &settings, link);
             }
-            let witness = &mut Witness::Poses(&mut poses);
+            let instrument = &mut Instrument::Poses(&mut poses);
             match &arguments.gyro {
                 Some(gyro) => {
                     phase::is_simulated(gyro)?;
                     let gyro = &mut phase::simulated_gyros;
-                    work(arguments, &group, &settings, link, witness, Some(gyro))
+                    work(arguments, &group, &settings, link, instrument, Some(gyro))
                 }
-                None => work(arguments, &group, &settings, link, witness, None),
+                None => work(arguments, &group, &settings, link, instrument, None),
             }
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.command(&group)?),
@@ -192,7 +192,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                     stream.robots(&nodes)
                 }
             };
-            let witness = &mut Witness::Poses(&mut poses);
+            let instrument = &mut Instrument::Poses(&mut poses);
             match &arguments.gyro {
                 Some(gyro) => {
                     let stream = phase::gyro_stream(gyro)?;
@@ -202,11 +202,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                         &group,
                         &settings,
                         link,
-                        witness,
+                        instrument,
                         Some(&mut rates),
                     )
                 }
-                None => work(arguments, &group, &settings, link, witness, None),
+                None => work(arguments, &group, &settings, link, instrument, None),
             }
         }
     }
@@ -218,9 +218,9 @@ fn by_tape<L: Link>(
     settings: &Settings,
     link: L,
 ) -> anyhow::Result<()> {
-    let heading = Subject::all(file).first().map_or(0.0, Subject::heading);
+    let heading = Body::all(file).first().map_or(0.0, Body::heading);
     if heading != 0.0 {
-        note(format!(
+        print_note(format!(
             "Ahead is {:+.1} degrees from the group's x axis (left is positive): as the robots \
              face, in the mean.",
             heading.to_degrees()
@@ -228,8 +228,8 @@ fn by_tape<L: Link>(
     }
     let answers = tape::answers();
     let mut ask = |group: &mut Group<L>, motion: &Manoeuvre| tape::ask(group, motion, &answers);
-    let witness = &mut Witness::Tape(&mut ask);
-    work(arguments, file, settings, link, witness, None)
+    let instrument = &mut Instrument::Tape(&mut ask);
+    work(arguments, file, settings, link, instrument, None)
 }
 
 fn work<L: Link>(
@@ -237,7 +237,7 @@ fn work<L: Link>(
     file: &GroupFile,
     settings: &Settings,
     link: L,
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
     gyro: Option<YawRates<'_, L>>,
 ) -> anyhow::Result<()> {
     let slip = &arguments.slip;
@@ -258,14 +258,14 @@ fn work<L: Link>(
         (_, path) => {
             let record = path?.with_extension("calibration.jsonl");
             let of = format!("{file:?} {settings:?} {} {}", slip.tape, gyro.is_some());
-            journal = journal.kept_in(&record, protocol::crc32(of.bytes()), slip.resume)?;
+            journal = journal.backed_by(&record, protocol::crc32(of.bytes()), slip.resume)?;
         }
     }
     let done = find(
         arguments,
         &mut group,
         (settings, version),
-        witness,
+        instrument,
         gyro,
         &mut journal,
     );
@@ -284,7 +284,7 @@ fn work<L: Link>(
         }
         Err(error) => {
             if journal.has_record() {
-                note("The motions that were driven are kept; --resume goes on from there.");
+                print_note("The motions that were driven are kept; --resume goes on from there.");
             }
             return Err(error);
         }
@@ -320,7 +320,7 @@ fn work<L: Link>(
             "written": written, "saved": slip.save, "group_file": rewritten,
         }));
     }
-    say(match (written, rewritten) {
+    print_line(match (written, rewritten) {
         (false, _) => {
             "The robots hold what they held before; --write writes this into them and the group \
              file."
@@ -338,7 +338,7 @@ fn find<L: Link>(
     arguments: &Arguments,
     group: &mut Group<L>,
     (settings, version): (&Settings, u32),
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
     gyro: Option<YawRates<'_, L>>,
     journal: &mut Journal<'_>,
 ) -> anyhow::Result<(Vec<RobotPhases>, Calibration)> {
@@ -347,21 +347,21 @@ fn find<L: Link>(
     let mut phases = Vec::new();
     if arguments.slip.all && has_rollers {
         if rollers::is_bolted(file) {
-            note(format!(
+            print_note(format!(
                 "The robots of {} are bolted to one load, which hides the ripple of each; their \
                  phases stay as the group file has them.",
                 file.name
             ));
         } else {
-            let source = &mut match (gyro, &mut *witness) {
+            let source = &mut match (gyro, &mut *instrument) {
                 (Some(gyro), _) => Source::Gyro(gyro),
-                (None, Witness::Poses(poses)) => Source::Poses(*poses),
-                (None, Witness::Tape(_)) => bail!("--all needs a source of poses"),
+                (None, Instrument::Poses(poses)) => Source::Poses(*poses),
+                (None, Instrument::Tape(_)) => bail!("--all needs a source of poses"),
             };
             phases = rollers::learn(group, settings, source, journal)?;
         }
     }
-    let calibration = calibrate(group, settings, version, witness, journal)?;
+    let calibration = calibrate(group, settings, version, instrument, journal)?;
     Ok((phases, calibration))
 }
 
@@ -382,7 +382,7 @@ fn write<L: Link>(
     let new = match group_file::rewrite(path, &calibration.file) {
         Ok(text) => Some(text),
         Err(error) => {
-            note(error);
+            print_note(error);
             None
         }
     };
@@ -445,14 +445,14 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
         return print_json(&json!({"robots": robots, "group_file": record.group_file.is_some()}));
     }
     for held in &record.robots {
-        say(format!(
+        print_line(format!(
             "node {}: back to version {}",
             held.node,
             held.version()
         ))?;
     }
     if record.group_file.is_some() {
-        say(format!("{}: as it was", path.display()))?;
+        print_line(format!("{}: as it was", path.display()))?;
     }
     Ok(())
 }
@@ -481,7 +481,7 @@ fn coefficients(
 fn show(calibration: &Calibration) -> anyhow::Result<()> {
     for outcome in &calibration.outcomes {
         let nodes: Vec<_> = outcome.nodes.iter().map(u8::to_string).collect();
-        say(format!(
+        print_line(format!(
             "Nodes {}, version {}",
             nodes.join(", "),
             calibration.version
@@ -510,20 +510,20 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
                 row.fit.rejected.to_string(),
             ]);
         }
-        say(&table)?;
+        print_line(&table)?;
         let left = outcome.left.iter();
         let left: Vec<_> = left
             .map(|left| format!("{} {:+.2} %", left.way.name(), left.error * 100.0))
             .collect();
-        say(format!(
+        print_line(format!(
             "Driven again with these, at worst: {}.",
             left.join(", ")
         ))?;
         if outcome.missed > 0 {
-            say(format!("{} motions were left out.", outcome.missed))?;
+            print_line(format!("{} motions were left out.", outcome.missed))?;
         }
     }
-    say(format!("\n{}", group_file::lines(&calibration.file)))
+    print_line(format!("\n{}", group_file::lines(&calibration.file)))
 }
 
 /// What every robot computes with, as it was written.

@@ -10,7 +10,7 @@ use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Way};
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 
-use crate::cli::note;
+use crate::cli::print_note;
 
 /// Answers to questions, line by line from the standard input.
 pub fn answers() -> mpsc::Receiver<String> {
@@ -62,7 +62,7 @@ fn question<L: Link>(
         ),
     };
     loop {
-        note(format!(
+        print_note(format!(
             "asked for {asked}; measured ({wanted}; Enter leaves this motion out): "
         ));
         let line = loop {
@@ -88,7 +88,7 @@ fn question<L: Link>(
             (Way::Aside, Ok([y])) => return Ok(Some([0.0, *y, 0.0])),
             (Way::Oblique, Ok([x, y])) => return Ok(Some([*x, *y, 0.0])),
             (Way::Turn, Ok([degrees])) => return Ok(Some([0.0, 0.0, degrees.to_radians()])),
-            _ => note(format!("'{}' is not {wanted}", line.trim())),
+            _ => print_note(format!("'{}' is not {wanted}", line.trim())),
         }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use group::{GroupFile, Robot};
 use kinematics::Pose;
 
-use super::{json, print_json, say};
+use super::{json, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus group draw groups/tcc-2.toml
@@ -32,14 +32,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if json() {
             return print_json(&serde_json::json!({"svg": svg(&group)}));
         }
-        return say(text(&group).trim_end());
+        return print_line(text(&group).trim_end());
     };
     if path.extension().is_none_or(|end| end != "svg") {
         bail!("--output {}: the name must end in .svg", path.display());
     }
     omnibus::file::replace(path, svg(&group).as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
-    say(path.display())
+    print_line(path.display())
 }
 
 /// A wheel of a robot: where it is, its radius, and its roller's axle on the floor against the

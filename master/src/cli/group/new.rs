@@ -20,7 +20,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use group::{Examination, FIRST_NODE, LAST_NODE};
 
-use super::{json, note, print_json, say};
+use super::{json, print_json, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus group new my-group.toml
@@ -190,7 +190,7 @@ impl Answers {
                 };
                 match quantity(&answer, units, zero) {
                     Ok(value) => return value,
-                    Err(problem) => note(problem),
+                    Err(problem) => print_note(problem),
                 }
             }
         }
@@ -473,12 +473,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return print_json(&serde_json::json!({"file": shown, "group": name}));
     }
     if let Some(group) = &found.group {
-        say(super::draw::text(group).trim_end())?;
+        print_line(super::draw::text(group).trim_end())?;
     }
     for warning in &found.warnings {
-        say(format_args!("warning: {warning}"))?;
+        print_line(format_args!("warning: {warning}"))?;
     }
-    say(format_args!(
+    print_line(format_args!(
         "{shown} is written. The motor is worked out from its data sheet; with the wheels free, \
          `omnibus identify-motors --accept --save` measures it."
     ))
@@ -495,7 +495,7 @@ fn places(arguments: &Arguments, answers: &mut Answers) -> Vec<[f64; 3]> {
         }
     }
     if arguments.robots.is_empty() && answers.asks {
-        note(
+        print_note(
             "Where is each robot in the group? X,Y in metres (x ahead, y left), and its heading in degrees if not 0.",
         );
         while places.len() < most {
@@ -508,7 +508,7 @@ fn places(arguments: &Arguments, answers: &mut Answers) -> Vec<[f64; 3]> {
                 Some(answer) if answer.is_empty() => break,
                 Some(answer) => match place(&answer) {
                     Ok(at) => places.push(at),
-                    Err(problem) => note(problem),
+                    Err(problem) => print_note(problem),
                 },
                 None => break,
             }

@@ -165,7 +165,7 @@ fn lines(pilot: Pilot, until: Option<Instant>) -> anyhow::Result<()> {
     while until.is_none_or(|until| Instant::now() < until) && !pilot.is_over() {
         if let Some(Telemetry::Snapshot(now)) = stream.next_within(TICK) {
             let line = serde_json::to_string(&snapshot_json(&now))?;
-            // Not `say`: lines are the result, whatever else is asked for.
+            // Not `print_line`: lines are the result, whatever else is asked for.
             use std::io::Write as _;
             writeln!(std::io::stdout().lock(), "{line}")?;
         }
@@ -237,7 +237,7 @@ fn show(
                     Telemetry::Event(event) => {
                         // Start and stop are shown by the phase.
                         if !matches!(event.what, EventKind::SessionState(_)) {
-                            view.tell(&event);
+                            view.add_event(&event);
                         }
                     }
                     Telemetry::Frame(_) => {}
@@ -306,28 +306,28 @@ impl Hand {
 struct Screen {
     terminal: ratatui::DefaultTerminal,
     /// The terminal says when a key is let go.
-    tells_release: bool,
+    reports_release: bool,
 }
 
 impl Screen {
     fn open() -> anyhow::Result<Self> {
         let terminal = ratatui::try_init().context("cannot draw on this terminal")?;
-        let tells_release = supports_keyboard_enhancement().unwrap_or(false);
-        if tells_release {
+        let reports_release = supports_keyboard_enhancement().unwrap_or(false);
+        if reports_release {
             let flags = KeyboardEnhancementFlags::REPORT_EVENT_TYPES
                 | KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES;
             execute!(std::io::stdout(), PushKeyboardEnhancementFlags(flags))?;
         }
         Ok(Self {
             terminal,
-            tells_release,
+            reports_release,
         })
     }
 }
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        if self.tells_release {
+        if self.reports_release {
             let _ = execute!(std::io::stdout(), PopKeyboardEnhancementFlags);
         }
         ratatui::restore();

@@ -74,7 +74,7 @@ impl View {
     }
 
     /// Notes a happening.
-    pub fn tell(&mut self, event: &Event) {
+    pub fn add_event(&mut self, event: &Event) {
         use omnibus::monitor::telemetry::EventKind;
         let who = event
             .node
@@ -373,7 +373,7 @@ mod tests {
             member(2, Code::Limit(Limit::WheelRate)),
             member(3, Code::Fault(Fault::EmergencyStop)),
         ]);
-        view.tell(&Event {
+        view.add_event(&Event {
             t: 12.3,
             node: Some(3),
             what: EventKind::Emergency(0xFF0F),
@@ -462,7 +462,7 @@ mod tests {
             EventKind::Code(Code::Limit(Limit::Acceleration)),
             EventKind::Code(Code::None),
         ] {
-            view.tell(&Event {
+            view.add_event(&Event {
                 t: 1.0,
                 node: Some(2),
                 what,

@@ -42,7 +42,7 @@ pub fn sheet(calibration: &Calibration) -> Sheet {
 
 /// One motion of one subject, as the picture of a running calibration has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct Measured {
     way: Way,
     /// m/s or rad/s.
     speed: f64,
@@ -52,7 +52,7 @@ pub struct Seen {
 
 /// What a step's observations show; nothing for steps that are not about slip.
 #[must_use]
-pub fn seen(observed: &serde_json::Value) -> Vec<Seen> {
+pub fn seen(observed: &serde_json::Value) -> Vec<Measured> {
     let each: Vec<Option<Observation>> =
         serde_json::from_value(observed.clone()).unwrap_or_default();
     let each = each.into_iter().flatten().map(|o| {
@@ -60,7 +60,7 @@ pub fn seen(observed: &serde_json::Value) -> Vec<Seen> {
             Way::Turn => way[2],
             _ => way[0].hypot(way[1]),
         };
-        Seen {
+        Measured {
             way: o.way,
             speed: o.speed,
             ratio: (along(o.believed) / along(o.measured)).abs(),
@@ -71,7 +71,7 @@ pub fn seen(observed: &serde_json::Value) -> Vec<Seen> {
 
 /// The picture of a calibration that still runs: every motion a point.
 #[must_use]
-pub fn so_far(seen: &[Seen]) -> Sheet {
+pub fn so_far(seen: &[Measured]) -> Sheet {
     let points = |ways: &[(&'static str, Way)]| -> Vec<Series> {
         let mut series = Vec::new();
         for ((label, way), color) in ways.iter().zip(PALETTE) {

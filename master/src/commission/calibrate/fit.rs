@@ -218,7 +218,7 @@ impl Found {
     /// their mean axis ([`super::measure`]). The shares that a group achieves there are the mean of
     /// the robots' shares, more or less `alignment` times half their difference.
     #[must_use]
-    pub fn told_apart(mut self, alignment: f64) -> Self {
+    pub fn separated(mut self, alignment: f64) -> Self {
         let pull = if alignment < TOLD_APART {
             0.0
         } else {
@@ -464,14 +464,14 @@ mod tests {
             seen_so.push(seen(Way::Aside, 0.3, [0.0, sign, 0.0], [1.0, across]));
         }
         let group = Found::straight(&seen_so).unwrap();
-        let found = group.clone().told_apart(30_f64.to_radians().cos());
+        let found = group.clone().separated(30_f64.to_radians().cos());
         let of = |rows: &[Row]| rows[0].fit.coefficient;
         assert!((of(&found.ahead) - AHEAD).abs() < 1e-9, "{found:?}");
         assert!((of(&found.aside) - ASIDE).abs() < 1e-9, "{found:?}");
         let width = |rows: &[Row]| rows[0].fit.interval.1 - rows[0].fit.interval.0;
         assert!(width(&found.ahead) > width(&group.ahead));
         // Nothing to tell apart: both are their mean.
-        let mean = group.told_apart(0.0);
+        let mean = group.separated(0.0);
         let share = 0.5 * (a + b);
         assert!((of(&mean.ahead) - share.recip()).abs() < 1e-9);
         assert!((of(&mean.aside) - share.recip()).abs() < 1e-9);

@@ -250,7 +250,7 @@ pub fn rewrite(path: &Path, wanted: &GroupFile) -> Result<String, CalibrateError
 mod tests {
     use super::*;
 
-    fn kept(name: &str, change: impl Fn(&mut GroupFile)) -> (String, String, GroupFile) {
+    fn rewritten(name: &str, change: impl Fn(&mut GroupFile)) -> (String, String, GroupFile) {
         let source = format!("{}/../groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
         let before = std::fs::read_to_string(&source).unwrap();
         let mut wanted = GroupFile::load(&source).unwrap();
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn a_group_file_keeps_everything_but_what_was_calibrated() {
-        let (before, after, wanted) = kept("tcc-3", |wanted| {
+        let (before, after, wanted) = rewritten("tcc-3", |wanted| {
             wanted.contact_lag.lateral = 0.009_123;
             for robot in &mut wanted.robots {
                 robot.compensation = VelocityCompensation::new(1.01, 1.1, 1.02).unwrap();
@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn robots_that_differ_have_coefficients_of_their_own() {
-        let (_, after, wanted) = kept("tcc-2", |wanted| {
+        let (_, after, wanted) = rewritten("tcc-2", |wanted| {
             for (n, robot) in (1..).zip(&mut wanted.robots) {
                 robot.compensation = VelocityCompensation::NONE;
                 robot.compensation_table = table(n);
@@ -312,7 +312,7 @@ mod tests {
 
     #[test]
     fn rollers_and_their_loss_are_written() {
-        let (_, after, _) = kept("single-rollers", |wanted| {
+        let (_, after, _) = rewritten("single-rollers", |wanted| {
             wanted.hand_over_loss = 0.001_234_5;
             for robot in &mut wanted.robots {
                 robot.rollers = Some(Rollers {

@@ -90,7 +90,7 @@ impl Record {
 
 /// Progress and record of one calibration.
 pub struct Journal<'a> {
-    kept: VecDeque<Line>,
+    saved: VecDeque<Line>,
     file: Option<Record>,
     left_out: Vec<usize>,
     number: usize,
@@ -104,7 +104,7 @@ impl<'a> Journal<'a> {
     /// Reports every step; keeps nothing.
     pub fn new(report: impl FnMut(&Step) + 'a) -> Self {
         Self {
-            kept: VecDeque::new(),
+            saved: VecDeque::new(),
             file: None,
             left_out: Vec::new(),
             number: 0,
@@ -126,7 +126,7 @@ impl<'a> Journal<'a> {
     ///
     /// # Errors
     /// When the file cannot be read or written, or belongs to another calibration.
-    pub fn kept_in(
+    pub fn backed_by(
         mut self,
         path: &Path,
         fingerprint: u32,
@@ -157,11 +157,11 @@ impl<'a> Journal<'a> {
                 let Ok(line) = serde_json::from_str(&line.map_err(io)?) else {
                     break;
                 };
-                self.kept.push_back(line);
+                self.saved.push_back(line);
             }
         }
         let mut begins = head(fingerprint) + "\n";
-        for line in &self.kept {
+        for line in &self.saved {
             begins += &serde_json::to_string(line).map_err(|e| problem(e.to_string()))?;
             begins += "\n";
         }
@@ -198,7 +198,7 @@ impl<'a> Journal<'a> {
     /// count where that is the same.
     pub(super) fn depends(&mut self) {
         if self.changed {
-            self.kept.clear();
+            self.saved.clear();
         }
     }
 
@@ -219,18 +219,18 @@ impl<'a> Journal<'a> {
     ) -> Result<Option<T>, CalibrateError> {
         self.number += 1;
         let number = self.number;
-        let kept = self
-            .kept
+        let saved = self
+            .saved
             .pop_front_if(|line| line.number == number && line.name == name);
         let observed = if self.left_out.contains(&number) {
             self.emit(name, What::LeftOut);
-            if kept.is_none_or(|line| line.observed.is_some()) {
+            if saved.is_none_or(|line| line.observed.is_some()) {
                 self.changed = true;
                 self.keep(name, None)?;
             }
             None
-        } else if let Some(kept) = kept.and_then(|line| line.observed)
-            && let Ok(observed) = serde_json::from_value(kept)
+        } else if let Some(saved) = saved.and_then(|line| line.observed)
+            && let Ok(observed) = serde_json::from_value(saved)
         {
             self.emit(name, What::Kept);
             Some(observed)
@@ -333,7 +333,7 @@ mod tests {
             |resume: bool, broken: usize, fingerprint: u32| {
                 let mut steps = Vec::new();
                 let mut journal = Journal::new(|step: &Step| steps.push(step.what.clone()))
-                    .kept_in(&path, fingerprint, resume)?;
+                    .backed_by(&path, fingerprint, resume)?;
                 let mut out = Vec::new();
                 for n in 1..=4_usize {
                     out.extend(journal.motion("ahead", &mut || {

@@ -17,7 +17,7 @@ use kinematics::Pose;
 use super::CalibrateError;
 use super::journal::Journal;
 use super::manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
-use super::measure::{Poses, Subject, Witness};
+use super::measure::{Body, Instrument, Poses};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::monitor::metrics::{PathPoint, evenness};
@@ -44,15 +44,15 @@ pub fn motions(file: &GroupFile, settings: &Settings) -> Vec<Manoeuvre> {
 /// Drives the motions and works out the lag; nothing where a tape measures.
 pub fn find<L: Link>(
     group: &mut Group<L>,
-    subjects: &[Subject],
+    bodies: &[Body],
     motions: &[Manoeuvre],
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
     journal: &mut Journal<'_>,
 ) -> Result<Option<ContactLag>, CalibrateError> {
-    let Witness::Poses(poses) = witness else {
+    let Instrument::Poses(poses) = instrument else {
         return Ok(None);
     };
-    let heading = subjects.first().map_or(0.0, Subject::heading);
+    let heading = bodies.first().map_or(0.0, Body::heading);
     // The file's axes are the group's, the motions go along the robots'.
     let across = usize::from(heading.sin().abs() > heading.cos().abs());
     let mut found: [Vec<f64>; 3] = Default::default();
@@ -69,7 +69,7 @@ pub fn find<L: Link>(
                 group.start()?;
                 started = true;
             }
-            let lags = observe(group, subjects, motion, poses);
+            let lags = observe(group, bodies, motion, poses);
             if lags.is_err() {
                 started = false;
                 group.stop()?;
@@ -144,13 +144,13 @@ fn without_delay(lags: [f32; 3], share: f32) -> [f32; 3] {
 /// One motion: the lag of every subject, s.
 fn observe<L: Link>(
     group: &mut Group<L>,
-    subjects: &[Subject],
+    bodies: &[Body],
     motion: &Manoeuvre,
     poses: Poses<'_, L>,
 ) -> Result<Vec<f64>, MasterError> {
-    let heading = subjects.first().map_or(0.0, Subject::heading);
+    let heading = bodies.first().map_or(0.0, Body::heading);
     let plan = motion.plan(heading);
-    let mut paths: Vec<Vec<PathPoint>> = vec![Vec::new(); subjects.len()];
+    let mut paths: Vec<Vec<PathPoint>> = vec![Vec::new(); bodies.len()];
     let mut first: Vec<[f64; 3]> = Vec::new();
     let mut failed = None;
     group.drive(&plan, None, &mut |link, instant| match poses(link) {

@@ -36,7 +36,7 @@ const ALIKE: f64 = 0.9999;
 
 /// What moves as one body: a bolted group, or one robot.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Subject {
+pub struct Body {
     /// Places of its robots in the group file.
     pub robots: Vec<usize>,
     /// Its pose in the group frame: faces as its robots do, or as they do in the mean.
@@ -51,7 +51,7 @@ pub struct Subject {
     pub turning: f64,
 }
 
-impl Subject {
+impl Body {
     /// The subjects of a group.
     #[must_use]
     pub fn all(file: &GroupFile) -> Vec<Self> {
@@ -123,7 +123,7 @@ impl Subject {
 }
 
 /// The direction along which robots with these headings do what they do ahead, rad, and how alike
-/// they face: see [`Subject::alignment`]. Within a quarter turn of where the first one faces.
+/// they face: see [`Body::alignment`]. Within a quarter turn of where the first one faces.
 fn mean_axis(headings: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let first = headings.clone().next().unwrap_or(0.0);
     // Counted from the first, so that robots that face alike give its heading exactly.
@@ -190,7 +190,7 @@ pub type Ask<'a, L> =
     &'a mut dyn FnMut(&mut Group<L>, &Manoeuvre) -> Result<Option<[f64; 3]>, MasterError>;
 
 /// Who measures.
-pub enum Witness<'a, L> {
+pub enum Instrument<'a, L> {
     /// A source of poses.
     Poses(Poses<'a, L>),
     /// A tape measure.
@@ -203,24 +203,24 @@ pub enum Witness<'a, L> {
 /// When driving or measuring fails.
 pub fn observe<L: Link>(
     group: &mut Group<L>,
-    subjects: &[Subject],
+    bodies: &[Body],
     manoeuvre: &Manoeuvre,
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
 ) -> Result<Vec<Option<Observation>>, MasterError> {
-    let heading = subjects.first().map_or(0.0, Subject::heading);
+    let heading = bodies.first().map_or(0.0, Body::heading);
     let plan = manoeuvre.plan(heading);
-    let before = rest(group, subjects, witness)?;
+    let before = rest(group, bodies, instrument)?;
     group.drive(&plan, None, &mut |_, _| {})?;
-    let after = rest(group, subjects, witness)?;
-    let told = match witness {
-        Witness::Poses(_) => None,
-        Witness::Tape(ask) => Some(ask(group, manoeuvre)?),
+    let after = rest(group, bodies, instrument)?;
+    let answer = match instrument {
+        Instrument::Poses(_) => None,
+        Instrument::Tape(ask) => Some(ask(group, manoeuvre)?),
     };
     let turn = manoeuvre.twist.omega * manoeuvre.seconds;
     let each = before.into_iter().zip(after).map(|(before, after)| {
         let believed = way(before.believed?, after.believed?, turn);
-        let measured = match told {
-            Some(told) => told?,
+        let measured = match answer {
+            Some(answer) => answer?,
             None => way(before.measured?, after.measured?, turn),
         };
         Some(Observation {
@@ -243,29 +243,29 @@ struct Standing {
 /// Lets the group stand, and reads where.
 fn rest<L: Link>(
     group: &mut Group<L>,
-    subjects: &[Subject],
-    witness: &mut Witness<'_, L>,
+    bodies: &[Body],
+    instrument: &mut Instrument<'_, L>,
 ) -> Result<Vec<Standing>, MasterError> {
     let period = group.period_us() as f64 * 1e-6;
     let cycles = |seconds: f64| (seconds / period).ceil() as u32;
     for _ in 0..cycles(SETTLE) {
         group.cycle(Twist::ZERO)?;
     }
-    let mut believed = vec![Mean::default(); subjects.len()];
+    let mut believed = vec![Mean::default(); bodies.len()];
     let mut measured = believed.clone();
     for _ in 0..cycles(AVERAGE) {
         group.cycle(Twist::ZERO)?;
         let rows = group.recorder().rows();
         // The row of this SYNC is being filled still; the one before is complete.
         if let Some(row) = rows.len().checked_sub(2).and_then(|n| rows.get(n)) {
-            for (mean, subject) in believed.iter_mut().zip(subjects) {
-                mean.add(subject.believed(&row.members));
+            for (mean, body) in believed.iter_mut().zip(bodies) {
+                mean.add(body.believed(&row.members));
             }
         }
-        if let Witness::Poses(poses) = witness {
-            let seen = poses(group.link())?.into_iter().zip(subjects);
-            for (mean, (pose, subject)) in measured.iter_mut().zip(seen) {
-                mean.add(Some(compose(pose, subject.tracked)));
+        if let Instrument::Poses(poses) = instrument {
+            let seen = poses(group.link())?.into_iter().zip(bodies);
+            for (mean, (pose, body)) in measured.iter_mut().zip(seen) {
+                mean.add(Some(compose(pose, body.tracked)));
             }
         }
     }
@@ -332,13 +332,13 @@ mod tests {
     fn bolted_robots_turn_mostly_by_going_sideways() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml");
         let file = GroupFile::load(path).unwrap();
-        let subjects = Subject::all(&file);
+        let bodies = Body::all(&file);
         let own = 3.0 * (0.35_f64.powi(2) + 0.37_f64.powi(2));
-        assert_eq!(subjects[0].robots, [0, 1, 2]);
-        assert!((subjects[0].turning - own / (own + 2.0 * 1.44)).abs() < 1e-6);
+        assert_eq!(bodies[0].robots, [0, 1, 2]);
+        assert!((bodies[0].turning - own / (own + 2.0 * 1.44)).abs() < 1e-6);
         let mut apart = file.clone();
         apart.simulation.rigid = false;
-        assert_eq!(Subject::all(&apart).len(), 3);
+        assert_eq!(Body::all(&apart).len(), 3);
     }
 
     /// By hand: two robots 30 degrees apart have their axis between them and cos(30 degrees) of

@@ -34,7 +34,7 @@ use crate::session::Group;
 use fit::{Found, Row};
 use journal::Journal;
 use manoeuvre::{Manoeuvre, Settings, Way, straight, turns};
-use measure::{Observation, Subject, Witness, observe};
+use measure::{Body, Instrument, Observation, observe};
 
 /// How often the turns are driven at most, and how often they usually are.
 const ROUNDS: usize = 5;
@@ -90,20 +90,20 @@ pub fn calibrate<L: Link>(
     group: &mut Group<L>,
     settings: &Settings,
     version: u32,
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
     journal: &mut Journal<'_>,
 ) -> Result<Calibration, CalibrateError> {
     let mut bare = group.config().clone();
     bare.hand_over_loss = 0.0;
     group.set_config(bare.clone());
-    let subjects = Subject::all(&bare);
+    let bodies = Body::all(&bare);
     if settings.speeds.is_empty() || settings.rates.is_empty() {
         return Err(CalibrateError::NoSpeeds);
     }
     group.configure(false)?;
     group.find_rollers(&mut |search| journal.announce(search))?;
     let mut motions = straight(&bare, settings);
-    if subjects.iter().any(Subject::is_mixed) {
+    if bodies.iter().any(Body::is_mixed) {
         // What is oblique to one robot is not to another.
         motions.retain(|motion| motion.way != Way::Oblique);
     }
@@ -119,30 +119,30 @@ pub fn calibrate<L: Link>(
             .map(Manoeuvre::lasts)
             .chain(ahead(LIKELY_ROUNDS)),
     );
-    let seen = drive(group, &subjects, &motions, witness, journal)?;
+    let seen = drive(group, &bodies, &motions, instrument, journal)?;
     let mut outcomes = Vec::new();
-    for (subject, seen) in subjects.iter().zip(&seen) {
+    for (body, seen) in bodies.iter().zip(&seen) {
         let mut found = Found::straight(seen)?;
-        if subject.is_mixed() {
-            found = found.told_apart(subject.alignment);
+        if body.is_mixed() {
+            found = found.separated(body.alignment);
         }
         outcomes.push(Outcome {
-            nodes: subject.nodes(&bare),
+            nodes: body.nodes(&bare),
             found,
             left: Vec::new(),
             missed: motions.len() - seen.len(),
         });
     }
 
-    let mut sensitivity: Vec<f64> = subjects.iter().map(|subject| subject.turning).collect();
-    let mut before: Vec<Vec<f64>> = vec![Vec::new(); subjects.len()];
+    let mut sensitivity: Vec<f64> = bodies.iter().map(|body| body.turning).collect();
+    let mut before: Vec<Vec<f64>> = vec![Vec::new(); bodies.len()];
     for round in 0..ROUNDS {
-        let file = filled(&bare, &subjects, &outcomes, version)?;
+        let file = filled(&bare, &bodies, &outcomes, version)?;
         group.set_config(file);
         group.configure(true)?;
         journal.ahead(ahead(LIKELY_ROUNDS.saturating_sub(round).max(1)));
         journal.depends();
-        let seen = drive(group, &subjects, &turning, witness, journal)?;
+        let seen = drive(group, &bodies, &turning, instrument, journal)?;
         let mut exact = true;
         for (n, outcome) in outcomes.iter_mut().enumerate() {
             let (rows, errors) = turned(&outcome.found.yaw, &seen[n], settings, sensitivity[n])?;
@@ -165,7 +165,7 @@ pub fn calibrate<L: Link>(
         }
     }
 
-    let mut file = filled(&bare, &subjects, &outcomes, version)?;
+    let mut file = filled(&bare, &bodies, &outcomes, version)?;
     if settings.lag {
         file.contact_lag = ContactLag::default();
         group.set_config(file.clone());
@@ -173,7 +173,7 @@ pub fn calibrate<L: Link>(
         let motions = lag::motions(&bare, settings);
         journal.ahead(motions.iter().chain(&checking).map(Manoeuvre::lasts));
         journal.depends();
-        if let Some(lag) = lag::find(group, &subjects, &motions, witness, journal)? {
+        if let Some(lag) = lag::find(group, &bodies, &motions, instrument, journal)? {
             file.contact_lag = lag;
             file = group_file::rounded(file)?;
         }
@@ -182,10 +182,10 @@ pub fn calibrate<L: Link>(
     group.configure(true)?;
     journal.ahead(ahead(0));
     journal.depends();
-    let seen = drive(group, &subjects, &checking, witness, journal)?;
-    for ((outcome, seen), subject) in outcomes.iter_mut().zip(&seen).zip(&subjects) {
+    let seen = drive(group, &bodies, &checking, instrument, journal)?;
+    for ((outcome, seen), body) in outcomes.iter_mut().zip(&seen).zip(&bodies) {
         outcome.left = left(seen);
-        if subject.is_mixed() {
+        if body.is_mixed() {
             turns_nothing(seen)?;
         }
         if let Some(bad) = outcome.left.iter().find(|left| left.error.abs() > HOLDS) {
@@ -206,12 +206,12 @@ pub fn calibrate<L: Link>(
 /// the last; what was seen of every subject.
 fn drive<L: Link>(
     group: &mut Group<L>,
-    subjects: &[Subject],
+    bodies: &[Body],
     motions: &[Manoeuvre],
-    witness: &mut Witness<'_, L>,
+    instrument: &mut Instrument<'_, L>,
     journal: &mut Journal<'_>,
 ) -> Result<Vec<Vec<Observation>>, CalibrateError> {
-    let mut seen = vec![Vec::new(); subjects.len()];
+    let mut seen = vec![Vec::new(); bodies.len()];
     let mut started = false;
     let all = motions.iter().try_for_each(|motion| {
         let name = format!(
@@ -225,14 +225,14 @@ fn drive<L: Link>(
                 group.start()?;
                 started = true;
             }
-            let each = observe(group, subjects, motion, witness);
+            let each = observe(group, bodies, motion, instrument);
             if each.is_err() {
                 started = false;
                 group.stop()?;
             }
             each
         })?;
-        let more = more(group, subjects, motion);
+        let more = more(group, bodies, motion);
         for (seen, one) in seen.iter_mut().zip(each.unwrap_or_default()) {
             seen.extend(one.map(|one| one.without(more)));
         }
@@ -273,9 +273,9 @@ fn turned(
 
 /// What of a motion is asked for because of the rollers' hand-over, along x, along y and about z of
 /// the robots: shares of its own twist.
-fn more<L: Link>(group: &Group<L>, subjects: &[Subject], motion: &Manoeuvre) -> [f64; 3] {
+fn more<L: Link>(group: &Group<L>, bodies: &[Body], motion: &Manoeuvre) -> [f64; 3] {
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds f32")]
-    let heading = subjects.first().map_or(0.0, Subject::heading) as f32;
+    let heading = bodies.first().map_or(0.0, Body::heading) as f32;
     let Twist { vx, vy, omega } = motion.twist;
     let twist = Twist::new(vx as f32, vy as f32, omega as f32);
     let lost = group.lost_by_hand_over(twist.to_world(heading));
@@ -291,7 +291,7 @@ fn more<L: Link>(group: &Group<L>, subjects: &[Subject], motion: &Manoeuvre) -> 
 /// The group with what was found in it.
 fn filled(
     bare: &GroupFile,
-    subjects: &[Subject],
+    bodies: &[Body],
     outcomes: &[Outcome],
     version: u32,
 ) -> Result<GroupFile, CalibrateError> {
@@ -302,10 +302,10 @@ fn filled(
             .map(|outcome| outcome.found.hand_over_loss());
         file.hand_over_loss = losses.sum::<f32>() / outcomes.len() as f32;
     }
-    for (subject, outcome) in subjects.iter().zip(outcomes) {
+    for (body, outcome) in bodies.iter().zip(outcomes) {
         outcome.found.check()?;
         let constant = outcome.found.constant(file.hand_over_loss)?;
-        let mine = |n: &usize| subject.robots.contains(n);
+        let mine = |n: &usize| body.robots.contains(n);
         let robots = file.robots.iter_mut().enumerate();
         for (_, robot) in robots.filter(|(n, _)| mine(n)) {
             match &mut robot.rollers {

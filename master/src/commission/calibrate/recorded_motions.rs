@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 
 use super::CalibrateError;
 use super::journal::Journal;
-use super::phase::{Motion, Seen};
+use super::phase::{Motion, Samples};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::session::Group;
@@ -164,8 +164,8 @@ fn record_one<L: Link>(
         .map(|(robot, (times, mut angles))| {
             fit(&mut angles, &after[robot], pitches[robot]);
             let seen = match source {
-                Source::Poses(_) => Seen::Poses(std::mem::take(&mut poses[robot])),
-                Source::Gyro(_) => Seen::YawRates(aligned(&rates[robot])),
+                Source::Poses(_) => Samples::Poses(std::mem::take(&mut poses[robot])),
+                Source::Gyro(_) => Samples::YawRates(aligned(&rates[robot])),
             };
             Motion {
                 times,

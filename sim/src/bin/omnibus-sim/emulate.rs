@@ -35,26 +35,27 @@ const SLICE_NS: u64 = 1_000_000;
 pub struct Emulate {
     /// The firmware image, an ELF file.
     elf: PathBuf,
-    /// A group file with one robot: its motors, encoders and floor. Without it, groups/single.toml.
+    /// Group file with one robot, for its motors, encoders and floor; by default
+    /// groups/single.toml.
     #[arg(long, value_name = "FILE")]
     group: Option<PathBuf>,
     /// Waits for GDB at this port of this machine, or at HOST:PORT, before the first instruction.
-    /// While GDB has stopped the core, the world stands still.
+    /// The world stands still while GDB has stopped the core.
     #[arg(long, value_name = "PORT")]
     gdb: Option<String>,
-    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. Some ten times
-    /// slower.
+    /// Writes PWM, pins, encoders, CAN frames, exceptions and tasks into a VCD file. The emulation
+    /// is then about ten times slower.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]
     endpoints: Endpoints,
-    /// Writes every frame into a candump log.
+    /// Writes every frame to a candump log.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// How fast time passes. With --gdb, as fast as it goes.
+    /// Speed of time; with --gdb always max.
     #[arg(long, value_enum, default_value = "real")]
     speed: Speed,
-    /// Ends after this much virtual time instead of at Ctrl-C.
+    /// Ends after this much virtual time; by default at Ctrl-C.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
 }
@@ -64,7 +65,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let until_ns = match arguments.duration {
         None => u64::MAX,
         Some(s) if s > 0.0 && s < 1e9 => (s * 1e9).ceil() as u64,
-        Some(s) => bail!("--duration {s}: give seconds, more than 0"),
+        Some(s) => bail!("--duration {s}: give a number of seconds above 0"),
     };
     let group = match &arguments.group {
         Some(path) => GroupFile::load(path)?,
@@ -72,7 +73,9 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     };
     let [robot] = &*group.robots else {
         let robots = group.robots.len();
-        bail!("--group: {robots} robots; give a file with one, or use omnibus-sim serve");
+        bail!(
+            "--group: the file has {robots} robots; give one with a single robot, or use omnibus-sim serve"
+        );
     };
     let elf = arguments.elf.display();
     let firmware = Firmware::load(&arguments.elf).with_context(|| {

@@ -16,33 +16,33 @@ use omnibus_sim::endpoint::socketcand::SocketcandServer;
 /// Where programs find the bus, the poses and the gyros. In an address, port 0 picks a free one.
 #[derive(Args)]
 pub struct Endpoints {
-    /// Serves a bus for `omnibus --bus lockstep://ADDR` here, whose time waits for it: nothing is
-    /// late, however busy this machine is.
+    /// Serves the bus in lockstep here, for `omnibus --bus lockstep://ADDR`. Time waits for the
+    /// clients, so nothing is late, however busy this computer is.
     #[arg(long, value_name = "ADDR")]
     lockstep: Option<String>,
     /// Serves slcan over TCP here, for example 127.0.0.1:7701.
     #[arg(long, value_name = "ADDR")]
     slcan_tcp: Option<String>,
-    /// Serves socketcand's raw mode here, for example 127.0.0.1:29536.
+    /// Serves the raw mode of socketcand here, for example 127.0.0.1:29536.
     #[arg(long, value_name = "ADDR")]
     socketcand: Option<String>,
-    /// Serves slcan on a pseudo terminal and links it here.
+    /// Serves slcan on a pseudo terminal and makes this link to it.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
-    /// Puts the serial port of an emulated robot on a pseudo terminal and links it here: of the
-    /// first robot, or of the one whose node follows, as in /tmp/robot@3. Again for more.
+    /// Puts the serial port of an emulated robot on a pseudo terminal and makes this link to it: of
+    /// the first robot, or of another node, as in /tmp/robot@3. May be repeated.
     #[arg(long, value_name = "PATH[@NODE]")]
     cable: Vec<String>,
-    /// Joins the bus with this CAN interface (Linux), for example vcan0.
+    /// Connects the bus to this CAN interface (Linux), for example vcan0.
     #[arg(long, value_name = "IFACE")]
     socketcan: Option<String>,
-    /// Plays a candump log onto the bus, from the beginning of time on.
+    /// Plays a candump log onto the bus, beginning at time 0.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Streams the true poses here as lines of JSON.
     #[arg(long, value_name = "ADDR")]
     pose_tcp: Option<String>,
-    /// Samples of the poses in a second: a divisor of 4000.
+    /// Pose samples per second: a divisor of 4000.
     #[arg(long, value_name = "HZ", default_value_t = 100)]
     pose_rate: u32,
     /// Streams the samples of the robots' gyros here as lines of JSON.
@@ -76,8 +76,9 @@ impl Endpoints {
 
     /// Opens them all, for the robots of this group.
     pub fn open(&self, group: &GroupFile) -> anyhow::Result<Vec<Box<dyn Endpoint>>> {
-        let listen =
-            |address: &str| format!("cannot listen on {address}; give HOST:PORT of this machine");
+        let listen = |address: &str| {
+            format!("cannot listen on {address}; give a HOST:PORT of this computer that is free")
+        };
         let mut open: Vec<Box<dyn Endpoint>> = Vec::new();
         if let Some(at) = &self.lockstep {
             let server = LockstepServer::bind(at).with_context(|| listen(at))?;
@@ -123,7 +124,7 @@ impl Endpoints {
 fn pty(path: &std::path::Path) -> anyhow::Result<Box<dyn Endpoint>> {
     let pty = omnibus_sim::endpoint::pty::Pty::open(path).with_context(|| {
         let path = path.display();
-        format!("--pty {path}: cannot be linked; give a path where nothing is yet")
+        format!("--pty {path}: cannot make the link; give a path that does not exist yet")
     })?;
     Ok(Box::new(pty))
 }
@@ -146,7 +147,7 @@ fn cable(text: &str, group: &GroupFile) -> anyhow::Result<Box<dyn Endpoint>> {
     };
     let cable = omnibus_sim::endpoint::cable::Cable::open(std::path::Path::new(path), node);
     Ok(Box::new(cable.with_context(|| {
-        format!("--cable {path}: cannot be linked; give a path where nothing is yet")
+        format!("--cable {path}: cannot make the link; give a path that does not exist yet")
     })?))
 }
 
@@ -160,7 +161,7 @@ fn socket_can(interface: &str) -> anyhow::Result<Box<dyn Endpoint>> {
     let endpoint =
         omnibus_sim::endpoint::socket_can::SocketCan::open(interface).with_context(|| {
             format!(
-                "--socketcan {interface}: cannot be opened; make one with: modprobe vcan; \
+                "--socketcan {interface}: cannot be opened; create it with: modprobe vcan; \
              ip link add {interface} type vcan; ip link set {interface} up"
             )
         })?;
@@ -169,5 +170,5 @@ fn socket_can(interface: &str) -> anyhow::Result<Box<dyn Endpoint>> {
 
 #[cfg(not(target_os = "linux"))]
 fn socket_can(_: &str) -> anyhow::Result<Box<dyn Endpoint>> {
-    bail!("--socketcan: SocketCAN is Linux only; use --slcan-tcp or --socketcand")
+    bail!("--socketcan: only Linux has SocketCAN; use --slcan-tcp or --socketcand")
 }

@@ -72,7 +72,7 @@ pub fn serve(bench: &mut Bench, at: &str, until_ns: u64, stop: &AtomicBool) -> a
                     session.bench.advance(GLANCE_NS)?;
                 }
             }
-            Err(error) => return Err(error).context("--gdb: the port is lost"),
+            Err(error) => return Err(error).context("--gdb: the port has failed"),
         }
     }
     Ok(())
@@ -96,11 +96,13 @@ impl Session<'_> {
     fn debug(&mut self, stream: TcpStream) -> anyhow::Result<()> {
         self.bench.board()?.debug_stop();
         let peer = stream.peer_addr()?;
-        eprintln!("gdb: {peer} is here");
+        eprintln!("gdb: {peer} has connected");
         match GdbStub::new(stream).run_blocking::<Loop<'_>>(self) {
             Ok(DisconnectReason::Kill) => self.stop.store(true, Ordering::Relaxed),
-            Ok(_) => eprintln!("gdb: {peer} has left"),
-            Err(error) if error.is_connection_error() => eprintln!("gdb: {peer} is gone"),
+            Ok(_) => eprintln!("gdb: {peer} has detached"),
+            Err(error) if error.is_connection_error() => {
+                eprintln!("gdb: {peer} has closed the connection")
+            }
             Err(error) => {
                 let text = error.to_string();
                 return Err(error.into_target_error().unwrap_or_else(|| anyhow!(text)));

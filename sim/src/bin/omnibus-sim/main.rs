@@ -28,13 +28,13 @@ struct Arguments {
 enum Command {
     /// Simulates a group and serves its bus.
     Serve(serve::Serve),
-    /// Runs the source paper's experiments, beside its own numbers.
+    /// Runs the source paper's experiments and compares them with its numbers.
     Paper(paper::Paper),
-    /// Drives many copies of a group along a motion, without a bus.
+    /// Drives many copies of a group along a curve, without a bus.
     Study(study::Arguments),
-    /// Measures what a simulated robot costs.
+    /// Measures the computing time of simulated robots.
     Scale,
-    /// Runs one robot's firmware image, with its log on the terminal.
+    /// Runs the firmware image of one robot and shows its log.
     Emulate(emulate::Emulate),
 }
 

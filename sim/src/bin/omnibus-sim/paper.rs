@@ -14,13 +14,13 @@ use omnibus_sim::paper::{Findings, OnPlant, SCENARIOS, Scenario, Setting, find};
 pub struct Paper {
     /// Name of an experiment, or all.
     name: Option<String>,
-    /// Prints the experiments there are.
+    /// Lists the experiments.
     #[arg(long)]
     list: bool,
-    /// Runs on this plant only; default: those that suit the experiment.
+    /// Plant to use; by default every plant that suits the experiment.
     #[arg(long, value_enum)]
     plant: Option<PlantName>,
-    /// What the robots are.
+    /// Backend of the robots.
     #[arg(long, value_enum, default_value = "native")]
     backend: BackendName,
     /// The firmware's release image, for emulated robots.
@@ -36,9 +36,9 @@ pub struct Paper {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum PlantName {
-    /// The paper's own tables.
+    /// The compensation tables of the paper.
     Table,
-    /// Rollers, friction, rigid bodies.
+    /// Rigid bodies on rollers with friction.
     Contact,
 }
 
@@ -67,7 +67,7 @@ pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
         Some(name) => match find(name) {
             Some(scenario) => vec![scenario],
             None => {
-                bail!("paper {name}: no experiment has this name; --list prints those there are")
+                bail!("paper {name}: no experiment has this name; --list prints them all")
             }
         },
     };

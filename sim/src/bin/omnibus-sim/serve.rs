@@ -26,7 +26,7 @@ const LAG: Duration = Duration::from_millis(200);
 /// Further behind than this, robots and master may miss each other's frames: it is said.
 const LATE: Duration = Duration::from_millis(20);
 /// How often it is said at most.
-const SAY_EVERY: Duration = Duration::from_secs(1);
+const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// How long to wait before an endpoint that holds the time is asked again.
 const HELD: Duration = Duration::from_micros(20);
 
@@ -35,7 +35,7 @@ const HELD: Duration = Duration::from_micros(20);
 pub struct Serve {
     /// The group file.
     group: PathBuf,
-    /// What the robots are.
+    /// Backend of the robots.
     #[arg(long, value_enum, default_value = "native")]
     backend: BackendName,
     /// The firmware's release image, for emulated robots.
@@ -44,15 +44,15 @@ pub struct Serve {
         default_value = "target/thumbv7em-none-eabihf/release/omnibus-firmware"
     )]
     elf: PathBuf,
-    /// The plant instead of the file's: table, contact, or tcp://HOST:PORT.
+    /// Plant to use instead of the group file's: table, contact, or tcp://HOST:PORT.
     #[arg(long)]
     plant: Option<String>,
     #[command(flatten)]
     endpoints: Endpoints,
-    /// Writes every frame into a candump log.
+    /// Writes every frame to a candump log.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// How fast time passes.
+    /// Speed of time.
     #[arg(
         long,
         value_enum,
@@ -61,14 +61,14 @@ pub struct Serve {
         hide_env_values = true
     )]
     speed: Speed,
-    /// Ends after this much virtual time instead of at Ctrl-C.
+    /// Ends after this much virtual time; by default at Ctrl-C.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
-    /// Seed instead of the file's.
+    /// Seed to use instead of the group file's.
     #[arg(long)]
     seed: Option<u64>,
-    /// Lets something go wrong, for example t=5:node=3:power-cycle; again for more. A single -
-    /// reads more of them, one a line, from standard input. docs/simulation.md lists them.
+    /// Injects a fault, for example t=5:node=3:power-cycle. May be repeated; a single - reads more
+    /// of them from standard input, one per line. docs/simulation.md lists them.
     #[arg(long, value_name = "SPEC")]
     fault: Vec<String>,
 }
@@ -83,9 +83,9 @@ enum BackendName {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Speed {
-    /// As the clock on the wall.
+    /// Real time.
     Real,
-    /// As fast as it goes.
+    /// As fast as possible.
     Max,
 }
 
@@ -210,7 +210,7 @@ struct Behind {
     stall: Duration,
     stalls: u64,
     worst: Duration,
-    said: Option<Instant>,
+    reported: Option<Instant>,
 }
 
 impl Behind {
@@ -223,11 +223,14 @@ impl Behind {
         }
         self.stall = self.stall.max(lag);
         self.worst = self.worst.max(lag);
-        if self.said.is_none_or(|said| said.elapsed() > SAY_EVERY) {
-            self.said = Some(Instant::now());
+        if self
+            .reported
+            .is_none_or(|reported| reported.elapsed() > REPORT_EVERY)
+        {
+            self.reported = Some(Instant::now());
             eprintln!(
-                "fell behind the clock by {} ms: this computer is too busy, and a master may miss \
-                 robots for it; --lockstep lets time wait",
+                "fell behind the clock by {} ms: this computer is too busy, and a master may lose \
+                 contact with robots; --lockstep makes time wait instead",
                 lag.as_millis()
             );
         }
@@ -251,7 +254,7 @@ fn end(duration: Option<f64>) -> anyhow::Result<Micros> {
         None => Ok(Micros(u64::MAX / 1_000)),
         // Some centuries fit.
         Some(s) if s > 0.0 && s < 1e9 => Ok(Micros((s * 1e6).ceil() as u64)),
-        Some(s) => bail!("--duration {s}: give seconds, more than 0"),
+        Some(s) => bail!("--duration {s}: give a number of seconds above 0"),
     }
 }
 

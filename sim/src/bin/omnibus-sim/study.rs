@@ -20,13 +20,13 @@ const RAMP: f64 = 2.0;
 pub struct Arguments {
     /// The group file.
     group: PathBuf,
-    /// How many groups, each with the next seed.
+    /// Number of groups, each with the next seed.
     #[arg(long, default_value_t = 1000)]
     groups: usize,
-    /// What they drive.
+    /// Curve to drive.
     #[arg(long, value_enum, default_value = "figure-eight")]
     motion: Motion,
-    /// Threads; 0 takes as many as the machine has.
+    /// Number of threads; 0 uses all processors.
     #[arg(long, default_value_t = 0)]
     threads: usize,
     /// Drives without compensation.
@@ -88,7 +88,7 @@ pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
         motion.duration()
     );
     println!(
-        "distance from the motion's end: median {:.1} mm, largest {:.1} mm",
+        "distance from the end of the curve: median {:.1} mm, largest {:.1} mm",
         errors[errors.len() / 2],
         errors[errors.len() - 1]
     );
@@ -121,9 +121,9 @@ pub fn scale() -> anyhow::Result<()> {
             );
         }
         let spread = scale::spread(&costs);
-        println!("study, {name} plant: dearest over cheapest {spread:.2}");
+        println!("study, {name} plant: most expensive size over cheapest {spread:.2}");
         if spread > FLAT {
-            bad.push(format!("the {name} plant's cost of a robot is not flat"));
+            bad.push(format!("the cost of a robot on the {name} plant depends on the number of robots by more than the limit"));
         }
     }
     for plant in [OnPlant::Table, OnPlant::Contact] {

@@ -1,5 +1,7 @@
 //! The contact plant: rigid bodies on rollers with friction.
 //!
+//! # Contacts
+//!
 //! A Mecanum wheel touches the ground with a roller. The roller turns freely about its axle, so the
 //! ground can only push along the axle's horizontal projection, and with no more than dry friction
 //! allows. While the wheel turns by `phi` away from a roller's lowest position, the axle tilts: its
@@ -9,6 +11,8 @@
 //! strafing loses `1 - sin(pi/n)/(pi/n)` and ripples. A wheel that settles under its load stands on
 //! two rollers while one takes over from the other ([`footprint`]).
 //!
+//! # Bodies
+//!
 //! All robots of a rigid group are one body with `4 m` wheels, all with their own roller phase;
 //! free robots are bodies of their own. In every step the friction of all wheels of a body is found
 //! together ([`body`]): below its limit rubber creeps, a contact slips in proportion to its force.
@@ -17,14 +21,19 @@
 //! of mass and loads the wheels as equal springs would share it; parts of the floor may have a
 //! friction of their own.
 //!
+//! # Motors
+//!
 //! The motors are velocity sources here: their inertia already contains the robot's. With a
 //! `wheel_inertia` they are not: each wheel then turns under its motor and the floor, so that one
-//! that runs away pushes the body and, through it, all other wheels. Motors and floor take turns: a
-//! motor turns for a step under the floor's force of the step before, and that force is worked out
-//! with what the wheel gives way in a step, `1 / (1 / k + r^2 dt / J)` in place of a contact's
-//! stiffness `k`, which keeps the two from chattering whatever `k` is. What it cannot do: wheel
-//! load transfer under acceleration, unequal springs in the suspension or any in the coupling, and
-//! one limit of friction for both directions together.
+//! that runs away pushes the body and, through it, all other wheels. Motors and floor alternate: a
+//! motor turns for a step under the floor's force of the previous step, and that force is computed
+//! with the wheel's compliance over a step, `1 / (1 / k + r^2 dt / J)` in place of a contact's
+//! stiffness `k`, which prevents chatter between the two for every `k`.
+//!
+//! # Limits
+//!
+//! It does not model wheel load transfer under acceleration, unequal springs in the suspension,
+//! springs in the coupling, or one limit of friction for both directions together.
 
 mod body;
 mod footprint;

@@ -10,7 +10,7 @@
 
 use super::model::{Back, Lean, Model, Shape};
 use super::solve::{dot, invert};
-use super::{Motion, PhaseError, Seen, WHEELS};
+use super::{Motion, PhaseError, Samples, WHEELS};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 30;
@@ -26,7 +26,7 @@ const STILL: f64 = 1e-5;
 const AFTER_RAMP: f64 = 0.3;
 
 /// Standard deviation to which a wheel's fundamental has to be known by itself, of its amplitude.
-const TOLD: f64 = 0.3;
+const LARGEST_SPREAD: f64 = 0.3;
 
 /// Places of the parameters; the phases come first.
 const DISTANCE: usize = 4;
@@ -79,7 +79,9 @@ impl Fit {
 impl<'a> Problem<'a> {
     /// `finest` is the angle (rad) by which the fastest wheel turns in an interval at least.
     pub fn new(model: Model, motions: &'a [Motion], lever: f64, finest: f64) -> Self {
-        let gyro = motions.iter().any(|m| matches!(m.seen, Seen::YawRates(_)));
+        let gyro = motions
+            .iter()
+            .any(|m| matches!(m.seen, Samples::YawRates(_)));
         let intervals = motions.iter().enumerate();
         Self {
             model,
@@ -429,7 +431,7 @@ impl<'a> Problem<'a> {
         // good.
         for (wheel, name) in WHEELS.into_iter().enumerate() {
             let unsure = [18 * wheel, 18 * wheel + 9].map(|n| (variance * normal[n]).sqrt());
-            if unsure.into_iter().fold(0.0, f64::max) > TOLD {
+            if unsure.into_iter().fold(0.0, f64::max) > LARGEST_SPREAD {
                 return Err(PhaseError::Alike { wheel: name });
             }
         }
@@ -448,8 +450,8 @@ impl<'a> Problem<'a> {
 /// at no other time, on a smooth floor for longer than the wheels take to their speed.
 fn cut(number: usize, motion: &Motion, finest: f64) -> Vec<Interval> {
     let mut out = match &motion.seen {
-        Seen::Poses(poses) => cut_poses(number, motion, poses, finest),
-        Seen::YawRates(samples) => cut_rates(number, motion, samples, finest),
+        Samples::Poses(poses) => cut_poses(number, motion, poses, finest),
+        Samples::YawRates(samples) => cut_rates(number, motion, samples, finest),
     };
     let uneven: Vec<f64> = out
         .iter()

@@ -52,7 +52,7 @@ const NORMAL_95: f64 = 1.96;
 /// What a source saw of a robot, with times (s) on one clock with the wheels' but for a constant
 /// delay.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Seen {
+pub enum Samples {
     /// Poses in any fixed frame, m and rad, heading unwrapped.
     Poses(Vec<(f64, [f64; 3])>),
     /// Yaw rates, rad/s, counter-clockwise positive, each the mean since the one before.
@@ -68,7 +68,7 @@ pub struct Motion {
     /// right.
     pub angles: Vec<[f64; 4]>,
     /// What was seen meanwhile.
-    pub seen: Seen,
+    pub seen: Samples,
 }
 
 impl Motion {
@@ -249,7 +249,9 @@ pub fn estimate(
     let problem = Problem::new(model, motions, lever, pitch / INTERVALS);
     let unseen = PhaseError::NotObservable { percent: 0.0 };
     let without = problem.without_ripple().ok_or(unseen)?;
-    let gyro = motions.iter().any(|m| matches!(m.seen, Seen::YawRates(_)));
+    let gyro = motions
+        .iter()
+        .any(|m| matches!(m.seen, Samples::YawRates(_)));
     let gain = without.yaw_gain();
     if gyro && !YAW_GAIN.contains(&gain) {
         let advice = if (20.0..150.0).contains(&gain.abs()) {
@@ -267,7 +269,7 @@ pub fn estimate(
 
 /// Whether a gyro's samples show the ripple of the fastest wheel.
 fn fast_enough(motion: &Motion, pitch: f64) -> Result<(), PhaseError> {
-    let Seen::YawRates(samples) = &motion.seen else {
+    let Samples::YawRates(samples) = &motion.seen else {
         return Ok(());
     };
     let gaps = samples.windows(2).map(|pair| pair[1].0 - pair[0].0);

@@ -86,7 +86,7 @@ fn driven(rates: [f64; 4], seconds: f64, noise: f64) -> [Motion; 2] {
             angles = std::array::from_fn(|n| angles[n] + rates[n] * DT);
         }
     }
-    [Seen::Poses(poses), Seen::YawRates(yaw_rates)].map(|seen| Motion {
+    [Samples::Poses(poses), Samples::YawRates(yaw_rates)].map(|seen| Motion {
         times: times.clone(),
         angles: track.clone(),
         seen,
@@ -181,7 +181,7 @@ fn refuses_gyros_that_cannot_be_the_robots() {
             .iter()
             .map(|rates| {
                 let mut motion = driven(*rates, 8.0, 1e-4)[1].clone();
-                if let Seen::YawRates(samples) = &mut motion.seen {
+                if let Samples::YawRates(samples) = &mut motion.seen {
                     *samples = samples.iter().copied().step_by(every).collect();
                     samples
                         .iter_mut()

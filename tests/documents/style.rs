@@ -1,0 +1,179 @@
+//! Rules of CONTRIBUTING.md that a machine can check: length of files and essays, and names.
+
+use std::path::Path;
+
+use super::{files, nothing, read};
+
+/// A file with more lines than this is split.
+const LONGEST_FILE: usize = 600;
+
+/// Files that may be longer, each for its reason.
+const LONG_FILES: [(&str, &str); 14] = [
+    ("control/src/tick/mod.rs", "to be split"),
+    ("emulator/src/soc/mod.rs", "to be split"),
+    ("emulator/src/system/rcc.rs", "to be split"),
+    ("group/src/declaration.rs", "to be split"),
+    ("kinematics/tests/compensation.rs", "to be split"),
+    ("kinematics/tests/phase.rs", "to be split"),
+    ("master/src/cli/group/new.rs", "to be split"),
+    ("master/tests/commands.rs", "to be split"),
+    (
+        "protocol/src/table.rs",
+        "one table: every object of the robot",
+    ),
+    ("robot/src/bus/mod.rs", "to be split"),
+    ("sim/src/robot/emulated.rs", "to be split"),
+    ("src/board/stm32f4/can.rs", "to be split"),
+    ("tests/gateway.rs", "to be split"),
+    ("tests/storage.rs", "to be split"),
+];
+
+/// An essay with more lines than this has headings.
+const LONGEST_PLAIN_ESSAY: usize = 20;
+
+/// Words that once stood for something with a standard name; `docs/glossary.md` has the names.
+const DIALECT: [&str; 27] = [
+    "altogether",
+    "anew",
+    "anybody",
+    "bell",
+    "crew",
+    "everybody",
+    "eyes",
+    "handover",
+    "happen",
+    "happening",
+    "harm",
+    "heard",
+    "hear",
+    "hears",
+    "helm",
+    "kept",
+    "nobody",
+    "parcel",
+    "rig",
+    "said",
+    "say",
+    "somebody",
+    "tell",
+    "tells",
+    "told",
+    "trial",
+    "whoever",
+];
+
+/// Names that have such a word and keep it: what users already type.
+const TYPED: [&str; 1] = ["kept"];
+
+#[test]
+fn no_file_is_too_long() {
+    let mut complaints = Vec::new();
+    for path in files("rs") {
+        let lines = read(&path).lines().count();
+        let long = lines > LONGEST_FILE;
+        let listed = LONG_FILES.iter().any(|(file, _)| path == Path::new(file));
+        let name = path.display();
+        match (long, listed) {
+            (true, false) => complaints.push(format!("{name}: {lines} lines; split it")),
+            (false, true) => {
+                complaints.push(format!("{name}: {lines} lines; take it off the list"))
+            }
+            (true, true) | (false, false) => {}
+        }
+    }
+    nothing(&complaints);
+}
+
+#[test]
+fn long_essays_have_headings() {
+    let mut complaints = Vec::new();
+    for path in files("rs") {
+        let text = read(&path);
+        let essay: Vec<&str> = text
+            .lines()
+            .filter_map(|line| line.strip_prefix("//!"))
+            .collect();
+        let has_heading = essay.iter().any(|line| line.starts_with(" #"));
+        if essay.len() > LONGEST_PLAIN_ESSAY && !has_heading {
+            complaints.push(format!(
+                "{}: an essay of {} lines without a heading",
+                path.display(),
+                essay.len()
+            ));
+        }
+    }
+    nothing(&complaints);
+}
+
+/// Names that a line declares: after a keyword, or before the colon of a field.
+fn declared(line: &str) -> Vec<&str> {
+    const KEYWORDS: [&str; 9] = [
+        "fn", "struct", "enum", "trait", "mod", "const", "static", "type", "let",
+    ];
+    let code = line.split("//").next().unwrap_or_default();
+    let is_name = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
+    let words: Vec<&str> = code
+        .split(|letter| !is_name(letter))
+        .filter(|word| !word.is_empty() && *word != "mut")
+        .collect();
+    let after_keyword = words
+        .windows(2)
+        .filter(|pair| KEYWORDS.contains(&pair[0]))
+        .map(|pair| pair[1]);
+    let field = code.split_once(": ").and_then(|(before, _)| {
+        let name = before.trim().trim_start_matches("pub ");
+        (!name.is_empty() && name.chars().all(is_name)).then_some(name)
+    });
+    after_keyword.chain(field).collect()
+}
+
+/// Words of a name in snake, camel or upper case, in lower case.
+fn words(name: &str) -> Vec<String> {
+    let mut found = vec![String::new()];
+    let mut before = '_';
+    for letter in name.chars() {
+        let starts = letter == '_' || (letter.is_ascii_uppercase() && before.is_ascii_lowercase());
+        if starts {
+            found.push(String::new());
+        }
+        if let Some(word) = found.last_mut().filter(|_| letter != '_') {
+            word.push(letter.to_ascii_lowercase());
+        }
+        before = letter;
+    }
+    found.retain(|word| !word.is_empty());
+    found
+}
+
+/// A name of four words and more is a sentence, such as a test's.
+#[test]
+fn names_are_standard_words() {
+    let mut complaints = Vec::new();
+    for path in files("rs") {
+        for (number, line) in (1..).zip(read(&path).lines()) {
+            for name in declared(line) {
+                let words = words(name);
+                let dialect = words.iter().find(|word| DIALECT.contains(&word.as_str()));
+                if let Some(word) = dialect.filter(|_| words.len() < 4 && !TYPED.contains(&name)) {
+                    complaints.push(format!(
+                        "{}:{number}: {name}: '{word}' has a standard name in docs/glossary.md",
+                        path.display()
+                    ));
+                }
+            }
+        }
+    }
+    nothing(&complaints);
+}
+
+#[test]
+fn names_are_found_and_split() {
+    assert_eq!(declared("    pub fn take_turn(&mut self) {"), ["take_turn"]);
+    assert_eq!(
+        declared("    let mut heard = Vec::new(); // let said"),
+        ["heard"]
+    );
+    assert_eq!(declared("    kept: Option<PathBuf>,"), ["kept"]);
+    assert_eq!(words("SAY_EVERY"), ["say", "every"]);
+    assert_eq!(words("TestMaster2"), ["test", "master2"]);
+}
