@@ -5,6 +5,8 @@
 //! are made in `robot` and `control`, and registers are accessed in `board`; this crate defines
 //! only when each task wakes and what the tasks exchange.
 //!
+//! # Tasks
+//!
 //! | task | executor | wakes | does |
 //! |---|---|---|---|
 //! | [`bus_task`] | bus | a frame, bytes of the cable, a deadline, a free mailbox, at least every 5 ms | CANopen, agreement, state machine, parameter store, [`gateway`] between cable and CAN |
@@ -12,11 +14,13 @@
 //! | [`health`] | bus | every second | logs stack use and lateness when they get worse |
 //! | [`control`] | control | TIM7 every millisecond, in step with SYNC | encoders, wheel loops, PWM, brake; feeds the [`watchdog`] while both sides run |
 //!
+//! # Channels
+//!
 //! | from | to | channel | can overflow | then |
 //! |---|---|---|---|---|
 //! | CAN interrupt | bus | queue of 32 frames | yes | newest dropped, counted, fault "receive overrun" |
-//! | CAN interrupt | cable | queue of 32 frames, then a ring of 512 bytes | yes | newest dropped, told by `F` |
-//! | cable | bus | ring of 256 bytes | yes | all of it and the line it ends in dropped, told by `F` |
+//! | CAN interrupt | cable | queue of 32 frames, then a ring of 512 bytes | yes | newest dropped, reported by `F` |
+//! | cable | bus | ring of 256 bytes | yes | all of it and the line it ends in dropped, reported by `F` |
 //! | bus | CAN mailbox | one frame of the cable; the others stay in its ring | no | |
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |
 //! | bus | control | [`shared`]: command, configuration, SYNC time | no, the latest wins | |
@@ -26,6 +30,8 @@
 //! | bus | led | pattern | no, the latest wins | |
 //! | control | health | [`shared`]: worst lateness | no | |
 //! | all tasks | debugger | RTT, 1024 bytes of defmt | yes | the log loses lines; no task waits for it, in any mode that a debugger has left |
+//!
+//! # Limits
 //!
 //! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]

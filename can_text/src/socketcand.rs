@@ -141,7 +141,7 @@ impl Messages {
 
     /// Takes one byte; returns the message that it completes, without brackets and blanks around
     /// it. One that is too long or no text comes back empty. What stands outside of brackets is
-    /// passed over, an opening bracket begins anew.
+    /// passed over, an opening bracket starts a new message.
     pub fn push(&mut self, byte: u8) -> Option<&str> {
         match byte {
             b'<' => {

@@ -201,19 +201,19 @@ impl Drivetrain {
     #[must_use]
     #[inline]
     pub fn achieved(&self, rates: &WheelRates, factors: &Factors) -> Twist {
-        self.for_group(self.wheels.forward(rates), factors)
+        self.group_twist(self.wheels.forward(rates), factors)
     }
 
     /// What the wheels are asked for, a twist of the robot in its own frame, for a twist of the
     /// group.
     #[inline]
-    pub(crate) fn for_wheels(&self, group: Twist, factors: &Factors) -> Twist {
+    pub(crate) fn member_twist(&self, group: Twist, factors: &Factors) -> Twist {
         times(self.mount.to_member(group), &factors.asked)
     }
 
     /// The group's twist for what the wheels are asked for; displacements alike.
     #[inline]
-    pub(crate) fn for_group(&self, asked: Twist, factors: &Factors) -> Twist {
+    pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist {
         self.mount.to_group(times(asked, &factors.achieved))
     }
 
@@ -222,7 +222,7 @@ impl Drivetrain {
     #[must_use]
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, factors: &Factors) -> Twist {
-        self.for_group(self.wheels.displacement(increments), factors)
+        self.group_twist(self.wheels.displacement(increments), factors)
     }
 
     fn at(&self, group: Twist) -> Coefficients {

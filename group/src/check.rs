@@ -240,7 +240,7 @@ impl Checker<'_> {
         let most = usize::from(LAST_NODE - FIRST_NODE) + 1;
         if let Some(first_over) = entries.get(most) {
             let problem = format!("{} robots in one group", entries.len());
-            let remedy = format!("keep at most {most} on one bus");
+            let remedy = format!("put at most {most} on one bus");
             return Err(self.refuse(first_over, "robots", &problem, &remedy));
         }
         let mut nodes: Vec<u8> = Vec::new();
@@ -302,7 +302,7 @@ impl Checker<'_> {
             if let Some(raw) = value
                 && ms > LONGEST_LAG_MS
             {
-                let remedy = "give at most 100; more is no creep of a contact";
+                let remedy = "give at most 100; a contact does not creep by more";
                 self.refuse(raw, &field, &format!("is {ms}"), remedy);
             }
             ms * 1e-3
@@ -320,11 +320,11 @@ impl Checker<'_> {
         let Some(raw) = raw else { return loss };
         if robots.is_some_and(|robots| robots.iter().all(|robot| robot.rollers.is_none())) {
             // The tables of robots that do not know their rollers have it in them.
-            let remedy = "give the robots' rollers, or remove it";
-            self.refuse(raw, FIELD, "is for robots that know their rollers", remedy);
+            let remedy = "add the robots' rollers, or remove it";
+            self.refuse(raw, FIELD, "applies only to robots with `rollers`", remedy);
         } else if loss > GroupFile::LARGEST_HAND_OVER_LOSS {
             let most = GroupFile::LARGEST_HAND_OVER_LOSS;
-            let remedy = format!("give at most {most}; more is no jolt of a roller");
+            let remedy = format!("give at most {most}; a roller does not cost more");
             self.refuse(raw, FIELD, &format!("is {loss}"), &remedy);
         }
         loss

@@ -281,7 +281,7 @@ impl Checker<'_> {
             return Err(self.report(
                 at,
                 &format!("simulation.{key}"),
-                "means nothing to this plant",
+                "has no effect on this plant",
                 "set plant = \"contact\", or remove it",
             ));
         }

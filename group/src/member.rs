@@ -69,7 +69,7 @@ impl Checker<'_> {
                 &e.max_wheel_rate,
                 &d.max_wheel_rate,
                 &format!(
-                    "is {max_wheel_rate} rad/s, but the motor ends at {:.1}",
+                    "is {max_wheel_rate} rad/s, but the motor reaches only {:.1}",
                     motor.no_load_rate()
                 ),
                 "lower it, or fix motor.supply and motor.constant",

@@ -119,7 +119,8 @@ pub struct Wheel {
 /// Compensation over speed and direction; every row with the speed that is achieved.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CompensationTable {
-    /// Tells one calibration from another; a date serves. 0 where the file has no table.
+    /// Distinguishes one calibration from another, for example by its date. 0 where the file has no
+    /// table.
     pub version: u32,
     /// m/s, coefficient.
     pub longitudinal: Vec<(f32, f32)>,

@@ -24,7 +24,8 @@ fn millis(us: u32) -> u16 {
 }
 
 /// Everything a robot must know, in the order of the object dictionary. With `compensation` off it
-/// is told that it loses nothing. A robot whose motors are identified keeps what it has found.
+/// gets the values of one that loses nothing. A robot whose motors are identified keeps what it has
+/// found.
 #[must_use]
 pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Parameter> {
     let real = |at: Address, value: f32| (at, Value::F32(value));

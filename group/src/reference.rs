@@ -25,7 +25,7 @@ An unknown key is an error, because a misspelt key is a value that silently kept
 editor that knows JSON Schema for TOML (taplo, Even Better TOML) completes and explains keys with
 `#:schema ./group.schema.json` as the file's first line.
 
-This page is generated from `group/src/declaration.rs`; `omnibus group check` uses the same
+This page is generated from `group/src/declaration/`; `omnibus group check` uses the same
 declaration. Ranges are those of the robots' own objects where a key becomes one
 ([CAN protocol](can-protocol.md)); `group check` says more about keys that depend on each other.
 ";

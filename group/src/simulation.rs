@@ -20,11 +20,11 @@ pub struct Simulation {
     pub battery: Option<Battery>,
     /// Play between motor and wheel, at the wheel, rad.
     pub backlash: f64,
-    /// What encoders get wrong all the time.
+    /// Permanent errors of the encoders.
     pub encoder_noise: EncoderNoise,
     /// Encoders that break.
     pub encoder_faults: Vec<EncoderFault>,
-    /// How well an observer sees the robots.
+    /// Noise of the poses that an observer measures.
     pub pose_noise: PoseNoise,
     /// The gyro that every robot carries.
     pub gyro: Gyro,
@@ -46,7 +46,7 @@ pub struct Battery {
     pub curve: Vec<(f64, f64)>,
 }
 
-/// What encoders get wrong all the time.
+/// Permanent errors of the encoders.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EncoderNoise {
     /// Share of the counts that is lost, 0..1.
@@ -106,7 +106,7 @@ pub struct PoseNoise {
 /// A gyro about the axis that points up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gyro {
-    /// Samples a second: a divisor of 4000, which is how often the plant is looked at.
+    /// Samples a second: a divisor of 4000, the rate at which the plant is sampled.
     pub rate_hz: u32,
     /// Density of its white noise, rad/s in a bandwidth of 1 Hz.
     pub noise: f64,

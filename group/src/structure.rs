@@ -1,5 +1,5 @@
-//! A file against the declaration: keys nobody knows, values of the wrong kind, what is missing,
-//! and numbers that a robot would refuse.
+//! A file against the declaration: unknown keys, values of the wrong kind, missing keys, and
+//! numbers that a robot would refuse.
 //!
 //! [`Checker::prune`] reports every such thing and takes it out of the tree, so that what is left
 //! can be read and the other rules see it too: one run says everything. [`Checker::outside_limits`]
@@ -95,7 +95,7 @@ impl Checker<'_> {
             (kind, _) => expected(kind),
         };
         let text = self.source.text.get(span.clone()).unwrap_or("").trim();
-        let problem = format!("`{text}` is not right here");
+        let problem = format!("`{text}` is not allowed here");
         self.report(span.start, path, &problem, &format!("give {expected}"));
         false
     }
@@ -131,7 +131,7 @@ impl Checker<'_> {
             match entry.get_mut() {
                 DeValue::Table(table) => complete &= self.table(start, table, field, &path),
                 _ => {
-                    self.report(start, &path, "is no table", "give a table");
+                    self.report(start, &path, "is not a table", "give a table");
                     complete = false;
                 }
             }
@@ -248,7 +248,7 @@ pub(crate) fn slip(value: f64, unit: &str, fits: impl Fn(f64) -> bool) -> Option
         true
     };
     (usual && fits(candidate))
-        .then(|| format!("if that was in {as_what}, write {}", rounded(candidate)))
+        .then(|| format!("if the value is in {as_what}, write {}", rounded(candidate)))
 }
 
 fn expected(kind: Kind) -> String {

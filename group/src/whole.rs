@@ -10,7 +10,7 @@ use crate::model::{GroupFile, Robot};
 use crate::parameters::parameters;
 use crate::structure::rounded;
 
-/// Angles in degrees up to this many times an eighth of a turn in radians are looked at.
+/// Angles in degrees up to this many times an eighth of a turn in radians are checked.
 const EIGHTHS: i32 = 8;
 
 /// Where a key stands in the tree; the start of the file if it is left out.
@@ -38,7 +38,7 @@ fn entry(tree: &DeTable<'_>, index: usize) -> usize {
 
 impl Checker<'_> {
     /// Reports what is worked out of several keys, such as a motor's volts per speed, where a robot
-    /// would refuse it. What is a key itself has been looked at.
+    /// would refuse it. Keys of the file have been checked already.
     pub fn parameters_in_limits(&self, group: &GroupFile, tree: &DeTable<'_>) {
         for (index, robot) in group.robots.iter().enumerate() {
             for (address, value) in parameters(group, robot, true) {
@@ -58,7 +58,7 @@ impl Checker<'_> {
                     continue;
                 };
                 let problem = format!(
-                    "gives {} ({address}) = {}, which robots take from {min} to {max} {}",
+                    "gives {} ({address}) = {}, which robots accept from {min} to {max} {}",
                     object.name,
                     rounded(value),
                     object.unit,
@@ -80,9 +80,8 @@ impl Checker<'_> {
             if let Some(other) = other {
                 let distance = (robot.mount.x - group.robots[other].mount.x)
                     .hypot(robot.mount.y - group.robots[other].mount.y);
-                let problem = format!(
-                    "its wheels stand among those of robots[{other}], {distance:.3} m away",
-                );
+                let problem =
+                    format!("its wheels overlap those of robots[{other}], {distance:.3} m away",);
                 let remedy = "fix x, y and heading_deg, or the dimensions";
                 self.report(
                     entry(tree, index),
@@ -107,7 +106,7 @@ impl Checker<'_> {
         let limits = &group.limits;
         if limits.linear_speed > ahead(slowest) {
             let problem = format!(
-                "is {} m/s, but the wheels of node {} end at {:.2} m/s ahead (max_wheel_rate times \
+                "is {} m/s, but the wheels of node {} reach only {:.2} m/s ahead (max_wheel_rate times \
                  wheel_radius)",
                 limits.linear_speed,
                 slowest.node,
@@ -117,7 +116,7 @@ impl Checker<'_> {
                 place(tree, &["limits", "linear_speed"]),
                 "limits.linear_speed",
                 &problem,
-                "lower it, or the group drives slower than asked",
+                "lower it, or the group moves slower than commanded",
             );
         }
         let turning = |robot: &Robot| ahead(robot) / reach(robot);
@@ -129,7 +128,7 @@ impl Checker<'_> {
             && limits.yaw_rate > turning(slowest)
         {
             let problem = format!(
-                "is {} rad/s, but the wheels of node {} end at {:.2} rad/s",
+                "is {} rad/s, but the wheels of node {} reach only {:.2} rad/s",
                 limits.yaw_rate,
                 slowest.node,
                 turning(slowest)
@@ -138,7 +137,7 @@ impl Checker<'_> {
                 place(tree, &["limits", "yaw_rate"]),
                 "limits.yaw_rate",
                 &problem,
-                "lower it, or the group turns slower than asked",
+                "lower it, or the group turns slower than commanded",
             );
         }
     }
@@ -163,7 +162,10 @@ impl Checker<'_> {
             let whole = eighths.round();
             if whole != 0.0 && whole.abs() <= f64::from(EIGHTHS) && (eighths - whole).abs() < 2e-3 {
                 let problem = format!("is {value} degrees");
-                let remedy = format!("if that was in radians, write {}", rounded(45.0 * whole));
+                let remedy = format!(
+                    "if the value is in radians, write {}",
+                    rounded(45.0 * whole)
+                );
                 let field = format!("robots[{index}].heading_deg");
                 self.warn(heading.span().start, &field, &problem, &remedy);
             }

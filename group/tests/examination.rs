@@ -1,8 +1,12 @@
 //! Everything that is wrong with a file is said in one go.
 
+#[macro_use]
+mod common;
+
 use omnibus_group::Examination;
 
-const GOOD: &str = r#"name = "pair"
+const GOOD: &str = concat!(
+    r#"name = "pair"
 group_id = 7
 sync_period_ms = 10
 
@@ -10,24 +14,12 @@ sync_period_ms = 10
 linear_speed = 2.0
 yaw_rate = 1.0
 
-[robot]
-half_track = 0.37
-half_wheelbase = 0.35
-wheel_radius = 0.1524
-roller_angle_deg = 45
-max_wheel_rate = 22
-encoder = { counts_per_revolution = 40000 }
-motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
-
-[[robots]]
-node = 2
-x = 0.6
-
-[[robots]]
-node = 3
-x = -0.6
-heading_deg = 0
-"#;
+"#,
+    robot!(),
+    members!(),
+    r#"heading_deg = 0
+"#
+);
 
 /// What is said about [`GOOD`] with pieces replaced: errors, warnings.
 fn messages(pieces: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
@@ -160,10 +152,10 @@ fn speeds_beyond_the_wheels_are_mentioned() {
         warnings,
         [
             "pair.toml:6: limits.linear_speed: is 50 m/s, but the wheels of node 2 end at 3.35 \
-             m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group drives slower \
-             than asked",
+             m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group moves slower \
+             than commanded",
             "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 end at 2.54 \
-             rad/s; lower it, or the group turns slower than asked",
+             rad/s; lower it, or the group turns slower than commanded",
         ]
     );
 }

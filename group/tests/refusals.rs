@@ -3,36 +3,28 @@
 //! Each case takes one valid file, changes one thing, and expects one sentence: file, line, field,
 //! problem, remedy. Lines are those of [`VALID`].
 
+#[macro_use]
+mod common;
+
 use omnibus_group::GroupFile;
 
-const VALID: &str = r#"name = "pair"
+const VALID: &str = concat!(
+    r#"name = "pair"
 group_id = 7
 sync_period_ms = 10
 
 [limits]
 linear_speed = 2.0
 
-[robot]
-half_track = 0.37
-half_wheelbase = 0.35
-wheel_radius = 0.1524
-roller_angle_deg = 45
-max_wheel_rate = 22
-encoder = { counts_per_revolution = 40000 }
-motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
-
-[[robots]]
-node = 2
-x = 0.6
-
-[[robots]]
-node = 3
-x = -0.6
-compensation = { lateral = 1.033 }
+"#,
+    robot!(),
+    members!(),
+    r#"compensation = { lateral = 1.033 }
 
 [simulation]
 crystal_ppm = [0, 20]
-"#;
+"#
+);
 
 /// The refusal of [`VALID`] with one piece of text replaced.
 fn refusal(from: &str, to: &str) -> String {
@@ -60,7 +52,7 @@ fn unknown_key_names_the_key_that_was_meant() {
 fn a_lag_that_is_no_contacts_is_refused() {
     assert_eq!(
         refusal("[robot]", "[contact_lag]\nyaw_ms = 101\n\n[robot]"),
-        "pair.toml:9: contact_lag.yaw_ms: is 101; give at most 100; more is no creep of a contact"
+        "pair.toml:9: contact_lag.yaw_ms: is 101; give at most 100; a contact does not creep by more"
     );
 }
 
@@ -74,8 +66,8 @@ fn a_loss_that_is_no_rollers_is_refused() {
     };
     assert_eq!(
         with_rollers("0.06"),
-        "pair.toml:9: roller_transition.loss_s_per_m: is 0.06; give at most 0.05; more is no jolt of a \
-         roller"
+        "pair.toml:9: roller_transition.loss_s_per_m: is 0.06; give at most 0.05; a roller does \
+         not cost more"
     );
     assert_eq!(
         with_rollers("-0.001"),
@@ -86,8 +78,8 @@ fn a_loss_that_is_no_rollers_is_refused() {
             "[robot]",
             "[roller_transition]\nloss_s_per_m = 0.001\n\n[robot]"
         ),
-        "pair.toml:9: roller_transition.loss_s_per_m: is for robots that know their rollers; give the \
-         robots' rollers, or remove it"
+        "pair.toml:9: roller_transition.loss_s_per_m: applies only to robots with `rollers`; add \
+         the robots' rollers, or remove it"
     );
 }
 

@@ -1,28 +1,19 @@
 //! The `[simulation]` table: what its values become, and what it is refused for.
 
+#[macro_use]
+mod common;
+
 use omnibus_group::{
     Battery, EncoderFault, EncoderFaultKind, EncoderNoise, GroupFile, Gyro, Patch, Payload,
     PoseNoise, WheelName,
 };
 
-const ROBOTS: &str = r#"name = "pair"
-group_id = 7
-[robot]
-half_track = 0.37
-half_wheelbase = 0.35
-wheel_radius = 0.1524
-roller_angle_deg = 45
-max_wheel_rate = 22
-encoder = { counts_per_revolution = 40000 }
-motor = { supply = 24, constant = 0.8, resistance = 0.3, inertia = 0.4 }
-[[robots]]
-node = 2
-x = 0.6
-[[robots]]
-node = 3
-x = -0.6
-[simulation]
-"#;
+const ROBOTS: &str = concat!(
+    "name = \"pair\"\ngroup_id = 7\n",
+    robot!(),
+    members!(),
+    "[simulation]\n"
+);
 
 fn parsed(simulation: &str) -> GroupFile {
     GroupFile::parse("pair.toml", &format!("{ROBOTS}{simulation}"))
@@ -197,7 +188,7 @@ fn numbers_out_of_range_are_refused_by_name() {
              robot in this file",
         ),
     ] {
-        assert_eq!(refusal(text), format!("pair.toml:18: {expected}"));
+        assert_eq!(refusal(text), format!("pair.toml:20: {expected}"));
     }
 }
 
@@ -205,21 +196,21 @@ fn numbers_out_of_range_are_refused_by_name() {
 fn only_the_contact_plant_knows_floors_and_loads() {
     assert_eq!(
         refusal("friction = 0.5"),
-        "pair.toml:18: simulation.friction: means nothing to this plant; set plant = \"contact\", \
+        "pair.toml:20: simulation.friction: has no effect on this plant; set plant = \"contact\", \
          or remove it"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nfriction = 0"),
-        "pair.toml:19: simulation.friction: is 0; give a number greater than 0"
+        "pair.toml:21: simulation.friction: is 0; give a number greater than 0"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nfloor = [{ x = [2, 1], y = [0, 1], friction = 0.1 }]"),
-        "pair.toml:19: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller \
+        "pair.toml:21: simulation.floor[0].x: is [2, 1]; give [from, to] in metres, the smaller \
          first"
     );
     assert_eq!(
         refusal("plant = \"contact\"\nrigid = false\npayload = { mass = 50 }"),
-        "pair.toml:20: simulation.payload: lies on robots that are not connected; set rigid = \
+        "pair.toml:22: simulation.payload: lies on robots that are not connected; set rigid = \
          true, or remove it"
     );
 }

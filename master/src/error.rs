@@ -1,6 +1,6 @@
-//! What can go wrong between the master and a group. Every message names the node and the object
-//! or field, and ends in what to do about it; nothing here ever moved because of an error, and a
-//! group that was moving is ramped down by whoever receives one.
+//! What can go wrong between the master and a group. Every message names the node and the object or
+//! field, and ends in what to do about it; nothing here ever moved because of an error, and a group
+//! that was moving is ramped down by the code that receives one.
 
 use canopen::{AbortCode, NmtState};
 use protocol::{Fault, MemberState};
@@ -132,7 +132,7 @@ pub enum MasterError {
         /// SYNCs without a status.
         syncs: u32,
     },
-    /// A robot started anew while the group was running.
+    /// A robot restarted while the group was running.
     #[error(
         "node {node} restarted by itself while the group was moving; the group ramps down. Read \
          its reset cause (2001:3) and its supply"
@@ -149,7 +149,7 @@ pub enum MasterError {
         /// Its state as last heard.
         state: NmtState,
     },
-    /// A robot's own pose began anew while the group was running.
+    /// A robot's own pose was reset while the group was running.
     #[error(
         "node {node}: its pose jumped while the group was moving; the group ramps down. The robot \
          was reset, or its encoders lost their count: read its reset cause (2001:3)"
@@ -161,19 +161,19 @@ pub enum MasterError {
     /// This computer was late, which explains what happened.
     #[error(
         "this computer was too busy: it was {late_ms:.0} ms late within the last second, which \
-         looks to robots like a broken bus. End other programs, or permit real-time priority \
-         (docs/operating.md, Busy computers). What came of it: {error}"
+         robots cannot distinguish from a broken bus. Close other programs, or permit real-time \
+         priority (docs/operating.md, Busy computers). The resulting error: {error}"
     )]
     Busy {
         /// How late it was, in ms.
         late_ms: f64,
-        /// What came of it.
+        /// The resulting error.
         error: Box<MasterError>,
     },
     /// The source of poses went silent.
     #[error(
-        "no pose of the group has arrived for one second; the group ramps down. Check what sends \
-         the poses"
+        "no pose of the group has arrived for one second; the group ramps down. Check the program \
+         that sends the poses"
     )]
     PoseLost,
     /// Nobody is there who could answer a question.
@@ -194,12 +194,12 @@ pub enum MasterError {
     /// Something was to drive that does not listen to setpoints.
     #[error("the group is not started, so nothing would move; start it before each drive")]
     NotStarted,
-    /// Somebody asked to stop.
+    /// A stop was requested.
     #[error("stopped on request")]
     Aborted,
     /// Poses do not come as they should.
     #[error(
-        "--pose {address}: {problem}; one JSON line a sample is expected, see `docs/operating.md`"
+        "--pose {address}: {problem}; one line of JSON per sample is expected, see `docs/operating.md`"
     )]
     PoseSource {
         /// Where they come from.
@@ -209,7 +209,7 @@ pub enum MasterError {
     },
     /// Yaw rates do not come as they should.
     #[error(
-        "--gyro {address}: {problem}; one JSON line a sample is expected, see `docs/operating.md`"
+        "--gyro {address}: {problem}; one line of JSON per sample is expected, see `docs/operating.md`"
     )]
     GyroSource {
         /// Where they come from.
@@ -219,8 +219,8 @@ pub enum MasterError {
     },
     /// A wheel turned once and its encoder's index was not seen.
     #[error(
-        "node {node}: the index of the {wheel} wheel was not seen within one turn (object 0x2114 \
-         says {state}); check its wire, or set rollers to none for this robot in the group file"
+        "node {node}: the index of the {wheel} wheel was not detected within one turn (object \
+         0x2114 is {state}); check its wire, or set rollers to none for this robot in the group file"
     )]
     NoIndex {
         /// The robot.
@@ -293,7 +293,7 @@ fn known(state: Option<impl std::fmt::Debug>) -> String {
 fn remedy(abort: AbortCode) -> &'static str {
     match abort {
         AbortCode::NoObject | AbortCode::NoSubIndex => {
-            "the robot's firmware is of another release: flash it"
+            "the robot has the firmware of another release; flash it"
         }
         AbortCode::ValueTooHigh | AbortCode::ValueTooLow | AbortCode::InvalidValue => {
             "correct the value in the group file"

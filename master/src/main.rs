@@ -14,9 +14,10 @@ const EXAMPLES: &str = "Examples:
   omnibus scan --bus socketcan:can0
   omnibus group check groups/tcc-3.toml
 
-A bus is sim:GROUP.toml (a simulated world in this process), socketcan:INTERFACE, slcan:DEVICE,
-slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE. Commands that move a group on a real bus
-need --group GROUP.toml beside it. OMNIBUS_BUS stands in for --bus.";
+A bus is auto (the adapter or robot that is plugged in), sim:GROUP.toml (a simulated world in this
+process), socketcan:INTERFACE, slcan:DEVICE, slcan-tcp://HOST:PORT or
+socketcand://HOST:PORT/INTERFACE. Commands that move a group on a real bus also need --group
+GROUP.toml. The environment variable OMNIBUS_BUS replaces --bus.";
 
 /// Makes several Mecanum-wheeled robots move as one body.
 #[derive(Parser)]

@@ -1,10 +1,10 @@
 //! A session in a thread of its own, for programs that have something else to do: live views,
 //! teleoperation, the page.
 //!
-//! A [`Pilot`] opens the bus, observes it, and does what it is told: start, move, stop. It is told
-//! a velocity together with how long that is good for; when nothing newer has come by then it
-//! commands standstill, and the robots ramp by their own limits. That is the dead-man's key:
-//! whoever steers must keep saying so.
+//! A [`Pilot`] opens the bus, observes it, and executes commands: start, move, stop. It is told a
+//! velocity together with how long that is good for; when nothing newer has come by then it
+//! commands standstill, and the robots ramp by their own limits. That is the dead-man's key: the
+//! source of commands must repeat them.
 //!
 //! An error of the group (a fault, a missing member) ramps the group down, is published as
 //! [`EventKind::Failed`](crate::monitor::telemetry::EventKind::Failed), and leaves the pilot
@@ -27,7 +27,7 @@ use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, SessionState, S
 use crate::run::DriveError;
 use crate::session::{Group, check_twist};
 
-/// How often the bus is looked at while nothing runs, in µs.
+/// How often the bus is polled while nothing runs, in µs.
 const IDLE_US: u64 = 50_000;
 /// Rows kept of a session without an end.
 const ROWS: usize = 200;

@@ -76,7 +76,7 @@ pub struct Feedback {
     pub source: Source,
     /// How they correct the drive.
     pub law: Law,
-    /// Whether they correct it, or are only looked at.
+    /// Whether they correct it, or are only recorded.
     pub corrects: bool,
 }
 
@@ -130,8 +130,8 @@ impl Feedback {
 pub enum DriveError {
     /// The source of poses.
     #[error(
-        "no poses from {address}: {problem}; start what sends them (omnibus-sim serve --pose-tcp \
-         prints its address) or correct --pose"
+        "no poses from {address}: {problem}; start the program that sends them (omnibus-sim serve \
+         --pose-tcp prints its address) or correct --pose"
     )]
     Pose {
         /// Where they were to come from.
@@ -258,7 +258,7 @@ pub(crate) fn session<L: Link>(
     })
 }
 
-/// Whether the robots are told about their rollers.
+/// Whether the robots are configured with rollers.
 pub(crate) fn has_rollers(group: &GroupFile) -> bool {
     group.robots.iter().any(|robot| robot.rollers.is_some())
 }

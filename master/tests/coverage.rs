@@ -20,7 +20,7 @@ use kinematics::{Pose, Twist};
 use omnibus::commission::calibrate::calibrate;
 use omnibus::commission::calibrate::journal::Journal;
 use omnibus::commission::calibrate::manoeuvre::Settings;
-use omnibus::commission::calibrate::measure::Witness;
+use omnibus::commission::calibrate::measure::Instrument;
 use omnibus::commission::calibrate::recorded_motions::Source;
 use omnibus::commission::calibrate::rollers::{find, without_phases};
 use omnibus::error::MasterError;
@@ -75,17 +75,17 @@ struct Robot {
     file: GroupFile,
     contact: Contact,
     world: World,
-    eyes: Eyes,
+    observer: NoisyObserver,
 }
 
 /// A source of poses with noise.
-struct Eyes {
+struct NoisyObserver {
     random: Random,
     metres: f64,
     radians: f64,
 }
 
-impl Eyes {
+impl NoisyObserver {
     fn see(&mut self, link: &mut SimLink) -> Result<Vec<[f64; 3]>, MasterError> {
         let pose = link.world.truth().robots[0].pose;
         let mut off = |deviation: f64| deviation * self.random.normal();
@@ -113,7 +113,7 @@ impl Robot {
             file,
             contact,
             world,
-            eyes: Eyes {
+            observer: NoisyObserver {
                 random,
                 metres,
                 radians,
@@ -128,12 +128,12 @@ fn phases(seed: u64) -> (usize, f64) {
         file,
         contact,
         world,
-        mut eyes,
+        mut observer,
     } = Robot::new(seed);
     let truth = sim::index::roller_phases(&file).unwrap()[0];
     let file = without_phases(&file, ROLLERS).unwrap();
     let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
-    let mut poses = |link: &mut SimLink| eyes.see(link);
+    let mut poses = |link: &mut SimLink| observer.see(link);
     let source = &mut Source::Poses(&mut poses);
     let found = find(&mut group, 2, source, &mut Journal::new(|_| {})).unwrap();
     let found = found[0].found;
@@ -203,7 +203,7 @@ fn coefficients(seed: u64) -> (usize, f64) {
         file,
         contact,
         world,
-        mut eyes,
+        mut observer,
     } = Robot::new(seed);
     let settings = Settings {
         speeds: SPEEDS.to_vec(),
@@ -211,10 +211,10 @@ fn coefficients(seed: u64) -> (usize, f64) {
         ..Settings::default()
     };
     let mut group = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
-    let mut poses = |link: &mut SimLink| eyes.see(link);
-    let witness = &mut Witness::Poses(&mut poses);
+    let mut poses = |link: &mut SimLink| observer.see(link);
+    let instrument = &mut Instrument::Poses(&mut poses);
     let journal = &mut Journal::new(|_| {});
-    let calibration = calibrate(&mut group, &settings, 1, witness, journal).unwrap();
+    let calibration = calibrate(&mut group, &settings, 1, instrument, journal).unwrap();
     let found = &calibration.outcomes[0].found;
     let ahead = found
         .ahead

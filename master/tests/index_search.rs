@@ -74,12 +74,12 @@ fn follow_says_so_and_leaves_it_out_on_request() {
     let bus = format!("sim:{}", on_disk().display());
     let follow = ["follow", "lateral", "--quick", "--bus", &bus];
     let output = omnibus(&follow);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(said.contains("keep 1.03 m free"), "{said}");
-    assert!(said.contains("--no-seek"), "{said}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(message.contains("keep 1.03 m free"), "{message}");
+    assert!(message.contains("--no-seek"), "{message}");
     let output = omnibus(&[&follow[..], &["--no-seek"]].concat());
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(!said.contains("free"), "{said}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(!message.contains("free"), "{message}");
 }

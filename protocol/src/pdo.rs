@@ -9,7 +9,7 @@
 //! | [`WheelRateReport`] | front left i16 | front right i16 | rear left i16 | rear right i16 | |
 //!
 //! Little-endian throughout, scaled as [`crate::scaling`] says. All frames are exactly eight bytes:
-//! a shorter one is refused, not padded, since a missing byte here is somebody else's layout.
+//! a shorter one is refused, not padded, since a missing byte means another layout.
 
 use kinematics::{Pose, Twist, WheelRates};
 
@@ -50,7 +50,7 @@ fn eight(data: &[u8]) -> Result<[u8; 8], DecodeError> {
     data.try_into().map_err(|_| DecodeError::Length(data.len()))
 }
 
-/// The velocity everybody is asked for, in the group frame; or, on the commissioning identifier,
+/// The commanded velocity of all members, in the group frame; or, on the commissioning identifier,
 /// the velocity of one robot alone in its own frame.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct GroupTwist {

@@ -41,7 +41,7 @@ const MAX_I24: i32 = 0x7F_FFFF;
 /// would make a one of 0.49999997).
 #[expect(
     clippy::cast_possible_truncation,
-    reason = "the limit is an i32, and the fraction is looked at separately"
+    reason = "the limit is an i32, and the fraction is handled separately"
 )]
 fn nearest(value: f32, limit: i32) -> i32 {
     let bound = limit as f32;

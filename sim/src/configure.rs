@@ -18,7 +18,7 @@ const BOOT: Micros = Micros(200_000);
 const ANSWER: Micros = Micros(250_000);
 
 /// Waits until the robots have started and writes everything they must know into them; without
-/// `compensation` they are told that they lose nothing.
+/// `compensation` they get the values of robots that lose nothing.
 ///
 /// # Errors
 /// When a robot does not answer, refuses a value or finds its configuration incomplete.

@@ -2,8 +2,8 @@
 //!
 //! A sample is the mean rate since the one before, as a gyro gives that integrates inside, with a
 //! bias, white noise and a bias that strays; it comes late by the filters' delay. The samples of
-//! all robots are of one clock, the world's. What a gyro costs the simulation is nothing until
-//! somebody asks for its samples.
+//! all robots are of one clock, the world's. What a gyro costs the simulation is nothing until its
+//! samples are requested.
 
 use group::Gyro;
 use kinematics::Pose;

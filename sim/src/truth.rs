@@ -43,9 +43,9 @@ pub struct RobotTruth {
     pub supply: f64,
     /// Whether the bridges conduct.
     pub drivers_enabled: bool,
-    /// Whether the holding brake is told to open.
+    /// Whether the holding brake is commanded to open.
     pub brake_released: bool,
-    /// Whether the holding brake of any wheel holds, whatever it is told.
+    /// Whether the holding brake of any wheel holds, whatever its command.
     pub brake_holds: bool,
 }
 

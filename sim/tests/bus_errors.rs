@@ -1,10 +1,13 @@
 //! Errors on the bus and what native robots' CAN controllers make of them: ISO 11898-1's counters,
 //! bit for bit.
 
-use canopen::{Frame, Micros};
+mod common;
+
+use canopen::Frame;
+use common::{all, counters, received, run};
 use group::GroupFile;
 use omnibus_sim::bus::disturb::Share;
-use omnibus_sim::bus::errors::{ErrorCounters, ErrorState};
+use omnibus_sim::bus::errors::ErrorState;
 use omnibus_sim::{Backend, MASTER, Options, World};
 use protocol::Fault;
 
@@ -23,28 +26,8 @@ fn world(name: &str) -> World {
     World::new(&group(name), Backend::Native, Options::default()).unwrap()
 }
 
-fn run(world: &mut World, until_us: u64) {
-    world.run_until(Micros(until_us)).unwrap();
-}
-
-fn received(world: &mut World) -> Vec<(u64, u16)> {
-    let frames = std::iter::from_fn(|| world.take_received(MASTER));
-    frames.map(|(at, frame)| (at.0, frame.id())).collect()
-}
-
 fn frame(id: u16) -> Frame {
     Frame::new(id, &[]).unwrap()
-}
-
-fn all(id: u16) -> Share {
-    Share {
-        of: 1.0,
-        id: Some(id),
-    }
-}
-
-fn counters(transmit: u32, receive: u32) -> ErrorCounters {
-    ErrorCounters { transmit, receive }
 }
 
 /// A frame of 45 bits (`frames_counted_by_hand`), 35 of them up to the end of its checksum. An

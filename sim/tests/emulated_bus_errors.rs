@@ -3,11 +3,14 @@
 //! it, switches these tests on and names it in `OMNIBUS_ELF`. Native robots have the same in
 //! `bus_errors.rs`.
 
-use canopen::{Frame, Micros};
+mod common;
+
+use canopen::Frame;
+use common::{all, counters, received, run};
 use emulator::Firmware;
 use group::GroupFile;
 use omnibus_sim::bus::disturb::Share;
-use omnibus_sim::bus::errors::{ErrorCounters, ErrorState};
+use omnibus_sim::bus::errors::ErrorState;
 use omnibus_sim::{Backend, MASTER, Options, World};
 use protocol::Fault;
 
@@ -18,26 +21,6 @@ fn world(name: &str) -> World {
     let group = GroupFile::load(format!("{folder}/../groups/{name}.toml")).unwrap();
     let image = Firmware::load(path).unwrap();
     World::new(&group, Backend::Emulator(image), Options::default()).unwrap()
-}
-
-fn run(world: &mut World, until_us: u64) {
-    world.run_until(Micros(until_us)).unwrap();
-}
-
-fn received(world: &mut World) -> Vec<(u64, u16)> {
-    let frames = std::iter::from_fn(|| world.take_received(MASTER));
-    frames.map(|(at, frame)| (at.0, frame.id())).collect()
-}
-
-fn all(id: u16) -> Share {
-    Share {
-        of: 1.0,
-        id: Some(id),
-    }
-}
-
-fn counters(transmit: u32, receive: u32) -> ErrorCounters {
-    ErrorCounters { transmit, receive }
 }
 
 /// 16 failures to error passive, 32 to bus-off; then silence, recovery, and an announcement by the

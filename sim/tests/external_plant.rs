@@ -144,7 +144,7 @@ fn nothing_listens() {
     let text = ExternalPlant::connect(&group("single"), &address, START)
         .unwrap_err()
         .to_string();
-    assert!(text.contains("nobody answers ("), "{text}");
+    assert!(text.contains("no program answers there ("), "{text}");
     assert!(
         text.ends_with("; start the other simulator there first"),
         "{text}"

@@ -158,11 +158,11 @@ impl Motion {
             // Rates for the present roller angles, and the acceleration that brings the wheels to
             // the rates for the roller angles and the twist of the next tick.
             let wheels = rollers.kinematics();
-            let asked = drivetrain.for_wheels(velocity, &self.factors);
+            let asked = drivetrain.member_twist(velocity, &self.factors);
             let now = wheels.inverse(asked, rollers.secants());
             let ahead = rollers.ahead(&now, dt);
             let next = velocity + self.limiter.acceleration() * dt;
-            let asked = drivetrain.for_wheels(next, &self.factors);
+            let asked = drivetrain.member_twist(next, &self.factors);
             let next = wheels.inverse(asked, &ahead);
             report.rates_ref = now;
             self.accelerations = per_second(&now, &next, dt);

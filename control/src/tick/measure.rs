@@ -65,11 +65,11 @@ impl Motion {
             let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
             let wheels = rollers.kinematics();
             let (asked, residual) = wheels.measure(rates, rollers.secants());
-            report.measured = drivetrain.for_group(asked, factors);
+            report.measured = drivetrain.group_twist(asked, factors);
             report.slip_residual = residual;
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
-            drivetrain.for_group(wheels.displacement(turned, &middle), factors)
+            drivetrain.group_twist(wheels.displacement(turned, &middle), factors)
         } else {
             report.measured = drivetrain.achieved(rates, factors);
             report.slip_residual = drivetrain.slip_residual(rates);

@@ -10,7 +10,7 @@ pub enum CanError {
     Stuff = 1,
     /// A fixed-form bit had the wrong level.
     Form = 2,
-    /// Nobody acknowledged.
+    /// No node acknowledged.
     Acknowledge = 3,
     /// Sent recessive, saw dominant.
     BitRecessive = 4,

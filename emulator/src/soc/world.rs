@@ -265,7 +265,7 @@ mod tests {
     }
 
     /// 25.6.1: a read of SR and one of DR clear IDLE, and with it the request of an interrupt,
-    /// without any write or event that would let the lines be looked at.
+    /// without any write or event that would update the lines.
     #[test]
     fn reading_the_data_register_ends_its_request() {
         let store = Arc::new(RamStore::new(flash::SIZE));

@@ -2,8 +2,8 @@
 //! and schemas of a recording.
 //!
 //! A thread takes every frame from the session's telemetry and makes messages of them as a
-//! recording does; the library sends them to whoever has subscribed. When it falls behind, the
-//! oldest frames are left out. Nothing can be sent from Foxglove to the group.
+//! recording does; the library sends them to its subscribers. When it falls behind, the oldest
+//! frames are left out. Nothing can be sent from Foxglove to the group.
 
 use std::collections::BTreeMap;
 use std::io;

@@ -1,11 +1,10 @@
 //! `omnibus bridge`: other programs drive the group and see it, by lines of JSON.
 //!
-//! A [`Bridge`] stands between a [`Pilot`] and any number of clients, each a
-//! pair of a reader and a writer: standard input and output, a TCP connection, a Unix socket. Each
-//! client gets the telemetry from a queue of its own, so a slow one loses its oldest lines and
-//! holds nobody up. Who may drive is decided by the same
-//! [`Arbiter`] as for the page. `docs/bridge.md` has the messages;
-//! [`message`] reads and writes them.
+//! A [`Bridge`] stands between a [`Pilot`] and any number of clients, each a pair of a reader and a
+//! writer: standard input and output, a TCP connection, a Unix socket. Each client gets the
+//! telemetry from a queue of its own, so a slow one loses its oldest lines and delays no client.
+//! Who may drive is decided by the same [`Arbiter`] as for the page. `docs/bridge.md` has the
+//! messages; [`message`] reads and writes them.
 //!
 //! A velocity is good for the time that its message names. After that the group is commanded to
 //! stand and the robots ramp by their limits; the same happens when the client goes. What a hung
@@ -52,7 +51,7 @@ pub struct Bridge {
     next_client: AtomicU64,
 }
 
-/// Nobody who panicked has left these half changed.
+/// A thread that panicked has not left these half changed.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -130,7 +129,7 @@ impl Bridge {
             if let Err(reason) = done {
                 line(&mut *lock(output), &message::refused(&reason))?;
             }
-            // Whoever speaks another language (a browser, say) is not listened to any longer.
+            // A client that speaks another language, such as a browser, is disconnected.
             if !understood {
                 return Ok(());
             }

@@ -1,7 +1,7 @@
 //! Where clients of a bridge come in: a TCP port of this machine, or a Unix socket.
 //!
-//! There is no token and no encryption: whoever may connect may drive. So TCP is served on this
-//! machine's own addresses only, and a Unix socket can be opened by this user only.
+//! There is no token and no encryption: any client that can connect may drive. So TCP is served on
+//! this machine's own addresses only, and a Unix socket can be opened by this user only.
 
 use std::io::{self, BufReader};
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
@@ -59,8 +59,8 @@ impl Listener {
                 let all: Vec<_> = address.to_socket_addrs()?.collect();
                 if !all.iter().all(|address| address.ip().is_loopback()) {
                     return Err(io::Error::other(
-                        "other machines reach this address, and whoever connects may drive; \
-                         listen on 127.0.0.1 and go there through an SSH tunnel",
+                        "other computers reach this address, and anyone who connects may drive; \
+                         listen on 127.0.0.1 and connect through an SSH tunnel",
                     ));
                 }
                 TcpListener::bind(&all[..]).map(Self::Tcp)
@@ -69,7 +69,7 @@ impl Listener {
             Address::Unix(path) => {
                 use std::os::unix::fs::PermissionsExt as _;
                 use std::os::unix::net::{UnixListener, UnixStream};
-                // What a killed bridge left behind answers nobody.
+                // The socket of a killed bridge does not answer.
                 if UnixStream::connect(path)
                     .is_err_and(|error| error.kind() == io::ErrorKind::ConnectionRefused)
                 {
@@ -135,7 +135,7 @@ fn admit(open: &Arc<AtomicUsize>, serve: impl FnOnce() -> io::Result<()> + Send 
         return;
     }
     std::thread::spawn(move || {
-        // Whoever the connection fails has gone; there is nobody to tell.
+        // The connection has failed, so an error cannot be reported to the client.
         let _ = serve();
         open.fetch_sub(1, Ordering::Relaxed);
     });

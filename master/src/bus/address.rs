@@ -25,7 +25,7 @@ pub enum BusAddress {
 /// Why a text names no bus.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{0}' names no bus; give one of auto, sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
+    "'{0}' is not a bus; give one of auto, sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE, \
      slcan-tcp://HOST:PORT, socketcand://HOST:PORT/INTERFACE, lockstep://HOST:PORT (for example \
      sim:groups/tcc-3.toml, \
      socketcan:can0, slcan:/dev/ttyACM0, socketcand://pi.local:29536/can0)"

@@ -69,8 +69,8 @@ pub trait Link {
     }
 
     /// Asks the link to send SYNC by itself from now on, or with `None` to leave off. `false` when
-    /// it cannot: then whoever drives the session sends SYNC when the link's clock says so, which
-    /// on a bus with virtual time is exact.
+    /// it cannot: then the caller of the session sends SYNC when the link's clock says so, which on
+    /// a bus with virtual time is exact.
     fn pace(&mut self, _schedule: Option<Schedule>) -> bool {
         false
     }

@@ -49,7 +49,7 @@ impl Traffic {
     }
 }
 
-/// What is on the bus of `robots` robots with `rate_hz` SYNCs a second.
+/// The load of a bus with `robots` robots and `rate_hz` SYNCs per second.
 #[must_use]
 pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
     let each = rate_hz * f64::from(robots);

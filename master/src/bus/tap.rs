@@ -1,4 +1,4 @@
-//! A tap on a bus: every frame that goes through is copied to a recorder or whoever else listens.
+//! A tap on a bus: every frame that goes through is copied to a recorder or another listener.
 
 use std::sync::Arc;
 

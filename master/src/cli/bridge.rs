@@ -25,11 +25,11 @@ A client writes {\"type\":\"start\"}, then {\"type\":\"twist\",\"vx\":0.1} at le
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Serves clients at tcp://127.0.0.1:PORT or unix:PATH; without it, standard input and output
-    /// are the only client, and its end is the bridge's.
+    /// Serves clients at tcp://127.0.0.1:PORT or unix:PATH. By default standard input and output
+    /// are the only client, and the bridge ends with it.
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<Address>,
-    /// States in a second that a client gets at most; one every SYNC without this.
+    /// Largest number of states per second for a client; by default one for every SYNC.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     /// Shows the group live in Foxglove, which connects to ws://ADDR.
@@ -46,10 +46,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(rate) => bail!("--rate: {rate} Hz is not above 0 and at most 1000 Hz"),
     };
     let listener = match &arguments.listen {
-        Some(address) => Some(
-            Listener::bind(address)
-                .with_context(|| format!("--listen {}: cannot listen there", show(address)))?,
-        ),
+        Some(address) => Some(Listener::bind(address).with_context(|| {
+            format!("--listen {}: cannot listen at this address", show(address))
+        })?),
         None => None,
     };
     let abort = super::abort_on_ctrl_c()?;
@@ -72,7 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         let (bridge, ended) = (Arc::clone(&bridge), Arc::clone(&ended));
         std::thread::spawn(move || {
-            // Whoever does not read any more has gone, as one who does not write any more.
+            // A client that has stopped reading has gone, like one that has stopped writing.
             let _ = bridge.serve(BufReader::new(stdin()), stdout());
             ended.store(true, Ordering::Relaxed);
         });
@@ -98,7 +97,8 @@ fn live(
     group: &group::GroupFile,
 ) -> anyhow::Result<std::net::SocketAddr> {
     use std::net::ToSocketAddrs as _;
-    let context = || format!("--foxglove {address}: give ADDRESS:PORT that is free here");
+    let context =
+        || format!("--foxglove {address}: give an ADDRESS:PORT of this computer that is free");
     let mut addresses = address.to_socket_addrs().with_context(context)?;
     let address = addresses.next().with_context(context)?;
     omnibus::bridge::live::serve(address, hub, group).with_context(context)
@@ -110,5 +110,5 @@ fn live(
     _: &omnibus::monitor::telemetry::Hub,
     _: &group::GroupFile,
 ) -> anyhow::Result<std::net::SocketAddr> {
-    bail!("--foxglove: this build has no Foxglove; build it with --features foxglove")
+    bail!("--foxglove: this build does not support Foxglove; build it with --features foxglove")
 }

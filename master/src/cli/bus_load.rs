@@ -12,10 +12,10 @@ const EXAMPLES: &str = "Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Robots on the bus.
+    /// Number of robots on the bus.
     #[arg(long)]
     robots: u8,
-    /// SYNCs a second.
+    /// Number of SYNCs per second.
     #[arg(long, default_value_t = 100.0, value_name = "HZ")]
     rate: f64,
 }
@@ -63,13 +63,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         range((low, high)),
     ]);
     print_line(&table)?;
-    print_line("The share depends on the data: from no stuffed bits to as many as there can be.")?;
+    print_line("The load depends on the data: from no stuff bits to the largest possible number.")?;
     if high > 1.0 {
-        print_line("That does not fit. Lower --rate (sync_period_ms in the group file).")?;
+        print_line(
+            "This exceeds the capacity of the bus. Lower --rate (sync_period_ms in the group file).",
+        )?;
     } else if high > BUSY {
         print_line(
-            "That is too full for comfort: parameters and node management hardly get through. \
-             Lower --rate.",
+            "This leaves too little capacity for parameters and node management. Lower --rate.",
         )?;
     }
     Ok(())

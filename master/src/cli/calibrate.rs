@@ -30,21 +30,20 @@ driven there and back.";
 pub struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Finds how the rollers of each wheel stand when its encoder's index comes, instead of what
-    /// the floor takes away.
+    /// Finds the angle of each wheel's rollers at its encoder's index, instead of the loss by slip.
     #[arg(long)]
     phase: bool,
-    /// Rollers of a wheel, where the group file does not say.
+    /// Number of rollers of a wheel; needed if the group file does not give it.
     #[arg(long, default_value_t = 8)]
     rollers: u8,
-    /// Where poses come from: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
+    /// Source of poses: tcp://HOST:PORT with JSON lines. A simulated bus has its own.
     #[arg(long, value_name = "tcp://HOST:PORT")]
     pose: Option<String>,
     /// Finds phases from yaw rates instead of poses: tcp://HOST:PORT with JSON lines, or
     /// on a simulated bus sim, the gyros of its robots.
     #[arg(long, value_name = "tcp://HOST:PORT|sim")]
     gyro: Option<String>,
-    /// Writes what was found into the robots; coefficients into the group file, too.
+    /// Writes the result into the robots, and coefficients also into the group file.
     #[arg(long)]
     write: bool,
     #[command(flatten)]
@@ -54,10 +53,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.gyro.is_some() {
         if !arguments.phase && !arguments.slip.all {
-            wrong("--gyro finds the phases of rollers: give --phase or --all with it");
+            wrong("--gyro measures the phases of rollers; add --phase or --all");
         }
         if arguments.phase && arguments.pose.is_some() {
-            wrong("--phase takes '--pose' or '--gyro', not both");
+            wrong("--phase needs either --pose or --gyro, not both");
         }
     }
     if arguments.phase {

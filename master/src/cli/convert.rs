@@ -32,10 +32,10 @@ pub struct Arguments {
     /// Output format.
     #[arg(long, value_enum)]
     to: Form,
-    /// Where to write it; standard output without this (not for mcap).
+    /// File to write; by default standard output (not for mcap).
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Group file for a log that has none in it: names the robots and where they stand.
+    /// Group file for a log without one; it gives the robots and their mounts.
     #[arg(long, value_name = "GROUP.toml")]
     group: Option<PathBuf>,
 }
@@ -60,7 +60,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         recording.group()?;
     }
     match (arguments.to, &arguments.output) {
-        (Form::Mcap, None) => bail!("--output FILE.mcap is missing: a recording is no text"),
+        (Form::Mcap, None) => bail!(
+            "--output FILE.mcap is missing: a recording is binary and cannot go to standard output"
+        ),
         (Form::Mcap, Some(path)) => {
             let recorder = Recorder::create(
                 path,

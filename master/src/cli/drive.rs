@@ -36,7 +36,7 @@ pub struct Arguments {
     /// Yaw rate, counter-clockwise, rad/s.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     omega: f32,
-    /// For how long, s.
+    /// Duration, s.
     #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     seconds: f64,
     #[command(flatten)]

@@ -73,13 +73,14 @@ pub struct Arguments {
     /// Whether the robots compensate for wheel slip, with the group file's coefficients.
     #[arg(long, value_enum, default_value_t = Switch::On)]
     compensation: Switch,
-    /// Time over which the curve is entered and left, s.
+    /// Duration of the acceleration at the beginning and at the end, s.
     #[arg(long, default_value_t = RAMP, value_name = "SECONDS", allow_negative_numbers = true)]
     ramp: f64,
-    /// How often a closed curve is driven, without stopping in between.
+    /// Number of times that a closed curve is driven, without stopping in between.
     #[arg(long, default_value_t = 1)]
     repeats: u32,
-    /// Size, as a multiple of the curve's own; it takes the same time, so a small one is slow.
+    /// Size, as a multiple of the curve's own. The duration stays the same, so a small curve is
+    /// slow.
     #[arg(
         long,
         default_value_t = 1.0,
@@ -87,11 +88,12 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     scale: f64,
-    /// Where the curve begins and which way it is turned, in the frame of the results and of
-    /// `--pose tcp://`: metres, metres, degrees.
+    /// Position and heading at which the curve begins, in the frame of the results and of `--pose
+    /// tcp://`: metres, metres, degrees.
     #[arg(long, value_name = "X,Y[,DEGREES]", value_parser = place, allow_hyphen_values = true)]
     at: Option<Pose<f64>>,
-    /// Results in the axes of the source paper (x lateral, y longitudinal), beside its values.
+    /// Prints the results in the axes of the source paper (x lateral, y longitudinal), beside its
+    /// values.
     #[arg(long)]
     paper: bool,
     /// Speed, as a multiple of the curve's own.
@@ -110,18 +112,18 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     heading: f64,
-    /// What the heading offset is added to: the curve's own heading, or the direction of travel.
+    /// Reference of the heading offset: the curve's own heading, or the direction of travel.
     #[arg(long, value_enum, default_value_t = Frame::World)]
     frame: Frame,
-    /// Closes the loop with poses from here: tcp://HOST:PORT (JSON lines), odometry, or truth on a
+    /// Source of poses for feedback: tcp://HOST:PORT (JSON lines), odometry, or truth on a
     /// simulated bus.
     #[arg(long, value_name = "SOURCE")]
     pose: Option<Source>,
-    /// Gain of the feedback, 1/s; for the heading too.
+    /// Gain of the feedback for position and heading, 1/s.
     #[arg(long, default_value_t = Law::default().gain, value_name = "GAIN", requires = "pose",
           allow_negative_numbers = true)]
     gain: f32,
-    /// Drives without feedback first, to compare. (A simulated bus always does.)
+    /// Also drives without feedback first, for comparison; a simulated bus always does.
     #[arg(long, requires = "pose")]
     compare: bool,
     /// Begins with the mean of the rollers where a wheel has not seen its index, instead of driving
@@ -140,7 +142,7 @@ pub struct Arguments {
     /// Writes every frame as a candump log.
     #[arg(long, value_name = "FILE.log")]
     candump: Option<PathBuf>,
-    /// Writes what the emulated robots' firmware logged.
+    /// Writes the log of the emulated robots' firmware.
     #[arg(long, value_name = "FILE.log")]
     log: Option<PathBuf>,
 }
@@ -167,7 +169,7 @@ impl Arguments {
         };
         if !(self.gain > 0.0 && self.gain <= 5.0) {
             bail!(
-                "--gain: {} 1/s is not between 0 and 5; beyond that the loop rings",
+                "--gain: {} 1/s is not between 0 and 5; a higher gain makes the loop oscillate",
                 self.gain
             );
         }
@@ -200,8 +202,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let simulated = matches!(target.bus, BusAddress::Sim(_));
     if simulated && matches!(arguments.pose, Some(Source::Stream(_))) {
         bail!(
-            "--pose tcp://: a bus in this process has virtual time, which no other program \
-             shares; give --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
+            "--pose tcp://: a simulated bus in this process has virtual time, which other \
+             programs do not share; give --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
         );
     }
     if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {
@@ -275,9 +277,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             [without, with] => print_line(format_args!(
                 "rms tracking error: {without:.2} mm without feedback, {with:.2} mm with"
             ))?,
-            _ => {
-                print_line("rms tracking error as above; --compare drives without feedback first")?
-            }
+            _ => print_line(
+                "see the rms tracking error above; --compare also drives without feedback",
+            )?,
         }
     }
     for sync in syncs.iter().flatten() {

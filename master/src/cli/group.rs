@@ -27,8 +27,8 @@ const CHECK_EXAMPLES: &str = "Examples:
   omnibus group check my-group.toml
   omnibus group check groups/*.toml
 
-Names everything that is wrong, each with file, line, key and remedy; then exit code 6. What is allowed but hardly
-meant, such as a speed that the wheels cannot reach, is a warning. docs/group-files.md explains every key.";
+Lists every error with its file, line, key and remedy, and then exits with code 6. A value that is allowed but probably
+not intended, such as a speed that the wheels cannot reach, is a warning. docs/group-files.md explains every key.";
 
 const SHOW_EXAMPLES: &str = "Examples:
   omnibus group show groups/tcc-2.toml
@@ -40,7 +40,7 @@ const APPLY_EXAMPLES: &str = "Examples:
 const SCHEMA_EXAMPLES: &str = "Examples:
   omnibus group schema > group.schema.json
 
-An editor that knows JSON Schema for TOML completes and explains keys where the file's first line is
+An editor that supports JSON Schema for TOML completes and explains keys when the first line of the file is
 `#:schema ./group.schema.json`.";
 
 #[derive(clap::Args)]
@@ -52,9 +52,9 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Writes a group file for robots of your own; asks for what the options do not say.
+    /// Writes a group file for your own robots; asks for everything that the options do not give.
     New(Box<new::Arguments>),
-    /// Names everything that is wrong with a group file.
+    /// Checks a group file and lists all errors.
     #[command(after_help = CHECK_EXAMPLES)]
     Check {
         /// The files.
@@ -68,7 +68,7 @@ enum Command {
     Show {
         /// The file.
         file: PathBuf,
-        /// Node of the robot; all robots otherwise.
+        /// Node of the robot; by default all robots.
         #[arg(long)]
         node: Option<u8>,
     },
@@ -78,7 +78,7 @@ enum Command {
     /// Writes the group file into the robots and reads every value back.
     #[command(after_help = APPLY_EXAMPLES)]
     Apply {
-        /// Stores it in the robots' flash too.
+        /// Also saves the values to the robots' flash.
         #[arg(long)]
         save: bool,
         #[command(flatten)]

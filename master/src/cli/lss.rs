@@ -19,8 +19,8 @@ const SET_EXAMPLES: &str = "Examples:
   omnibus lss set 5 --serial 1A2B3C4D --bus socketcan:can0   one of several
   omnibus lss set 5 --now 3 --store --bus socketcan:can0     a robot that has another id
 
-Without --store the id is gone at the next power-off. A robot that has an id takes the new one
-after a communication reset, which --reset gives it.";
+Without --store the id is lost at the next power-off. A robot that already has an id uses the new
+one after a communication reset, which --reset sends.";
 
 #[derive(clap::Subcommand)]
 pub enum Command {
@@ -113,12 +113,12 @@ fn set(
 ) -> anyhow::Result<()> {
     let wanted = NodeId::new(node).filter(|_| protocol::is_robot(node));
     let Some(wanted) = wanted else {
-        bail!("{node} is no robot's node id; robots are 2 to 17");
+        bail!("{node} is not a node id of robots; give 2 to 17");
     };
     let mut wire = target.exclusive()?;
     let survey = Survey::take(&mut wire, None)?;
     if now != Some(node) && survey.found.iter().any(|robot| robot.node == node) {
-        bail!("node {node} is another robot's; give that one another id first");
+        bail!("another robot has node id {node}; change that robot's id first");
     }
     let identity = match now {
         Some(now) => lss::identity(&mut wire, now)?,
@@ -143,7 +143,7 @@ fn set(
         if store { ", stored" } else { "" }
     ))?;
     if now.is_some() && !reset {
-        print_note("it takes the new id at its next reset; --reset does that now");
+        print_note("the new id takes effect at the robot's next reset; --reset resets it now");
     }
     Ok(())
 }
@@ -152,7 +152,7 @@ fn set(
 fn pick(found: &[Identity], serial: Option<&str>) -> anyhow::Result<Identity> {
     if let Some(text) = serial {
         let number = u32::from_str_radix(text.trim_start_matches("0x"), 16)
-            .with_context(|| format!("--serial: '{text}' is no hexadecimal number"))?;
+            .with_context(|| format!("--serial: '{text}' is not a hexadecimal number"))?;
         return match found.iter().find(|identity| identity.serial == number) {
             Some(identity) => Ok(*identity),
             None => bail!("--serial: no robot without a node id has serial {number:08X}"),
@@ -160,9 +160,9 @@ fn pick(found: &[Identity], serial: Option<&str>) -> anyhow::Result<Identity> {
     }
     match found {
         [only] => Ok(*only),
-        [] => bail!("every robot on the bus has a node id; --now NODE says which one to change"),
+        [] => bail!("every robot on the bus has a node id; give the one to change with --now NODE"),
         several => bail!(
-            "{} robots have no node id; --serial says which one is meant: {}",
+            "{} robots have no node id; choose one with --serial: {}",
             several.len(),
             several
                 .iter()

@@ -56,9 +56,9 @@ const BOOTED: Micros = Micros(100_000);
 /// Which bus, and which group on it.
 #[derive(clap::Args)]
 pub struct Target {
-    /// auto (the adapter that is plugged in), sim:GROUP.toml, socketcan:INTERFACE, slcan:DEVICE,
-    /// slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE; lockstep://HOST:PORT is
-    /// omnibus-sim's.
+    /// auto (the adapter or robot that is plugged in), sim:GROUP.toml, socketcan:INTERFACE,
+    /// slcan:DEVICE, slcan-tcp://HOST:PORT or socketcand://HOST:PORT/INTERFACE;
+    /// lockstep://HOST:PORT is omnibus-sim's.
     #[arg(
         long,
         help_heading = "Bus",
@@ -66,17 +66,16 @@ pub struct Target {
         hide_env_values = true
     )]
     pub bus: BusAddress,
-    /// Group file; a simulated bus has its own.
+    /// Group file; a simulated bus names its own.
     #[arg(long, help_heading = "Bus", value_name = "GROUP.toml")]
     group: Option<PathBuf>,
-    /// What the robots of a simulated bus run on.
+    /// Backend of the robots on a simulated bus.
     #[arg(long, help_heading = "Bus", value_enum, default_value_t = BackendName::Native)]
     pub backend: BackendName,
     /// Firmware image for emulated robots.
     #[arg(long, help_heading = "Bus", value_name = "PATH", default_value = DEFAULT_ELF)]
     elf: PathBuf,
-    /// For commands that need the robots to themselves: takes them even where another master
-    /// commands the bus.
+    /// Commands the robots even if another master is on the bus.
     #[arg(long, help_heading = "Bus")]
     pub force: bool,
 }
@@ -87,7 +86,7 @@ impl Target {
         match self.group_if_any()? {
             Some(group) => Ok(group),
             None => Err(Usage(format!(
-                "--group GROUP.toml is missing: which robots are on {}?",
+                "--group GROUP.toml is missing; it tells which robots are on {}",
                 self.bus
             ))
             .into()),
@@ -180,7 +179,7 @@ impl Target {
         Ok(Some(&self.elf))
     }
 
-    /// Opens the bus for somebody who only listens: the group file is optional.
+    /// Opens the bus for a command that only listens: the group file is optional.
     pub fn link_alone(&self) -> anyhow::Result<Box<dyn Link>> {
         match &self.bus {
             BusAddress::Sim(_) => self.link(&self.group()?),
@@ -219,7 +218,7 @@ impl Target {
         Ok(link)
     }
 
-    /// Refuses a bus that another master commands. A simulated one has nobody else on it.
+    /// Refuses a bus that another master commands. A simulated one has no other master.
     pub fn refuse_foreign(&self, link: &mut Box<dyn Link>) -> anyhow::Result<()> {
         if matches!(self.bus, BusAddress::Sim(_)) {
             return Ok(());
@@ -278,7 +277,7 @@ pub fn print_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
     let node = group.robots.get(member).map_or(0, |robot| robot.node);
     let limit = limit.map_or("the wheels", Limit::name);
     print_note(format!(
-        "The group ran at {:.0} % of what was asked at its slowest: {limit} of node {node}.",
+        "The group was slowed down to {:.0} % of the commanded velocity: {limit} of node {node}.",
         100.0 * scale
     ));
 }

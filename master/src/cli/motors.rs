@@ -18,26 +18,26 @@ pub struct Arguments {
     /// Node of the robot.
     #[arg(long)]
     node: u8,
-    /// Declares that this robot may move: its wheels are off the floor, or nothing is within the
-    /// way they roll.
+    /// Confirms that this robot may move: its wheels are off the floor, or the floor around it is
+    /// clear.
     #[arg(long)]
     wheels_free: bool,
     /// Fastest wheel rate, rad/s.
     #[arg(long, default_value_t = Settings::default().rate)]
     rate: f32,
-    /// Farthest a wheel may turn, rad.
+    /// Largest angle by which a wheel may turn, rad.
     #[arg(long, default_value_t = Settings::default().travel)]
     travel: f32,
-    /// Bandwidth the wheel loops shall have, rad/s.
+    /// Wanted bandwidth of the wheel loops, rad/s.
     #[arg(long, default_value_t = Settings::default().bandwidth)]
     bandwidth: f32,
-    /// Their damping; 1 is critical.
+    /// Wanted damping of the wheel loops; 1 is critical.
     #[arg(long, default_value_t = Settings::default().damping)]
     damping: f32,
-    /// Writes what was found into the robot.
+    /// Writes the result into the robot.
     #[arg(long)]
     accept: bool,
-    /// Lets the robot keep it over a power cycle.
+    /// Also saves the result to the robot's flash.
     #[arg(long, requires = "accept")]
     save: bool,
     #[command(flatten)]
@@ -52,8 +52,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     if !arguments.wheels_free {
         return Err(Usage(format!(
-            "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) to either \
-             side; lift them or clear the area, then say --wheels-free",
+            "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) in both \
+             directions; lift them or clear the area, then add --wheels-free",
             arguments.travel,
             arguments.travel * robot.geometry.wheel_radius()
         ))
@@ -106,14 +106,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     print_line(&table)?;
     print_line("kS and misfit in V, kV and kP in V s/rad, kA in V s2/rad, kI in V/rad.")?;
     print_line(match (arguments.accept, arguments.save) {
-        (false, _) => "Nothing of this is in effect; --accept writes it into the robot.",
+        (false, _) => "The robot still has its previous values; --accept writes these into it.",
         (true, false) => {
-            "In effect from the next start, until a group file is written or the power goes; \
-             --save keeps it."
+            "These take effect at the next start, until a group file is written or the power is \
+             switched off; --save saves them."
         }
         (true, true) => {
-            "Kept. Add `identified = true` under [robot.control] in the group file, or it is \
-             written over."
+            "Saved. Add `identified = true` under [robot.control] in the group file, or the next \
+             `group apply` overwrites them."
         }
     })
 }

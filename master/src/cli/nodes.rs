@@ -18,13 +18,13 @@ const SCAN_EXAMPLES: &str = "Examples:
   omnibus scan --bus socketcan:can0
   omnibus scan --bus slcan:/dev/ttyACM0 --group groups/tcc-2.toml
 
-With a group file it also says who is missing and who does not belong; then exit code 6.";
+With a group file it also lists robots that are missing or do not belong to the group, and then exits with code 6.";
 const STATUS_EXAMPLES: &str = "Examples:
   omnibus status --bus socketcan:can0 --group groups/tcc-2.toml
   omnibus status --history --bus socketcan:can0
 
---history also reads each robot's last eight faults, which it keeps over a power loss: when the fault appeared, and the
-supply voltage and the wheel rates at that moment.";
+--history also reads the last eight faults that each robot has stored: when the fault appeared, and the supply voltage
+and the wheel rates at that moment.";
 
 #[derive(clap::Args)]
 #[command(after_help = SCAN_EXAMPLES)]
@@ -38,7 +38,7 @@ pub struct Scan {
 pub struct Status {
     #[command(flatten)]
     target: Target,
-    /// Also show each robot's last faults, with those from before it was switched off
+    /// Also shows the last faults of each robot, including those before it was switched off.
     #[arg(long)]
     history: bool,
 }
@@ -167,7 +167,7 @@ impl std::fmt::Display for LastFault {
     }
 }
 
-/// Says that nobody answers, with what the adapter knows.
+/// The error that no robot answers, with the adapter's diagnosis.
 fn no_answer(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
         "check the robots' power, CAN high and low, 120 ohm at both ends, and that the bit rate \
@@ -338,7 +338,7 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
         print_line(meaning)?;
     }
     if arguments.history && faults.is_empty() {
-        print_line("no robot remembers a fault")?;
+        print_line("no robot has stored a fault")?;
     } else if arguments.history {
         print_line(&faults)?;
     }

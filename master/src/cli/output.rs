@@ -22,13 +22,13 @@ use serde_json::json;
 /// What the help says about exit codes.
 pub const EXIT_CODES: &str = "Exit codes:
   0    done
-  1    failed for a reason not below: a file, a value, a limit
+  1    failed for a reason not listed below: a file, a value, a limit
   2    wrong usage
   3    the bus could not be opened, or failed
-  4    a robot did not answer, refused something, or did not get ready; or another master
+  4    a robot did not answer, refused a request, or did not get ready; or another master
        commands the bus
   5    a robot faulted or was lost while moving; the group was ramped down
-  6    compared or checked, and found different or wrong
+  6    a comparison or a check found differences or errors
   130  stopped on request (Ctrl-C); the group was ramped down";
 
 /// How to speak.
@@ -37,7 +37,7 @@ pub struct Output {
     /// Prints JSON instead of text.
     #[arg(long, global = true, help_heading = "Output")]
     pub json: bool,
-    /// Prints no text and no progress, only errors (and JSON if asked for).
+    /// Prints no text and no progress, only errors (and JSON with --json).
     #[arg(long, short, global = true, help_heading = "Output")]
     pub quiet: bool,
 }
@@ -131,7 +131,7 @@ impl Progress {
         )
     }
 
-    /// For what nobody knows the end of.
+    /// For work of unknown length.
     pub fn endless(name: &str) -> Self {
         let progress = Self::with(
             name,
@@ -171,7 +171,7 @@ impl Drop for Progress {
     }
 }
 
-/// Something was compared or checked, and found different or wrong; everything about it has been
+/// Something was a comparison or a check found differences or errors; everything about it has been
 /// printed.
 #[derive(Debug)]
 pub struct Found(pub String);
@@ -287,7 +287,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     }
 }
 
-/// Whether a command only failed because nobody reads its output any more.
+/// Whether a command only failed because the reader of its output has gone.
 pub fn reader_gone(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<std::io::Error>()

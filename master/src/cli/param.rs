@@ -25,8 +25,8 @@ const EXAMPLES: &str = "Examples:
   omnibus param diff node-3.toml --node 3 --bus socketcan:can0
   omnibus param save --node 3 --bus socketcan:can0
 
-A simulated bus (sim:) begins anew with every command: what is set there is gone afterwards. To try these
-commands on robots that stay, start `omnibus-sim serve` and use its slcan-tcp address.";
+A simulated bus (sim:) starts from the beginning with every command, so values that are set there are lost. To try
+these commands on robots that remain, start `omnibus-sim serve` and use its slcan-tcp address.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -46,7 +46,7 @@ struct At {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Lists the objects that a robot has: address, type, unit, limits, meaning. Needs no bus.
+    /// Lists the objects of a robot: address, type, unit, limits, meaning. Needs no bus.
     #[command(after_help = "Example:\n  omnibus param list wheel")]
     List {
         /// Only objects whose name, address or meaning contains this.
@@ -80,7 +80,7 @@ enum Command {
         after_help = "Example:\n  omnibus param dump --node 3 --output node-3.toml --bus socketcan:can0"
     )]
     Dump {
-        /// The file; the standard output without it.
+        /// The file; by default standard output.
         #[arg(long, short)]
         output: Option<PathBuf>,
         #[command(flatten)]
@@ -96,15 +96,15 @@ enum Command {
         #[command(flatten)]
         at: At,
     },
-    /// Compares the robots with the group file, or one robot with a file. Exit code 6 when they
+    /// Compares the robots with the group file, or one robot with a file; exits with code 6 if they
     /// differ.
     #[command(
         after_help = "Examples:\n  omnibus param diff --bus socketcan:can0 --group groups/tcc-2.toml\n  omnibus param diff node-3.toml --node 3 --bus socketcan:can0"
     )]
     Diff {
-        /// A file as `dump` writes it; the group file without it.
+        /// A file as `dump` writes it; by default the group file.
         file: Option<PathBuf>,
-        /// Node of the robot; all of the group file without it.
+        /// Node of the robot; by default all of the group file.
         #[arg(long)]
         node: Option<u8>,
         #[command(flatten)]
@@ -116,7 +116,7 @@ enum Command {
         #[command(flatten)]
         at: At,
     },
-    /// Brings the default parameters back at the robot's next reset.
+    /// Restores the default parameters at the robot's next reset.
     #[command(
         after_help = "Examples:\n  omnibus param restore --node 3 --bus socketcan:can0\n  omnibus reset --node 3 --bus socketcan:can0"
     )]
@@ -147,7 +147,7 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
         .zip(u8::from_str_radix(sub, 16).ok());
     let Some((index, sub)) = parsed else {
         bail!(
-            "'{text}' is no object; write index and sub-index in hex, such as 2010:3, or a name \
+            "'{text}' is not an object; write index and sub-index in hex, such as 2010:3, or a name \
              from `omnibus param list`"
         );
     };
@@ -426,7 +426,7 @@ fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
         && node != at.node
     {
         print_note(format_args!(
-            "the file was read from node {node} and goes into node {}, with its mount and group",
+            "the file was read from node {node}; its mount and group are now written into node {}",
             at.node
         ));
     }
@@ -495,7 +495,7 @@ fn diff_file(file: &std::path::Path, node: Option<u8>, target: &Target) -> anyho
     let parameters = param_file::read(file)?;
     let Some(node) = node.or(parameters.node) else {
         bail!(
-            "--node is missing: which robot is to be compared with {}?",
+            "--node is missing; it tells which robot to compare with {}",
             file.display()
         );
     };
@@ -551,7 +551,7 @@ fn judge(found: &[Difference], what: &str) -> anyhow::Result<()> {
         ))?;
     }
     if found.is_empty() {
-        return print_line(format_args!("everything is as {what} says"));
+        return print_line(format_args!("all parameters are as in {what}"));
     }
     Err(Found(format!(
         "{} parameters differ; `omnibus group apply` writes the group file into the robots, \

@@ -118,12 +118,12 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
     for (name, value) in &file.parameters {
         let object = super::param::find(name)?;
         if object.access != Access::Parameter {
-            bail!("{}: is no parameter", sdo::name(object.address));
+            bail!("{}: is not a parameter", sdo::name(object.address));
         }
         let text = match value {
             toml::Value::Integer(number) => number.to_string(),
             toml::Value::Float(number) => number.to_string(),
-            other => bail!("{}: {other} is no number", sdo::name(object.address)),
+            other => bail!("{}: {other} is not a number", sdo::name(object.address)),
         };
         values.push((object.address, parse(object, &text)?));
     }
@@ -133,10 +133,13 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
         let object = super::param::find(name)?;
         let at = object.address;
         if object.kind != Kind::Domain || object.access != Access::Parameter {
-            bail!("{}: is no block of bytes to be written", sdo::name(at));
+            bail!(
+                "{}: is not a block of bytes that can be written",
+                sdo::name(at)
+            );
         }
         let bytes = from_hex(text)
-            .with_context(|| format!("{}: '{text}' is no hexadecimal number", sdo::name(at)))?;
+            .with_context(|| format!("{}: '{text}' is not a hexadecimal number", sdo::name(at)))?;
         blocks.push((at, bytes));
     }
     Ok(Parameters {

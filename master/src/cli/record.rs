@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   omnibus record drive.mcap --bus socketcan:can0 --group groups/tcc-2.toml
   omnibus record minute.mcap --for 60 --bus slcan:/dev/ttyACM0
 
-It only listens. `follow` and `drive` record what they do themselves with --record FILE.mcap.";
+It only listens. `follow` and `drive` record their own drive with --record FILE.mcap.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -35,7 +35,7 @@ pub struct Arguments {
     rotate: Rotate,
     #[command(flatten)]
     target: Target,
-    /// For how long, s; until Ctrl-C without this.
+    /// Duration, s; by default until Ctrl-C.
     #[arg(long = "for", value_name = "SECONDS")]
     seconds: Option<f64>,
 }
@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if matches!(arguments.target.bus, BusAddress::Sim(_)) && arguments.seconds.is_none() {
         bail!(
-            "--for SECONDS is missing: {} is a bus of its own on which nobody drives; to record a \
+            "--for SECONDS is missing: {} is a new simulated bus, on which nothing moves; to record a \
              simulated drive use `omnibus follow CURVE --record FILE.mcap`",
             arguments.target.bus
         );
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     listened?;
     if summary.frames == 0 {
         bail!(
-            "{}: nothing was heard; check that the robots are on, the bit rate (1 Mbit/s), and \
+            "{}: no frames were received; check that the robots are switched on, the bit rate (1 Mbit/s), and \
              that another node is on the bus to acknowledge frames",
             arguments.target.bus
         );

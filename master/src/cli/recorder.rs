@@ -12,7 +12,7 @@ use super::{Target, print_note};
 /// Where a drive is recorded.
 #[derive(clap::Args)]
 pub struct RecordTo {
-    /// Records everything on the bus meanwhile.
+    /// Records all frames on the bus during the drive.
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
     #[command(flatten)]
@@ -29,7 +29,7 @@ impl RecordTo {
     ) -> anyhow::Result<Option<Recorder>> {
         let Some(path) = &self.record else {
             if self.rotate.megabytes.is_some() {
-                bail!("--rotate-mb: nothing is recorded; give --record FILE.mcap");
+                bail!("--rotate-mb applies to recordings; add --record FILE.mcap");
             }
             return Ok(None);
         };
@@ -40,7 +40,7 @@ impl RecordTo {
 /// How large a file of a recording may become.
 #[derive(clap::Args)]
 pub struct Rotate {
-    /// Begins a new file (FILE-002.mcap, FILE-003.mcap, ...) when one has this many megabytes.
+    /// Begins a new file (FILE-002.mcap, FILE-003.mcap, ...) after this number of megabytes.
     #[arg(long = "rotate-mb", value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     megabytes: Option<u64>,
 }

@@ -32,7 +32,7 @@ const EXAMPLES: &str = "Examples:
   omnibus replay drive.mcap --bus socketcan:can0
   omnibus replay drive.mcap --drive --bus sim:groups/tcc-2.toml
 
-The first only counts what it would send.";
+The first example only counts the frames that it would send.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -41,7 +41,7 @@ pub struct Arguments {
     file: PathBuf,
     #[command(flatten)]
     target: Target,
-    /// Really sends the frames of the recorded master: robots on the bus move as they did.
+    /// Sends the frames of the recorded master, so robots on the bus move as they did then.
     #[arg(long)]
     drive: bool,
 }
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .collect();
     if frames.is_empty() {
         bail!(
-            "{}: no frames of a master are in it, so there is nothing to replay",
+            "{}: the recording has no frames of a master, so there is nothing to replay",
             arguments.file.display()
         );
     }
@@ -125,7 +125,7 @@ fn refuse_if_live(traffic: &Traffic, bus: &BusAddress) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Sends the frames with their distance in time. However it ends, the robots are told to leave
+/// Sends the frames with their distance in time. However it ends, the robots are commanded to leave
 /// OPERATIONAL once they have had time to come to rest.
 fn send(link: &mut impl Link, frames: &[Recorded], abort: &Abort) -> anyhow::Result<usize> {
     let first = frames.first().map_or(0, |frame| frame.t_ns) / 1_000;

@@ -26,20 +26,20 @@ const EXAMPLES: &str = "Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Where the page is: address and port; port 0 picks a free one.
+    /// Address and port of the page; port 0 picks a free one.
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:8080")]
     http: String,
     #[command(flatten)]
     target: Target,
     /// File with the token that a page must show before it may drive. Needed to serve on an address
-    /// that other machines reach; on this machine a token is made up and printed.
+    /// that other computers reach; for this computer alone a token is generated and printed.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
     /// Name under which browsers reach this server, besides its address; may be given several
     /// times.
     #[arg(long, value_name = "HOST")]
     name: Vec<String>,
-    /// Only shows: sends nothing to the bus, whoever asks.
+    /// Only shows the group: never sends anything to the bus.
     #[arg(long)]
     watch: bool,
 }
@@ -61,13 +61,15 @@ fn token(arguments: &Arguments, address: SocketAddr) -> anyhow::Result<String> {
     }
     if !address.ip().is_loopback() {
         bail!(
-            "--http {address}: other machines reach this address; give --token-file FILE, or \
-             serve on 127.0.0.1 and go there through an SSH tunnel"
+            "--http {address}: other computers reach this address; give --token-file FILE, or \
+             serve on 127.0.0.1 and connect through an SSH tunnel"
         );
     }
     let mut bytes = [0; TOKEN_BYTES];
     if let Err(error) = getrandom::fill(&mut bytes) {
-        bail!("the system gives no random numbers for a token ({error}); give --token-file FILE");
+        bail!(
+            "the system provides no random numbers for a token ({error}); give --token-file FILE"
+        );
     }
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
@@ -92,7 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let token = token(arguments, address)?;
     let listener = TcpListener::bind(address).with_context(|| {
-        format!("--http {address}: cannot listen there; another program may, choose another port")
+        format!("--http {address}: cannot listen at this address; another program may use the port, so choose another one")
     })?;
     let address = listener.local_addr()?;
     let abort = super::abort_on_ctrl_c()?;
@@ -136,7 +138,7 @@ fn greet(arguments: &Arguments, address: SocketAddr, token: &str) -> anyhow::Res
     } else {
         print_line(format_args!("the page is at {url}#token={token}"))?;
         print_line(
-            "who opens it with that token may drive; without it the page only shows the group",
+            "anyone who opens it with this token may drive; without the token the page only shows the group",
         )?;
     }
     print_line("Ctrl-C ramps the group down and ends")

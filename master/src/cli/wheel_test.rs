@@ -21,8 +21,8 @@ const EXAMPLES: &str = "Examples:
   omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
   omnibus wheel-test --node 2 --wheels-free --ask --bus socketcan:can0 --group my-group.toml
 
-Each wheel in turn rolls slowly forward, stops, jerks backward and stops; never more than 6 rad or half of the supply.
-Exit code 6 when something is wrong.";
+Each wheel in turn rolls slowly forward, stops, jerks backward and stops, with at most 6 rad and half of the supply.
+Exits with code 6 if something is wrong.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -30,10 +30,10 @@ pub struct Arguments {
     /// Node of the robot.
     #[arg(long)]
     node: u8,
-    /// Declares that the robot's wheels are off the floor.
+    /// Confirms that the robot's wheels are off the floor.
     #[arg(long)]
     wheels_free: bool,
-    /// Asks after every wheel what was seen to turn: tells motors from encoders.
+    /// Asks after every wheel what you saw turn, which distinguishes motors from encoders.
     #[arg(long)]
     ask: bool,
     #[command(flatten)]
@@ -50,7 +50,7 @@ pub struct Blink {
     /// Node of the robot.
     #[arg(long)]
     node: u8,
-    /// For how long, s, up to 255; 0 ends it.
+    /// Duration, s, up to 255; 0 ends the blinking.
     #[arg(long = "for", default_value_t = 10, value_name = "SECONDS")]
     seconds: u8,
     #[command(flatten)]
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     if !arguments.wheels_free {
         return Err(Usage(format!(
-            "the wheels of node {node} will turn one by one; lift them off the floor, then say \
+            "the wheels of node {node} will turn one by one; lift them off the floor, then add \
              --wheels-free"
         ))
         .into());
@@ -105,16 +105,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         show(&findings)?;
     }
     if wrong > 0 {
-        return Err(Found(format!(
-            "node {node}: {wrong} of 4 wheels are not as they should be"
-        ))
-        .into());
+        return Err(Found(format!("node {node}: {wrong} of 4 wheels have a problem")).into());
     }
-    print_line("All four turn the right way, and their own encoders say so.")?;
+    print_line(
+        "All four wheels turn in the right direction, and each one's own encoder counts it.",
+    )?;
     if !arguments.ask {
         print_line(
-            "Not checked by eye: a motor and its encoder both reversed would look the same. Use \
-             --ask.",
+            "Not checked by eye: a motor and an encoder that are both reversed would give the \
+             same result. Use --ask.",
         )?;
     }
     Ok(())

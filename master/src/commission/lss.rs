@@ -15,8 +15,7 @@ use crate::bus::link::Link;
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
 
-/// How long an answer may take, in µs. Nobody answering is an answer too, so a scan takes this
-/// often.
+/// How long an answer may take, in µs. Silence is an answer too, so a scan takes this often.
 const ANSWER_US: u64 = 20_000;
 /// Storing may have to erase flash first, in µs.
 const STORE_US: u64 = 2_000_000;
@@ -55,7 +54,7 @@ fn talk<L: Link, T>(
     Ok(None)
 }
 
-/// Switches everybody back to waiting; a robot that has just got its first node id boots by that.
+/// Switches all robots back to waiting; a robot that has just got its first node id boots by that.
 fn leave<L: Link>(wire: &mut Wire<L>) -> Result<(), MasterError> {
     wire.send(&lss_switch_all(false))
 }

@@ -38,7 +38,7 @@ pub struct Settings {
     pub travel: f32,
     /// Bandwidth of the wheel loops, rad/s.
     pub bandwidth: f32,
-    /// Their damping; 1 is critical.
+    /// Wanted damping of the wheel loops; 1 is critical.
     pub damping: f32,
     /// Wheels that take part, bit 0 front left and so on; 0 is all of them.
     pub wheels: u8,
@@ -185,12 +185,12 @@ pub fn accept<L: Link>(
 fn reason(status: u32, wheel: u32) -> String {
     let why = match status {
         3 => "stopped by the master",
-        4 => "a fault came up; its code is in the member's status and history",
-        5 => "its time limit of 20 s was over",
+        4 => "a fault occurred; its code is in the member's status and history",
+        5 => "its time limit of 20 s expired",
         6 => {
-            "a wheel was half as fast again as permitted; lower the rate, look for a slipping gear"
+            "a wheel exceeded the permitted rate by half; lower the rate, look for a slipping gear"
         }
-        7 => "a wheel went farther than permitted; lower the rate or allow more way",
+        7 => "a wheel turned farther than permitted; lower the rate or permit a larger angle",
         8 => {
             "a wheel does not turn at a quarter of the nominal supply; look for a blocked wheel, \
              the motor's or the encoder's cable"
@@ -202,7 +202,7 @@ fn reason(status: u32, wheel: u32) -> String {
         10 => {
             "a wheel did not behave like a motor; look for slip, a loose coupling, a sagging supply"
         }
-        0 => "it never began",
+        0 => "it did not begin",
         _ => "for a reason this master does not know",
     };
     let wheel = usize::try_from(wheel).ok().and_then(|n| WHEELS.get(n));

@@ -163,7 +163,7 @@ impl Survey {
         let mut conflicts = conflicts(&found, group);
         conflicts.extend(foreign.iter().map(|node| {
             format!(
-                "node {node} is a CANopen device, but none of these robots; give it an id outside \
+                "node {node} is a CANopen device, but not one of these robots; give it an id outside \
                  {} to {}",
                 protocol::FIRST_ROBOT,
                 protocol::LAST_ROBOT
@@ -192,7 +192,7 @@ fn ask_all<L: Link>(wire: &mut Wire<L>) -> Result<BTreeMap<u8, Vec<u32>>, Master
     while let Some((_, frame)) = wire.next(until)? {
         let node = (protocol::FIRST_ROBOT..=protocol::LAST_ROBOT)
             .find(|node| frame.id() == cob::sdo_response(*node));
-        // Somebody else's conversation with the robot is about another object.
+        // Another master's transfer with the robot concerns another object.
         if let (Some(node), [_, a, b, c, serial @ ..]) = (node, frame.data())
             && [*a, *b, *c] == [low, high, at.sub]
             && let Ok(serial) = serial.try_into()
@@ -222,7 +222,7 @@ fn conflicts(found: &[Found], group: Option<&GroupFile>) -> Vec<String> {
         }
         if robot.wire_version != u32::from(protocol::WIRE_VERSION) {
             out.push(format!(
-                "node {node} speaks wire version {}, this master {}; flash the robot with the \
+                "node {node} has wire version {}, this master {}; flash the robot with the \
                  firmware of this release",
                 robot.wire_version,
                 protocol::WIRE_VERSION

@@ -3,7 +3,7 @@
 //! One wheel at a time gets some voltage, and all four encoders are watched. That finds motors and
 //! encoders that are silent, reversed, or in each other's places. It cannot tell a reversed motor
 //! from a reversed encoder, nor motors exchanged from encoders exchanged, and does not see a motor
-//! and its encoder both reversed: somebody has to look at the wheel. Who does so tells what was
+//! and its encoder both reversed: a person has to look at the wheel. Who does so tells what was
 //! seen, and the proposal becomes one instead of two.
 
 use protocol::address;
@@ -18,7 +18,7 @@ const TURNED: f32 = 0.05;
 /// Wheels need the same voltage for a rate within this share, or their encoders count differently.
 const ALIKE: f32 = 0.25;
 
-/// What somebody saw turn.
+/// What a person saw turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Observed {
     /// Nothing.
@@ -32,7 +32,7 @@ pub enum Observed {
     },
 }
 
-/// What came of one wheel.
+/// The result of one wheel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// Which wheel got the voltage.
@@ -47,7 +47,7 @@ pub struct Finding {
 pub type Look<'a> = &'a mut dyn FnMut(usize) -> Result<Option<Observed>, MasterError>;
 
 /// Tests the wheels of one robot, configured and in PRE-OPERATIONAL with its wheels off the floor.
-/// `look` is asked after each wheel what was seen; `None` when nobody looks. `watch` is told how
+/// `look` is asked after each wheel what was seen; `None` when no person looks. `watch` is told how
 /// long each wheel takes.
 ///
 /// # Errors
@@ -133,18 +133,18 @@ fn judge(
                 name(other)
             )),
             ([], Some(Observed::Wheel { .. })) => Some(
-                "it turns, and its encoder counts nothing: look at the encoder's plug, supply and \
+                "it turns, but its encoder does not count: check the encoder's plug, supply and \
                  both channels"
                     .into(),
             ),
             ([], Some(Observed::Nothing)) => Some(
-                "it does not turn: look at the motor's plug, the driver and its enable, and \
+                "it does not turn: check the motor's plug, the driver and its enable, and \
                  whether the wheel is blocked"
                     .into(),
             ),
             ([], None) => Some(
-                "no encoder counts: where the wheel turned, look at its encoder's plug, supply \
-                 and both channels; where it did not, at the motor's plug, the driver, and \
+                "no encoder counts: if the wheel turned, check its encoder's plug, supply and \
+                 both channels; if it did not, check the motor's plug, the driver, and \
                  whether it is blocked"
                     .into(),
             ),
@@ -168,7 +168,7 @@ fn judge(
             ([one], observed) if *one != wheel => {
                 let what = if moved(*one) == [wheel] {
                     format!(
-                        "the two are in each other's places, so exchange the plugs of the {} \
+                        "the two are swapped, so exchange the plugs of the {} \
                         and the {} wheel's",
                         name(wheel),
                         name(*one)
@@ -203,13 +203,13 @@ fn judge(
                 )),
             },
             ([_], Some(Observed::Nothing)) => Some(
-                "its encoder counts, and nothing was seen to turn: is this the robot you \
-                    look at?"
+                "its encoder counts, but you saw nothing turn: check that you are looking at \
+                    this robot"
                     .into(),
             ),
             ([_], None) if way < 0.0 => Some(format!(
-                "its encoder says backwards: where the wheel rolled the base forward first, {}; \
-                 where it did not, {}",
+                "its encoder counts backwards: if the wheel rolled the base forward first, {}; if \
+                 not, {}",
                 reversed.encoder(wheel),
                 reversed.motor(wheel)
             )),
@@ -236,7 +236,7 @@ fn unlike(speed: Option<f32>, usual: Option<f32>) -> Option<String> {
     let ratio = usual / speed;
     ((ratio - 1.0).abs() > ALIKE).then(|| {
         format!(
-            "at one voltage it seems {ratio:.2} times as fast as the others: look at its \
+            "at the same voltage it seems {ratio:.2} times as fast as the others: check its \
              encoder's counts per revolution (2020:1, 2014:5 to 2017:5) and gear, or for a wheel \
              that drags"
         )

@@ -1,13 +1,13 @@
 //! One frame for the poses of all members.
 //!
 //! Every member reports the pose of the *group*, added up from its own wheels since it was
-//! configured. A robot that lost its power begins anew at zero while the others go on, so the mean
+//! configured. A robot that lost its power starts again at zero while the others go on, so the mean
 //! of what they report is no place at all. Here each member's poses are taken relative to its own
 //! first one and set on a common place: that of the first member, and when the group is started
 //! again the mean of where its members were. From then on they agree but for their slip.
 //!
 //! A pose that is further from the one before than a robot can go in the time between them is a
-//! jump: the robot was reset. Its poses go on from where it was, and the caller is told.
+//! jump: the robot was reset. Its poses go on from where it was, and the caller is notified.
 
 use kinematics::Pose;
 
@@ -109,7 +109,7 @@ mod tests {
         assert!(far < 1e-5, "{a:?} {b:?}");
     }
 
-    /// One robot has turned by a right angle since it was configured, the other begins anew: ahead
+    /// One robot has turned by a right angle since it was configured, the other starts again: ahead
     /// of the group is +y for the first and +x for the second.
     #[test]
     fn members_agree_after_one_of_them_began_anew() {

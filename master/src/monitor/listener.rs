@@ -1,10 +1,10 @@
-//! The group as anybody on the bus can hear it: frames in, one [`Snapshot`] per SYNC out.
+//! The group as any node on the bus can observe it: frames in, one [`Snapshot`] per SYNC out.
 //!
-//! A [`Listener`] claims nothing and asks nobody. It is fed with every frame, the master's own
-//! included, and so says the same about a group that this program drives, that another program
-//! drives, or that drove last week and was recorded. What it knows about a SYNC period is complete
-//! when the next SYNC comes; [`Listener::push`] returns it then. It holds one entry per robot and
-//! the frames of the last 100 ms, and cannot fail: what does not decode is left out.
+//! A [`Listener`] sends nothing. It receives every frame, the master's own included, and so says
+//! the same about a group that this program drives, that another program drives, or that drove last
+//! week and was recorded. What it knows about a SYNC period is complete when the next SYNC comes;
+//! [`Listener::push`] returns it then. It holds one entry per robot and the frames of the last 100
+//! ms, and cannot fail: what does not decode is left out.
 //!
 //! The target is where the setpoints alone would have brought the group since it last stood: the
 //! sum of group twist times group scale. The way of a setpoint through the robots takes two SYNC
@@ -20,7 +20,7 @@ use crate::bus::load::Meter;
 use crate::monitor::average::{mean_pose, mean_twist, strain};
 use crate::monitor::common_frame::CommonFrame;
 use crate::monitor::telemetry::{
-    Event, EventKind, MemberSample, SessionState, Snapshot, happening,
+    Event, EventKind, MemberSample, SessionState, Snapshot, reportable,
 };
 
 /// Without a SYNC for this long, in s, no setpoint is in force.
@@ -185,7 +185,7 @@ impl Listener {
         if state != Some(status.state) {
             self.emit(t, node, EventKind::State(status.state));
         }
-        let (was, is) = (happening(code), happening(status.code));
+        let (was, is) = (reportable(code), reportable(status.code));
         if was != is {
             self.emit(t, node, EventKind::Code(is));
         }
@@ -366,7 +366,7 @@ mod tests {
             (mean.heading - std::f32::consts::PI).abs() < LSB,
             "{mean:?}"
         );
-        // Nobody said anything in the next period.
+        // No robot sent anything in the next period.
         let empty = listener.push(1.022, &sync()).unwrap();
         assert_eq!((empty.pose, empty.scale, empty.strain), (None, None, None));
         assert_eq!(empty.members[0].silent_syncs, 1);

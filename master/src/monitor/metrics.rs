@@ -58,7 +58,7 @@ pub struct Evenness {
     pub lag_ms: f64,
 }
 
-/// Share of the fastest speed from which on ripple is looked at: ramps and slow parts stay out.
+/// Share of the fastest speed from which on ripple is evaluated: ramps and slow parts stay out.
 const FAST: f64 = 0.95;
 
 /// Judges how evenly and how straight a path was driven, from speeds between neighbouring points.
@@ -92,7 +92,7 @@ pub fn evenness(path: &[PathPoint]) -> Result<Evenness, MetricsError> {
         .iter()
         .map(|(asked, _)| asked[2].abs())
         .fold(0.0, f64::max);
-    // A curve turns, or it goes somewhere; of one that does both the way is looked at.
+    // A curve turns, or it goes somewhere; of one that does both the distance is evaluated.
     let turns = fastest < 1e-6;
     let ratios: Vec<f64> = steps
         .iter()

@@ -17,7 +17,7 @@ use crate::path::file;
 const CLOSED: f64 = 1e-3;
 /// Slower than this a path has no direction of travel, in m/s.
 const CRAWL: f64 = 0.01;
-/// Step at which a path is looked at beforehand, in s.
+/// Step at which a path is checked beforehand, in s.
 const STEP: f64 = 0.01;
 
 /// Where the path comes from.
@@ -180,7 +180,7 @@ pub enum CourseError {
     },
     /// There is no direction of travel.
     #[error(
-        "{name} stands still at {t:.2} s, so there is no direction of travel to face; use --frame \
+        "{name} stands still at {t:.2} s, so it has no direction of travel there; use --frame \
          world"
     )]
     NoDirection {

@@ -138,12 +138,16 @@ fn parse(text: &str) -> Result<Spline, (usize, String)> {
     for (at, line) in lines {
         let fields: Vec<&str> = line.split(',').collect();
         if fields.len() != names.len() {
-            let problem = format!("{} fields, the head has {}", fields.len(), names.len());
+            let problem = format!(
+                "the row has {} fields, the header has {}",
+                fields.len(),
+                names.len()
+            );
             return Err((at, problem));
         }
         for ((column, name), field) in columns.iter_mut().zip(&names).zip(&fields) {
             let value = field.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-            column.push(value.ok_or_else(|| (at, format!("{name}: '{field}' is no number")))?);
+            column.push(value.ok_or_else(|| (at, format!("{name}: '{field}' is not a number")))?);
         }
         if !turns {
             columns[3].push(0.0);

@@ -6,10 +6,10 @@
 //! units, for people and their tools. `docs/recording.md` describes them all.
 //!
 //! Frames come in through a [`FrameSink`](crate::bus::tap::FrameSink), which
-//! [`Tap`](crate::bus::tap::Tap) puts between a program and its bus. It
-//! hands them to a thread of its own over a queue, so a slow disk holds up nobody's SYNC; a full
-//! disk ends the recording and is reported at once. Chunks are compressed and closed once a second
-//! of the bus's time, so that a file that was cut off is readable up to its last second.
+//! [`Tap`](crate::bus::tap::Tap) puts between a program and its bus. It hands them to a thread of
+//! its own over a queue, so a slow disk does not delay SYNC; a full disk ends the recording and is
+//! reported at once. Chunks are compressed and closed once a second of the bus's time, so that a
+//! file that was cut off is readable up to its last second.
 
 pub mod candump;
 pub mod charts;

@@ -97,7 +97,7 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
         Ok(()) => {}
         Err(ReadError::Mcap(McapError::BadMagic)) if recording.frames.is_empty() => {
             return Err(refuse(
-                &"is no MCAP file; give what `omnibus record` wrote, or a candump log named *.log",
+                &"is not an MCAP file; give a file that `omnibus record` wrote, or a candump log named *.log",
             ));
         }
         Err(ReadError::Mcap(error)) => {
@@ -112,7 +112,7 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     }
     if recording.frames.is_empty() && recording.header.activity.is_empty() {
         return Err(refuse(
-            &"is no recording of omnibus, or was cut off before its first frame",
+            &"is not a recording of omnibus, or was cut off before its first frame",
         ));
     }
     // Every tool but a printer of files wants order in time.

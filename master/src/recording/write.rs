@@ -2,9 +2,9 @@
 //! and begins a new file when one is large enough.
 //!
 //! The queue to the thread has room for [`QUEUE`] items. On a bus with virtual time the sender
-//! waits when it is full, and so does time. On a real one nobody may wait: what comes then is left
-//! out and counted. Memory does not grow with the length of a recording but for the index, some
-//! 300 B a second, which a new file begins anew.
+//! waits when it is full, and so does time. On a real one frames cannot wait: those that come then
+//! are left out and counted. Memory does not grow with the length of a recording but for the index,
+//! some 300 B a second, which starts again with a new file.
 //!
 //! An error ends the recording, never the drive: [`OnError`] is called at once, later frames are
 //! dropped, and [`Recorder::finish`] returns the error.

@@ -1,4 +1,4 @@
-//! The figures of a report, row by row, for whoever presents them: x ahead and y left, or the
+//! The figures of a report, row by row, for all forms of a report: x ahead and y left, or the
 //! paper's axes beside its values.
 
 use super::{Report, Run, paper_table_6};
@@ -94,7 +94,7 @@ pub fn rows(report: &Report) -> Vec<Row> {
         ),
     ]);
     if report.backend == super::BackendName::Robots {
-        // Nobody measures a real bus' load here, and its time is everybody's.
+        // The load of a real bus is not measured here, and its time is real time.
         rows.truncate(rows.len() - 2);
     }
     if !report.paper && !report.turns() {

@@ -1,5 +1,5 @@
 //! The figures of a report as JSON, for scripts and tests. The names are fixed; the paper's own
-//! (`x_percent` lateral, `y_percent` longitudinal) are only in a report that is told in its axes.
+//! (`x_percent` lateral, `y_percent` longitudinal) are only in a report in its axes.
 
 use serde::Serialize;
 
@@ -35,7 +35,7 @@ struct Document<'a> {
     runs: Vec<Run>,
 }
 
-/// Rounds to four decimals: more would pretend to an accuracy nobody measured.
+/// Rounds to four decimals: more would suggest an accuracy that was not measured.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

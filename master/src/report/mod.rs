@@ -31,7 +31,7 @@ pub struct Run {
     pub evenness: Evenness,
     /// Largest distance of a robot from its place in the group, in mm.
     pub shape_error_mm: f64,
-    /// Largest bus load over 100 ms while driving, in per cent; `None` where nobody measured it.
+    /// Largest bus load over 100 ms while driving, in per cent; `None` where it was not measured.
     pub bus_load_percent: Option<f64>,
     /// Time on the robots' clocks over time on the wall.
     pub realtime_factor: f64,
@@ -128,7 +128,7 @@ pub struct Outline {
 pub struct Report {
     /// What the robots ran on.
     pub backend: BackendName,
-    /// What they computed in; `None` where nobody can tell from outside.
+    /// What they computed in; `None` where it is unknown.
     pub scalar: Option<Scalar>,
     /// Name of the group.
     pub config: String,
@@ -138,7 +138,7 @@ pub struct Report {
     pub robots: Vec<Outline>,
     /// The drives, in the order they were made.
     pub runs: Vec<Run>,
-    /// Whether figures are told in the paper's axes, beside its values.
+    /// Whether figures are in the paper's axes, beside its values.
     pub paper: bool,
 }
 
@@ -160,7 +160,7 @@ impl Report {
 }
 
 impl Report {
-    /// Largest bus load of all runs, in per cent; `None` where nobody measured it.
+    /// Largest bus load of all runs, in per cent; `None` where it was not measured.
     #[must_use]
     pub fn bus_load_percent(&self) -> Option<f64> {
         let loads = self.runs.iter().filter_map(|run| run.bus_load_percent);

@@ -74,7 +74,7 @@ impl Page {
     }
 }
 
-/// The last run of a report; empty where nobody saw the group move.
+/// The last run of a report; empty where the group's motion was not observed.
 #[must_use]
 pub fn animation(report: &Report) -> String {
     let Some(run) = report.runs.last() else {

@@ -5,7 +5,7 @@
 //! long as `drive` messages come, each less than [`STALE_MS`] after the one before, each naming a
 //! state of the group that is younger than [`OLD_MS`] (so that messages which lay in a queue do
 //! nothing). A press that has ended, for whatever reason, never comes back: the page has to release
-//! and press anew, which has a higher number. A refused message ends the press, too.
+//! and press again, which has a higher number. A refused message ends the press, too.
 //!
 //! Times are the server's, in ms since it started; nothing here asks a clock.
 
@@ -18,7 +18,7 @@ use super::message::ClientMessage;
 pub const STALE_MS: u64 = 250;
 /// What a driver has last seen of the group must not be older than this, in ms.
 pub const OLD_MS: u64 = 500;
-/// Robots that nobody has moved for this long are switched off, in ms.
+/// Robots that have not been moved for this long are switched off, in ms.
 pub const IDLE_MS: u64 = 120_000;
 /// Rounding of a limit that was sent to the page and came back, as a share of it.
 const ROUNDING: f32 = 1e-5;
@@ -55,7 +55,7 @@ struct Driver {
 pub struct Arbiter {
     linear_speed: f32,
     yaw_rate: f32,
-    /// Whether anybody may drive here.
+    /// Whether clients may drive here.
     open: bool,
     driver: Option<Driver>,
     /// Whether the robots shall be started.
@@ -66,7 +66,7 @@ pub struct Arbiter {
 }
 
 impl Arbiter {
-    /// Nobody drives yet. Where it is not `open`, nobody ever will.
+    /// No client drives yet. Where it is not `open`, none ever will.
     #[must_use]
     pub fn new(limits: &Limits, open: bool) -> Self {
         Self {
@@ -123,7 +123,7 @@ impl Arbiter {
             ClientMessage::Start {} | ClientMessage::Drive { .. } => {}
         }
         if !self.drives(client) {
-            return refused("take the controls first");
+            return refused("take control first");
         }
         let done = match *message {
             ClientMessage::Drive {
@@ -150,11 +150,11 @@ impl Arbiter {
         self.expire(now);
         self.check_limits(twist)?;
         if clock > now || now - clock > OLD_MS {
-            return Err(format!("it was sent upon a state older than {OLD_MS} ms"));
+            return Err(format!("it refers to a state older than {OLD_MS} ms"));
         }
         self.check_ready()?;
         let Some(driver) = &mut self.driver else {
-            return Err("take the controls first".into());
+            return Err("take control first".into());
         };
         match driver.press {
             Some(press) if press.number == number => {}
@@ -249,7 +249,7 @@ impl Arbiter {
     }
 
     /// Says whether the robots follow setpoints. Without that no message of a press is taken: it
-    /// would be acted upon when nobody knows any more whether the key is still held.
+    /// would be acted upon when it is unknown whether the key is still held.
     pub fn set_running(&mut self, running: bool) {
         self.running = running;
     }
@@ -260,7 +260,7 @@ impl Arbiter {
         self.driver.is_some_and(|driver| driver.client == client)
     }
 
-    /// Whether anybody drives.
+    /// Whether a client drives.
     #[must_use]
     pub fn has_driver(&self) -> bool {
         self.driver.is_some()

@@ -1,6 +1,6 @@
 //! Just enough HTTP: one request a connection, GET only, and who may ask.
 //!
-//! A browser that was lured onto somebody else's page must not reach the robots. Two checks see to
+//! A browser that was lured onto another site's page must not reach the robots. Two checks see to
 //! that. `Host` must be a name of this server: a page of another name that was made to resolve to
 //! this address (DNS rebinding) brings its own name. `Origin`, which browsers send with every
 //! WebSocket, must be this server's own pages.
@@ -75,7 +75,7 @@ impl Names {
         let bare = name
             .strip_prefix('[')
             .and_then(|name| name.strip_suffix(']'));
-        // Somebody else's name cannot be an address: whoever asks by address asks us.
+        // A foreign name cannot be an address: a request by address is meant for this server.
         match bare.unwrap_or(name).parse::<IpAddr>() {
             Ok(asked) => ip.is_unspecified() || asked == ip,
             Err(_) => false,
@@ -123,7 +123,7 @@ fn judge(request: &httparse::Request<'_, '_>, names: &Names) -> Wish {
     if !names.accept(host) {
         return refused(
             "421 Misdirected Request",
-            "this server has another name; give it with --name when that is right",
+            "this server has another name; if this name is right, give it with --name",
         );
     }
     if request.method != Some("GET") {
@@ -133,7 +133,10 @@ fn judge(request: &httparse::Request<'_, '_>, names: &Names) -> Wish {
     if path == "/ws" {
         let own = |origin: &str| origin.strip_prefix("http://") == Some(host);
         if !header("origin").is_none_or(own) {
-            return refused("403 Forbidden", "a page of another server asked");
+            return refused(
+                "403 Forbidden",
+                "the request came from a page of another server",
+            );
         }
         let upgrades = header("upgrade").is_some_and(|v| v.eq_ignore_ascii_case("websocket"));
         let version = header("sec-websocket-version") == Some("13");
@@ -147,7 +150,7 @@ fn judge(request: &httparse::Request<'_, '_>, names: &Names) -> Wish {
     }
     let file = FILES.iter().find(|(name, ..)| *name == path);
     file.map_or_else(
-        || refused("404 Not Found", "there is nothing here"),
+        || refused("404 Not Found", "no such page"),
         |(_, kind, text)| Wish::File(kind, text),
     )
 }

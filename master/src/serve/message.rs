@@ -27,7 +27,7 @@ pub enum ClientMessage {
     Leave {},
     /// Starts the robots; they stand until a press.
     Start {},
-    /// Ramps down and switches the drivers off. Anybody may.
+    /// Ramps down and switches the drivers off. Any client may.
     Stop {},
     /// The dead-man's press, repeated while it lasts.
     Drive {

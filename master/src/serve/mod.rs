@@ -14,8 +14,8 @@
 //! limits of the group file. [`server`] carries messages and refuses strangers ([`http`]); it
 //! cannot move anything by itself. Text messages are JSON ([`message`]).
 //!
-//! There is no encryption. The token keeps out whoever cannot read the traffic; across a network
-//! that others can read, go through an SSH tunnel to the loopback address.
+//! There is no encryption. The token keeps out clients that cannot read the traffic; across a
+//! network that others can read, go through an SSH tunnel to the loopback address.
 
 pub mod arbiter;
 pub mod http;

@@ -70,7 +70,7 @@ pub struct Cursor {
     welcomed: bool,
 }
 
-/// Nobody who panicked has left these half changed.
+/// A thread that panicked has not left these half changed.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -201,7 +201,7 @@ impl PageState {
         }
     }
 
-    /// Switches robots off that nobody has moved for long.
+    /// Switches robots off that have not been moved for long.
     fn keep_house(&self) {
         let now = self.now();
         let mut arbiter = lock(&self.arbiter);

@@ -45,7 +45,7 @@ pub fn serve(listener: TcpListener, page: Arc<PageState>) {
                 continue;
             }
             std::thread::spawn(move || {
-                // Whoever the connection fails has gone; there is nobody to tell.
+                // The connection has failed, so an error cannot be reported to the client.
                 let _ = connection(stream, &page);
                 page.connections.fetch_sub(1, Ordering::Relaxed);
             });
@@ -127,7 +127,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
                         Some("wrong token".into())
                     }
                 }
-                Ok(_) if page.access.closed && !trusted => Some("show the token first".into()),
+                Ok(_) if page.access.closed && !trusted => Some("send the token first".into()),
                 Ok(message) => page.handle(client, trusted, &message),
                 Err(reason) => {
                     page.confused(client);

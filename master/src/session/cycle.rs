@@ -105,7 +105,7 @@ impl<L: Link> Group<L> {
     }
 
     /// Moves on to the next SYNC that a setpoint can still reach. SYNCs that went without one are
-    /// counted; members answer them all the same, so nobody is missed for them.
+    /// counted; members answer them all the same, so no member is missing because of them.
     fn catch_up(&mut self) -> Result<(), MasterError> {
         let period = self.period_us();
         let margin = MARGIN_US.min(self.lead_us() / 2);

@@ -413,7 +413,7 @@ impl<L: Link> Group<L> {
         self.run_with(seconds, &mut |_| {})
     }
 
-    /// The same; `tell` is told once per SYNC which share of the time is over.
+    /// The same; `tell` is called once per SYNC with the fraction of the time that is over.
     ///
     /// # Errors
     /// As [`Group::run`].

@@ -10,7 +10,7 @@ use protocol::{GroupTwist, RobotReport, cob};
 use super::Group;
 use crate::bus::foreign::Sign;
 use crate::bus::link::Link;
-use crate::monitor::telemetry::{EventKind, SessionState, happening};
+use crate::monitor::telemetry::{EventKind, SessionState, reportable};
 
 impl<L: Link> Group<L> {
     /// Takes in a frame.
@@ -102,8 +102,8 @@ impl<L: Link> Group<L> {
                     if before.map(|b| b.state) != Some(status.state) {
                         events[0] = Some(EventKind::State(status.state));
                     }
-                    let was = before.map_or(protocol::Code::None, |b| happening(b.code));
-                    let is = happening(status.code);
+                    let was = before.map_or(protocol::Code::None, |b| reportable(b.code));
+                    let is = reportable(status.code);
                     if was != is {
                         events[1] = Some(EventKind::Code(is));
                     }
@@ -116,7 +116,7 @@ impl<L: Link> Group<L> {
                 RobotReport::Measured(measured) => row.measured = Some(measured.twist),
                 RobotReport::Pose(report) => {
                     if self.phase == SessionState::Starting {
-                        // A robot that takes over its configuration begins anew.
+                        // A robot that takes over its configuration starts again.
                         self.frame.gather();
                     }
                     let placed = self.frame.place(index, at.0 as f64 * 1e-6, report.pose);

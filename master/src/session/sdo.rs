@@ -145,7 +145,7 @@ impl<L: Link> Wire<L> {
         stored
     }
 
-    /// Lets time pass and sends heartbeats; what is heard waits for whoever listens next.
+    /// Lets time pass and sends heartbeats; received frames wait for the next reader.
     fn pass(&mut self, us: u64) -> Result<(), MasterError> {
         let until = Micros(self.now().0 + us);
         let mut received = Vec::new();

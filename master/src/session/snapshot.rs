@@ -12,7 +12,7 @@ use crate::monitor::rows::MemberRow;
 use crate::monitor::telemetry::{Interest, MemberSample, Snapshot, Telemetry};
 
 impl<L: Link> Group<L> {
-    /// Publishes the row that has just been completed, if anybody wants it.
+    /// Publishes the row that has just been completed, if it has a subscriber.
     pub(super) fn close_row(&mut self) {
         if self.wire.hub.0.is_wanted(Interest::Group)
             && let Some(snapshot) = self.snapshot()

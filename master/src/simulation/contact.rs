@@ -1,7 +1,7 @@
 //! Groups for trials on the contact plant: rollers of random phase, with and without being told of
 //! them, and with the compensation that a calibration on the same plant gives.
 //!
-//! What a robot is told of its rollers is what a calibration would have found, taken from the
+//! A robot's configured rollers are those that a calibration would have found, taken from the
 //! plant. Compensation coefficients are measured: one longitudinal, one lateral and one turning run
 //! on native robots, asked over achieved. The same runs show by how much the group trails its
 //! wheels. With the rollers known a second lateral run, half as fast, tells what is lost by their

@@ -72,7 +72,7 @@ impl Link for SimLink {
         let received = self.world.receive(until).map_err(|error| LinkError {
             bus: self.name.clone(),
             problem: error.to_string(),
-            remedy: "the simulated world has stopped; this is not what robots do, please report it"
+            remedy: "the simulated world has stopped; this is a defect of the simulator, please report it"
                 .into(),
         })?;
         self.keep_pace();

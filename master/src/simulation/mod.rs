@@ -25,6 +25,6 @@ pub fn open(
     name: impl Into<String>,
 ) -> Result<SimLink, DriveError> {
     let origin = Pose::new(0.0, 0.0, 0.0);
-    // Nobody would take samples of the truth, and they would pile up.
+    // Samples of the truth would not be read, and would accumulate.
     Ok(SimLink::new(run::build(group, elf, origin, 0)?, name))
 }

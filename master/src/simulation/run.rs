@@ -107,8 +107,8 @@ pub(super) fn build(
     Ok(World::new(group, backend, options)?)
 }
 
-/// Drives and returns everything that is known about it. `progress` is told the share done, 0..=1,
-/// and the phase.
+/// Drives and returns everything that is known about it. `progress` is called with the fraction
+/// done, 0..=1, and the phase.
 ///
 /// # Errors
 /// When anything on the way fails; the group then stands.

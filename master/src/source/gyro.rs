@@ -13,7 +13,7 @@
 //! A thread reads, and every sample is kept until it is taken: a hundred a second are nothing.
 //! Unlike poses, of which the latest counts, a sample that is missing would be a turn that is
 //! missing; so a line that holds none, a time that does not rise, silence and a closed connection
-//! are errors for whoever takes the samples next.
+//! are errors for the next reader of the samples.
 
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -64,7 +64,7 @@ impl Line {
         let bad = |problem: String| format!("{problem} in the line: {shown}");
         // serde would take a list for the fields in their order.
         if !text.trim_start().starts_with('{') {
-            return Err(bad("there is no JSON object".into()));
+            return Err(bad("the line has no JSON object".into()));
         }
         let line: Self = serde_json::from_str(text).map_err(|error| bad(error.to_string()))?;
         let mut rates = line
@@ -74,10 +74,10 @@ impl Line {
             .chain(line.yaw_rate)
             .peekable();
         if rates.peek().is_none() {
-            return Err(bad("there is no yaw_rate".into()));
+            return Err(bad("the line has no yaw_rate".into()));
         }
         if let Some(rate) = rates.find(|rate| rate.is_nan() || rate.abs() > FASTEST) {
-            return Err(bad(format!("yaw_rate {rate} is not one, in rad/s,")));
+            return Err(bad(format!("yaw_rate {rate} is not a yaw rate in rad/s")));
         }
         Ok(line)
     }
@@ -145,7 +145,7 @@ impl GyroStream {
             return Err(self.bad(problem));
         }
         if waiting.last.0.elapsed() > SILENCE {
-            return Err(self.bad("nothing came for half a second"));
+            return Err(self.bad("no sample arrived for half a second"));
         }
         let now = now.0 as f64 * 1e-6;
         let mut out = vec![Vec::with_capacity(waiting.lines.len()); nodes.len()];

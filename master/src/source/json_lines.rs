@@ -23,9 +23,11 @@ pub(crate) fn connect(
     let stream = TcpStream::connect_timeout(&host, PATIENCE)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     let mut lines = BufReader::new(stream.try_clone()?).lines();
-    let first = lines
-        .next()
-        .ok_or_else(|| io::Error::other(format!("the server hung up before the first {what}")))??;
+    let first = lines.next().ok_or_else(|| {
+        io::Error::other(format!(
+            "the server closed the connection before the first {what}"
+        ))
+    })??;
     stream.set_read_timeout(None)?;
     Ok((first, lines))
 }

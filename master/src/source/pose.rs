@@ -96,16 +96,16 @@ type Latest = Arc<Mutex<(Instant, Line)>>;
 pub struct PoseStream {
     address: String,
     latest: Latest,
-    seen: Cell<Option<Seen>>,
+    latest_read: Cell<Option<LatestRead>>,
 }
 
 /// The last look at the latest line.
 #[derive(Clone, Copy)]
-struct Seen {
+struct LatestRead {
     arrived: Instant,
     /// When that was on the bus's clock.
     at: Micros,
-    looked: Micros,
+    read_at: Micros,
 }
 
 impl PoseStream {
@@ -116,13 +116,12 @@ impl PoseStream {
     pub fn connect(address: &str) -> io::Result<Self> {
         let (first, lines) = json_lines::connect(address, "pose")?;
         let line = Line::parse(&first)
-            .ok_or_else(|| io::Error::other(format!("the first line is no pose: {first}")))?;
+            .ok_or_else(|| io::Error::other(format!("the first line is not a pose: {first}")))?;
         let latest: Latest = Arc::new(Mutex::new((Instant::now(), line)));
         let newest = Arc::clone(&latest);
         std::thread::spawn(move || {
             for text in lines {
-                // Whoever reads sees how old the latest is; nobody is left once the stream is
-                // dropped.
+                // A reader sees how old the latest is; nobody is left once the stream is dropped.
                 let Ok(text) = text else { return };
                 if Arc::strong_count(&newest) == 1 {
                     return;
@@ -136,7 +135,7 @@ impl PoseStream {
         Ok(Self {
             address: address.to_owned(),
             latest,
-            seen: Cell::new(None),
+            latest_read: Cell::new(None),
         })
     }
 
@@ -150,18 +149,18 @@ impl PoseStream {
     pub fn latest(&self, now: Micros) -> Option<(Micros, Pose)> {
         let (arrived, line) = self.read();
         let [x, y, heading] = line.group()?;
-        let at = match self.seen.get() {
-            Some(seen) if seen.arrived == arrived => seen.at,
+        let at = match self.latest_read.get() {
+            Some(latest_read) if latest_read.arrived == arrived => latest_read.at,
             before => {
                 let age = u64::try_from(arrived.elapsed().as_micros()).unwrap_or(u64::MAX);
-                let earliest = before.map_or(0, |before| before.looked.0);
+                let earliest = before.map_or(0, |before| before.read_at.0);
                 Micros(now.0.saturating_sub(age).max(earliest).min(now.0))
             }
         };
-        self.seen.set(Some(Seen {
+        self.latest_read.set(Some(LatestRead {
             arrived,
             at,
-            looked: now,
+            read_at: now,
         }));
         #[expect(clippy::cast_possible_truncation, reason = "setpoints are f32")]
         let pose = Pose::new(x as f32, y as f32, heading as f32);

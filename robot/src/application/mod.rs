@@ -1,8 +1,10 @@
 //! The application behind the CANopen device: one robot as a member of its group.
 //!
 //! Everything the robot knows on the bus side is here, and the device calls it (`service`): a value
-//! is worked out when its object is read, a write takes effect when it is made, and at a SYNC it is
-//! the robot's turn between the setpoint and its status. One file for each part:
+//! is computed when its object is read, a write takes effect when it is made, and at a SYNC it is
+//! the robot's turn between the setpoint and its status.
+//!
+//! # Files
 //!
 //! | file | |
 //! |---|---|

@@ -32,7 +32,7 @@ pub const BIT_NS: u64 = 1_000;
 /// What becomes of a frame on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fate {
-    /// Everybody gets it.
+    /// All nodes receive it.
     Good,
     /// One bit, counted from 0, is inverted for all nodes; `active`: the sender may destroy the
     /// rest.
@@ -142,7 +142,7 @@ impl Contention {
                 .extract_if(.., |sender| recessive(sender));
             let losers: Vec<(usize, Frame)> = losers.collect();
             if losers.iter().any(|(node, _)| is_active(*node)) {
-                // Whoever sent a dominant bit comes first: its bits are those on the wire.
+                // A sender of the dominant bit comes first: its bits are those on the wire.
                 contention.senders.extend(losers);
                 contention.destroyed = Some(bit);
                 break;

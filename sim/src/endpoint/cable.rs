@@ -2,7 +2,7 @@
 //!
 //! Between terminal and chip lie a line of 1 Mbaud and USB, which carries bytes once a millisecond
 //! in either direction. A program that sends faster than the line waits, as the ST-LINK's buffer
-//! makes it; what nobody reads is lost.
+//! makes it; unread bytes are lost.
 
 use std::io;
 use std::path::Path;

@@ -9,7 +9,8 @@
 //!
 //! `t` is when the sample came, in seconds of virtual time; `yaw_rate` in rad/s about the axis that
 //! points up, counter-clockwise positive, with the noise, bias, drift and delay of the file.
-//! `robots` in the order of the file. The gyros run from the first exchange on, whoever listens.
+//! `robots` in the order of the file. The gyros run from the first exchange on, even without
+//! clients.
 
 use std::io;
 
@@ -55,7 +56,7 @@ pub struct GyroServer {
 
 impl GyroServer {
     /// Listens; port 0 picks a free one. `nodes` are the robots', in the order of the group file.
-    /// It takes the world's gyro samples, so nobody else may take them.
+    /// It takes the world's gyro samples, so nothing else may take them.
     ///
     /// # Errors
     /// When the address cannot be had.

@@ -3,7 +3,7 @@
 //! A client says until when it waits; the world goes there, or to the next frame for that client,
 //! and no further until the client waits again. With several clients time goes as far as the most
 //! impatient one. So nothing is ever late, however busy the machine is: a master that stalls for a
-//! second finds the world as it left it. While nobody is connected time stands, once the robots
+//! second finds the world as it left it. While no client is connected time stands, once the robots
 //! have booted.
 //!
 //! Lines of text over TCP, times in µs of virtual time:
@@ -19,100 +19,57 @@
 //!
 //! A client that says something else is dropped. One that hangs holds the time for all.
 
-use std::io::{self, Write as _};
+use std::io::Write as _;
 use std::net::TcpStream;
 
 use can_text::slcan::{self, Command};
 use canopen::Micros;
 
-use super::Endpoint;
-use super::stream::{Listener, Pipe};
+use super::stream::{Client, Pipe, Server};
 use crate::world::{Port, World};
 
 /// What the server says first.
 const GREETING: &[u8] = b"omnibus-lockstep 1\n";
-/// When the robots have said that they are there: before that, time waits for nobody, and clients
-/// wait for it.
+/// When the robots have said that they are there: before that, time does not wait, and clients wait
+/// for it.
 const BOOTED: Micros = Micros(100_000);
 /// Longest line, with room to spare.
 const LONGEST: usize = 64;
 
 /// A listening endpoint and its clients.
-#[derive(Debug)]
-pub struct LockstepServer {
-    listener: Listener,
-    clients: Vec<Client>,
-    /// Ports of clients that have gone.
-    spare: Vec<Port>,
-}
+pub type LockstepServer = Server<Session>;
 
+/// One client.
 #[derive(Debug)]
-struct Client {
-    pipe: Pipe<TcpStream>,
+pub struct Session {
     port: Port,
     /// Until when it waits; `None` while it is its turn.
     until: Option<Micros>,
 }
 
-impl LockstepServer {
-    /// Listens; port 0 picks a free one.
-    ///
-    /// # Errors
-    /// When the address cannot be had.
-    pub fn bind(address: &str) -> io::Result<Self> {
-        Ok(Self {
-            listener: Listener::bind(address)?,
-            clients: Vec::new(),
-            spare: Vec::new(),
-        })
-    }
-}
+impl Client for Session {
+    const NAME: &'static str = "lockstep";
 
-impl Endpoint for LockstepServer {
-    fn announce(&self) -> String {
-        format!("lockstep {}", self.listener.address())
+    fn accepts(now: Micros) -> bool {
+        now >= BOOTED
     }
 
-    fn exchange(&mut self, world: &mut World) -> io::Result<()> {
-        if world.now() < BOOTED {
-            return Ok(());
-        }
-        while let Some(mut pipe) = self.listener.accept() {
-            let port = self.spare.pop().unwrap_or_else(|| world.add_port());
-            world.set_listening(port, true);
-            pipe.output.extend_from_slice(GREETING);
-            send_time(&mut pipe.output, world.now());
-            self.clients.push(Client {
-                pipe,
-                port,
-                until: None,
-            });
-        }
-        let spare = &mut self.spare;
-        self.clients.retain_mut(|client| {
-            let came = client.pipe.fill();
-            let alive = client.exchange(world) && came.and_then(|()| client.pipe.flush()).is_ok();
-            if !alive {
-                world.set_listening(client.port, false);
-                spare.push(client.port);
-            }
-            alive
-        });
-        Ok(())
+    fn connect(output: &mut Vec<u8>, port: Port, world: &mut World) -> Self {
+        world.set_listening(port, true);
+        output.extend_from_slice(GREETING);
+        send_time(output, world.now());
+        Self { port, until: None }
     }
 
-    fn limit(&self, now: Micros) -> Option<Micros> {
-        let clients = self.clients.iter();
-        let waits = clients.map(|client| client.until.unwrap_or(now)).min();
-        Some(waits.unwrap_or(now).max(BOOTED))
+    fn port(&self) -> Port {
+        self.port
     }
-}
 
-impl Client {
-    /// Takes its lines and answers when its time has come; `false` for one that makes no sense.
-    fn exchange(&mut self, world: &mut World) -> bool {
-        while let Some(end) = self.pipe.input.iter().position(|byte| *byte == b'\n') {
-            let line: Vec<u8> = self.pipe.input.drain(..=end).collect();
+    /// Receives the client's lines and answers when its time has come; `false` for a line that is
+    /// not part of the protocol.
+    fn exchange(&mut self, pipe: &mut Pipe<TcpStream>, world: &mut World) -> bool {
+        while let Some(end) = pipe.input.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = pipe.input.drain(..=end).collect();
             let Some(line) = line.strip_suffix(b"\n") else {
                 return false;
             };
@@ -125,18 +82,23 @@ impl Client {
             }
         }
         if let Some(until) = self.until {
-            let before = self.pipe.output.len();
+            let before = pipe.output.len();
             while let Some((at, frame)) = world.take_received(self.port) {
                 let text = slcan::frame(&frame, None);
                 // Writing into a vector cannot fail.
-                let _ = writeln!(self.pipe.output, "f{} {}", at.0, text.trim_end());
+                let _ = writeln!(pipe.output, "f{} {}", at.0, text.trim_end());
             }
-            if self.pipe.output.len() > before || world.now() >= until {
-                send_time(&mut self.pipe.output, world.now());
+            if pipe.output.len() > before || world.now() >= until {
+                send_time(&mut pipe.output, world.now());
                 self.until = None;
             }
         }
-        self.pipe.input.len() <= LONGEST
+        pipe.input.len() <= LONGEST
+    }
+
+    fn limit<'a>(clients: impl Iterator<Item = &'a Self>, now: Micros) -> Option<Micros> {
+        let waits = clients.map(|client| client.until.unwrap_or(now)).min();
+        Some(waits.unwrap_or(now).max(BOOTED))
     }
 }
 

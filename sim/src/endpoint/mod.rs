@@ -1,4 +1,4 @@
-//! Ways onto the virtual bus, and into the world, for programs that nobody here wrote.
+//! Ways onto the virtual bus, and into the world, for other programs.
 //!
 //! Everything here is an [`Endpoint`]: it says where it is, and between two slices of virtual time
 //! it takes in what programs have sent and hands out what has happened. None of them waits for
@@ -12,12 +12,12 @@
 //! | [`lockstep`]: a bus whose time waits for its clients | `omnibus` |
 //! | [`slcan_tcp`]: slcan over TCP | `omnibus`, python-can (`slcan`, `socket://`) |
 //! | [`pty`]: slcan over a pseudo terminal | slcand, python-can (`slcan`), everything for serial adapters |
-//! | [`cable`]: the serial port of an emulated robot | the same, and whoever wants to see what the firmware answers |
+//! | [`cable`]: the serial port of an emulated robot | the same, and tests of the firmware's answers |
 //! | [`socketcand`]: socketcand in raw mode | python-can (`socketcand`), Wireshark, Kayak |
 //! | [`socket_can`]: a Linux CAN interface | can-utils, python-can, everything for Linux |
 //! | [`pose`]: true poses as lines of JSON | what would listen to a motion-capture system |
 //! | [`gyro`]: samples of the robots' gyros as lines of JSON | what would listen to real ones |
-//! | [`replay`]: a candump log in | nobody: it plays a file |
+//! | [`replay`]: a candump log in | none: it plays a file |
 
 #[cfg(unix)]
 pub mod cable;
@@ -56,7 +56,7 @@ pub trait Endpoint {
     fn exchange(&mut self, world: &mut World) -> io::Result<()>;
 
     /// How far time may go, now that it is `now`, before this endpoint is asked again; `None` for
-    /// one that waits for nobody.
+    /// one that does not hold time.
     fn limit(&self, _now: Micros) -> Option<Micros> {
         None
     }

@@ -77,7 +77,7 @@ pub struct PoseServer(JsonLines);
 
 impl PoseServer {
     /// Listens; port 0 picks a free one. It takes the world's truth samples, so the world must keep
-    /// some (`Options::truth_period_ns`) and nobody else may take them.
+    /// some (`Options::truth_period_ns`) and nothing else may take them.
     ///
     /// # Errors
     /// When the address cannot be had.

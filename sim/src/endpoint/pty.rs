@@ -11,7 +11,7 @@ use super::slcan::Channel;
 use super::terminal::Terminal;
 use crate::world::World;
 
-/// The terminal, and the channel of whoever has it open.
+/// The terminal, and the channel of the program that has it open.
 #[derive(Debug)]
 pub struct Pty {
     terminal: Terminal,

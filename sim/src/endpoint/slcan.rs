@@ -14,7 +14,7 @@ const NUMBER: u32 = 0x0051;
 /// One client's channel: a node of its own on the bus, which hears the others' frames and not its
 /// own.
 #[derive(Debug)]
-pub(super) struct Channel {
+pub struct Channel {
     port: Port,
     line: slcan::Channel,
 }

@@ -3,7 +3,7 @@
 //!
 //! All programs on the interface together are one node of the simulated bus. A frame that the
 //! interface does not take at once waits, up to [`WAITING`] of them; then the oldest is dropped and
-//! counted, as a real interface drops frames that nobody fetches.
+//! counted, as a real interface drops frames that no program fetches.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};

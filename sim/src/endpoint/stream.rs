@@ -4,13 +4,18 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 
+use canopen::Micros;
+
+use super::Endpoint;
+use crate::world::{Port, World};
+
 /// Bytes that may wait for a client: some 40 000 frames of slcan.
 pub const BACKLOG: usize = 1 << 20;
 
-/// A connection that never blocks. Bytes wait in it in both directions; whoever owns it takes them
-/// from `input` and puts them into `output`.
+/// A connection that never blocks. Bytes wait in it in both directions; its owner takes them from
+/// `input` and puts them into `output`.
 #[derive(Debug)]
-pub(super) struct Pipe<S> {
+pub struct Pipe<S> {
     stream: S,
     pub input: Vec<u8>,
     pub output: Vec<u8>,
@@ -105,5 +110,90 @@ impl Listener {
             }
         }
         None
+    }
+}
+
+/// What a client of a [`Server`] speaks: one value per client, which is a node of its own.
+pub trait Client {
+    /// What the endpoint is called where it is announced.
+    const NAME: &'static str;
+
+    /// Greets a client that has connected.
+    fn connect(output: &mut Vec<u8>, port: Port, world: &mut World) -> Self;
+
+    /// Its port on the bus.
+    fn port(&self) -> Port;
+
+    /// Answers what the client has sent, and sends what has happened; `false` drops the client.
+    fn exchange(&mut self, pipe: &mut Pipe<TcpStream>, world: &mut World) -> bool;
+
+    /// Whether clients are accepted at this time.
+    fn accepts(_now: Micros) -> bool {
+        true
+    }
+
+    /// How far time may go with these clients; see [`Endpoint::limit`].
+    fn limit<'a>(_clients: impl Iterator<Item = &'a Self>, _now: Micros) -> Option<Micros>
+    where
+        Self: 'a,
+    {
+        None
+    }
+}
+
+/// An endpoint at a TCP address, and its clients.
+#[derive(Debug)]
+pub struct Server<C> {
+    listener: Listener,
+    clients: Vec<(Pipe<TcpStream>, C)>,
+    /// Ports of clients that have gone.
+    spare: Vec<Port>,
+}
+
+impl<C> Server<C> {
+    /// Listens; port 0 picks a free one.
+    ///
+    /// # Errors
+    /// When the address cannot be had.
+    pub fn bind(address: &str) -> io::Result<Self> {
+        Ok(Self {
+            listener: Listener::bind(address)?,
+            clients: Vec::new(),
+            spare: Vec::new(),
+        })
+    }
+}
+
+impl<C: Client> Endpoint for Server<C> {
+    fn announce(&self) -> String {
+        format!("{} {}", C::NAME, self.listener.address())
+    }
+
+    fn exchange(&mut self, world: &mut World) -> io::Result<()> {
+        if !C::accepts(world.now()) {
+            return Ok(());
+        }
+        while let Some(mut pipe) = self.listener.accept() {
+            let port = self.spare.pop().unwrap_or_else(|| world.add_port());
+            let client = C::connect(&mut pipe.output, port, world);
+            self.clients.push((pipe, client));
+        }
+        let spare = &mut self.spare;
+        self.clients.retain_mut(|(pipe, client)| {
+            // What came before the end still counts.
+            let came = pipe.fill();
+            let stays = client.exchange(pipe, world);
+            let alive = stays && came.and_then(|()| pipe.flush()).is_ok();
+            if !alive {
+                world.set_listening(client.port(), false);
+                spare.push(client.port());
+            }
+            alive
+        });
+        Ok(())
+    }
+
+    fn limit(&self, now: Micros) -> Option<Micros> {
+        C::limit(self.clients.iter().map(|(_, client)| client), now)
     }
 }

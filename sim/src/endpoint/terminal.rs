@@ -64,8 +64,8 @@ impl Terminal {
 
     /// Reads what has come. Whether a program has the terminal open, or had.
     pub fn fill(&mut self) -> bool {
-        // As long as nobody has the terminal open, reading it is an error, which is no reason to
-        // give up.
+        // As long as no program has the terminal open, reading it is an error, which is no reason
+        // to give up.
         let was_open = std::mem::replace(&mut self.is_open, self.pipe.fill().is_ok());
         if was_open && !self.is_open {
             // What the last program did not read is not for the next one.

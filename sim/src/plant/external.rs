@@ -130,7 +130,7 @@ impl ExternalPlant {
     /// Connects to `host:port` and introduces the robots, the group frame at `start`.
     ///
     /// # Errors
-    /// When nobody listens there, or a robot's geometry has no solution.
+    /// When no program listens there, or a robot's geometry has no solution.
     pub fn connect(group: &GroupFile, address: &str, start: Pose<f64>) -> Result<Self, SimError> {
         let members = members(group)?;
         let formation = Formation::new(&members);
@@ -163,7 +163,7 @@ impl ExternalPlant {
                     .ok_or_else(|| std::io::ErrorKind::NotFound.into())
             })
             .and_then(|socket| TcpStream::connect_timeout(&socket, PATIENCE))
-            .map_err(|error| fail(format!("nobody answers ({error})")))?;
+            .map_err(|error| fail(format!("no program answers there ({error})")))?;
         let set_up = |stream: &TcpStream| {
             stream.set_nodelay(true)?;
             stream.set_read_timeout(Some(PATIENCE))?;

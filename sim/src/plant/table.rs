@@ -111,7 +111,8 @@ impl Plant for TablePlant {
 /// A robot's place in the group frame, and its wheels.
 pub(crate) type Member = (Pose<f64>, FourWheelGeometry<f64>);
 
-/// The members' places and wheels in double precision, with exactly the values the robots are told.
+/// The members' places and wheels in double precision, with exactly the values that the robots are
+/// given.
 pub(crate) fn members(group: &GroupFile) -> Result<Vec<Member>, SimError> {
     group
         .robots

@@ -37,9 +37,8 @@ fn calculated(robots: u8, rate_hz: u32) -> (f64, f64) {
 }
 
 /// A group of this many of the first robot, in a row.
-fn group_of(file: &GroupFile, robots: u8, rate_hz: u32) -> GroupFile {
+pub fn in_a_row(file: &GroupFile, robots: u8) -> GroupFile {
     let mut file = file.clone();
-    file.sync_period_us = 1_000_000 / rate_hz;
     if let Some(first) = file.robots.first().cloned() {
         file.robots = (0..robots)
             .map(|place| {
@@ -88,11 +87,9 @@ pub fn figures(file: &GroupFile) -> anyhow::Result<Vec<Figure>> {
                 // There is not room for this on the wire: nothing to measure.
                 continue;
             }
-            let figure = Figure::new(
-                name("measured"),
-                measured(&group_of(file, robots, rate_hz))?,
-                "%",
-            );
+            let mut group = in_a_row(file, robots);
+            group.sync_period_us = 1_000_000 / rate_hz;
+            let figure = Figure::new(name("measured"), measured(&group)?, "%");
             let budgeted = robots == 8 && rate_hz == 100;
             figures.push(if budgeted {
                 figure.budget(41.0).ceiling(45.0)

@@ -1,11 +1,11 @@
 //! What the cable costs: load of a robot that is the gateway of its group, bytes on the cable, and
 //! the time from a call at the cable to the wheel.
 
-use anyhow::Context as _;
 use emulator::Firmware;
 use group::GroupFile;
 use sim::Options;
 
+use super::bus::in_a_row;
 use super::driving::Driving;
 use super::figure::Figure;
 use super::latency;
@@ -16,22 +16,6 @@ const MEASURED_MS: u64 = 1_000;
 const LINE: f64 = 100_000.0;
 /// What the cable may add to a robot's load, per cent of the processor's time.
 const BUDGET: f64 = 2.0;
-
-/// A group of this many of the first robot, in a row.
-pub(super) fn group_of(file: &GroupFile, robots: u8) -> anyhow::Result<GroupFile> {
-    let mut file = file.clone();
-    let first = file.robots.first().context("no robots")?.clone();
-    file.robots = (0..robots)
-        .map(|place| {
-            let mut robot = first.clone();
-            robot.node = group::FIRST_NODE + place;
-            robot.mount.x = 1.2 * (f32::from(robots - 1) / 2.0 - f32::from(place));
-            robot
-        })
-        .collect();
-    file.simulation.crystal_ppm = vec![0.0; usize::from(robots)];
-    Ok(file)
-}
 
 /// Load of the first robot while the group drives, per cent, and bytes of its cable in a second.
 fn driven(group: &GroupFile, firmware: &Firmware, at_cable: bool) -> anyhow::Result<(f64, f64)> {
@@ -63,7 +47,7 @@ fn driven(group: &GroupFile, firmware: &Firmware, at_cable: bool) -> anyhow::Res
 pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
     let mut figures = Vec::new();
     for robots in [1, 8] {
-        let group = group_of(group, robots)?;
+        let group = in_a_row(group, robots);
         let (without, _) = driven(&group, firmware, false)?;
         let (with, bytes) = driven(&group, firmware, true)?;
         let name = |what: &str| format!("gateway.{robots}_robots.{what}");

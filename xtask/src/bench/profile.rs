@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let firmware = Firmware::load(&elf)?;
     let mut group = GroupFile::load(cargo::root().join("groups/tcc-3.toml"))?;
     if let Some(robots) = arguments.robots {
-        group = super::gateway::group_of(&group, robots)?;
+        group = super::bus::in_a_row(&group, robots);
     }
     let options = Options {
         truth_period_ns: 0,

@@ -1,8 +1,8 @@
 //! What an adapter says about the state of the bus, in words that say what to check.
 //!
-//! Adapters notice what a master cannot: frames that nobody acknowledges, or that nobody can read
-//! because the bit rate is wrong. The reading thread leaves the latest such report here; it is
-//! shown when robots do not answer.
+//! Adapters notice what a master cannot: frames that no node acknowledges or can read because the
+//! bit rate is wrong. The reading thread leaves the latest such report here; it is shown when
+//! robots do not answer.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,17 +34,17 @@ impl Diagnosis {
     }
 }
 
-pub(super) const NO_ACKNOWLEDGE: &str = "no other node acknowledges frames: is any robot powered, \
-    are CAN high and low the right way round, is there 120 ohm at both ends, is the bit rate 1 \
-    Mbit/s at both ends?";
+pub(super) const NO_ACKNOWLEDGE: &str = "no other node acknowledges frames: check that a robot is \
+    powered, CAN high and low are not swapped, 120 ohm are at both ends, and the bit rate is 1 \
+    Mbit/s everywhere";
 #[cfg(all(feature = "adapters", target_os = "linux"))]
-pub(super) const BUS_OFF: &str = "the adapter has gone off the bus after too many errors: check \
+pub(super) const BUS_OFF: &str = "the adapter went bus-off after too many errors: check \
     CAN high and low for a short circuit, 120 ohm at both ends, and that the bit rate is 1 Mbit/s \
     everywhere";
-pub(super) const BUS_ERRORS: &str = "there are errors on the bus: check that the bit rate is 1 \
+pub(super) const BUS_ERRORS: &str = "the adapter reports errors on the bus: check that the bit rate is 1 \
     Mbit/s everywhere, the wiring, and 120 ohm at both ends";
-pub(super) const REFUSES: &str = "the adapter refuses to send: nobody acknowledges its frames, or \
-    its channel is not open; is any robot powered, is there 120 ohm at both ends?";
+pub(super) const REFUSES: &str = "the adapter refuses to send: no node acknowledges its frames, \
+    or its channel is not open; check that a robot is powered and 120 ohm are at both ends";
 
 /// From the class bits of a SocketCAN error frame (linux/can/error.h).
 #[cfg(all(feature = "adapters", target_os = "linux"))]

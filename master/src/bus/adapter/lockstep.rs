@@ -44,11 +44,11 @@ pub(super) fn open(bus: String, address: &str) -> io::Result<LockstepLink> {
     };
     if link.line()? != GREETING {
         return Err(io::Error::other(
-            "no omnibus-sim with --lockstep answers there",
+            "the server there is not omnibus-sim serve --lockstep",
         ));
     }
     link.wait_for_turn()?;
-    // From here on time waits, and so does everybody else.
+    // From here on time waits, so this end may take as long as it needs.
     link.input.get_ref().set_read_timeout(None)?;
     Ok(link)
 }
@@ -57,7 +57,7 @@ impl LockstepLink {
     fn line(&mut self) -> io::Result<String> {
         let mut text = String::new();
         if self.input.read_line(&mut text)? == 0 {
-            return Err(io::Error::other("the simulator has gone"));
+            return Err(io::Error::other("the simulator closed the connection"));
         }
         Ok(text.trim_end().to_owned())
     }
@@ -66,7 +66,11 @@ impl LockstepLink {
     fn wait_for_turn(&mut self) -> io::Result<()> {
         loop {
             let line = self.line()?;
-            let nonsense = || io::Error::other(format!("the simulator said '{line}'"));
+            let nonsense = || {
+                io::Error::other(format!(
+                    "the simulator sent '{line}', which is not part of the protocol"
+                ))
+            };
             let (kind, rest) = line.split_at_checked(1).ok_or_else(nonsense)?;
             let (time, frame) = rest.split_once(' ').unwrap_or((rest, ""));
             let time = Micros(time.parse().map_err(|_| nonsense())?);

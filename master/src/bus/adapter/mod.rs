@@ -137,7 +137,9 @@ impl Link for AdapterLink {
                 }
                 Ok(Err(error)) => Err(self.error(error)),
                 Err(RecvTimeoutError::Timeout) => Ok(None),
-                Err(RecvTimeoutError::Disconnected) => Err(self.error("the adapter has gone")),
+                Err(RecvTimeoutError::Disconnected) => {
+                    Err(self.error("the adapter was disconnected"))
+                }
             };
         }
     }
@@ -240,12 +242,13 @@ fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
         BusAddress::Auto => "give slcan:DEVICE".into(),
         BusAddress::Slcan(device) => match kind {
             io::ErrorKind::PermissionDenied => format!(
-                "you may not use {}; on Linux add yourself to the group dialout \
+                "you have no permission to use {}; on Linux add yourself to the group dialout \
                  (sudo usermod -aG dialout $USER) and log in again",
                 device.display()
             ),
-            _ => "check the device's name (ls /dev/ttyACM* /dev/ttyUSB*), its plug, that nothing \
-                else has it open, and that you may use it (group dialout on Linux)"
+            _ => "check the device's name (ls /dev/ttyACM* /dev/ttyUSB*), its plug, that no other \
+                program has it open, and that you have permission to use it (group dialout on \
+                Linux)"
                 .into(),
         },
         BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) | BusAddress::Lockstep(_)
@@ -259,15 +262,15 @@ fn remedy(bus: &BusAddress, kind: io::ErrorKind) -> String {
             "check host and port, and that omnibus-sim serve was started with --lockstep".into()
         }
         BusAddress::SlcanTcp(_) => "check host and port, and that the server speaks slcan".into(),
-        BusAddress::Socketcand(_, interface) => format!(
-            "check host and port, and that the socketcand there was started with {interface} (-i)"
-        ),
+        BusAddress::Socketcand(_, interface) => {
+            format!("check host and port, and that socketcand was started with {interface} (-i)")
+        }
         BusAddress::SocketCan(interface) if cfg!(target_os = "linux") => format!(
             "check the name (ip link show type can); bring it up with: \
              sudo ip link set {interface} up type can bitrate 1000000"
         ),
         BusAddress::SocketCan(_) => {
-            "SocketCAN is Linux only; use slcan:DEVICE or socketcand://HOST:PORT/INTERFACE".into()
+            "only Linux has SocketCAN; use slcan:DEVICE or socketcand://HOST:PORT/INTERFACE".into()
         }
     }
 }

@@ -174,8 +174,8 @@ mod tests {
     use crate::bus::link::Link as _;
     use canopen::Micros;
 
-    /// SYNC comes from the link's own thread while nobody calls the link, counted without gaps, and
-    /// stops when the schedule is taken back.
+    /// SYNC comes from the link's own thread while the link is not called, counted without gaps,
+    /// and stops when the schedule is taken back.
     #[test]
     fn sync_goes_out_while_the_session_does_something_else() {
         const SYNCS: usize = 20;
@@ -302,7 +302,7 @@ mod tests {
             let (mut line, mut byte) = (Vec::new(), [0]);
             let began = std::time::Instant::now();
             while began.elapsed() < Duration::from_secs(10) {
-                // As long as nobody has the terminal open, reading it is an error.
+                // As long as no program has the terminal open, reading it is an error.
                 if device.read_exact(&mut byte).is_err() {
                     std::thread::sleep(Duration::from_millis(1));
                     continue;

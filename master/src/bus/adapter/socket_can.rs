@@ -1,6 +1,6 @@
 //! Linux CAN interfaces: `can0`, or `vcan0` for trying things out.
 //!
-//! Error frames are asked for too: they say that nobody acknowledges, or that the bit rate is
+//! Error frames are asked for too: they show that no node acknowledges, or that the bit rate is
 //! wrong.
 
 use std::io;

@@ -58,8 +58,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }
         (_, None, None) => bail!(
-            "no source of measurements: give --pose tcp://HOST:PORT (their poses) or --gyro \
-             tcp://HOST:PORT (their yaw rates), JSON lines both"
+            "no source of measurements: give --pose tcp://HOST:PORT (poses) or --gyro \
+             tcp://HOST:PORT (yaw rates), both as JSON lines"
         ),
     }
 }

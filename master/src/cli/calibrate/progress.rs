@@ -1,5 +1,5 @@
 //! How a calibration gets on: a bar on a terminal, a line for every motion elsewhere, and a picture
-//! that is drawn anew after every motion.
+//! that is drawn again after every motion.
 
 use std::path::{Path, PathBuf};
 
@@ -103,7 +103,7 @@ pub fn form(path: &Path) -> anyhow::Result<()> {
     plot::form(path, "--plot (or a page, .html)").map(|_| ())
 }
 
-/// Writes a picture, or a page that shows it and, while `live`, loads itself anew.
+/// Writes a picture, or a page that shows it and, while `live`, reloads itself.
 pub fn write(path: &Path, sheet: &::chart::Sheet, live: bool) -> anyhow::Result<()> {
     if !is_page(path) {
         return plot::write_sheet(path, sheet);

@@ -25,14 +25,14 @@ use super::progress::{self, Progress};
 use super::{Arguments, phase, tape};
 use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note};
 
-/// How the motions are measured and driven, where it is not the usual.
+/// Options of how the motions are driven and measured.
 #[derive(clap::Args)]
 pub struct Slip {
-    /// Finds everything in one go: the phases of the rollers, where the group file has rollers,
-    /// then slip, the loss by their hand-over, and the lag of the contacts.
+    /// Finds everything in one run: the phases of the rollers, if the group file has rollers, then
+    /// slip, the loss at roller transitions, and the lag of the contacts.
     #[arg(long, conflicts_with_all = ["phase", "tape", "undo"])]
     pub all: bool,
-    /// Asks for every motion how far the group has come, instead of a source of poses.
+    /// Asks after every motion how far the group has moved, instead of using a source of poses.
     #[arg(long, conflicts_with_all = ["pose", "phase"])]
     tape: bool,
     /// Speeds of the straight motions, m/s.
@@ -41,7 +41,7 @@ pub struct Slip {
     /// Rates of the turns, rad/s.
     #[arg(long, value_delimiter = ',', value_name = "RAD/S,...")]
     rates: Vec<f64>,
-    /// How far each motion leads at least, m; a wheel's way in turns.
+    /// Shortest distance of each motion, m; in turns, the distance that a wheel rolls.
     #[arg(long, default_value_t = Settings::default().distance, value_name = "METRES")]
     distance: f64,
     /// How often each motion is driven each way: 2, or 1 with --tape.
@@ -50,19 +50,20 @@ pub struct Slip {
     /// Also saves the written values to flash.
     #[arg(long)]
     save: bool,
-    /// Takes the last --write back: the robots' sets and the group file.
+    /// Undoes the last --write, in the robots and in the group file.
     #[arg(long, conflicts_with_all = ["write", "phase", "tape", "pose"])]
     undo: bool,
-    /// Where what --write replaces is kept for --undo; beside the group file without this.
+    /// File in which --write saves the previous values for --undo; by default beside the group
+    /// file.
     #[arg(long, value_name = "FILE.json")]
     kept: Option<PathBuf>,
-    /// Draws the coefficients over speed, anew after every motion. A page loads itself anew, too.
+    /// Draws the coefficients over speed after every motion. A page reloads itself.
     #[arg(long, value_name = "FILE.svg|FILE.png|FILE.html")]
     plot: Option<PathBuf>,
-    /// Goes on with a calibration that ended early: motions that were driven are not driven again.
+    /// Continues a calibration that ended early; completed motions are not driven again.
     #[arg(long, conflicts_with_all = ["undo", "phase"])]
     resume: bool,
-    /// Leaves out these motions, by their numbers.
+    /// Skips the motions with these numbers.
     #[arg(
         long,
         value_delimiter = ',',
@@ -129,7 +130,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return undo(arguments, &group);
     }
     if slip.save && !arguments.write {
-        bail!("--save needs --write: it saves what --write has written");
+        bail!("--save saves the values that --write writes; add --write");
     }
     if let Some(path) = &slip.plot {
         progress::form(path)?;
@@ -138,8 +139,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bodies = Body::all(&group);
     if slip.tape && bodies.len() > 1 {
         bail!(
-            "--tape measures one body, and the {} robots of {} are apart; calibrate them one by \
-             one",
+            "--tape measures one body, but the {} robots of {} are not connected; calibrate them \
+             one by one",
             bodies.len(),
             group.name
         );
@@ -178,8 +179,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.command(&group)?),
         (_, None) => bail!(
-            "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to be \
-             asked after every motion"
+            "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to \
+             type in every measurement"
         ),
         (_, Some(source)) => {
             let stream = super::pose_stream(source)?;
@@ -252,7 +253,9 @@ fn work<L: Link>(
     let mut journal = Journal::new(|step| progress.show(step)).without(slip.without.clone());
     match (&arguments.target.bus, arguments.target.group_path()) {
         (BusAddress::Sim(_), _) if slip.resume => {
-            bail!("--resume: a simulated bus begins anew with every command, and costs no time")
+            bail!(
+                "--resume: a simulated bus starts from the beginning with every command, so there is nothing to continue"
+            )
         }
         (BusAddress::Sim(_), _) => {}
         (_, path) => {
@@ -284,7 +287,7 @@ fn work<L: Link>(
         }
         Err(error) => {
             if journal.has_record() {
-                print_note("The motions that were driven are kept; --resume goes on from there.");
+                print_note("The completed motions are saved; --resume continues from there.");
             }
             return Err(error);
         }
@@ -322,13 +325,15 @@ fn work<L: Link>(
     }
     print_line(match (written, rewritten) {
         (false, _) => {
-            "The robots hold what they held before; --write writes this into them and the group \
-             file."
+            "The robots still have their previous values; --write writes the result into them and \
+             into the group file."
         }
-        (true, true) => "Written into the robots and the group file; --undo takes it back.",
+        (true, true) => {
+            "Written into the robots and the group file; --undo restores the previous values."
+        }
         (true, false) => {
-            "Written into the robots. Put the lines above into the group file by hand, or it is \
-             written over."
+            "Written into the robots. Copy the lines above into the group file, or the next \
+             `group apply` overwrites them."
         }
     })
 }
@@ -349,7 +354,7 @@ fn find<L: Link>(
         if rollers::is_bolted(file) {
             print_note(format!(
                 "The robots of {} are bolted to one load, which hides the ripple of each; their \
-                 phases stay as the group file has them.",
+                 phases remain those of the group file.",
                 file.name
             ));
         } else {
@@ -516,11 +521,11 @@ fn show(calibration: &Calibration) -> anyhow::Result<()> {
             .map(|left| format!("{} {:+.2} %", left.way.name(), left.error * 100.0))
             .collect();
         print_line(format!(
-            "Driven again with these, at worst: {}.",
+            "Largest remaining error with these coefficients: {}.",
             left.join(", ")
         ))?;
         if outcome.missed > 0 {
-            print_line(format!("{} motions were left out.", outcome.missed))?;
+            print_line(format!("{} motions were skipped.", outcome.missed))?;
         }
     }
     print_line(format!("\n{}", group_file::lines(&calibration.file)))

@@ -35,7 +35,7 @@ pub fn ask<L: Link>(
     motion: &Manoeuvre,
     answers: &mpsc::Receiver<String>,
 ) -> Result<Option<[f64; 3]>, MasterError> {
-    // Nobody goes near robots that could move.
+    // People must not approach robots that could move.
     group.stop()?;
     let measured = question(group, motion, answers)?;
     group.start()?;
@@ -63,7 +63,7 @@ fn question<L: Link>(
     };
     loop {
         print_note(format!(
-            "asked for {asked}; measured ({wanted}; Enter leaves this motion out): "
+            "commanded {asked}; measured ({wanted}; Enter skips this motion): "
         ));
         let line = loop {
             match answers.recv_timeout(Duration::from_millis(20)) {

@@ -13,8 +13,8 @@ const EXAMPLES: &str = "Examples:
   omnibus group draw groups/tcc-2.toml
   omnibus group draw groups/tcc-2.toml --output tcc-2.svg
 
-The group moves up the page: x is up, y to the left, as in the file. Wheels show their rollers as seen from above, so
-a robot of four equal corners shows an X; those on the floor slant the other way.";
+The group moves up the page: x is up and y is to the left, as in the file. Wheels show their rollers as seen from above,
+so a robot with four equal corners shows an X; the rollers on the floor slant the other way.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]

@@ -1,9 +1,9 @@
 //! `omnibus watch` and `omnibus teleop`: a running group in the terminal, and a hand on it.
 //!
 //! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch`
-//! only listens until it is told to start; on a bus that another master commands it never does
-//! more. Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50
-//! ms while it is, the pilot is told the velocity once more, good for 0.2 s; so when this program
+//! only listens until the user starts it; on a bus that another master commands it never does more.
+//! Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50 ms
+//! while it is, the pilot is told the velocity once more, good for 0.2 s; so when this program
 //! hangs or its terminal goes, the group ramps down.
 
 mod deadman;
@@ -33,7 +33,7 @@ use self::keys::Action;
 use self::view::View;
 use super::{Target, Usage};
 
-/// How often the pilot is told and the screen is drawn.
+/// Interval of velocities to the pilot and of drawing the screen.
 const TICK: Duration = Duration::from_millis(50);
 /// How long a velocity is good for, in µs.
 const GOOD_US: u64 = 200_000;
@@ -43,14 +43,14 @@ const WATCH_EXAMPLES: &str = "Examples:
   omnibus watch --bus socketcan:can0 --group groups/tcc-2.toml
   omnibus watch --json --for 5 --bus slcan:/dev/ttyACM0 --group my-group.toml
 
-It only listens until you press 's'. On a bus that another master commands it shows what that does.";
+It only listens until you press 's'. On a bus that another master commands it shows what that master does.";
 const TELEOP_EXAMPLES: &str = "Examples:
   omnibus teleop --bus sim:groups/tcc-2.toml
   omnibus teleop --speed 0.3 --turn 0.4 --bus socketcan:can0 --group groups/tcc-2.toml
   omnibus teleop --gamepad /dev/input/js0 --bus socketcan:can0 --group groups/tcc-2.toml
 
-The group moves while a key is held and ramps down when it is let go: at once where the terminal reports
-that (kitty, foot, WezTerm, Ghostty), otherwise when the key has stopped repeating, after 0.25 s.
+The group moves while a key is held and ramps down when it is released: at once where the terminal reports
+the release (kitty, foot, WezTerm, Ghostty), otherwise 0.25 s after the last repetition of the key.
 With a gamepad, the left shoulder button must be held.";
 
 #[derive(clap::Args)]
@@ -80,7 +80,7 @@ struct Live {
     /// Yaw rate when turning by hand, rad/s.
     #[arg(long, default_value_t = 0.3)]
     turn: f32,
-    /// Ends after so many seconds.
+    /// Ends after this number of seconds.
     #[arg(long = "for", value_name = "SECONDS")]
     seconds: Option<f64>,
 }

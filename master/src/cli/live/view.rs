@@ -14,7 +14,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
-/// Where the text of a happening begins.
+/// Column at which the text of an event begins.
 const INDENT: usize = 13;
 /// Happenings kept.
 const HISTORY: usize = 50;
@@ -73,7 +73,7 @@ impl View {
         self.now = Some(now);
     }
 
-    /// Notes a happening.
+    /// Adds an event.
     pub fn add_event(&mut self, event: &Event) {
         use omnibus::monitor::telemetry::EventKind;
         let who = event
@@ -456,7 +456,7 @@ mod tests {
 
     /// A limit's text is longer than a line: it goes on below, and the newest line is the last.
     #[test]
-    fn long_happenings_go_on_in_the_next_line() {
+    fn long_events_continue_in_the_next_line() {
         let mut view = view(vec![member(2, Code::None)]);
         for what in [
             EventKind::Code(Code::Limit(Limit::Acceleration)),

@@ -31,7 +31,7 @@ pub enum CalibrateError {
     },
     /// A motion that was left out.
     #[error(
-        "nothing was measured of {motion} motion; nothing is written. Measure at least one speed, \
+        "{motion} motion was not measured; nothing is written. Measure at least one speed, \
          both ways"
     )]
     NotMeasured {
@@ -55,8 +55,8 @@ pub enum CalibrateError {
     },
     /// The source of poses looks askew.
     #[error(
-        "every motion leads {degrees:.1} degrees to the left of where it should (negative: \
-         right): the source of poses and the robots do not agree about what is ahead; turn the \
+        "every motion deviates by {degrees:.1} degrees to the left (negative: right): the source \
+         of poses and the robots disagree about the direction ahead; turn the \
          tracked body's axes by that and measure again"
     )]
     Askew {
@@ -65,8 +65,8 @@ pub enum CalibrateError {
     },
     /// One motion leads elsewhere.
     #[error(
-        "{motion} at {speed} m/s led {degrees:.1} degrees aside; look for a wheel that stands, \
-         slips, or is mounted in another's place (`omnibus wheel-test`)"
+        "{motion} at {speed} m/s deviated by {degrees:.1} degrees; look for a wheel that does not \
+         turn, slips, or is mounted in another's place (`omnibus wheel-test`)"
     )]
     Sidelong {
         /// Which motion.
@@ -79,7 +79,7 @@ pub enum CalibrateError {
     /// A straight motion turned the group.
     #[error(
         "{motion} at {speed} m/s turned by {degrees:.1} degrees; look for a wheel of another \
-         size, one that slips, or a load far off the middle"
+         size, one that slips, or a load far from the centre"
     )]
     Turned {
         /// Which motion.
@@ -92,7 +92,7 @@ pub enum CalibrateError {
     /// Coefficients that no robot takes.
     #[error(
         "the coefficients cannot be used: {0}; nothing is written. Look for a wheel that slips or \
-         stands"
+         does not turn"
     )]
     Unusable(String),
     /// Driven again, the group is not where it should be.

@@ -31,7 +31,7 @@ const SHARED: f64 = 3e-4;
 const OUTLIER: f64 = 5e-3;
 /// With less alignment what robots lose ahead and sideways is not told apart: an error of the
 /// motions would count more than twice.
-const TOLD_APART: f64 = 0.25;
+const SEPARABLE: f64 = 0.25;
 /// Rows of a table.
 const ROWS: usize = protocol::compensation::ROWS;
 
@@ -219,7 +219,7 @@ impl Found {
     /// the robots' shares, more or less `alignment` times half their difference.
     #[must_use]
     pub fn separated(mut self, alignment: f64) -> Self {
-        let pull = if alignment < TOLD_APART {
+        let pull = if alignment < SEPARABLE {
             0.0
         } else {
             1.0 / alignment

@@ -234,7 +234,7 @@ pub fn rewrite(path: &Path, wanted: &GroupFile) -> Result<String, CalibrateError
         .map_err(|e: toml_edit::TomlError| problem(e.to_string()))?;
     let by_hand = || {
         problem(format!(
-            "its values are not where they can be replaced; put these lines into it by hand:\n{}",
+            "its values are in a form that cannot be replaced; add these lines by hand:\n{}",
             lines(wanted)
         ))
     };

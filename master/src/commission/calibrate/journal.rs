@@ -140,7 +140,7 @@ impl<'a> Journal<'a> {
         if resume {
             let file = File::open(path).map_err(|error| {
                 problem(format!(
-                    "{error}; there is no calibration to resume, run it whole"
+                    "{error}; there is no calibration to resume; run it without --resume"
                 ))
             })?;
             let mut lines = BufReader::new(file).lines();
@@ -283,7 +283,7 @@ impl<'a> Journal<'a> {
             .map(|record| record.path.display().to_string());
         CalibrateError::File {
             path: path.unwrap_or_default(),
-            problem: format!("{error}; make room, then go on with --resume"),
+            problem: format!("{error}; free some disk space, then continue with --resume"),
         }
     }
 

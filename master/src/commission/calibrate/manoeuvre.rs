@@ -80,7 +80,7 @@ pub struct Settings {
     pub distance: f64,
     /// How often each is driven each way.
     pub repeats: u32,
-    /// Rollers of a wheel, where the group file does not say.
+    /// Number of rollers of a wheel; needed if the group file does not give it.
     pub rollers: u8,
     /// Whether the lag of the contacts is measured, too.
     pub lag: bool,

@@ -8,7 +8,7 @@
 //! does not hold is refused. [`phase`] finds how the rollers stand.
 //!
 //! Robots that know their rollers are given constants. What grows with speed there is what the
-//! rollers lose that meet the floor at rest; it is told apart and becomes a number of the group
+//! rollers lose that meet the floor at rest; it is separated and becomes a number of the group
 //! ([`crate::path::roller_transition`]), in force from the turns on.
 
 pub mod chart;

@@ -6,7 +6,7 @@
 //! the slow and the fast wheels exchanged.
 //!
 //! Wheel angles are those the robots give at rest before and after; between, their measured wheel
-//! rates are summed up and brought to fit. What is seen comes from whoever calls, at every SYNC.
+//! rates are summed up and brought to fit. The caller provides the samples at every SYNC.
 
 use kinematics::{FourWheelGeometry, Twist};
 use std::f64::consts::TAU;
@@ -40,7 +40,7 @@ pub type YawRates<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<Vec<RateSampl
 
 /// Who sees the robots.
 pub enum Source<'a, L> {
-    /// Somebody outside.
+    /// An observer outside.
     Poses(Poses<'a, L>),
     /// A gyro on every robot.
     Gyro(YawRates<'a, L>),

@@ -98,7 +98,7 @@ impl UndoRecord {
         let text = std::fs::read_to_string(path).map_err(|error| {
             file(
                 path,
-                format!("{error}; nothing has been written here that could be taken back"),
+                format!("{error}; there is no earlier --write to undo"),
             )
         })?;
         serde_json::from_str(&text).map_err(|error| file(path, error.to_string()))

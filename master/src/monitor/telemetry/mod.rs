@@ -4,11 +4,11 @@
 //! The session makes one [`Snapshot`] per SYNC period, when everything that belongs to that SYNC
 //! has come in: one period after it happened. Snapshots, single frames and events go to every
 //! [`Subscription`] of the session's [`Hub`]. A reader that is slow loses its oldest items and can
-//! see how many; it never holds up the session. With nobody subscribed nothing is made or copied.
+//! see how many; it never holds up the session. Without subscribers nothing is created or copied.
 //!
 //! All values are SI and in the group frame (x forward, y left, counter-clockwise positive). `None`
-//! is "not known": no frame came, or nobody measures it. Times are those of the link's clock since
-//! the session began; on a simulated bus they are virtual.
+//! is "not known": no frame arrived, or it is not measured. Times are those of the link's clock
+//! since the session began; on a simulated bus they are virtual.
 
 mod stream;
 
@@ -219,7 +219,7 @@ pub enum EventKind {
 
 /// What of a code is worth an event. That the group's own ramp holds it back is what every change
 /// of velocity by hand does.
-pub(crate) const fn happening(code: Code) -> Code {
+pub(crate) const fn reportable(code: Code) -> Code {
     match code {
         Code::Limit(Limit::Acceleration) => Code::None,
         other => other,

@@ -66,7 +66,7 @@ impl Hub {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether anybody wants items of this kind.
+    /// Whether there is a subscriber for items of this kind.
     #[must_use]
     pub fn is_wanted(&self, interest: Interest) -> bool {
         self.readers().iter().any(|reader| {

@@ -95,7 +95,7 @@ function recall() {
   trail = [];
   let kept = null;
   try { kept = JSON.parse(sessionStorage.getItem("trail")); } catch { kept = null; }
-  // A simulated bus begins anew with the server, whose clock then is younger than what was kept.
+  // A simulated bus starts again with the server, whose clock then is younger than what was kept.
   if (kept && kept.group === welcome.group && kept.bus === welcome.bus) ({ trail, here } = kept);
 }
 
@@ -629,7 +629,7 @@ document.addEventListener("keyup", (event) => {
   if (event.code === "Space" && !(event.target instanceof HTMLInputElement)) event.preventDefault();
   if (held.keys.delete(event.code) && !anything()) release();
 });
-// Whoever does not look at this page does not drive.
+// A user who does not look at this page does not drive.
 window.addEventListener("blur", release);
 window.addEventListener("pagehide", release);
 document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });

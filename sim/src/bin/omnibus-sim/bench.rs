@@ -1,7 +1,6 @@
-//! One robot on the bench: an image on an emulated board with its motors, its bus and its log.
-//!
-//! Whoever lets time pass, the clock on the wall or a debugger, does it here, so that endpoints are
-//! served, the log is printed and the trace is written whatever else goes on.
+//! One robot on the bench: an image on an emulated board with its motors, its bus and its log. Time
+//! passes here, driven by the clock or by a debugger, so that endpoints are served, the log is
+//! printed and the trace is written whatever else goes on.
 
 use std::fs::File;
 use std::io::BufWriter;

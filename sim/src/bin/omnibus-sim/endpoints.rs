@@ -51,7 +51,7 @@ pub struct Endpoints {
 }
 
 impl Endpoints {
-    /// Period of the pose samples, ns; 0 when nobody asks for them.
+    /// Period of the pose samples, ns; 0 without an endpoint for them.
     pub fn pose_period_ns(&self) -> anyhow::Result<u64> {
         // The plant moves the robots every 250 us.
         const STEPS: u32 = 4_000;

@@ -126,7 +126,7 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&stop);
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
-    // Nobody sits at the master's port here.
+    // The master's own port is not used here.
     world.set_listening(MASTER, false);
     let mut endpoints = arguments.endpoints.open(&group)?;
     if endpoints.is_empty() && arguments.duration.is_none() && arguments.log.is_none() {
@@ -190,7 +190,7 @@ fn run(
                 behind.caught_up();
                 continue;
             }
-            // Where time waits, nobody is late.
+            // Where time waits, nothing is late.
             if limit.is_none() {
                 behind.record(passed - due);
             }

@@ -131,7 +131,7 @@ impl Can {
     /// at every turn, until nothing is on its way any more.
     pub fn look_after(&mut self) {
         cortex_m::interrupt::free(|_| {
-            note_left();
+            collect_sent();
             let error = pac::CAN1.esr().read();
             // ISO 11898-1: from 128 on a node is error passive.
             let gone = error.boff() || error.tec() >= 128;
@@ -196,7 +196,7 @@ fn leave(frame: &Frame, received: u8) -> bool {
 /// Notices which mailboxes are done, and receives the frame of the cable that has left. One that
 /// was taken back is received too: the bus is gone. With interrupts masked, or from the transmit
 /// interrupt.
-pub(super) fn note_left() {
+pub(super) fn collect_sent() {
     let can = pac::CAN1;
     let status = can.tsr().read();
     for mailbox in 0..3_u8 {

@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_stm32::interrupt::typelevel::{self, Handler};
 use embassy_stm32::{bind_interrupts, pac};
 
-use super::cable::{GATEWAY, leaving_mailbox, note_left, overhear};
+use super::cable::{GATEWAY, collect_sent, leaving_mailbox, overhear};
 use super::mailboxes::frame_of;
 use super::{
     CAN_WAIT, LISTENS_TO, OVERRUNS, OWN_NODE, PASSIVE_AT, QUEUE_OVERFLOWS, RX_QUEUE, Received,
@@ -80,7 +80,7 @@ pub(super) struct TxHandler;
 impl Handler<typelevel::CAN1_TX> for TxHandler {
     unsafe fn on_interrupt() {
         pac::CAN1.ier().modify(|w| w.set_tmeie(false));
-        note_left();
+        collect_sent();
         if leaving_mailbox().is_some() {
             pac::CAN1.ier().modify(|w| w.set_tmeie(true));
         }

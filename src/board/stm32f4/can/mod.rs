@@ -1,5 +1,7 @@
 //! The CAN controller (bxCAN, RM0390 rev 6 section 30), 1 Mbit/s.
 //!
+//! # Receiving
+//!
 //! Frames arrive in one FIFO of three; the interrupt takes them out at once, stamps them with the
 //! local time and puts them into [`RX_QUEUE`], from where the bus task takes them in order. One
 //! FIFO, because with two the order of a setpoint and the SYNC that latches it would be lost. Two
@@ -15,18 +17,24 @@
 //! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. A
 //! millisecond has at most 20 frames, so the queue can hold them.
 //!
+//! # Gateway
+//!
 //! A robot that is a gateway ([`Can::set_gateway`]) passes frames of its cable on to the bus one at
-//! a time, and takes each as received when it has left: the queue holds the frames of both sides in
-//! the one order in which the bus has seen them, with the times at which the other nodes have got
-//! them. A frame that does not leave (nobody acknowledges, bus-off, 20 ms) is taken back and
+//! a time, and receives each itself when it has left: the queue holds the frames of both sides in
+//! the one order in which the bus has seen them, with the times at which the other nodes received
+//! them. A frame that does not leave (no acknowledgement, bus-off, 20 ms) is taken back and
 //! received then. Until a frame leaves again the controller counts as alone: frames of the cable
-//! are received at once, and offered to the bus where there is room. All frames of the bus are kept
-//! for the cable in a queue of their own, [`OVERHEARD`], so a storm of what concerns nobody here
-//! costs the robot none of its own.
+//! are received at once, and offered to the bus where there is room. All frames of the bus are
+//! queued for the cable in a queue of their own, [`OVERHEARD`], so a storm of frames that this
+//! robot does not use displaces none that it does.
+//!
+//! # Sending
 //!
 //! Frames leave through three mailboxes in the order they were requested (`TXFP`), and are repeated
 //! until they are acknowledged. While the mailboxes are full the sender keeps its frame; this
 //! driver drops none.
+//!
+//! # Errors on the bus
 //!
 //! An interrupt reports error passive and bus-off and saves the error counters at that time,
 //! because a good frame may end a period of error passive before the bus task reads them.
@@ -37,7 +45,9 @@
 //! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
 //! caller's policy.
 //!
-//! Why not the HAL's driver: its buffered receiver silently drops a frame when its queue is full,
+//! # Why not the HAL's driver
+//!
+//! Its buffered receiver silently drops a frame when its queue is full,
 //! and its buffered sender loses the second of two frames with one identifier.
 
 mod cable;

@@ -192,7 +192,7 @@ pub enum PhaseError {
     },
     /// The motions do not show a wheel's ripple by itself, or noise hides it.
     #[error(
-        "{wheel} wheel: its ripple cannot be told from the other wheels' or from noise; every \
+        "{wheel} wheel: its ripple cannot be distinguished from the other wheels' or from noise; every \
          wheel has to go sideways at a rate of its own: calibrate robots one by one, facing the \
          way their group file does, or use a quieter source of poses or gyro"
     )]

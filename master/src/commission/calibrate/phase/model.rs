@@ -29,7 +29,7 @@ const POINTS: u32 = 64;
 /// that.
 const STANDING: f64 = 1e-6;
 
-/// What all wheels' rollers have in common and nobody has measured.
+/// Unknown properties that all wheels' rollers share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shape {
     /// Between a wheel's axle and its rollers', m.

@@ -1,0 +1,213 @@
+//! Commands that put a robot into service: calibration, wheel test, motors.
+
+use super::*;
+
+#[test]
+fn calibrate_and_undo() {
+    let (path, bus) = own_group("calibrate");
+    let before = std::fs::read_to_string(&path).unwrap();
+    let few = ["--speeds", "0.5", "--rates", "0.5", "--repeats", "1"];
+    let shown = [&["calibrate", "--bus", BUS, "--quiet"], &few[..]].concat();
+    assert!(transcript(&shown).ends_with("exit code 0\n"), "quiet");
+    let shown = [&["calibrate", "--bus", BUS], &few[..]].concat();
+    check("calibrate", &masked(&transcript(&shown)));
+    let written = [
+        &["calibrate", "--bus", &bus, "--write", "--save", "--json"],
+        &few[..],
+    ]
+    .concat();
+    let found = json(&written);
+    assert_eq!(found["group_file"], true);
+    assert_eq!(found["saved"], true);
+    assert!(!path.with_extension("calibration.jsonl").exists());
+    assert_ne!(std::fs::read_to_string(&path).unwrap(), before);
+    // Table 3: 483.2 mm/s of 500.
+    let rows = found["outcomes"][0]["coefficients"].as_array().unwrap();
+    let lateral = rows.iter().find(|r| r["motion"] == "sideways").unwrap();
+    let coefficient = lateral["coefficient"].as_f64().unwrap();
+    assert!((coefficient - 500.0 / 483.2).abs() < 1e-3, "{coefficient}");
+    json(&["calibrate", "--undo", "--bus", &bus, "--json"]);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), before);
+    let mut text = transcript(&["calibrate", "--undo", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--save", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--speeds", "0", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--speeds", "3", "--bus", BUS]);
+    text += &transcript(&["calibrate", "--bus", "slcan-tcp://127.0.0.1:1"]);
+    check("calibrate-refused", &text);
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A person with a tape measure.
+fn by_tape(mut answer: impl FnMut(usize, &str) -> String) -> std::process::Output {
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::process::Stdio;
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args(["calibrate", "--tape", "--bus", BUS, "--json"])
+        .current_dir(common::root())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let errors = BufReader::new(child.stderr.take().unwrap());
+    let mut asked = 0;
+    for line in errors.lines() {
+        let line = line.unwrap();
+        if line.starts_with("commanded") {
+            writeln!(stdin, "{}", answer(asked, &line)).unwrap();
+            asked += 1;
+        }
+    }
+    child.wait_with_output().unwrap()
+}
+
+/// What a question says was asked for.
+fn asked_for(line: &str) -> Vec<f64> {
+    let (asked, _) = line.split_once(';').unwrap();
+    let numbers = asked.split(' ').filter(|word| word.starts_with(['+', '-']));
+    numbers.map(|word| word.parse().unwrap()).collect()
+}
+
+#[test]
+fn calibrate_by_tape() {
+    // 3 % are lost sideways in the twelve straight motions; with the compensation in force,
+    // nothing.
+    let output = by_tape(|n, line| {
+        let mut numbers = asked_for(line);
+        let lateral = line.contains("to the left") && !line.contains("degrees");
+        if n < 12 && lateral {
+            *numbers.last_mut().unwrap() *= 0.97;
+        }
+        let words: Vec<_> = numbers.iter().map(f64::to_string).collect();
+        words.join(" ")
+    });
+    assert_eq!(output.status.code(), Some(0));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for row in found["outcomes"][0]["coefficients"].as_array().unwrap() {
+        let want = if row["axis"] == "lateral" {
+            1.0 / 0.97
+        } else {
+            1.0
+        };
+        let coefficient = row["coefficient"].as_f64().unwrap();
+        // A question has the way to a millimetre and a tenth of a degree.
+        assert!((coefficient - want).abs() < 3e-3, "{row}");
+    }
+}
+
+#[test]
+fn calibrate_without_an_answer_gives_nothing() {
+    let output = by_tape(|_, _| String::new());
+    assert_eq!(output.status.code(), Some(1));
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn wheel_test_and_blink() {
+    let wheels = ["wheel-test", "--node", "2", "--bus", BUS];
+    let mut text = transcript(&wheels);
+    text += &transcript(&[&wheels[..], &["--wheels-free"]].concat());
+    text += &transcript(&["blink", "--node", "3", "--for", "5", "--bus", BUS]);
+    // The name it had before.
+    text += &transcript(&["identify", "--node", "9", "--bus", BUS]);
+    check("wheel-test", &text);
+}
+
+/// Ctrl-C while a question waits: the answer is not needed, and the exit code says who wanted it.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_wheel_test_that_asks() {
+    use std::io::{BufRead as _, BufReader, Read as _};
+    use std::process::Stdio;
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args([
+            "wheel-test",
+            "--node",
+            "2",
+            "--wheels-free",
+            "--ask",
+            "--bus",
+            BUS,
+        ])
+        .current_dir(common::root())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    // To wait for a child closes its input, and the end of the input is another error.
+    let input = child.stdin.take();
+    let mut line = String::new();
+    while !line.contains("what turned first?") {
+        line.clear();
+        assert_ne!(errors.read_line(&mut line).unwrap(), 0, "it asks");
+    }
+    let pid = child.id().to_string();
+    let killed = std::process::Command::new("kill")
+        .args(["-INT", &pid])
+        .status();
+    assert!(killed.unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    drop(input);
+    let mut rest = String::new();
+    errors.read_to_string(&mut rest).unwrap();
+    assert!(rest.contains("stopped on request"), "{rest}");
+}
+
+/// Encoders that are reversed, dead, or have lost a channel, found by what they count.
+#[test]
+fn wheel_test_names_broken_encoders() {
+    let (path, bus) = own_group("wheels");
+    let file = std::fs::read_to_string(&path).unwrap();
+    for (kind, part) in [
+        (
+            "reversed",
+            "backwards: if the wheel rolled the base forward first, swap A and B",
+        ),
+        ("dead", "no encoder counts"),
+        ("one-channel", "no encoder counts"),
+    ] {
+        let fault = format!(
+            "\n[[simulation.encoder_faults]]\nnode = 3\nwheel = \"rear-left\"\nkind = \"{kind}\"\n"
+        );
+        std::fs::write(&path, format!("{file}{fault}")).unwrap();
+        let output = omnibus(&[
+            "wheel-test",
+            "--node",
+            "3",
+            "--wheels-free",
+            "--json",
+            "--bus",
+            &bus,
+        ]);
+        assert_eq!(output.status.code(), Some(6), "{kind}");
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        for (n, wheel) in found["wheels"].as_array().unwrap().iter().enumerate() {
+            match wheel["problem"].as_str() {
+                Some(problem) => {
+                    assert!(n == 2 && problem.contains(part), "{kind}: {problem}");
+                }
+                None => assert_ne!(n, 2, "{kind}"),
+            }
+        }
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn identify_motors() {
+    let arguments = ["identify-motors", "--node", "2", "--bus", BUS];
+    let mut text = transcript(&arguments);
+    text += &transcript(&[&arguments[..], &["--wheels-free", "--accept", "--save"]].concat());
+    text += &transcript(&[
+        "identify-motors",
+        "--node",
+        "7",
+        "--wheels-free",
+        "--bus",
+        BUS,
+    ]);
+    check("identify-motors", &masked(&text));
+}
