@@ -91,10 +91,6 @@ pub struct TickMutex(());
 // mode cannot interrupt and which cannot interrupt itself; anywhere else it panics. So no two
 // calls overlap, except for one inside the other.
 unsafe impl RawMutex for TickMutex {
-    #[expect(
-        clippy::declare_interior_mutable_const,
-        reason = "the trait wants a constant"
-    )]
     const INIT: Self = Self(());
 
     #[inline(always)]

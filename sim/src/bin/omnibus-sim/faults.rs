@@ -73,10 +73,10 @@ impl<'a> Faults<'a> {
 }
 
 fn read_lines() -> Receiver<String> {
-    let (say, lines) = channel();
+    let (sender, lines) = channel();
     std::thread::spawn(move || {
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            if say.send(line).is_err() {
+            if sender.send(line).is_err() {
                 break;
             }
         }
