@@ -441,7 +441,7 @@ fn a_group_that_cannot_keep_up_says_so() {
     let output = transcript(&drive);
     // 3 rad/s x 0.1524 m = 0.457 m/s of 0.9 m/s; the compensation takes 0.2 %.
     assert!(
-        output.contains("The group ran at 51 % of what was asked at its slowest: "),
+        output.contains("The group was slowed down to 51 % of the commanded velocity: "),
         "{output}"
     );
     let found = json(&[&drive[..], &["--json"]].concat());
