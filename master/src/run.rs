@@ -108,17 +108,24 @@ impl std::str::FromStr for Source {
 pub(crate) type Observed = Rc<Cell<Option<(Micros, Pose)>>>;
 
 impl Feedback {
-    /// `seen` is where an observer in this process leaves what it sees.
-    fn steering(&self, start: Pose, seen: &Observed) -> Result<Steering, DriveError> {
+    /// `seen` is where an observer in this process leaves what it sees; `time_waits` as the link
+    /// says.
+    fn steering(
+        &self,
+        start: Pose,
+        seen: &Observed,
+        time_waits: bool,
+    ) -> Result<Steering, DriveError> {
         let input = match &self.source {
             Source::Odometry => PoseInput::Odometry,
             Source::Truth => PoseInput::Observer(Rc::clone(seen)),
             Source::Stream(address) => {
                 let stream = PoseStream::connect(address);
-                PoseInput::Stream(stream.map_err(|error| DriveError::Pose {
+                let stream = stream.map_err(|error| DriveError::Pose {
                     address: address.clone(),
                     problem: error.to_string(),
-                })?)
+                })?;
+                PoseInput::Stream(stream.on_waiting_bus(time_waits))
             }
         };
         Ok(Steering::new(self.law, input, start, self.corrects))
@@ -217,7 +224,7 @@ pub(crate) fn session<L: Link>(
     watch: &mut dyn FnMut(&mut L, Option<&Instant>),
 ) -> Result<Driven, DriveError> {
     let mut steering = match &drive.feedback {
-        Some(feedback) => Some(feedback.steering(plan.at(0.0).0, seen)?),
+        Some(feedback) => Some(feedback.steering(plan.at(0.0).0, seen, link.time_waits())?),
         None => None,
     };
     let mut group = Group::observe(link, drive.group);

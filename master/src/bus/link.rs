@@ -57,6 +57,11 @@ pub trait Link {
     /// When the bus is gone.
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError>;
 
+    /// Whether the bus's time waits for this end, however late it is.
+    fn time_waits(&self) -> bool {
+        false
+    }
+
     /// What the adapter says is wrong with the bus, if it can tell, with what to check.
     fn diagnosis(&mut self) -> Option<String> {
         None
@@ -99,6 +104,10 @@ impl<P: DerefMut<Target: Link>> Link for P {
 
     fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
         (**self).receive(until)
+    }
+
+    fn time_waits(&self) -> bool {
+        (**self).time_waits()
     }
 
     fn diagnosis(&mut self) -> Option<String> {

@@ -8,14 +8,14 @@
 //!
 //! The second form is of one body: the group, or the only robot that is asked for. m and rad, any
 //! fixed frame with counter-clockwise headings. Everything else on a line is passed over, its time
-//! too: that is of another clock, so a pose counts from when its line arrived, but not from before
-//! the bus's clock at the previous look: on a bus whose time waits the clock on the wall says
-//! nothing about age. A thread reads; the latest line wins, and a line that holds no pose counts as
-//! none.
+//! too: that is of another clock, so a pose counts from when its line arrived. A thread reads; the
+//! latest line wins, and a line that holds no pose counts as none.
+//!
+//! On a bus whose time waits ([`PoseStream::on_waiting_bus`]) the clock on the wall says nothing
+//! about age. There `t` is the bus's time in s, and a look waits for the line of its moment.
 
-use std::cell::Cell;
 use std::io;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use canopen::Micros;
@@ -27,6 +27,10 @@ use crate::source::json_lines;
 
 /// A line older than this says nothing about where robots are.
 const STALE: Duration = Duration::from_secs(1);
+/// Between the first line and the second on such a bus, at most, s.
+const LONGEST_INTERVAL: f64 = 0.1;
+/// How long a line of the present may take on a bus whose time waits.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Copy, Deserialize)]
 struct Place {
@@ -46,6 +50,7 @@ struct Robot {
 /// What one line says.
 #[derive(Clone, Deserialize)]
 struct Line {
+    t: Option<f64>,
     group: Option<Place>,
     #[serde(default)]
     robots: Vec<Robot>,
@@ -89,23 +94,34 @@ impl Line {
     }
 }
 
-/// The latest line, and when it arrived.
-type Latest = Arc<Mutex<(Instant, Line)>>;
+/// The latest line, when it arrived, and the time on the line before it, s.
+struct Latest {
+    arrived: Instant,
+    /// The same on the bus's clock, from the first look on.
+    at: Option<Micros>,
+    line: Line,
+    before: Option<f64>,
+}
+
+impl Latest {
+    /// Whether a later line has been sent, or will be, by when the bus's clock shows `now`: lines
+    /// come at equal intervals.
+    fn is_to_come(&self, now: Micros) -> bool {
+        let Some(t) = self.line.t else { return false };
+        let interval = self.before.map_or(LONGEST_INTERVAL, |before| t - before);
+        // Half a microsecond: a clock in whole ones.
+        t + interval.max(0.0) <= now.0 as f64 * 1e-6 + 5e-7
+    }
+}
+
+/// What the thread that reads leaves for others.
+type Shared = Arc<(Mutex<Latest>, Condvar)>;
 
 /// A connection to a program that sends poses.
 pub struct PoseStream {
     address: String,
-    latest: Latest,
-    latest_read: Cell<Option<LatestRead>>,
-}
-
-/// The last look at the latest line.
-#[derive(Clone, Copy)]
-struct LatestRead {
-    arrived: Instant,
-    /// When that was on the bus's clock.
-    at: Micros,
-    read_at: Micros,
+    shared: Shared,
+    waits: bool,
 }
 
 impl PoseStream {
@@ -117,8 +133,14 @@ impl PoseStream {
         let (first, lines) = json_lines::connect(address, "pose")?;
         let line = Line::parse(&first)
             .ok_or_else(|| io::Error::other(format!("the first line is not a pose: {first}")))?;
-        let latest: Latest = Arc::new(Mutex::new((Instant::now(), line)));
-        let newest = Arc::clone(&latest);
+        let latest = Latest {
+            arrived: Instant::now(),
+            at: None,
+            line,
+            before: None,
+        };
+        let shared: Shared = Arc::new((Mutex::new(latest), Condvar::new()));
+        let newest = Arc::clone(&shared);
         std::thread::spawn(move || {
             for text in lines {
                 // A reader sees how old the latest is; nobody is left once the stream is dropped.
@@ -127,75 +149,91 @@ impl PoseStream {
                     return;
                 }
                 if let Some(line) = Line::parse(&text) {
-                    let now = (Instant::now(), line);
-                    *newest.lock().unwrap_or_else(PoisonError::into_inner) = now;
+                    let mut latest = newest.0.lock().unwrap_or_else(PoisonError::into_inner);
+                    let before = latest.line.t;
+                    *latest = Latest {
+                        arrived: Instant::now(),
+                        at: None,
+                        line,
+                        before,
+                    };
+                    newest.1.notify_all();
                 }
             }
         });
         Ok(Self {
             address: address.to_owned(),
-            latest,
-            latest_read: Cell::new(None),
+            shared,
+            waits: false,
         })
     }
 
-    fn read(&self) -> (Instant, Line) {
-        let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        latest.clone()
+    /// Says whether the bus's time waits for this end, and passes with `t` of the lines.
+    #[must_use]
+    pub fn on_waiting_bus(mut self, waits: bool) -> Self {
+        self.waits = waits;
+        self
     }
 
-    /// The latest pose of the group and when it arrived, on a clock that now shows `now`.
+    /// The latest line when the bus's clock shows `now`, and since when that holds; an error when
+    /// it is too old to say anything.
+    fn read(&self, now: Micros) -> Result<(Micros, Line), MasterError> {
+        let (mutex, arrival) = &*self.shared;
+        let mut latest = mutex.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.waits && latest.line.t.is_some() {
+            let deadline = Instant::now() + PATIENCE;
+            while latest.is_to_come(now) {
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() {
+                    return Err(self.bad("has sent no pose for this time of the bus"));
+                }
+                let waited = arrival.wait_timeout(latest, left);
+                latest = waited.unwrap_or_else(PoisonError::into_inner).0;
+            }
+            let at = latest.line.t.map_or(now, |t| Micros((t * 1e6) as u64));
+            return Ok((Micros(at.0.min(now.0)), latest.line.clone()));
+        }
+        let age = latest.arrived.elapsed();
+        if age > STALE {
+            return Err(self.bad("has sent no pose for a second"));
+        }
+        let age = u64::try_from(age.as_micros()).unwrap_or(u64::MAX);
+        let arrived = Micros(now.0.saturating_sub(age));
+        let at = *latest.at.get_or_insert(arrived);
+        Ok((at, latest.line.clone()))
+    }
+
+    /// The latest pose of the group and since when it holds, on a clock that now shows `now`.
     #[must_use]
     pub fn latest(&self, now: Micros) -> Option<(Micros, Pose)> {
-        let (arrived, line) = self.read();
+        let (at, line) = self.read(now).ok()?;
         let [x, y, heading] = line.group()?;
-        let at = match self.latest_read.get() {
-            Some(latest_read) if latest_read.arrived == arrived => latest_read.at,
-            before => {
-                let age = u64::try_from(arrived.elapsed().as_micros()).unwrap_or(u64::MAX);
-                let earliest = before.map_or(0, |before| before.read_at.0);
-                Micros(now.0.saturating_sub(age).max(earliest).min(now.0))
-            }
-        };
-        self.latest_read.set(Some(LatestRead {
-            arrived,
-            at,
-            read_at: now,
-        }));
         #[expect(clippy::cast_possible_truncation, reason = "setpoints are f32")]
         let pose = Pose::new(x as f32, y as f32, heading as f32);
         Some((at, pose))
     }
 
-    /// The latest pose of the group: m, m, rad.
+    /// The pose of the group (m, m, rad) when the bus's clock shows `now`.
     ///
     /// # Errors
     /// When the latest line is old, or does not have it.
-    pub fn group(&self) -> Result<[f64; 3], MasterError> {
-        self.fresh()?
-            .group()
+    pub fn group(&self, now: Micros) -> Result<[f64; 3], MasterError> {
+        let (_, line) = self.read(now)?;
+        line.group()
             .ok_or_else(|| self.bad("has no pose of the group"))
     }
 
-    /// The latest poses of these robots: m, m, rad.
+    /// The poses of these robots (m, m, rad) when the bus's clock shows `now`.
     ///
     /// # Errors
     /// When the latest line is old, or leaves a robot out.
-    pub fn robots(&self, nodes: &[u8]) -> Result<Vec<[f64; 3]>, MasterError> {
-        let line = self.fresh()?;
+    pub fn robots(&self, nodes: &[u8], now: Micros) -> Result<Vec<[f64; 3]>, MasterError> {
+        let (_, line) = self.read(now)?;
         let place = |node: &u8| {
             line.robot(*node, nodes.len() == 1)
                 .ok_or_else(|| self.bad(&format!("has no pose of node {node}")))
         };
         nodes.iter().map(place).collect()
-    }
-
-    fn fresh(&self) -> Result<Line, MasterError> {
-        let (at, line) = self.read();
-        if at.elapsed() > STALE {
-            return Err(self.bad("has sent no pose for a second"));
-        }
-        Ok(line)
     }
 
     fn bad(&self, problem: &str) -> MasterError {
@@ -250,36 +288,38 @@ mod tests {
         assert_eq!(pose, Pose::new(1.0, 2.0, 0.0));
     }
 
-    /// The clock on the wall goes on for 50 ms, that of the bus for 10: the pose is 10 ms old, and
-    /// not
-    /// 50. A new one that came meanwhile is not older than the look before it.
+    /// A line that is on its way when the bus has stopped for this end is waited for; the pose is
+    /// of its time, not of when it was read.
     #[test]
-    fn a_pose_ages_with_the_clock_of_the_bus() {
-        let (more, wait) = std::sync::mpsc::channel::<()>();
+    fn on_a_bus_that_waits_a_pose_is_of_the_time_that_the_bus_shows() {
         let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = server.local_addr().unwrap().to_string();
+        let (more, wait) = std::sync::mpsc::channel::<u32>();
         std::thread::spawn(move || {
             let (mut stream, _) = server.accept().unwrap();
-            stream
-                .write_all(b"{\"x\":1,\"y\":0,\"heading\":0}\n")
-                .unwrap();
-            wait.recv().unwrap();
-            stream
-                .write_all(b"{\"x\":2,\"y\":0,\"heading\":0}\n")
-                .unwrap();
-            let _ = wait.recv();
+            let mut send = |step: u32| {
+                let t = f64::from(step) * 0.01;
+                writeln!(stream, "{{\"t\":{t},\"x\":{step},\"y\":0,\"heading\":0}}").unwrap();
+            };
+            (100..=101).for_each(&mut send);
+            while let Ok(step) = wait.recv() {
+                std::thread::sleep(Duration::from_millis(50));
+                send(step);
+            }
         });
-        let stream = PoseStream::connect(&address).unwrap();
-        let (first, _) = stream.latest(Micros(5_000_000)).unwrap();
-        std::thread::sleep(Duration::from_millis(50));
-        assert_eq!(stream.latest(Micros(5_010_000)).unwrap().0, first);
-        more.send(()).unwrap();
-        while stream.read().1.group().unwrap()[0] < 2.0 {
+        let stream = PoseStream::connect(&address).unwrap().on_waiting_bus(true);
+        // Two lines tell how far apart they are.
+        while stream.shared.0.lock().unwrap().before.is_none() {
             std::thread::yield_now();
         }
-        std::thread::sleep(Duration::from_millis(50));
-        let (second, pose) = stream.latest(Micros(5_020_000)).unwrap();
-        assert_eq!((second, pose.x), (Micros(5_010_000), 2.0));
+        for step in 102..106 {
+            more.send(step).unwrap();
+            let now = Micros(u64::from(step) * 10_000 + 3_000);
+            let (at, pose) = stream.latest(now).unwrap();
+            assert_eq!(pose.x, step as f32);
+            assert!(at.0.abs_diff(u64::from(step) * 10_000) <= 1, "{at:?}");
+        }
+        drop(more);
     }
 
     #[test]
@@ -288,12 +328,15 @@ mod tests {
             "{\"t\":1,\"group\":{\"x\":0,\"y\":0,\"heading\":0},\"robots\":[{\"node\":3,\"x\":1.5,\"y\":-1,\"heading\":0.5}]}\n",
         )
         .unwrap();
-        assert_eq!(both.robots(&[3]).unwrap(), [[1.5, -1.0, 0.5]]);
-        assert_eq!(both.group().unwrap(), [0.0; 3]);
-        let missing = both.robots(&[2]).unwrap_err().to_string();
+        assert_eq!(both.robots(&[3], Micros(0)).unwrap(), [[1.5, -1.0, 0.5]]);
+        assert_eq!(both.group(Micros(0)).unwrap(), [0.0; 3]);
+        let missing = both.robots(&[2], Micros(0)).unwrap_err().to_string();
         assert!(missing.contains("no pose of node 2"), "{missing}");
         let one = served("{\"t\":1,\"x\":2,\"y\":3,\"heading\":-4}\n").unwrap();
-        assert_eq!(one.robots(&[2]).unwrap(), [[2.0, 3.0, -4.0]]);
-        assert!(one.robots(&[2, 3]).is_err(), "which of the two is it?");
+        assert_eq!(one.robots(&[2], Micros(0)).unwrap(), [[2.0, 3.0, -4.0]]);
+        assert!(
+            one.robots(&[2, 3], Micros(0)).is_err(),
+            "which of the two is it?"
+        );
     }
 }

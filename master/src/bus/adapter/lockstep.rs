@@ -105,6 +105,10 @@ impl Link for LockstepLink {
         self.now
     }
 
+    fn time_waits(&self) -> bool {
+        true
+    }
+
     fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
         let text = slcan::frame(frame, None);
         writeln!(self.output, "{}", text.trim_end()).map_err(|error| self.error(&error))

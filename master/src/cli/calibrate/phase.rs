@@ -54,7 +54,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (_, None, Some(pose)) => {
             let stream = pose_stream(pose)?;
             let link = target.command(&group)?;
-            let mut poses = |_: &mut Box<dyn Link>| stream.robots(&nodes);
+            let stream = stream.on_waiting_bus(link.time_waits());
+            let mut poses = |link: &mut Box<dyn Link>| stream.robots(&nodes, link.now());
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }
         (_, None, None) => bail!(

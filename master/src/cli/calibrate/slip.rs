@@ -186,11 +186,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let stream = super::pose_stream(source)?;
             let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
             let link = target.command(&group)?;
-            let mut poses = |_: &mut Box<dyn Link>| {
+            let stream = stream.on_waiting_bus(link.time_waits());
+            let mut poses = |link: &mut Box<dyn Link>| {
                 if rigid {
-                    Ok(vec![stream.group()?])
+                    Ok(vec![stream.group(link.now())?])
                 } else {
-                    stream.robots(&nodes)
+                    stream.robots(&nodes, link.now())
                 }
             };
             let instrument = &mut Instrument::Poses(&mut poses);
