@@ -25,8 +25,8 @@
 //! them. A frame that does not leave (no acknowledgement, bus-off, 20 ms) is taken back and
 //! received then. Until a frame leaves again the controller counts as alone: frames of the cable
 //! are received at once, and offered to the bus where there is room. All frames of the bus are
-//! queued for the cable in a queue of their own, [`OVERHEARD`], so a storm of frames that this
-//! robot does not use displaces none that it does.
+//! queued for the cable in a queue of their own, `OVERHEARD` in `cable`, so a storm of frames that
+//! this robot does not use displaces none that it does.
 //!
 //! # Sending
 //!
