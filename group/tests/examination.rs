@@ -56,9 +56,9 @@ fn every_rule_that_is_broken_is_named_at_once() {
         errors,
         [
             "pair.toml:1: group_id: is missing; add `group_id = ...`",
-            "pair.toml:2: sync_period_ms: is 0.01; give whole milliseconds, 1 to 10000; if that \
-             was in seconds, write 10",
-            "pair.toml:9: robot.half_track: `\"0.37\"` is not right here; give a number",
+            "pair.toml:2: sync_period_ms: is 0.01; give whole milliseconds, 1 to 10000; if the \
+             value is in seconds, write 10",
+            "pair.toml:9: robot.half_track: `\"0.37\"` is not allowed here; give a number",
             "pair.toml:11: robot.wheel_raduis: unknown key; did you mean `wheel_radius`?",
             "pair.toml:12: robot.roller_angle_deg: is 90; give the angle between roller axle and \
              wheel axle in degrees, above 0 and below 90",
@@ -103,12 +103,12 @@ fn what_a_robot_would_refuse_is_refused_with_the_unit_that_was_meant() {
     assert_eq!(
         errors,
         [
-            "pair.toml:10: robot.half_track: is 370 m; give 0.02 to 5 m; if that was in \
+            "pair.toml:10: robot.half_track: is 370 m; give 0.02 to 5 m; if the value is in \
              millimetres, write 0.37",
-            "pair.toml:12: robot.wheel_radius: is 152.4 m; give 0.01 to 1 m; if that was in \
+            "pair.toml:12: robot.wheel_radius: is 152.4 m; give 0.01 to 1 m; if the value is in \
              millimetres, write 0.1524",
             "pair.toml:13: robot.roller_angle_deg: is 0.785 degrees; give 5.7296 to 84.2248 \
-             degrees; if that was in radians, write 44.9772",
+             degrees; if the value is in radians, write 44.9772",
             "pair.toml:15: robot.encoder.counts_per_revolution: is 4 counts; give 16 to 1000000 \
              counts",
         ]
@@ -121,7 +121,7 @@ fn robots_on_the_same_floor_are_refused() {
     assert_eq!(
         errors,
         [
-            "pair.toml:22: robots[1]: its wheels stand among those of robots[0], 0.000 m away; \
+            "pair.toml:22: robots[1]: its wheels overlap those of robots[0], 0.000 m away; \
              fix x, y and heading_deg, or the dimensions"
         ]
     );
@@ -151,10 +151,10 @@ fn speeds_beyond_the_wheels_are_mentioned() {
     assert_eq!(
         warnings,
         [
-            "pair.toml:6: limits.linear_speed: is 50 m/s, but the wheels of node 2 end at 3.35 \
+            "pair.toml:6: limits.linear_speed: is 50 m/s, but the wheels of node 2 reach only 3.35 \
              m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group moves slower \
              than commanded",
-            "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 end at 2.54 \
+            "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 reach only 2.54 \
              rad/s; lower it, or the group turns slower than commanded",
         ]
     );
@@ -166,7 +166,7 @@ fn a_heading_in_radians_is_mentioned() {
     assert_eq!(
         warnings,
         [
-            "pair.toml:25: robots[1].heading_deg: is 1.5708 degrees; if that was in radians, \
+            "pair.toml:25: robots[1].heading_deg: is 1.5708 degrees; if the value is in radians, \
              write 90"
         ]
     );

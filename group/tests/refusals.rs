@@ -194,7 +194,7 @@ fn seventeen_robots() {
         GroupFile::parse("many.toml", &text)
             .unwrap_err()
             .to_string(),
-        "many.toml:35: robots: 17 robots in one group; keep at most 16 on one bus"
+        "many.toml:35: robots: 17 robots in one group; put at most 16 on one bus"
     );
 }
 
@@ -252,7 +252,7 @@ fn a_dimension_left_out() {
 fn wheel_rate_beyond_the_motor() {
     assert_eq!(
         refusal("max_wheel_rate = 22", "max_wheel_rate = 31"),
-        "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motor ends at 30.0; \
+        "pair.toml:13: robot.max_wheel_rate: is 31 rad/s, but the motor reaches only 30.0; \
          lower it, or fix motor.supply and motor.constant"
     );
 }
@@ -293,7 +293,7 @@ fn period_between_milliseconds() {
 fn text_where_a_number_belongs() {
     assert_eq!(
         refusal("wheel_radius = 0.1524", "wheel_radius = \"0.1524\""),
-        "pair.toml:11: robot.wheel_radius: `\"0.1524\"` is not right here; give a number"
+        "pair.toml:11: robot.wheel_radius: `\"0.1524\"` is not allowed here; give a number"
     );
 }
 

@@ -194,8 +194,8 @@ mod tests {
         };
         assert!(refused("\"2010:3\" = 99.0").contains("Wheel radius"));
         assert!(refused("\"2010:9\" = 1.0").contains("2010:9"));
-        assert!(refused("\"2110:1\" = 1").contains("no parameter"));
-        assert!(refused("\"2010:3\" = \"x\"").contains("no number"));
+        assert!(refused("\"2110:1\" = 1").contains("is not a parameter"));
+        assert!(refused("\"2010:3\" = \"x\"").contains("is not a number"));
         let old = parse_text("wire_version = 0\n[parameters]\n")
             .err()
             .unwrap();

@@ -333,7 +333,7 @@ mod tests {
         assert_eq!(survey.missing, [4]);
         let text = survey.conflicts.join("\n");
         for part in [
-            "node 2 speaks wire version 9",
+            "node 2 has wire version 9",
             "2 robots answer as node 3, serial numbers",
             "node 5 is not in the group file",
             "nodes 2 and 5 have the same serial number",

@@ -297,7 +297,7 @@ mod tests {
             &blind[0],
             &[
                 "rear left wheel's encoder counts",
-                "each other's places",
+                "the two are swapped",
                 "encoders, or of their motors",
             ],
         );

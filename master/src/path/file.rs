@@ -218,7 +218,7 @@ mod tests {
             ("", 1, "empty"),
             ("x,y\n", 1, "t,x,y"),
             ("t,x,y\n0,0,0\n1,a,0\n", 3, "x: 'a'"),
-            ("t,x,y\n0,0,0\n1,nan,0\n", 3, "no number"),
+            ("t,x,y\n0,0,0\n1,nan,0\n", 3, "is not a number"),
             ("t,x,y\n0,0,0\n\n0,1,0\n", 4, "does not come after"),
             ("t,x,y\n0,0,0\n1,1\n", 3, "2 fields"),
             ("t,x,y\n0,0,0\n1,1,1\n", 3, "three rows"),
