@@ -95,7 +95,7 @@ fn the_command_lists_runs_and_refuses() {
     assert!(!fine);
     assert_eq!(
         error,
-        "error: paper table-2: no experiment has this name; --list prints those there are\n"
+        "error: paper table-2: no experiment has this name; --list prints them all\n"
     );
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("paper");
     let out = folder.to_str().unwrap();

@@ -396,7 +396,7 @@ fn bad_input_is_named() {
         (["--pty", &occupied], &occupied_link),
         (
             ["--socketcan", "no-such-can"],
-            "error: --socketcan no-such-can: cannot be opened; make one with:",
+            "error: --socketcan no-such-can: cannot be opened; create it with:",
         ),
         (
             ["--pose-rate", "60"],
@@ -404,7 +404,7 @@ fn bad_input_is_named() {
         ),
         (
             ["--duration", "0"],
-            "error: --duration 0: give seconds, more than 0\n",
+            "error: --duration 0: give a number of seconds above 0\n",
         ),
         (
             ["--fault", "node=2:explode"],
