@@ -13,6 +13,8 @@
 //! it ([`Device::counters`]). Limits: the crate does not support remote frames, 29-bit identifiers,
 //! or node guarding, which CiA 301 itself advises against.
 //!
+//! The `eds` module writes these objects as sections of an electronic data sheet (CiA 306).
+//!
 //! The [`client`] module is the counterpart: the services that a master needs to talk to such
 //! devices.
 //!
@@ -109,6 +111,8 @@ mod time;
 pub use abort::AbortCode;
 pub use application::{Application, PdoDirection, ReceivedSync, ResetScope};
 pub use config::{CobId, Config, Identity, Mapping, PdoConfig};
+#[cfg(not(feature = "stub"))]
+pub use device::eds;
 pub use device::{Device, Errors, MAX_CONSUMERS, MAX_MAPPED, MAX_RPDO, MAX_SDO, MAX_TPDO};
 pub use emergency::{Emergency, ErrorClass};
 pub use event::{Counters, Event, RpdoSet};

@@ -63,6 +63,9 @@ pub const WIRE_VERSION: u16 = 4;
 /// Product code of a robot, object 0x1018:2: "INMO" as bytes from the lowest.
 pub const PRODUCT: u32 = 0x4F4D_4E49;
 
+/// Device name of a robot, object 0x1008.
+pub const NAME: &str = "Omnibus robot";
+
 /// Node number of the master.
 pub const MASTER: u8 = 1;
 

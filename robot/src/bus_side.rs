@@ -29,7 +29,7 @@ use crate::can::{CanChange, CanErrors};
 use crate::counters::Counters;
 use crate::event::Event;
 use crate::fault_memory::Memorable;
-use crate::identity::{self, Identity};
+use crate::identity::Identity;
 use crate::parameters::Parameters;
 use crate::state::State;
 use crate::store::{IMAGE_MAX, Stored};
@@ -49,7 +49,7 @@ impl BusSide {
     #[inline(always)]
     pub fn new(identity: Identity) -> Self {
         Self {
-            device: Device::new(identity::config(&identity)),
+            device: Device::new(identity.device()),
             robot: Application::new(identity),
         }
     }

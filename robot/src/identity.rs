@@ -45,6 +45,29 @@ impl Identity {
             storage: false,
         }
     }
+
+    /// What the CANopen device of this robot starts from.
+    #[must_use]
+    pub const fn device(&self) -> Config {
+        Config {
+            node: Some(self.node),
+            node_ids: (protocol::FIRST_ROBOT, protocol::LAST_ROBOT),
+            identity: canopen::Identity {
+                vendor: 0,
+                product: protocol::PRODUCT,
+                revision: (protocol::WIRE_VERSION as u32) << 16,
+                serial: self.serial,
+            },
+            name: protocol::NAME,
+            heartbeat_ms: HEARTBEAT_MS,
+            sync_overflow: SYNC_OVERFLOW,
+            fixed_in_operation: true,
+            storage: self.storage,
+            rpdos: &RPDOS,
+            tpdos: &TPDOS,
+            ..Config::DEFAULT
+        }
+    }
 }
 
 /// The mapping of a PDO that carries the record at this index, from the first sub-index to the
@@ -99,27 +122,6 @@ static TPDOS: [PdoConfig; 4] = [
     pdo(declared(4), &POSE),
     pdo(declared(5), &RATES),
 ];
-
-pub(crate) fn config(identity: &Identity) -> Config {
-    Config {
-        node: Some(identity.node),
-        node_ids: (protocol::FIRST_ROBOT, protocol::LAST_ROBOT),
-        identity: canopen::Identity {
-            vendor: 0,
-            product: protocol::PRODUCT,
-            revision: u32::from(protocol::WIRE_VERSION) << 16,
-            serial: identity.serial,
-        },
-        name: "Omnibus robot",
-        heartbeat_ms: HEARTBEAT_MS,
-        sync_overflow: SYNC_OVERFLOW,
-        fixed_in_operation: true,
-        storage: identity.storage,
-        rpdos: &RPDOS,
-        tpdos: &TPDOS,
-        ..Config::DEFAULT
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -16,6 +16,7 @@
 //! never late.
 
 mod bus_off;
+pub mod eds;
 mod emergency;
 mod heartbeat;
 mod lss;

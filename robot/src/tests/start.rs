@@ -278,7 +278,10 @@ fn commissioning_twist_moves_one_robot_alone_if_permitted() {
 /// Index, sub-index, type, access and default of every object in an EDS.
 fn eds_objects() -> std::vec::Vec<(u16, u8, u8, std::string::String, std::string::String)> {
     let mut text = std::string::String::new();
-    protocol::generate::eds(&mut text).unwrap();
+    let mut identity = crate::Identity::new(canopen::NodeId::MIN, 0);
+    identity.storage = true;
+    let communication = |out: &mut _| canopen::eds::communication_objects(out, &identity.device());
+    protocol::generate::eds(&mut text, communication).unwrap();
     let mut objects = std::vec::Vec::new();
     for section in text.split("\n[").skip(1) {
         let (name, body) = section.split_once(']').unwrap();
