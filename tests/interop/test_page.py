@@ -67,7 +67,7 @@ class Server(Served):
         self.assertEqual(status, 200)
         self.assertIn("default-src 'none'", headers["Content-Security-Policy"])
         self.assertNotIn(b"https:", body)
-        for path in ["/page.css", "/page.js"]:
+        for path in ["/page.css", "/backend.js", "/page.js"]:
             self.assertEqual(self.ask(path)[0], 200)
         self.assertEqual(self.ask("/etc/passwd")[0], 404)
         self.assertEqual(self.ask(method="POST")[0], 405)

@@ -12,7 +12,7 @@ pub const LONGEST_HEAD: usize = 8 * 1024;
 const MOST_HEADERS: usize = 64;
 
 /// The page and its parts.
-const FILES: [(&str, &str, &str); 3] = [
+const FILES: [(&str, &str, &str); 4] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -22,6 +22,11 @@ const FILES: [(&str, &str, &str); 3] = [
         "/page.css",
         "text/css; charset=utf-8",
         include_str!("page/page.css"),
+    ),
+    (
+        "/backend.js",
+        "text/javascript; charset=utf-8",
+        include_str!("page/backend.js"),
     ),
     (
         "/page.js",
@@ -256,9 +261,9 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_three_files_and_nothing_else() {
+    fn the_page_is_four_files_and_nothing_else() {
         let host = "Host: 127.0.0.1:8080";
-        for path in ["/", "/page.css", "/page.js"] {
+        for path in ["/", "/page.css", "/backend.js", "/page.js"] {
             let wish = ask(&format!("GET {path} HTTP/1.1\n{host}"));
             assert!(matches!(wish, Wish::File(..)), "{path}");
         }

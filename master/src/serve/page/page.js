@@ -1,5 +1,5 @@
-// The page of `omnibus serve`. It shows what the server says and sends what the hand does; what may move, the
-// server decides. Nothing is loaded from anywhere else.
+// The page of `omnibus serve`. It shows what the backend (`backend.js` beside it) says and sends what the hand does;
+// what may move, the backend decides. Nothing is loaded from anywhere else.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -11,7 +11,7 @@ const OLD_MS = 250; // five states that did not come: what is shown is no longer
 const PLOT_S = 60; // seconds that the plot shows
 const KEEP_MS = 1000; // how often the trail is kept for a reload
 
-let socket = null;
+let backend = null;
 let token = "";
 let welcome = null;
 let state = null;
@@ -33,22 +33,21 @@ function readToken() {
 }
 
 function send(message) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  if (backend) backend.send(message);
 }
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/ws`);
-  socket.onopen = () => { if (token) send({ type: "hello", token }); };
-  socket.onmessage = (event) => receive(JSON.parse(event.data));
-  socket.onclose = () => {
-    socket = null;
-    release();
-    trusted = false;
-    seat = { yours: false, taken: false };
-    state = null;
-    show();
-    setTimeout(connect, 1000);
-  };
+  backend = openBackend({
+    opened: () => { if (token) send({ type: "hello", token }); },
+    received: receive,
+    closed: () => {
+      release();
+      trusted = false;
+      seat = { yours: false, taken: false };
+      state = null;
+      show();
+    },
+  });
 }
 
 function receive(message) {
@@ -200,12 +199,13 @@ function gauge(name, text, share, kind) {
 
 function show() {
   const fresh = state && performance.now() - stateAt < STALE_MS;
-  const phase = !socket || socket.readyState !== WebSocket.OPEN ? "no connection" : fresh ? state.phase : "no data";
+  const open = backend !== null && backend.isOpen();
+  const phase = !open ? "no connection" : fresh ? state.phase : "no data";
   const age = state ? performance.now() - stateAt : 0;
   const foreign = fresh && state.foreign;
   document.body.classList.toggle("old", age > OLD_MS);
   $("phase").textContent = foreign ? "another master drives" : age > OLD_MS ? `${phase}, ${(age / 1000).toFixed(1)} s old` : phase;
-  $("phase").className = `badge ${foreign ? "starting" : fresh && socket ? state.phase : "lost"}`;
+  $("phase").className = `badge ${foreign ? "starting" : fresh && open ? state.phase : "lost"}`;
   $("token-form").hidden = trusted || !welcome || !welcome.can_drive;
   $("controls").hidden = !trusted || !welcome || !welcome.can_drive;
   const may = fresh && seat.yours;
