@@ -13,6 +13,7 @@
 //! | [`mod@file`] | files that are never half a file |
 //! | [`report`] | what a drive came to, as table, JSON and HTML |
 //! | [`bridge`] | programs of your own drive a group and see it, by lines of JSON; Foxglove |
+//! | [`controls`] | who may drive: the one place for page, keyboard, bridge, ROS 2 and fleets |
 //! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
@@ -21,6 +22,7 @@ pub mod abort;
 pub mod bridge;
 pub mod bus;
 pub mod commission;
+pub mod controls;
 pub mod error;
 pub mod file;
 pub mod monitor;

@@ -22,6 +22,7 @@ use kinematics::Twist;
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
+use crate::controls::arbiter::slowed;
 use crate::error::MasterError;
 use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, SessionState, Subscription};
 use crate::run::DriveError;
@@ -222,21 +223,12 @@ fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), Mast
     Ok(())
 }
 
-/// `twist`, slowed down in its direction as far as the group's limits ask; standstill for what is
-/// no number.
+/// `twist` within the group's limits; standstill for what is no number.
 fn within(twist: Twist, file: &GroupFile) -> Twist {
-    let limits = &file.limits;
-    let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;
-    let turn = twist.omega.abs() / limits.yaw_rate;
-    let excess = speed.max(turn).max(1.0);
-    // A hair below, so that rounding does not end above.
-    let share = if excess > 1.0 { 0.9999 / excess } else { 1.0 };
-    let slowed = Twist::new(twist.vx * share, twist.vy * share, twist.omega * share);
-    if check_twist(slowed, limits).is_ok() {
-        slowed
-    } else {
-        Twist::default()
-    }
+    slowed(twist, &file.limits)
+        .map(|(twist, _)| twist)
+        .filter(|twist| check_twist(*twist, &file.limits).is_ok())
+        .unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! A [`Bridge`] stands between a [`Pilot`] and any number of clients, each a pair of a reader and a
 //! writer: standard input and output, a TCP connection, a Unix socket. Each client gets the
 //! telemetry from a queue of its own, so a slow one loses its oldest lines and delays no client.
-//! Who may drive is decided by the same [`Arbiter`] as for the page. `docs/bridge.md` has the
+//! Who may drive is decided by the same [`Controls`] as for the page. `docs/bridge.md` has the
 //! messages; [`message`] reads and writes them.
 //!
 //! A velocity is good for the time that its message names. After that the group is commanded to
@@ -16,22 +16,19 @@ pub mod message;
 pub mod server;
 
 use std::io::{self, BufRead, Read, Write};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use group::GroupFile;
-use kinematics::Twist;
 use serde_json::Value;
 
 use self::message::{LONGEST, Request};
 use crate::abort::Abort;
-use crate::monitor::telemetry::{
-    DEFAULT_CAPACITY, EventKind, Hub, Interest, SessionState, Subscription, Telemetry,
-};
-use crate::pilot::{Order, Pilot};
-use crate::serve::arbiter::{Arbiter, Client, Reply};
-use crate::serve::message::ClientMessage;
+use crate::controls::Controls;
+use crate::controls::arbiter::Client;
+use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, Subscription, Telemetry};
+use crate::pilot::Pilot;
 
 /// How often a client's writer looks whether it is still wanted, and the bridge whether it is to
 /// end.
@@ -40,15 +37,11 @@ const TICK: Duration = Duration::from_millis(50);
 /// What all clients share.
 pub struct Bridge {
     welcome: Value,
-    /// What clients hear. The arbiter hears it first, so that no client sees a state in which it
-    /// would still be refused.
+    /// What clients hear. The controls hear it first.
     hub: Hub,
-    arbiter: Mutex<Arbiter>,
-    order: Box<dyn Fn(Order) + Send + Sync>,
-    started: Instant,
+    controls: Controls,
     /// Shortest time between two states that a client gets, in s.
     interval: f64,
-    next_client: AtomicU64,
 }
 
 /// A thread that panicked has not left these half changed.
@@ -61,26 +54,12 @@ impl Bridge {
     /// that a client gets, in s.
     #[must_use]
     pub fn new(pilot: &Arc<Pilot>, group: &GroupFile, bus: &str, interval: f64) -> Self {
-        let reach = Arc::downgrade(pilot);
         Self {
             welcome: message::welcome(group, bus),
             hub: Hub::default(),
-            arbiter: Mutex::new(Arbiter::new(&group.limits, true)),
-            // A pilot that has ended ends the bridge, too.
-            order: Box::new(move |order| {
-                if let Some(pilot) = reach.upgrade() {
-                    pilot.order(order);
-                }
-            }),
-            started: Instant::now(),
+            controls: Controls::of(pilot, &group.limits),
             interval,
-            next_client: AtomicU64::new(1),
         }
-    }
-
-    /// ms since the bridge started.
-    fn now(&self) -> u64 {
-        u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
     /// Serves one client until it has gone: reads its requests here, writes its telemetry in a
@@ -93,7 +72,7 @@ impl Bridge {
         input: impl BufRead,
         output: impl Write + Send + 'static,
     ) -> io::Result<()> {
-        let client = self.next_client.fetch_add(1, Ordering::Relaxed);
+        let client = self.controls.client();
         let mut output = output;
         line(&mut output, &self.welcome)?;
         let output = Arc::new(Mutex::new(output));
@@ -104,7 +83,7 @@ impl Bridge {
             std::thread::spawn(move || publish(&stream, &output, &over, interval))
         };
         let read = self.listen(client, input, &output);
-        self.gone(client);
+        self.controls.gone(client);
         over.store(true, Ordering::Relaxed);
         let _ = writer.join();
         read
@@ -138,59 +117,16 @@ impl Bridge {
 
     /// Does what a client asks for, or says why not.
     fn handle(&self, client: Client, request: &Request) -> Result<(), String> {
-        let now = self.now();
-        // Held until the order is out: orders leave in the order of decisions.
-        let mut arbiter = lock(&self.arbiter);
         match *request {
             Request::Start => {
-                for wish in [ClientMessage::Take {}, ClientMessage::Start {}] {
-                    if let Reply::Refused(reason) = arbiter.handle(now, client, true, &wish) {
-                        return Err(reason);
-                    }
-                }
-                (self.order)(Order::Start);
+                self.controls.take(client)?;
+                self.controls.start(client)
             }
             Request::Stop => {
-                arbiter.stop();
-                (self.order)(Order::Stop);
+                self.controls.stop();
+                Ok(())
             }
-            Request::Twist { twist, timeout_ms } => {
-                let permitted = arbiter.permit(now, client, twist);
-                let drives = arbiter.drives(client);
-                let good_us = timeout_ms * 1_000;
-                match &permitted {
-                    Ok(()) => (self.order)(Order::Twist(twist, good_us)),
-                    Err(_) if drives => (self.order)(Order::Twist(Twist::ZERO, 0)),
-                    Err(_) => {}
-                }
-                return permitted;
-            }
-        }
-        Ok(())
-    }
-
-    fn gone(&self, client: Client) {
-        let mut arbiter = lock(&self.arbiter);
-        if arbiter.drives(client) {
-            arbiter.gone(client);
-            (self.order)(Order::Twist(Twist::ZERO, 0));
-            (self.order)(Order::Stop);
-        }
-    }
-
-    /// Keeps the arbiter up to date with what the robots do.
-    fn on_telemetry(&self, item: &Telemetry) {
-        let mut arbiter = lock(&self.arbiter);
-        match item {
-            Telemetry::Snapshot(snapshot) => {
-                let running = snapshot.phase == SessionState::Running;
-                arbiter.set_running(running);
-                if running && !arbiter.is_wanted(self.now()) {
-                    (self.order)(Order::Stop);
-                }
-            }
-            Telemetry::Event(event) if matches!(event.what, EventKind::Failed(_)) => arbiter.stop(),
-            Telemetry::Event(_) | Telemetry::Frame(_) => {}
+            Request::Twist { twist, timeout_ms } => self.controls.stream(client, twist, timeout_ms),
         }
     }
 }
@@ -211,7 +147,7 @@ pub fn operate(
         // Until the group has ended, its ramp included.
         scope.spawn(|| {
             for item in stream {
-                bridge.on_telemetry(&item);
+                bridge.controls.on_telemetry(&item);
                 bridge.hub.publish(&item);
             }
             bridge.hub.end();

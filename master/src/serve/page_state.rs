@@ -1,22 +1,22 @@
-//! What all connections share: the newest state, the last events, the arbiter, and the way to the
-//! pilot.
+//! What all connections share: the newest state, the last events, and the controls.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use group::GroupFile;
 use kinematics::Twist;
 use serde_json::Value;
 
-use super::arbiter::{Arbiter, Client, Reply, STALE_MS};
 use super::http::Names;
 use super::message::{self, ClientMessage};
 use crate::abort::Abort;
+use crate::controls::arbiter::Client;
+use crate::controls::{Controls, OrderSink};
 use crate::monitor::listener::Reckoning;
-use crate::monitor::telemetry::{Event, EventKind, SessionState, Snapshot, Telemetry};
-use crate::pilot::{Order, Pilot};
+use crate::monitor::telemetry::{Event, SessionState, Snapshot, Telemetry};
+use crate::pilot::Pilot;
 use crate::run::DriveError;
 
 /// Time between two states that pages get, in ms.
@@ -52,11 +52,10 @@ pub struct PageState {
     /// Who may do what.
     pub access: Access,
     welcome: Value,
-    arbiter: Mutex<Arbiter>,
+    controls: Controls,
+    /// Whether pages may drive here.
+    open: bool,
     published: Mutex<Published>,
-    started: Instant,
-    order: Box<dyn Fn(Order) + Send + Sync>,
-    next_client: AtomicU64,
     /// Connections that are open.
     pub connections: AtomicUsize,
 }
@@ -78,54 +77,55 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl PageState {
     /// A page for a group on a bus. `order` reaches the pilot; without one the page only watches.
     #[must_use]
-    pub fn new(
-        group: &GroupFile,
-        bus: &str,
-        access: Access,
-        order: Option<Box<dyn Fn(Order) + Send + Sync>>,
-    ) -> Self {
+    pub fn new(group: &GroupFile, bus: &str, access: Access, order: Option<OrderSink>) -> Self {
+        let open = order.is_some();
         Self {
             access,
-            welcome: message::welcome(group, bus, order.is_some()),
-            arbiter: Mutex::new(Arbiter::new(&group.limits, order.is_some())),
+            welcome: message::welcome(group, bus, open),
+            controls: Controls::new(&group.limits, order.unwrap_or_else(|| Box::new(|_| {}))),
+            open,
             published: Mutex::default(),
-            started: Instant::now(),
-            order: order.unwrap_or_else(|| Box::new(|_| {})),
-            next_client: AtomicU64::new(1),
             connections: AtomicUsize::new(0),
         }
     }
 
     /// A number for a new connection.
     pub fn client(&self) -> Client {
-        self.next_client.fetch_add(1, Ordering::Relaxed)
+        self.controls.client()
     }
 
-    /// ms since the server started.
-    fn now(&self) -> u64 {
-        u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX)
-    }
-
-    /// Takes a message of a client; returns why it was refused.
+    /// Takes a message of a client, `trusted` when it has shown the token; returns why it was
+    /// refused.
     pub fn handle(&self, client: Client, trusted: bool, message: &ClientMessage) -> Option<String> {
-        let now = self.now();
-        // Held until the order is out: orders leave in the order of decisions.
-        let mut arbiter = lock(&self.arbiter);
-        let drove = arbiter.drives(client);
-        let reply = arbiter.handle(now, client, trusted, message);
-        match (message, &reply) {
-            (ClientMessage::Start {}, Reply::Done) => (self.order)(Order::Start),
-            (ClientMessage::Stop {}, _) => (self.order)(Order::Stop),
-            (ClientMessage::Leave {}, _) if drove => (self.order)(Order::Stop),
-            (ClientMessage::Drive { .. } | ClientMessage::Release {}, _) if drove => {
-                (self.order)(Order::Twist(arbiter.twist(now), STALE_MS * 1_000));
+        let controls = &self.controls;
+        let done = match *message {
+            ClientMessage::Stop {} => {
+                controls.stop();
+                Ok(())
             }
-            _ => {}
-        }
-        match reply {
-            Reply::Done => None,
-            Reply::Refused(reason) => Some(reason),
-        }
+            ClientMessage::Release {} => {
+                controls.release(client);
+                Ok(())
+            }
+            ClientMessage::Leave {} => {
+                controls.gone(client);
+                Ok(())
+            }
+            // Whether the token is right was found out before.
+            ClientMessage::Hello { .. } => Ok(()),
+            _ if !self.open => Err("this page only watches".into()),
+            _ if !trusted => Err("driving needs the token".into()),
+            ClientMessage::Take {} => controls.take(client),
+            ClientMessage::Start {} => controls.start(client),
+            ClientMessage::Drive {
+                press,
+                vx,
+                vy,
+                omega,
+                clock,
+            } => controls.press(client, press, Twist::new(vx, vy, omega), clock),
+        };
+        done.err()
     }
 
     /// A message that could not even be read: like every refused one it ends the press.
@@ -135,12 +135,7 @@ impl PageState {
 
     /// A connection has ended.
     pub fn gone(&self, client: Client) {
-        let mut arbiter = lock(&self.arbiter);
-        if arbiter.drives(client) {
-            arbiter.gone(client);
-            (self.order)(Order::Twist(Twist::ZERO, STALE_MS * 1_000));
-            (self.order)(Order::Stop);
-        }
+        self.controls.gone(client);
     }
 
     /// What a client has not seen yet, oldest first.
@@ -149,10 +144,7 @@ impl PageState {
         if !std::mem::replace(&mut cursor.welcomed, true) {
             news.push(self.welcome.clone());
         }
-        let seat = {
-            let arbiter = lock(&self.arbiter);
-            (arbiter.drives(client), arbiter.has_driver())
-        };
+        let seat = (self.controls.drives(client), self.controls.has_driver());
         if cursor.seat.replace(seat) != Some(seat) {
             news.push(serde_json::json!({"type": "seat", "yours": seat.0, "taken": seat.1}));
         }
@@ -176,9 +168,8 @@ impl PageState {
     }
 
     fn publish(&self, snapshot: Arc<Snapshot>) {
-        let now = self.now();
+        let now = self.controls.now();
         let running = snapshot.phase == SessionState::Running;
-        lock(&self.arbiter).set_running(running);
         let mut published = lock(&self.published);
         let changed = published.snapshot.phase != snapshot.phase;
         if changed || published.number == 0 || now >= published.at + STATE_MS {
@@ -190,24 +181,11 @@ impl PageState {
     }
 
     fn on_event(&self, event: &Event) {
-        if matches!(event.what, EventKind::Failed(_)) {
-            lock(&self.arbiter).stop();
-        }
         let mut published = lock(&self.published);
         published.events.push_back(message::event(event));
         published.next_event += 1;
         if published.events.len() > EVENT_HISTORY {
             published.events.pop_front();
-        }
-    }
-
-    /// Switches robots off that have not been moved for long.
-    fn keep_house(&self) {
-        let now = self.now();
-        let mut arbiter = lock(&self.arbiter);
-        let running = lock(&self.published).running;
-        if running && !arbiter.is_wanted(now) {
-            (self.order)(Order::Stop);
         }
     }
 }
@@ -220,21 +198,21 @@ impl PageState {
 pub fn operate(pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result<(), DriveError> {
     let stream = pilot.telemetry();
     let mut reckoning = Reckoning::default();
-    let mut tidied = Instant::now();
     while !abort.is_asked() && !pilot.is_over() {
-        match stream.next_within(Duration::from_millis(STATE_MS)) {
-            Some(Telemetry::Snapshot(snapshot)) => {
+        let Some(item) = stream.next_within(Duration::from_millis(STATE_MS)) else {
+            continue;
+        };
+        // First of all, so that no page sees a state in which it would still be refused.
+        page.controls.on_telemetry(&item);
+        match item {
+            Telemetry::Snapshot(snapshot) => {
                 let target = snapshot.target.or(reckoning.advance(&snapshot));
                 let mut snapshot = Arc::unwrap_or_clone(snapshot);
                 snapshot.target = target;
                 page.publish(Arc::new(snapshot));
             }
-            Some(Telemetry::Event(event)) => page.on_event(&event),
-            Some(Telemetry::Frame(_)) | None => {}
-        }
-        if tidied.elapsed() > Duration::from_secs(1) {
-            tidied = Instant::now();
-            page.keep_house();
+            Telemetry::Event(event) => page.on_event(&event),
+            Telemetry::Frame(_) => {}
         }
     }
     Pilot::finish_shared(pilot)

@@ -1,7 +1,7 @@
 //! The server: a thread that accepts, and one for each of a few connections.
 //!
 //! Blocking sockets with time-outs on both ways: a peer that sends its request too slowly, or does
-//! not take what it is sent for a second, is dropped. A connection that ends gives up the arbiter.
+//! not take what it is sent for a second, is dropped. A connection that ends gives up the controls.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-use super::arbiter::Client;
 use super::http::{self, LONGEST_HEAD, Wish};
 use super::message::{self, ClientMessage, LONGEST};
 use super::page_state::{Cursor, PageState};
+use crate::controls::arbiter::Client;
 
 /// Connections at a time.
 const MOST: usize = 24;

@@ -3,8 +3,8 @@
 //! The session runs in a pilot's thread; this one draws ten times a second and reads keys. `watch`
 //! only listens until the user starts it; on a bus that another master commands it never does more.
 //! Driving needs a key (or the gamepad's button) that is held down: see [`deadman`]. Every 50 ms
-//! while it is, the pilot is told the velocity once more, good for 0.2 s; so when this program
-//! hangs or its terminal goes, the group ramps down.
+//! while it is, the [`Controls`] are told the velocity once more, good for 0.2 s; so when this
+//! program hangs or its terminal goes, the group ramps down.
 
 mod deadman;
 mod gamepad;
@@ -13,12 +13,15 @@ mod view;
 
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use kinematics::Twist;
+use omnibus::controls::Controls;
+use omnibus::controls::arbiter::{Client, slowed};
 use omnibus::monitor::telemetry::{EventKind, SessionState, Snapshot, Telemetry};
-use omnibus::pilot::{Order, Pilot};
+use omnibus::pilot::Pilot;
 use ratatui::crossterm::event::{
     self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
@@ -35,8 +38,8 @@ use super::{Target, Usage};
 
 /// Interval of velocities to the pilot and of drawing the screen.
 const TICK: Duration = Duration::from_millis(50);
-/// How long a velocity is good for, in µs.
-const GOOD_US: u64 = 200_000;
+/// How long a velocity is good for, in ms.
+const GOOD_MS: u64 = 200;
 
 const WATCH_EXAMPLES: &str = "Examples:
   omnibus watch --bus sim:groups/tcc-2.toml
@@ -142,9 +145,13 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
     if !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
         bail!("this needs a terminal; `omnibus watch --json` prints one line per SYNC without one");
     }
-    let pilot = live.target.pilot(&file)?;
+    let pilot = Arc::new(live.target.pilot(&file)?);
+    let controls = Controls::of(&pilot, &file.limits);
     let mut screen = Screen::open()?;
     let mut hand = Hand {
+        client: controls.client(),
+        controls,
+        limits: file.limits,
         deadman: DeadMan::new(),
         speed: live.speed,
         turn: live.turn,
@@ -154,7 +161,7 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
     let mut view = View::new(format!("{} on {}", file.name, live.target.bus), steers);
     let shown = show(&pilot, &mut screen, &mut view, &mut hand, steers, until);
     drop(screen);
-    let flown = pilot.finish();
+    let flown = Pilot::finish_shared(pilot);
     shown?;
     Ok(flown?)
 }
@@ -192,6 +199,9 @@ fn snapshot_json(now: &Snapshot) -> serde_json::Value {
 
 /// What steers.
 struct Hand {
+    controls: Controls,
+    client: Client,
+    limits: group::Limits,
     deadman: DeadMan,
     speed: f32,
     turn: f32,
@@ -224,7 +234,7 @@ fn show(
 ) -> anyhow::Result<()> {
     let stream = pilot.telemetry();
     if starts {
-        pilot.order(Order::Start);
+        hand.start();
     }
     let mut next = Instant::now();
     loop {
@@ -232,6 +242,7 @@ fn show(
         if now >= next {
             next = now + TICK;
             while let Some(item) = stream.try_next() {
+                hand.controls.on_telemetry(&item);
                 match item {
                     Telemetry::Snapshot(snapshot) => view.update(snapshot),
                     Telemetry::Event(event) => {
@@ -247,7 +258,7 @@ fn show(
             if let Some(twist) = asked
                 && view.phase() == SessionState::Running
             {
-                pilot.order(Order::Twist(twist, GOOD_US));
+                hand.drive(twist);
             }
             view.hand(asked, hand.speed, hand.turn);
             screen.terminal.draw(|frame| view.draw(frame))?;
@@ -263,17 +274,12 @@ fn show(
         };
         match keys::action(&key) {
             Some(Action::Quit) => return Ok(()),
-            Some(Action::Start) => {
-                pilot.order(Order::Start);
-            }
+            Some(Action::Start) => hand.start(),
             Some(Action::Stop) => {
                 hand.deadman.release();
-                pilot.order(Order::Stop);
+                hand.controls.stop();
             }
-            Some(Action::Halt) => {
-                hand.deadman.release();
-                pilot.order(Order::Twist(Twist::default(), 0));
-            }
+            Some(Action::Halt) => hand.let_go(),
             Some(Action::Move(direction)) => {
                 let twist = direction.twist(hand.speed, hand.turn);
                 hand.deadman.press(Instant::now(), twist != hand.twist);
@@ -282,8 +288,7 @@ fn show(
             Some(Action::LetGo(direction))
                 if direction.twist(hand.speed, hand.turn) == hand.twist =>
             {
-                hand.deadman.release();
-                pilot.order(Order::Twist(Twist::default(), 0));
+                hand.let_go();
             }
             Some(Action::LetGo(_)) => {}
             Some(Action::Faster) => hand.change(1.1),
@@ -294,7 +299,27 @@ fn show(
 }
 
 impl Hand {
-    /// Changes the speeds; the pilot keeps them within the group's limits.
+    /// Nobody else drives from this terminal, so it can take the controls.
+    fn start(&self) {
+        let taken = self.controls.take(self.client);
+        if taken.is_ok() {
+            let _ = self.controls.start(self.client);
+        }
+    }
+
+    /// A refusal, while the robots are not ready, shows as a group that stands.
+    fn drive(&self, twist: Twist) {
+        if let Some((twist, _)) = slowed(twist, &self.limits) {
+            let _ = self.controls.stream(self.client, twist, GOOD_MS);
+        }
+    }
+
+    fn let_go(&mut self) {
+        self.deadman.release();
+        self.controls.release(self.client);
+    }
+
+    /// Changes the speeds; the limits of the group hold all the same.
     fn change(&mut self, factor: f32) {
         self.speed = (self.speed * factor).clamp(0.01, 5.0);
         self.turn = (self.turn * factor).clamp(0.01, 5.0);

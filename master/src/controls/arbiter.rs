@@ -1,18 +1,22 @@
-//! Who drives, and how fast, right now: the rules of the dead-man's press, and of a bridge.
+//! Who drives, and how fast, right now: the rules of the dead-man's press, and of streams.
 //!
-//! One client drives at a time: a page that has shown the token, or a program on a bridge, whose
-//! velocities carry a time-out of their own ([`Arbiter::permit`]). The press of a page lasts as
-//! long as `drive` messages come, each less than [`STALE_MS`] after the one before, each naming a
-//! state of the group that is younger than [`OLD_MS`] (so that messages which lay in a queue do
-//! nothing). A press that has ended, for whatever reason, never comes back: the page has to release
-//! and press again, which has a higher number. A refused message ends the press, too.
+//! One client drives at a time, whichever way it comes: a page that has shown the token, a key of
+//! the keyboard, or a program that sends velocities. A page holds a *press*: it lasts as long as
+//! [`Arbiter::press`] is called, each time less than [`STALE_MS`] after the time before, each
+//! naming a state of the group that is younger than [`OLD_MS`] (so that messages which lay in a
+//! queue do nothing). A press that has ended, for whatever reason, never comes back: the page has
+//! to release and press again, which has a higher number. A refused press ends the press, too. The
+//! velocities of a *stream* each say themselves how long they are good for ([`Arbiter::stream`]).
 //!
-//! Times are the server's, in ms since it started; nothing here asks a clock.
+//! A driver keeps the controls until it leaves. Where several sources share one connection, such as
+//! publishers of a topic, another one takes over when the driver has been silent for as long as its
+//! last velocity was good for ([`Arbiter::succeed`]); the caller gets the name of the displaced one
+//! and tells it.
+//!
+//! Times are the caller's, in ms; nothing here asks a clock.
 
 use group::Limits;
 use kinematics::Twist;
-
-use super::message::ClientMessage;
 
 /// A press without a message for this long is over, in ms.
 pub const STALE_MS: u64 = 250;
@@ -23,17 +27,8 @@ pub const IDLE_MS: u64 = 120_000;
 /// Rounding of a limit that was sent to the page and came back, as a share of it.
 const ROUNDING: f32 = 1e-5;
 
-/// A connection of a page.
+/// Someone who may drive: a connection, a keyboard, a publisher.
 pub type Client = u64;
-
-/// What a page is to be told.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Reply {
-    /// Nothing: it is done.
-    Done,
-    /// Its message was refused, for this reason.
-    Refused(String),
-}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Press {
@@ -48,6 +43,19 @@ struct Driver {
     press: Option<Press>,
     /// The highest number a press has had.
     highest: u32,
+    /// Until when the last velocity of its stream is good.
+    good_until: u64,
+}
+
+impl Driver {
+    const fn new(client: Client) -> Self {
+        Self {
+            client,
+            press: None,
+            highest: 0,
+            good_until: 0,
+        }
+    }
 }
 
 /// The rules, and what they have come to.
@@ -55,8 +63,6 @@ struct Driver {
 pub struct Arbiter {
     linear_speed: f32,
     yaw_rate: f32,
-    /// Whether clients may drive here.
-    open: bool,
     driver: Option<Driver>,
     /// Whether the robots shall be started.
     wanted: bool,
@@ -66,13 +72,12 @@ pub struct Arbiter {
 }
 
 impl Arbiter {
-    /// No client drives yet. Where it is not `open`, none ever will.
+    /// No client drives yet.
     #[must_use]
-    pub fn new(limits: &Limits, open: bool) -> Self {
+    pub fn new(limits: &Limits) -> Self {
         Self {
             linear_speed: limits.linear_speed,
             yaw_rate: limits.yaw_rate,
-            open,
             driver: None,
             wanted: false,
             running: false,
@@ -80,70 +85,69 @@ impl Arbiter {
         }
     }
 
-    /// Takes a message of a client; `trusted` when it has shown the token.
-    pub fn handle(
+    /// Makes a client the driver, unless another one is.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn take(&mut self, client: Client) -> Result<(), String> {
+        match self.driver {
+            Some(driver) if driver.client != client => Err("another client drives".into()),
+            Some(_) => Ok(()),
+            None => {
+                self.driver = Some(Driver::new(client));
+                Ok(())
+            }
+        }
+    }
+
+    /// Makes a client the driver, also where another one was but moves nothing at this time.
+    /// Returns that one, which is to be told.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn succeed(&mut self, now: u64, client: Client) -> Result<Option<Client>, String> {
+        self.expire(now);
+        let displaced = match self.driver {
+            Some(driver) if driver.client == client => return Ok(None),
+            Some(driver) if driver.press.is_some() || now < driver.good_until => {
+                return Err("another client drives".into());
+            }
+            driver => driver.map(|driver| driver.client),
+        };
+        self.driver = Some(Driver::new(client));
+        Ok(displaced)
+    }
+
+    /// The driver wants the robots to be started.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn start(&mut self, now: u64, client: Client) -> Result<(), String> {
+        if !self.drives(client) {
+            return Err("take control first".into());
+        }
+        self.wanted = true;
+        self.last_moved = now;
+        Ok(())
+    }
+
+    /// Takes a message of the driver's press. A refused one ends the press.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn press(
         &mut self,
         now: u64,
         client: Client,
-        trusted: bool,
-        message: &ClientMessage,
-    ) -> Reply {
-        let refused = |reason: &str| Reply::Refused(reason.into());
-        match message {
-            ClientMessage::Stop {} => {
-                self.stop();
-                return Reply::Done;
-            }
-            ClientMessage::Release {} => {
-                self.release(client);
-                return Reply::Done;
-            }
-            ClientMessage::Leave {} => {
-                self.gone(client);
-                return Reply::Done;
-            }
-            // Whether the token is right was found out before.
-            ClientMessage::Hello { .. } => return Reply::Done,
-            _ if !self.open => return refused("this page only watches"),
-            _ if !trusted => return refused("driving needs the token"),
-            ClientMessage::Take {} => {
-                return match self.driver {
-                    Some(driver) if driver.client != client => refused("another client drives"),
-                    Some(_) => Reply::Done,
-                    None => {
-                        self.driver = Some(Driver {
-                            client,
-                            press: None,
-                            highest: 0,
-                        });
-                        Reply::Done
-                    }
-                };
-            }
-            ClientMessage::Start {} | ClientMessage::Drive { .. } => {}
-        }
+        number: u32,
+        twist: Twist,
+        clock: u64,
+    ) -> Result<(), String> {
         if !self.drives(client) {
-            return refused("take control first");
+            return Err("take control first".into());
         }
-        let done = match *message {
-            ClientMessage::Drive {
-                press,
-                vx,
-                vy,
-                omega,
-                clock,
-            } => self.drive(now, press, Twist::new(vx, vy, omega), clock),
-            _ => {
-                self.wanted = true;
-                self.last_moved = now;
-                Ok(())
-            }
-        };
-        if let Err(reason) = done {
-            self.release(client);
-            return Reply::Refused(reason);
-        }
-        Reply::Done
+        self.drive(now, number, twist, clock)
+            .inspect_err(|_| self.release(client))
     }
 
     fn drive(&mut self, now: u64, number: u32, twist: Twist, clock: u64) -> Result<(), String> {
@@ -171,17 +175,26 @@ impl Arbiter {
         Ok(())
     }
 
-    /// Whether a client may move the group with this velocity of a stream, each of which says
-    /// itself how long it is good for.
+    /// Whether a client may move the group with this velocity of a stream, which is good for so
+    /// many ms.
     ///
     /// # Errors
     /// With the reason why not.
-    pub fn permit(&mut self, now: u64, client: Client, twist: Twist) -> Result<(), String> {
+    pub fn stream(
+        &mut self,
+        now: u64,
+        client: Client,
+        twist: Twist,
+        good_ms: u64,
+    ) -> Result<(), String> {
         if !self.drives(client) {
             return Err("send `start` first".into());
         }
         self.check_limits(twist)?;
         self.check_ready()?;
+        if let Some(driver) = &mut self.driver {
+            driver.good_until = now + good_ms;
+        }
         self.last_moved = now;
         Ok(())
     }
@@ -224,11 +237,13 @@ impl Arbiter {
         }
     }
 
-    fn release(&mut self, client: Client) {
+    /// The client's press is over, or its stream.
+    pub fn release(&mut self, client: Client) {
         if let Some(driver) = &mut self.driver
             && driver.client == client
         {
             driver.press = None;
+            driver.good_until = 0;
         }
     }
 
@@ -245,6 +260,7 @@ impl Arbiter {
         self.wanted = false;
         if let Some(driver) = &mut self.driver {
             driver.press = None;
+            driver.good_until = 0;
         }
     }
 
@@ -282,6 +298,22 @@ impl Arbiter {
     }
 }
 
+/// `twist`, slowed down in its direction as far as the limits of the group ask, and by which
+/// factor. `None` for what is no number.
+#[must_use]
+pub fn slowed(twist: Twist, limits: &Limits) -> Option<(Twist, f32)> {
+    let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;
+    let turn = twist.omega.abs() / limits.yaw_rate;
+    if !(speed.is_finite() && turn.is_finite()) {
+        return None;
+    }
+    let excess = speed.max(turn);
+    // A hair below, so that rounding does not end above.
+    let share = if excess > 1.0 { 0.9999 / excess } else { 1.0 };
+    let slowed = Twist::new(twist.vx * share, twist.vy * share, twist.omega * share);
+    Some((slowed, share))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -297,34 +329,22 @@ mod tests {
         sync_timeout_us: 0,
     };
 
-    fn drive(press: u32, vx: f32, clock: u64) -> ClientMessage {
-        ClientMessage::Drive {
-            press,
-            vx,
-            vy: 0.0,
-            omega: 0.0,
-            clock,
-        }
+    fn ahead(vx: f32) -> Twist {
+        Twist::new(vx, 0.0, 0.0)
     }
 
     /// Client 1 drives robots that were started at 1000 ms.
     fn started() -> Arbiter {
-        let mut arbiter = Arbiter::new(&LIMITS, true);
-        assert_eq!(
-            arbiter.handle(1000, 1, true, &ClientMessage::Take {}),
-            Reply::Done
-        );
-        assert_eq!(
-            arbiter.handle(1000, 1, true, &ClientMessage::Start {}),
-            Reply::Done
-        );
+        let mut arbiter = Arbiter::new(&LIMITS);
+        arbiter.take(1).unwrap();
+        arbiter.start(1000, 1).unwrap();
         arbiter.set_running(true);
         arbiter
     }
 
-    fn is_refused(reply: Reply, word: &str) {
+    fn is_refused(reply: Result<(), String>, word: &str) {
         assert!(
-            matches!(&reply, Reply::Refused(reason) if reason.contains(word)),
+            matches!(&reply, Err(reason) if reason.contains(word)),
             "{reply:?}"
         );
     }
@@ -333,30 +353,21 @@ mod tests {
     fn a_press_moves_until_its_messages_stop() {
         let mut arbiter = started();
         assert_eq!(arbiter.twist(1000), Twist::ZERO);
-        assert_eq!(
-            arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000)),
-            Reply::Done
-        );
+        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
         assert_eq!(arbiter.twist(1010 + STALE_MS).vx, 0.5);
         assert_eq!(arbiter.twist(1011 + STALE_MS), Twist::ZERO);
         // What was pressed then is over, also when its messages come again.
-        assert_eq!(
-            arbiter.handle(1300, 1, true, &drive(1, 0.5, 1290)),
-            Reply::Done
-        );
+        arbiter.press(1300, 1, 1, ahead(0.5), 1290).unwrap();
         assert_eq!(arbiter.twist(1300), Twist::ZERO);
-        assert_eq!(
-            arbiter.handle(1310, 1, true, &drive(2, 0.4, 1290)),
-            Reply::Done
-        );
+        arbiter.press(1310, 1, 2, ahead(0.4), 1290).unwrap();
         assert_eq!(arbiter.twist(1310).vx, 0.4);
     }
 
     #[test]
     fn release_stops_at_once() {
         let mut arbiter = started();
-        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
-        arbiter.handle(1020, 1, true, &ClientMessage::Release {});
+        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
+        arbiter.release(1);
         assert_eq!(arbiter.twist(1020), Twist::ZERO);
         assert!(arbiter.is_wanted(1020), "the robots stay started");
     }
@@ -364,7 +375,7 @@ mod tests {
     #[test]
     fn a_driver_that_goes_stops_the_robots() {
         let mut arbiter = started();
-        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
+        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
         arbiter.gone(2);
         assert_eq!(arbiter.twist(1010).vx, 0.5);
         arbiter.gone(1);
@@ -375,78 +386,65 @@ mod tests {
     #[test]
     fn only_the_driver_moves_anything_and_anybody_stops() {
         let mut arbiter = started();
-        is_refused(
-            arbiter.handle(1010, 2, true, &ClientMessage::Take {}),
-            "another",
-        );
-        is_refused(arbiter.handle(1010, 2, true, &drive(1, 0.5, 1000)), "take");
-        is_refused(
-            arbiter.handle(1010, 2, true, &ClientMessage::Start {}),
-            "take",
-        );
+        is_refused(arbiter.take(2), "another");
+        is_refused(arbiter.press(1010, 2, 1, ahead(0.5), 1000), "take");
+        is_refused(arbiter.stream(1010, 2, ahead(0.5), 200), "start");
+        is_refused(arbiter.start(1010, 2), "take");
         assert_eq!(arbiter.twist(1010), Twist::ZERO);
-        arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
+        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
         // Another's release is not the driver's.
-        arbiter.handle(1020, 2, false, &ClientMessage::Release {});
+        arbiter.release(2);
         assert_eq!(arbiter.twist(1020).vx, 0.5);
-        arbiter.handle(1030, 2, false, &ClientMessage::Stop {});
+        arbiter.stop();
         assert_eq!(arbiter.twist(1030), Twist::ZERO);
         assert!(!arbiter.is_wanted(1030));
     }
 
     #[test]
-    fn without_the_token_nobody_drives() {
-        let mut arbiter = Arbiter::new(&LIMITS, true);
-        for message in [
-            ClientMessage::Take {},
-            ClientMessage::Start {},
-            drive(1, 0.1, 0),
-        ] {
-            is_refused(arbiter.handle(0, 1, false, &message), "token");
-        }
-        assert!(!arbiter.has_driver() && !arbiter.is_wanted(0));
-        let mut closed = Arbiter::new(&LIMITS, false);
-        is_refused(
-            closed.handle(0, 1, true, &ClientMessage::Take {}),
-            "watches",
-        );
+    fn a_driver_that_moves_nothing_can_be_succeeded_and_is_named() {
+        let mut arbiter = started();
+        arbiter.stream(1010, 1, ahead(0.5), 200).unwrap();
+        assert!(arbiter.succeed(1209, 2).is_err(), "the velocity is good");
+        assert_eq!(arbiter.succeed(1209, 1), Ok(None));
+        assert_eq!(arbiter.succeed(1210, 2), Ok(Some(1)));
+        assert!(arbiter.drives(2) && !arbiter.drives(1));
+        assert!(arbiter.is_wanted(1210), "the robots stay started");
+        // A press holds the controls in the same way.
+        arbiter.press(1300, 2, 1, ahead(0.1), 1300).unwrap();
+        assert!(arbiter.succeed(1300 + STALE_MS, 3).is_err());
+        assert_eq!(arbiter.succeed(1301 + STALE_MS, 3), Ok(Some(2)));
+        // After a stop nothing is good any more.
+        arbiter.stream(2000, 3, ahead(0.1), 1000).unwrap();
+        arbiter.stop();
+        assert_eq!(arbiter.succeed(2001, 4), Ok(Some(3)));
     }
 
     #[test]
-    fn a_bad_message_is_refused_and_ends_the_press() {
+    fn a_bad_press_is_refused_and_ends_it() {
         let bad = [
-            (drive(1, 2.1, 1010), "2 m/s"),
-            (drive(1, f32::NAN, 1010), "m/s"),
-            (drive(1, f32::INFINITY, 1010), "m/s"),
-            (drive(1, 0.5, 1010 - OLD_MS - 1), "older"),
+            (ahead(2.1), 1010, "2 m/s"),
+            (ahead(f32::NAN), 1010, "m/s"),
+            (ahead(f32::INFINITY), 1010, "m/s"),
+            (ahead(0.5), 1010 - OLD_MS - 1, "older"),
             // From the future: not one of ours.
-            (drive(1, 0.5, 1021), "older"),
-            (
-                ClientMessage::Drive {
-                    press: 1,
-                    vx: 0.0,
-                    vy: 0.0,
-                    omega: -1.1,
-                    clock: 1010,
-                },
-                "1 rad/s",
-            ),
+            (ahead(0.5), 1021, "older"),
+            (Twist::new(0.0, 0.0, -1.1), 1010, "1 rad/s"),
         ];
-        for (message, word) in bad {
+        for (twist, clock, word) in bad {
             let mut arbiter = started();
-            arbiter.handle(1010, 1, true, &drive(1, 0.5, 1000));
-            is_refused(arbiter.handle(1010, 1, true, &message), word);
-            assert_eq!(arbiter.twist(1010), Twist::ZERO, "{message:?}");
+            arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
+            is_refused(arbiter.press(1010, 1, 1, twist, clock), word);
+            assert_eq!(arbiter.twist(1010), Twist::ZERO, "{twist:?}");
         }
     }
 
     #[test]
     fn robots_are_started_before_they_are_driven_and_not_left_on() {
-        let mut arbiter = Arbiter::new(&LIMITS, true);
-        arbiter.handle(0, 1, true, &ClientMessage::Take {});
-        is_refused(arbiter.handle(0, 1, true, &drive(1, 0.5, 0)), "start");
-        arbiter.handle(0, 1, true, &ClientMessage::Start {});
-        is_refused(arbiter.handle(0, 1, true, &drive(1, 0.5, 0)), "not ready");
+        let mut arbiter = Arbiter::new(&LIMITS);
+        arbiter.take(1).unwrap();
+        is_refused(arbiter.press(0, 1, 1, ahead(0.5), 0), "start");
+        arbiter.start(0, 1).unwrap();
+        is_refused(arbiter.press(0, 1, 1, ahead(0.5), 0), "not ready");
         assert_eq!(arbiter.twist(0), Twist::ZERO);
         let mut arbiter = started();
         assert!(arbiter.is_wanted(1000 + IDLE_MS));

@@ -1,0 +1,200 @@
+//! The controls of a group: one place that decides who drives, for every way of driving it.
+//!
+//! ```text
+//!  page, keyboard, gamepad, bridge, ROS 2, VDA 5050 --wishes--> Controls --orders--> Pilot
+//!                                                                  ^                   |
+//!                                                                  '---- telemetry ----'
+//! ```
+//!
+//! [`Controls`] asks the [`Arbiter`] and passes what it permits to the pilot as [`Order`]s; the
+//! order in which orders leave is the order of the decisions. Each source of commands has a
+//! [`Client`] number from [`Controls::client`]. Whoever owns the session passes its telemetry to
+//! [`Controls::on_telemetry`] before anyone else sees it, so that no client knows of a state in
+//! which it would still be refused.
+//!
+//! What the controls cannot do: they move nothing by themselves, and they do not stop a program
+//! that gives the pilot orders of its own.
+
+pub mod arbiter;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use group::Limits;
+use kinematics::Twist;
+
+use self::arbiter::{Arbiter, Client, STALE_MS};
+use crate::monitor::telemetry::{EventKind, SessionState, Telemetry};
+use crate::pilot::{Order, Pilot};
+
+/// Where orders go.
+pub type OrderSink = Box<dyn Fn(Order) + Send + Sync>;
+
+/// Decides who drives, and tells the pilot.
+pub struct Controls {
+    arbiter: Mutex<Arbiter>,
+    order: OrderSink,
+    started: Instant,
+    next_client: AtomicU64,
+}
+
+impl Controls {
+    /// Controls whose orders go to `order`. No client drives yet.
+    #[must_use]
+    pub fn new(limits: &Limits, order: OrderSink) -> Self {
+        Self {
+            arbiter: Mutex::new(Arbiter::new(limits)),
+            order,
+            started: Instant::now(),
+            next_client: AtomicU64::new(1),
+        }
+    }
+
+    /// Controls of the group that `pilot` flies, for as long as it does.
+    #[must_use]
+    pub fn of(pilot: &Arc<Pilot>, limits: &Limits) -> Self {
+        let reach = Arc::downgrade(pilot);
+        Self::new(
+            limits,
+            Box::new(move |order| {
+                if let Some(pilot) = reach.upgrade() {
+                    pilot.order(order);
+                }
+            }),
+        )
+    }
+
+    /// A number for a new client.
+    pub fn client(&self) -> Client {
+        self.next_client.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// ms since these controls exist.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    /// Held until an order is out. A thread that panicked has not left it half changed.
+    fn arbiter(&self) -> MutexGuard<'_, Arbiter> {
+        self.arbiter.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Makes a client the driver, unless another one is.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn take(&self, client: Client) -> Result<(), String> {
+        self.arbiter().take(client)
+    }
+
+    /// Makes a client the driver, also where another one was but moves nothing at this time.
+    /// Returns that one, which is to be told.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn succeed(&self, client: Client) -> Result<Option<Client>, String> {
+        self.arbiter().succeed(self.now(), client)
+    }
+
+    /// Starts the robots for the driver; they stand until a velocity comes.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn start(&self, client: Client) -> Result<(), String> {
+        let mut arbiter = self.arbiter();
+        arbiter.start(self.now(), client)?;
+        (self.order)(Order::Start);
+        Ok(())
+    }
+
+    /// Ramps down and switches the drivers off. Any client may.
+    pub fn stop(&self) {
+        let mut arbiter = self.arbiter();
+        arbiter.stop();
+        (self.order)(Order::Stop);
+    }
+
+    /// A message of a dead-man's press; see [`Arbiter::press`].
+    ///
+    /// # Errors
+    /// With the reason why it was refused, which has ended the press.
+    pub fn press(
+        &self,
+        client: Client,
+        number: u32,
+        twist: Twist,
+        clock: u64,
+    ) -> Result<(), String> {
+        let now = self.now();
+        let mut arbiter = self.arbiter();
+        let pressed = arbiter.press(now, client, number, twist, clock);
+        if arbiter.drives(client) {
+            (self.order)(Order::Twist(arbiter.twist(now), STALE_MS * 1_000));
+        }
+        pressed
+    }
+
+    /// Moves the group with this velocity, for no longer than so many ms without another one.
+    ///
+    /// # Errors
+    /// With the reason why it was refused; then the group stands, if this client drove it.
+    pub fn stream(&self, client: Client, twist: Twist, good_ms: u64) -> Result<(), String> {
+        let mut arbiter = self.arbiter();
+        let permitted = arbiter.stream(self.now(), client, twist, good_ms);
+        match &permitted {
+            Ok(()) => (self.order)(Order::Twist(twist, good_ms * 1_000)),
+            Err(_) if arbiter.drives(client) => (self.order)(Order::Twist(Twist::ZERO, 0)),
+            Err(_) => {}
+        }
+        permitted
+    }
+
+    /// The client moves the group no longer; it stays the driver, and the robots started.
+    pub fn release(&self, client: Client) {
+        let mut arbiter = self.arbiter();
+        if arbiter.drives(client) {
+            arbiter.release(client);
+            (self.order)(Order::Twist(Twist::ZERO, 0));
+        }
+    }
+
+    /// A client has gone, or leaves the controls. When it was the driver, the robots are stopped.
+    pub fn gone(&self, client: Client) {
+        let mut arbiter = self.arbiter();
+        if arbiter.drives(client) {
+            arbiter.gone(client);
+            (self.order)(Order::Twist(Twist::ZERO, 0));
+            (self.order)(Order::Stop);
+        }
+    }
+
+    /// Whether this client drives.
+    #[must_use]
+    pub fn drives(&self, client: Client) -> bool {
+        self.arbiter().drives(client)
+    }
+
+    /// Whether a client drives.
+    #[must_use]
+    pub fn has_driver(&self) -> bool {
+        self.arbiter().has_driver()
+    }
+
+    /// Takes in what the robots do, and switches them off when they have not been moved for long.
+    pub fn on_telemetry(&self, item: &Telemetry) {
+        let mut arbiter = self.arbiter();
+        match item {
+            Telemetry::Snapshot(snapshot) => {
+                let running = snapshot.phase == SessionState::Running;
+                arbiter.set_running(running);
+                if running && !arbiter.is_wanted(self.now()) {
+                    (self.order)(Order::Stop);
+                }
+            }
+            Telemetry::Event(event) if matches!(event.what, EventKind::Failed(_)) => arbiter.stop(),
+            Telemetry::Event(_) | Telemetry::Frame(_) => {}
+        }
+    }
+}
