@@ -6,6 +6,7 @@
 use std::sync::Once;
 
 use plotters::prelude::*;
+#[cfg(not(target_arch = "wasm32"))]
 use plotters::style::{FontStyle, register_font};
 
 use crate::{Chart, ChartError, SCALE};
@@ -19,7 +20,9 @@ const BLOCK: u32 = SCALE / ZOOM;
 pub(crate) fn prepare_font() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        // A font that cannot be read shows as an error of the first chart.
+        // A font that cannot be read shows as an error of the first chart. The library has no fonts
+        // of its own in a browser.
+        #[cfg(not(target_arch = "wasm32"))]
         let _ = register_font(
             "sans-serif",
             FontStyle::Normal,

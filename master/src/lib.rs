@@ -18,7 +18,7 @@
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
-#[cfg(all(feature = "page", feature = "recording"))]
+#[cfg(all(feature = "server", feature = "recording"))]
 pub mod bridge;
 pub mod bus;
 pub mod commission;
@@ -32,7 +32,6 @@ pub mod pilot;
 pub mod recording;
 pub mod report;
 pub mod run;
-#[cfg(feature = "page")]
 pub mod serve;
 pub mod session;
 #[cfg(feature = "simulation")]

@@ -150,6 +150,13 @@ impl Drop for Pilot {
     }
 }
 
+/// A pilot without a thread: what it has been told. Callers give it the orders, and a group that
+/// was only observed so far.
+#[derive(Default)]
+pub struct Flight {
+    stick: Stick,
+}
+
 /// The velocity in force, and until when on the link's clock.
 #[derive(Default)]
 struct Stick {
@@ -158,7 +165,7 @@ struct Stick {
 }
 
 fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), MasterError> {
-    let mut stick = Stick::default();
+    let mut flight = Flight::default();
     loop {
         let order = match orders.try_recv() {
             Ok(order) => Some(order),
@@ -170,24 +177,38 @@ fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), Ma
                 return Ok(());
             }
         };
+        flight.step(group, order)?;
+    }
+}
+
+impl Flight {
+    /// Executes an order, or without one lets time pass until the next SYNC, or [`IDLE_US`] while
+    /// nothing runs.
+    ///
+    /// # Errors
+    /// When the bus fails.
+    pub fn step<L: Link>(
+        &mut self,
+        group: &mut Group<L>,
+        order: Option<Order>,
+    ) -> Result<(), MasterError> {
         match (order, group.phase()) {
             (Some(Order::Start), SessionState::Idle) => {
-                stick = Stick::default();
+                self.stick = Stick::default();
                 if let Err(error) = group.claim().and_then(|()| group.start()) {
                     survive(group, error)?;
                 }
             }
             (Some(Order::Stop), SessionState::Running) => group.stop()?,
             (Some(Order::Twist(twist, valid_us)), SessionState::Running) => {
-                stick = Stick {
+                self.stick = Stick {
                     twist: within(twist, group.config()),
                     until_us: group.next_sync().0 + valid_us,
                 };
-                continue;
             }
             (Some(_), _) => {}
             (None, SessionState::Running) => {
-                let Stick { twist, until_us } = stick;
+                let Stick { twist, until_us } = self.stick;
                 let cycled = group.cycle_with(&mut |sync| {
                     if sync.0 < until_us {
                         twist
@@ -207,6 +228,7 @@ fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), Ma
                 }
             }
         }
+        Ok(())
     }
 }
 

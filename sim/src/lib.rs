@@ -34,15 +34,18 @@ pub mod bus;
 pub mod configure;
 mod digest;
 pub mod encoder;
+#[cfg(feature = "host")]
 pub mod endpoint;
 mod error;
 pub mod fault;
 mod gyro;
 pub mod motor;
+#[cfg(feature = "host")]
 pub mod paper;
 pub mod plant;
 mod random;
 pub mod robot;
+#[cfg(feature = "host")]
 pub mod scale;
 pub mod study;
 pub mod test_master;

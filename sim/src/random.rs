@@ -26,8 +26,8 @@ impl Random {
     /// Normally distributed about 0 with deviation 1 (Box and Muller).
     pub fn normal(&mut self) -> f64 {
         // 1 - unit is above 0, so its logarithm is a number.
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
+        let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
+        radius * libm::cos(std::f64::consts::TAU * self.unit())
     }
 }
 

@@ -182,6 +182,7 @@ impl World {
             .collect();
         set_inertia(&mut units, plant.wheel_inertia());
         let threads = match options.threads {
+            _ if cfg!(not(feature = "host")) => 1,
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         };

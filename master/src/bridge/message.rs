@@ -5,8 +5,9 @@ use kinematics::Twist;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
+use crate::monitor::telemetry::level;
 use crate::monitor::telemetry::{Event, SessionState, Snapshot};
-use crate::recording::messages::{level, of_group, of_robot};
+use crate::recording::messages::{of_group, of_robot};
 
 /// Longest line that is taken, in bytes.
 pub const LONGEST: usize = 1024;

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use omnibus::pilot::Order;
+use omnibus::controls::Controls;
 use omnibus::serve::http::Names;
-use omnibus::serve::page_state::{Access, PageState, operate};
-use omnibus::serve::server;
+use omnibus::serve::page_state::{PageState, operate};
+use omnibus::serve::server::{self, Access};
 use serde_json::json;
 
 use super::{Target, print_line};
@@ -104,17 +104,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         token: token.clone(),
         closed: !address.ip().is_loopback(),
     };
-    let reach = Arc::downgrade(&pilot);
-    let order: Box<dyn Fn(Order) + Send + Sync> = Box::new(move |order| {
-        // A pilot that has ended ends the server, too.
-        if let Some(pilot) = reach.upgrade() {
-            pilot.order(order);
-        }
-    });
-    let order = (!arguments.watch).then_some(order);
     let bus = target.bus.to_string();
-    let page = Arc::new(PageState::new(&group, &bus, access, order));
-    server::serve(listener, Arc::clone(&page));
+    let controls = if arguments.watch {
+        Controls::new(&group.limits, Box::new(|_| {}))
+    } else {
+        Controls::of(&pilot, &group.limits)
+    };
+    let page = Arc::new(PageState::new(&group, &bus, controls, !arguments.watch));
+    server::serve(listener, Arc::clone(&page), access);
     greet(arguments, address, &token)?;
     Ok(operate(pilot, &page, &abort)?)
 }

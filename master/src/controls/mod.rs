@@ -28,6 +28,9 @@ use self::arbiter::{Arbiter, Client, STALE_MS};
 use crate::monitor::telemetry::{EventKind, SessionState, Telemetry};
 use crate::pilot::{Order, Pilot};
 
+/// How long the controls exist, in ms.
+pub type Clock = Box<dyn Fn() -> u64 + Send + Sync>;
+
 /// Where orders go.
 pub type OrderSink = Box<dyn Fn(Order) + Send + Sync>;
 
@@ -35,7 +38,7 @@ pub type OrderSink = Box<dyn Fn(Order) + Send + Sync>;
 pub struct Controls {
     arbiter: Mutex<Arbiter>,
     order: OrderSink,
-    started: Instant,
+    clock: Clock,
     next_client: AtomicU64,
 }
 
@@ -43,10 +46,18 @@ impl Controls {
     /// Controls whose orders go to `order`. No client drives yet.
     #[must_use]
     pub fn new(limits: &Limits, order: OrderSink) -> Self {
+        let started = Instant::now();
+        let clock = move || u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
+        Self::with_clock(limits, order, Box::new(clock))
+    }
+
+    /// The same on a clock of the caller's: virtual time, for one.
+    #[must_use]
+    pub fn with_clock(limits: &Limits, order: OrderSink, clock: Clock) -> Self {
         Self {
             arbiter: Mutex::new(Arbiter::new(limits)),
             order,
-            started: Instant::now(),
+            clock,
             next_client: AtomicU64::new(1),
         }
     }
@@ -73,7 +84,7 @@ impl Controls {
     /// ms since these controls exist.
     #[must_use]
     pub fn now(&self) -> u64 {
-        u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX)
+        (self.clock)()
     }
 
     /// Held until an order is out. A thread that panicked has not left it half changed.

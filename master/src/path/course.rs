@@ -214,7 +214,7 @@ impl Trajectory<f64> for Placed {
             return (pose, twist);
         };
         let first = scaled(self.path.at(0.0).0);
-        let (sin, cos) = from.heading.sin_cos();
+        let (sin, cos) = libm::sincos(from.heading);
         let (x, y) = (pose.x - first.x, pose.y - first.y);
         let placed = Pose::new(
             from.x + cos * x - sin * y,
@@ -312,7 +312,7 @@ impl Trajectory<f64> for Facing {
         let along = self.path.acceleration(time);
         let square = twist.vx * twist.vx + twist.vy * twist.vy;
         let omega = (twist.vx * along.ay - twist.vy * along.ax) / square;
-        let heading = twist.vy.atan2(twist.vx) + self.offset;
+        let heading = libm::atan2(twist.vy, twist.vx) + self.offset;
         (
             Pose::new(pose.x, pose.y, heading),
             Twist::new(twist.vx, twist.vy, omega),

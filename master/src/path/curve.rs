@@ -164,7 +164,7 @@ struct ThereAndBack {
 impl Trajectory<f64> for ThereAndBack {
     fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
         let rate = std::f64::consts::TAU / self.duration;
-        let (sin, cos) = (rate * time).sin_cos();
+        let (sin, cos) = libm::sincos(rate * time);
         (
             Pose::new(0.5 * self.distance * (1.0 - cos), 0.0, 0.0),
             Twist::translation(0.5 * self.distance * rate * sin, 0.0),

@@ -42,8 +42,8 @@ pub fn lost(file: &GroupFile, twist: Twist) -> Twist {
             f64::from(geometry.half_track()),
             f64::from(geometry.half_wheelbase()),
         );
-        let (along_x, along_y) = f64::from(geometry.roller_angle()).sin_cos();
-        let (sin, cos) = f64::from(robot.mount.heading).sin_cos();
+        let (along_x, along_y) = libm::sincos(f64::from(geometry.roller_angle()));
+        let (sin, cos) = libm::sincos(f64::from(robot.mount.heading));
         let (mount_x, mount_y) = (f64::from(robot.mount.x), f64::from(robot.mount.y));
         for (ahead, left, hand) in CORNERS {
             let (ahead, left) = (ahead * half_wheelbase, left * half_track);

@@ -15,45 +15,7 @@ use super::{
     CAN, EVENTS, FrameRecord, GROUP, PoseRecord, ROBOT, TRANSFORMS, frame_name, schema, to_hex,
 };
 use crate::monitor::listener::Listener;
-use crate::monitor::telemetry::{Event, EventKind, MemberSample, Snapshot};
-
-/// How grave an event is: the numbers of `foxglove.Log`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// Something changed.
-    Info = 2,
-    /// The group goes on, but not as asked.
-    Warning = 3,
-    /// The group cannot go on.
-    Error = 4,
-}
-
-impl Level {
-    /// One word for people and for JSON.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Info => "info",
-            Self::Warning => "warning",
-            Self::Error => "error",
-        }
-    }
-}
-
-/// How grave something is that happened.
-#[must_use]
-pub const fn level(what: &EventKind) -> Level {
-    match what {
-        EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => Level::Error,
-        EventKind::Emergency(code) if *code != 0 => Level::Error,
-        EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => Level::Warning,
-        EventKind::Emergency(_)
-        | EventKind::Code(Code::None)
-        | EventKind::SessionState(_)
-        | EventKind::Nmt(_)
-        | EventKind::State(_) => Level::Info,
-    }
-}
+use crate::monitor::telemetry::{Event, MemberSample, Snapshot, level};
 
 /// Name and JSON Schema of a channel's messages.
 #[derive(Clone, Copy)]

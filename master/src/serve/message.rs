@@ -3,8 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::monitor::telemetry::{Event, MemberSample, Snapshot};
-use crate::recording::messages::level;
+use crate::monitor::telemetry::{Event, MemberSample, Snapshot, level};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use protocol::Code;

@@ -18,7 +18,9 @@
 //! There is no encryption. The token keeps out clients that cannot read the traffic; across a
 //! network that others can read, go through an SSH tunnel to the loopback address.
 
+#[cfg(feature = "server")]
 pub mod http;
 pub mod message;
 pub mod page_state;
+#[cfg(feature = "server")]
 pub mod server;

@@ -1,7 +1,6 @@
 //! What all connections share: the newest state, the last events, and the controls.
 
 use std::collections::VecDeque;
-use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -9,11 +8,10 @@ use group::GroupFile;
 use kinematics::Twist;
 use serde_json::Value;
 
-use super::http::Names;
 use super::message::{self, ClientMessage};
 use crate::abort::Abort;
+use crate::controls::Controls;
 use crate::controls::arbiter::Client;
-use crate::controls::{Controls, OrderSink};
 use crate::monitor::listener::Reckoning;
 use crate::monitor::telemetry::{Event, SessionState, Snapshot, Telemetry};
 use crate::pilot::Pilot;
@@ -23,17 +21,6 @@ use crate::run::DriveError;
 const STATE_MS: u64 = 50;
 /// Events kept for pages that come later.
 const EVENT_HISTORY: usize = 60;
-
-/// Who may do what.
-#[derive(Clone, Debug)]
-pub struct Access {
-    /// Names of this server.
-    pub names: Names,
-    /// What a page has to show before it may drive.
-    pub token: String,
-    /// Whether a page has to show it before it may see anything.
-    pub closed: bool,
-}
 
 #[derive(Default)]
 struct Published {
@@ -49,15 +36,11 @@ struct Published {
 
 /// What all connections to the page share.
 pub struct PageState {
-    /// Who may do what.
-    pub access: Access,
     welcome: Value,
     controls: Controls,
     /// Whether pages may drive here.
     open: bool,
     published: Mutex<Published>,
-    /// Connections that are open.
-    pub connections: AtomicUsize,
 }
 
 /// What a connection has seen already.
@@ -75,17 +58,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl PageState {
-    /// A page for a group on a bus. `order` reaches the pilot; without one the page only watches.
+    /// A page for a group on a bus; one that is not `open` only watches.
     #[must_use]
-    pub fn new(group: &GroupFile, bus: &str, access: Access, order: Option<OrderSink>) -> Self {
-        let open = order.is_some();
+    pub fn new(group: &GroupFile, bus: &str, controls: Controls, open: bool) -> Self {
         Self {
-            access,
             welcome: message::welcome(group, bus, open),
-            controls: Controls::new(&group.limits, order.unwrap_or_else(|| Box::new(|_| {}))),
+            controls,
             open,
             published: Mutex::default(),
-            connections: AtomicUsize::new(0),
         }
     }
 
@@ -167,6 +147,22 @@ impl PageState {
         news
     }
 
+    /// Takes in what the pilot has seen.
+    pub fn on_telemetry(&self, item: Telemetry, reckoning: &mut Reckoning) {
+        // First of all, so that no page sees a state in which it would still be refused.
+        self.controls.on_telemetry(&item);
+        match item {
+            Telemetry::Snapshot(snapshot) => {
+                let target = snapshot.target.or(reckoning.advance(&snapshot));
+                let mut snapshot = Arc::unwrap_or_clone(snapshot);
+                snapshot.target = target;
+                self.publish(Arc::new(snapshot));
+            }
+            Telemetry::Event(event) => self.on_event(&event),
+            Telemetry::Frame(_) => {}
+        }
+    }
+
     fn publish(&self, snapshot: Arc<Snapshot>) {
         let now = self.controls.now();
         let running = snapshot.phase == SessionState::Running;
@@ -199,20 +195,8 @@ pub fn operate(pilot: Arc<Pilot>, page: &PageState, abort: &Abort) -> Result<(),
     let stream = pilot.telemetry();
     let mut reckoning = Reckoning::default();
     while !abort.is_asked() && !pilot.is_over() {
-        let Some(item) = stream.next_within(Duration::from_millis(STATE_MS)) else {
-            continue;
-        };
-        // First of all, so that no page sees a state in which it would still be refused.
-        page.controls.on_telemetry(&item);
-        match item {
-            Telemetry::Snapshot(snapshot) => {
-                let target = snapshot.target.or(reckoning.advance(&snapshot));
-                let mut snapshot = Arc::unwrap_or_clone(snapshot);
-                snapshot.target = target;
-                page.publish(Arc::new(snapshot));
-            }
-            Telemetry::Event(event) => page.on_event(&event),
-            Telemetry::Frame(_) => {}
+        if let Some(item) = stream.next_within(Duration::from_millis(STATE_MS)) {
+            page.on_telemetry(item, &mut reckoning);
         }
     }
     Pilot::finish_shared(pilot)

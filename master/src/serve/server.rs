@@ -6,13 +6,13 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-use super::http::{self, LONGEST_HEAD, Wish};
+use super::http::{self, LONGEST_HEAD, Names, Wish};
 use super::message::{self, ClientMessage, LONGEST};
 use super::page_state::{Cursor, PageState};
 use crate::controls::arbiter::Client;
@@ -30,8 +30,32 @@ const WRONG_TOKEN: Duration = Duration::from_millis(500);
 /// Wrong tokens on one connection.
 const MOST_WRONG: u32 = 3;
 
+/// Who may do what.
+#[derive(Clone, Debug)]
+pub struct Access {
+    /// Names of this server.
+    pub names: Names,
+    /// What a page has to show before it may drive.
+    pub token: String,
+    /// Whether a page has to show it before it may see anything.
+    pub closed: bool,
+}
+
+/// What all connections share.
+struct Shared {
+    page: Arc<PageState>,
+    access: Access,
+    /// Connections that are open.
+    connections: AtomicUsize,
+}
+
 /// Accepts connections from now on, in threads of its own, as long as the program runs.
-pub fn serve(listener: TcpListener, page: Arc<PageState>) {
+pub fn serve(listener: TcpListener, page: Arc<PageState>, access: Access) {
+    let shared = Arc::new(Shared {
+        page,
+        access,
+        connections: AtomicUsize::new(0),
+    });
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let Ok(stream) = stream else {
@@ -39,24 +63,24 @@ pub fn serve(listener: TcpListener, page: Arc<PageState>) {
                 std::thread::sleep(Duration::from_millis(50));
                 continue;
             };
-            let page = Arc::clone(&page);
-            if page.connections.fetch_add(1, Ordering::Relaxed) >= MOST {
-                page.connections.fetch_sub(1, Ordering::Relaxed);
+            let shared = Arc::clone(&shared);
+            if shared.connections.fetch_add(1, Ordering::Relaxed) >= MOST {
+                shared.connections.fetch_sub(1, Ordering::Relaxed);
                 continue;
             }
             std::thread::spawn(move || {
                 // The connection has failed, so an error cannot be reported to the client.
-                let _ = connection(stream, &page);
-                page.connections.fetch_sub(1, Ordering::Relaxed);
+                let _ = connection(stream, &shared);
+                shared.connections.fetch_sub(1, Ordering::Relaxed);
             });
         }
     });
 }
 
-fn connection(mut stream: TcpStream, page: &PageState) -> io::Result<()> {
+fn connection(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(WRITE_PATIENCE))?;
-    match request(&mut stream, page)? {
+    match request(&mut stream, &shared.access.names)? {
         Wish::File(kind, text) => stream.write_all(http::answer("200 OK", kind, text).as_bytes()),
         Wish::Refused(status, reason) => {
             let answer = http::answer(status, "text/plain; charset=utf-8", &format!("{reason}\n"));
@@ -70,19 +94,19 @@ fn connection(mut stream: TcpStream, page: &PageState) -> io::Result<()> {
                 .max_frame_size(Some(LONGEST))
                 .read_buffer_size(4 * LONGEST);
             let socket = WebSocket::from_raw_socket(stream, Role::Server, Some(config));
-            let client = page.client();
-            let ended = talk(socket, client, page);
-            page.gone(client);
+            let client = shared.page.client();
+            let ended = talk(socket, client, shared);
+            shared.page.gone(client);
             ended.map_err(io::Error::other)
         }
     }
 }
 
-fn request(stream: &mut TcpStream, page: &PageState) -> io::Result<Wish> {
+fn request(stream: &mut TcpStream, names: &Names) -> io::Result<Wish> {
     let until = Instant::now() + HEAD_PATIENCE;
     let mut head = Vec::new();
     loop {
-        if let Some(wish) = http::read(&head, &page.access.names) {
+        if let Some(wish) = http::read(&head, names) {
             return Ok(wish);
         }
         let left = until.saturating_duration_since(Instant::now());
@@ -108,7 +132,8 @@ fn same(a: &str, b: &str) -> bool {
     a.len() == b.len() && std::hint::black_box(differ) == 0
 }
 
-fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> Result<(), Error> {
+fn talk(mut socket: WebSocket<TcpStream>, client: Client, shared: &Shared) -> Result<(), Error> {
+    let Shared { page, access, .. } = shared;
     let mut trusted = false;
     let mut wrong = 0;
     let mut cursor = Cursor::default();
@@ -116,7 +141,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
         let refusal = match socket.read() {
             Ok(Message::Text(text)) => match ClientMessage::parse(text.as_str()) {
                 Ok(ClientMessage::Hello { token }) => {
-                    trusted = same(&token, &page.access.token);
+                    trusted = same(&token, &access.token);
                     if trusted {
                         socket.send(Message::text(r#"{"type":"trusted"}"#))?;
                         None
@@ -127,7 +152,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
                         Some("wrong token".into())
                     }
                 }
-                Ok(_) if page.access.closed && !trusted => Some("send the token first".into()),
+                Ok(_) if access.closed && !trusted => Some("send the token first".into()),
                 Ok(message) => page.handle(client, trusted, &message),
                 Err(reason) => {
                     page.confused(client);
@@ -153,7 +178,7 @@ fn talk(mut socket: WebSocket<TcpStream>, client: Client, page: &PageState) -> R
                 return socket.close(None);
             }
         }
-        if trusted || !page.access.closed {
+        if trusted || !access.closed {
             for news in page.news(client, &mut cursor) {
                 socket.send(Message::text(news.to_string()))?;
             }

@@ -175,7 +175,7 @@ impl Wires {
 
     /// Time from one strike to the next: exponentially distributed.
     fn pause_ns(&mut self) -> f64 {
-        -(1.0 - self.random.unit()).ln() / self.noise_hz * 1e9
+        -libm::log(1.0 - self.random.unit()) / self.noise_hz * 1e9
     }
 
     fn strike(&mut self, now_ns: u64, out: &mut Vec<Edge>) {

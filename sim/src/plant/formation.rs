@@ -102,14 +102,14 @@ impl Formation {
             );
             let (u, v) = (pose.x - centre.0, pose.y - centre.1);
             let own = pose.heading - member.place.heading;
-            sine += x * v - y * u + member.spread * own.sin();
-            cosine += x * u + y * v + member.spread * own.cos();
+            sine += x * v - y * u + member.spread * libm::sin(own);
+            cosine += x * u + y * v + member.spread * libm::cos(own);
         }
-        let correction = (sine.atan2(cosine) - guess + std::f64::consts::PI)
+        let correction = (libm::atan2(sine, cosine) - guess + std::f64::consts::PI)
             .rem_euclid(std::f64::consts::TAU)
             - std::f64::consts::PI;
         let heading = guess + correction;
-        let (sin, cos) = heading.sin_cos();
+        let (sin, cos) = libm::sincos(heading);
         Pose {
             x: centre.0 - cos * self.centre.0 + sin * self.centre.1,
             y: centre.1 - sin * self.centre.0 - cos * self.centre.1,
@@ -122,7 +122,7 @@ impl Formation {
     pub fn shape_error_mm(&self, group: Pose<f64>, poses: &[Pose<f64>]) -> f64 {
         self.places(group)
             .zip(poses)
-            .map(|(place, pose)| (pose.x - place.x).hypot(pose.y - place.y) * 1e3)
+            .map(|(place, pose)| libm::hypot(pose.x - place.x, pose.y - place.y) * 1e3)
             .fold(0.0, f64::max)
     }
 }
@@ -137,7 +137,7 @@ pub fn advance(pose: Pose<f64>, twist: Twist<f64>, dt: f64) -> Pose<f64> {
     let chord = if half.abs() < 1e-4 {
         1.0 - half * half / 6.0
     } else {
-        half.sin() / half
+        libm::sin(half) / half
     };
     let moved = twist.to_world(pose.heading + half);
     Pose {

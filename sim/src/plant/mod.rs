@@ -11,6 +11,7 @@
 //!   disagree.
 
 pub mod contact;
+#[cfg(feature = "host")]
 pub mod external;
 pub mod formation;
 pub mod table;
@@ -79,9 +80,14 @@ pub trait Plant: Send {
 pub fn build(group: &GroupFile, start: Pose<f64>) -> Result<Box<dyn Plant>, SimError> {
     match &group.simulation.plant {
         Kind::Table(tables) => Ok(Box::new(table::TablePlant::new(group, *tables, start)?)),
+        #[cfg(feature = "host")]
         Kind::External { address } => Ok(Box::new(external::ExternalPlant::connect(
             group, address, start,
         )?)),
+        #[cfg(not(feature = "host"))]
+        Kind::External { .. } => Err(SimError::Plant {
+            problem: "a plant outside needs a network, which this build does without".to_owned(),
+        }),
         Kind::Contact { rollers } => {
             let contact = contact::Contact::of(group, *rollers);
             Ok(Box::new(contact::ContactPlant::new(group, contact, start)?))

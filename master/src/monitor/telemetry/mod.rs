@@ -241,3 +241,41 @@ impl std::fmt::Display for EventKind {
         }
     }
 }
+
+/// How grave an event is: the numbers of `foxglove.Log`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Something changed.
+    Info = 2,
+    /// The group goes on, but not as asked.
+    Warning = 3,
+    /// The group cannot go on.
+    Error = 4,
+}
+
+impl Level {
+    /// One word for people and for JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Info => "info",
+            Self::Warning => "warning",
+            Self::Error => "error",
+        }
+    }
+}
+
+/// How grave something is that happened.
+#[must_use]
+pub const fn level(what: &EventKind) -> Level {
+    match what {
+        EventKind::Code(Code::Fault(_)) | EventKind::Failed(_) => Level::Error,
+        EventKind::Emergency(code) if *code != 0 => Level::Error,
+        EventKind::Code(Code::Limit(_)) | EventKind::Late(_) => Level::Warning,
+        EventKind::Emergency(_)
+        | EventKind::Code(Code::None)
+        | EventKind::SessionState(_)
+        | EventKind::Nmt(_)
+        | EventKind::State(_) => Level::Info,
+    }
+}

@@ -112,7 +112,7 @@ impl Body {
 
     /// Advances by `dt` in which the wheels turned by `turned` from `angles`.
     pub fn step(&mut self, dt: f64, angles: &[[f64; 4]], turned: &[[f64; 4]]) {
-        let (sin, cos) = (self.pose.heading + 0.5 * dt * self.velocity[2]).sin_cos();
+        let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
         self.pushes.clear();
         for wheel in &mut self.wheels {
             let moved = turned[wheel.robot][wheel.index];

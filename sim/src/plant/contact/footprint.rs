@@ -40,14 +40,14 @@ impl Footprint {
     /// A wheel whose radius is less by the part `settling` under load.
     pub fn new(rollers: u8, phase: f64, settling: f64) -> Self {
         let pitch = TAU / f64::from(rollers);
-        let (sin, cos) = (0.5 * pitch).sin_cos();
+        let (sin, cos) = libm::sincos(0.5 * pitch);
         Self {
             rollers: rollers.into(),
             pitch,
             phase,
             // A wheel on three rollers would have no wheel under it.
-            half: (1.0 - settling).acos().min(0.5 * pitch),
-            turn: pitch.sin_cos(),
+            half: libm::acos(1.0 - settling).min(0.5 * pitch),
+            turn: libm::sincos(pitch),
             end: (sin / cos, 1.0 / cos),
         }
     }
@@ -60,7 +60,7 @@ impl Footprint {
         let place = (angle + self.phase) / self.pitch + 0.5;
         let number = place.floor();
         let phi = (place - number - 0.5) * self.pitch;
-        let (sin, cos) = phi.sin_cos();
+        let (sin, cos) = libm::sincos(phi);
         let secant = 1.0 / cos;
         let beyond = self.share_beyond(0.5 * self.pitch - phi.abs());
         let first = Foot {

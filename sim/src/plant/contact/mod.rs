@@ -277,5 +277,5 @@ pub fn phases(group: &GroupFile, contact: &Contact) -> Vec<[f64; 4]> {
 #[must_use]
 pub fn mean_lateral_ratio(rollers: u8) -> f64 {
     let half = PI / f64::from(rollers);
-    half.sin() / half
+    libm::sin(half) / half
 }

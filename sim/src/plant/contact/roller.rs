@@ -62,7 +62,7 @@ impl Barrel {
         let step = half_pitch / f64::from(INTERVALS);
         let sum: f64 = (0..=INTERVALS)
             .map(|k| {
-                let secant = 1.0 / (f64::from(k) * step).cos();
+                let secant = 1.0 / libm::cos(f64::from(k) * step);
                 let weight = match k {
                     0 | INTERVALS => 1.0,
                     k if k % 2 == 1 => 4.0,
@@ -85,7 +85,7 @@ impl Rollers {
             axle: wheel * (1.0 - contact.roller_ratio),
         };
         let half_pitch = PI / f64::from(contact.rollers);
-        let sin_roller = geometry.roller_angle().sin();
+        let sin_roller = libm::sin(geometry.roller_angle());
         Self {
             shape,
             inertia: shape.inertia(contact.roller_density, sin_roller, half_pitch),
@@ -116,7 +116,7 @@ impl Rollers {
                 Some(left) if down => {
                     if self.inertia > 0.0 {
                         let slowing = drag * middle * middle / self.inertia;
-                        roller.rate *= (slowing * (left - self.now)).exp();
+                        roller.rate *= libm::exp(slowing * (left - self.now));
                     }
                     roller.left = None;
                 }
@@ -179,9 +179,9 @@ mod tests {
     fn on(roller: usize, phi: f64) -> Foot {
         Foot {
             roller,
-            tilt: phi.cos(),
-            tan: phi.tan(),
-            secant: 1.0 / phi.cos(),
+            tilt: libm::cos(phi),
+            tan: libm::tan(phi),
+            secant: 1.0 / libm::cos(phi),
             share: 1.0,
         }
     }

@@ -73,9 +73,9 @@ impl Wheel {
     /// yet.
     pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> [Self; 4] {
         let geometry: &FourWheelGeometry<f64> = &part.geometry;
-        let (sin, cos) = part.place.heading.sin_cos();
+        let (sin, cos) = libm::sincos(part.place.heading);
         let r = geometry.wheel_radius();
-        let (sin_roller, cos_roller) = geometry.roller_angle().sin_cos();
+        let (sin_roller, cos_roller) = libm::sincos(geometry.roller_angle());
         std::array::from_fn(|index| {
             let footprint = Footprint::new(contact.rollers, part.phases[index], contact.settling);
             let (ahead, left, hand) = CORNERS[index];
