@@ -4,7 +4,8 @@
 //! A [`Pilot`] opens the bus, observes it, and executes commands: start, move, stop. It is told a
 //! velocity together with how long that is good for; when nothing newer has come by then it
 //! commands standstill, and the robots ramp by their own limits. That is the dead-man's key: the
-//! source of commands must repeat them.
+//! source of commands must repeat them. A curve is good for so long, too, and goes on only as long
+//! as it is confirmed; a curve that has ended, or was not confirmed in time, does not come back.
 //!
 //! An error of the group (a fault, a missing member) ramps the group down, is published as
 //! [`EventKind::Failed`](crate::monitor::telemetry::EventKind::Failed), and leaves the pilot
@@ -17,7 +18,8 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use group::GroupFile;
+use canopen::Micros;
+use group::{GroupFile, Limits};
 use kinematics::Twist;
 
 use crate::abort::Abort;
@@ -25,6 +27,7 @@ use crate::bus::link::Link;
 use crate::controls::arbiter::slowed;
 use crate::error::MasterError;
 use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, SessionState, Subscription};
+use crate::path::curve::Plan;
 use crate::run::DriveError;
 use crate::session::{Group, check_twist};
 
@@ -34,7 +37,7 @@ const IDLE_US: u64 = 50_000;
 const ROWS: usize = 200;
 
 /// What a pilot can be told.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Order {
     /// Become the bus's master, configure the robots and start them.
     Start,
@@ -43,6 +46,10 @@ pub enum Order {
     /// Move with this velocity (group frame) for at most so many µs; beyond the limits of the group
     /// file it is scaled down in its direction. Without effect unless started.
     Twist(Twist, u64),
+    /// Drive this curve from where the group stands, for at most so many µs. The same curve again
+    /// (the same [`Arc`]) goes on with it for so many µs more. A curve beyond the limits of the
+    /// group file stops the group. Without effect unless started.
+    Curve(Arc<Plan>, u64),
 }
 
 /// A session in a thread of its own. Dropping it ramps the group down and waits for that.
@@ -154,14 +161,73 @@ impl Drop for Pilot {
 /// was only observed so far.
 #[derive(Default)]
 pub struct Flight {
-    stick: Stick,
+    asked: Asked,
 }
 
-/// The velocity in force, and until when on the link's clock.
+/// What the group is asked for, and until when on the link's clock.
 #[derive(Default)]
-struct Stick {
-    twist: Twist,
-    until_us: u64,
+struct Asked {
+    motion: Asks,
+    until: Micros,
+}
+
+#[derive(Default)]
+enum Asks {
+    #[default]
+    Rest,
+    Twist(Twist),
+    Curve {
+        plan: Arc<Plan>,
+        /// The SYNC it began with.
+        began: Micros,
+        /// It has ended, or was not confirmed in time.
+        over: bool,
+    },
+}
+
+impl Asked {
+    /// Takes a curve, or the confirmation of the one that is being driven.
+    fn take_curve(
+        &mut self,
+        asked: Arc<Plan>,
+        next_sync: Micros,
+        until: Micros,
+        limits: &Limits,
+    ) -> Result<(), MasterError> {
+        if let Asks::Curve { plan, over, .. } = &mut self.motion
+            && Arc::ptr_eq(plan, &asked)
+        {
+            *over |= next_sync > self.until;
+        } else {
+            asked.check(limits)?;
+            self.motion = Asks::Curve {
+                plan: asked,
+                began: next_sync,
+                over: false,
+            };
+        }
+        self.until = until;
+        Ok(())
+    }
+
+    /// Drives one SYNC period.
+    fn drive<L: Link>(&mut self, group: &mut Group<L>) -> Result<(), MasterError> {
+        if let Asks::Curve { plan, began, over } = &mut self.motion {
+            *over |= group.next_sync() > self.until;
+            if !*over {
+                let progress = group.period_of(plan, *began)?;
+                *over = progress.is_none();
+                group.set_curve(progress);
+                return Ok(());
+            }
+        }
+        group.set_curve(None);
+        let Self { motion, until } = self;
+        group.cycle_with(&mut |sync| match motion {
+            Asks::Twist(twist) if sync < *until => *twist,
+            _ => Twist::default(),
+        })
+    }
 }
 
 fn fly<L: Link>(group: &mut Group<L>, orders: &Receiver<Order>) -> Result<(), MasterError> {
@@ -194,34 +260,37 @@ impl Flight {
     ) -> Result<(), MasterError> {
         match (order, group.phase()) {
             (Some(Order::Start), SessionState::Idle) => {
-                self.stick = Stick::default();
+                self.asked = Asked::default();
                 if let Err(error) = group.claim().and_then(|()| group.start()) {
                     survive(group, error)?;
                 }
             }
-            (Some(Order::Stop), SessionState::Running) => group.stop()?,
+            (Some(Order::Stop), SessionState::Running) => {
+                group.set_curve(None);
+                group.stop()?;
+            }
             (Some(Order::Twist(twist, valid_us)), SessionState::Running) => {
-                self.stick = Stick {
-                    twist: within(twist, group.config()),
-                    until_us: group.next_sync().0 + valid_us,
+                self.asked = Asked {
+                    motion: Asks::Twist(within(twist, group.config())),
+                    until: Micros(group.next_sync().0 + valid_us),
                 };
+            }
+            (Some(Order::Curve(plan, valid_us)), SessionState::Running) => {
+                let next = group.next_sync();
+                let until = Micros(next.0 + valid_us);
+                let limits = &group.config().limits;
+                if let Err(error) = self.asked.take_curve(plan, next, until, limits) {
+                    survive(group, error)?;
+                }
             }
             (Some(_), _) => {}
             (None, SessionState::Running) => {
-                let Stick { twist, until_us } = self.stick;
-                let cycled = group.cycle_with(&mut |sync| {
-                    if sync.0 < until_us {
-                        twist
-                    } else {
-                        Twist::default()
-                    }
-                });
-                if let Err(error) = cycled {
+                if let Err(error) = self.asked.drive(group) {
                     survive(group, error)?;
                 }
             }
             (None, _) => {
-                let until = canopen::Micros(group.wire().now().0 + IDLE_US);
+                let until = Micros(group.wire().now().0 + IDLE_US);
                 group.listen(until)?;
                 if !group.foreign_master() {
                     group.publish_idle();
@@ -234,6 +303,7 @@ impl Flight {
 
 /// Tells subscribers what went wrong and stops the group; an error of the bus is passed on.
 fn survive<L: Link>(group: &mut Group<L>, error: MasterError) -> Result<(), MasterError> {
+    group.set_curve(None);
     group.fail(&error);
     if matches!(error, MasterError::Link(_)) {
         return Err(error);
@@ -256,7 +326,9 @@ fn within(twist: Twist, file: &GroupFile) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::monitor::telemetry::{EventKind, Snapshot, Telemetry};
+    use crate::monitor::telemetry::{EventKind, Progress, Snapshot, Telemetry};
+    use crate::path::course::Course;
+    use crate::path::curve::Curve;
     use crate::simulation::link::SimLink;
     use kinematics::Pose;
 
@@ -278,7 +350,7 @@ mod tests {
 
     fn snapshot_until(
         stream: &Subscription,
-        wanted: impl Fn(&Snapshot) -> bool,
+        mut wanted: impl FnMut(&Snapshot) -> bool,
     ) -> Option<Arc<Snapshot>> {
         for _ in 0..200_000 {
             match stream.next_within(Duration::from_secs(20))? {
@@ -310,6 +382,73 @@ mod tests {
         assert!(pilot.order(Order::Stop));
         assert!(snapshot_until(&stream, |s| s.phase == SessionState::Idle).is_some());
         pilot.finish().unwrap();
+    }
+
+    /// The largest speed asked for, and what else is in the snapshots until the curve is over.
+    fn driven(stream: &Subscription) -> (f32, Option<Progress>, Option<Pose>) {
+        let (mut fastest, mut last) = (0.0_f32, None);
+        let end = snapshot_until(stream, |s| {
+            fastest = fastest.max(s.command.vx.hypot(s.command.vy));
+            let over = last.is_some() && s.curve.is_none();
+            last = s.curve.or(last);
+            over && s
+                .measured
+                .is_some_and(|twist| twist.vx.hypot(twist.vy) < 1e-3)
+        });
+        (fastest, last, end.and_then(|s| s.pose))
+    }
+
+    #[test]
+    fn a_curve_is_driven_to_its_end_while_it_is_confirmed() {
+        let pilot = pilot();
+        let stream = pilot.telemetry();
+        pilot.order(Order::Start);
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Running).is_some());
+        let plan = Arc::new(Curve::Lateral.plan(false));
+        pilot.order(Order::Curve(Arc::clone(&plan), 3_000_000));
+        // Once more, and longer than the curve: it goes on and does not begin anew.
+        assert!(snapshot_until(&stream, |s| s.curve.is_some_and(|c| c.t > 1.0)).is_some());
+        pilot.order(Order::Curve(Arc::clone(&plan), 60_000_000));
+        let (fastest, last, end) = driven(&stream);
+        let last = last.unwrap();
+        assert!(last.t > plan.duration(), "{last:?}");
+        assert!((fastest - 0.5).abs() < 0.02, "{fastest}");
+        let way = plan.at(plan.duration()).0.y - plan.at(0.0).0.y;
+        let end = end.unwrap();
+        assert!((end.y - way).abs() < 0.02 * way, "{end:?} of {way}");
+        // It is over: the same one does not move anything again.
+        pilot.order(Order::Curve(plan, 60_000_000));
+        let from = snapshot_until(&stream, |_| true).unwrap().t;
+        let moved = snapshot_until(&stream, |s| s.command != Twist::ZERO || s.t > from + 1.0);
+        assert_eq!(moved.unwrap().command, Twist::ZERO);
+    }
+
+    #[test]
+    fn a_curve_that_is_not_confirmed_ends_in_a_ramp() {
+        let pilot = pilot();
+        let stream = pilot.telemetry();
+        pilot.order(Order::Start);
+        assert!(snapshot_until(&stream, |s| s.phase == SessionState::Running).is_some());
+        let plan = Arc::new(Curve::Forward.plan(false));
+        pilot.order(Order::Curve(Arc::clone(&plan), 2_500_000));
+        let (_, last, end) = driven(&stream);
+        assert!((last.unwrap().t - 2.5).abs() < 0.05, "{last:?}");
+        assert!(end.is_some());
+        // A confirmation that comes too late, and a curve that is too fast.
+        pilot.order(Order::Curve(plan, 2_500_000));
+        let from = snapshot_until(&stream, |_| true).unwrap().t;
+        let moved = snapshot_until(&stream, |s| s.command != Twist::ZERO || s.t > from + 1.0);
+        assert_eq!(moved.unwrap().command, Twist::ZERO);
+        let course = Course {
+            speed: 2.0,
+            ..Course::of(Curve::FigureEight)
+        };
+        pilot.order(Order::Curve(Arc::new(course.plan().unwrap()), 2_500_000));
+        let idle = snapshot_until(&stream, |s| {
+            assert_eq!(s.command, Twist::ZERO);
+            s.phase == SessionState::Idle
+        });
+        assert!(idle.is_some());
     }
 
     #[test]

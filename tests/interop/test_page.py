@@ -175,6 +175,47 @@ class Server(Served):
         second.start()
 
 
+    def curve(self, client, press, curve="circle", scale=0.2, **more):
+        message = {"clock": client.states[-1]["clock"], **more}
+        client.say(type="curve", press=press, curve=curve, scale=scale, **message)
+
+    def test_a_curve_is_refused_before_the_group_is_ready_or_by_what_it_needs(self):
+        client, other = self.client(self.token), self.client(self.token)
+        refusals = ["take control first", "start the robots first"]
+        self.curve(client, 1)
+        client.until("a refusal", lambda: len(client.refusals) == 1)
+        client.say(type="take")
+        self.curve(client, 2)
+        client.until("a refusal", lambda: len(client.refusals) == 2)
+        self.assertEqual(client.refusals, refusals)
+        client.start()
+        self.curve(other, 1)
+        other.until("a refusal", lambda: other.refusals == ["take control first"])
+        for press, change in enumerate([dict(curve="square"), dict(scale=0), dict(scale=2, curve="figure-eight")], 3):
+            self.curve(client, press, **change)
+            client.until("a refusal", lambda: len(client.refusals) == press)
+        self.assertIn("limits.linear_speed is 2 m/s", client.refusals[-1])
+        self.assertFalse(any(math.hypot(*s["command"]) for s in client.states))
+
+    def test_a_curve_that_is_not_repeated_ramps_down_and_anybody_stops_one(self):
+        driver, viewer = self.client(self.token), self.client()
+        driver.start()
+        for press in [1, 2]:
+            driver.until("the curve", lambda: self.curve(driver, press) or driver.states[-1]["curve"])
+            driver.until("motion", lambda: self.curve(driver, press) or self.moving(driver))
+            if press == 1:
+                sent = driver.states[-1]["t"]
+                viewer.until("standstill", lambda: viewer.states[-1]["t"] > sent + 1.0)
+                self.assertLessEqual(self.last_asked(viewer, sent), STALE + ON_THE_WAY)
+                self.assertIsNone(viewer.states[-1]["curve"])
+                # It does not come back.
+                self.curve(driver, press)
+                driver.hear(0.2)
+                self.assertFalse(self.moving(driver))
+        viewer.say(type="stop")
+        viewer.until("robots off", lambda: viewer.states[-1]["phase"] == "idle")
+
+
 class Watching(Served):
     OPTIONS = ["--watch"]
 
@@ -269,6 +310,79 @@ class Page(Served):
         tab.wait("state.command[0] > 0.4")
         tab.key("keyDown", " ", "Space")
         tab.wait("state.phase === 'idle'")
+
+    def choose(self, tab, curve, scale):
+        tab.run(f"document.getElementById('curve').value = '{curve}'; document.getElementById('scale').value = '{scale}'")
+        tab.click("begin")
+
+    def test_curves_start_from_the_page_and_end_where_they_say(self):
+        tab = self.started()
+        said = "document.getElementById('message').textContent"
+        names = tab.run("[...document.getElementById('curve').options].map((one) => one.value)")
+        self.assertIn("figure-eight", names)
+        self.choose(tab, "figure-eight", 3)
+        tab.wait(f"{said}.includes('choose a smaller scale')")
+        self.assertEqual(tab.run(asked), 0)
+        # The whole curve is 8 s at 0.5 m/s; ramps make it take longer, not go farther.
+        before = tab.run("state.pose ? state.pose[1] : 0")
+        self.choose(tab, "lateral", 0.1)
+        tab.wait("state.curve && state.command[1] > 0.04")
+        self.fits(tab)
+        tab.wait(f"{said}.includes('lateral: 3 of')")
+        tab.picture(PICTURES / "page-curve.png")
+        tab.wait(f"{said} === 'lateral: done' && {speed} < 1e-3")
+        way = tab.run("state.pose[1]") - before
+        self.assertAlmostEqual(way, 0.1 * 0.5 * 8, delta=0.01)
+        self.assertEqual(tab.run("state.phase"), "running")
+
+    def test_whatever_the_hand_does_ends_a_curve(self):
+        tab = self.started()
+        said = "document.getElementById('message').textContent"
+        x, y, _ = tab.middle("move")
+        for end in [
+            lambda: tab.click("begin"),
+            lambda: tab.key("keyDown", "i", "KeyI") or tab.key("keyUp", "i", "KeyI"),
+            lambda: tab.mouse("mousePressed", x, y) or tab.mouse("mouseReleased", x, y),
+            lambda: tab.run("window.dispatchEvent(new Event('blur'))"),
+        ]:
+            self.choose(tab, "circle", 0.5)
+            tab.wait(f"state.curve && {asked} > 0.05")
+            end()
+            tab.wait(f"{said}.startsWith('circle: ended after') && !state.curve && {asked} === 0 && {speed} < 1e-3")
+            self.assertEqual(tab.run("state.phase"), "running")
+        self.choose(tab, "circle", 0.5)
+        tab.wait(f"state.curve && {asked} > 0.05")
+        # Also while a field has the focus.
+        tab.run("document.getElementById('scale').focus()")
+        tab.key("keyDown", " ", "Space")
+        tab.wait(f"state.phase === 'idle' && {asked} === 0")
+
+    def test_the_plot_is_zoomed_over_time(self):
+        tab = self.started()
+        tab.key("keyDown", "i", "KeyI")
+        tab.wait(f"{speed} > 0.4")
+        tab.key("keyUp", "i", "KeyI")
+        tab.wait(f"{speed} < 1e-3")
+        x, y, width = tab.middle("plot")
+        tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-400)
+        # By e, about what is under the mouse: the middle of the minute.
+        tab.wait("Math.abs(view.seconds - 60 / Math.E) < 0.1")
+        ago = tab.run("view.ago")
+        self.assertAlmostEqual(ago, 30 * (1 - 1 / math.e), delta=0.5)
+        tab.mouse("mousePressed", x, y)
+        tab.mouse("mouseMoved", x - width / 2, y)
+        tab.mouse("mouseReleased", x - width / 2, y)
+        tab.wait(f"Math.abs(view.ago - ({ago} - view.seconds / 2)) < 0.2")
+        self.assertIn("ago", tab.run("document.getElementById('plot-title').textContent"))
+        tab.run("document.getElementById('plot').dispatchEvent(new MouseEvent('dblclick'))")
+        self.assertEqual(tab.run("[view.seconds, view.ago]"), [60, 0])
+        for _ in range(3):
+            tab.click("shorter")
+        self.assertEqual(tab.run("document.getElementById('plot-title').textContent"), "Speed, last 8 s")
+        tab.picture(PICTURES / "page-plot.png")
+        for _ in range(10):
+            tab.click("longer")
+        self.assertEqual(tab.run("document.getElementById('plot-title').textContent"), "Speed, last 10.0 min")
 
     def test_the_mouse_zooms_and_moves_the_map(self):
         tab = self.started()

@@ -5,7 +5,9 @@
 //! [`Arbiter::press`] is called, each time less than [`STALE_MS`] after the time before, each
 //! naming a state of the group that is younger than [`OLD_MS`] (so that messages which lay in a
 //! queue do nothing). A press that has ended, for whatever reason, never comes back: the page has
-//! to release and press again, which has a higher number. A refused press ends the press, too. The
+//! to release and press again, which has a higher number. A refused press ends the press, too. A
+//! press may ask for a curve instead of a velocity ([`Arbiter::press_curve`]): it follows the same
+//! rules, and the whole curve is checked against the group's limits before its first setpoint. The
 //! velocities of a *stream* each say themselves how long they are good for ([`Arbiter::stream`]).
 //!
 //! A driver keeps the controls until it leaves. Where several sources share one connection, such as
@@ -15,8 +17,17 @@
 //!
 //! Times are the caller's, in ms; nothing here asks a clock.
 
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+use clap::ValueEnum as _;
 use group::Limits;
 use kinematics::Twist;
+
+use crate::error::MasterError;
+use crate::path::course::Course;
+use crate::path::curve::{Curve, Plan};
+use crate::pilot::Order;
 
 /// A press without a message for this long is over, in ms.
 pub const STALE_MS: u64 = 250;
@@ -30,14 +41,24 @@ const ROUNDING: f32 = 1e-5;
 /// Someone who may drive: a connection, a keyboard, a publisher.
 pub type Client = u64;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Sizes of a curve that a press may ask for, as multiples of its own.
+const SCALES: RangeInclusive<f64> = 0.05..=10.0;
+
+/// What a press asks for.
+#[derive(Clone, Debug)]
+enum Motion {
+    Twist(Twist),
+    Curve(Arc<Plan>),
+}
+
+#[derive(Clone, Debug)]
 struct Press {
     number: u32,
     at: u64,
-    twist: Twist,
+    motion: Motion,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 struct Driver {
     client: Client,
     press: Option<Press>,
@@ -61,8 +82,7 @@ impl Driver {
 /// The rules, and what they have come to.
 #[derive(Clone, Debug)]
 pub struct Arbiter {
-    linear_speed: f32,
-    yaw_rate: f32,
+    limits: Limits,
     driver: Option<Driver>,
     /// Whether the robots shall be started.
     wanted: bool,
@@ -76,8 +96,7 @@ impl Arbiter {
     #[must_use]
     pub fn new(limits: &Limits) -> Self {
         Self {
-            linear_speed: limits.linear_speed,
-            yaw_rate: limits.yaw_rate,
+            limits: *limits,
             driver: None,
             wanted: false,
             running: false,
@@ -90,7 +109,7 @@ impl Arbiter {
     /// # Errors
     /// With the reason why not.
     pub fn take(&mut self, client: Client) -> Result<(), String> {
-        match self.driver {
+        match &self.driver {
             Some(driver) if driver.client != client => Err("another client drives".into()),
             Some(_) => Ok(()),
             None => {
@@ -107,12 +126,12 @@ impl Arbiter {
     /// With the reason why not.
     pub fn succeed(&mut self, now: u64, client: Client) -> Result<Option<Client>, String> {
         self.expire(now);
-        let displaced = match self.driver {
+        let displaced = match &self.driver {
             Some(driver) if driver.client == client => return Ok(None),
             Some(driver) if driver.press.is_some() || now < driver.good_until => {
                 return Err("another client drives".into());
             }
-            driver => driver.map(|driver| driver.client),
+            driver => driver.as_ref().map(|driver| driver.client),
         };
         self.driver = Some(Driver::new(client));
         Ok(displaced)
@@ -146,13 +165,45 @@ impl Arbiter {
         if !self.drives(client) {
             return Err("take control first".into());
         }
-        self.drive(now, number, twist, clock)
+        self.check_limits(twist)
+            .and_then(|()| self.ask(now, number, clock, |_| Ok(Motion::Twist(twist))))
             .inspect_err(|_| self.release(client))
     }
 
-    fn drive(&mut self, now: u64, number: u32, twist: Twist, clock: u64) -> Result<(), String> {
+    /// Takes a message of the driver's press that asks for a curve by its name, in a size that is a
+    /// multiple of its own. The first of a press begins it; the others confirm that it is to go on.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn press_curve(
+        &mut self,
+        now: u64,
+        client: Client,
+        number: u32,
+        (name, scale): (&str, f64),
+        clock: u64,
+    ) -> Result<(), String> {
+        if !self.drives(client) {
+            return Err("take control first".into());
+        }
+        let limits = self.limits;
+        let begin_or_go_on = |before: Option<&Motion>| match before {
+            Some(Motion::Curve(plan)) => Ok(Motion::Curve(Arc::clone(plan))),
+            _ => Ok(Motion::Curve(Arc::new(plan(name, scale, &limits)?))),
+        };
+        self.ask(now, number, clock, begin_or_go_on)
+            .inspect_err(|_| self.release(client))
+    }
+
+    /// Begins a press or goes on with it; `motion` is given what this press has asked for before.
+    fn ask(
+        &mut self,
+        now: u64,
+        number: u32,
+        clock: u64,
+        motion: impl FnOnce(Option<&Motion>) -> Result<Motion, String>,
+    ) -> Result<(), String> {
         self.expire(now);
-        self.check_limits(twist)?;
         if clock > now || now - clock > OLD_MS {
             return Err(format!("it refers to a state older than {OLD_MS} ms"));
         }
@@ -160,16 +211,17 @@ impl Arbiter {
         let Some(driver) = &mut self.driver else {
             return Err("take control first".into());
         };
-        match driver.press {
-            Some(press) if press.number == number => {}
-            // A press that is over stays over; what still comes of it is not even worth a word.
-            _ if number <= driver.highest => return Ok(()),
-            _ => driver.highest = number,
+        let before = driver.press.as_ref().filter(|press| press.number == number);
+        // A press that is over stays over; what still comes of it is not even worth a word.
+        if before.is_none() && number <= driver.highest {
+            return Ok(());
         }
+        let motion = motion(before.map(|press| &press.motion))?;
+        driver.highest = number;
         driver.press = Some(Press {
             number,
             at: now,
-            twist,
+            motion,
         });
         self.last_moved = now;
         Ok(())
@@ -201,7 +253,7 @@ impl Arbiter {
 
     fn check_limits(&self, twist: Twist) -> Result<(), String> {
         let speed = twist.vx.hypot(twist.vy);
-        let (fastest, turning) = (self.linear_speed, self.yaw_rate);
+        let (fastest, turning) = (self.limits.linear_speed, self.limits.yaw_rate);
         if speed.is_nan() || speed > fastest * (1.0 + ROUNDING) {
             return Err(format!(
                 "{speed} m/s is more than the group's {fastest} m/s"
@@ -231,6 +283,7 @@ impl Arbiter {
         if let Some(driver) = &mut self.driver
             && driver
                 .press
+                .as_ref()
                 .is_some_and(|press| now.saturating_sub(press.at) > STALE_MS)
         {
             driver.press = None;
@@ -273,7 +326,8 @@ impl Arbiter {
     /// Whether this client drives.
     #[must_use]
     pub fn drives(&self, client: Client) -> bool {
-        self.driver.is_some_and(|driver| driver.client == client)
+        let driver = self.driver.as_ref();
+        driver.is_some_and(|driver| driver.client == client)
     }
 
     /// Whether a client drives.
@@ -290,11 +344,51 @@ impl Arbiter {
         self.wanted
     }
 
-    /// The twist that is asked for at this time; zero without a press.
-    pub fn twist(&mut self, now: u64) -> Twist {
+    /// What the press asks for at this time, good for [`STALE_MS`]; standstill without one.
+    pub fn order(&mut self, now: u64) -> Order {
         self.expire(now);
-        let press = self.driver.and_then(|driver| driver.press);
-        press.map_or(Twist::ZERO, |press| press.twist)
+        let press = self
+            .driver
+            .as_ref()
+            .and_then(|driver| driver.press.as_ref());
+        let good_us = STALE_MS * 1_000;
+        match press.map(|press| &press.motion) {
+            Some(Motion::Twist(twist)) => Order::Twist(*twist, good_us),
+            Some(Motion::Curve(plan)) => Order::Curve(Arc::clone(plan), good_us),
+            None => Order::Twist(Twist::ZERO, good_us),
+        }
+    }
+}
+
+/// A curve in a size, within the limits of the group.
+fn plan(name: &str, scale: f64, limits: &Limits) -> Result<Plan, String> {
+    let Ok(curve) = Curve::from_str(name, false) else {
+        return Err(format!("there is no curve `{name}`"));
+    };
+    if !SCALES.contains(&scale) {
+        let (smallest, largest) = (SCALES.start(), SCALES.end());
+        return Err(format!(
+            "the scale {scale} is not between {smallest} and {largest}"
+        ));
+    }
+    let course = Course {
+        scale,
+        ..Course::of(curve)
+    };
+    let plan = course.plan().map_err(|error| error.to_string())?;
+    match plan.check(limits) {
+        Ok(()) => Ok(plan),
+        Err(MasterError::TooFast {
+            asked,
+            unit,
+            limit_name,
+            limit,
+            ..
+        }) => Err(format!(
+            "{name} at scale {scale} needs {asked:.2} {unit}, and {limit_name} is {limit} {unit}; \
+             choose a smaller scale or another curve"
+        )),
+        Err(error) => Err(error.to_string()),
     }
 }
 
@@ -315,139 +409,4 @@ pub fn slowed(twist: Twist, limits: &Limits) -> Option<(Twist, f32)> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const LIMITS: Limits = Limits {
-        linear_speed: 2.0,
-        yaw_rate: 1.0,
-        linear_acceleration: 1.0,
-        yaw_acceleration: 1.0,
-        linear_jerk: 1.0,
-        yaw_jerk: 1.0,
-        command_timeout_us: 100_000,
-        sync_timeout_us: 0,
-    };
-
-    fn ahead(vx: f32) -> Twist {
-        Twist::new(vx, 0.0, 0.0)
-    }
-
-    /// Client 1 drives robots that were started at 1000 ms.
-    fn started() -> Arbiter {
-        let mut arbiter = Arbiter::new(&LIMITS);
-        arbiter.take(1).unwrap();
-        arbiter.start(1000, 1).unwrap();
-        arbiter.set_running(true);
-        arbiter
-    }
-
-    fn is_refused(reply: Result<(), String>, word: &str) {
-        assert!(
-            matches!(&reply, Err(reason) if reason.contains(word)),
-            "{reply:?}"
-        );
-    }
-
-    #[test]
-    fn a_press_moves_until_its_messages_stop() {
-        let mut arbiter = started();
-        assert_eq!(arbiter.twist(1000), Twist::ZERO);
-        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
-        assert_eq!(arbiter.twist(1010 + STALE_MS).vx, 0.5);
-        assert_eq!(arbiter.twist(1011 + STALE_MS), Twist::ZERO);
-        // What was pressed then is over, also when its messages come again.
-        arbiter.press(1300, 1, 1, ahead(0.5), 1290).unwrap();
-        assert_eq!(arbiter.twist(1300), Twist::ZERO);
-        arbiter.press(1310, 1, 2, ahead(0.4), 1290).unwrap();
-        assert_eq!(arbiter.twist(1310).vx, 0.4);
-    }
-
-    #[test]
-    fn release_stops_at_once() {
-        let mut arbiter = started();
-        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
-        arbiter.release(1);
-        assert_eq!(arbiter.twist(1020), Twist::ZERO);
-        assert!(arbiter.is_wanted(1020), "the robots stay started");
-    }
-
-    #[test]
-    fn a_driver_that_goes_stops_the_robots() {
-        let mut arbiter = started();
-        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
-        arbiter.gone(2);
-        assert_eq!(arbiter.twist(1010).vx, 0.5);
-        arbiter.gone(1);
-        assert_eq!(arbiter.twist(1010), Twist::ZERO);
-        assert!(!arbiter.is_wanted(1010) && !arbiter.has_driver());
-    }
-
-    #[test]
-    fn only_the_driver_moves_anything_and_anybody_stops() {
-        let mut arbiter = started();
-        is_refused(arbiter.take(2), "another");
-        is_refused(arbiter.press(1010, 2, 1, ahead(0.5), 1000), "take");
-        is_refused(arbiter.stream(1010, 2, ahead(0.5), 200), "start");
-        is_refused(arbiter.start(1010, 2), "take");
-        assert_eq!(arbiter.twist(1010), Twist::ZERO);
-        arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
-        // Another's release is not the driver's.
-        arbiter.release(2);
-        assert_eq!(arbiter.twist(1020).vx, 0.5);
-        arbiter.stop();
-        assert_eq!(arbiter.twist(1030), Twist::ZERO);
-        assert!(!arbiter.is_wanted(1030));
-    }
-
-    #[test]
-    fn a_driver_that_moves_nothing_can_be_succeeded_and_is_named() {
-        let mut arbiter = started();
-        arbiter.stream(1010, 1, ahead(0.5), 200).unwrap();
-        assert!(arbiter.succeed(1209, 2).is_err(), "the velocity is good");
-        assert_eq!(arbiter.succeed(1209, 1), Ok(None));
-        assert_eq!(arbiter.succeed(1210, 2), Ok(Some(1)));
-        assert!(arbiter.drives(2) && !arbiter.drives(1));
-        assert!(arbiter.is_wanted(1210), "the robots stay started");
-        // A press holds the controls in the same way.
-        arbiter.press(1300, 2, 1, ahead(0.1), 1300).unwrap();
-        assert!(arbiter.succeed(1300 + STALE_MS, 3).is_err());
-        assert_eq!(arbiter.succeed(1301 + STALE_MS, 3), Ok(Some(2)));
-        // After a stop nothing is good any more.
-        arbiter.stream(2000, 3, ahead(0.1), 1000).unwrap();
-        arbiter.stop();
-        assert_eq!(arbiter.succeed(2001, 4), Ok(Some(3)));
-    }
-
-    #[test]
-    fn a_bad_press_is_refused_and_ends_it() {
-        let bad = [
-            (ahead(2.1), 1010, "2 m/s"),
-            (ahead(f32::NAN), 1010, "m/s"),
-            (ahead(f32::INFINITY), 1010, "m/s"),
-            (ahead(0.5), 1010 - OLD_MS - 1, "older"),
-            // From the future: not one of ours.
-            (ahead(0.5), 1021, "older"),
-            (Twist::new(0.0, 0.0, -1.1), 1010, "1 rad/s"),
-        ];
-        for (twist, clock, word) in bad {
-            let mut arbiter = started();
-            arbiter.press(1010, 1, 1, ahead(0.5), 1000).unwrap();
-            is_refused(arbiter.press(1010, 1, 1, twist, clock), word);
-            assert_eq!(arbiter.twist(1010), Twist::ZERO, "{twist:?}");
-        }
-    }
-
-    #[test]
-    fn robots_are_started_before_they_are_driven_and_not_left_on() {
-        let mut arbiter = Arbiter::new(&LIMITS);
-        arbiter.take(1).unwrap();
-        is_refused(arbiter.press(0, 1, 1, ahead(0.5), 0), "start");
-        arbiter.start(0, 1).unwrap();
-        is_refused(arbiter.press(0, 1, 1, ahead(0.5), 0), "not ready");
-        assert_eq!(arbiter.twist(0), Twist::ZERO);
-        let mut arbiter = started();
-        assert!(arbiter.is_wanted(1000 + IDLE_MS));
-        assert!(!arbiter.is_wanted(1001 + IDLE_MS));
-    }
-}
+mod tests;

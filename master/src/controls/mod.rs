@@ -24,7 +24,7 @@ use std::time::Instant;
 use group::Limits;
 use kinematics::Twist;
 
-use self::arbiter::{Arbiter, Client, STALE_MS};
+use self::arbiter::{Arbiter, Client};
 use crate::monitor::telemetry::{EventKind, SessionState, Telemetry};
 use crate::pilot::{Order, Pilot};
 
@@ -142,7 +142,28 @@ impl Controls {
         let mut arbiter = self.arbiter();
         let pressed = arbiter.press(now, client, number, twist, clock);
         if arbiter.drives(client) {
-            (self.order)(Order::Twist(arbiter.twist(now), STALE_MS * 1_000));
+            (self.order)(arbiter.order(now));
+        }
+        pressed
+    }
+
+    /// A message of a dead-man's press that asks for a curve in a size; see
+    /// [`Arbiter::press_curve`].
+    ///
+    /// # Errors
+    /// With the reason why it was refused, which has ended the press.
+    pub fn press_curve(
+        &self,
+        client: Client,
+        number: u32,
+        curve: (&str, f64),
+        clock: u64,
+    ) -> Result<(), String> {
+        let now = self.now();
+        let mut arbiter = self.arbiter();
+        let pressed = arbiter.press_curve(now, client, number, curve, clock);
+        if arbiter.drives(client) {
+            (self.order)(arbiter.order(now));
         }
         pressed
     }

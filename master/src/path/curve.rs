@@ -109,7 +109,7 @@ impl Curve {
 }
 
 /// Any motion.
-pub(crate) struct Motion(pub Box<dyn Trajectory<f64>>);
+pub(crate) struct Motion(pub Box<dyn Trajectory<f64> + Send + Sync>);
 
 impl Trajectory<f64> for Motion {
     fn at(&self, time: f64) -> (Pose<f64>, Twist<f64>) {
@@ -180,6 +180,12 @@ impl Trajectory<f64> for ThereAndBack {
 pub struct Plan {
     name: String,
     motion: Ramped<Motion, f64>,
+}
+
+impl std::fmt::Debug for Plan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} of {:.2} s", self.name, self.duration())
+    }
 }
 
 impl Plan {

@@ -1,9 +1,11 @@
 //! What the page and the server say to each other: one JSON object a message, `type` first.
 
+use clap::ValueEnum as _;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use crate::monitor::telemetry::{Event, MemberSample, Snapshot, level};
+use crate::path::curve::Curve;
 use group::GroupFile;
 use kinematics::{Pose, Twist};
 use protocol::Code;
@@ -41,6 +43,17 @@ pub enum ClientMessage {
         /// `clock` of the newest state that the page has seen.
         clock: u64,
     },
+    /// A curve, which lasts no longer than this is repeated, like a press.
+    Curve {
+        /// Number of the press: every new one is higher.
+        press: u32,
+        /// Name of the curve, as `omnibus follow` takes it.
+        curve: String,
+        /// Its size, as a multiple of its own; it takes the same time.
+        scale: f64,
+        /// `clock` of the newest state that the page has seen.
+        clock: u64,
+    },
     /// The press is over.
     Release {},
 }
@@ -74,9 +87,13 @@ pub fn welcome(group: &GroupFile, bus: &str, can_drive: bool) -> Value {
                "wheel_radius": robot.geometry.wheel_radius(),
                "max_wheel_rate": robot.max_wheel_rate})
     });
+    let curves: Vec<_> = Curve::value_variants()
+        .iter()
+        .map(|curve| curve.name())
+        .collect();
     json!({"type": "welcome", "group": group.name, "bus": bus, "can_drive": can_drive,
            "linear_speed": group.limits.linear_speed, "yaw_rate": group.limits.yaw_rate,
-           "robots": robots.collect::<Vec<_>>()})
+           "curves": curves, "robots": robots.collect::<Vec<_>>()})
 }
 
 /// A refusal, for the one who is refused.
@@ -93,6 +110,7 @@ pub fn state(snapshot: &Snapshot, clock: u64, running: bool) -> Value {
            "phase": snapshot.phase.name(), "foreign": snapshot.foreign_master, "command": twist(snapshot.command),
            "measured": snapshot.measured.map(twist), "pose": snapshot.pose.map(pose),
            "target": snapshot.target.map(pose), "scale": snapshot.scale,
+           "curve": snapshot.curve.map(|curve| [curve.t, curve.duration]),
            "strain": snapshot.strain, "bus_load": snapshot.bus_load, "robots": members})
 }
 

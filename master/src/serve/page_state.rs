@@ -78,7 +78,7 @@ impl PageState {
     /// refused.
     pub fn handle(&self, client: Client, trusted: bool, message: &ClientMessage) -> Option<String> {
         let controls = &self.controls;
-        let done = match *message {
+        let done = match message {
             ClientMessage::Stop {} => {
                 controls.stop();
                 Ok(())
@@ -97,13 +97,19 @@ impl PageState {
             _ if !trusted => Err("driving needs the token".into()),
             ClientMessage::Take {} => controls.take(client),
             ClientMessage::Start {} => controls.start(client),
-            ClientMessage::Drive {
+            &ClientMessage::Drive {
                 press,
                 vx,
                 vy,
                 omega,
                 clock,
             } => controls.press(client, press, Twist::new(vx, vy, omega), clock),
+            ClientMessage::Curve {
+                press,
+                curve,
+                scale,
+                clock,
+            } => controls.press_curve(client, *press, (curve, *scale), *clock),
         };
         done.err()
     }

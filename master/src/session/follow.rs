@@ -11,11 +11,13 @@
 //! cost that meet the floor at rest ([`crate::path::roller_transition`]). What is left (motors,
 //! wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
 
+use canopen::Micros;
 use group::ContactLag;
 use kinematics::Twist;
 
 use crate::bus::link::Link;
 use crate::error::MasterError;
+use crate::monitor::telemetry::Progress;
 use crate::path::curve::{Instant, Plan};
 use crate::path::steering::{Lost, Steering, limited};
 use crate::session::{Group, STOP_PATIENCE_US};
@@ -125,6 +127,26 @@ impl<L: Link> Group<L> {
             };
             observe(self.link(), &instant);
         }
+    }
+
+    /// One period of a curve that began with the SYNC at `began`: its setpoint is sent and the SYNC
+    /// seen through. How far the curve is then; `None`, and nothing was sent, when it is over.
+    pub(crate) fn period_of(
+        &mut self,
+        plan: &Plan,
+        began: Micros,
+    ) -> Result<Option<Progress>, MasterError> {
+        self.await_turn()?;
+        let t = self.next_sync().since(began).0 as f64 * 1e-6;
+        let duration = plan.duration();
+        if t > duration + TAIL {
+            return Ok(None);
+        }
+        let preview = preview_us(self.period_us()) as f64 * 1e-6;
+        let setpoint = self.forward(plan, t + preview);
+        self.set_target(None);
+        self.run_period(setpoint)?;
+        Ok(Some(Progress { t, duration }))
     }
 
     /// The setpoint for the time `t` of the curve.

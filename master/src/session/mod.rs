@@ -62,7 +62,8 @@ use crate::error::MasterError;
 use crate::monitor::common_frame::CommonFrame;
 use crate::monitor::rows::Recorder;
 use crate::monitor::telemetry::{
-    DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, SessionState, Subscription, Telemetry,
+    DEFAULT_CAPACITY, Event, EventKind, Hub, Interest, Progress, SessionState, Subscription,
+    Telemetry,
 };
 use crate::path::roller_transition;
 
@@ -115,6 +116,7 @@ pub struct Group<L> {
     twist: Twist,
     /// Where the group should be at the SYNC whose row is being filled.
     target: Option<Pose>,
+    curve: Option<Progress>,
     /// When another master's SYNC or heartbeat was last heard.
     foreign: Option<(Micros, Sign)>,
     /// What another master sent while this one commanded.
@@ -167,6 +169,7 @@ impl<L: Link> Group<L> {
             compensation: false,
             twist: Twist::default(),
             target: None,
+            curve: None,
             foreign: None,
             displaced: None,
             frame: CommonFrame::default(),
@@ -491,6 +494,10 @@ impl<L: Link> Group<L> {
 
     pub(crate) fn set_target(&mut self, target: Option<Pose>) {
         self.target = target;
+    }
+
+    pub(crate) fn set_curve(&mut self, curve: Option<Progress>) {
+        self.curve = curve;
     }
 }
 

@@ -57,6 +57,7 @@ impl<L: Link> Group<L> {
             sequence: row.sequence,
             command: row.command,
             target: self.target,
+            curve: self.curve,
             pose: mean_pose(row.members.iter().filter_map(|m| m.pose)),
             measured: mean_twist(measured.clone()),
             scale: row

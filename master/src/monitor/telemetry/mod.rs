@@ -75,6 +75,8 @@ pub struct Snapshot {
     pub command: Twist,
     /// Where the group should be at this instant, on a curve; frame of `pose`.
     pub target: Option<Pose>,
+    /// How far the curve is that a pilot drives.
+    pub curve: Option<Progress>,
     /// Where the group is: the mean of what the members work out from their wheels, in the frame in
     /// which they were configured.
     pub pose: Option<Pose>,
@@ -90,6 +92,15 @@ pub struct Snapshot {
     pub sync: Option<Punctuality>,
     /// One entry per robot, in the order of the group file.
     pub members: Vec<MemberSample>,
+}
+
+/// How far a curve is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Time since it began, in s.
+    pub t: f64,
+    /// How long it takes, in s.
+    pub duration: f64,
 }
 
 /// The oldest status that counts as the present, in s.

@@ -8,7 +8,9 @@ const TRAIL_M = 0.02; // distance of two points of the trail
 const TRAIL_POINTS = 4000;
 const STALE_MS = 1000; // a state older than this is shown as lost
 const OLD_MS = 250; // five states that did not come: what is shown is no longer the present
-const PLOT_S = 60; // seconds that the plot shows
+const PLOT_S = 60; // seconds that the plot shows, until it is zoomed
+const PLOT_SHORTEST_S = 3;
+const PLOT_LONGEST_S = 600; // samples are kept for so long
 const KEEP_MS = 1000; // how often the trail is kept for a reload
 
 let backend = null;
@@ -69,6 +71,7 @@ function receive(message) {
     stateAt = performance.now();
     follow();
     remember();
+    progress();
   } else if (message.type === "event") {
     log(message);
   } else if (message.type === "refused") {
@@ -76,6 +79,7 @@ function receive(message) {
       token = "";
       sessionStorage.removeItem("token");
     }
+    release();
     say(message.reason);
   }
   if (message.type !== "event") show();
@@ -134,6 +138,7 @@ function bar() {
 }
 
 function build() {
+  $("curve").replaceChildren(...(welcome.curves || []).map((name) => element("option", "", name)));
   $("gauges").replaceChildren();
   for (const [name, label, hasBar, meaning] of [
     ["speed", "Speed", true, "Measured speed of the group, over the limit of the group file"],
@@ -214,6 +219,8 @@ function show() {
   $("start").disabled = !may || phase !== "idle";
   $("start").textContent = phase === "starting" ? "Starting..." : phase === "running" ? "Started" : "Start robots";
   for (const pad of [$("move"), $("turn")]) pad.classList.toggle("off", !ready());
+  $("begin").disabled = !ready() && !course;
+  $("begin").textContent = course ? "End curve" : "Drive curve";
   if (welcome && !welcome.can_drive) say("This page watches; it was started with --watch.", true);
   if (!welcome) return;
   const share = $("speed").value / 100;
@@ -268,13 +275,59 @@ let here = [0, 0, 0];
 // ---- plot -------------------------------------------------------------------------------------------------
 
 let samples = [];
+// What the plot shows: so many seconds, of which the last was so many seconds ago.
+const view = { seconds: PLOT_S, ago: 0 };
 
 function remember() {
   const size = (twist) => (twist ? Math.hypot(twist[0], twist[1]) : null);
   samples.push([performance.now(), size(state.command), size(state.measured)]);
-  const from = performance.now() - PLOT_S * 1000;
+  const from = performance.now() - PLOT_LONGEST_S * 1000;
   if (samples.length > 2 && samples[1][0] < from) samples.shift();
   keep();
+}
+
+// Zooms the plot by a factor; what is at this share of its width, from the right, stays there.
+function stretch(factor, share) {
+  const fixed = view.ago + share * view.seconds;
+  view.seconds = Math.min(PLOT_LONGEST_S, Math.max(PLOT_SHORTEST_S, view.seconds * factor));
+  shift(fixed - share * view.seconds - view.ago);
+}
+
+function shift(seconds) {
+  view.ago = Math.min(PLOT_LONGEST_S - view.seconds, Math.max(0, view.ago + seconds));
+  plot();
+}
+
+function span(seconds) {
+  if (seconds === PLOT_S) return "minute";
+  return seconds < 100 ? `${seconds.toFixed(0)} s` : `${(seconds / 60).toFixed(1)} min`;
+}
+
+function browse() {
+  const canvas = $("plot");
+  let from = null;
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const box = canvas.getBoundingClientRect();
+    stretch(Math.exp(event.deltaY / 400), (box.right - event.clientX) / box.width);
+  }, { passive: false });
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.pointerType !== "mouse" || event.button !== 0) return;
+    from = event.clientX;
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (from === null) return;
+    shift((event.clientX - from) / canvas.clientWidth * view.seconds);
+    from = event.clientX;
+  });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { from = null; });
+  canvas.addEventListener("dblclick", () => {
+    Object.assign(view, { seconds: PLOT_S, ago: 0 });
+    plot();
+  });
+  $("shorter").addEventListener("click", () => stretch(0.5, 0));
+  $("longer").addEventListener("click", () => stretch(2, 0));
 }
 
 function plot() {
@@ -287,16 +340,22 @@ function plot() {
   paint.setTransform(zoom, 0, 0, zoom, 0, 0);
   paint.fillStyle = css("--page");
   paint.fillRect(0, 0, width, height);
-  const now = performance.now();
-  const most = Math.max(0.1, ...samples.map((s) => Math.max(s[1] || 0, s[2] || 0))) * 1.1;
-  const at = (t, value) => [width - (now - t) / 1000 / PLOT_S * width, height - 16 - value / most * (height - 26)];
+  $("plot-title").textContent = `Speed, ${view.ago ? "" : "last "}${span(view.seconds)}${view.ago ? `, until ${span(view.ago)} ago` : ""}`;
+  const last = performance.now() - view.ago * 1000;
+  // One more on both sides, so that lines run to the edges.
+  const first = samples.findIndex((s) => s[0] > last - view.seconds * 1000);
+  const after = samples.findIndex((s) => s[0] > last);
+  const shown = first < 0 ? [] : samples.slice(Math.max(0, first - 1), after < 0 ? undefined : after + 1);
+  const most = shown.reduce((largest, s) => Math.max(largest, s[1] || 0, s[2] || 0), 0.1) * 1.1;
+  const at = (t, value) => [width - (last - t) / 1000 / view.seconds * width, height - 16 - value / most * (height - 26)];
   paint.strokeStyle = css("--line");
   paint.fillStyle = css("--quiet");
   paint.font = "11px system-ui, sans-serif";
-  for (let s = 0; s <= PLOT_S; s += 10) {
-    const x = Math.round(width - s / PLOT_S * width) + 0.5;
+  const step = [1, 2, 5, 10, 30, 60, 120].find((one) => view.seconds / one <= 7) || 120;
+  for (let s = Math.ceil(view.ago / step) * step; s <= view.ago + view.seconds; s += step) {
+    const x = Math.round(width - (s - view.ago) / view.seconds * width) + 0.5;
     paint.beginPath(); paint.moveTo(x, 0); paint.lineTo(x, height - 16); paint.stroke();
-    if (s && x > 8) paint.fillText(`-${s} s`, x + 2, height - 4);
+    if (s && x > 8) paint.fillText(step < 60 ? `-${s} s` : `-${s / 60} min`, x + 2, height - 4);
   }
   paint.fillText(`${(most / 1.1).toFixed(2)} m/s`, 4, 12);
   for (const [column, colour, dashes] of [[1, "--orange", [6, 4]], [2, "--blue", []]]) {
@@ -305,7 +364,7 @@ function plot() {
     paint.setLineDash(dashes);
     paint.beginPath();
     let drawing = false;
-    for (const sample of samples) {
+    for (const sample of shown) {
       if (!known(sample[column])) { drawing = false; continue; }
       const [x, y] = at(sample[0], sample[column]);
       if (drawing) paint.lineTo(x, y); else paint.moveTo(x, y);
@@ -453,6 +512,7 @@ function navigate() {
   });
 }
 navigate();
+browse();
 
 // The load between the robots, and the robots; only outlines for the target.
 function group(paint, path, pose, ghost, at) {
@@ -536,7 +596,49 @@ function deflection() {
 
 const anything = () => held.move !== null || held.turn !== null || held.keys.size > 0;
 
+// ---- curves -------------------------------------------------------------------------------------------------
+
+// The curve that is being asked for: a press that this page repeats, until something else is done.
+let course = null;
+
+function drive_curve() {
+  if (course) {
+    release();
+    return;
+  }
+  const scale = $("scale").valueAsNumber;
+  if (!ready()) {
+    say(seat.yours ? "Start the robots first." : "Take the controls first.", true);
+  } else if (!Number.isFinite(scale)) {
+    say("The scale is a number: 0.2 makes the curve a fifth as large.");
+  } else {
+    release();
+    press += 1;
+    course = { name: $("curve").value, scale, at: null };
+    say("");
+    timer = setInterval(repeat, SEND_MS);
+    repeat();
+  }
+}
+
+// What the robots have driven of it, as the server says.
+function progress() {
+  if (!course) return;
+  if (state.curve) {
+    course.at = state.curve;
+    say(`${course.name}: ${state.curve[0].toFixed(0)} of ${state.curve[1].toFixed(0)} s`, true);
+  } else if (course.at) {
+    const { name } = course;
+    release();
+    say(`${name}: done`, true);
+  }
+}
+
 function pressed() {
+  if (course) {
+    release();
+    return;
+  }
   if (!ready()) {
     let_go();
     if (trusted && !seat.yours) say("Take the controls first.", true);
@@ -554,6 +656,10 @@ function pressed() {
 function repeat() {
   if (!ready()) {
     release();
+    return;
+  }
+  if (course) {
+    send({ type: "curve", press, curve: course.name, scale: course.scale, clock: state.clock });
     return;
   }
   const share = $("speed").value / 100;
@@ -574,6 +680,8 @@ function let_go() {
 
 function release() {
   let_go();
+  if (course && course.at) say(`${course.name}: ended after ${course.at[0].toFixed(1)} of ${course.at[1].toFixed(1)} s`, true);
+  course = null;
   if (timer !== null) {
     clearInterval(timer);
     timer = null;
@@ -612,12 +720,14 @@ function pad(id, flat) {
   area.addEventListener("contextmenu", (event) => event.preventDefault());
 }
 
+const takesKeys = (target) => target instanceof HTMLInputElement || target instanceof HTMLSelectElement;
+
 document.addEventListener("keydown", (event) => {
-  if (event.target instanceof HTMLInputElement || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.code === "Space") {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.code === "Space" && event.target !== $("token")) {
     event.preventDefault();
     stop();
-  } else if (event.code in KEYS && seat.yours) {
+  } else if (event.code in KEYS && seat.yours && !takesKeys(event.target)) {
     event.preventDefault();
     if (event.repeat) return;
     held.keys.add(event.code);
@@ -626,7 +736,7 @@ document.addEventListener("keydown", (event) => {
 });
 document.addEventListener("keyup", (event) => {
   // Space stops also where a button has the focus; Enter is left for the button.
-  if (event.code === "Space" && !(event.target instanceof HTMLInputElement)) event.preventDefault();
+  if (event.code === "Space" && event.target !== $("token")) event.preventDefault();
   if (held.keys.delete(event.code) && !anything()) release();
 });
 // A user who does not look at this page does not drive.
@@ -644,6 +754,7 @@ function stop() {
 $("stop").addEventListener("click", stop);
 $("take").addEventListener("click", () => { release(); say(""); send({ type: seat.yours ? "leave" : "take" }); });
 $("start").addEventListener("click", () => { say(""); send({ type: "start" }); });
+$("begin").addEventListener("click", drive_curve);
 $("speed").addEventListener("input", show);
 $("token-form").addEventListener("submit", (event) => {
   event.preventDefault();
