@@ -6,8 +6,9 @@
     omnibus-sim serve GROUP.toml --plant tcp://127.0.0.1:7700
 
 The wheels are turned as the motors say; everything else is MuJoCo's contact dynamics in three dimensions. Robots of one
-rigid group are one body. A roller is a row of balls on its axle, each as large as reaches the wheel's circle. Wheels
-begin at roller phases of their own, drawn from the seed. Each connection begins a new world.
+rigid group are one body. A roller meets the floor as a row of balls on its axle, each as large as reaches the wheel's
+circle; its mass and inertia are those of the solid of revolution that the balls stand for, because the balls overlap.
+Wheels begin at roller phases of their own, drawn from the seed. Each connection begins a new world.
 """
 import argparse
 import json
@@ -20,6 +21,8 @@ import mujoco
 # Wheels in the protocol's order: ahead, left, and the sign of the roller axle's lateral part on the ground.
 CORNERS = ((1, 1, -1), (1, -1, 1), (-1, 1, 1), (-1, -1, -1))
 CLEARANCE = 1e-4  # m, above the floor at the beginning
+DENSITY = 1100.0  # of a roller (rubber), kg/m3
+SLICES = 200  # of a roller, for its mass and inertia
 
 
 def parse():
@@ -28,11 +31,25 @@ def parse():
     parser.add_argument("--rollers", type=int, default=8, help="of a wheel")
     parser.add_argument("--roller-radius", type=float, default=0.0335, help="at its middle, m")
     parser.add_argument("--balls", type=int, default=25, help="that make up a roller")
-    parser.add_argument("--mass", type=float, default=60.0, help="of a robot, kg")
+    parser.add_argument("--mass", type=float, default=60.0, help="of a robot without its wheels, kg")
     parser.add_argument("--friction", type=float, default=0.35, help="between rollers and floor")
     parser.add_argument("--seed", type=int, default=1, help="of the rollers' phases")
     parser.add_argument("--step", type=float, default=1e-3, help="longest step of the physics, s")
     return parser.parse_args()
+
+
+def solid(hub, radius, ahead, reach):
+    """Mass of a roller (kg) and its moments of inertia across and along its axle (kg m2)."""
+    width = 2 * reach / SLICES
+    mass = across = along = 0.0
+    for k in range(SLICES):
+        place = reach * ((2 * k + 1) / SLICES - 1)
+        size = radius - math.hypot(hub, place * ahead)
+        slice_mass = DENSITY * math.pi * size**2 * width
+        mass += slice_mass
+        along += slice_mass * size**2 / 2
+        across += slice_mass * (size**2 / 4 + place**2)
+    return mass, across, along
 
 
 def roller(options, robot, side, psi):
@@ -41,6 +58,7 @@ def roller(options, robot, side, psi):
     hub = radius - options.roller_radius
     ahead, across = math.sin(angle), side * math.cos(angle)
     reach = 1.05 * hub * math.tan(math.pi / options.rollers) / ahead
+    mass, slow, quick = solid(hub, radius, ahead, reach)
     balls = ""
     for k in range(options.balls):
         along = reach * (2 * k / (options.balls - 1) - 1)
@@ -49,7 +67,8 @@ def roller(options, robot, side, psi):
     place = f"{-hub * math.sin(psi)} 0 {-hub * math.cos(psi)}"
     return (
         f'<body pos="{place}" euler="0 {psi} 0"><joint type="hinge" axis="{ahead} {across} 0" '
-        f'damping="1e-4" armature="1e-5"/>{balls}</body>'
+        f'damping="1e-4" armature="1e-5"/><inertial pos="0 0 0" zaxis="{ahead} {across} 0" mass="{mass}" '
+        f'diaginertia="{slow} {slow} {quick}"/>{balls}</body>'
     )
 
 
@@ -93,7 +112,7 @@ def model(options, robots, phases):
     <mujoco>
       <compiler angle="radian" autolimits="true"/>
       <option timestep="{options.step}" cone="elliptic" impratio="20" integrator="implicitfast"/>
-      <default><geom type="sphere" density="1100" friction="{options.friction} 0 0" condim="3" contype="1"
+      <default><geom type="sphere" friction="{options.friction} 0 0" condim="3" contype="1"
         conaffinity="2" solref="0.004 1"/></default>
       <worldbody>
         <geom type="plane" size="0 0 1" contype="2" conaffinity="1"/>
