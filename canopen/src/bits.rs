@@ -41,26 +41,48 @@ impl Wire {
     /// The bits of a frame.
     #[must_use]
     pub fn of(frame: &Frame) -> Self {
-        let mut wire = Stuffer::default();
-        let mut crc = 0;
-        let data = frame.data();
         // Start, identifier, RTR, IDE and reserved bit: all but the identifier are dominant.
-        let head = (u32::from(frame.id()) << 3, 15);
-        let length = (u32::from(frame.len()), 4);
-        let bytes = data.iter().map(|byte| (u32::from(*byte), 8));
-        for (value, width) in [head, length].into_iter().chain(bytes) {
-            for bit in (0..width).rev().map(|n| value >> n & 1 == 1) {
-                crc = crc15(crc, bit);
-                wire.push(bit);
+        let head = u32::from(frame.id()) << 7 | u32::from(frame.len());
+        let [_, head @ ..] = head.to_be_bytes();
+        let mut bits = 0;
+        let mut crc = 0;
+        // Dominant bits in front of the first one leave the CRC of nothing at zero.
+        for byte in head.iter().chain(frame.data()) {
+            bits = bits << 8 | u128::from(*byte);
+            crc = crc15(crc, *byte);
+        }
+        let bits = bits << 15 | u128::from(crc);
+        Self::stuffed_from(bits, 34 + 8 * u32::from(frame.len()))
+    }
+
+    /// The lowest `count` of these bits, at most 98, with stuff bits.
+    fn stuffed_from(bits: u128, count: u32) -> Self {
+        let mut wire = Self {
+            levels: 0,
+            stuffed: 0,
+        };
+        // What is left, its first bit the highest.
+        let (mut rest, mut left) = (bits << (u128::BITS - count), count);
+        loop {
+            let same = !(rest ^ rest << 1);
+            let five = same & same << 1 & same << 2 & same << 3;
+            let length = five.leading_zeros() + 5;
+            if length > left {
+                wire.put(rest, left);
+                return wire;
             }
+            wire.put(rest, length);
+            // The stuff bit is the first of those that count for what follows.
+            let last = rest << (length - 1) >> (u128::BITS - 1);
+            rest = (last ^ 1) << (u128::BITS - 1) | rest << length >> 1;
+            left -= length - 1;
         }
-        for n in (0..15).rev() {
-            wire.push(crc >> n & 1 == 1);
-        }
-        Self {
-            levels: wire.levels,
-            stuffed: wire.count,
-        }
+    }
+
+    /// Appends the highest `count` of these bits, at least one.
+    fn put(&mut self, bits: u128, count: u32) {
+        self.levels = self.levels << count | bits >> (u128::BITS - count);
+        self.stuffed += count;
     }
 
     /// Bits up to the end of the CRC, stuffing included: at most 122.
@@ -131,42 +153,30 @@ impl Wire {
     }
 }
 
-/// One step of the CRC of ISO 11898-1, polynomial 0x4599.
-fn crc15(crc: u16, bit: bool) -> u16 {
-    let out = (crc >> 14 & 1 == 1) != bit;
-    (crc << 1 & 0x7FFF) ^ if out { 0x4599 } else { 0 }
+/// Eight bits of the CRC of ISO 11898-1, polynomial 0x4599.
+fn crc15(crc: u16, byte: u8) -> u16 {
+    let [high, _] = (crc << 1).to_be_bytes();
+    let change = CRC.get(usize::from(high ^ byte)).copied().unwrap_or(0);
+    (crc << 8 ^ change) & 0x7FFF
 }
 
-/// Counts bits as they go out, stuff bits included.
-#[derive(Default)]
-struct Stuffer {
-    levels: u128,
-    count: u32,
-    level: Option<bool>,
-    run: u32,
-}
-
-impl Stuffer {
-    fn push(&mut self, bit: bool) {
-        self.put(bit);
-        self.run = if self.level == Some(bit) {
-            self.run + 1
-        } else {
-            1
-        };
-        self.level = Some(bit);
-        if self.run == 5 {
-            self.put(!bit);
-            self.run = 1;
-            self.level = Some(!bit);
+/// What eight bits change in the CRC that leaves with them.
+const CRC: [u16; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < table.len() {
+        let mut crc = (byte as u16) << 7;
+        let mut bit = 0;
+        while bit < 8 {
+            let out = crc >> 14 & 1 == 1;
+            crc = (crc << 1 & 0x7FFF) ^ if out { 0x4599 } else { 0 };
+            bit += 1;
         }
+        table[byte] = crc;
+        byte += 1;
     }
-
-    fn put(&mut self, bit: bool) {
-        self.levels = self.levels << 1 | u128::from(bit);
-        self.count += 1;
-    }
-}
+    table
+};
 
 #[cfg(test)]
 mod tests {
@@ -179,10 +189,7 @@ mod tests {
     /// The check value of CRC-15/CAN in every catalogue of CRCs.
     #[test]
     fn crc_of_the_catalogue() {
-        let crc = b"123456789"
-            .iter()
-            .flat_map(|byte| (0..8).rev().map(move |n| byte >> n & 1 == 1))
-            .fold(0, crc15);
+        let crc = b"123456789".iter().copied().fold(0, crc15);
         assert_eq!(crc, 0x059E);
     }
 
@@ -212,6 +219,40 @@ mod tests {
         ] {
             let unstuffed = 44 + 8 * u32::try_from(data.len()).unwrap();
             assert_eq!(bits(id, data), unstuffed + stuffed, "{id:03X}");
+        }
+    }
+
+    /// After five equal bits comes an opposite one, which a receiver drops; it counts for the next
+    /// five. What is left is the frame.
+    #[test]
+    fn a_receiver_finds_the_frame_without_stuff_bits() {
+        let mut seed: u64 = 1;
+        for length in (0..=8).cycle().take(9_000) {
+            seed = seed
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            // Few different bits, so that there is much to stuff.
+            let data = (seed & seed << 7 & seed << 19).to_be_bytes();
+            let frame = Frame::new((seed >> 50) as u16 & 0x7FF, &data[..length]).unwrap();
+            let wire = Wire::of(&frame);
+            let (mut run, mut level, mut bits, mut count) = (0, None, 0u128, 0);
+            for n in 0..wire.stuffed() {
+                let bit = wire.level(n);
+                if run == 5 {
+                    assert_ne!(Some(bit), level, "{frame:?}");
+                } else {
+                    (bits, count) = (bits << 1 | u128::from(bit), count + 1);
+                }
+                run = if level == Some(bit) { run + 1 } else { 1 };
+                level = Some(bit);
+            }
+            assert_eq!(count, 34 + 8 * length, "{frame:?}");
+            let sent = data[..length]
+                .iter()
+                .fold(0, |sent, byte| sent << 8 | u128::from(*byte));
+            assert_eq!(bits >> 15 & ((1 << (8 * length)) - 1), sent, "{frame:?}");
+            let head = u128::from(frame.id()) << 7 | length as u128;
+            assert_eq!(bits >> (15 + 8 * length), head, "{frame:?}");
         }
     }
 
