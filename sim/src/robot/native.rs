@@ -39,6 +39,8 @@ const MAILBOXES: usize = 3;
 struct Clock {
     /// Microseconds of this clock in a nanosecond of the world's.
     rate: f64,
+    /// And nanoseconds of the world's in one of its microseconds.
+    ns_a_us: f64,
     /// World time at which it starts, ns.
     boot_ns: u64,
 }
@@ -48,6 +50,7 @@ impl Clock {
     fn new(crystal_ppm: f64, power_ns: u64) -> Self {
         Self {
             rate: (1.0 + crystal_ppm * 1e-6) * 1e-3,
+            ns_a_us: 1e3 / (1.0 + crystal_ppm * 1e-6),
             boot_ns: power_ns + BOOT_NS,
         }
     }
@@ -59,7 +62,7 @@ impl Clock {
 
     /// The first world time at which the clock shows this.
     fn world_ns(self, local: Micros) -> u64 {
-        let mut at = self.boot_ns + (local.0 as f64 / self.rate) as u64;
+        let mut at = self.boot_ns + (local.0 as f64 * self.ns_a_us) as u64;
         while self.local(at) < local {
             at += 1;
         }
