@@ -161,6 +161,11 @@ fn crc15(crc: u16, byte: u8) -> u16 {
 }
 
 /// What eight bits change in the CRC that leaves with them.
+#[expect(
+    clippy::indexing_slicing,
+    clippy::cast_possible_truncation,
+    reason = "the compiler evaluates it; all indices are below 256"
+)]
 const CRC: [u16; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
