@@ -4,14 +4,13 @@
 //! free mailbox while a frame waits for one, for error passive and bus-off, when the control side
 //! has a fault or reaches standstill, and at least every 5 ms. For deadlines, and for frames that
 //! have no effect before the next SYNC, the control tick wakes it, so they are handled at its next
-//! tick. Woken for frames that only the cable wants, it prints them and does nothing else. The CAN
-//! interrupt has already dropped frames that this robot does not use. In each turn the task passes
-//! the control side's latest report to the bus side, then the frames in the order of reception,
-//! each with the time stamp of its interrupt, and stores the resulting command. A frame that finds
-//! no free mailbox waits here; the others wait in the bus side's own queues, and when one of those
-//! is full the bus side counts what it drops. It reports bus-off and lost frames, which only the
-//! CAN controller detects, to the bus side, which also decides when to recover from bus-off. It
-//! logs events and makes no decisions.
+//! tick. The CAN interrupt has already dropped frames that this robot does not use. In each turn
+//! the task passes the control side's latest report to the bus side, then the frames in the order
+//! of reception, each with the time stamp of its interrupt, and stores the resulting command. A
+//! frame that finds no free mailbox waits here; the others wait in the bus side's own queues, and
+//! when one of those is full the bus side counts what it drops. It reports bus-off and lost frames,
+//! which only the CAN controller detects, to the bus side, which also decides when to recover from
+//! bus-off. It logs events and makes no decisions.
 //!
 //! It also stores faults and parameters; the bus side provides an image of the parameters only
 //! while the outputs are off. While it writes, no other task of this executor runs: usually for 3
@@ -45,10 +44,7 @@ pub async fn bus(
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
     loop {
-        if !wake::BUS.wait().await {
-            gateway.send_overheard(&can);
-            continue;
-        }
+        wake::BUS.wait().await;
         control::report(|report| side.on_report(report));
         if let Some(outcome) = IDENTIFIED.receive() {
             side.on_identification(now(), &outcome);
@@ -59,7 +55,6 @@ pub async fn bus(
         }
         // One time for the whole turn: reading the clock costs as much as checking a queue.
         let at = now();
-        gateway.send_overheard(&can);
         side.on_can_errors(at, &can.errors());
         side.poll(at);
         if supervise(&mut can, &mut gateway, &mut health, side) {
@@ -83,7 +78,7 @@ pub async fn bus(
             can.listen(side.function_codes(), side.node(), BusSide::CAN_WAIT);
         }
         while let Some(frame) = waiting
-            && (can.try_send(&frame) || gateway.goes_on_without(&can))
+            && (can.try_send(&frame) || gateway.goes_on_without(&mut can))
         {
             waiting = next(side, &mut gateway);
         }

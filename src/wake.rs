@@ -18,10 +18,6 @@ pub struct Signal {
     /// away.
     due: AtomicU32,
     soon: AtomicBool,
-    /// The cable has something to be sent, of which nothing else depends.
-    cable: AtomicBool,
-    /// Woken for more than the cable.
-    whole: AtomicBool,
     now: embassy_sync::signal::Signal<CriticalSectionRawMutex, ()>,
 }
 
@@ -30,26 +26,18 @@ impl Signal {
         Self {
             due: AtomicU32::new(0),
             soon: AtomicBool::new(false),
-            cable: AtomicBool::new(false),
-            whole: AtomicBool::new(false),
             now: embassy_sync::signal::Signal::new(),
         }
     }
 
     /// Wakes at once.
     pub fn signal(&self) {
-        self.whole.store(true, Ordering::Relaxed);
         self.now.signal(());
     }
 
     /// Asks to be woken at the next tick.
     pub fn signal_at_next_tick(&self) {
         self.soon.store(true, Ordering::Relaxed);
-    }
-
-    /// Asks to be woken at the next tick for what goes to the cable, and for nothing else.
-    pub fn signal_cable_at_next_tick(&self) {
-        self.cable.store(true, Ordering::Relaxed);
     }
 
     /// Asks to be woken at the first tick from `at` on; before the first such call, that is the
@@ -64,21 +52,14 @@ impl Signal {
         let due = low(now).wrapping_sub(self.due.load(Ordering::Relaxed)) < HALF;
         if due || self.soon.load(Ordering::Relaxed) {
             self.signal();
-        } else if self.cable.load(Ordering::Relaxed) {
-            self.now.signal(());
         }
     }
 
     /// Waits for a signal, unless there has been one since the last wait. What caused the signal
-    /// has happened before this returns. Returns `false` when it was only for the cable.
-    pub async fn wait(&self) -> bool {
+    /// has happened before this returns.
+    pub async fn wait(&self) {
         self.now.wait().await;
-        self.cable.store(false, Ordering::Relaxed);
-        let whole = self.whole.swap(false, Ordering::Relaxed);
-        if whole {
-            self.soon.store(false, Ordering::Relaxed);
-        }
-        whole
+        self.soon.store(false, Ordering::Relaxed);
     }
 }
 

@@ -27,6 +27,8 @@ const BAUD: f64 = 1e6;
 const NODE: u8 = 2;
 const HEARTBEAT: u16 = 0x700 + NODE as u16;
 const LATE_TICKS: (u16, u8) = (0x2121, 1);
+/// Lost to the cable, lost to the bus, damaged.
+const CABLE: u16 = 0x2131;
 
 fn firmware() -> Firmware {
     let path =
@@ -501,6 +503,59 @@ fn a_framing_error_spoils_its_line() {
     let overrun = slcan::flags::OVERRUN;
     assert_eq!(desk.flags() & overrun, overrun);
     assert_eq!(desk.flags() & overrun, 0, "once");
+}
+
+/// What cannot be forwarded is counted frame by frame, in objects that reading does not clear, and
+/// told by `F` until it is asked.
+#[test]
+fn what_is_not_forwarded_is_counted() {
+    let mut desk = Desk::new(Bus::Other);
+    desk.open();
+    desk.run(300 * MS);
+    let count = |desk: &mut Desk, sub| u32::from_le_bytes(desk.read(CABLE, sub).unwrap());
+    let all = |desk: &mut Desk| [1, 2, 3].map(|sub| count(desk, sub));
+    assert_eq!(all(&mut desk), [0, 0, 0]);
+
+    // To the cable: frames of eight bytes without a pause, which are 22 characters each.
+    const BURST: u32 = 200;
+    desk.take_answers();
+    desk.left.clear();
+    for n in 0..BURST {
+        desk.receive(&Frame::of(0x345, u64::from(n).to_le_bytes()));
+        desk.run(130_000);
+    }
+    desk.run(20 * MS);
+    let received = u32::try_from(desk.take_frames().len()).unwrap();
+    let own = u32::try_from(desk.left.len()).unwrap();
+    let lost = BURST + own - received;
+    assert!(lost > 50, "the cable carries six in ten: {lost}");
+    assert_eq!(all(&mut desk), [lost, 0, 0]);
+    assert_eq!(desk.flags(), slcan::flags::RECEIVE_FULL);
+    assert_eq!(desk.flags(), 0, "told once");
+
+    // To the bus, on which there is nobody any more: the requests of SDO are among what is lost.
+    desk.bus = Bus::Blocked;
+    desk.send_frame(&Frame::of(0x345, []));
+    desk.run(200 * MS);
+    let before = count(&mut desk, 2);
+    for n in 0..10 {
+        desk.send_frame(&Frame::of(0x345, [n]));
+        desk.run(30 * MS);
+    }
+    assert_eq!(count(&mut desk, 2), before + 10 + 1);
+    let full = slcan::flags::TRANSMIT_FULL;
+    assert_eq!(desk.flags() & full, full);
+    assert_eq!(desk.flags() & full, 0, "told once");
+
+    // From the cable: bytes that are none.
+    for _ in 0..3 {
+        desk.board.serial().send_broken(b'1', BAUD);
+        desk.run(MS);
+        desk.send(b"\r");
+        desk.run(MS);
+    }
+    assert_eq!(count(&mut desk, 3), 3);
+    assert_eq!(count(&mut desk, 1), lost);
 }
 
 /// The worst that both sides can bring at once: the bus as full of short frames as it can be, and

@@ -68,15 +68,19 @@ impl Frame {
         }
     }
 
-    /// The first `len` (at most eight) of eight bytes.
-    pub(crate) fn prefix(id: u16, mut bytes: [u8; 8], len: u8) -> Self {
-        for unused in bytes.iter_mut().skip(usize::from(len)) {
-            *unused = 0;
-        }
+    /// Makes a frame of the first `len` of eight bytes, as a CAN controller has them in its
+    /// registers. A length above eight counts as eight, as on the bus; the identifier is cut to 11
+    /// bits.
+    #[must_use]
+    #[inline]
+    pub fn prefix(id: u16, bytes: [u8; 8], len: u8) -> Self {
+        let len = len.min(8);
+        // A shift and no loop: a receive interrupt runs it for every frame.
+        let mask = u64::MAX.checked_shr(64 - 8 * u32::from(len)).unwrap_or(0);
         Self {
             id: id & Self::MAX_ID,
-            len: len.min(8),
-            bytes,
+            len,
+            bytes: (u64::from_le_bytes(bytes) & mask).to_le_bytes(),
         }
     }
 
@@ -186,6 +190,10 @@ mod tests {
     #[test]
     fn prefix_clears_what_it_leaves_out() {
         assert_eq!(Frame::prefix(0x181, [9; 8], 2), Frame::of(0x181, [9, 9]));
+        assert_eq!(Frame::prefix(0x181, [9; 8], 0), Frame::of(0x181, []));
+        for len in [8, 9, 15] {
+            assert_eq!(Frame::prefix(0x981, [9; 8], len), Frame::of(0x181, [9; 8]));
+        }
     }
 
     #[test]

@@ -15,8 +15,21 @@ pub struct Counters {
     pub watchdog_resets: u32,
     /// Set by the platform.
     pub can_errors: u32,
+    /// What the platform's cable has lost.
+    pub cable: CableLosses,
     /// What the platform's store has been through.
     pub store: StoreWear,
+}
+
+/// What has been lost between a robot's cable and its bus since it started, wrapping.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct CableLosses {
+    /// Lines, most of them frames of the bus, that the cable had no room for.
+    pub to_cable: u32,
+    /// Frames of the cable that have not left for the bus.
+    pub to_bus: u32,
+    /// Times that bytes from the cable were damaged or came too fast.
+    pub damaged: u32,
 }
 
 /// What a store has been through since it was new.

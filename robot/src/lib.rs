@@ -64,7 +64,7 @@ mod strain;
 pub use bus_side::BusSide;
 pub use can::CanErrors;
 pub use configuration::ConfigurationError;
-pub use counters::{Counters, StoreWear};
+pub use counters::{CableLosses, Counters, StoreWear};
 pub use event::Event;
 pub use fault_memory::Memorable;
 pub use identity::Identity;

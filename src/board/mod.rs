@@ -21,7 +21,7 @@ use nucleo_f446re::WIRING;
 #[cfg(feature = "board-robomaster-c")]
 use robomaster_c::WIRING;
 
-pub use stm32f4::can::{CABLE_PATIENCE, Can, Health};
+pub use stm32f4::can::{CABLE_PATIENCE, Can, Health, print_to_cable};
 pub use stm32f4::encoders::Encoders;
 pub use stm32f4::executors;
 pub use stm32f4::flash::ParameterFlash;

@@ -167,6 +167,61 @@ impl std::fmt::Display for LastFault {
     }
 }
 
+/// What a robot has lost between its cable and its bus since it started.
+#[derive(Clone, Copy, PartialEq)]
+struct CableLosses {
+    to_cable: u32,
+    to_bus: u32,
+    damaged: u32,
+}
+
+impl CableLosses {
+    /// `None` for a robot that does not count them.
+    fn read(
+        wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>,
+        node: u8,
+    ) -> Result<Option<Self>, MasterError> {
+        let mut counts = [0; 3];
+        let objects = [
+            address::CABLE_LOST,
+            address::CABLE_NOT_SENT,
+            address::CABLE_DAMAGED,
+        ];
+        for (count, at) in counts.iter_mut().zip(objects) {
+            *count = match wire.read(node, at, Kind::U32) {
+                Ok(value) => value.to_bits(),
+                Err(MasterError::Refused { .. }) => return Ok(None),
+                Err(error) => return Err(error),
+            };
+        }
+        let [to_cable, to_bus, damaged] = counts;
+        Ok(Some(Self {
+            to_cable,
+            to_bus,
+            damaged,
+        }))
+    }
+
+    fn json(&self) -> serde_json::Value {
+        json!({"to_cable": self.to_cable, "to_bus": self.to_bus, "damaged": self.damaged})
+    }
+
+    /// In words; `None` where nothing was lost.
+    fn text(&self) -> Option<String> {
+        let Self {
+            to_cable,
+            to_bus,
+            damaged,
+        } = self;
+        (to_cable + to_bus + damaged > 0).then(|| {
+            format!(
+                "since its start {to_cable} lines found no room on its cable, {to_bus} frames of \
+                 the cable did not leave for the bus, and the cable was damaged {damaged} times"
+            )
+        })
+    }
+}
+
 /// The error that no robot answers, with the adapter's diagnosis.
 fn no_answer(target: &Target, wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>) -> anyhow::Error {
     let diagnosis = wire.diagnosis().unwrap_or_else(|| {
@@ -292,11 +347,13 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             .state
             .map_or_else(|| "unknown".into(), |state| format!("{state:?}"));
         let last = LastFault::read(&mut wire, node)?;
+        let losses = CableLosses::read(&mut wire, node)?;
         let mut row = json!({"node": node, "answers": true, "nmt": state_name(robot.nmt),
                              "state": state, "code": robot.code, "text": robot.code_text(),
                              "supply_v": supply.parse::<f32>().ok(),
                              "stops": stops.parse::<u32>().ok(),
-                             "last_fault": last.as_ref().map(LastFault::json)});
+                             "last_fault": last.as_ref().map(LastFault::json),
+                             "cable": losses.as_ref().map(CableLosses::json)});
         if arguments.history {
             let history = History::read(&mut wire, node)?;
             row["history"] = history.json();
@@ -310,6 +367,8 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             None => (robot.code_text(), None),
         };
         meanings.extend(words.map(|words| format!("node {node}: {words}")));
+        let lost = losses.as_ref().and_then(CableLosses::text);
+        meanings.extend(lost.map(|lost| format!("node {node}: {lost}")));
         table.add_row([
             node.to_string(),
             nmt_word(robot.nmt).into(),
@@ -357,6 +416,25 @@ fn survey_is_complete(survey: &Survey) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_cable_has_lost_is_said_only_if_there_is_something() {
+        let losses = |to_cable, to_bus, damaged| CableLosses {
+            to_cable,
+            to_bus,
+            damaged,
+        };
+        assert_eq!(losses(0, 0, 0).text(), None);
+        for one in [losses(17, 0, 0), losses(0, 17, 0), losses(0, 0, 17)] {
+            assert!(one.text().unwrap().contains("17 "));
+        }
+        let json = losses(1, 2, 3).json();
+        assert_eq!(
+            json,
+            json!({"to_cable": 1, "to_bus": 2, "damaged": 3}),
+            "{json}"
+        );
+    }
 
     #[test]
     fn a_fault_is_told_by_name_with_the_start_it_appeared_in() {

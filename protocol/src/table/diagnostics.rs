@@ -90,4 +90,18 @@ records! { CAN_RECORDS:
         CAN_BUS_OFFS = 5: counter("Times bus-off"),
             "Since power came.";
     }
+    0x2131 "Cable" {
+        CABLE_LOST = 1: counter("Lost to the cable"),
+            "Frames of the bus and of this robot, and answers, that the serial port had no room \
+             for. The three counts of this record are since the start; reading them, or the slcan \
+             command F, clears none.";
+        CABLE_NOT_SENT = 2: counter("Lost to the bus"),
+            "Frames of the cable that have not left for the CAN bus: nobody acknowledged them \
+             within 20 ms, the bus was off, or there was no room. A robot with nobody on its bus \
+             follows them all the same, and counts them here.";
+        CABLE_DAMAGED = 3: counter("Damaged"),
+            "Times that bytes from the cable were unreadable (baud rate, noise, a line that is \
+             held low) or came faster than they were read; each time the line of text they were in \
+             is dropped.";
+    }
 }

@@ -2,18 +2,23 @@
 //! bit.
 //!
 //! What comes is put into a ring by DMA1 stream 5, without end; the bus task reads it there. An
-//! idle line wakes the task, and each half of the ring that has been filled. What goes is copied
-//! into a second ring, from which stream 6 takes it; its interrupt goes on with what has been added
-//! meanwhile (RM0390 rev 6: USART section 25, DMA section 9, requests table 28).
+//! idle line wakes the task, and each half of the ring that has been filled. What goes is printed
+//! into a second ring, by the bus task and by the CAN interrupt ([`put`]), from which stream 6
+//! takes it; its interrupt goes on with what has been added meanwhile (RM0390 rev 6: USART section
+//! 25, DMA section 9, requests table 28).
 //!
 //! What can overflow: the first ring, when the task does not read for 2.4 ms of bytes without a
-//! pause, and the second, when more is written than the line carries. Then, and when the port
-//! reports a framing, noise or overrun error, everything that has not been read is dropped and said
-//! to be damaged; the reader drops the line it is in. Nothing waits here, so a cable without a
-//! reader, or no cable, costs nobody anything.
+//! pause, and the second, when more is written than the line carries. A line that finds no room in
+//! the second is dropped and counted. When the first overflows, and when the port reports a
+//! framing, noise or overrun error, everything that has not been read is dropped and said to be
+//! damaged; the reader drops the line it is in. Nothing waits here, so a cable without a reader, or
+//! no cable, costs nobody anything.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};
 
+use can_text::slcan::LINE;
+use cortex_m::interrupt::Mutex;
 use embassy_stm32::interrupt::typelevel::{self, Handler};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::dma::regs::Ixr;
@@ -50,18 +55,15 @@ const TRANSMIT: usize = 6;
 const CHANNEL: u8 = 4;
 
 static INCOMING: [AtomicU8; IN as usize] = [const { AtomicU8::new(0) }; IN as usize];
-static OUTGOING: [AtomicU8; OUT as usize] = [const { AtomicU8::new(0) }; OUT as usize];
+static OUTGOING: Mutex<RefCell<Outgoing>> = Mutex::new(RefCell::new(Outgoing::new()));
 /// Halves of the first ring that have been filled since the start.
 static HALVES: AtomicU32 = AtomicU32::new(0);
 /// An interrupt has told of bytes, or of damage, since the last look.
 static NEWS: AtomicBool = AtomicBool::new(false);
 /// Something of what came was wrong.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
-/// Bytes that have ever been written into the second ring, that have left it, and that the stream
-/// is moving.
-static WRITTEN: AtomicU32 = AtomicU32::new(0);
-static GONE: AtomicU32 = AtomicU32::new(0);
-static MOVING: AtomicU32 = AtomicU32::new(0);
+/// Lines that have found no room in the second ring.
+static DROPPED: AtomicU32 = AtomicU32::new(0);
 
 bind_interrupts!(struct Irqs {
     USART2 => PortHandler;
@@ -100,24 +102,16 @@ impl Serial {
 
         let port = pac::USART2;
         let data = port.dr().as_ptr() as u32;
-        for (stream, ring, length, direction) in [
-            (
-                RECEIVE,
-                INCOMING.as_ptr() as u32,
-                IN,
-                Dir::PERIPHERAL_TO_MEMORY,
-            ),
-            (
-                TRANSMIT,
-                OUTGOING.as_ptr() as u32,
-                0,
-                Dir::MEMORY_TO_PERIPHERAL,
-            ),
+        for (stream, direction) in [
+            (RECEIVE, Dir::PERIPHERAL_TO_MEMORY),
+            (TRANSMIT, Dir::MEMORY_TO_PERIPHERAL),
         ] {
             let registers = pac::DMA1.st(stream);
             registers.par().write_value(data);
-            registers.m0ar().write_value(ring);
-            registers.ndtr().write(|w| w.0 = length);
+            if stream == RECEIVE {
+                registers.m0ar().write_value(INCOMING.as_ptr() as u32);
+                registers.ndtr().write(|w| w.0 = IN);
+            }
             registers.cr().write(|w| {
                 w.set_chsel(CHANNEL);
                 w.set_dir(direction);
@@ -173,31 +167,104 @@ impl Serial {
         Some(byte.load(Ordering::Relaxed))
     }
 
-    /// Sends these bytes if there is room for all of them.
-    #[must_use]
-    pub fn write(&mut self, bytes: &[u8]) -> bool {
-        let written = WRITTEN.load(Ordering::Relaxed);
-        let waiting = written.wrapping_sub(GONE.load(Ordering::Relaxed));
-        let room = OUT.saturating_sub(waiting) as usize;
-        if bytes.len() > room {
-            return false;
-        }
-        let at = (written % OUT) as usize;
-        let (before_end, rest) = bytes.split_at(bytes.len().min(OUT as usize - at));
-        copy(before_end, OUTGOING.get(at..).unwrap_or_default());
-        copy(rest, &OUTGOING);
-        #[expect(clippy::cast_possible_truncation, reason = "it has found room")]
-        let length = bytes.len() as u32;
-        WRITTEN.store(written.wrapping_add(length), Ordering::Release);
-        cortex_m::interrupt::free(|_| send());
-        true
+    /// Sends these bytes, a line's at most, if there is room for a line.
+    pub fn write(&mut self, bytes: &[u8]) {
+        put(|line| {
+            for (place, byte) in line.iter_mut().zip(bytes) {
+                *place = *byte;
+            }
+            bytes.len()
+        });
+    }
+
+    /// Lines that have found no room on the way out since the start, wrapping.
+    pub fn dropped(&self) -> u32 {
+        DROPPED.load(Ordering::Relaxed)
     }
 }
 
-/// Puts bytes into the ring for what goes.
-fn copy(bytes: &[u8], to: &[AtomicU8]) {
-    for (place, byte) in to.iter().zip(bytes) {
-        place.store(*byte, Ordering::Relaxed);
+/// Bytes of the ring for what goes, behind which there is room for a line that begins at its end.
+const OUT_ROOM: usize = OUT as usize + LINE;
+
+/// The ring for what goes. All three counts wrap.
+struct Outgoing {
+    ring: [u8; OUT_ROOM],
+    /// Bytes that have ever been written.
+    written: u32,
+    /// Bytes that have left it.
+    gone: u32,
+    /// Bytes that the stream is moving.
+    moving: u32,
+}
+
+/// Has a line printed into the ring for what goes, and sent: `print` gets room for the longest, and
+/// returns how many bytes it has used. Without room for the longest the line is dropped. For the
+/// bus task and every interrupt; a line takes a microsecond, with interrupts masked.
+pub fn put(print: impl FnOnce(&mut [u8; LINE]) -> usize) {
+    let room = cortex_m::interrupt::free(|cs| {
+        let mut outgoing = OUTGOING.borrow(cs).try_borrow_mut().ok()?;
+        outgoing.put(print)
+    });
+    if room.is_none() {
+        DROPPED.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+impl Outgoing {
+    const fn new() -> Self {
+        Self {
+            ring: [0; OUT_ROOM],
+            written: 0,
+            gone: 0,
+            moving: 0,
+        }
+    }
+
+    #[inline]
+    fn put(&mut self, print: impl FnOnce(&mut [u8; LINE]) -> usize) -> Option<()> {
+        let waiting = self.written.wrapping_sub(self.gone);
+        #[expect(clippy::cast_possible_truncation, reason = "some tens of bytes")]
+        const LONGEST: u32 = LINE as u32;
+        if waiting + LONGEST > OUT {
+            return None;
+        }
+        let at = (self.written % OUT) as usize;
+        let line = self.ring.get_mut(at..)?.first_chunk_mut()?;
+        let length = print(line);
+        // What has been printed behind the end goes on at the beginning.
+        if let Some(over @ 1..) = (at + length).checked_sub(OUT as usize) {
+            let (ring, behind) = self.ring.split_at_mut_checked(OUT as usize)?;
+            for (place, byte) in ring.iter_mut().zip(behind.iter().take(over)) {
+                *place = *byte;
+            }
+        }
+        self.written = self.written.wrapping_add(u32::try_from(length).ok()?);
+        self.send();
+        Some(())
+    }
+
+    /// Lets the stream move what waits, if it is not moving anything.
+    fn send(&mut self) {
+        let begin = self.gone % OUT;
+        let waiting = self.written.wrapping_sub(self.gone);
+        let length = waiting.min(OUT - begin);
+        if self.moving != 0 || length == 0 {
+            return;
+        }
+        self.moving = length;
+        // What has been printed is in memory before the stream is told to read it.
+        compiler_fence(Ordering::Release);
+        let stream = pac::DMA1.st(TRANSMIT);
+        stream.m0ar().write_value(self.ring.as_ptr() as u32 + begin);
+        stream.ndtr().write(|w| w.0 = length);
+        stream.cr().modify(|w| w.set_en(true));
+    }
+
+    /// The stream has moved what it was to move.
+    fn moved(&mut self) {
+        self.gone = self.gone.wrapping_add(self.moving);
+        self.moving = 0;
+        self.send();
     }
 }
 
@@ -211,26 +278,6 @@ fn received() -> u32 {
     // The interrupt of the half that has just been filled may be still to come.
     let halves = halves.wrapping_add((halves ^ (at / (IN / 2))) & 1);
     halves.wrapping_mul(IN / 2).wrapping_add(at % (IN / 2))
-}
-
-/// Lets the stream move what waits, if it is not moving anything. With interrupts masked, or from
-/// its own interrupt.
-fn send() {
-    if MOVING.load(Ordering::Relaxed) != 0 {
-        return;
-    }
-    let gone = GONE.load(Ordering::Relaxed);
-    let waiting = WRITTEN.load(Ordering::Acquire).wrapping_sub(gone);
-    let begin = gone % OUT;
-    let length = waiting.min(OUT - begin);
-    if length == 0 {
-        return;
-    }
-    MOVING.store(length, Ordering::Relaxed);
-    let stream = pac::DMA1.st(TRANSMIT);
-    stream.m0ar().write_value(OUTGOING.as_ptr() as u32 + begin);
-    stream.ndtr().write(|w| w.0 = length);
-    stream.cr().modify(|w| w.set_en(true));
 }
 
 /// Clears the flags of a stream.
@@ -302,8 +349,10 @@ struct OutHandler;
 impl Handler<typelevel::DMA1_STREAM6> for OutHandler {
     unsafe fn on_interrupt() {
         clear(TRANSMIT);
-        GONE.fetch_add(MOVING.load(Ordering::Relaxed), Ordering::Relaxed);
-        MOVING.store(0, Ordering::Relaxed);
-        send();
+        cortex_m::interrupt::free(|cs| {
+            if let Ok(mut outgoing) = OUTGOING.borrow(cs).try_borrow_mut() {
+                outgoing.moved();
+            }
+        });
     }
 }

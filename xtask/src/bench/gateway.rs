@@ -53,8 +53,7 @@ pub fn figures(group: &GroupFile, firmware: &Firmware) -> anyhow::Result<Vec<Fig
         let name = |what: &str| format!("gateway.{robots}_robots.{what}");
         figures.push(Figure::new(name("load"), with, "%"));
         let more = Figure::new(name("load.more"), with - without, "%").budget(BUDGET);
-        // Eight robots say seven frames in ten of what the cable carries, and each costs a line.
-        figures.push(more.ceiling(if robots == 1 { BUDGET } else { 2.9 }));
+        figures.push(more.ceiling(BUDGET));
         figures.push(Figure::new(name("bytes"), bytes, "bytes/s"));
         figures.push(Figure::new(name("line"), 100.0 * bytes / LINE, "%").ceiling(100.0));
     }

@@ -1,37 +1,34 @@
 //! The gateway's part: frames of the cable on their way to the bus, and of the bus to the cable.
 //!
 //! One frame of the cable is in a mailbox at a time. It is received by this robot when it has left,
-//! or when it is taken back.
+//! or when it is taken back. A frame of the bus is text in the port's ring when the receive
+//! interrupt ends: nothing keeps it in between, and no task is woken for it.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
-use can_text::slcan::flags;
+use can_text::slcan::{self, STAMP_PERIOD_MS, flags};
 use canopen::Frame;
 use control::time::Micros;
 use embassy_stm32::pac;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
 
+use super::super::serial;
 use super::mailboxes::{self, frame_of, request};
 use super::{Can, QUEUE_OVERFLOWS, RX_QUEUE, Received, concerns_us};
 use crate::board::now;
-use crate::wake;
 
-/// Frames of the bus for the cable.
-static OVERHEARD: Channel<CriticalSectionRawMutex, Overheard, 32> = Channel::new();
 /// The mailbox with a frame of the cable, and since when, the lower half of the time in
 /// microseconds.
 static LEAVING: AtomicU8 = AtomicU8::new(NONE);
 static LEAVING_SINCE: AtomicU32 = AtomicU32::new(0);
 pub(super) static GATEWAY: AtomicBool = AtomicBool::new(false);
+/// Frames go to the cable with time stamps.
+static STAMPS: AtomicBool = AtomicBool::new(false);
 /// A frame has left, and nothing since says that the bus is gone.
 static JOINED: AtomicBool = AtomicBool::new(false);
 /// Bus-off has come while others were on the bus.
 static LEFT: AtomicBool = AtomicBool::new(false);
-/// Frames of the bus that found no room on the way to the cable.
-static OVERHEARD_LOST: AtomicBool = AtomicBool::new(false);
-/// Frames of the cable that the bus was not even offered.
-static NOT_OFFERED: AtomicBool = AtomicBool::new(false);
+/// Frames of the cable that have not left for the bus, or that this robot had no room for.
+static NOT_PASSED_ON: AtomicU32 = AtomicU32::new(0);
 
 /// How long a frame of the cable may wait for the bus. One of low priority waits for some
 /// milliseconds on a full bus.
@@ -43,38 +40,17 @@ const NONE: u8 = u8::MAX;
 const MAILBOX: u8 = 3;
 const RECEIVED: u8 = 1 << 7;
 
-/// A frame of the bus, for the cable.
-#[derive(Clone, Copy)]
-pub struct Overheard {
-    /// When it was received, the lower half of the time in microseconds.
-    pub at_us: u32,
-    /// The frame.
-    pub frame: Frame,
-}
-
 impl Can {
-    /// Becomes a gateway, or is none any more.
-    pub fn set_gateway(&mut self, on: bool) {
+    /// Becomes a gateway, or is none any more; with time stamps or without.
+    pub fn set_gateway(&mut self, on: bool, stamps: bool) {
+        STAMPS.store(stamps, Ordering::Relaxed);
         GATEWAY.store(on, Ordering::Relaxed);
-        while !on && OVERHEARD.try_receive().is_ok() {}
     }
 
-    /// Takes the oldest frame of the bus for the cable, if there is one.
-    pub fn try_overhear(&self) -> Option<Overheard> {
-        OVERHEARD.try_receive().ok()
-    }
-
-    /// What was lost between cable and bus since the last call, as bits of an adapter's answer to
-    /// `F`.
-    pub fn take_losses(&self) -> u8 {
-        let bit = |lost: &AtomicBool, flag| {
-            if lost.swap(false, Ordering::Relaxed) {
-                flag
-            } else {
-                0
-            }
-        };
-        bit(&OVERHEARD_LOST, flags::RECEIVE_FULL) | bit(&NOT_OFFERED, flags::TRANSMIT_FULL)
+    /// Frames of the cable that have not left for the bus, or that this robot had no room for,
+    /// since the start, wrapping.
+    pub fn not_passed_on(&self) -> u32 {
+        NOT_PASSED_ON.load(Ordering::Relaxed)
     }
 
     /// What an adapter says of the controller, as bits of its answer to `F`.
@@ -88,7 +64,7 @@ impl Can {
 
     /// Whether the controller has gone off a bus on which others were, since the last call.
     pub fn has_been_left(&self) -> bool {
-        LEFT.swap(false, Ordering::Relaxed)
+        LEFT.load(Ordering::Relaxed) && LEFT.swap(false, Ordering::Relaxed)
     }
 
     /// Whether others are on the bus: a frame has left since nobody acknowledged one.
@@ -105,8 +81,8 @@ impl Can {
                 return leave(frame, 0).then_some(true);
             }
             let received = receive_own(*frame);
-            if LEAVING.load(Ordering::Relaxed) != NONE || !leave(frame, RECEIVED) {
-                NOT_OFFERED.store(true, Ordering::Relaxed);
+            if LEAVING.load(Ordering::Relaxed) != NONE || !leave(frame, RECEIVED) || !received {
+                NOT_PASSED_ON.fetch_add(1, Ordering::Relaxed);
             }
             Some(received)
         })
@@ -128,7 +104,7 @@ impl Can {
     }
 
     /// Notices what has left, and takes back a frame of the cable that does not leave. To be called
-    /// at every turn, until nothing is on its way any more.
+    /// at every turn while one is on its way, and before [`Can::is_joined`] is asked.
     pub fn look_after(&mut self) {
         cortex_m::interrupt::free(|_| {
             collect_sent();
@@ -159,13 +135,15 @@ fn low_us(time: Micros) -> u32 {
     time.0 as u32
 }
 
-/// Offers a frame of the bus to the cable.
-pub(super) fn overhear(at: Micros, frame: Frame) {
-    let at_us = low_us(at);
-    if OVERHEARD.try_send(Overheard { at_us, frame }).is_err() {
-        OVERHEARD_LOST.store(true, Ordering::Relaxed);
-    }
-    wake::BUS.signal_cable_at_next_tick();
+/// Writes a frame into the ring of the port, with its time if stamps are wanted.
+pub fn print_to_cable(frame: &Frame, at: Micros) {
+    let stamp = STAMPS.load(Ordering::Relaxed).then(|| stamp(at));
+    serial::put(|line| slcan::print(frame, stamp, line));
+}
+
+/// A time as a time stamp.
+fn stamp(at: Micros) -> u16 {
+    u16::try_from(at.0 / 1_000 % u64::from(STAMP_PERIOD_MS)).unwrap_or(0)
 }
 
 /// The mailbox of the frame of the cable, if there is one.
@@ -217,6 +195,7 @@ pub(super) fn collect_sent() {
         LEAVING.store(NONE, Ordering::Relaxed);
         if !left {
             JOINED.store(false, Ordering::Relaxed);
+            NOT_PASSED_ON.fetch_add(1, Ordering::Relaxed);
         }
         let mailbox = can.tx(number);
         let frame = frame_of(
@@ -224,7 +203,7 @@ pub(super) fn collect_sent() {
             mailbox.tdtr().read().dlc(),
             [mailbox.tdlr().read().0, mailbox.tdhr().read().0],
         );
-        if leaving & RECEIVED == 0 && !frame.is_none_or(receive_own) {
+        if leaving & RECEIVED == 0 && !receive_own(frame) {
             QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
         }
     }

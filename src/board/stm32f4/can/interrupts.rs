@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_stm32::interrupt::typelevel::{self, Handler};
 use embassy_stm32::{bind_interrupts, pac};
 
-use super::cable::{GATEWAY, collect_sent, leaving_mailbox, overhear};
+use super::cable::{GATEWAY, collect_sent, leaving_mailbox, print_to_cable};
 use super::mailboxes::frame_of;
 use super::{
     CAN_WAIT, LISTENS_TO, OVERRUNS, OWN_NODE, PASSIVE_AT, QUEUE_OVERFLOWS, RX_QUEUE, Received,
@@ -44,20 +44,18 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             let own = id & 0x7F == OWN_NODE.load(Ordering::Relaxed);
             let wanted = own || is_in(&LISTENS_TO);
             let gateway = GATEWAY.load(Ordering::Relaxed);
-            let frame = if wanted || gateway {
+            let frame = (wanted || gateway).then(|| {
                 frame_of(
                     id,
                     mailbox.rdtr().read().dlc(),
                     [mailbox.rdlr().read().0, mailbox.rdhr().read().0],
                 )
-            } else {
-                None
-            };
+            });
             can.rfr(0).write(|w| w.set_rfom(true));
             while can.rfr(0).read().rfom() {}
             let Some(frame) = frame else { continue };
             if gateway {
-                overhear(at, frame);
+                print_to_cable(&frame, at);
             }
             if wanted {
                 let taken = RX_QUEUE.try_send(Received { at, frame }).is_ok();

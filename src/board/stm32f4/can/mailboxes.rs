@@ -38,8 +38,7 @@ pub(super) fn request(mailbox: u8, frame: &Frame) {
 }
 
 /// The frame in the registers of a mailbox.
-pub(super) fn frame_of(id: u16, length: u8, [low, high]: [u32; 2]) -> Option<Frame> {
-    let data = ((u64::from(high) << 32) | u64::from(low)).to_le_bytes();
-    let length = usize::from(length).min(data.len());
-    Frame::new(id, &data[..length])
+pub(super) fn frame_of(id: u16, length: u8, [low, high]: [u32; 2]) -> Frame {
+    let data = (u64::from(high) << 32) | u64::from(low);
+    Frame::prefix(id, data.to_le_bytes(), length)
 }

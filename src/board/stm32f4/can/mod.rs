@@ -24,9 +24,9 @@
 //! the one order in which the bus has seen them, with the times at which the other nodes received
 //! them. A frame that does not leave (no acknowledgement, bus-off, 20 ms) is taken back and
 //! received then. Until a frame leaves again the controller counts as alone: frames of the cable
-//! are received at once, and offered to the bus where there is room. All frames of the bus are
-//! queued for the cable in a queue of their own, `OVERHEARD` in `cable`, so a storm of frames that
-//! this robot does not use displaces none that it does.
+//! are received at once, and offered to the bus where there is room. The receive
+//! interrupt prints all frames of the bus into the ring of the cable's port, so a storm of frames
+//! that this robot does not use displaces none that it does.
 //!
 //! # Sending
 //!
@@ -65,7 +65,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use robot::CanErrors;
 
-pub use cable::CABLE_PATIENCE;
+pub use cable::{CABLE_PATIENCE, print_to_cable};
 use mailboxes::{free, request};
 
 /// Frames the receive queue can hold.
