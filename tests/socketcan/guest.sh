@@ -1,9 +1,10 @@
 #!/bin/sh
 # What the guest does: native robots on vcan0, and everybody talks to them through it. Arguments:
 # the simulator, the master, the root of the workspace. Any command that fails ends it; what was
-# said until then is on the console.
+# said until then is on the console. The fourth is a serial port, at which an emulated robot is that runs
+# outside of the guest.
 set -eu
-sim=$1 omnibus=$2 root=$3
+sim=$1 omnibus=$2 root=$3 cable=$4
 cd /mnt
 group=$root/groups/tcc-2.toml
 # Reading a file from the host takes real time, which the guest's clock counts: what is needed is
@@ -14,7 +15,7 @@ cat "$sim" "$omnibus" >/dev/null
 at_exit() {
     code=$?
     if [ $code -ne 0 ]; then
-        for file in sim.out sim.log can.log; do
+        for file in sim.out sim.log can.log robot.log; do
             echo "-- the end of $file:"
             tail -n 25 "$file"
         done
@@ -85,6 +86,53 @@ cat adapted
 grep -q '583   \[8\]  43 00 10 00 00 00 00 00' adapted
 # What one interface sends, the other hears.
 wait_for ' 603#4000100000000000$' can.log
+kill $adapter
+wait $adapter || true
+
+# The firmware's own slcan: a robot at a serial port of this machine, and nothing of ours between it and
+# can-utils. The port is a 16550A, whose fastest rate is 115 200 baud.
+say "slcand on the cable of an emulated robot"
+slcand -F -o -c -s8 -S 115200 "$cable" robot0 &
+adapter=$!
+for _ in $(seq 100); do
+    if [ -e /sys/class/net/robot0 ]; then break; fi
+    sleep 0.1
+done
+busybox ip link set robot0 up
+candump -L robot0 >robot.log &
+robot_logger=$!
+wait_for ' 702#7F$' robot.log
+
+# request NAME FRAME ANSWER: the robot answers an SDO as candump shows it.
+request() {
+    candump -n 1 -T 20000 robot0,582:7FF >answer &
+    asker=$!
+    sleep 0.3
+    cansend robot0 "$2"
+    wait $asker
+    cat answer
+    if ! grep -q "582   \[8\]  $3" answer; then
+        echo "$1: not $3"
+        return 1
+    fi
+}
+# CiA 301: the product code in 0x1018:2; then heartbeat off and on (0x1017), which NMT reset communication restores.
+request 'product code' 602#4018100200000000 '43 18 10 02 49 4E 4D 4F'
+request 'heartbeat off' 602#2B17100000000000 '60 17 10 00 00 00 00 00'
+cansend robot0 000#8202
+wait_for ' 702#00$' robot.log
+beats=$(grep -c ' 702#7F$' robot.log)
+for _ in $(seq 300); do
+    if [ "$(grep -c ' 702#7F$' robot.log)" -gt "$beats" ]; then break; fi
+    sleep 0.1
+done
+test "$(grep -c ' 702#7F$' robot.log)" -gt "$beats"
+# NMT start of a robot that has no parameters: emergency 0xFF17, and it does not start.
+cansend robot0 000#0102
+wait_for ' 082#17FF' robot.log
+# What the cable has lost so far (0x2131:1): nothing.
+request 'lost to the cable' 602#4031210100000000 '43 31 21 01 00 00 00 00'
+kill $robot_logger
 kill $adapter
 wait $adapter || true
 

@@ -6,18 +6,26 @@
 //! `tests/socketcan/init`; everything else comes from the host's file system, read-only over 9p. It
 //! brings up vcan0 and runs `tests/socketcan/guest.sh`.
 //!
+//! Beside it the host runs the release image on an emulated board, whose cable is the guest's second
+//! serial port: the kernel's own slcan talks to the firmware. What this cannot show is the baud
+//! rate: the port is a 16550A at 115 200 baud, the fastest of the guest's, and a pseudo terminal has
+//! none; the firmware's end of the line is at 1 Mbaud. Both ends run on clocks of their own (the
+//! guest counts instructions), so nothing here is about time.
+//!
 //! The kernel comes from Debian's archive by `apt-get download`, which needs no root rights, and is
 //! unpacked under `target/`.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 
-use crate::cargo;
+use omnibus::report::Scalar;
+
+use crate::{cargo, firmware};
 
 /// The package that depends on Debian's present kernel. The one for clouds has neither CAN nor 9p.
 const KERNEL: &str = "linux-image-amd64";
@@ -51,6 +59,8 @@ const MODULES: &[&str] = &[
 const PATIENCE: Duration = Duration::from_secs(600);
 /// What the guest says when the test has held.
 const PASSED: &str = "guest: exit 0";
+/// The guest's name for its second serial port.
+const CABLE_IN_GUEST: &str = "/dev/ttyS1";
 
 /// Builds what is needed, boots, and judges.
 pub fn run() -> anyhow::Result<()> {
@@ -65,6 +75,7 @@ pub fn run() -> anyhow::Result<()> {
         "--bins",
     ];
     cargo::run(cargo::command().args(packages))?;
+    let elf = firmware::build(Scalar::F32)?;
     let built = cargo::target_folder().join("debug");
     let tests = cargo::root().join("tests/socketcan");
     let command = [
@@ -73,6 +84,7 @@ pub fn run() -> anyhow::Result<()> {
         built.join("omnibus-sim"),
         built.join("omnibus"),
         cargo::root(),
+        PathBuf::from(CABLE_IN_GUEST),
     ]
     .iter()
     .map(|part| quoted(part))
@@ -82,7 +94,49 @@ pub fn run() -> anyhow::Result<()> {
     ram_disk(&kernel, &tests.join("init"), &command)
         .and_then(|bytes| Ok(std::fs::write(&disk, bytes)?))
         .with_context(|| format!("cannot make {}", disk.display()))?;
-    boot(&kernel, &disk)
+    let robot = Robot::serve(&built.join("omnibus-sim"), &elf, &folder.join("cable"))?;
+    boot(&kernel, &disk, &robot.cable)
+}
+
+/// An emulated robot on this machine, until it is dropped.
+struct Robot {
+    process: Child,
+    /// The terminal of its serial port.
+    cable: PathBuf,
+}
+
+impl Robot {
+    fn serve(simulator: &Path, elf: &Path, cable: &Path) -> anyhow::Result<Self> {
+        let mut process = Command::new(simulator)
+            .arg("serve")
+            .arg(cargo::root().join("groups/single.toml"))
+            .args(["--backend", "emulator", "--elf"])
+            .arg(elf)
+            .arg("--cable")
+            .arg(cable)
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {}", simulator.display()))?;
+        let output = process.stdout.take();
+        let robot = Self {
+            process,
+            cable: cable.to_owned(),
+        };
+        let lines = BufReader::new(output.context("the simulator has no output")?).lines();
+        let mut lines = lines.map_while(Result::ok);
+        if !lines.any(|line| line.starts_with("serving")) {
+            bail!("the simulator does not serve the robot; what it said is above");
+        }
+        Ok(robot)
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        // One that has ended by itself is no trouble.
+        self.process.kill().ok();
+        self.process.wait().ok();
+    }
 }
 
 /// Names what the system lacks.
@@ -241,8 +295,9 @@ impl Archive {
     }
 }
 
-/// Boots, passes on what the guest says, and judges by its last word.
-fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
+/// Boots with this terminal as the second serial port, passes on what the guest says, and judges by
+/// its last word.
+fn boot(kernel: &Path, disk: &Path, cable: &Path) -> anyhow::Result<()> {
     let image = files(&kernel.join("boot"))?
         .into_iter()
         .find(|path| {
@@ -262,12 +317,10 @@ fn boot(kernel: &Path, disk: &Path) -> anyhow::Result<()> {
             "-display",
             "none",
         ])
-        .args([
-            "-serial",
-            "stdio",
-            "-append",
-            "console=ttyS0 quiet panic=-1",
-        ])
+        .args(["-append", "console=ttyS0 quiet panic=-1"])
+        .args(["-serial", "stdio", "-serial", "chardev:cable"])
+        .arg("-chardev")
+        .arg(format!("serial,id=cable,path={}", cable.display()))
         .args([
             "-virtfs",
             "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap",
