@@ -1,8 +1,8 @@
 #!/bin/sh
 # What the guest does: native robots on vcan0, and everybody talks to them through it. Arguments:
 # the simulator, the master, the root of the workspace. Any command that fails ends it; what was
-# said until then is on the console. The fourth is a serial port, at which an emulated robot is that runs
-# outside of the guest.
+# said until then is on the console. The fourth argument is a serial port, at which an emulated
+# robot is that runs outside of the guest.
 set -eu
 sim=$1 omnibus=$2 root=$3 cable=$4
 cd /mnt
@@ -89,8 +89,8 @@ wait_for ' 603#4000100000000000$' can.log
 kill $adapter
 wait $adapter || true
 
-# The firmware's own slcan: a robot at a serial port of this machine, and nothing of ours between it and
-# can-utils. The port is a 16550A, whose fastest rate is 115 200 baud.
+# The firmware's own slcan: a robot at a serial port of this machine, and nothing of ours between it
+# and can-utils. The port is a 16550A, whose fastest rate is 115 200 baud.
 say "slcand on the cable of an emulated robot"
 slcand -F -o -c -s8 -S 115200 "$cable" robot0 &
 adapter=$!
@@ -116,7 +116,8 @@ request() {
         return 1
     fi
 }
-# CiA 301: the product code in 0x1018:2; then heartbeat off and on (0x1017), which NMT reset communication restores.
+# CiA 301: the product code in 0x1018:2; then heartbeat off and on (0x1017), which NMT reset
+# communication restores.
 request 'product code' 602#4018100200000000 '43 18 10 02 49 4E 4D 4F'
 request 'heartbeat off' 602#2B17100000000000 '60 17 10 00 00 00 00 00'
 cansend robot0 000#8202

@@ -6,11 +6,11 @@
 //! `tests/socketcan/init`; everything else comes from the host's file system, read-only over 9p. It
 //! brings up vcan0 and runs `tests/socketcan/guest.sh`.
 //!
-//! Beside it the host runs the release image on an emulated board, whose cable is the guest's second
-//! serial port: the kernel's own slcan talks to the firmware. What this cannot show is the baud
-//! rate: the port is a 16550A at 115 200 baud, the fastest of the guest's, and a pseudo terminal has
-//! none; the firmware's end of the line is at 1 Mbaud. Both ends run on clocks of their own (the
-//! guest counts instructions), so nothing here is about time.
+//! Beside it the host runs the release image on an emulated board, whose cable is the guest's
+//! second serial port: the kernel's own slcan talks to the firmware. What this cannot show is the
+//! baud rate: the port is a 16550A at 115 200 baud, the fastest of the guest's, and a pseudo
+//! terminal has none; the firmware's end of the line is at 1 Mbaud. Both ends run on clocks of
+//! their own (the guest counts instructions), so nothing here is about time.
 //!
 //! The kernel comes from Debian's archive by `apt-get download`, which needs no root rights, and is
 //! unpacked under `target/`.
