@@ -13,7 +13,8 @@ use omnibus::report::Scalar;
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Switches on the tests that run the release image.
-const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf";
+const IMAGE_TESTS: &str =
+    "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,omnibus-master/elf";
 
 /// The libraries whose tests are run once more in fixed point.
 const FIXED_TESTS: [&str; 6] = [
