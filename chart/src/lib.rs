@@ -111,6 +111,9 @@ pub struct Chart {
     pub outlines: Vec<(RGBColor, Vec<(f64, f64)>)>,
 }
 
+/// Stretches of a picture across and down, in its units.
+type Pixels = (std::ops::Range<i32>, std::ops::Range<i32>);
+
 /// Why a chart could not be drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("chart '{title}': {reason}")]
@@ -184,7 +187,19 @@ impl Chart {
     /// # Errors
     /// When the drawing library refuses; it names the chart.
     pub fn to_svg(&self) -> Result<String, ChartError> {
-        self.svg(false)
+        Ok(self.svg(false)?.0)
+    }
+
+    /// The same, and where the plot is in it: left, right, top and bottom in the picture's units,
+    /// then the ends of the x axis and of the y axis.
+    fn to_svg_with_plot(&self) -> Result<(String, String), ChartError> {
+        let (svg, (across, down)) = self.svg(false)?;
+        let ((x0, x1), (y0, y1)) = self.ranges();
+        let plot = format!(
+            "{} {} {} {} {x0} {x1} {y0} {y1}",
+            across.start, across.end, down.start, down.end
+        );
+        Ok((svg, plot))
     }
 
     fn failed(&self, reason: &dyn std::fmt::Display) -> ChartError {
@@ -194,20 +209,22 @@ impl Chart {
         }
     }
 
-    fn svg(&self, alone: bool) -> Result<String, ChartError> {
+    fn svg(&self, alone: bool) -> Result<(String, Pixels), ChartError> {
         let (width, height) = self.size;
         let drawn = (width * SCALE, height * SCALE);
         let mut svg = String::new();
         let area = SVGBackend::with_string(&mut svg, drawn).into_drawing_area();
-        self.draw(&area, alone)
+        let plot = self
+            .draw(&area, alone)
             .map_err(|reason| self.failed(&reason))?;
         drop(area);
         // The view box keeps the size drawn; only the size shown changes.
-        Ok(svg.replacen(
+        let svg = svg.replacen(
             &format!("width=\"{}\" height=\"{}\"", drawn.0, drawn.1),
             &format!("width=\"{width}\" height=\"{height}\""),
             1,
-        ))
+        );
+        Ok((svg, plot))
     }
 
     /// Ranges of both axes: time axes fit tightly, maps keep one scale.
@@ -243,12 +260,12 @@ impl Chart {
         (x, y)
     }
 
-    /// Draws it; `alone` when no page around it shows the legend.
+    /// Draws it; `alone` when no page around it shows the legend. Returns where the plot is.
     fn draw<B: DrawingBackend>(
         &self,
         root: &DrawingArea<B, Shift>,
         alone: bool,
-    ) -> Result<(), Box<dyn std::error::Error>>
+    ) -> Result<Pixels, Box<dyn std::error::Error>>
     where
         B::ErrorType: 'static,
     {
@@ -321,8 +338,9 @@ impl Chart {
                 .label_font(text(13))
                 .draw()?;
         }
+        let plot = chart.plotting_area().get_pixel_range();
         root.present()?;
-        Ok(())
+        Ok(plot)
     }
 }
 

@@ -1,4 +1,5 @@
-//! One self-contained page, without scripts, fonts or network access, so that it can be mailed.
+//! One self-contained page, without fonts or network access, so that it can be mailed. Its one
+//! script zooms charts; without it they show the same.
 //!
 //! The caller has to [`escape`] text from files; charts become inline SVG.
 
@@ -31,11 +32,21 @@ figure.map svg{max-width:760px}
 figcaption{display:flex;flex-wrap:wrap;gap:4px 20px;justify-content:center;font-size:14px;
 color:#5b6673;padding:0 0 8px}
 figcaption i{display:inline-block;width:22px;margin-right:7px;vertical-align:middle}
+figure[data-plot]{position:relative}
+figure[data-plot] svg{cursor:crosshair}
+svg.zoomed polyline{vector-effect:non-scaling-stroke;stroke-width:2px}
+.ticks,.box{position:absolute;pointer-events:none;font-size:12px}
+.ticks span{position:absolute;background:rgb(255 255 255 / .8);padding:0 3px}
+.box{border:1px solid #005fa0;background:rgb(0 95 160 / .1)}
+.box[hidden]{display:none}
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:12px}
 .pair figure{margin:0 0 12px}
 @media (max-width:760px){.pair{grid-template-columns:1fr}}
 code{background:#e9edf1;border-radius:4px;padding:1px 5px;font-size:90%}
 ";
+
+/// Zooms charts.
+const ZOOM: &str = include_str!("zoom.js");
 
 /// Text made safe between tags.
 #[must_use]
@@ -51,8 +62,8 @@ pub fn escape(text: &str) -> String {
 /// # Errors
 /// When the chart cannot be drawn.
 pub fn figure(out: &mut String, class: &str, chart: &Chart) -> Result<(), ChartError> {
-    let svg = chart.to_svg()?;
-    let _ = write!(out, "<figure class=\"{class}\">{svg}");
+    let (svg, plot) = chart.to_svg_with_plot()?;
+    let _ = write!(out, "<figure class=\"{class}\" data-plot=\"{plot}\">{svg}");
     if !chart.equal_axes {
         out.push_str("<figcaption>");
         for series in &chart.series {
@@ -82,5 +93,5 @@ pub fn begin(title: &str, heading: &str) -> String {
 
 /// Ends what [`begin`] began.
 pub fn end(out: &mut String) {
-    out.push_str("</main></body></html>\n");
+    let _ = write!(out, "</main><script>\n{ZOOM}</script></body></html>\n");
 }

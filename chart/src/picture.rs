@@ -60,7 +60,7 @@ impl Sheet {
              viewBox=\"0 0 {width} {height}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
         );
         for ((x, y), chart) in &self.charts {
-            let svg = chart.svg(true)?;
+            let (svg, _) = chart.svg(true)?;
             out.push_str(&svg.replacen("<svg ", &format!("<svg x=\"{x}\" y=\"{y}\" "), 1));
         }
         out.push_str("</svg>\n");

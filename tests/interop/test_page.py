@@ -11,6 +11,7 @@ import pathlib
 import signal
 import socket
 import subprocess
+import tempfile
 import unittest
 
 import websockets
@@ -433,6 +434,67 @@ class Page(Served):
         tab.picture(PICTURES / "page-390.png")
         tab.touch("touchEnd")
         tab.wait(f"{asked} === 0 && {speed} < 1e-3")
+
+
+class Report(unittest.TestCase):
+    """The file of `omnibus follow --report`, without any server."""
+
+    def setUp(self):
+        self.browser = Browser()
+        self.addCleanup(self.browser.close)
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        file = pathlib.Path(folder.name) / "report.html"
+        command = [os.environ["OMNIBUS"], "follow", "lateral", "--quick", "--quiet", "--report", str(file)]
+        subprocess.run([*command, "--bus", f"sim:{ROOT / 'groups' / 'tcc-2.toml'}"], check=True, timeout=PATIENCE)
+        self.tab = Tab(self.browser, file.as_uri())
+        self.addCleanup(self.tab.close)
+        self.tab.wait("document.querySelectorAll('figure[data-plot]').length > 3")
+        # The second chart: the first is the map.
+        self.tab.run("window.chart = document.querySelectorAll('figure[data-plot]')[1]; chart.scrollIntoView({block: 'center'})")
+        self.plot = [float(number) for number in self.tab.run("chart.dataset.plot").split()]
+
+    def at(self, across, down):
+        """Where on the window a place of the plot is, in shares of it."""
+        left, right, top, bottom = self.plot[:4]
+        x, y = left + across * (right - left), top + down * (bottom - top)
+        return self.tab.run(f"""(() => {{
+            const svg = chart.querySelector('svg'), box = svg.getBoundingClientRect();
+            const [x, y, width, height] = svg.getAttribute('viewBox').split(' ').map(Number);
+            return [box.left + ({x} - x) / width * box.width, box.top + ({y} - y) / height * box.height];
+        }})()""")
+
+    def drag(self, start, end):
+        (x, y), (to_x, to_y) = self.at(*start), self.at(*end)
+        self.tab.mouse("mousePressed", x, y)
+        self.tab.mouse("mouseMoved", (x + to_x) / 2, (y + to_y) / 2)
+        self.assertFalse(self.tab.run("chart.querySelector('.box').hidden"))
+        self.tab.mouse("mouseReleased", to_x, to_y)
+
+    def view(self):
+        return [float(n) for n in self.tab.run("chart.querySelector('svg').getAttribute('viewBox')").split()]
+
+    def test_charts_are_zoomed_by_dragging_over_them(self):
+        left, right, top, bottom, x0, x1, y0, y1 = self.plot
+        whole, size = self.view(), self.tab.run("chart.querySelector('svg').getBoundingClientRect().height")
+        self.drag((0.25, 0.5), (0.5, 0.5))
+        # Sideways: a quarter of the time, and the whole height.
+        expected = [left + 0.25 * (right - left), top, 0.25 * (right - left), bottom - top]
+        for found, wanted in zip(self.view(), expected):
+            self.assertAlmostEqual(found, wanted, delta=0.01 * (right - left))
+        self.assertAlmostEqual(self.tab.run("chart.querySelector('svg').getBoundingClientRect().height"), size, delta=1)
+        labels = [float(text) for text in self.tab.run("[...chart.querySelectorAll('.ticks span')].map((one) => one.textContent)")]
+        self.assertAlmostEqual(labels[0], x0 + (0.25 + 0.25 / 6) * (x1 - x0), delta=0.01 * (x1 - x0))
+        self.assertAlmostEqual(labels[1], y1 - (y1 - y0) / 6, delta=0.02 * (y1 - y0))
+        self.tab.picture(PICTURES / "report-zoomed.png")
+        # A rectangle within that.
+        self.drag((0.3, 0.2), (0.4, 0.6))
+        expected = [left + 0.3 * (right - left), top + 0.2 * (bottom - top), 0.1 * (right - left), 0.4 * (bottom - top)]
+        for found, wanted in zip(self.view(), expected):
+            self.assertAlmostEqual(found, wanted, delta=0.01 * (right - left))
+        self.tab.run("chart.querySelector('svg').dispatchEvent(new MouseEvent('dblclick'))")
+        self.assertEqual(self.view(), whole)
+        self.assertEqual(self.tab.run("chart.querySelectorAll('.ticks span').length"), 0)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-//! The report as one self-contained HTML page: no scripts, no fonts, no network; it can be mailed.
+//! The report as one self-contained HTML page: no fonts, no network; it can be mailed. Its charts
+//! are zoomed by a script of its own.
 //!
 //! Text that came from a file (names of groups and curves) is escaped; charts are inline SVG.
 

@@ -1,7 +1,7 @@
 //! The report of one or more runs: a table for the terminal, an HTML page with charts, a JSON file.
 //!
 //! [`Report`] holds the figures and the rows they came from; the submodules only present them, each
-//! in its own way: [`table`] (terminal), [`html`] (one self-contained page, no scripts), [`json`]
+//! in its own way: [`table`] (terminal), [`html`] (one self-contained page), [`json`]
 //! (for programs). The paper's printed values stand beside the measured ones wherever the paper
 //! ran the same curve; where it printed none, none is shown.
 
