@@ -85,7 +85,9 @@ impl Application {
             return Code::Fault(obstacle);
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
-        let limit = self.waits.or(self.report.limit).or_else(|| {
+        // What a start waits for is over when the robot is not started any more.
+        let waits = self.waits.filter(|_| self.state != State::Ready);
+        let limit = waits.or(self.report.limit).or_else(|| {
             if self.can.passive {
                 Some(Limit::BusErrors)
             } else if moving && self.strain.is_limit() {

@@ -221,6 +221,9 @@ fn a_member_that_is_alone_for_now_moves_alone_and_keeps_the_group_at_rest() {
     world.nmt(NmtCommand::EnterPreOperational, 2);
     assert_eq!(world.read(2, at::ALONE_FOR_NOW).unwrap() & 1, 0);
     assert_eq!(world.read(2, at::MEMBERS), Ok(1 << 2 | 1 << 3));
+    world.run(500);
+    assert_eq!(world.robots[0].bus.state(), State::Ready);
+    assert_eq!(world.read(2, at::STATUS_CODE), Ok(0), "no limit is left");
 }
 
 /// A master that dies in the midst of a test takes nothing away from the group.
