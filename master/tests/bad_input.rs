@@ -110,6 +110,76 @@ fn usage_errors_exit_with_2() {
     }
 }
 
+/// `nan` passes every comparison that it should fail, so each option has to refuse it by itself.
+#[test]
+fn an_option_that_is_no_number_is_named() {
+    let commands: [(&[&str], &[&str]); 9] = [
+        (&["drive", "--for", "1"], &["--vx", "--vy", "--omega"]),
+        (&["drive", "--vx", "0.1"], &["--for"]),
+        (
+            &["follow", "circle", "--pose", "odometry"],
+            &[
+                "--ramp",
+                "--scale",
+                "--speed",
+                "--heading",
+                "--at",
+                "--gain",
+            ],
+        ),
+        (
+            &["identify-motors", "--node", "2", "--wheels-free"],
+            &["--rate", "--travel", "--bandwidth", "--damping"],
+        ),
+        (&["calibrate"], &["--speeds", "--rates", "--distance"]),
+        (&["watch"], &["--speed", "--turn", "--for"]),
+        (&["teleop"], &["--speed", "--turn", "--for"]),
+        (&["bridge"], &["--rate"]),
+        (&["record", "never-written.mcap"], &["--for"]),
+    ];
+    let bus = ["--bus", "sim:groups/tcc-2.toml"];
+    for (command, options) in commands {
+        for (option, value) in options
+            .iter()
+            .flat_map(|option| ["nan", "inf", "1e999", "x"].map(|value| (*option, value)))
+        {
+            let text = match option {
+                "--at" => format!("0,{value}"),
+                _ => value.to_owned(),
+            };
+            let output = omnibus(&[command, &[option, &text], &bus].concat());
+            let message = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(2), "{option}: {message}");
+            assert!(message.contains(option), "{option}: {message}");
+            let says = ["is not a number", "give X,Y"];
+            assert!(says.iter().any(|says| message.contains(says)), "{message}");
+        }
+    }
+    assert!(!std::path::Path::new("never-written.mcap").exists());
+}
+
+#[test]
+fn what_the_identification_would_refuse_is_refused_before_the_robot_is_asked() {
+    let output = omnibus(&[
+        "identify-motors",
+        "--node",
+        "2",
+        "--wheels-free",
+        "--rate",
+        "1000",
+        "--bus",
+        "slcan:/dev/no-such-adapter",
+        "--group",
+        "groups/tcc-2.toml",
+    ]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(
+        message.contains("--rate: 1000 is not between 0.5 and 50 rad/s"),
+        "{message}"
+    );
+}
+
 /// An adapter on whose bus another master sends SYNC; returns what was sent to it.
 fn bus_with_a_master() -> (String, std::thread::JoinHandle<Vec<u8>>) {
     use std::io::{Read as _, Write as _};

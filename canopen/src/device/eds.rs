@@ -170,6 +170,31 @@ impl Entry {
     }
 }
 
+/// Writes the name that CiA 301 gives to a communication object, and to the entry in it where it
+/// has several.
+///
+/// ```
+/// let mut name = String::new();
+/// canopen::eds::name(&mut name, 0x1018, 4)?;
+/// assert_eq!(name, "Identity: Serial number");
+/// # Ok::<(), std::fmt::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of the writer, and for an object without a name in this file.
+pub fn name(out: &mut impl Write, index: u16, sub: u8) -> Result {
+    name_of_object(out, index)?;
+    let several = ARRAYS.contains(&index) || matches!(index, 0x1018 | 0x1400..0x1C00);
+    match (several, sub) {
+        (true, _) => {
+            out.write_str(": ")?;
+            name_of_entry(out, index, sub)
+        }
+        (false, 0) => Ok(()),
+        (false, _) => Err(Error),
+    }
+}
+
 fn name_of_object(out: &mut impl Write, index: u16) -> Result {
     let (kind, number, what) = match index {
         0x1400..0x1600 => ("RPDO", index - 0x13FF, "communication"),

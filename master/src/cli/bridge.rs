@@ -30,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<Address>,
     /// Largest number of states per second for a client; by default one for every SYNC.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = super::real::<f64>)]
     rate: Option<f64>,
     /// Shows the group live in Foxglove, which connects to ws://ADDR.
     #[arg(long, value_name = "ADDR")]

@@ -16,7 +16,7 @@ pub struct Arguments {
     #[arg(long)]
     robots: u8,
     /// Number of SYNCs per second.
-    #[arg(long, default_value_t = 100.0, value_name = "HZ")]
+    #[arg(long, default_value_t = 100.0, value_name = "HZ", value_parser = super::real::<f64>)]
     rate: f64,
 }
 

@@ -28,16 +28,36 @@ pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// Forward velocity of the group, m/s.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        value_parser = super::real::<f32>
+    )]
     vx: f32,
     /// Velocity to the left, m/s.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        value_parser = super::real::<f32>
+    )]
     vy: f32,
     /// Yaw rate, counter-clockwise, rad/s.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        value_parser = super::real::<f32>
+    )]
     omega: f32,
     /// Duration, s.
-    #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(
+        long = "for",
+        value_name = "SECONDS",
+        allow_negative_numbers = true,
+        value_parser = super::real::<f64>
+    )]
     seconds: f64,
     #[command(flatten)]
     record: RecordTo,

@@ -54,7 +54,10 @@ fn shape(text: &str) -> Result<Shape, String> {
 
 /// A place as X,Y or X,Y,DEGREES.
 fn place(text: &str) -> Result<Pose<f64>, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let numbers: Result<Vec<f64>, _> = text
+        .split(',')
+        .map(|part| super::real(part.trim()))
+        .collect();
     match numbers.as_deref() {
         Ok(&[x, y]) => Ok(Pose::new(x, y, 0.0)),
         Ok(&[x, y, degrees]) => Ok(Pose::new(x, y, degrees.to_radians())),
@@ -74,7 +77,13 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Switch::On)]
     compensation: Switch,
     /// Duration of the acceleration at the beginning and at the end, s.
-    #[arg(long, default_value_t = RAMP, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = RAMP,
+        value_name = "SECONDS",
+        allow_negative_numbers = true,
+        value_parser = super::real::<f64>
+    )]
     ramp: f64,
     /// Number of times that a closed curve is driven, without stopping in between.
     #[arg(long, default_value_t = 1)]
@@ -85,7 +94,8 @@ pub struct Arguments {
         long,
         default_value_t = 1.0,
         value_name = "FACTOR",
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        value_parser = super::real::<f64>
     )]
     scale: f64,
     /// Position and heading at which the curve begins, in the frame of the results and of `--pose
@@ -101,7 +111,8 @@ pub struct Arguments {
         long,
         default_value_t = 1.0,
         value_name = "FACTOR",
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        value_parser = super::real::<f64>
     )]
     speed: f64,
     /// Heading offset, degrees counter-clockwise.
@@ -109,7 +120,8 @@ pub struct Arguments {
         long,
         default_value_t = 0.0,
         value_name = "DEGREES",
-        allow_negative_numbers = true
+        allow_negative_numbers = true,
+        value_parser = super::real::<f64>
     )]
     heading: f64,
     /// Reference of the heading offset: the curve's own heading, or the direction of travel.
@@ -121,7 +133,7 @@ pub struct Arguments {
     pose: Option<Source>,
     /// Gain of the feedback for position and heading, 1/s.
     #[arg(long, default_value_t = Law::default().gain, value_name = "GAIN", requires = "pose",
-          allow_negative_numbers = true)]
+          allow_negative_numbers = true, value_parser = super::real::<f32>)]
     gain: f32,
     /// Also drives without feedback first, for comparison; a simulated bus always does.
     #[arg(long, requires = "pose")]

@@ -256,6 +256,13 @@ fn is_same(a: &Path, b: &Path) -> bool {
     a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
+/// A number of an option: not "nan", which passes every comparison it should fail, and not "inf".
+pub fn real<T: std::str::FromStr + Copy + Into<f64>>(text: &str) -> Result<T, String> {
+    let number: Option<T> = text.parse().ok();
+    let finite = number.filter(|number| (*number).into().is_finite());
+    finite.ok_or_else(|| format!("`{text}` is not a number; give one such as 0.5"))
+}
+
 /// An abort that Ctrl-C asks for: once ramps down, twice stops at once.
 pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
     let abort = Abort::default();

@@ -2,7 +2,8 @@
 
 use anyhow::bail;
 use omnibus::commission::motors::{self, Settings, WHEELS};
-use omnibus::session::Group;
+use omnibus::session::{Group, sdo};
+use protocol::{Address, OBJECTS, Value, address};
 use serde_json::json;
 
 use super::output::{self, Progress};
@@ -23,16 +24,16 @@ pub struct Arguments {
     #[arg(long)]
     wheels_free: bool,
     /// Fastest wheel rate, rad/s.
-    #[arg(long, default_value_t = Settings::default().rate)]
+    #[arg(long, default_value_t = Settings::default().rate, value_parser = super::real::<f32>)]
     rate: f32,
     /// Largest angle by which a wheel may turn, rad.
-    #[arg(long, default_value_t = Settings::default().travel)]
+    #[arg(long, default_value_t = Settings::default().travel, value_parser = super::real::<f32>)]
     travel: f32,
     /// Wanted bandwidth of the wheel loops, rad/s.
-    #[arg(long, default_value_t = Settings::default().bandwidth)]
+    #[arg(long, default_value_t = Settings::default().bandwidth, value_parser = super::real::<f32>)]
     bandwidth: f32,
     /// Wanted damping of the wheel loops; 1 is critical.
-    #[arg(long, default_value_t = Settings::default().damping)]
+    #[arg(long, default_value_t = Settings::default().damping, value_parser = super::real::<f32>)]
     damping: f32,
     /// Writes the result into the robot.
     #[arg(long)]
@@ -42,6 +43,22 @@ pub struct Arguments {
     save: bool,
     #[command(flatten)]
     target: Target,
+}
+
+/// Refuses what the robot would, before the bus is opened.
+fn check(option: &str, address: Address, value: f32) -> anyhow::Result<()> {
+    let object = OBJECTS.iter().find(|object| object.address == address);
+    if let Some(object) = object
+        && Value::F32(value).check(object.min, object.max).is_err()
+    {
+        let (low, high) = (sdo::show(object.min), sdo::show(object.max));
+        let message = format!(
+            "{option}: {value} is not between {low} and {high} {}",
+            object.unit
+        );
+        return Err(Usage(message.trim_end().into()).into());
+    }
+    Ok(())
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -58,6 +75,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.travel * robot.geometry.wheel_radius()
         ))
         .into());
+    }
+    for (option, address, value) in [
+        ("--rate", address::IDENTIFY_RATE, arguments.rate),
+        ("--travel", address::IDENTIFY_TRAVEL, arguments.travel),
+        (
+            "--bandwidth",
+            address::IDENTIFY_BANDWIDTH,
+            arguments.bandwidth,
+        ),
+        ("--damping", address::IDENTIFY_DAMPING, arguments.damping),
+    ] {
+        check(option, address, value)?;
     }
     let settings = Settings {
         rate: arguments.rate,

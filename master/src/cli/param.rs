@@ -1,5 +1,7 @@
 //! `omnibus param`: the robots' object dictionary, by address or name.
 
+mod communication;
+
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
@@ -54,10 +56,11 @@ enum Command {
     },
     /// Reads one object of one robot.
     #[command(
-        after_help = "Examples:\n  omnibus param get 2010:3 --node 3 --bus socketcan:can0\n  omnibus param get 'wheel radius' --node 3 --bus socketcan:can0"
+        after_help = "Examples:\n  omnibus param get 2010:3 --node 3 --bus socketcan:can0\n  omnibus param get 'wheel radius' --node 3 --bus socketcan:can0\n  omnibus param get 1017 --node 3 --bus socketcan:can0"
     )]
     Get {
-        /// Address such as 2010:3, or name such as 'wheel radius'.
+        /// Address such as 2010:3, or name such as 'wheel radius'. Objects of the communication,
+        /// such as 1017, by their address.
         object: String,
         #[command(flatten)]
         at: At,
@@ -160,6 +163,13 @@ pub fn find(text: &str) -> anyhow::Result<&'static Object> {
         let of_record: Vec<_> = of_record
             .map(|object| format!("{} ({})", object.address, object.name))
             .collect();
+        if communication::find(text).is_some() {
+            bail!(
+                "{at} ({}) belongs to the communication: `omnibus param get` reads it, and a general \
+                 CANopen tool writes it (docs/omnibus.eds)",
+                communication::name(at)?
+            );
+        }
         if of_record.is_empty() {
             bail!("there is no object {at}; `omnibus param list` shows all");
         }
@@ -207,6 +217,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
         Command::List { filter } => list(filter.as_deref()),
         Command::Get { object, at } => {
+            if let Some(address) = communication::find(object) {
+                return communication::get(address, at.node, || at.target.visit());
+            }
             let object = find(object)?;
             let mut wire = at.target.visit()?;
             if object.kind == Kind::Domain {

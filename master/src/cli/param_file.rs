@@ -104,7 +104,13 @@ pub fn read(path: &Path) -> anyhow::Result<Parameters> {
 }
 
 fn parse_text(text: &str) -> anyhow::Result<Parameters> {
-    let file: File = toml::from_str(text)?;
+    let file: File = toml::from_str(text).map_err(|error| {
+        anyhow::anyhow!(
+            "is not a file that `omnibus param dump` wrote: {}; a group file goes into robots with \
+             `omnibus group apply`",
+            error.message()
+        )
+    })?;
     if file.wire_version != protocol::WIRE_VERSION {
         bail!(
             "wire_version: the file is of version {}, this release of {}; dump the robot again",

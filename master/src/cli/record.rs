@@ -36,7 +36,7 @@ pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// Duration, s; by default until Ctrl-C.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::real::<f64>)]
     seconds: Option<f64>,
 }
 
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(seconds) = arguments.seconds
         && !(seconds > 0.0 && seconds <= 1e6)
     {
-        bail!("--for: {seconds} s is not between 0 and 1000000 s");
+        bail!("--for: {seconds} s; give more than 0 and at most 1000000 s");
     }
     if matches!(arguments.target.bus, BusAddress::Sim(_)) && arguments.seconds.is_none() {
         bail!(

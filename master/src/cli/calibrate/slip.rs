@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 
 use super::progress::{self, Progress};
 use super::{Arguments, phase, tape};
-use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note};
+use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note, real};
 
 /// Options of how the motions are driven and measured.
 #[derive(clap::Args)]
@@ -36,13 +36,18 @@ pub struct Slip {
     #[arg(long, conflicts_with_all = ["pose", "phase"])]
     tape: bool,
     /// Speeds of the straight motions, m/s.
-    #[arg(long, value_delimiter = ',', value_name = "M/S,...")]
+    #[arg(long, value_delimiter = ',', value_name = "M/S,...", value_parser = real::<f64>)]
     speeds: Vec<f64>,
     /// Rates of the turns, rad/s.
-    #[arg(long, value_delimiter = ',', value_name = "RAD/S,...")]
+    #[arg(long, value_delimiter = ',', value_name = "RAD/S,...", value_parser = real::<f64>)]
     rates: Vec<f64>,
     /// Shortest distance of each motion, m; in turns, the distance that a wheel rolls.
-    #[arg(long, default_value_t = Settings::default().distance, value_name = "METRES")]
+    #[arg(
+        long,
+        default_value_t = Settings::default().distance,
+        value_name = "METRES",
+        value_parser = real::<f64>
+    )]
     distance: f64,
     /// How often each motion is driven each way: 2, or 1 with --tape.
     #[arg(long)]

@@ -78,13 +78,13 @@ struct Live {
     #[command(flatten)]
     target: Target,
     /// Speed when driving by hand, m/s.
-    #[arg(long, default_value_t = 0.2)]
+    #[arg(long, default_value_t = 0.2, value_parser = super::real::<f32>)]
     speed: f32,
     /// Yaw rate when turning by hand, rad/s.
-    #[arg(long, default_value_t = 0.3)]
+    #[arg(long, default_value_t = 0.3, value_parser = super::real::<f32>)]
     turn: f32,
     /// Ends after this number of seconds.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::real::<f64>)]
     seconds: Option<f64>,
 }
 

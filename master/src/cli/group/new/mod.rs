@@ -70,7 +70,12 @@ pub struct Arguments {
     #[arg(long, value_name = "LENGTH")]
     wheel_diameter: Option<String>,
     /// Angle between roller axle and wheel axle, degrees.
-    #[arg(long, value_name = "DEGREES", default_value_t = 45.0)]
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 45.0,
+        value_parser = crate::cli::real::<f64>
+    )]
     roller_angle: f64,
     /// Mass of one robot with its share of the load.
     #[arg(long, value_name = "MASS")]
