@@ -53,6 +53,8 @@ pub async fn bus(
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
         }
+        // Before anything else: after SYNC the first vote is a frame's time away.
+        can.expect_votes(side.votes_missing());
         // One time for the whole turn: reading the clock costs as much as checking a queue.
         let at = now();
         side.on_can_errors(at, &can.errors());

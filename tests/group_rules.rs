@@ -117,22 +117,24 @@ fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
     assert!((scale - 0.5).abs() < 1e-4, "scale {scale}");
 }
 
-fn rule_2_twist_takes_effect_at_the_next_sync(backend: &Backend) {
+fn rule_2_twist_takes_effect_the_agreement_delay_after_its_sync(backend: &Backend) {
     let file = common::group("tcc-3");
     let mut master = configured(backend, &file, &[]);
     start(&mut master, Twist::default(), 100);
     master.run_to_phase(10, 5).unwrap();
     master.twist = Some(FORWARD);
-    // SYNC k, 5 ms from now, latches it; all that was in force before is standstill.
-    for _ in 0..60 {
+    // SYNC, 5 ms from now, latches it. It is in force 2.3 ms later, from the tick at 2.5 ms on;
+    // until then standstill is.
+    for _ in 0..29 {
         master.step().unwrap();
         for robot in robots(&master) {
             assert_eq!(robot.duties, [0.0; 4], "{} us", master.world.now().0);
         }
     }
-    // SYNC k+1, at the end of this millisecond's step. Feedforward against friction alone is
-    // 0.0156.
-    master.run(5).unwrap();
+    // Two ticks later, and with no other SYNC. Feedforward against friction alone is 0.0156.
+    for _ in 0..9 {
+        master.step().unwrap();
+    }
     for robot in robots(&master) {
         assert!(robot.duties.iter().all(|duty| *duty > 0.005));
     }
@@ -546,7 +548,7 @@ macro_rules! rules {
 rules! {
     rule_1_twist_is_latched_at_sync_and_published_with_its_sequence
     rule_1_permitted_scale_is_that_of_its_own_wheels
-    rule_2_twist_takes_effect_at_the_next_sync
+    rule_2_twist_takes_effect_the_agreement_delay_after_its_sync
     rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape
     rule_2_keeps_free_robots_in_shape_where_clipping_tears_the_load
     wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl

@@ -10,9 +10,9 @@
 //!
 //! The control tick follows that estimate: [`TickSchedule`] moves each tick by at most
 //! [`MAX_SHIFT_US`] towards half a tick after the grid, far from the moment at which SYNC frames
-//! arrive. A target takes effect [`protocol::timing::APPLY_DELAY_US`] after the estimated SYNC,
-//! when even the latest of the jittering frames has arrived, so that no member is a tick ahead of
-//! another.
+//! arrive. A target takes effect [`protocol::timing::agreement_delay_us`] after the estimated SYNC,
+//! when the members have agreed on it, and 200 us before a tick, so that no member is a tick ahead
+//! of another.
 
 use crate::time::{Micros, TICK_US};
 

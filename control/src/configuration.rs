@@ -30,6 +30,8 @@ pub struct WheelConfiguration {
 pub struct Times {
     /// Period of SYNC.
     pub sync_period_us: u32,
+    /// From SYNC, without its jitter, to the effect of the setpoint latched there.
+    pub agreement_delay_us: u32,
     /// Longest time without SYNC.
     pub sync_timeout_us: u64,
     /// Longest time without a fresh setpoint.

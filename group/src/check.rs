@@ -178,6 +178,7 @@ impl Checker<'_> {
         if !self.errors.borrow().iter().any(bad) {
             self.overlaps(&group, numbers.get_ref());
             self.unreachable_speeds(&group, numbers.get_ref());
+            self.votes_fit(&group, numbers.get_ref());
         }
         if self.errors.borrow().is_empty() {
             self.parameters_in_limits(&group, numbers.get_ref());

@@ -39,7 +39,9 @@ pub use model::{
     CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE,
     Limits, Motor, Robot, Rollers, Wheel,
 };
-pub use parameters::{Parameter, compensation_set, member_mask, parameters};
+pub use parameters::{
+    Parameter, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,
+};
 pub use simulation::{
     Battery, Contact, EncoderFault, EncoderFaultKind, EncoderNoise, Gyro, Patch, Payload, Plant,
     PoseNoise, Simulation, Tables, WheelName,

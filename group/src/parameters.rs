@@ -4,7 +4,7 @@
 //! simulator when it drives robots of its own.
 
 use protocol::compensation::{EMPTY, LENGTH_MAX, SetError, Tables};
-use protocol::{Address, Value, address};
+use protocol::{Address, Value, address, timing};
 
 use crate::model::{CurrentSensor, GroupFile, Robot};
 
@@ -16,6 +16,21 @@ pub type Parameter = (Address, Value);
 pub fn member_mask(file: &GroupFile) -> u32 {
     let bits = file.robots.iter().map(|robot| 1_u32 << robot.node);
     bits.fold(0, |mask, bit| mask | bit)
+}
+
+/// From SYNC to the effect of the setpoint latched there, µs: the smallest that fits the members.
+/// 0, which the robots refuse, where their votes do not fit into the SYNC period.
+#[must_use]
+pub fn agreement_delay_us(file: &GroupFile) -> u32 {
+    timing::agreement_delay_us(member_mask(file), file.sync_period_us, timing::BIT_RATE)
+        .unwrap_or(0)
+}
+
+/// How long after the SYNC that latches a setpoint the group has reached it, µs. Whoever drives a
+/// curve on time sends each setpoint ahead by that.
+#[must_use]
+pub fn preview_us(file: &GroupFile) -> u32 {
+    timing::reached_after_us(file.sync_period_us, agreement_delay_us(file))
 }
 
 /// Milliseconds of a time in µs, saturating.
@@ -160,6 +175,10 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
         (
             address::SYNC_TIMEOUT,
             Value::U16(millis(limits.sync_timeout_us)),
+        ),
+        (
+            address::AGREEMENT_DELAY,
+            Value::U16(u16::try_from(agreement_delay_us(file)).unwrap_or(u16::MAX)),
         ),
         (
             address::SETPOINT_TIMEOUT,

@@ -2,12 +2,13 @@
 //! that stand in each other's way, and what the file allows and can hardly mean.
 
 use kinematics::{MemberKinematics, Mount, Twist, VelocityCompensation};
+use protocol::timing::{BIT_RATE, votes_known_us};
 use toml::de::{DeTable, DeValue};
 
 use crate::check::Checker;
 use crate::declaration::real;
 use crate::model::{GroupFile, Robot};
-use crate::parameters::parameters;
+use crate::parameters::{agreement_delay_us, parameters};
 use crate::structure::rounded;
 
 /// Angles in degrees up to this many times an eighth of a turn in radians are checked.
@@ -67,6 +68,24 @@ impl Checker<'_> {
                 self.report(entry(tree, index), &field, problem.trim_end(), remedy);
             }
         }
+    }
+
+    /// Reports a period in which the robots have no time to agree.
+    pub fn votes_fit(&self, group: &GroupFile, tree: &DeTable<'_>) {
+        if agreement_delay_us(group) > 0 {
+            return;
+        }
+        let highest = group.robots.iter().map(|robot| robot.node).max();
+        let known = votes_known_us(highest.unwrap_or_default(), BIT_RATE);
+        let problem = format!(
+            "is {} ms, but the votes of robots up to node {} take {:.2} ms after SYNC",
+            group.sync_period_us / 1_000,
+            highest.unwrap_or_default(),
+            f64::from(known) * 1e-3,
+        );
+        let remedy = "give a longer period, or the robots lower nodes";
+        let at = place(tree, &["sync_period_ms"]);
+        self.report(at, "sync_period_ms", &problem, remedy);
     }
 
     /// Reports robots that stand on the same floor.

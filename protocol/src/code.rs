@@ -112,6 +112,8 @@ codes! {
         SyncPeriod = 0x000D,
         /// Declared alone for now (0x2050:2): it does not follow the group, and lets it not move.
         Alone = 0x000E,
+        /// The votes on the last SYNC came later than the agreement delay, see 0x2121:8.
+        LateVote = 0x000F,
     }
 }
 

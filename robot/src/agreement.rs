@@ -2,10 +2,11 @@
 //!
 //! 1. At SYNC *k* every member latches the twist received before it, works out the scale at which
 //!    its own wheels could follow, and publishes it with the sequence it latched.
-//! 2. At SYNC *k+1* all apply twist(*k*) times the smallest scale of all members.
-//! 3. A member that was not heard since SYNC *k*, is in no state to follow, echoes another
-//!    sequence, or would do something else with it (see [`protocol::Plan`]), counts as scale 0, and
-//!    scale 0 is a stop.
+//! 2. With the last member's vote all know the smallest scale. They apply twist(*k*) times that, at
+//!    one time after SYNC *k* ([`protocol::timing::agreement_delay_us`]).
+//! 3. A member that is in no state to follow, echoes another sequence, or would do something else
+//!    with it (see [`protocol::Plan`]), counts as scale 0, and scale 0 is a stop. So does one that
+//!    is not heard before SYNC *k+1*; until then the others hold the last setpoint.
 //!
 //! Every member runs this on the same frames in the same order and compares the same integers, its
 //! own published scale included, so all of them decide the same. No member leads.
@@ -59,6 +60,8 @@ pub enum Verdict {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Agreement {
     votes: [Option<Vote>; MAX_ROBOTS],
+    /// Bit n stands for the vote of node n.
+    voted: u32,
 }
 
 impl Default for Agreement {
@@ -73,6 +76,7 @@ impl Agreement {
     pub const fn new() -> Self {
         Self {
             votes: [None; MAX_ROBOTS],
+            voted: 0,
         }
     }
 
@@ -80,6 +84,7 @@ impl Agreement {
     pub fn record(&mut self, node: u8, status: &MemberStatus) {
         let place = usize::from(node.wrapping_sub(FIRST_ROBOT));
         if let Some(vote) = self.votes.get_mut(place) {
+            self.voted |= 1 << node;
             *vote = Some(Vote {
                 sequence: status.sequence,
                 plan: status.plan,
@@ -89,22 +94,16 @@ impl Agreement {
         }
     }
 
-    /// Whether every one of `members` (a mask of nodes) but this `node` was heard since the last
-    /// SYNC.
+    /// How many of `members` (a mask of nodes) but this `node` were not heard since the last SYNC.
     #[must_use]
-    pub fn is_complete(&self, members: u32, node: u8) -> bool {
-        let mut others = others(members, node);
-        self.votes.iter().all(|vote| {
-            let is_other = others & 1 == 1;
-            others >>= 1;
-            !is_other || vote.is_some()
-        })
+    pub const fn missing(&self, members: u32, node: u8) -> u32 {
+        (members & !(1 << node) & !self.voted).count_ones()
     }
 
-    /// A SYNC came: what do `members` (a mask of nodes) say about the setpoint about which this
-    /// `node` published its `own`? The votes are used up by that.
+    /// What do `members` (a mask of nodes) say about the setpoint about which this `node` published
+    /// its `own`? The votes are used up by that.
     pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
-        let votes = core::mem::replace(&mut self.votes, [None; MAX_ROBOTS]);
+        let votes = core::mem::replace(self, Self::new()).votes;
         if own.scale == Scale::ZERO {
             return Verdict::Stop(Fault::MemberStopped);
         }
@@ -249,17 +248,17 @@ mod tests {
     }
 
     #[test]
-    fn votes_are_complete_when_all_others_were_heard() {
+    fn votes_of_all_others_are_waited_for() {
         let mut agreement = Agreement::new();
-        assert!(agreement.is_complete(0b100, 2));
+        assert_eq!(agreement.missing(0b100, 2), 0);
         agreement.record(3, &status(Moving, 7, 9));
-        assert!(!agreement.is_complete(MEMBERS, 2));
+        assert_eq!(agreement.missing(MEMBERS, 2), 1);
         agreement.record(5, &status(Moving, 7, 9));
-        assert!(!agreement.is_complete(MEMBERS, 2));
+        assert_eq!(agreement.missing(MEMBERS, 2), 1);
         agreement.record(4, &status(Moving, 7, 9));
-        assert!(agreement.is_complete(MEMBERS, 2));
+        assert_eq!(agreement.missing(MEMBERS, 2), 0);
         agreement.decide(MEMBERS, 2, own(Scale::ONE));
-        assert!(!agreement.is_complete(MEMBERS, 2));
+        assert_eq!(agreement.missing(MEMBERS, 2), 2);
     }
 
     #[test]

@@ -70,13 +70,21 @@ impl BusSide {
         self.finish(now);
     }
 
-    /// Of the function codes it wants to see, those whose frames mean nothing before the next SYNC:
-    /// they may be kept from it for a millisecond, if the order and the times at which frames were
-    /// received stay what they are.
+    /// Of the function codes it wants to see, those whose frames may be kept from it for a
+    /// millisecond, if the order and the times at which frames were received stay what they are.
+    /// They mean nothing before the next SYNC; or, as votes, before the last of them
+    /// ([`BusSide::votes_missing`]).
     pub const CAN_WAIT: u16 = canopen::function_code_bit(cob::member_status(0))
         | canopen::function_code_bit(cob::measured_twist(0))
         | canopen::function_code_bit(cob::GROUP_TWIST)
         | canopen::function_code_bit(cob::MASTER_HEARTBEAT);
+
+    /// How many statuses of members a decision waits for: with the last of them it is due at once.
+    /// 0 when it waits for none.
+    #[must_use]
+    pub fn votes_missing(&self) -> u32 {
+        self.robot.votes_missing()
+    }
 
     /// Function codes of the frames it wants to see, one bit for each (bit n: identifiers from 128
     /// n on); the others may be kept from it. What a master changes is in it before the answer to

@@ -15,6 +15,7 @@ use control::time::TICK_US;
 use control::wheel::Gains;
 use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
 use protocol::address::{self as at, motor, rollers, wheel};
+use protocol::timing::{BIT_RATE, agreement_delay_us, latest_delay_us};
 use protocol::{Address, MEMBER_MASK};
 
 use crate::compensation::compensation;
@@ -68,7 +69,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     check_supply(parameters)?;
     check_torque(parameters)?;
     let current = current(parameters)?;
-    let times = times(parameters)?;
+    let times = times(parameters, members)?;
     let encoder_filter = encoder_filter(parameters)?;
     Ok(Configuration {
         crc: parameters.crc().max(1),
@@ -278,13 +279,21 @@ fn wheels(parameters: &Parameters) -> Result<([Wheel; 4], Address), Configuratio
     Ok(([one(0)?, one(1)?, one(2)?, one(3)?], at::INDIVIDUAL_WHEELS))
 }
 
-fn times(parameters: &Parameters) -> Result<Times, ConfigurationError> {
+fn times(parameters: &Parameters, members: u32) -> Result<Times, ConfigurationError> {
     let bad = |address| Err(ConfigurationError::Inconsistent(address));
     let ms = |address| u64::from(parameters.unsigned(address)) * 1000;
     let sync_period_us = parameters.unsigned(at::SYNC_PERIOD);
     let period = u64::from(sync_period_us);
+    let agreement_delay_us = match parameters.unsigned(at::AGREEMENT_DELAY) {
+        0 => agreement_delay_us(members, sync_period_us, BIT_RATE),
+        given => Some(given).filter(|given| *given <= latest_delay_us(sync_period_us)),
+    };
+    let Some(agreement_delay_us) = agreement_delay_us else {
+        return bad(at::AGREEMENT_DELAY);
+    };
     let times = Times {
         sync_period_us,
+        agreement_delay_us,
         sync_timeout_us: match ms(at::SYNC_TIMEOUT) {
             // Two periods, so that one lost SYNC is forgiven, and what the next may be late.
             0 => period * 9 / 4,

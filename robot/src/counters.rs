@@ -17,6 +17,10 @@ pub struct Counters {
     pub can_errors: u32,
     /// What the platform's cable has lost.
     pub cable: CableLosses,
+    /// SYNCs whose votes came too late for the agreement delay.
+    pub late_votes: u32,
+    /// Longest time from SYNC to the last vote on it, us.
+    pub latest_vote_us: u32,
     /// What the platform's store has been through.
     pub store: StoreWear,
 }

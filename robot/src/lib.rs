@@ -19,7 +19,7 @@
 //! From a group twist to a duty:
 //!
 //! ```text
-//!  latched at SYNC k -> x smallest scale of all members at SYNC k+1 -> line over one period
+//!  latched at SYNC k -> x smallest scale of all members, a little later -> line over one period
 //!  -> acceleration and jerk limits -> J C K -> wheel rates -> feedforward + PI -> duty
 //!  `---------------- the same in every member ----------------'
 //! ```

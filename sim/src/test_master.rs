@@ -31,6 +31,8 @@ pub struct TestMaster {
     pub heartbeat: bool,
     /// Whether it sends SYNC.
     pub sync: bool,
+    /// How late SYNC is, µs, a multiple of [`STEP_US`].
+    pub sync_late_us: u64,
     /// The setpoint that it sends, m/s and rad/s in the group frame; `None` sends none.
     pub twist: Option<Twist>,
     /// Whether every setpoint has a new sequence.
@@ -59,6 +61,7 @@ impl TestMaster {
             world,
             heartbeat: true,
             sync: true,
+            sync_late_us: 0,
             twist: Some(Twist::default()),
             counts: true,
             second: false,
@@ -121,6 +124,10 @@ impl TestMaster {
         let now = self.world.now().0;
         if now.is_multiple_of(1_000) {
             self.send(now / 1_000);
+        }
+        if self.sync && now % (self.period_ms * 1_000) == self.sync_late_us {
+            self.counter = self.counter % SYNC_OVERFLOW + 1;
+            self.put(client::sync(Some(self.counter)));
         }
         self.world
             .run_until(Micros((now / STEP_US + 1) * STEP_US))?;
@@ -222,10 +229,6 @@ impl TestMaster {
             .filter(|_| self.second && phase == self.period_ms / 2)
         {
             self.send_setpoint(twist, 100);
-        }
-        if self.sync && phase == 0 {
-            self.counter = self.counter % SYNC_OVERFLOW + 1;
-            self.put(client::sync(Some(self.counter)));
         }
     }
 

@@ -7,8 +7,8 @@
 //! ms, and cannot fail: what does not decode is left out.
 //!
 //! The target is where the setpoints alone would have brought the group since it last stood: the
-//! sum of group twist times group scale. The way of a setpoint through the robots takes two SYNC
-//! periods, so while the group moves the target is ahead by that much.
+//! sum of group twist times group scale. The way of a setpoint through the robots takes a SYNC
+//! period and the time in which they agree, so while the group moves the target is ahead by that.
 
 use std::collections::BTreeMap;
 

@@ -10,8 +10,9 @@
 //! What is learnt is in [`super::adaptation`].
 //!
 //! The error is taken at the time of the sighting, not of the setpoint, so a late sighting does not
-//! look like an error. With a gain of 2 1/s and the way of a setpoint through the group (two SYNCs
-//! and the age of the sighting, about 40 ms at 100 Hz) gain times delay is 0.08: far below the 0.5
+//! look like an error. With a gain of 2 1/s and the way of a setpoint through the group (a
+//! SYNC period, the agreement and the age of the sighting, about 30 ms at 100 Hz) gain times delay
+//! is 0.06: far below the 0.5
 //! beyond which such a loop rings. The correction is limited, so that a jump of the pose source
 //! cannot throw the group about, and the sum is kept within the group's limits. A sighting older
 //! than 0.2 s is not used; one older than 1 s ends the drive.

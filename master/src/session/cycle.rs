@@ -195,7 +195,7 @@ impl<L: Link> Group<L> {
         if !self.paced {
             self.next_sync = Micros(self.next_sync.0.max(self.wire.now().0 + self.lead_us()));
         }
-        // Two SYNCs until the first standing setpoint is in force, one more to be measured.
+        // One SYNC until the first standing setpoint is reached, one more to be measured.
         for cycle in 0.. {
             self.cycle(Twist::default())?;
             if self.abort.is_urgent()

@@ -1,9 +1,9 @@
 //! Driving a curve: one setpoint per SYNC, sent ahead of the time it is for.
 //!
 //! The way of a setpoint is known. Sent before SYNC k, it is latched there, is in force a fixed
-//! time after SYNC k + 1, and members pass to it evenly over one period, so that it is reached that
-//! time after SYNC k + 2 ([`preview_us`]). The setpoint sent before SYNC k is therefore the curve's
-//! at that later time.
+//! time later, when the members have agreed on it, and they pass to it evenly over one period, so
+//! that it is reached that time after SYNC k + 1 ([`group::preview_us`]). The setpoint sent before
+//! SYNC k is therefore the curve's at that later time.
 //!
 //! The way from the wheels to the floor is known too, where the group file says so: contacts creep,
 //! and a group that accelerates trails its wheels by a fixed time ([`group::ContactLag`]). The
@@ -22,17 +22,9 @@ use crate::path::curve::{Instant, Plan};
 use crate::path::steering::{Lost, Steering, limited};
 use crate::session::{Group, STOP_PATIENCE_US};
 
-/// SYNC periods from latching a setpoint to its being reached.
-const PREVIEW_SYNCS: u64 = 2;
 /// How long the group is watched after the curve's end, in s: the pipeline's delay and a little
 /// more.
 const TAIL: f64 = 0.1;
-
-/// Time from the SYNC that latches a setpoint to its being reached, for a SYNC period, both in µs.
-#[must_use]
-pub const fn preview_us(period_us: u64) -> u64 {
-    PREVIEW_SYNCS * period_us + protocol::timing::APPLY_DELAY_US
-}
 
 /// Half the stretch of time over which a curve's acceleration is taken, s.
 const SHORTLY: f64 = 5e-3;
@@ -99,7 +91,7 @@ impl<L: Link> Group<L> {
         mut steering: Option<&mut Steering>,
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
-        let preview = preview_us(self.period_us()) as f64 * 1e-6;
+        let preview = f64::from(group::preview_us(&self.file)) * 1e-6;
         let duration = plan.duration();
         let began = self.next_sync();
         if let Some(steering) = &mut steering {

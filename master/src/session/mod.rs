@@ -23,8 +23,8 @@
 //! One period of SYNC looks like this. The group twist is sent [`Group::lead_us`] before the SYNC,
 //! not together with it, because a controller with several mailboxes sends the lower identifier
 //! first and SYNC's is lower. At SYNC k every member latches that twist and says what scale it can
-//! follow; at SYNC k+1 all apply it. The members' statuses for SYNC k are judged just before SYNC
-//! k+1.
+//! follow; a few milliseconds later all apply it. The members' statuses for SYNC k are judged just
+//! before SYNC k+1.
 //!
 //! On a real bus SYNC is sent by a thread of the link ([`Link::pace`]); the session only has to
 //! have its setpoint out in time. When it is late, that SYNC goes without one, the miss is counted

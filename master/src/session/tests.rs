@@ -210,7 +210,7 @@ fn setpoints_are_those_of_two_syncs_and_the_apply_delay_later() {
     for (at, t) in times {
         let (_, data) = twists.iter().find(|(sent, _)| sent + 2_000 == at).unwrap();
         let sent = GroupTwist::try_from(&data[..]).unwrap().twist;
-        let wanted = plan.setpoint(t + 0.022);
+        let wanted = plan.setpoint(t + 0.01 + 0.0023);
         assert!((sent.vx - wanted.vx).abs() < HALF_STEP, "at {t}");
         assert!((sent.vy - wanted.vy).abs() < HALF_STEP, "at {t}");
     }

@@ -30,13 +30,16 @@ nodes 2 to
 ## What happens to a group twist
 
 At SYNC *k* every member latches the twist received before it and publishes the scale at which its
-own wheels can follow, with the sequence it latched and a checksum of what it is about to do. At
-SYNC *k+1* all apply twist(*k*) times the smallest scale of all members. A member that is not heard,
-is in no state to follow, echoes another sequence, has another checksum or permits 0, stops the
-group: all ramp down along the direction of motion with the common deceleration. The same ramp
-follows a member's emergency message with the code of a fault, at once; a silent master, a missing
-SYNC and an overdue setpoint. Of the master's heartbeats only those count that say OPERATIONAL (one
-byte, 05); its boot-up message is a stop.
+own wheels can follow, with the sequence it latched and a checksum of what it is about to do. That
+is its vote. With the last vote every member knows the smallest scale. All apply twist(*k*) times
+that at the same time, the *agreement delay* (0x2041:5) after SYNC *k*.
+
+A vote of a member that is in no state to follow, echoes another sequence, has another checksum or
+permits 0, stops the group as soon as all votes are in: all ramp down along the direction of motion
+with the common deceleration. So does a member that is not heard before SYNC *k+1*; until then the
+others hold the setpoint in force. The same ramp follows a member's emergency message with the code
+of a fault, at once; a silent master, a missing SYNC and an overdue setpoint. Of the master's
+heartbeats only those count that say OPERATIONAL (one byte, 05); its boot-up message is a stop.
 
 Only an NMT start, standstill and a new sequence end that: after a start, setpoints of less than
 0.01 m/s and 0.01 rad/s must come, and be agreed on, at three SYNCs in a row (0x2042:1). Until then
@@ -172,14 +175,7 @@ faults has 32 bytes:
 pub fn page<W: Write>(out: &mut W) -> Result {
     writeln!(out, "# What Omnibus says on the CAN bus\n")?;
     writeln!(out, "Wire version {}. {INTRODUCTION}", crate::WIRE_VERSION)?;
-    writeln!(
-        out,
-        "The robots act on a target {} ms after the SYNC that puts it in force, more than SYNC may jitter, and reach it \
-         on a\nstraight line over one SYNC period. A setpoint latched at SYNC *k* is therefore reached at SYNC *k+2* \
-         plus {} ms.\n",
-        crate::timing::APPLY_DELAY_US / 1000,
-        crate::timing::APPLY_DELAY_US / 1000
-    )?;
+    timing(out)?;
     identifiers(out)?;
     process_data(out)?;
     codes(out)?;
@@ -187,6 +183,78 @@ pub fn page<W: Write>(out: &mut W) -> Result {
     writeln!(out, "{COMPENSATION}")?;
     writeln!(out, "{STORED_FAULTS}")?;
     objects(out)
+}
+
+const TIMING: &str = "\
+## When a group twist takes effect
+
+![One SYNC period of eight robots: the votes after SYNC, the agreement delay, the control tick at \
+which the setpoint takes effect, and the straight line to it](sync-timing.svg)
+
+The agreement delay counts from SYNC as every member estimates it, without its jitter. It is the
+smallest that fits the members. From the end of SYNC to the time at which all votes are known in all
+members pass, in the worst case:
+";
+
+const TIMING_NOTES: &str = "\
+A frame is the longest there is, 135 bits with all stuff bits. Votes go out by node number, so those
+of all lower nodes come first, also of robots of another group on the bus. The sum and the allowance
+for a late SYNC are rounded up to 200 us before a control tick; ticks come half a millisecond after
+whole ones since SYNC. Where the SYNC period is too short for that, the allowance is; where it is too
+short for the votes, the group file is refused, and so is a start (0x2041:5).
+
+The members reach the setpoint on a straight line over one SYNC period from there on. A setpoint
+latched at SYNC *k* is therefore reached one period and the agreement delay later; a master that
+drives a curve sends each setpoint ahead by that.
+
+Votes that come later than the agreement delay stop nothing: the setpoint then takes effect late, on
+the same line. Each member counts them (0x2121:8), reports limit 0x000F with its next status, and
+shows the longest time from SYNC to the last vote (0x2121:9).
+";
+
+/// What the agreement delay is made of, and its value for groups of every size.
+fn timing<W: Write>(out: &mut W) -> Result {
+    use crate::timing::{
+        BIT_RATE, DECISION_US, LONGEST_FRAME_BITS, RESPONSE_US, SYNC_ALLOWANCE_US,
+        agreement_delay_us, votes_known_us,
+    };
+    writeln!(out, "{TIMING}")?;
+    writeln!(out, "| time | what |\n|---|---|")?;
+    writeln!(
+        out,
+        "| {RESPONSE_US} us | every robot has its vote ready to be sent |"
+    )?;
+    let frame_us = LONGEST_FRAME_BITS * 1_000 / (BIT_RATE / 1_000);
+    writeln!(
+        out,
+        "| {} us | a frame that is on the wire already, and one of higher priority |",
+        2 * frame_us
+    )?;
+    writeln!(
+        out,
+        "| {frame_us} us a robot | the votes of all nodes up to the group's highest |"
+    )?;
+    writeln!(
+        out,
+        "| {DECISION_US} us | every robot has decided, in time for its control tick |"
+    )?;
+    writeln!(
+        out,
+        "| {SYNC_ALLOWANCE_US} us | allowance for a SYNC that comes late |\n"
+    )?;
+    writeln!(
+        out,
+        "| highest node | votes known | agreement delay at 100 Hz |\n|---|---|---|"
+    )?;
+    let alone = agreement_delay_us(1 << 2, 10_000, BIT_RATE).unwrap_or(0);
+    writeln!(out, "| one robot alone | | {alone} us |")?;
+    for highest in [3, 4, 9, 10, 17] {
+        let members = 1 << highest | 1 << 2;
+        let delay = agreement_delay_us(members, 10_000, BIT_RATE).unwrap_or(0);
+        let known = votes_known_us(highest, BIT_RATE);
+        writeln!(out, "| {highest} | {known} us | {delay} us |")?;
+    }
+    writeln!(out, "\n{TIMING_NOTES}")
 }
 
 fn identifiers<W: Write>(out: &mut W) -> Result {

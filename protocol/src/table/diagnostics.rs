@@ -28,6 +28,11 @@ records! { DIAGNOSTICS_RECORDS:
             "Since power came.";
         CAN_ERRORS = 7: counter("CAN errors"),
             "Frames lost by overflow or bus-off.";
+        LATE_VOTES = 8: counter("Late votes"),
+            "SYNCs whose votes came later than the agreement delay (0x2041:5), so the setpoint took \
+             effect late.";
+        LATEST_VOTE = 9: state("Latest vote", "us", Kind::U32),
+            "Longest time from SYNC to the last vote on it, since the start.";
     }
 }
 

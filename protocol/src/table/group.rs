@@ -25,6 +25,9 @@ records! { GROUP_RECORDS:
         HEARTBEAT_TIMEOUT = 4: parameter("Master heartbeat timeout", "ms", word(10, 10_000, 500)),
             "Armed or moving, without the master's heartbeat for this long: ramp down. Only one \
              that says OPERATIONAL counts; a boot-up message is a stop.";
+        AGREEMENT_DELAY = 5: parameter("Agreement delay", "us", word(0, 65_535, 0)),
+            "After SYNC, without its jitter, the setpoint latched there takes effect; shorter than \
+             the SYNC period. 0 for the smallest that fits the members.";
     }
     0x2042 "Restart and stops" {
         STANDSTILL_SYNCS = 1: parameter("Standstill before motion", "SYNCs", byte(1, 250, 3)),

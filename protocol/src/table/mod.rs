@@ -55,6 +55,7 @@ pub const COMMON: &[Address] = &[
     at::SYNC_TIMEOUT,
     at::SETPOINT_TIMEOUT,
     at::HEARTBEAT_TIMEOUT,
+    at::AGREEMENT_DELAY,
     at::STANDSTILL_SYNCS,
     at::CUTS_TOGETHER,
     at::BRAKE_RELEASE,

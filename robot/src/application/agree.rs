@@ -1,4 +1,5 @@
-//! SYNC: first the decision on the last setpoint, then the next one, then the vote on it.
+//! SYNC: the next setpoint and the vote on it; the decision when the last vote is in, or at the
+//! next SYNC if one never came.
 //!
 //! The rules themselves are in [`crate::agreement`] and [`crate::interlock`].
 
@@ -6,7 +7,7 @@ use control::configuration::Configuration;
 use control::time::Micros;
 use kinematics::{Twist, desaturate};
 use protocol::address::SYNC_PERIOD;
-use protocol::{Fault, Limit, Scale};
+use protocol::{Fault, Limit, MemberStatus, Scale};
 
 use super::Application;
 use crate::agreement::{Agreement, Own, Verdict};
@@ -31,7 +32,10 @@ impl Application {
         self.runs_out = self
             .runs_out
             .min(at + Micros(configuration.times.silence_us()));
-        self.decide(at, members);
+        if self.is_undecided {
+            self.decide(at, members);
+        }
+        self.agreement = Agreement::new();
         let before = self.setpoints.ignored();
         let received = self.group_twist.take();
         let reception = self.setpoints.on_sync(at, beat, received.as_ref(), group);
@@ -48,13 +52,62 @@ impl Application {
             self.transition(state::Event::Failed(fault), at);
         }
         self.vote(beat);
+        self.is_undecided = self.agrees();
+        if self.is_undecided {
+            self.decide_if_complete(at);
+        } else {
+            self.interlock.disagree();
+        }
         self.follow_alone(at, beat);
     }
 
-    /// Whether every other member has voted since the last SYNC.
-    pub(super) fn has_all_votes(&self, configuration: &Configuration) -> bool {
-        let node = self.identity.node.get();
-        self.agreement.is_complete(configuration.members, node)
+    /// Whether this robot takes part in the decision on the setpoint that it has latched.
+    fn agrees(&self) -> bool {
+        let takes_part = match self.state {
+            State::Armed => !self.alone.started_so,
+            State::Moving => true,
+            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => false,
+        };
+        takes_part && self.setpoints.latched().is_some()
+    }
+
+    /// How many votes the decision on the latched setpoint waits for.
+    pub fn votes_missing(&self) -> u32 {
+        match &self.configuration {
+            Some(configuration) if self.is_undecided => {
+                let node = self.identity.node.get();
+                self.agreement.missing(configuration.members, node)
+            }
+            _ => 0,
+        }
+    }
+
+    /// A member's vote has come in.
+    pub(super) fn on_vote(&mut self, at: Micros, node: u8, status: &MemberStatus) {
+        if self.is_undecided {
+            self.agreement.record(node, status);
+            self.decide_if_complete(at);
+        }
+    }
+
+    /// Decides when all votes are in, and notes how long they have taken.
+    fn decide_if_complete(&mut self, at: Micros) {
+        let Some(configuration) = &self.configuration else {
+            return;
+        };
+        let (members, delay_us) = (
+            configuration.members,
+            configuration.times.agreement_delay_us,
+        );
+        if self.votes_missing() > 0 {
+            return;
+        }
+        let took_us = u32::try_from(at.since(self.last_sync).0).unwrap_or(u32::MAX);
+        let counters = &mut self.counters;
+        counters.latest_vote_us = counters.latest_vote_us.max(took_us);
+        self.is_late = took_us > delay_us;
+        counters.late_votes = counters.late_votes.wrapping_add(u32::from(self.is_late));
+        self.decide(at, members);
     }
 
     /// Groups share the bus, its SYNC and its master's heartbeat. A twist for another one is
@@ -65,15 +118,11 @@ impl Application {
         group.is_none() || addressed.is_none() || group == addressed
     }
 
-    /// Rule 2: what was latched at the last SYNC takes effect at this one, or is a stop.
+    /// Rules 2 and 3: what was latched at the last SYNC takes effect, or is a stop.
     fn decide(&mut self, at: Micros, members: u32) {
-        let latched = match self.state {
-            State::Armed if self.alone.started_so => None,
-            State::Armed | State::Moving => self.setpoints.latched(),
-            State::Ready | State::Alone | State::Ramping(_) | State::Faulted(_) => None,
-        };
+        self.is_undecided = false;
+        let latched = self.setpoints.latched().filter(|_| self.agrees());
         let Some(latched) = latched else {
-            self.agreement = Agreement::new();
             self.interlock.disagree();
             return;
         };
@@ -93,7 +142,7 @@ impl Application {
             }
             Verdict::Stop(fault) => {
                 self.interlock.disagree();
-                // Before motion everything else may be over at the next SYNC.
+                // Before motion everything else may be over at the next decision.
                 if self.state == State::Moving || fault == Fault::PlanMismatch {
                     self.transition(state::Event::Failed(fault), at);
                 }

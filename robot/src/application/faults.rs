@@ -53,7 +53,7 @@ impl Application {
         let sync = Some((self.last_sync, times.sync_timeout_us, Fault::SyncLost));
         // Whoever misses a status at the next SYNC stops there; without a SYNC it is as certain a
         // moment later.
-        let members = (!self.has_all_votes(configuration)).then_some((
+        let members = self.is_undecided.then_some((
             self.last_sync,
             configuration.times.silence_us(),
             Fault::MemberSilent,

@@ -12,7 +12,7 @@
 //! | `objects` | the value of every object, and what a write does |
 //! | `start` | NMT start, the only way into motion; changes of the NMT state |
 //! | `others` | heartbeat of the master, frames of the other members |
-//! | `agree` | at SYNC: decision on the last setpoint, then the vote on the next one |
+//! | `agree` | at SYNC: the vote on the next setpoint; with the last vote: the decision |
 //! | `alone` | one robot moved alone |
 //! | `identification` | identification of the motors |
 //! | `faults` | time-outs, and how faults are announced |
@@ -41,7 +41,6 @@ use control::interface::{Command, Mode, Report};
 use control::time::Micros;
 use heapless::Deque;
 use kinematics::Twist;
-use protocol::timing::APPLY_DELAY_US;
 use protocol::{Fault, Limit, Plan, Scale};
 
 use crate::agreement::{Agreement, Own};
@@ -88,6 +87,10 @@ pub(crate) struct Application {
     to_hand: bool,
 
     agreement: Agreement,
+    /// Votes on the latched setpoint are missing.
+    is_undecided: bool,
+    /// The votes of the last decision came too late for its setpoint to take effect in time.
+    is_late: bool,
     /// Published about the setpoint that is latched.
     own: Own,
     /// What is part of every checksum of `own`.
@@ -148,6 +151,8 @@ impl Application {
             configuration: None,
             to_hand: false,
             agreement: Agreement::new(),
+            is_undecided: false,
+            is_late: false,
             own: Own::NONE,
             plan: Plan::NONE,
             interlock: Interlock::new(u8::MAX),
@@ -241,7 +246,9 @@ impl Application {
         if matches!(self.state, State::Moving | State::Alone) {
             self.command.twist_cmd = twist_cmd;
             self.command.sequence = sequence;
-            self.command.at = self.clock.estimate().unwrap_or(at) + Micros(APPLY_DELAY_US);
+            let times = self.configuration.as_ref().map(|known| known.times);
+            let delay_us = times.map_or(0, |times| times.agreement_delay_us);
+            self.command.at = self.clock.estimate().unwrap_or(at) + Micros(delay_us.into());
             self.command.update = self.command.update.wrapping_add(1);
         }
     }

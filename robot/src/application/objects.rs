@@ -87,6 +87,8 @@ impl Application {
             at::STOPS => Value::U32(counters.stops),
             at::WATCHDOG_RESETS => Value::U32(counters.watchdog_resets),
             at::CAN_ERRORS => Value::U32(counters.can_errors),
+            at::LATE_VOTES => Value::U32(counters.late_votes),
+            at::LATEST_VOTE => Value::U32(counters.latest_vote_us),
             at::CAN_TRANSMIT_ERRORS => Value::U8(self.can.errors.transmit),
             at::CAN_RECEIVE_ERRORS => Value::U8(self.can.errors.receive),
             at::CAN_LAST_ERROR => Value::U8(self.can.errors.last),

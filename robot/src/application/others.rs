@@ -41,7 +41,7 @@ impl Application {
         match sent {
             Sent::Status => {
                 if let Ok(status) = MemberStatus::try_from(frame.data()) {
-                    self.agreement.record(node, &status);
+                    self.on_vote(at, node, &status);
                 }
             }
             Sent::Measured => {
@@ -73,7 +73,7 @@ impl Application {
     }
 
     /// Another robot has announced a fault. One of a member stops the group at once: its vote would
-    /// say the same, up to two SYNCs later.
+    /// say the same, up to a SYNC period later.
     fn on_member_fault(&mut self, at: Micros, node: u8, fault: Fault) {
         let Some(configuration) = &self.configuration else {
             return;

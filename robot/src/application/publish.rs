@@ -85,9 +85,11 @@ impl Application {
             return Code::Fault(obstacle);
         }
         let moving = matches!(self.state, State::Moving | State::Alone);
-        // What a start waits for is over when the robot is not started any more.
-        let waits = self.waits.filter(|_| self.state != State::Ready);
-        let limit = waits.or(self.report.limit).or_else(|| {
+        // What a start waits for, and its votes, are over when the robot is not started any more. A
+        // late vote comes before what the motion meets: it is seen in one status only.
+        let late = self.is_late.then_some(Limit::LateVote);
+        let started = self.waits.or(late).filter(|_| self.state != State::Ready);
+        let limit = started.or(self.report.limit).or_else(|| {
             if self.can.passive {
                 Some(Limit::BusErrors)
             } else if moving && self.strain.is_limit() {

@@ -65,6 +65,8 @@ impl Application {
         self.strain.restart();
         self.own = Own::NONE;
         self.agreement = Agreement::new();
+        self.is_undecided = false;
+        self.is_late = false;
         self.interlock = Interlock::new(configuration.standstill_syncs);
         self.plan = self.make_plan(device);
         self.transition(state::Event::Started, now);

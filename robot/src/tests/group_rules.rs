@@ -3,7 +3,7 @@
 use canopen::NmtCommand;
 use kinematics::Twist;
 use protocol::address as at;
-use protocol::{Code, Fault, Limit, MemberState, Scale, Value, cob};
+use protocol::{Code, Fault, Limit, MemberState, MemberStatus, Scale, Value, cob};
 
 use super::world::{DECELERATION, JERK, World};
 use crate::state::State;
@@ -63,17 +63,133 @@ fn rule_1_permitted_scale_is_that_of_its_own_wheels() {
 }
 
 #[test]
-fn rule_2_twist_takes_effect_at_the_next_sync() {
-    let mut world = World::started(&[2]);
+fn rule_2_twist_takes_effect_the_agreement_delay_after_its_sync() {
+    // One robot needs nobody's vote, two lie in one class with eight, ten take a millisecond more;
+    // a world's ticks come at whole milliseconds.
+    let ten = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
+    for (nodes, first_tick) in [(&[2][..], 2), (&[2, 3], 3), (&ten, 4)] {
+        let mut world = World::started(nodes);
+        world.release();
+        world.run(10 - (world.now / 1000 % 10) as u32);
+        world.twist = Some(FORWARD);
+        // SYNC is in the first of these milliseconds, its tick at 0.
+        for millis in 0..10 {
+            world.step();
+            for robot in 0..nodes.len() {
+                let moves = reference(&world, robot).vx > 0.0;
+                assert_eq!(moves, millis >= first_tick, "{nodes:?} {millis} ms");
+            }
+        }
+    }
+}
+
+/// The group's own parameter, when it is given.
+#[test]
+fn rule_2_the_agreement_delay_is_a_parameter_of_the_group() {
+    let mut world = World::new(&[2, 3]);
+    world.configure();
+    for node in [2, 3] {
+        let delay = Value::U16(6_300);
+        world.write(node, at::AGREEMENT_DELAY, delay).unwrap();
+    }
+    world.start();
+    world.run(30);
     world.release();
     world.run(10 - (world.now / 1000 % 10) as u32);
     world.twist = Some(FORWARD);
-    // SYNC k is in the first of these ten milliseconds.
+    for millis in 0..10 {
+        world.step();
+        assert_eq!(reference(&world, 0).vx > 0.0, millis >= 7, "{millis} ms");
+    }
+    // As long as the period leaves.
+    for (delay, fits) in [(9_300, true), (9_301, false)] {
+        let mut world = World::new(&[2]);
+        world.configure();
+        let given = Value::U16(delay);
+        world.write(2, at::AGREEMENT_DELAY, given).unwrap();
+        let status = world.read(2, at::CONFIGURATION_STATUS).unwrap();
+        assert_eq!(status == 0, fits, "{delay}: {status:#x}");
+    }
+}
+
+/// The statuses of one member reach the others `late_us` after they were sent.
+fn delayed(world: &mut World, late_us: u64, syncs: u32) {
+    for _ in 0..syncs {
+        world.until(10, |world| world.now.is_multiple_of(10_000));
+        world.robots[2].holds = Some(late_us);
+        world.run(10);
+    }
+    world.robots[2].holds = None;
+}
+
+/// A vote that comes after the agreement delay, but before the next SYNC: counted, reported, and
+/// the group goes on. All are at the setpoint when the line to it ends.
+#[test]
+fn rule_2_a_late_vote_is_counted_and_stops_nothing() {
+    let mut world = World::started(&[2, 3, 4]);
+    world.drive(Twist::new(0.3, 0.0, 0.0), 1_000);
+    assert_eq!(world.read(2, at::LATE_VOTES), Ok(0));
+    // In time: 2 ms are less than the delay.
+    delayed(&mut world, 2_000, 3);
+    assert_eq!(world.read(2, at::LATE_VOTES), Ok(0));
+    assert_eq!(world.read(2, at::LATEST_VOTE), Ok(2_000));
+    for k in 0..5 {
+        world.twist = Some(Twist::new(0.3 + 0.005 * k as f32, 0.0, 0.0));
+        delayed(&mut world, 5_000, 1);
+        // The line ends 2.3 ms after the next SYNC; by the next late vote all have been there.
+        assert!(spread(&world) < 2e-3, "{}", spread(&world));
+    }
+    assert_eq!(world.read(2, at::LATE_VOTES), Ok(5));
+    assert_eq!(world.read(3, at::LATE_VOTES), Ok(5));
+    assert_eq!(world.read(2, at::LATEST_VOTE), Ok(5_000));
+    // Whose vote it was has heard the others in time.
+    assert_eq!(world.read(4, at::LATE_VOTES), Ok(0));
     world.run(10);
-    assert_eq!(world.robots[0].bus.command().twist_cmd, Twist::ZERO);
-    world.run(1);
-    let target = world.robots[0].bus.command().twist_cmd;
-    assert!((target.vx - FORWARD.vx).abs() < 1e-4);
+    let reported = |world: &World| {
+        let statuses = world.log.iter().map(|(_, frame)| frame);
+        let statuses = statuses.filter(|frame| frame.id() == cob::member_status(2));
+        let codes = statuses.map(|frame| MemberStatus::try_from(frame.data()).unwrap().code);
+        codes
+            .filter(|code| *code == Code::Limit(Limit::LateVote))
+            .count()
+    };
+    assert!(reported(&world) >= 4, "{}", reported(&world));
+    world.run(100);
+    assert!(spread(&world) < 1e-6);
+    for robot in &world.robots {
+        assert_eq!(robot.bus.state(), State::Moving);
+    }
+    assert_eq!(world.status(2).code, Code::None);
+}
+
+/// A vote that does not come before the next SYNC is a member that is silent.
+#[test]
+fn rule_3_a_vote_after_the_next_sync_stops_the_group() {
+    let mut world = World::started(&[2, 3, 4]);
+    world.drive(Twist::new(0.3, 0.0, 0.0), 1_000);
+    delayed(&mut world, 10_000, 1);
+    world.run(20);
+    let fault = world.robots[0].bus.state().fault();
+    assert_eq!(fault, Some(Fault::MemberSilent));
+}
+
+/// Until the next SYNC the others hold the setpoint in force.
+#[test]
+fn rule_3_a_setpoint_that_is_not_agreed_on_is_not_followed() {
+    let mut world = World::started(&[2, 3, 4]);
+    world.drive(Twist::new(0.3, 0.0, 0.0), 1_000);
+    world.until(10, |world| world.now.is_multiple_of(10_000));
+    world.robots[2].mute = true;
+    world.twist = Some(Twist::new(0.32, 0.0, 0.0));
+    for _ in 0..10 {
+        world.step();
+        for robot in 0..2 {
+            let held = reference(&world, robot).vx;
+            assert!((held - 0.3).abs() < 1e-4, "{held}");
+        }
+    }
+    world.step();
+    assert!(matches!(world.robots[0].bus.state(), State::Ramping(_)));
 }
 
 #[test]

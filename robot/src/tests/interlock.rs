@@ -53,9 +53,9 @@ fn three_syncs_near_standstill_release_all_members_at_once() {
     world.until(20, |world| world.now % 10_000 == 1_000);
     // Below both thresholds, but not zero: a joystick's neutral position.
     world.twist = Some(Twist::new(0.006, 0.006, 0.009));
-    // Latched at one SYNC, agreed on at the next, and twice more.
+    // Agreed on at the next SYNC, and twice more.
     let took = world.until(100, |world| all_are(world, State::Moving));
-    assert_eq!(took, 40);
+    assert_eq!(took, 30);
     // Never one without the other.
     let mut world = World::started(&[2, 3, 4]);
     world.twist = Some(Twist::ZERO);
@@ -95,7 +95,7 @@ fn how_many_syncs_is_a_parameter_of_the_group() {
     world.until(20, |world| world.now % 10_000 == 1_000);
     world.twist = Some(Twist::ZERO);
     let took = world.until(400, |world| all_are(world, State::Moving));
-    assert_eq!(took, 210);
+    assert_eq!(took, 200);
 }
 
 /// A member that is started once more begins to count anew; nobody follows a speed before it is

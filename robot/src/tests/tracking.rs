@@ -4,7 +4,7 @@ use kinematics::Twist;
 use kinematics::trajectory::{FigureEight, Ramped, Trajectory};
 use protocol::Value;
 use protocol::address as at;
-use protocol::timing::APPLY_DELAY_US;
+use protocol::timing::{BIT_RATE, agreement_delay_us, reached_after_us};
 
 use super::world::World;
 use crate::state::State;
@@ -28,8 +28,8 @@ fn fast(nodes: &[u8]) -> World {
 /// Drives the paper's figure-eight with a ramped start; calls `look` after every tick.
 fn figure_eight(world: &mut World, seconds: u32, mut look: impl FnMut(&World, Twist)) {
     let curve = Ramped::new(FigureEight::<f32>::paper(), 2.0);
-    // A setpoint is reached two SYNCs and the apply delay after it was latched.
-    let preview = 0.02 + APPLY_DELAY_US as f32 * 1e-6;
+    let delay = agreement_delay_us(world.mask(), 10_000, BIT_RATE).unwrap();
+    let preview = reached_after_us(10_000, delay) as f32 * 1e-6;
     let begin = world.now.next_multiple_of(10_000);
     world.until(10, |world| world.now == begin);
     for tick in 0..seconds * 1000 {

@@ -43,6 +43,8 @@ pub struct Robot {
     pub deaf: bool,
     /// Its frames do not reach the bus.
     pub mute: bool,
+    /// Its frames reach the bus so much later, us.
+    pub holds: Option<u64>,
     /// The encoder of this wheel is dead (0) or reversed (-1).
     pub encoder_sign: [f64; 4],
     /// Counts that an encoder has made besides those of its wheel.
@@ -79,6 +81,7 @@ impl Robot {
             angles: [0.0; 4],
             deaf: false,
             mute: false,
+            holds: None,
             encoder_sign: [1.0; 4],
             stray: [0; 4],
             blocked: [false; 4],
@@ -183,6 +186,8 @@ pub struct World {
     /// Whether a frame from one node reaches another; a parted bus lets some not.
     pub passes: fn(u8, u8) -> bool,
     wire: VecDeque<(u8, Frame)>,
+    /// Frames on hold, and when they get to the bus.
+    held: VecDeque<(u64, u8, Frame)>,
 }
 
 impl World {
@@ -200,6 +205,7 @@ impl World {
             events: Vec::new(),
             passes: |_, _| true,
             wire: VecDeque::new(),
+            held: VecDeque::new(),
         };
         // Powered and heard for long enough to be allowed to move.
         world.run(155);
@@ -312,7 +318,9 @@ impl World {
         loop {
             for robot in &mut self.robots {
                 while let Some(frame) = robot.bus.pop_frame() {
-                    if !robot.mute {
+                    if let Some(late_us) = robot.holds {
+                        self.held.push_back((self.now + late_us, robot.node, frame));
+                    } else if !robot.mute {
                         self.wire.push_back((robot.node, frame));
                     }
                 }
@@ -354,6 +362,12 @@ impl World {
         }
         if self.now.is_multiple_of(10_000) {
             self.cycle();
+        }
+        while let Some((at, node, frame)) = self.held.front().copied()
+            && at <= self.now
+        {
+            self.held.pop_front();
+            self.wire.push_back((node, frame));
         }
         for robot in &mut self.robots {
             let local = Micros(self.now + robot.offset);

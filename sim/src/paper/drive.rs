@@ -1,8 +1,8 @@
 //! Drives simulated robots along a motion over their bus, and records their poses.
 //!
 //! The master is [`crate::test_master`]: one setpoint before every SYNC, sent ahead by the known
-//! delay of a setpoint (two SYNC periods and the delay with which robots act), so that robots
-//! follow the motion without a predictable lag.
+//! delay of a setpoint ([`group::preview_us`]), so that robots follow the motion without a
+//! predictable lag.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -72,7 +72,7 @@ pub fn drive(job: &Job, backend: &Backend) -> Result<Vec<Point>, SimError> {
     // Now a SYNC is due; the next is the motion's first instant.
     let begin_ns = master.world.now_ns() + period_us * 1_000;
     let period = period_us as f64 * 1e-6;
-    let preview = (2 * period_us + protocol::timing::APPLY_DELAY_US) as f64 * 1e-6;
+    let preview = f64::from(group::preview_us(file)) * 1e-6;
     let mut points = Vec::new();
     let mut syncs = 0.0;
     while syncs * period <= job.motion.duration() + TAIL {

@@ -5,10 +5,13 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_stm32::interrupt::typelevel::{self, Handler};
 use embassy_stm32::{bind_interrupts, pac};
 
+use protocol::cob;
+
 use super::cable::{GATEWAY, collect_sent, leaving_mailbox, print_to_cable};
 use super::mailboxes::frame_of;
 use super::{
     CAN_WAIT, LISTENS_TO, OVERRUNS, OWN_NODE, PASSIVE_AT, QUEUE_OVERFLOWS, RX_QUEUE, Received,
+    VOTES_MISSING,
 };
 use crate::board::now;
 use crate::wake;
@@ -62,7 +65,7 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
                 if !taken {
                     QUEUE_OVERFLOWS.fetch_add(1, Ordering::Relaxed);
                 }
-                if taken && !own && is_in(&CAN_WAIT) {
+                if taken && !own && is_in(&CAN_WAIT) && !is_last_vote(id) {
                     wake::BUS.signal_at_next_tick();
                 } else {
                     wake::BUS.signal();
@@ -70,6 +73,17 @@ impl Handler<typelevel::CAN1_RX0> for RxHandler {
             }
         }
     }
+}
+
+/// Whether this is the last of the votes that the bus task expects.
+fn is_last_vote(id: u16) -> bool {
+    let missing = VOTES_MISSING.load(Ordering::Relaxed);
+    if missing == 0 || !matches!(cob::sent(id), Some((cob::Sent::Status, _))) {
+        return false;
+    }
+    // The bus task does not run beside an interrupt, so load and store are one.
+    VOTES_MISSING.store(missing - 1, Ordering::Relaxed);
+    missing == 1
 }
 
 pub(super) struct TxHandler;

@@ -14,7 +14,8 @@
 //! robot's own node number, because only another robot with the same number sends them. The
 //! controller's own filters are not used, because they can only be changed while it does not
 //! receive. For frames that have no effect before the next SYNC the interrupt does not wake the bus
-//! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. A
+//! task: they wait for the control tick, which wakes it, or for the next frame that cannot wait. So
+//! do the members' votes but the last one ([`Can::expect_votes`]), with which the group decides. A
 //! millisecond has at most 20 frames, so the queue can hold them.
 //!
 //! # Gateway
@@ -101,6 +102,8 @@ impl Health {
 static RX_QUEUE: Channel<CriticalSectionRawMutex, Received, RX_QUEUE_LENGTH> = Channel::new();
 static LISTENS_TO: AtomicU16 = AtomicU16::new(u16::MAX);
 static CAN_WAIT: AtomicU16 = AtomicU16::new(0);
+/// Votes until the bus task is woken for them; 0 for never.
+static VOTES_MISSING: AtomicU32 = AtomicU32::new(0);
 static OWN_NODE: AtomicU16 = AtomicU16::new(0);
 /// The error register as it was when the controller became error passive; 0 once it was read.
 static PASSIVE_AT: AtomicU32 = AtomicU32::new(0);
@@ -118,6 +121,11 @@ impl Can {
         OWN_NODE.store(node.into(), Ordering::Relaxed);
         LISTENS_TO.store(function_codes, Ordering::Relaxed);
         CAN_WAIT.store(can_wait, Ordering::Relaxed);
+    }
+
+    /// The last of so many votes of members from now on does not wait for the tick.
+    pub fn expect_votes(&self, missing: u32) {
+        VOTES_MISSING.store(missing, Ordering::Relaxed);
     }
 
     /// Takes the oldest received frame, if there is one.
