@@ -83,7 +83,7 @@ pub async fn control(mut timer: TickTimer, due: Micros) {
 }
 
 fn place(place: &'static mut MaybeUninit<Control>, parts: Parts) -> &'static mut Control {
-    let schedule = TickSchedule::new();
+    let mut schedule = TickSchedule::new();
     place.write(Control {
         side: ControlSide::new(),
         due: schedule.next(now()),

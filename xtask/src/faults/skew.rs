@@ -23,13 +23,13 @@ pub const JITTER_US: u64 = 1_500;
 /// Emulated time of the measurement.
 pub const SECONDS: u64 = 60;
 /// What is promised.
-pub const LIMIT_US: f64 = 50.0;
+pub const LIMIT_US: f64 = 10.0;
 
 const PERIOD_US: u64 = 10_000;
 /// SYNCs at standstill, the start among them.
 const STANDS: u64 = 30;
-/// SYNCs until the clocks are in step.
-const SETTLE: u64 = 200;
+/// SYNCs until the clocks have learnt the crystals' difference: the loop's time constant is 64.
+const SETTLE: u64 = 500;
 /// A setpoint goes out this long before its SYNC is due; the earliest comes 2.5 ms after it.
 const LEAD_US: u64 = 4_000;
 /// Half of a control tick: farther apart, two changes do not belong together.
