@@ -134,7 +134,7 @@ impl<L: Link> Group<L> {
         if t > duration + TAIL {
             return Ok(None);
         }
-        let preview = preview_us(self.period_us()) as f64 * 1e-6;
+        let preview = f64::from(group::preview_us(&self.file)) * 1e-6;
         let setpoint = self.forward(plan, t + preview);
         self.set_target(None);
         self.run_period(setpoint)?;
