@@ -57,8 +57,8 @@ pub fn run(command: &mut Command) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Adds the firmware's target to the toolchain when it is missing.
-pub fn ensure_target() -> anyhow::Result<()> {
+/// Adds a target to the toolchain when it is missing.
+pub fn ensure_target(target: &str) -> anyhow::Result<()> {
     // The compiler knows best whether it has the target's core library, rustup or not.
     let sysroot = Command::new("rustc")
         .current_dir(root())
@@ -68,20 +68,20 @@ pub fn ensure_target() -> anyhow::Result<()> {
     let sysroot = PathBuf::from(String::from_utf8_lossy(&sysroot.stdout).trim());
     if sysroot
         .join("lib/rustlib")
-        .join(TARGET)
+        .join(target)
         .join("lib")
         .is_dir()
     {
         return Ok(());
     }
-    eprintln!("adding the {TARGET} target with rustup");
+    eprintln!("adding the {target} target with rustup");
     let mut rustup = Command::new("rustup");
     rustup
         .current_dir(root())
-        .args(["target", "add", TARGET])
+        .args(["target", "add", target])
         .stdout(Stdio::inherit());
     run(&mut rustup).with_context(|| {
-        format!("the {TARGET} target is missing and could not be added: rustup target add {TARGET}")
+        format!("the {target} target is missing and could not be added: rustup target add {target}")
     })
 }
 

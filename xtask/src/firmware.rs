@@ -71,7 +71,7 @@ fn build_variant(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
 }
 
 fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
-    cargo::ensure_target()?;
+    cargo::ensure_target(cargo::TARGET)?;
     let mut command = cargo::command();
     command
         .args(["build", "--release", "--package", BINARY, "--bin", BINARY])

@@ -30,7 +30,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
     system_packages()?;
-    let python = environment(&tests.join("requirements.txt"))?;
+    let python = python()?;
     cargo::run(cargo::command().args([
         "build",
         "--package=omnibus-sim",
@@ -173,6 +173,11 @@ fn system_packages() -> anyhow::Result<()> {
          python3-venv tshark chromium gdb-multiarch",
         missing.join(", ")
     )
+}
+
+/// The interpreter that has the tests' packages.
+pub fn python() -> anyhow::Result<PathBuf> {
+    environment(&cargo::root().join("tests/interop/requirements.txt"))
 }
 
 /// The interpreter of the virtual environment, made from the requirements.

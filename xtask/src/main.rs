@@ -1,5 +1,5 @@
 //! Workspace tasks: `cargo xtask demo | test | coverage | faults | interop | socketcan | fuzz |
-//! bench | profile | size | flash | check-elf | check-demo`.
+//! bench | profile | size | flash | web | check-elf | check-demo`.
 //!
 //! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
 //! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
@@ -19,6 +19,7 @@ mod flash;
 mod interop;
 mod size_canopen;
 mod socketcan;
+mod web;
 
 /// Workspace tasks of Omnibus.
 #[derive(Parser)]
@@ -84,6 +85,8 @@ enum Task {
     /// Builds the firmware for every board and checks that it is bootable: its vector table is at
     /// 0x08000000.
     CheckElf,
+    /// Builds the page with the group in it, and the documents, as static files in target/web.
+    Web(web::Arguments),
     /// Checks the JSON of a demo against the promised accuracy.
     CheckDemo {
         /// File written by `cargo xtask demo --json`.
@@ -110,6 +113,7 @@ fn run(task: Task) -> anyhow::Result<()> {
         Task::Bench(arguments) => bench::run(&arguments),
         Task::Flash(arguments) => flash::run(&arguments),
         Task::CheckElf => firmware::build_all_boards(),
+        Task::Web(arguments) => web::run(&arguments),
         Task::CheckDemo { json } => check::demo(&json),
     }
 }

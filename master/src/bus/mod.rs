@@ -8,6 +8,7 @@ pub mod adapter;
 pub mod address;
 pub mod auto;
 pub mod foreign;
+pub mod frame_name;
 pub mod link;
 pub mod load;
 pub mod punctuality;

@@ -21,6 +21,7 @@ let stateAt = 0;
 let trusted = false;
 let seat = { yours: false, taken: false };
 let trail = [];
+let aims = []; // the path that the newest curve asked for
 
 // ---- connection -------------------------------------------------------------------------------------------
 
@@ -96,6 +97,7 @@ function keep() {
 
 function recall() {
   trail = [];
+  aims = [];
   let kept = null;
   try { kept = JSON.parse(sessionStorage.getItem("trail")); } catch { kept = null; }
   // A simulated bus starts again with the server, whose clock then is younger than what was kept.
@@ -375,13 +377,22 @@ function plot() {
   paint.setLineDash([]);
 }
 
+function lengthen(path, x, y) {
+  const last = path[path.length - 1];
+  if (!last || Math.hypot(x - last[0], y - last[1]) > TRAIL_M) path.push([x, y]);
+  if (path.length > TRAIL_POINTS) path.shift();
+}
+
 function follow() {
+  if (state.curve && state.target) {
+    if (aims.length && state.curve[0] < aims.t) aims = [];
+    aims.t = state.curve[0];
+    lengthen(aims, state.target[0], state.target[1]);
+  }
   if (state.pose) {
     here = state.pose;
     const [x, y] = here;
-    const last = trail[trail.length - 1];
-    if (!last || Math.hypot(x - last[0], y - last[1]) > TRAIL_M) trail.push([x, y]);
-    if (trail.length > TRAIL_POINTS) trail.shift();
+    lengthen(trail, x, y);
   }
   if (!centre) centre = [here[0], here[1]];
   if (!drawn) {
@@ -436,6 +447,11 @@ function draw() {
   paint.lineWidth = 2;
   path([...trail, pose]);
   paint.stroke();
+  paint.strokeStyle = css("--green");
+  paint.setLineDash([7, 5]);
+  path(aims);
+  paint.stroke();
+  paint.setLineDash([]);
   paint.globalAlpha = 1;
   if (state.target) group(paint, path, state.target, true);
   group(paint, path, pose, false, at);
