@@ -117,6 +117,13 @@ class Web(unittest.TestCase):
         tab = self.tab("#robots=emulated&group=single", url=(FOLDER / "index.html").as_uri())
         tab.wait(f"{speed} > 0.01")
 
+    def test_a_document_has_the_live_page(self):
+        tab = Tab(self.browser, self.url.replace("index.html", "README.html"))
+        self.addCleanup(tab.close)
+        tab.wait("document.querySelector('iframe.live') !== null")
+        inside = f'typeof state !== "undefined" && {speed} > 0.01'
+        tab.wait(f"document.querySelector('iframe.live').contentWindow.eval({json.dumps(inside)})")
+
 
 if __name__ == "__main__":
     unittest.main()
