@@ -22,10 +22,14 @@ pub async fn health() {
     loop {
         calibrate_meters();
         ticker.next().await;
-        let (used, size) = stack::high_water();
-        if used >= stack_worst + STACK_STEP_BYTES {
-            defmt::info!("stack: {=usize} of {=usize} bytes used", used, size);
-            stack_worst = used;
+        let stack = stack::high_water();
+        if stack.most >= stack_worst + STACK_STEP_BYTES {
+            defmt::info!(
+                "stack: {=usize} of {=usize} bytes used",
+                stack.most,
+                stack.size
+            );
+            stack_worst = stack.most;
         }
         let late_us = CONTROL_LATENESS.reset_us();
         if late_us > late_worst_us {

@@ -87,9 +87,11 @@ impl PdoConfig {
 pub struct Config {
     /// The node-ID; without one the device stays off the bus.
     pub node: Option<NodeId>,
-    /// Lowest and highest node-ID that LSS may give it; others are refused. A network whose master
-    /// or tools have numbers of their own leaves those out.
-    pub node_ids: (u8, u8),
+    /// Lowest node-ID that LSS may give it; lower ones are refused. A network whose master or tools
+    /// have numbers of their own leaves those out.
+    pub lowest_node: u8,
+    /// Highest node-ID that LSS may give it.
+    pub highest_node: u8,
     /// Object 0x1000.
     pub device_type: u32,
     /// Object 0x1018.
@@ -140,7 +142,8 @@ impl Config {
     /// No node-ID, no heartbeat, no PDOs.
     pub const DEFAULT: Self = Self {
         node: None,
-        node_ids: (1, 127),
+        lowest_node: 1,
+        highest_node: 127,
         device_type: 0,
         identity: Identity {
             vendor: 0,
@@ -164,6 +167,13 @@ impl Config {
         rpdos: &[],
         tpdos: &[],
     };
+}
+
+impl Config {
+    /// Whether LSS may give this node-ID.
+    pub(crate) const fn permits_node(&self, node: u8) -> bool {
+        node >= self.lowest_node && node <= self.highest_node
+    }
 }
 
 impl Default for Config {

@@ -104,18 +104,10 @@ impl WheelLoop {
     }
 
     /// The voltage for this `reference` when the wheel turns at `rate` rad/s, within what is
-    /// available and the torque bound, and what held it back.
+    /// available and the torque bound. What held it back is added to `held`, which is left alone
+    /// where nothing did.
     #[inline]
-    pub fn update(&mut self, reference: WheelReference, rate: f32, tick: Available) -> (f32, Held) {
-        let mut held = Held::default();
-        let voltage = self.command(reference, rate, tick, &mut held);
-        (voltage, held)
-    }
-
-    /// The same voltage; what held it back is added to `held`, which is left alone where nothing
-    /// did.
-    #[inline]
-    pub(crate) fn command(
+    pub fn update(
         &mut self,
         reference: WheelReference,
         rate: f32,
@@ -295,7 +287,8 @@ mod tests {
         let mut worst = 0.0_f32;
         for tick in 0..2000_i16 {
             let reference = ramp(f32::from(tick) * DT);
-            let (voltage, held) = wheel.update(reference, motor.rate, at(24.0));
+            let mut held = Held::default();
+            let voltage = wheel.update(reference, motor.rate, at(24.0), &mut held);
             assert_eq!(held, Held::default());
             motor.step(voltage);
             worst = worst.max((reference.rate - motor.rate).abs());
@@ -312,7 +305,12 @@ mod tests {
             mismatch: 1.3,
         };
         for tick in 0..3000_i16 {
-            let (voltage, _) = wheel.update(ramp(f32::from(tick) * DT), motor.rate, at(24.0));
+            let voltage = wheel.update(
+                ramp(f32::from(tick) * DT),
+                motor.rate,
+                at(24.0),
+                &mut Held::default(),
+            );
             motor.step(voltage);
         }
         assert!((motor.rate - 6.0).abs() < 1e-3, "rate {}", motor.rate);
@@ -333,13 +331,15 @@ mod tests {
                 acceleration: 0.0,
             };
             for _ in 0..ticks {
-                let (voltage, held) = wheel.update(constant(30.0), motor.rate, at(12.0));
+                let mut held = Held::default();
+                let voltage = wheel.update(constant(30.0), motor.rate, at(12.0), &mut held);
                 assert!(voltage.abs() <= 12.0 && held.supply);
                 motor.step(voltage);
             }
             let mut rates = std::vec::Vec::new();
             for _ in 0..1000 {
-                let (voltage, _) = wheel.update(constant(4.0), motor.rate, at(12.0));
+                let voltage =
+                    wheel.update(constant(4.0), motor.rate, at(12.0), &mut Held::default());
                 motor.step(voltage);
                 rates.push(motor.rate);
             }
@@ -355,8 +355,9 @@ mod tests {
     #[test]
     fn standing_still_needs_no_voltage() {
         let mut wheel = WheelLoop::new(GAINS, PLENTY);
-        let given = wheel.update(WheelReference::default(), 0.0, at(24.0));
-        assert_eq!(given, (0.0, Held::default()));
+        let mut held = Held::default();
+        let given = wheel.update(WheelReference::default(), 0.0, at(24.0), &mut held);
+        assert_eq!((given, held), (0.0, Held::default()));
     }
 
     #[test]
@@ -366,7 +367,7 @@ mod tests {
             rate: 2.0,
             acceleration: 3.0,
         };
-        let (voltage, _) = wheel.update(reference, 1.5, at(24.0));
+        let voltage = wheel.update(reference, 1.5, at(24.0), &mut Held::default());
         // 0.6 + 1.2*2 + 0.12*3 + 2*0.5.
         assert!((voltage - 4.36).abs() < 1e-6);
         let mut wheel = WheelLoop::new(GAINS, PLENTY);
@@ -374,7 +375,7 @@ mod tests {
             rate: -2.0,
             acceleration: -3.0,
         };
-        let (voltage, _) = wheel.update(backward, -1.5, at(24.0));
+        let voltage = wheel.update(backward, -1.5, at(24.0), &mut Held::default());
         assert!((voltage + 4.36).abs() < 1e-6);
     }
 
@@ -387,7 +388,8 @@ mod tests {
             acceleration: 0.0,
         };
         for _ in 0..2_000 {
-            let (voltage, held) = wheel.update(reference, 0.0, at(24.0));
+            let mut held = Held::default();
+            let voltage = wheel.update(reference, 0.0, at(24.0), &mut held);
             assert!(voltage <= 6.0);
             assert!(held.torque == (voltage == 6.0) && !held.supply);
         }
@@ -398,7 +400,7 @@ mod tests {
         };
         let mut fastest = 0.0_f32;
         for _ in 0..1_000 {
-            let (voltage, _) = wheel.update(reference, motor.rate, at(24.0));
+            let voltage = wheel.update(reference, motor.rate, at(24.0), &mut Held::default());
             motor.step(voltage);
             fastest = fastest.max(motor.rate);
         }
@@ -409,7 +411,8 @@ mod tests {
     #[test]
     fn plugging_is_bounded_too() {
         let mut wheel = WheelLoop::new(GAINS, 6.0);
-        let (voltage, held) = wheel.update(WheelReference::default(), 10.0, at(24.0));
+        let mut held = Held::default();
+        let voltage = wheel.update(WheelReference::default(), 10.0, at(24.0), &mut held);
         // The back EMF is 12 V; the loop alone would give -20 V, 107 A into 0.3 ohm.
         assert!((voltage - 6.0).abs() < 1e-5 && held.torque);
     }

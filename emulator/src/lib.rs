@@ -71,7 +71,7 @@ mod trace;
 pub mod waveform;
 
 pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
-pub use can::{CanError, CanFrame, CanId, CanPort};
+pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
 pub use firmware::{Firmware, LoadError, Symbol};
 pub use rtt::{Level, LogLine};
 pub use stop::{Stop, StopKind};

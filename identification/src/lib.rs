@@ -412,14 +412,23 @@ impl Sums {
         self.wa += w * a;
     }
 
-    /// The line `kS + kV w` through the voltages after `kA a` has been subtracted.
-    fn line(&self, acceleration: f32) -> (f32, f32) {
+    /// The line through the voltages after `kA a` has been subtracted.
+    fn line(&self, acceleration: f32) -> Line {
         let n = f32::from(self.rows);
         let u = self.u - acceleration * self.a;
         let uw = self.uw - acceleration * self.wa;
         let speed = (n * uw - self.w * u) / (n * self.ww - self.w * self.w);
-        ((u - speed * self.w) / n, speed)
+        Line {
+            friction: (u - speed * self.w) / n,
+            speed,
+        }
     }
+}
+
+/// `kS + kV w`.
+struct Line {
+    friction: f32,
+    speed: f32,
 }
 
 impl Wheel {
@@ -431,7 +440,7 @@ impl Wheel {
         let (ramp, step) = (&self.ramp, &self.step);
         let mut acceleration = 0.0;
         for _ in 0..ROUNDS {
-            let (friction, speed) = ramp.line(acceleration);
+            let Line { friction, speed } = ramp.line(acceleration);
             // z = u - kS - kV w is what accelerates; the sums of z z and z a.
             let n = f32::from(step.rows);
             let zz = step.uu + speed * speed * step.ww + n * friction * friction
@@ -439,14 +448,14 @@ impl Wheel {
             let za = step.ua - speed * step.wa - friction * step.a;
             acceleration = zz / za;
         }
-        let (static_friction, speed) = ramp.line(acceleration);
-        let (offset, slope) = ramp.line(0.0);
+        let Line { friction, speed } = ramp.line(acceleration);
+        let plain = ramp.line(0.0);
         let n = f32::from(ramp.rows);
-        let left = ramp.uu - offset * ramp.u - slope * ramp.uw;
+        let left = ramp.uu - plain.friction * ramp.u - plain.speed * ramp.uw;
         let good = |value: f32| value.is_finite() && value > 0.0;
-        (good(speed) && good(acceleration) && static_friction.is_finite()).then_some(WheelModel {
+        (good(speed) && good(acceleration) && friction.is_finite()).then_some(WheelModel {
             // A bearing without friction may come out a little below zero.
-            static_friction: static_friction.max(0.0),
+            static_friction: friction.max(0.0),
             speed,
             acceleration,
             residual: (left / n).max(0.0).root(),

@@ -2,7 +2,7 @@
 
 use core::hint::black_box;
 
-use control::wheel::{Available, Gains, WheelLoop, WheelReference};
+use control::wheel::{Available, Gains, Held, WheelLoop, WheelReference};
 use fixed::types::I16F16;
 use kinematics::arithmetic::sin_cos;
 use kinematics::{
@@ -48,7 +48,7 @@ fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: f32, out:
         voltage: 24.0,
         dt: 1e-3,
     };
-    *out = wheel.update(*reference, rate, tick).0;
+    *out = wheel.update(*reference, rate, tick, &mut Held::default());
 }
 
 #[inline(never)]

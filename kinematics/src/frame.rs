@@ -75,24 +75,50 @@ impl<S: Real> Twist<S> {
     /// The same velocity, given in the world frame, seen from a body with this heading (rad).
     #[must_use]
     pub fn to_body(self, heading: S) -> Self {
-        let (sin, cos) = heading.sine_cosine();
-        self.rotated(-sin, cos)
+        self.rotated(Rotation::by(heading).inverse())
     }
 
     /// The same velocity, given in the frame of a body with this heading (rad), in the world frame.
     #[must_use]
     pub fn to_world(self, heading: S) -> Self {
-        let (sin, cos) = heading.sine_cosine();
-        self.rotated(sin, cos)
+        self.rotated(Rotation::by(heading))
     }
 
-    /// The linear part turned counter-clockwise by the angle with this sine and cosine.
-    pub(crate) fn rotated(self, sin: S, cos: S) -> Self {
+    /// The linear part turned counter-clockwise.
+    pub(crate) fn rotated(self, Rotation { sin, cos }: Rotation<S>) -> Self {
         Self {
             vx: cos * self.vx - sin * self.vy,
             vy: sin * self.vx + cos * self.vy,
             omega: self.omega,
         }
+    }
+}
+
+/// Sine and cosine of an angle by which something is turned counter-clockwise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rotation<S> {
+    pub sin: S,
+    pub cos: S,
+}
+
+impl<S: Real> Rotation<S> {
+    /// By an angle in rad.
+    pub fn by(angle: S) -> Self {
+        let (sin, cos) = angle.sine_cosine();
+        Self { sin, cos }
+    }
+
+    /// By an angle within ±8 rad.
+    #[inline]
+    pub fn by_heading(angle: S) -> Self {
+        let (sin, cos) = angle.heading_sine_cosine();
+        Self { sin, cos }
+    }
+
+    /// By the same angle, clockwise.
+    pub fn inverse(self) -> Self {
+        let Self { sin, cos } = self;
+        Self { sin: -sin, cos }
     }
 }
 

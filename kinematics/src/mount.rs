@@ -5,7 +5,7 @@
 
 use crate::arithmetic::Real;
 use crate::error::MountError;
-use crate::frame::{Pose, Twist};
+use crate::frame::{Pose, Rotation, Twist};
 
 /// Pose of a member in the group frame, with its sine and cosine precomputed.
 ///
@@ -20,16 +20,14 @@ use crate::frame::{Pose, Twist};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mount<S = f32> {
     pose: Pose<S>,
-    sin: S,
-    cos: S,
+    rotation: Rotation<S>,
 }
 
 impl Mount {
     /// At the origin of the group frame: a robot alone is a group of one.
     pub const IDENTITY: Self = Self {
         pose: Pose::ZERO,
-        sin: 0.0,
-        cos: 1.0,
+        rotation: Rotation { sin: 0.0, cos: 1.0 },
     };
 }
 
@@ -39,8 +37,10 @@ impl<S: Real> Mount<S> {
     pub const fn at_origin() -> Self {
         Self {
             pose: Pose::new(S::ZERO, S::ZERO, S::ZERO),
-            sin: S::ZERO,
-            cos: S::ONE,
+            rotation: Rotation {
+                sin: S::ZERO,
+                cos: S::ONE,
+            },
         }
     }
 
@@ -55,11 +55,11 @@ impl<S: Real> Mount<S> {
                 return Err(MountError::NotFinite(field));
             }
         }
-        let (sin, cos) = pose.heading.sine_cosine();
-        if !sin.is_finite() {
+        let rotation = Rotation::by(pose.heading);
+        if !rotation.sin.is_finite() {
             return Err(MountError::NotFinite("heading"));
         }
-        Ok(Self { pose, sin, cos })
+        Ok(Self { pose, rotation })
     }
 
     /// Pose of the member's frame in the group frame.
@@ -76,14 +76,14 @@ impl<S: Real> Mount<S> {
             vy: group.vy + group.omega * self.pose.x,
             omega: group.omega,
         }
-        .rotated(-self.sin, self.cos)
+        .rotated(self.rotation.inverse())
     }
 
     /// The group's velocity, in the group frame, when the member moves with `member` (its own
     /// frame).
     #[must_use]
     pub fn to_group(&self, member: Twist<S>) -> Twist<S> {
-        let turned = member.rotated(self.sin, self.cos);
+        let turned = member.rotated(self.rotation);
         Twist {
             vx: turned.vx + turned.omega * self.pose.y,
             vy: turned.vy - turned.omega * self.pose.x,
@@ -94,7 +94,10 @@ impl<S: Real> Mount<S> {
     /// `K_j` in rows: member twist = K_j times group twist.
     #[must_use]
     pub fn matrix(&self) -> [[S; 3]; 3] {
-        let Self { pose, sin, cos } = *self;
+        let Self {
+            pose,
+            rotation: Rotation { sin, cos },
+        } = *self;
         [
             [cos, sin, sin * pose.x - cos * pose.y],
             [-sin, cos, cos * pose.x + sin * pose.y],

@@ -12,10 +12,10 @@
 
 use nalgebra::Matrix3;
 
-use crate::arithmetic::{Real, SMALL_TURN, Scalar, TURN_UNITS};
+use crate::arithmetic::{Chord, Real, SMALL_TURN, Scalar, TURN_UNITS};
 use crate::covariance::Covariance;
 use crate::four_wheel::WheelRates;
-use crate::frame::{Pose, Twist};
+use crate::frame::{Pose, Rotation, Twist};
 use crate::member::MemberKinematics;
 
 /// pi in units of 2^-61 rad.
@@ -82,7 +82,7 @@ impl<S: Real> Odometry<S> {
     #[inline]
     pub fn advance(&mut self, displacement: Twist<S>) {
         if displacement.omega.abs() < <S as Scalar>::constant(SMALL_TURN) {
-            let way = S::from_units(self.heading).heading_sine_cosine();
+            let way = Rotation::by_heading(S::from_units(self.heading));
             self.translate(displacement, displacement.omega.small_chord(), way);
             let next = self.heading.wrapping_add(displacement.omega.to_units());
             // Looks at the upper half only: that is cheaper, and it does not matter where exactly
@@ -102,17 +102,15 @@ impl<S: Real> Odometry<S> {
     #[cold]
     #[inline(never)]
     fn advance_far(&mut self, displacement: Twist<S>) {
-        let way = S::from_units(self.heading).sine_cosine();
+        let way = Rotation::by(S::from_units(self.heading));
         self.translate(displacement, chord(displacement.omega), way);
         self.heading = turned_far(self.heading, displacement.omega.turn_units());
     }
 
-    /// Goes along a chord from a heading with this sine and cosine.
+    /// Goes along a chord from this heading.
     #[inline]
-    fn translate(&mut self, displacement: Twist<S>, (along, across): (S, S), (sin, cos): (S, S)) {
-        let Twist { vx, vy, omega } = displacement;
-        let step = Twist::new(along * vx - across * vy, across * vx + along * vy, omega);
-        let step = step.rotated(sin, cos);
+    fn translate(&mut self, displacement: Twist<S>, chord: Chord<S>, heading: Rotation<S>) {
+        let step = chord.of(displacement).rotated(heading);
         add(&mut self.x, &mut self.lost_x, step.vx);
         add(&mut self.y, &mut self.lost_y, step.vy);
     }
@@ -129,14 +127,25 @@ impl<S: Real> Odometry<S> {
     }
 }
 
-/// The chord of an arc over its length: (sin a)/a along the initial direction, (1 - cos a)/a to its
-/// left.
-fn chord<S: Real>(turn: S) -> (S, S) {
+impl<S: Real> Chord<S> {
+    /// Where a displacement along the arc leads.
+    #[inline]
+    fn of(self, Twist { vx, vy, omega }: Twist<S>) -> Twist<S> {
+        let Self { along, across } = self;
+        Twist::new(along * vx - across * vy, across * vx + along * vy, omega)
+    }
+}
+
+/// The chord of an arc with this turn, rad.
+fn chord<S: Real>(turn: S) -> Chord<S> {
     if turn.abs() < <S as Scalar>::constant(SMALL_TURN) {
         turn.small_chord()
     } else {
         let (sin, cos) = turn.sine_cosine();
-        (sin / turn, (S::ONE - cos) / turn)
+        Chord {
+            along: sin / turn,
+            across: (S::ONE - cos) / turn,
+        }
     }
 }
 
@@ -226,8 +235,7 @@ impl<S: Real> UncertainOdometry<S> {
         let before = self.odometry.pose();
         self.odometry.advance(displacement);
         let after = self.odometry.pose();
-        let (sin, cos) = before.heading.sine_cosine();
-        let Twist { vx, vy, omega } = displacement;
+        let heading = Rotation::by(before.heading);
         let (zero, one) = (S::ZERO, S::ONE);
         // An error of the heading before swings the whole step.
         let carried = Matrix3::new(
@@ -242,16 +250,10 @@ impl<S: Real> UncertainOdometry<S> {
             one,
         );
         // An error of the displacement moves the end of the chord, one of the turn bends it.
-        let (along, across) = chord(omega);
-        let (bend_along, bend_across) = bend(omega);
-        let bent = Twist::new(
-            bend_along * vx - bend_across * vy,
-            bend_across * vx + bend_along * vy,
-            zero,
-        )
-        .rotated(sin, cos);
-        let forward = Twist::new(along, across, zero).rotated(sin, cos);
-        let left = Twist::new(-across, along, zero).rotated(sin, cos);
+        let chord = chord(displacement.omega);
+        let bent = bend(displacement.omega).of(displacement).rotated(heading);
+        let forward = chord.of(Twist::new(one, zero, zero)).rotated(heading);
+        let left = chord.of(Twist::new(zero, one, zero)).rotated(heading);
         let added = Matrix3::new(
             forward.vx, left.vx, bent.vx, forward.vy, left.vy, bent.vy, zero, zero, one,
         );
@@ -274,21 +276,21 @@ impl<S: Real> UncertainOdometry<S> {
 }
 
 /// Derivative of [`chord`] by the turn.
-fn bend<S: Real>(turn: S) -> (S, S) {
+fn bend<S: Real>(turn: S) -> Chord<S> {
     let constant = <S as Scalar>::constant;
     let square = turn * turn;
     if turn.abs() < constant(SMALL_TURN) {
-        (
-            -turn
+        Chord {
+            along: -turn
                 * (constant(1.0 / 3.0)
                     - square * (constant(1.0 / 30.0) - square * constant(1.0 / 840.0))),
-            constant(0.5) - square * (constant(1.0 / 8.0) - square * constant(1.0 / 144.0)),
-        )
+            across: constant(0.5) - square * (constant(1.0 / 8.0) - square * constant(1.0 / 144.0)),
+        }
     } else {
         let (sin, cos) = turn.sine_cosine();
-        (
-            (turn * cos - sin) / square,
-            (turn * sin - (S::ONE - cos)) / square,
-        )
+        Chord {
+            along: (turn * cos - sin) / square,
+            across: (turn * sin - (S::ONE - cos)) / square,
+        }
     }
 }

@@ -51,7 +51,8 @@ impl Identity {
     pub const fn device(&self) -> Config {
         Config {
             node: Some(self.node),
-            node_ids: (protocol::FIRST_ROBOT, protocol::LAST_ROBOT),
+            lowest_node: protocol::FIRST_ROBOT,
+            highest_node: protocol::LAST_ROBOT,
             identity: canopen::Identity {
                 vendor: 0,
                 product: protocol::PRODUCT,

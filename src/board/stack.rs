@@ -22,8 +22,16 @@ const PAINT: u32 = 0xCCCC_CCCC;
 /// a millisecond. An exception's frame is as long and written without a gap.
 const STEP_WORDS: usize = 8;
 
-/// Bytes of stack that have been used since boot, and its size.
-pub fn high_water() -> (usize, usize) {
+/// The stack in bytes.
+pub struct Use {
+    /// What has been used since boot.
+    pub most: usize,
+    /// What there is.
+    pub size: usize,
+}
+
+/// How deep the stack has been since boot.
+pub fn high_water() -> Use {
     // SAFETY: only the addresses of the symbols are used, and every word between them is RAM that
     // nothing writes below the present stack pointer except interrupts, whose writes only make the
     // answer one call older.
@@ -35,7 +43,10 @@ pub fn high_water() -> (usize, usize) {
         while word < start && read_volatile(word) == PAINT {
             word = word.add(STEP_WORDS);
         }
-        (start as usize - word as usize, size)
+        Use {
+            most: start as usize - word as usize,
+            size,
+        }
     }
 }
 

@@ -1,6 +1,8 @@
 //! The LSS master: assigns node-IDs to devices with a known identity, or finds an unknown one
 //! (fastscan, CiA 305).
 
+use core::ops::RangeInclusive;
+
 use crate::time::Timer;
 use crate::{Frame, Identity, Micros, NodeId};
 
@@ -67,18 +69,18 @@ pub fn lss_select(identity: &Identity) -> [Frame; 4] {
     ]
 }
 
-/// Asks whether there is a slave with this vendor, product and revision and a serial number from
-/// `serials.0` to `serials.1`: six frames, in this order. All that match answer with the same
-/// frame, and nothing changes in them.
+/// Asks whether there is a slave with this vendor, product and revision and one of these serial
+/// numbers: six frames, in this order. All that match answer with the same frame, and nothing
+/// changes in them.
 #[must_use]
-pub fn lss_identify(identity: &Identity, serials: (u32, u32)) -> [Frame; 6] {
+pub fn lss_identify(identity: &Identity, serials: &RangeInclusive<u32>) -> [Frame; 6] {
     [
         request(0x46, identity.vendor),
         request(0x47, identity.product),
         request(0x48, identity.revision),
         request(0x49, identity.revision),
-        request(0x4A, serials.0),
-        request(0x4B, serials.1),
+        request(0x4A, *serials.start()),
+        request(0x4B, *serials.end()),
     ]
 }
 

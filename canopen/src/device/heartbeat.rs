@@ -94,8 +94,7 @@ impl Core {
         if self.state == NmtState::Initialising {
             return;
         }
-        let (lowest, highest) = self.config.node_ids;
-        self.lss.crowded |= (lowest..=highest).contains(&sender.get());
+        self.lss.crowded |= self.config.permits_node(sender.get());
         let used = |consumer: &&mut Consumer| consumer.is_used() && consumer.node() == Some(sender);
         let Some(consumer) = self.heartbeat.consumers.iter_mut().find(used) else {
             return;

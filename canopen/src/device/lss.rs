@@ -90,10 +90,9 @@ impl Core {
             0x4C if self.node.is_none() && self.lss.node.is_none() => self.answer_lss(0x50, [0; 4]),
             0x51 if !configuring => self.scan_lss(frame),
             0x11 if configuring => {
-                let (lowest, highest) = self.config.node_ids;
                 let error = if !self.may_change_node(app) {
                     NOT_NOW
-                } else if a == UNCONFIGURED || (lowest..=highest).contains(&a) {
+                } else if a == UNCONFIGURED || self.config.permits_node(a) {
                     self.lss.node = NodeId::new(a);
                     0
                 } else {

@@ -76,8 +76,8 @@ impl Sync {
         Micros(u64::from(self.period_us))
     }
 
-    /// Takes a new counter; returns what it should have been if SYNCs are missing.
-    fn advance(&mut self, counter: Option<u8>) -> Option<(u8, u8)> {
+    /// Takes a new counter; returns the event if SYNCs are missing.
+    fn advance(&mut self, counter: Option<u8>) -> Option<Event> {
         let last = self.counter;
         self.counter = counter;
         let (last, received) = last.zip(counter)?;
@@ -87,7 +87,7 @@ impl Sync {
             overflow if overflow != 0 && last >= overflow => 1,
             _ => last.saturating_add(1),
         };
-        (received != expected).then_some((expected, received))
+        (received != expected).then_some(Event::SyncGap { expected, received })
     }
 
     /// The producer's next frame.
@@ -114,9 +114,9 @@ impl Core {
             _ => return,
         };
         let applied = self.apply_rpdos(app);
-        if let Some((expected, received)) = self.sync.advance(counter) {
+        if let Some(gap) = self.sync.advance(counter) {
             self.out.count(|counters| &mut counters.sync_gaps);
-            self.out.emit(Event::SyncGap { expected, received });
+            self.out.emit(gap);
         }
         let sync = &mut self.sync;
         if sync.window_us != 0 {

@@ -87,7 +87,7 @@ impl Wheel {
             dt: tick.dt,
         };
         let voltage = if trust == Trust::Full {
-            self.wheel_loop.command(reference, rate, available, held)
+            self.wheel_loop.update(reference, rate, available, held)
         } else {
             if trust == Trust::None {
                 self.watch.latch_dead();

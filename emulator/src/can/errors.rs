@@ -20,6 +20,15 @@ pub enum CanError {
     Crc = 6,
 }
 
+/// The error counters of a CAN controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ErrorCounters {
+    /// Transmit error counter.
+    pub transmit: u32,
+    /// Receive error counter.
+    pub receive: u32,
+}
+
 /// A bus-off node comes back after 128 times 11 recessive bits.
 const RECOVERY_BITS: u64 = 128 * 11;
 
@@ -182,9 +191,12 @@ impl Can {
         self.errors.passive()
     }
 
-    /// Transmit and receive error counters.
+    /// The error counters.
     #[must_use]
-    pub fn error_counters(&self) -> (u32, u32) {
-        (self.errors.tec, self.errors.rec)
+    pub fn error_counters(&self) -> ErrorCounters {
+        ErrorCounters {
+            transmit: self.errors.tec,
+            receive: self.errors.rec,
+        }
     }
 }

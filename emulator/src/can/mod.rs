@@ -19,7 +19,7 @@ pub mod receive;
 mod tests;
 pub mod transmit;
 
-pub use errors::CanError;
+pub use errors::{CanError, ErrorCounters};
 pub use frame::{CanFrame, CanId};
 pub use port::CanPort;
 

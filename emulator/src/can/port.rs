@@ -1,6 +1,6 @@
 //! The controller as seen from the bus.
 
-use super::{CanError, CanFrame};
+use super::{CanError, CanFrame, ErrorCounters};
 use crate::board::Board;
 
 /// A board's CAN connector. All times are the board's present, the end of its last run.
@@ -108,9 +108,9 @@ impl CanPort<'_> {
         self.board.with_can(|can, _| can.error_passive())
     }
 
-    /// Transmit and receive error counters.
+    /// The error counters.
     #[must_use]
-    pub fn error_counters(&self) -> (u32, u32) {
+    pub fn error_counters(&self) -> ErrorCounters {
         self.board.with_can(|can, _| can.error_counters())
     }
 }

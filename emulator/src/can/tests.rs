@@ -265,7 +265,8 @@ fn sixteen_failures_lead_to_error_passive_and_thirty_two_to_bus_off() {
     for _ in 0..16 {
         can.transmit_error(1000, CanError::BitDominant);
     }
-    assert_eq!(can.error_counters(), (128, 0));
+    let ErrorCounters { transmit, receive } = can.error_counters();
+    assert_eq!((transmit, receive), (128, 0));
     assert!(can.error_passive() && !can.bus_off() && !can.lines().sce);
     for _ in 0..16 {
         can.transmit_error(1000, CanError::BitDominant);
@@ -277,7 +278,8 @@ fn sixteen_failures_lead_to_error_passive_and_thirty_two_to_bus_off() {
     let back = 1000 + 128 * 11 * BIT;
     assert_eq!(can.next_event(), Some(back));
     can.sync(back);
-    assert_eq!(can.error_counters(), (0, 0));
+    let ErrorCounters { transmit, receive } = can.error_counters();
+    assert_eq!((transmit, receive), (0, 0));
     assert_eq!(next_id(&can), Some(1));
 }
 
@@ -303,10 +305,10 @@ fn a_node_alone_on_the_bus_becomes_passive_and_stays() {
     for _ in 0..1000 {
         can.transmit_error(1000, CanError::Acknowledge);
     }
-    assert_eq!(can.error_counters().0, 128);
+    assert_eq!(can.error_counters().transmit, 128);
     assert!(can.error_passive() && !can.bus_off());
     can.transmitted();
-    assert_eq!(can.error_counters().0, 127);
+    assert_eq!(can.error_counters().transmit, 127);
 }
 
 #[test]
@@ -315,11 +317,11 @@ fn receive_errors_count_and_heal() {
     for _ in 0..200 {
         can.receive_error(CanError::Crc);
     }
-    assert_eq!(can.error_counters().1, 200);
+    assert_eq!(can.error_counters().receive, 200);
     can.receive(1000, &frame(1), 50);
-    assert_eq!(can.error_counters().1, 120);
+    assert_eq!(can.error_counters().receive, 120);
     can.receive(1000, &frame(1), 50);
-    assert_eq!(can.error_counters().1, 119);
+    assert_eq!(can.error_counters().receive, 119);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `f32` and `f64` as scalars: coefficients are plain numbers, nothing saturates.
 
-use super::{Real, Scalar, TURN_UNITS, sin_cos, square_root};
+use super::{Chord, Real, Scalar, TURN_UNITS, sin_cos, square_root};
 
 /// 2^61.
 const UNITS: f64 = 2_305_843_009_213_693_952.0;
@@ -132,12 +132,12 @@ impl Real for f32 {
 
     /// The first terms left out are 8e-10 and 4e-8 of the arc at the largest turn.
     #[inline]
-    fn small_chord(self) -> (Self, Self) {
+    fn small_chord(self) -> Chord<Self> {
         let square = self * self;
-        (
-            1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)),
-            self * (0.5 - square * (1.0 / 24.0)),
-        )
+        Chord {
+            along: 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)),
+            across: self * (0.5 - square * (1.0 / 24.0)),
+        }
     }
 
     /// In two steps of 29 and 32 bits, each exact, because the conversion to 64 bits is a library
@@ -232,17 +232,18 @@ impl Real for f64 {
     }
 
     /// The first terms left out are 1e-18 and 5e-20 of the arc at the largest turn.
-    fn small_chord(self) -> (Self, Self) {
+    fn small_chord(self) -> Chord<Self> {
         let z = self * self;
-        (
-            1.0 - z / 6.0
-                * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0)))),
-            self / 2.0
+        Chord {
+            along: 1.0
+                - z / 6.0
+                    * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0)))),
+            across: self / 2.0
                 * (1.0
                     - z / 12.0
                         * (1.0
                             - z / 30.0 * (1.0 - z / 56.0 * (1.0 - z / 90.0 * (1.0 - z / 132.0))))),
-        )
+        }
     }
 
     #[expect(

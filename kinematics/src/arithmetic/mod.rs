@@ -103,6 +103,15 @@ pub const TURN_UNITS: u64 = 14_488_038_916_154_245_684;
 /// Turns below this take [`Real::small_chord`], rad.
 pub const SMALL_TURN: f64 = 0.125;
 
+/// Chord of an arc over the arc's length, for a turn of a.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chord<S> {
+    /// Along the initial direction: (sin a)/a.
+    pub along: S,
+    /// To its left: (1 - cos a)/a.
+    pub across: S,
+}
+
 /// A floating-point scalar, `f32` or `f64`. Sealed.
 pub trait Real: Scalar<Coefficient = Self> + RealField {
     /// Sine and cosine of an angle in rad.
@@ -119,10 +128,10 @@ pub trait Real: Scalar<Coefficient = Self> + RealField {
     #[must_use]
     fn heading_sine_cosine(self) -> (Self, Self);
 
-    /// Chord of an arc over the arc's length, for a turn of less than [`SMALL_TURN`]: (sin a)/a
-    /// along the initial direction and (1 - cos a)/a to its left, as far as the scalar has digits.
+    /// Chord of an arc with this turn, which is less than [`SMALL_TURN`], as far as the scalar has
+    /// digits.
     #[must_use]
-    fn small_chord(self) -> (Self, Self);
+    fn small_chord(self) -> Chord<Self>;
 
     /// Whole units of 2^-61 (an exact conversion for magnitudes below 4, as far as the bits go).
     #[must_use]

@@ -180,29 +180,6 @@ impl<S: Real> PhaseMember<S> {
         }
     }
 
-    /// Wheel accelerations (rad/s^2) that keep the group on this twist while it changes with
-    /// `change` per second and the wheels turn with `rates` (rad/s): `slopes` are the secants'
-    /// derivatives by the wheels' angles.
-    #[must_use]
-    #[inline]
-    pub fn accelerations(
-        &self,
-        (group, change): (Twist<S>, Twist<S>),
-        rates: &WheelRates<S>,
-        secants: &[S; 4],
-        slopes: &[S; 4],
-    ) -> WheelRates<S> {
-        let steady = self.inverse(change, secants);
-        let Parts { front, rear, .. } = self.parts(group);
-        let [fl, fr, rl, rr] = *slopes;
-        WheelRates {
-            front_left: steady.front_left - fl * rates.front_left * front,
-            front_right: steady.front_right + fr * rates.front_right * front,
-            rear_left: steady.rear_left + rl * rates.rear_left * rear,
-            rear_right: steady.rear_right - rr * rates.rear_right * rear,
-        }
-    }
-
     /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the
     /// slip residual: what no rigid motion explains, rad/s, as
     /// [`MemberKinematics::slip_residual`](crate::MemberKinematics::slip_residual).

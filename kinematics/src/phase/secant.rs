@@ -76,21 +76,6 @@ impl<S: Real> Secant<S> {
         k0 + z * (k1 + z * (k2 + z * k3))
     }
 
-    /// `sec(sweep)` and its derivative by the wheel's angle, 1/rad: what a wheel rate changes by
-    /// without any change of the robot's motion.
-    #[must_use]
-    #[inline]
-    pub fn with_slope(&self, angle: RollerAngle) -> (S, S) {
-        let x = S::from_fraction(angle.to_bits());
-        let z = x * x;
-        let [k0, k1, k2, k3] = self.powers;
-        let (two, three) = (S::ONE + S::ONE, S::ONE + S::ONE + S::ONE);
-        (
-            k0 + z * (k1 + z * (k2 + z * k3)),
-            two * x * (k1 + z * (two * k2 + z * three * k3)) * self.per_radian,
-        )
-    }
-
     /// What stands for the secant of a wheel whose angle is not known: with it, the wheel's mean
     /// over whole rollers is right.
     #[must_use]

@@ -20,12 +20,24 @@ const HEARTBEATS: f64 = 10.0;
 /// Share of the bus beyond which frames of low priority wait noticeably.
 pub const BUSY: f64 = 0.70;
 
-/// Bits of a frame with `bytes` of data without stuffing, and with as much as can be.
+/// What frames take of the bus, which depends on their data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stuffing<T> {
+    /// Without stuffing.
+    pub none: T,
+    /// With as much stuffing as can be.
+    pub most: T,
+}
+
+/// Bits of a frame with `bytes` of data.
 #[must_use]
-pub fn frame_bits(bytes: usize) -> (u32, u32) {
+pub fn frame_bits(bytes: usize) -> Stuffing<u32> {
     let data = 8 * u32::try_from(bytes).unwrap_or(8);
-    let plain = 44 + data + 3;
-    (plain, plain + (34 + data - 1) / 4)
+    let none = 44 + data + 3;
+    Stuffing {
+        none,
+        most: none + (34 + data - 1) / 4,
+    }
 }
 
 /// One kind of frame.
@@ -40,12 +52,15 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// Share of the bus without stuffing, and with as much as can be.
+    /// Share of the bus.
     #[must_use]
-    pub fn share(&self) -> (f64, f64) {
-        let (plain, stuffed) = frame_bits(self.bytes);
+    pub fn share(&self) -> Stuffing<f64> {
+        let bits = frame_bits(self.bytes);
         let share = |bits: u32| f64::from(bits) * self.rate_hz / BIT_RATE;
-        (share(plain), share(stuffed))
+        Stuffing {
+            none: share(bits.none),
+            most: share(bits.most),
+        }
     }
 }
 
@@ -94,12 +109,13 @@ pub fn traffic(robots: u8, rate_hz: f64) -> Vec<Traffic> {
     ]
 }
 
-/// Share of the bus of all of it together: without stuffing, and with as much as can be.
+/// Share of the bus of all of it together.
 #[must_use]
-pub fn total(traffic: &[Traffic]) -> (f64, f64) {
-    traffic.iter().fold((0.0, 0.0), |(low, high), line| {
-        let (plain, stuffed) = line.share();
-        (low + plain, high + stuffed)
+pub fn total(traffic: &[Traffic]) -> Stuffing<f64> {
+    let shares = traffic.iter().map(Traffic::share);
+    shares.fold(Stuffing::default(), |sum, share| Stuffing {
+        none: sum.none + share.none,
+        most: sum.most + share.most,
     })
 }
 
@@ -141,18 +157,18 @@ mod tests {
     /// and 8.
     #[test]
     fn frame_lengths_of_the_standard() {
-        assert_eq!(frame_bits(8), (111, 135));
-        assert_eq!(frame_bits(0), (47, 55));
+        assert_eq!((frame_bits(8).none, frame_bits(8).most), (111, 135));
+        assert_eq!((frame_bits(0).none, frame_bits(0).most), (47, 55));
     }
 
     /// By hand, at 100 Hz with 3 robots: 12 + 1 frames of 8 bytes and one of 1, 40 heartbeats of 1
     /// byte a second.
     #[test]
     fn three_robots_at_100_hz() {
-        let (low, high) = total(&traffic(3, 100.0));
+        let load = total(&traffic(3, 100.0));
         let plain = (13.0 * 111.0 + 55.0) * 100.0 + 40.0 * 55.0;
-        assert!((low - plain / 1e6).abs() < 1e-9, "{low}");
+        assert!((load.none - plain / 1e6).abs() < 1e-9, "{load:?}");
         let stuffed = (13.0 * 135.0 + 65.0) * 100.0 + 40.0 * 65.0;
-        assert!((high - stuffed / 1e6).abs() < 1e-9, "{high}");
+        assert!((load.most - stuffed / 1e6).abs() < 1e-9, "{load:?}");
     }
 }

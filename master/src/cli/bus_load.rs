@@ -1,6 +1,6 @@
 //! `omnibus bus-load --robots N --rate HZ`: how full the bus will be, calculated.
 
-use omnibus::bus::load::{BUSY, total, traffic};
+use omnibus::bus::load::{BUSY, Stuffing, total, traffic};
 use serde_json::json;
 
 use super::{Usage, json, output, print_json, print_line};
@@ -35,19 +35,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     let traffic = traffic(robots, rate);
-    let (low, high) = total(&traffic);
+    let total = total(&traffic);
     if json() {
         let lines = traffic.iter().map(|line| {
-            let (least, most) = line.share();
+            let share = line.share();
             json!({"name": line.name, "bytes": line.bytes, "rate_hz": line.rate_hz,
-                   "least_percent": percent(least), "most_percent": percent(most)})
+                   "least_percent": percent(share.none), "most_percent": percent(share.most)})
         });
         let lines: Vec<_> = lines.collect();
         return print_json(&json!({"robots": robots, "rate_hz": rate, "frames": lines,
-            "least_percent": percent(low), "most_percent": percent(high)}));
+            "least_percent": percent(total.none), "most_percent": percent(total.most)}));
     }
     let mut table = output::table(["frame", "bytes", "per second", "share of 1 Mbit/s"]);
-    let range = |(low, high): (f64, f64)| format!("{:.1} to {:.1} %", low * 100.0, high * 100.0);
+    let range =
+        |share: Stuffing<f64>| format!("{:.1} to {:.1} %", share.none * 100.0, share.most * 100.0);
     for line in &traffic {
         table.add_row([
             line.name.to_owned(),
@@ -60,15 +61,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "together".into(),
         String::new(),
         String::new(),
-        range((low, high)),
+        range(total),
     ]);
     print_line(&table)?;
     print_line("The load depends on the data: from no stuff bits to the largest possible number.")?;
-    if high > 1.0 {
+    if total.most > 1.0 {
         print_line(
             "This exceeds the capacity of the bus. Lower --rate (sync_period_ms in the group file).",
         )?;
-    } else if high > BUSY {
+    } else if total.most > BUSY {
         print_line(
             "This leaves too little capacity for parameters and node management. Lower --rate.",
         )?;

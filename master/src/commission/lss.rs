@@ -138,7 +138,7 @@ const ROBOT: Identity = Identity {
 
 /// Whether a robot has a serial number from `low` to `high`.
 fn is_any<L: Link>(wire: &mut Wire<L>, low: u32, high: u32) -> Result<bool, MasterError> {
-    let requests = lss_identify(&ROBOT, (low, high));
+    let requests = lss_identify(&ROBOT, &(low..=high));
     let answer = talk(wire, &requests, ANSWER_US, |answer| {
         (answer == LssAnswer::Present).then_some(())
     })?;

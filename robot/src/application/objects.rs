@@ -5,6 +5,8 @@
 //! slot. Everything else is worked out here when it is asked for, and takes effect here when it is
 //! written.
 
+use core::ops::Range;
+
 use canopen::{AbortCode, NmtState};
 use control::time::Micros;
 use protocol::address::{self as at, history, rollers};
@@ -124,10 +126,7 @@ impl Application {
                 Value::F32(*self.report.roller_sweeps.get(wheel)?)
             }
             _ => match self.process_data(address.index) {
-                Some(bytes) => {
-                    let (from, length) = place(entry);
-                    Value::from_bytes(entry.kind, bytes.get(from..from + length)?).ok()?
-                }
+                Some(bytes) => Value::from_bytes(entry.kind, bytes.get(place(entry))?).ok()?,
                 None => match self.identification.result(address) {
                     Some(result) => Value::F32(result),
                     None => self.parameters.get(address)?,
@@ -222,19 +221,17 @@ impl Application {
     }
 }
 
-/// Offset and length of a field in its process data: the fields lie in the order of their
-/// sub-indices.
-fn place(entry: &Entry) -> (usize, usize) {
+/// Where a field lies in its process data: the fields are in the order of their sub-indices.
+fn place(entry: &Entry) -> Range<usize> {
     let before = ENTRIES.iter().filter(|other| {
         other.address.index == entry.address.index && other.address.sub < entry.address.sub
     });
-    let from = before.map(|other| usize::from(other.kind.bytes())).sum();
-    (from, usize::from(entry.kind.bytes()))
+    let from: usize = before.map(|other| usize::from(other.kind.bytes())).sum();
+    from..from + usize::from(entry.kind.bytes())
 }
 
 fn write_field(to: &mut Received, entry: &Entry, value: Value) {
-    let (from, length) = place(entry);
-    if let Some(field) = to.bytes.get_mut(from..from + length) {
+    if let Some(field) = to.bytes.get_mut(place(entry)) {
         for (to, byte) in field.iter_mut().zip(value.to_bytes()) {
             *to = byte;
         }

@@ -6,6 +6,8 @@
 //! recessive and destroy no frame, and after sending it waits for eight bits. Above 255 a node is
 //! bus-off; it recovers after 128 times 11 recessive bits.
 
+pub use emulator::ErrorCounters;
+
 use super::BIT_NS;
 
 /// Time from the wish to come back from bus-off to being back, ns, on a bus that is quiet enough.
@@ -34,15 +36,6 @@ pub enum ErrorState {
     Passive,
     /// Nothing.
     BusOff,
-}
-
-/// Error counters of a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ErrorCounters {
-    /// Transmit error counter.
-    pub transmit: u32,
-    /// Receive error counter.
-    pub receive: u32,
 }
 
 /// Counters and state of one CAN controller.

@@ -187,7 +187,8 @@ fn one_of_several_takes_no_node_that_was_meant_for_all() {
 #[test]
 fn node_ids_outside_the_devices_own_are_refused() {
     let mut bench = Bench::booted(Config {
-        node_ids: (2, 17),
+        lowest_node: 2,
+        highest_node: 17,
         ..CONFIG
     });
     bench.receive(0x7E5, [0x04, 1, 0, 0, 0, 0, 0, 0]);

@@ -291,7 +291,6 @@ impl EmulatedRobot {
     /// Looks at the error counters.
     fn look_at_errors(&mut self) {
         let can = self.board.can();
-        let (transmit, receive) = can.error_counters();
         let state = if can.bus_off() {
             ErrorState::BusOff
         } else if can.error_passive() {
@@ -299,7 +298,7 @@ impl EmulatedRobot {
         } else {
             ErrorState::Active
         };
-        self.errors = (state, ErrorCounters { transmit, receive });
+        self.errors = (state, can.error_counters());
         self.look_at_mailboxes();
     }
 
