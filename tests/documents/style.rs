@@ -7,12 +7,6 @@ use super::{files, nothing, read};
 /// A file with more lines than this is split.
 const LONGEST_FILE: usize = 600;
 
-/// Files that may be longer, each for its reason.
-const LONG_FILES: [(&str, &str); 1] = [(
-    "master/src/session/tests.rs",
-    "tests of one session against one fake bus",
-)];
-
 /// An essay with more lines than this has headings.
 const LONGEST_PLAIN_ESSAY: usize = 20;
 
@@ -55,15 +49,44 @@ fn no_file_is_too_long() {
     let mut complaints = Vec::new();
     for path in files("rs") {
         let lines = read(&path).lines().count();
-        let long = lines > LONGEST_FILE;
-        let listed = LONG_FILES.iter().any(|(file, _)| path == Path::new(file));
-        let name = path.display();
-        match (long, listed) {
-            (true, false) => complaints.push(format!("{name}: {lines} lines; split it")),
-            (false, true) => {
-                complaints.push(format!("{name}: {lines} lines; take it off the list"))
-            }
-            (true, true) | (false, false) => {}
+        if lines > LONGEST_FILE {
+            complaints.push(format!("{}: {lines} lines; split it", path.display()));
+        }
+    }
+    nothing(&complaints);
+}
+
+/// What begins every crate that runs on a robot, after its essay.
+const HEADER_OF_THE_ROBOT: &str = "\
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss
+    )
+)]
+";
+
+/// Cargo takes the lints of the workspace for all its crates or for none, and those for the host
+/// have others; so the crates of the robot repeat these lines.
+#[test]
+fn crates_of_the_robot_have_the_same_lints() {
+    let robot = |path: &Path| {
+        path.ends_with("src/lib.rs") && read(path).lines().any(|line| line == "#![no_std]")
+    };
+    let crates: Vec<_> = files("rs").into_iter().filter(|path| robot(path)).collect();
+    assert!(crates.len() >= 7, "{crates:?}");
+    let mut complaints = Vec::new();
+    for path in crates {
+        if !read(&path).contains(HEADER_OF_THE_ROBOT) {
+            complaints.push(format!("{}: other lints", path.display()));
         }
     }
     nothing(&complaints);

@@ -115,12 +115,12 @@ impl RollerTrack {
     pub const fn advance(&mut self, counts: i32) {
         self.angle = self
             .angle
-            .wrapping_add((counts as i64).wrapping_mul(self.per_count) as u64);
+            .wrapping_add((counts as i64).wrapping_mul(self.per_count).cast_unsigned());
     }
 
     /// Says what the angle is now.
     pub const fn set(&mut self, angle: RollerAngle) {
-        self.angle = (angle.0 as u32 as u64) << 32;
+        self.angle = (angle.0.cast_unsigned() as u64) << 32;
     }
 
     /// The angle now.
