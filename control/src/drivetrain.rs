@@ -17,11 +17,10 @@ use kinematics::FixedMember as Kinematics;
 #[cfg(not(feature = "fixed-point"))]
 use kinematics::MemberKinematics as Kinematics;
 use kinematics::{
-    FourWheelGeometry, GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel,
-    WheelRates,
+    GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
-use crate::rollers::{self, RollerConfiguration, Secants, Wheels};
+use crate::rollers::Rolling;
 
 /// Wheels, mount and compensation of one robot.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -44,45 +43,6 @@ pub enum Contact {
     Ideal,
     /// Where their ground rollers stand.
     Rolling(Rolling),
-}
-
-/// Wheels with rollers, and the ends of what their secants can be.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Rolling {
-    wheels: Wheels,
-    rollers: RollerConfiguration,
-    least: Secants,
-    largest: Secants,
-}
-
-impl Rolling {
-    /// Wheels of this geometry with these rollers. Not inlined: moving it about is a kilobyte.
-    ///
-    /// # Errors
-    /// [`GeometryError`] when the wheels leave a motion uncontrolled.
-    #[inline(never)]
-    pub fn new(
-        geometry: &FourWheelGeometry,
-        rollers: &RollerConfiguration,
-    ) -> Result<Self, GeometryError> {
-        Ok(Self {
-            wheels: rollers::wheels(geometry)?,
-            least: rollers.least(),
-            largest: rollers.largest(),
-            rollers: *rollers,
-        })
-    }
-
-    /// The kinematics for given secants, uncompensated, in the robot's frame.
-    pub(crate) const fn wheels(&self) -> &Wheels {
-        &self.wheels
-    }
-
-    /// Their rollers.
-    #[must_use]
-    pub const fn rollers(&self) -> &RollerConfiguration {
-        &self.rollers
-    }
 }
 
 /// Coefficients along x, along y and about z of the robot.

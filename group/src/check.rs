@@ -16,8 +16,8 @@ use toml::de::DeTable;
 use crate::declaration::FILE;
 use crate::error::{GroupError, Source};
 use crate::model::{ContactLag, FIRST_NODE, GroupFile, LAST_NODE, Limits, Robot};
+use crate::number::{shown, slip};
 use crate::schema::{self, At};
-use crate::structure::slip;
 
 /// What a file may leave out.
 pub mod default {
@@ -415,12 +415,3 @@ const LONGEST_SLIP_MS: f64 = 300.0;
 const LONGEST_LAG_MS: f32 = 100.0;
 
 const ADD_ROBOT: &str = "add a `[[robots]]` entry for every robot";
-
-/// A number as TOML writes it.
-pub fn shown(value: f64) -> String {
-    if value.is_nan() {
-        "nan".to_owned()
-    } else {
-        format!("{value}")
-    }
-}

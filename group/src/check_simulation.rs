@@ -5,8 +5,9 @@
 
 use std::ops::RangeInclusive;
 
-use crate::check::{Checked, Checker, Reported, default, shown};
+use crate::check::{Checked, Checker, Reported, default};
 use crate::model::Robot;
+use crate::number::shown;
 use crate::schema::{self, At, PlantName, TablesName};
 use crate::simulation::{
     Battery, Contact, EncoderFault, EncoderNoise, Gyro, Patch, Payload, Plant, PoseNoise,

@@ -26,6 +26,7 @@ mod declaration;
 mod error;
 mod member;
 mod model;
+mod number;
 mod parameters;
 pub mod reference;
 mod schema;

@@ -231,8 +231,8 @@ pub struct Feedforward {
 }
 
 impl Motor {
-    /// The feedforward that fits this motor: steady state of
-    /// `duty * supply = constant * rate + resistance * torque / constant`.
+    /// The feedforward that fits this motor: steady state of `duty * supply = constant * rate +
+    /// resistance * torque / constant`.
     #[must_use]
     pub fn feedforward(&self) -> Feedforward {
         let duty_per_torque = self.resistance / (self.constant * self.supply);

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde_json::{Map, Value, json};
 
 use crate::declaration::{FILE, Field, Kind, Without};
-use crate::structure::rounded;
+use crate::number::rounded;
 
 const HEAD: &str = "# Group files
 

@@ -9,9 +9,10 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::check::{Checker, shown};
+use crate::check::Checker;
 use crate::declaration::{Field, Kind, Range, Without};
 use crate::error::nearest;
+use crate::number::{rounded, shown, slip};
 
 /// The key under which a robot's entries stand; what they lack is for rules that know `[robot]`.
 const ROBOTS: &str = "robots";
@@ -220,35 +221,6 @@ impl Range {
             (false, false) => "give a finite number".into(),
         }
     }
-}
-
-/// At most four significant digits behind the point, without zeros at the end.
-pub(crate) fn rounded(value: f64) -> String {
-    let text = format!("{value:.4}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    text.to_owned()
-}
-
-/// What a number out of range was most likely meant to be: in thousandths of its unit, or an angle
-/// in the other unit.
-pub(crate) fn slip(value: f64, unit: &str, fits: impl Fn(f64) -> bool) -> Option<String> {
-    let (candidate, as_what) = match unit {
-        "m" => (value / 1e3, "millimetres"),
-        "A" => (value / 1e3, "milliamperes"),
-        "V" => (value / 1e3, "millivolts"),
-        "ms" => (value * 1e3, "seconds"),
-        "degrees" => (value.to_degrees(), "radians"),
-        "rad/s" => (value.to_radians(), "degrees per second"),
-        "m/s" => (value / 1e3, "mm/s"),
-        _ => return None,
-    };
-    let usual = if unit.starts_with('V') || unit == "A" {
-        value.abs() >= 1e3
-    } else {
-        true
-    };
-    (usual && fits(candidate))
-        .then(|| format!("if the value is in {as_what}, write {}", rounded(candidate)))
 }
 
 fn expected(kind: Kind) -> String {

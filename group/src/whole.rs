@@ -8,8 +8,8 @@ use toml::de::{DeTable, DeValue};
 use crate::check::Checker;
 use crate::declaration::real;
 use crate::model::{GroupFile, Robot};
+use crate::number::rounded;
 use crate::parameters::{agreement_delay_us, parameters};
-use crate::structure::rounded;
 
 /// Angles in degrees up to this many times an eighth of a turn in radians are checked.
 const EIGHTHS: i32 = 8;

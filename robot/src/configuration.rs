@@ -7,9 +7,9 @@
 use control::brake::BrakeTimes;
 use control::configuration::{Configuration, Thresholds, Times, WheelConfiguration};
 use control::current::CurrentConfiguration;
-use control::drivetrain::{Contact, Drivetrain, Rolling};
+use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
-use control::rollers::{RollerConfiguration, RollerWheel};
+use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
 use control::time::TICK_US;
 use control::wheel::Gains;

@@ -7,24 +7,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, bail};
-use omnibus::report::Scalar;
 
 /// The target of the firmware.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
-
-/// Switches on the tests that run the release image.
-const IMAGE_TESTS: &str =
-    "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,omnibus-master/elf";
-
-/// The libraries whose tests are run once more in fixed point.
-const FIXED_TESTS: [&str; 6] = [
-    "--package=omnibus-control",
-    "--package=omnibus-robot",
-    "--features",
-    "omnibus-robot/fixed-point",
-    "--lib",
-    "--tests",
-];
 
 /// Root folder of the workspace.
 pub fn root() -> PathBuf {
@@ -83,29 +68,6 @@ pub fn ensure_target(target: &str) -> anyhow::Result<()> {
     run(&mut rustup).with_context(|| {
         format!("the {target} target is missing and could not be added: rustup target add {target}")
     })
-}
-
-/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
-/// hand, and those of the control side in fixed point.
-pub fn test(rest: &[String]) -> anyhow::Result<()> {
-    let elf = crate::firmware::build(Scalar::F32)?;
-    // Each variant replaces the one before it in the same folder; a copy stays.
-    let bench = crate::firmware::build_bench()?.with_extension("bench");
-    std::fs::copy(bench.with_extension(""), &bench)?;
-    let fixed = crate::firmware::build(Scalar::Fixed)?;
-    let mut command = command();
-    command
-        .args(["test", "--workspace", "--no-fail-fast"])
-        .args(["--features", IMAGE_TESTS])
-        .args(rest)
-        .env("OMNIBUS_ELF", elf)
-        .env("OMNIBUS_ELF_FIXED", fixed)
-        .env("OMNIBUS_ELF_BENCH", bench);
-    run(&mut command)?;
-    if rest.is_empty() {
-        run(self::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;
-    }
-    Ok(())
 }
 
 /// Runs the long tests of a calibration's intervals, which print every robot's.

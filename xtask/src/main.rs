@@ -19,6 +19,7 @@ mod flash;
 mod interop;
 mod size_canopen;
 mod socketcan;
+mod test;
 mod web;
 
 /// Workspace tasks of Omnibus.
@@ -97,7 +98,7 @@ enum Task {
 fn run(task: Task) -> anyhow::Result<()> {
     match task {
         Task::Demo(arguments) => demo::run(&arguments),
-        Task::Test { rest } => cargo::test(&rest),
+        Task::Test { rest } => test::run(&rest),
         Task::Coverage { robots } => cargo::coverage(robots),
         Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),

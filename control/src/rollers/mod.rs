@@ -31,7 +31,6 @@ mod tracked;
 
 use kinematics::{FourWheelGeometry, GeometryError, RollerAngle, RollerTrack, WheelRates};
 
-use crate::drivetrain::Rolling;
 pub use scalar::{Secant, Value, Wheels};
 use tracked::PATIENCE;
 use tracked::Tracked;
@@ -39,13 +38,42 @@ use tracked::Tracked;
 /// Largest deviation of a correct index, as a fraction of a turn.
 const PLAY: f32 = 1.0 / 64.0;
 
-/// Wheels with rollers, uncompensated, in the robot's frame.
-pub(crate) fn wheels(geometry: &FourWheelGeometry) -> Result<Wheels, GeometryError> {
-    scalar::wheels(geometry)
-}
-
 /// The secants of the four wheels.
 pub type Secants = [Value; 4];
+
+/// Wheels with rollers, and the ends of what their secants can be.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Rolling {
+    pub(crate) wheels: Wheels,
+    rollers: RollerConfiguration,
+    pub(crate) least: Secants,
+    pub(crate) largest: Secants,
+}
+
+impl Rolling {
+    /// Wheels of this geometry with these rollers. Not inlined: moving it about is a kilobyte.
+    ///
+    /// # Errors
+    /// [`GeometryError`] when the wheels leave a motion uncontrolled.
+    #[inline(never)]
+    pub fn new(
+        geometry: &FourWheelGeometry,
+        rollers: &RollerConfiguration,
+    ) -> Result<Self, GeometryError> {
+        Ok(Self {
+            wheels: scalar::wheels(geometry)?,
+            least: rollers.least(),
+            largest: rollers.largest(),
+            rollers: *rollers,
+        })
+    }
+
+    /// Their rollers.
+    #[must_use]
+    pub const fn rollers(&self) -> &RollerConfiguration {
+        &self.rollers
+    }
+}
 
 /// An index pulse as it was captured.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -207,7 +235,7 @@ impl Rollers {
         ];
         let mut rollers = Self {
             secants: configuration.least(),
-            kinematics: *rolling.wheels(),
+            kinematics: rolling.wheels,
             configuration: *configuration,
             wheels,
         };

@@ -14,7 +14,7 @@ use protocol::object::Access;
 use protocol::{Address, Kind, OBJECTS, Object, Value};
 use serde::Deserialize;
 
-use super::param::parse;
+use super::param_text::{find, parse};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -122,7 +122,7 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
     drop(file.serial);
     let mut values = Vec::new();
     for (name, value) in &file.parameters {
-        let object = super::param::find(name)?;
+        let object = find(name)?;
         if object.access != Access::Parameter {
             bail!("{}: is not a parameter", sdo::name(object.address));
         }
@@ -136,7 +136,7 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
     values.sort_by_key(|(at, _)| at.packed());
     let mut blocks = Vec::new();
     for (name, text) in &file.blocks {
-        let object = super::param::find(name)?;
+        let object = find(name)?;
         let at = object.address;
         if object.kind != Kind::Domain || object.access != Access::Parameter {
             bail!(

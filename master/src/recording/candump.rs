@@ -6,7 +6,7 @@ use std::io::{BufRead, Write};
 use can_text::candump::{Line, parse_line, write_line};
 
 use super::Header;
-use super::read::{Recorded, Recording};
+use super::content::{Recorded, Recording};
 
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]

@@ -13,6 +13,7 @@
 
 pub mod candump;
 pub mod charts;
+mod content;
 pub mod csv;
 pub mod messages;
 pub mod page;
@@ -26,7 +27,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use crate::bus::frame_name::frame_name;
-pub use read::{Recorded, Recording, read};
+pub use content::{Recorded, Recording};
+pub use read::read;
 pub use write::{OnError, Recorder, Settings, Summary};
 
 /// Every frame on the bus.

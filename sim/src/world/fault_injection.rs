@@ -16,30 +16,6 @@ use crate::bus::errors::{ErrorCounters, ErrorState};
 use crate::motor::Brake;
 use crate::robot::Crash;
 
-/// The bus faults of one robot.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct InjectedFaults {
-    /// The identifier of the frames that it does not get.
-    pub misses: Option<u16>,
-    /// Frames that its receiver gets wrong.
-    pub bad_receiver: Share,
-    /// The frame that its controller sends continuously instead of its own.
-    pub babble: Option<Frame>,
-    /// Delay of its frames, ns.
-    pub delay_ns: u64,
-}
-
-impl Default for InjectedFaults {
-    fn default() -> Self {
-        Self {
-            misses: None,
-            bad_receiver: Share::NONE,
-            babble: None,
-            delay_ns: 0,
-        }
-    }
-}
-
 impl World {
     /// A robot that something is about to happen to.
     fn touched(&mut self, robot: usize) -> Option<&mut Unit> {

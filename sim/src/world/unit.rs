@@ -5,6 +5,7 @@ use group::{EncoderFault, Simulation};
 use kinematics::{Pose, WheelRates};
 
 use crate::battery::{Battery, Supply};
+use crate::bus::disturb::Share;
 use crate::encoder::wires::{Decoder, Edge};
 use crate::encoder::{EncoderState, WheelEncoder};
 use crate::motor::{Bridge, Motor};
@@ -12,7 +13,29 @@ use crate::robot::{Robot, Wake};
 use crate::truth::RobotTruth;
 use crate::world::index::{self, Indexes};
 
-use super::fault_injection::InjectedFaults;
+/// The bus faults of one robot.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct InjectedFaults {
+    /// The identifier of the frames that it does not get.
+    pub misses: Option<u16>,
+    /// Frames that its receiver gets wrong.
+    pub bad_receiver: Share,
+    /// The frame that its controller sends continuously instead of its own.
+    pub babble: Option<Frame>,
+    /// Delay of its frames, ns.
+    pub delay_ns: u64,
+}
+
+impl Default for InjectedFaults {
+    fn default() -> Self {
+        Self {
+            misses: None,
+            bad_receiver: Share::NONE,
+            babble: None,
+            delay_ns: 0,
+        }
+    }
+}
 
 /// A robot with its wheels.
 pub(super) struct Unit {

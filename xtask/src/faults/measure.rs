@@ -21,6 +21,7 @@ use sim::test_master::{STEP_US, TestMaster};
 use sim::{Backend, Options, RobotTruth, SimError, World};
 
 use super::causes::{Case, Procedure, WATCHED};
+use super::measured::Measured;
 
 /// Configured limits of the robots' supply of 24 V, V.
 const SUPPLY_MINIMUM: f32 = 18.0;
@@ -36,21 +37,6 @@ const VISIBLE: f64 = 0.0015;
 /// Longest wait for a reaction, and for rest and the announcement after it, ms.
 const REACTION_MS: u64 = 1_000;
 const REST_MS: u64 = 800;
-
-/// What was seen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
-    /// From the cause to the beginning of the reaction, ms.
-    pub reaction_ms: f64,
-    /// From the cause to the end of the emergency message, ms.
-    pub emergency_ms: f64,
-    /// From the cause to drivers off and brake engaged, ms.
-    pub rest_ms: f64,
-    /// Largest true rate of any wheel of the group after the cause, over what was asked before it.
-    pub wheel_rate: Option<f64>,
-    /// How far the body went from the cause to rest, m.
-    pub way: Option<f64>,
-}
 
 /// What the robots of a trial are.
 #[derive(Clone, Copy)]

@@ -9,6 +9,7 @@
 mod causes;
 mod image;
 mod measure;
+mod measured;
 mod pairs;
 mod power;
 mod promise;
@@ -28,7 +29,8 @@ use serde_json::json;
 
 use crate::{cargo, firmware};
 use causes::{CASES, Case};
-use measure::{Measured, Robots};
+use measure::Robots;
+use measured::Measured;
 use pairs::Pair;
 use promise::Promise;
 

@@ -11,7 +11,7 @@ use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, StopKind}
 use protocol::{Address, Fault, address as at, cob};
 
 use super::image;
-use super::measure::Measured;
+use super::measured::Measured;
 
 /// How a cause is tried.
 pub type Procedure = fn(&Firmware) -> anyhow::Result<Measured>;

@@ -20,12 +20,14 @@ use kinematics::{
 
 use serde::{Deserialize, Serialize};
 
-use super::measure;
 use crate::path::curve::Motion;
 use crate::path::curve::Plan;
 
 /// Shortest ramp, s.
 const RAMP: f64 = 0.5;
+/// How long the group stands before poses are read, and how long they are averaged, s.
+pub(super) const SETTLE: f64 = 0.3;
+pub(super) const AVERAGE: f64 = 0.3;
 /// Share of the acceleration limit that ramps use on average; at their steepest it is half as much
 /// again.
 const ACCELERATION: f64 = 0.25;
@@ -157,7 +159,7 @@ impl Manoeuvre {
     /// How long it takes with its ramps and the rest before and after, s.
     #[must_use]
     pub fn lasts(&self) -> f64 {
-        self.seconds + self.ramp + 2.0 * (measure::SETTLE + measure::AVERAGE)
+        self.seconds + self.ramp + 2.0 * (SETTLE + AVERAGE)
     }
 
     /// Where it leads, in the frame of the robots: m, m, rad.

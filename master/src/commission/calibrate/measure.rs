@@ -20,16 +20,12 @@ use group::GroupFile;
 use kinematics::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
-use super::manoeuvre::{Manoeuvre, Way};
+use super::manoeuvre::{AVERAGE, Manoeuvre, SETTLE, Way};
 use crate::bus::link::Link;
 use crate::error::MasterError;
 use crate::monitor::average::mean_pose;
 use crate::monitor::rows::MemberRow;
 use crate::session::Group;
-
-/// How long the group stands before poses are read, and how long they are averaged, s.
-pub(super) const SETTLE: f64 = 0.3;
-pub(super) const AVERAGE: f64 = 0.3;
 
 /// From this alignment on robots count as facing one way: half a degree apart.
 const ALIKE: f64 = 0.9999;

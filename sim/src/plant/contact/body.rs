@@ -6,27 +6,15 @@
 //! it, exactly as soon as it knows which contacts are at their limit, which is mostly at once.
 
 use group::{Patch, Payload};
-use kinematics::{FourWheelGeometry, Pose};
+use kinematics::Pose;
 
 use super::wheel::{Push, Wheel};
-use super::{Contact, GRAVITY};
+use super::{Contact, GRAVITY, Part};
 use crate::error::SimError;
 
 /// Most Newton steps, and most halvings of one.
 const STEPS: usize = 40;
 const HALVINGS: usize = 30;
-
-/// A robot as part of a body.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Part {
-    /// Place in the group file.
-    pub robot: usize,
-    /// Pose in the frame of the body.
-    pub place: Pose<f64>,
-    pub geometry: FourWheelGeometry<f64>,
-    /// Roller phases at wheel angle 0, rad.
-    pub phases: [f64; 4],
-}
 
 /// Robots that move as one.
 #[derive(Debug, Clone)]

@@ -43,16 +43,28 @@ mod wheel;
 use std::f64::consts::{PI, TAU};
 
 use group::GroupFile;
-use kinematics::Pose;
+use kinematics::{FourWheelGeometry, Pose};
 
 use super::Plant;
 use super::formation::Formation;
 use super::table::members;
 use crate::error::SimError;
 use crate::random::Random;
-use body::{Body, Part};
+use body::Body;
 
 const GRAVITY: f64 = 9.81;
+
+/// A robot as part of a body.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    /// Place in the group file.
+    robot: usize,
+    /// Pose in the frame of the body.
+    place: Pose<f64>,
+    geometry: FourWheelGeometry<f64>,
+    /// Roller phases at wheel angle 0, rad.
+    phases: [f64; 4],
+}
 
 /// Sizes and materials that the group file does not hold.
 #[derive(Debug, Clone, Copy, PartialEq)]

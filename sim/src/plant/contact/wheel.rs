@@ -2,10 +2,9 @@
 
 use kinematics::FourWheelGeometry;
 
-use super::Contact;
-use super::body::Part;
 use super::footprint::{Foot, Footprint};
 use super::roller::Rollers;
+use super::{Contact, Part};
 
 /// A wheel. Directions and places are in the body's frame, from its centre of mass.
 #[derive(Debug, Clone)]

@@ -1,0 +1,42 @@
+//! `cargo xtask test`: all tests, those that run the image included.
+
+use omnibus::report::Scalar;
+
+use crate::{cargo, firmware};
+
+/// Switches on the tests that run the release image.
+const IMAGE_TESTS: &str =
+    "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,omnibus-master/elf";
+
+/// The libraries whose tests are run once more in fixed point.
+const FIXED_TESTS: [&str; 6] = [
+    "--package=omnibus-control",
+    "--package=omnibus-robot",
+    "--features",
+    "omnibus-robot/fixed-point",
+    "--lib",
+    "--tests",
+];
+
+/// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
+/// hand, and those of the control side in fixed point.
+pub fn run(rest: &[String]) -> anyhow::Result<()> {
+    let elf = firmware::build(Scalar::F32)?;
+    // Each variant replaces the one before it in the same folder; a copy stays.
+    let bench = firmware::build_bench()?.with_extension("bench");
+    std::fs::copy(bench.with_extension(""), &bench)?;
+    let fixed = firmware::build(Scalar::Fixed)?;
+    let mut command = cargo::command();
+    command
+        .args(["test", "--workspace", "--no-fail-fast"])
+        .args(["--features", IMAGE_TESTS])
+        .args(rest)
+        .env("OMNIBUS_ELF", elf)
+        .env("OMNIBUS_ELF_FIXED", fixed)
+        .env("OMNIBUS_ELF_BENCH", bench);
+    cargo::run(&mut command)?;
+    if rest.is_empty() {
+        cargo::run(cargo::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;
+    }
+    Ok(())
+}
