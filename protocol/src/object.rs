@@ -350,7 +350,12 @@ impl Object {
         Self::state(address, name, "", Kind::U32, text)
     }
 
-    /// Something the robot tells in a PDO.
+    const fn in_pdos(mut self) -> Self {
+        self.mappable = true;
+        self
+    }
+
+    /// Something the robot reports in a PDO.
     #[must_use]
     pub(crate) const fn process(
         address: Address,
@@ -359,9 +364,7 @@ impl Object {
         kind: Kind,
         text: &'static str,
     ) -> Self {
-        let mut object = Self::state(address, name, unit, kind, text);
-        object.mappable = true;
-        object
+        Self::state(address, name, unit, kind, text).in_pdos()
     }
 
     /// Something the robot is told in a PDO.
@@ -373,9 +376,7 @@ impl Object {
         kind: Kind,
         text: &'static str,
     ) -> Self {
-        let mut object = Self::command(address, name, unit, kind, text);
-        object.mappable = true;
-        object
+        Self::command(address, name, unit, kind, text).in_pdos()
     }
 
     /// Something that may be written at any time and is not kept.

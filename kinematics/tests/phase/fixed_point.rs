@@ -2,6 +2,14 @@
 
 use super::*;
 
+/// The secants of eight rollers at these angles, exact and in fixed point.
+fn secants_at(angles: [i32; 4]) -> ([f64; 4], [i32; 4]) {
+    let secant = Secant::<f64>::for_count(8).unwrap();
+    let fixed = FixedSecant::new(&secant).unwrap();
+    let angles = angles.map(RollerAngle::from_bits);
+    (angles.map(|a| secant.at(a)), angles.map(|a| fixed.at(a)))
+}
+
 proptest! {
     /// Fixed point: a step of 2^-16 for each of a few cuts, and half a coefficient step for each
     /// unit of input.
@@ -10,13 +18,7 @@ proptest! {
         let (robot, mount, c) = (robot(45.0), mount(1.2, -0.4, 0.3), compensation());
         let exact = PhaseMember::new(&robot, &mount, &c);
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
-        let secant = Secant::<f64>::for_count(8).unwrap();
-        let fixed_secant = FixedSecant::new(&secant).unwrap();
-        let angles = angles.map(RollerAngle::from_bits);
-        let (secants, fixed_secants) = (
-            angles.map(|a| secant.at(a)),
-            angles.map(|a| fixed_secant.at(a)),
-        );
+        let (secants, fixed_secants) = secants_at(angles);
         let rates: [f64; 4] = exact.inverse(twist, &secants).into();
         let single = twist.convert::<f32>();
         let found: [f32; 4] = fixed.inverse(single, &fixed_secants).into();
@@ -146,13 +148,7 @@ proptest! {
         let (robot, mount, c) = (robot(45.0), mount(0.0, 0.0, 0.0), compensation());
         let exact = PhaseMember::new(&robot, &mount, &c);
         let fixed = FixedPhaseMember::new(&robot, &mount, &c).unwrap();
-        let secant = Secant::<f64>::for_count(8).unwrap();
-        let fixed_secant = FixedSecant::new(&secant).unwrap();
-        let angles = angles.map(RollerAngle::from_bits);
-        let (secants, fixed_secants) = (
-            angles.map(|a| secant.at(a)),
-            angles.map(|a| fixed_secant.at(a)),
-        );
+        let (secants, fixed_secants) = secants_at(angles);
         let expected = exact.forward(&WheelRates::from(rates.map(f64::from)), &secants);
         let found = fixed.forward(&WheelRates::from(rates), &fixed_secants).convert::<f64>();
         // 32000 units of input at half a step of 2^-26, and what an f32 of that size rounds.
