@@ -1,15 +1,16 @@
 //! The documents agree with the sources, and the sources with the rules of CONTRIBUTING.md.
 //!
 //! The checks read the Markdown files and the sources as text. They cannot tell whether a sentence
-//! is true; they find links that lead nowhere, files and tests that are gone ([`self`]), tables
-//! that repeat a constant and no longer agree with it ([`boards`]), and files, essays and names
-//! that break a rule of style ([`style`]).
+//! is true; they find links that lead nowhere, files and tests that are gone ([`self`]), tables and
+//! sentences that repeat a constant and no longer agree with it ([`boards`], [`statements`]), and
+//! files, essays and names that break a rule of style ([`style`]).
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 mod boards;
+mod statements;
 mod style;
 
 fn root() -> &'static Path {

@@ -9,11 +9,10 @@ use crate::table::{OBJECTS, RECORDS};
 use crate::{Fault, Limit, Reaction};
 
 const INTRODUCTION: &str = "\
-CANopen (CiA 301) at 1 Mbit/s, 11-bit identifiers, little-endian. The master is node 1, robots are
-nodes 2 to
-17. This page, `omnibus.eds` and `omnibus.dbc` are generated from the object table in `protocol/`; a
-    test fails when they are stale. Frames and units are REP-103: x forward, y left, heading
-    counter-clockwise.
+CANopen (CiA 301) at 1 Mbit/s, 11-bit identifiers, little-endian. The master is node
+1, robots are nodes 2 to 17. This page, `omnibus.eds` and `omnibus.dbc` are generated from the
+object table in `protocol/`; a test fails when they are stale. Frames and units are REP-103: x
+forward, y left, heading counter-clockwise.
 
 ## Bringing a group up
 

@@ -48,8 +48,8 @@
 //!
 //! # Why not the HAL's driver
 //!
-//! Its buffered receiver silently drops a frame when its queue is full,
-//! and its buffered sender loses the second of two frames with one identifier.
+//! Its buffered receiver silently drops a frame when its queue is full, and its buffered sender
+//! loses the second of two frames with one identifier.
 
 mod cable;
 mod interrupts;
