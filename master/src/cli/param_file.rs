@@ -124,7 +124,10 @@ fn parse_text(text: &str) -> anyhow::Result<Parameters> {
     for (name, value) in &file.parameters {
         let object = find(name)?;
         if object.access != Access::Parameter {
-            bail!("{}: is not a parameter", sdo::name(object.address));
+            bail!(
+                "{} is not a parameter; remove its line",
+                sdo::name(object.address)
+            );
         }
         let text = match value {
             toml::Value::Integer(number) => number.to_string(),

@@ -99,7 +99,7 @@ impl<L: Link> Group<L> {
             reason: match reason {
                 1 => "was not written".into(),
                 2 => "does not fit the rest of the configuration".into(),
-                other => format!("is objected to for reason {other}"),
+                other => format!("was refused by the robot for reason {other}"),
             },
         })
     }

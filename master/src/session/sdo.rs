@@ -84,7 +84,11 @@ impl<L: Link> Wire<L> {
         Value::from_bytes(kind, &data).map_err(|error| MasterError::Answer {
             node,
             object: name(address),
-            problem: format!("{} bytes for a {}: {error}", data.len(), kind.name()),
+            problem: format!(
+                "the answer has {} bytes, not a {}: {error}",
+                data.len(),
+                kind.name()
+            ),
         })
     }
 
