@@ -46,6 +46,12 @@ const LIBRARY: &str = "canopen/README.md";
 
 const STATEMENTS: &[Statement] = &[
     says(
+        "docs/can-protocol.md",
+        "objects 0x1005 to 0x1007, 0x1014 to 0x1017, 0x1019, 0x1029, 0x1400 to 0x1BFF and 0x1F80",
+        "canopen/src/device/objects.rs",
+        "0x1005..=0x1007 | 0x1014..=0x1017 | 0x1019 | 0x1029 | 0x1400..=0x1BFF | 0x1F80",
+    ),
+    says(
         DEVICE,
         "recovery after 100 ms,",
         BUS_OFF,
