@@ -208,7 +208,7 @@ fn times(twist: Twist, [x, y, w]: &Coefficients) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kinematics::{AxisTable, Pose, SpeedCompensation};
+    use kinematics::{AxisTable, FourWheelGeometry, Pose, SpeedCompensation};
 
     fn drivetrain(compensation: GridCompensation) -> Drivetrain {
         let geometry =
