@@ -20,16 +20,22 @@ use std::time::Duration;
 
 use canopen::Micros;
 use group::{GroupFile, Limits};
-use kinematics::Twist;
+use kinematics::{Pose, Twist};
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
 use crate::controls::arbiter::slowed;
 use crate::error::MasterError;
-use crate::monitor::telemetry::{DEFAULT_CAPACITY, Hub, Interest, SessionState, Subscription};
-use crate::path::curve::Plan;
+use crate::monitor::telemetry::{
+    DEFAULT_CAPACITY, Hub, Interest, Progress, SessionState, Subscription,
+};
+use crate::path::curve::{Instant, Motion, Plan};
+use crate::path::route::SharedRoute;
+use crate::path::steering::{Law, PoseInput, Steering};
 use crate::run::DriveError;
+use crate::session::follow::Period;
 use crate::session::{Group, check_twist};
+use crate::source::pose::PoseStream;
 
 /// How often the bus is polled while nothing runs, in µs.
 const IDLE_US: u64 = 50_000;
@@ -50,6 +56,22 @@ pub enum Order {
     /// (the same [`Arc`]) goes on with it for so many µs more. A curve beyond the limits of the
     /// group file stops the group. Without effect unless started.
     Curve(Arc<Plan>, u64),
+    /// Follow a route to its end, unless something else is ordered before. Without effect unless
+    /// started.
+    Follow(Errand),
+}
+
+/// A route, and how a group is kept on it.
+#[derive(Clone, Debug)]
+pub struct Errand {
+    /// The way. It is closed when it is driven no more.
+    pub route: SharedRoute,
+    /// Where the group stands now, in the frame of the route: m, m, rad.
+    pub start: Pose,
+    /// How poses correct the drive.
+    pub law: Law,
+    /// Where poses come from; `None`: the robots' own wheels.
+    pub poses: Option<PoseStream>,
 }
 
 /// A session in a thread of its own. Dropping it ramps the group down and waits for that.
@@ -183,6 +205,52 @@ enum Asks {
         /// It has ended, or was not confirmed in time.
         over: bool,
     },
+    Route(Box<Following>),
+}
+
+/// A route that is being followed. It is closed when this goes.
+struct Following {
+    route: SharedRoute,
+    plan: Plan,
+    steering: Steering,
+    began: Micros,
+}
+
+impl Following {
+    fn begin(errand: Errand, next_sync: Micros) -> Self {
+        let Errand {
+            route,
+            start,
+            law,
+            poses,
+        } = errand;
+        let input = poses.map_or(PoseInput::Odometry, PoseInput::Stream);
+        let mut steering = Steering::new(law, input, start, true);
+        steering.begin(next_sync);
+        Self {
+            plan: Plan::from_rest("route", Motion(Box::new(route.clone()))),
+            route,
+            steering,
+            began: next_sync,
+        }
+    }
+
+    /// Drives one SYNC period; `false` when the route is over.
+    fn drive<L: Link>(&mut self, group: &mut Group<L>) -> Result<bool, MasterError> {
+        let period = Period {
+            plan: &self.plan,
+            began: self.began,
+            steering: Some(&mut self.steering),
+            shown: false,
+        };
+        Ok(group.period_of(period)?.is_some())
+    }
+}
+
+impl Drop for Following {
+    fn drop(&mut self) {
+        self.route.close();
+    }
 }
 
 impl Asked {
@@ -215,11 +283,24 @@ impl Asked {
         if let Asks::Curve { plan, began, over } = &mut self.motion {
             *over |= group.next_sync() > self.until;
             if !*over {
-                let progress = group.period_of(plan, *began)?;
-                *over = progress.is_none();
-                group.set_curve(progress);
+                let period = Period {
+                    plan,
+                    began: *began,
+                    steering: None,
+                    shown: false,
+                };
+                let instant = group.period_of(period)?;
+                *over = instant.is_none();
+                group
+                    .set_curve(instant.map(|Instant { t, duration, .. }| Progress { t, duration }));
                 return Ok(());
             }
+        }
+        if let Asks::Route(following) = &mut self.motion {
+            if !following.drive(group)? {
+                self.motion = Asks::Rest;
+            }
+            return Ok(());
         }
         group.set_curve(None);
         let Self { motion, until } = self;
@@ -267,6 +348,7 @@ impl Flight {
             }
             (Some(Order::Stop), SessionState::Running) => {
                 group.set_curve(None);
+                self.asked = Asked::default();
                 group.stop()?;
             }
             (Some(Order::Twist(twist, valid_us)), SessionState::Running) => {
@@ -283,10 +365,18 @@ impl Flight {
                     survive(group, error)?;
                 }
             }
+            (Some(Order::Follow(errand)), SessionState::Running) => {
+                let following = Following::begin(errand, group.next_sync());
+                self.asked.motion = Asks::Route(Box::new(following));
+            }
+            (Some(Order::Follow(errand)), _) => errand.route.close(),
             (Some(_), _) => {}
             (None, SessionState::Running) => {
                 if let Err(error) = self.asked.drive(group) {
-                    survive(group, error)?;
+                    let survived = survive(group, error);
+                    // Only now is a route closed: who waits for that finds the group at rest.
+                    self.asked = Asked::default();
+                    survived?;
                 }
             }
             (None, _) => {
@@ -326,7 +416,7 @@ fn within(twist: Twist, file: &GroupFile) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::monitor::telemetry::{EventKind, Progress, Snapshot, Telemetry};
+    use crate::monitor::telemetry::{EventKind, Snapshot, Telemetry};
     use crate::path::course::Course;
     use crate::path::curve::Curve;
     use crate::simulation::link::SimLink;

@@ -251,6 +251,16 @@ impl Arbiter {
         Ok(())
     }
 
+    /// Whether a client may have the group follow a route, which keeps its own limits. While it is
+    /// followed this is called again and again; a route that nobody vouches for any more holds the
+    /// controls no longer.
+    ///
+    /// # Errors
+    /// With the reason why not.
+    pub fn route(&mut self, now: u64, client: Client) -> Result<(), String> {
+        self.stream(now, client, Twist::ZERO, STALE_MS)
+    }
+
     fn check_limits(&self, twist: Twist) -> Result<(), String> {
         let speed = twist.vx.hypot(twist.vy);
         let (fastest, turning) = (self.limits.linear_speed, self.limits.yaw_rate);

@@ -26,7 +26,7 @@ use kinematics::Twist;
 
 use self::arbiter::{Arbiter, Client};
 use crate::monitor::telemetry::{EventKind, SessionState, Telemetry};
-use crate::pilot::{Order, Pilot};
+use crate::pilot::{Errand, Order, Pilot};
 
 /// How long the controls exist, in ms.
 pub type Clock = Box<dyn Fn() -> u64 + Send + Sync>;
@@ -181,6 +181,25 @@ impl Controls {
             Err(_) => {}
         }
         permitted
+    }
+
+    /// Has the group follow a route.
+    ///
+    /// # Errors
+    /// With the reason why it was refused; then nothing moves.
+    pub fn follow(&self, client: Client, errand: Errand) -> Result<(), String> {
+        let mut arbiter = self.arbiter();
+        arbiter.route(self.now(), client)?;
+        (self.order)(Order::Follow(errand));
+        Ok(())
+    }
+
+    /// Vouches for the route that is followed: to be called several times a second.
+    ///
+    /// # Errors
+    /// With the reason why this client drives no more.
+    pub fn keep_following(&self, client: Client) -> Result<(), String> {
+        self.arbiter().route(self.now(), client)
     }
 
     /// The client moves the group no longer; it stays the driver, and the robots started.

@@ -195,6 +195,11 @@ impl Plan {
         Self { name, motion }
     }
 
+    /// A motion that begins and ends at rest by itself.
+    pub(crate) fn from_rest(name: &str, motion: Motion) -> Self {
+        Self::new(name.into(), motion, 0.0)
+    }
+
     /// Straight ahead by a distance (m) and back, as a cosine: at `speed` (m/s) at most, and within
     /// the group's limits with some room.
     #[must_use]

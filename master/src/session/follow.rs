@@ -12,12 +12,11 @@
 //! wheel loops, rounding to 0.1 mm/s, uneven contacts) shows in the tracking error.
 
 use canopen::Micros;
-use group::ContactLag;
+use group::{ContactLag, GroupFile};
 use kinematics::Twist;
 
 use crate::bus::link::Link;
 use crate::error::MasterError;
-use crate::monitor::telemetry::Progress;
 use crate::path::curve::{Instant, Plan};
 use crate::path::steering::{Lost, Steering, limited};
 use crate::session::{Group, STOP_PATIENCE_US};
@@ -25,6 +24,24 @@ use crate::session::{Group, STOP_PATIENCE_US};
 /// How long the group is watched after the curve's end, in s: the pipeline's delay and a little
 /// more.
 const TAIL: f64 = 0.1;
+
+/// How far ahead of what this group does a plan is asked, at most, in s.
+#[must_use]
+pub fn lead(file: &GroupFile) -> f64 {
+    f64::from(group::preview_us(file)) * 1e-6 + SHORTLY
+}
+
+/// One period of a plan.
+pub(crate) struct Period<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// The SYNC it began with.
+    pub began: Micros,
+    /// Feedback.
+    pub steering: Option<&'a mut Steering>,
+    /// Whether the pose it asks for is shown as the group's target: in the frame of its poses.
+    pub shown: bool,
+}
 
 /// Half the stretch of time over which a curve's acceleration is taken, s.
 const SHORTLY: f64 = 5e-3;
@@ -91,43 +108,33 @@ impl<L: Link> Group<L> {
         mut steering: Option<&mut Steering>,
         observe: &mut dyn FnMut(&mut L, &Instant),
     ) -> Result<(), MasterError> {
-        let preview = f64::from(group::preview_us(&self.file)) * 1e-6;
-        let duration = plan.duration();
         let began = self.next_sync();
         if let Some(steering) = &mut steering {
             steering.begin(began);
         }
         loop {
-            self.await_turn()?;
-            let t = self.next_sync().since(began).0 as f64 * 1e-6;
-            if t > duration + TAIL {
-                return Ok(());
-            }
-            let (pose, twist) = plan.at(t);
-            let setpoint = match &mut steering {
-                Some(steering) => self.steer(plan, t + preview, steering)?,
-                None => self.forward(plan, t + preview),
+            let period = Period {
+                plan,
+                began,
+                steering: steering.as_deref_mut(),
+                shown: true,
             };
-            self.set_target(Some(pose));
-            self.run_period(setpoint)?;
-            let instant = Instant {
-                t,
-                row: self.recorder().rows().len() - 1,
-                duration,
-                pose,
-                twist,
+            let Some(instant) = self.period_of(period)? else {
+                return Ok(());
             };
             observe(self.link(), &instant);
         }
     }
 
-    /// One period of a curve that began with the SYNC at `began`: its setpoint is sent and the SYNC
-    /// seen through. How far the curve is then; `None`, and nothing was sent, when it is over.
-    pub(crate) fn period_of(
-        &mut self,
-        plan: &Plan,
-        began: Micros,
-    ) -> Result<Option<Progress>, MasterError> {
+    /// One period of a plan: its setpoint is sent and the SYNC seen through. What the plan asked
+    /// for then; `None`, and nothing was sent, when it is over.
+    pub(crate) fn period_of(&mut self, period: Period<'_>) -> Result<Option<Instant>, MasterError> {
+        let Period {
+            plan,
+            began,
+            steering,
+            shown,
+        } = period;
         self.await_turn()?;
         let t = self.next_sync().since(began).0 as f64 * 1e-6;
         let duration = plan.duration();
@@ -135,10 +142,20 @@ impl<L: Link> Group<L> {
             return Ok(None);
         }
         let preview = f64::from(group::preview_us(&self.file)) * 1e-6;
-        let setpoint = self.forward(plan, t + preview);
-        self.set_target(None);
+        let (pose, twist) = plan.at(t);
+        let setpoint = match steering {
+            Some(steering) => self.steer(plan, t + preview, steering)?,
+            None => self.forward(plan, t + preview),
+        };
+        self.set_target(shown.then_some(pose));
         self.run_period(setpoint)?;
-        Ok(Some(Progress { t, duration }))
+        Ok(Some(Instant {
+            t,
+            row: self.recorder().rows().len() - 1,
+            duration,
+            pose,
+            twist,
+        }))
     }
 
     /// The setpoint for the time `t` of the curve.

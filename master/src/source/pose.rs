@@ -117,7 +117,8 @@ impl Latest {
 /// What the thread that reads leaves for others.
 type Shared = Arc<(Mutex<Latest>, Condvar)>;
 
-/// A connection to a program that sends poses.
+/// A connection to a program that sends poses. A clone is the same connection.
+#[derive(Clone)]
 pub struct PoseStream {
     address: String,
     shared: Shared,
@@ -241,6 +242,18 @@ impl PoseStream {
             address: format!("tcp://{}", self.address),
             problem: problem.to_owned(),
         }
+    }
+}
+
+impl PartialEq for PoseStream {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.shared, &other.shared)
+    }
+}
+
+impl std::fmt::Debug for PoseStream {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("PoseStream").field(&self.address).finish()
     }
 }
 
