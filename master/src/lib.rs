@@ -15,6 +15,7 @@
 //! | [`bridge`] | programs of your own drive a group and see it, by lines of JSON; Foxglove |
 //! | [`controls`] | who may drive: the one place for page, keyboard, bridge, ROS 2 and fleets |
 //! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
+//! | `vda5050` | a group as one vehicle of a fleet control; the cargo feature of that name |
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
@@ -37,6 +38,8 @@ pub mod session;
 #[cfg(feature = "simulation")]
 pub mod simulation;
 pub mod source;
+#[cfg(feature = "vda5050")]
+pub mod vda5050;
 
 pub use session::Group;
 // What a program of one's own needs besides, so that this library alone suffices.

@@ -77,6 +77,9 @@ enum Command {
     Serve(cli::serve::Arguments),
     /// Lets other programs drive the group and see it, by lines of JSON; shows it in Foxglove.
     Bridge(cli::bridge::Arguments),
+    /// Lets a fleet control drive the group as one vehicle, by VDA 5050 over MQTT.
+    #[cfg(feature = "vda5050")]
+    Vda5050(cli::vda5050::Arguments),
     /// Prints a script that completes commands in your shell.
     Completions(cli::completions::Arguments),
 }
@@ -110,6 +113,8 @@ fn main() -> ExitCode {
         Command::Report(arguments) => cli::plot::report(&arguments),
         Command::Serve(arguments) => cli::serve::run(&arguments),
         Command::Bridge(arguments) => cli::bridge::run(&arguments),
+        #[cfg(feature = "vda5050")]
+        Command::Vda5050(arguments) => cli::vda5050::run(&arguments),
         Command::Completions(arguments) => {
             cli::completions::run(&arguments, &mut Arguments::command());
             Ok(())

@@ -16,7 +16,7 @@
 //!
 //! # Limits
 //!
-//! Not here: MQTT, and what moves the vehicle.
+//! Not here: MQTT, and what moves the vehicle. Both are in `master/src/vda5050`.
 //!
 //! Source: VDA 5050 2.0.0 (January 2022), 2.1.0 and 3.0.0; chapter numbers are those of 2.0.0
 //! unless a later version is named.

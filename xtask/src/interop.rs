@@ -3,8 +3,9 @@
 //! The tests are Python and lie in `tests/interop` (robots, native and emulated) and
 //! `canopen/interop` (the CANopen crate alone). They run in a virtual environment under `target/`,
 //! built from the pinned `tests/interop/requirements.txt` and rebuilt when that file changes.
-//! tshark and chromium must be installed on the system; otherwise this task reports them and fails,
-//! because a test that is skipped silently proves nothing.
+//! The packages of Node.js lie there too, from the pinned `tests/interop/package-lock.json`.
+//! tshark, chromium, gdb, Node.js and mosquitto must be installed on the system; otherwise this
+//! task reports them and fails, because a test that is skipped silently proves nothing.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -24,13 +25,24 @@ pub struct Arguments {
     /// Also runs the suite of one robot through its cable, which does not always pass yet.
     #[arg(long)]
     cable: bool,
+    /// Also runs the suite of a fleet control (VDA 5050), which needs Node.js and mosquitto and has
+    /// not passed as a whole yet.
+    #[arg(long)]
+    fleet: bool,
 }
+
+/// What the tool needs for the suite of a fleet control.
+const FLEET: &str = "omnibus-master/vda5050";
 
 /// Builds everything, then runs every test.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
-    system_packages()?;
+    system_packages(arguments.fleet)?;
     let python = python()?;
+    let modules = match arguments.fleet {
+        true => Some(node_modules(&tests)?),
+        false => None,
+    };
     cargo::run(cargo::command().args([
         "build",
         "--package=omnibus-sim",
@@ -38,6 +50,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "--package=omnibus-canopen",
         "--bins",
         "--examples",
+        "--features",
+        if arguments.fleet { FLEET } else { "" },
     ]))?;
     let elf = firmware::build(Scalar::F32)?;
     let built = cargo::target_folder().join("debug");
@@ -60,6 +74,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .env("OMNIBUS_ELF", &elf)
             .env("OMNIBUS_BACKEND", backend)
             .env("OMNIBUS_LOGS", &logs);
+        if let Some(modules) = &modules {
+            command.env("NODE_PATH", modules);
+        }
         command
     };
     let unittest = |files: &[&str], backend: &str| cargo::run(&mut python_tests(files, backend));
@@ -98,6 +115,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ],
         "native",
     )?;
+    if arguments.fleet {
+        unittest(&["test_vda5050"], "native")?;
+    }
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);
@@ -146,14 +166,15 @@ impl Drop for Awake {
 }
 
 /// Names what the system lacks.
-fn system_packages() -> anyhow::Result<()> {
+fn system_packages(fleet: bool) -> anyhow::Result<()> {
     let starts = |program: &str, arguments: &[&str]| {
         Command::new(program)
             .args(arguments)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status()
-            .is_ok_and(|status| status.success())
+            // One of them knows no option that ends well.
+            .is_ok_and(|status| status.success() || arguments.is_empty())
     };
     let missing: Vec<&str> = [
         ("python3", &["-c", "import venv, ensurepip"][..]),
@@ -162,6 +183,16 @@ fn system_packages() -> anyhow::Result<()> {
         ("gdb-multiarch", &["--version"][..]),
     ]
     .into_iter()
+    .chain(
+        [
+            ("node", &["--version"][..]),
+            ("npm", &["--version"][..]),
+            ("mosquitto_passwd", &[][..]),
+            ("mosquitto_pub", &[][..]),
+        ]
+        .into_iter()
+        .filter(|_| fleet),
+    )
     .filter(|(program, arguments)| !starts(program, arguments))
     .map(|(program, _)| program)
     .collect();
@@ -170,7 +201,8 @@ fn system_packages() -> anyhow::Result<()> {
     }
     bail!(
         "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 \
-         python3-venv tshark chromium gdb-multiarch",
+         python3-venv tshark chromium gdb-multiarch nodejs npm mosquitto \
+         mosquitto-clients",
         missing.join(", ")
     )
 }
@@ -178,6 +210,34 @@ fn system_packages() -> anyhow::Result<()> {
 /// The interpreter that has the tests' packages.
 pub fn python() -> anyhow::Result<PathBuf> {
     environment(&cargo::root().join("tests/interop/requirements.txt"))
+}
+
+/// The folder with the packages of Node.js, made from the lock file.
+fn node_modules(tests: &Path) -> anyhow::Result<PathBuf> {
+    let folder = cargo::target_folder().join("interop/node");
+    let modules = folder.join("node_modules");
+    let lock = tests.join("package-lock.json");
+    let wanted = std::fs::read(&lock).with_context(|| format!("cannot read {}", lock.display()))?;
+    let made_from = folder.join("made-from.json");
+    if std::fs::read(&made_from).is_ok_and(|made| made == wanted) {
+        return Ok(modules);
+    }
+    std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    for file in ["package.json", "package-lock.json"] {
+        std::fs::copy(tests.join(file), folder.join(file)).context(file)?;
+    }
+    let mut install = Command::new("npm");
+    install.args([
+        "ci",
+        "--ignore-scripts",
+        "--silent",
+        "--no-audit",
+        "--no-fund",
+    ]);
+    cargo::run(install.current_dir(&folder))
+        .context("the packages of Node.js could not be installed")?;
+    std::fs::write(&made_from, wanted).with_context(|| made_from.display().to_string())?;
+    Ok(modules)
 }
 
 /// The interpreter of the virtual environment, made from the requirements.

@@ -53,7 +53,7 @@ fn shape(text: &str) -> Result<Shape, String> {
 }
 
 /// A place as X,Y or X,Y,DEGREES.
-fn place(text: &str) -> Result<Pose<f64>, String> {
+pub(super) fn place(text: &str) -> Result<Pose<f64>, String> {
     let numbers: Result<Vec<f64>, _> = text
         .split(',')
         .map(|part| super::real(part.trim()))

@@ -44,6 +44,8 @@ pub mod recorder;
 pub mod replay;
 pub mod reset;
 pub mod serve;
+#[cfg(feature = "vda5050")]
+pub mod vda5050;
 pub mod wheel_test;
 
 pub use output::{Usage, json, print_json, print_json_line, print_line, print_note, quiet};

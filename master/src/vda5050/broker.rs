@@ -1,0 +1,225 @@
+//! The connection to the broker: a thread that reads, and a client that writes.
+//!
+//! The session is kept by the broker (`clean_session` off): what a fleet control sends with quality
+//! 1 while the connection is down arrives afterwards. Retained orders and actions are passed over:
+//! what a broker kept from an earlier day must not move anything. The last will says
+//! CONNECTIONBROKEN.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ::vda5050::message::{Connection as Presence, Identity};
+use ::vda5050::{Outgoing, Topic};
+use rumqttc::{
+    Client, Connection, ConnectionError, Event, LastWill, MqttOptions, Packet, QoS,
+    TlsConfiguration, Transport,
+};
+
+use super::{delivery, unix_ms};
+
+/// Heartbeat with the broker (6.14).
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+/// Between two attempts to connect.
+const PAUSE: Duration = Duration::from_millis(500);
+/// Requests that the client holds.
+const HELD: usize = 2_000;
+/// Largest packet, in bytes: beyond what is read as a message, so that a large one is refused in
+/// words and does not end the connection.
+const LARGEST: usize = 16_000_000;
+/// How long closing may take.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Where the broker is, and how it knows us.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// Whether the connection is encrypted.
+    pub tls: bool,
+    /// Name or address.
+    pub host: String,
+    /// Port.
+    pub port: u16,
+}
+
+impl std::str::FromStr for Address {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let usage = "give mqtt://HOST[:PORT], or mqtts://HOST[:PORT] for TLS";
+        let (tls, rest) = match (text.strip_prefix("mqtt://"), text.strip_prefix("mqtts://")) {
+            (Some(rest), _) => (false, rest),
+            (_, Some(rest)) => (true, rest),
+            _ => return Err(usage.into()),
+        };
+        let rest = rest.trim_end_matches('/');
+        // An IPv6 address stands in brackets.
+        let (host, port) = match rest.rsplit_once(':') {
+            Some((host, port)) if !port.contains(']') => {
+                (host, port.parse().map_err(|_| usage.to_owned())?)
+            }
+            _ => (rest, if tls { 8883 } else { 1883 }),
+        };
+        let host = host.trim_start_matches('[').trim_end_matches(']');
+        if host.is_empty() || host.contains(['/', '@']) {
+            return Err(usage.into());
+        }
+        Ok(Self {
+            tls,
+            host: host.into(),
+            port,
+        })
+    }
+}
+
+/// How the broker is reached.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// Where it is.
+    pub address: Address,
+    /// Certificate of who signed the broker's own, PEM; needed for TLS.
+    pub authority: Option<Vec<u8>>,
+    /// Name and password.
+    pub user: Option<(String, String)>,
+}
+
+/// What was heard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// There is a connection.
+    Connected,
+    /// There is none, and why.
+    Disconnected(String),
+    /// A message.
+    Message(Topic, Vec<u8>),
+}
+
+/// A connection, or the attempt to have one.
+pub struct Broker {
+    client: Client,
+    identity: Identity,
+    inputs: Receiver<Input>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Broker {
+    /// Begins to connect, and goes on for as long as this exists.
+    ///
+    /// # Errors
+    /// When TLS is asked for without what it needs.
+    pub fn connect(access: &Access, identity: &Identity) -> Result<Self, String> {
+        let Address { tls, host, port } = &access.address;
+        // One broker may have several groups, and each keeps its session.
+        let name = format!(
+            "{}-{}-{}",
+            identity.interface, identity.manufacturer, identity.serial
+        );
+        let mut options = MqttOptions::new(name, host, *port);
+        options.set_keep_alive(KEEP_ALIVE);
+        options.set_clean_session(false);
+        options.set_max_packet_size(LARGEST, LARGEST);
+        let will = identity
+            .connection(0, unix_ms(), Presence::Broken)
+            .to_string();
+        let topic = identity.topic(Topic::Connection.name());
+        options.set_last_will(LastWill::new(topic, will, QoS::AtLeastOnce, true));
+        if let Some((name, password)) = &access.user {
+            options.set_credentials(name, password);
+        }
+        if *tls {
+            let ca = access.authority.clone();
+            let ca = ca.ok_or(
+                "--broker mqtts://: give --ca FILE.pem, the certificate of who signed the broker's",
+            )?;
+            // Another part of the program may have chosen the same already.
+            let _ = rustls::crypto::ring::default_provider().install_default();
+            options.set_transport(Transport::Tls(TlsConfiguration::Simple {
+                ca,
+                alpn: None,
+                client_auth: None,
+            }));
+        }
+        let (client, connection) = Client::new(options, HELD);
+        let (sink, inputs) = channel();
+        let (own, whose) = (client.clone(), identity.clone());
+        let thread = std::thread::spawn(move || listen(connection, &own, &whose, &sink));
+        Ok(Self {
+            client,
+            identity: identity.clone(),
+            inputs,
+            thread: Some(thread),
+        })
+    }
+
+    /// What was heard since, if anything.
+    #[must_use]
+    pub fn next(&self) -> Option<Input> {
+        self.inputs.try_recv().ok()
+    }
+
+    /// Sends a message.
+    pub fn send(&self, sent: &Outgoing) {
+        let (quality, retained) = delivery(sent.topic);
+        let topic = self.identity.topic(sent.topic.name());
+        // Full only when the connection has stalled; it ends by its heartbeat then, and the state
+        // of the next one says all.
+        let _ = self
+            .client
+            .try_publish(topic, quality, retained, sent.message.to_string());
+    }
+
+    /// Says that this is the end, and closes the connection.
+    pub fn close(mut self, last: &Outgoing) {
+        self.send(last);
+        let _ = self.client.try_disconnect();
+        let began = Instant::now();
+        if let Some(thread) = self.thread.take() {
+            while !thread.is_finished() && began.elapsed() < PATIENCE {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+        }
+    }
+}
+
+/// Reads until the client disconnects on purpose or nobody listens any more.
+fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink: &Sender<Input>) {
+    let topics =
+        [Topic::Order, Topic::InstantActions].map(|topic| (topic, identity.topic(topic.name())));
+    let mut reported = None;
+    for event in connection.iter() {
+        let sent = match event {
+            Ok(Event::Incoming(Packet::ConnAck(_))) => {
+                reported = None;
+                for (_, topic) in &topics {
+                    let _ = client.try_subscribe(topic, QoS::AtLeastOnce);
+                }
+                sink.send(Input::Connected)
+            }
+            Ok(Event::Incoming(Packet::Publish(message))) => {
+                let topic = topics.iter().find(|(_, name)| *name == message.topic);
+                match topic {
+                    Some((topic, _)) if !message.retain => {
+                        sink.send(Input::Message(*topic, message.payload.to_vec()))
+                    }
+                    _ => Ok(()),
+                }
+            }
+            Ok(Event::Outgoing(rumqttc::Outgoing::Disconnect)) => return,
+            Ok(_) => Ok(()),
+            Err(ConnectionError::RequestsDone) => return,
+            Err(error) => {
+                let why = Some(error.to_string());
+                // The same once, not at every attempt.
+                let sent = match &why {
+                    Some(text) if reported != why => sink.send(Input::Disconnected(text.clone())),
+                    _ => Ok(()),
+                };
+                reported = why;
+                std::thread::sleep(PAUSE);
+                sent
+            }
+        };
+        if sent.is_err() {
+            return;
+        }
+    }
+}

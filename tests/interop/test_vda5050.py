@@ -1,0 +1,318 @@
+"""`omnibus vda5050` under Siemens' vda-5050-lib, over mosquitto. Every message that the vehicles send is checked
+against the schemas of 2.0 that the library brings; 2.1 against those of the package vda5050-sdk."""
+
+import importlib.metadata
+import json
+import math
+import os
+import pathlib
+import shlex
+import signal
+import subprocess
+import tempfile
+
+import jsonschema
+
+from fleet import (
+    MOSQUITTO, PATIENCE, QUARTER, ROOT, Broker, Fleet, Vehicles, free_port, idle, order, remaining, wait_for_port,
+)
+
+SERIAL = "tcc-3"
+
+
+def position(state):
+    return state["agvPosition"]
+
+
+class OneVehicle(Vehicles):
+    GROUP, OPTIONS = "tcc-3.toml", ["--visualization-interval", "0.1"]
+
+    def setUp(self):
+        self.broker = Broker(self)
+        self.fleet = Fleet(self, self.broker)
+        self.process = self.simulated(self.broker, self.GROUP, *self.OPTIONS, serial=SERIAL)
+        self.fleet.message(SERIAL, "connection", lambda m: m["connectionState"] == "ONLINE")
+        self.fleet.state(SERIAL, lambda s: s["agvPosition"]["positionInitialized"])
+
+    def near(self, state, x, y, theta=None, within=0.03):
+        at = position(state)
+        self.assertLess(math.hypot(at["x"] - x, at["y"] - y), within, at)
+        if theta is not None:
+            self.assertLess(abs(math.remainder(at["theta"] - theta, math.tau)), within, at)
+
+    def test_three_robots_drive_a_curve_with_the_front_ahead(self):
+        curve = order("curve", [(0, 0), (1.5, 1.5), (1.5, 2.5)])
+        curve["edges"][0] |= {"trajectory": QUARTER, "orientation": 0.0, "orientationType": "TANGENTIAL"}
+        self.fleet.order(SERIAL, curve)
+        traversed = [self.fleet.wait("node")["node"] for _ in range(3)]
+        self.assertEqual(traversed, ["n0", "n1", "n2"])
+        done = self.fleet.wait("processed")
+        self.assertEqual((done["error"], done["cancelled"], done["active"]), (None, False, False))
+        self.near(self.fleet.state(SERIAL, idle), 1.5, 2.5, math.pi / 2)
+        # On the way, by the positions that were sent: on the circle, and turned along it.
+        shown = [e["message"]["agvPosition"] for e in self.fleet.seen
+                 if e["event"] == "raw" and e["topic"] == "visualization"]
+        on_curve = [at for at in shown if at["y"] < 1.5 and at["x"] > 0.05]
+        self.assertGreater(len(on_curve), 5)
+        for at in on_curve:
+            self.assertLess(abs(math.hypot(at["x"], at["y"] - 1.5) - 1.5), 0.03, at)
+            self.assertLess(abs(at["theta"] - math.atan2(at["x"], 1.5 - at["y"])), 0.05, at)
+        # The first node was never ahead, and the others left one by one.
+        ahead = [remaining(s) for s in self.fleet.states(SERIAL) if s["orderId"] == "curve"]
+        steps = [nodes for nodes, before in zip(ahead, [None, *ahead]) if nodes != before]
+        self.assertEqual(steps, [["n1", "n2"], ["n2"], []])
+
+    def test_pause_update_and_the_same_update_twice(self):
+        self.fleet.order(SERIAL, order("long", [(0, 0), (2, 0), (4, 0)], released=2, maxSpeed=0.5))
+        self.fleet.state(SERIAL, lambda s: s["driving"])
+        self.fleet.instant(SERIAL, "startPause", "p")
+        paused = self.fleet.finished(SERIAL, "p")
+        self.assertTrue(paused["paused"] and not paused["driving"])
+        self.assertLess(position(paused)["x"], 1.9)
+        self.fleet.instant(SERIAL, "stopPause", "q")
+        self.fleet.finished(SERIAL, "q")
+        # The end of the base, with a horizon: the vehicle waits there for more.
+        waiting = self.fleet.state(SERIAL, lambda s: not s["driving"] and remaining(s) == ["n2"])
+        self.near(waiting, 2, 0)
+        self.assertTrue(waiting["newBaseRequest"])
+        update = order("long", [(2, 0), (4, 0)], update=1, first=1)
+        self.fleet.send(SERIAL, "order", update)
+        taken = self.fleet.state(SERIAL, lambda s: s["orderUpdateId"] == 1)
+        self.assertEqual(taken["errors"], [])
+        self.fleet.send(SERIAL, "order", update)
+        self.near(self.fleet.state(SERIAL, idle), 4, 0)
+        self.assertEqual(self.fleet.states(SERIAL)[-1]["errors"], [], "the same update twice is no error")
+
+    def test_cancel_with_a_horizon_then_an_order_from_where_it_stands(self):
+        self.fleet.order(SERIAL, order("a", [(0, 0), (3, 0), (5, 0)], released=2, maxSpeed=0.5))
+        self.fleet.state(SERIAL, lambda s: s["driving"] and position(s)["x"] > 0.0)
+        self.fleet.instant(SERIAL, "cancelOrder", "c")
+        stands = self.fleet.finished(SERIAL, "c")
+        self.assertEqual((stands["nodeStates"], stands["edgeStates"]), ([], []))
+        self.assertFalse(stands["driving"])
+        x = position(stands)["x"]
+        self.assertLess(x, 2.9)
+        self.fleet.instant(SERIAL, "cancelOrder", "again")
+        refused = self.fleet.state(SERIAL, lambda s: s["errors"])
+        self.assertEqual(refused["errors"][0]["errorType"], "noOrderToCancel")
+        self.fleet.send(SERIAL, "order", order("a", [(3, 0), (5, 0)], update=1, first=1))
+        self.fleet.state(SERIAL, lambda s: any(e["errorType"] == "orderUpdateError" for e in s["errors"]))
+        self.fleet.order(SERIAL, order("b", [(x, 0), (x, 1)]))
+        self.near(self.fleet.state(SERIAL, lambda s: s["orderId"] == "b" and idle(s)), x, 1)
+
+    def test_a_broker_that_goes_and_comes_back(self):
+        self.fleet.order(SERIAL, order("on", [(0, 0), (1, 0), (2, 0), (3, 0)], released=3, maxSpeed=0.5))
+        self.fleet.state(SERIAL, lambda s: s["driving"])
+        self.broker.kill()
+        self.broker.start()
+        online = lambda m: m["connectionState"] == "ONLINE"
+        self.fleet.message(SERIAL, "connection", online)
+        # It went on to the last released node, and not beyond.
+        end = self.fleet.state(SERIAL, lambda s: not s["driving"] and remaining(s) == ["n3"])
+        self.near(end, 2, 0)
+        ahead = [remaining(s) for s in self.fleet.states(SERIAL) if s["orderId"] == "on"]
+        steps = [nodes for nodes, before in zip(ahead, [None, *ahead]) if nodes != before]
+        self.assertEqual(steps[-1], ["n3"])
+        self.assertIn(["n2", "n3"], steps, "the state of each node arrived")
+        self.fleet.send(SERIAL, "order", order("on", [(2, 0), (3, 0)], update=1, first=2))
+        self.near(self.fleet.state(SERIAL, idle), 3, 0)
+
+    def test_a_killed_vehicle_is_reported_by_its_last_will(self):
+        self.process.kill()
+        self.process.wait(PATIENCE)
+        self.process.returncode = 0
+        will = self.fleet.message(SERIAL, "connection", lambda m: m["connectionState"] != "ONLINE")
+        self.assertEqual(will["connectionState"], "CONNECTIONBROKEN")
+
+    def test_an_end_on_purpose_is_offline(self):
+        self.end_vehicle(self.process)
+        will = self.fleet.message(SERIAL, "connection", lambda m: m["connectionState"] != "ONLINE")
+        self.assertEqual(will["connectionState"], "OFFLINE")
+
+    def test_orders_that_cannot_be_done_are_refused_and_nothing_moves(self):
+        far = order("far", [(9, 9), (10, 9)])
+        self.fleet.order(SERIAL, far)
+        self.assertEqual(self.fleet.wait("processed")["error"]["errorType"], "noRouteError")
+        lift = order("lift", [(0, 0), (1, 0)])
+        lift["nodes"][1]["actions"] = [{"actionId": "l", "actionType": "pick", "blockingType": "HARD"}]
+        self.fleet.order(SERIAL, lift)
+        error = self.fleet.wait("processed")["error"]
+        self.assertEqual(error["errorType"], "orderError")
+        self.assertIn("pick", error["errorDescription"])
+        self.fleet.send(SERIAL, "order", {"orderId": "bad"})
+        state = self.fleet.state(SERIAL, lambda s: any(e["errorType"] == "validationError" for e in s["errors"]))
+        self.assertIn("orderUpdateId", json.dumps(state["errors"]))
+        # What a broker keeps from another day moves nothing.
+        self.fleet.send(SERIAL, "order", order("old", [(0, 0), (1, 0)]), retain=True, qos=1)
+        self.assertTrue(all(not s["driving"] for s in self.fleet.states(SERIAL)))
+
+    def test_init_position_moves_the_map_and_factsheet_and_state_come_when_asked(self):
+        self.fleet.instant(SERIAL, "initPosition", "i", x=10.0, y=-2.0, theta=math.pi / 2, mapId="hall", lastNodeId="dock")
+        self.fleet.finished(SERIAL, "i")
+        self.near(self.fleet.state(SERIAL, lambda s: s["lastNodeId"] == "dock"), 10, -2, math.pi / 2)
+        self.fleet.order(SERIAL, order("up", [(10, -2), (10, -1)]))
+        self.near(self.fleet.state(SERIAL, lambda s: s["orderId"] == "up" and idle(s)), 10, -1, math.pi / 2)
+        self.fleet.instant(SERIAL, "factsheetRequest", "f")
+        sheet = self.fleet.message(SERIAL, "factsheet")
+        self.assertEqual(sheet["typeSpecification"]["agvKinematic"], "OMNI")
+        self.assertEqual(len(sheet["agvGeometry"]["wheelDefinitions"]), 12)
+        self.fleet.instant(SERIAL, "stateRequest", "s")
+        self.fleet.finished(SERIAL, "s")
+
+
+class Fault(Vehicles):
+    def test_a_robot_that_fails_in_the_middle_and_poses_from_outside(self):
+        broker = Broker(self)
+        fleet = Fleet(self, broker)
+        world, places = self.world("tcc-3.toml", "--pose-tcp", "127.0.0.1:0")
+        group = ROOT / "groups" / "tcc-3.toml"
+        bus = [f"slcan-tcp://{places['slcan-tcp']}", "--group", str(group)]
+        self.vehicle(broker, bus, "--pose", f"tcp://{places['pose-tcp']}", "--at", "5,5,90", serial=SERIAL)
+        start = fleet.state(SERIAL, lambda s: s["agvPosition"]["positionInitialized"])["agvPosition"]
+        # The world's origin is at (5, 5) on the map, turned to the left.
+        self.assertLess(math.hypot(start["x"] - 5, start["y"] - 5), 0.02, start)
+        self.assertLess(abs(start["theta"] - math.pi / 2), 0.02)
+        fleet.order(SERIAL, order("x", [(5, 5), (5, 9)], maxSpeed=0.4))
+        fleet.state(SERIAL, lambda s: s["driving"])
+        world.stdin.write("node=3:driver-fault\n")
+        world.stdin.flush()
+        broken = fleet.state(SERIAL, lambda s: not s["driving"] and s["errors"])
+        self.assertTrue(any(e["errorLevel"] == "FATAL" for e in broken["errors"]), broken["errors"])
+        self.assertIn("3", json.dumps(broken["errors"]), "the node is named")
+        self.assertEqual(remaining(broken), ["n1"], "the order is kept until it is cancelled")
+        fleet.instant(SERIAL, "cancelOrder", "c")
+        fleet.finished(SERIAL, "c")
+
+
+class TwoVehicles(Vehicles):
+    def test_two_groups_on_one_broker_are_kept_apart(self):
+        broker = Broker(self)
+        fleet = Fleet(self, broker)
+        for serial in ["west", "east"]:
+            self.simulated(broker, "tcc-2.toml", serial=serial)
+            fleet.state(serial, lambda s: s["agvPosition"]["positionInitialized"])
+        fleet.order("west", order("same", [(0, 0), (1, 0)]))
+        west = fleet.state("west", lambda s: s["orderId"] == "same" and idle(s))
+        self.assertLess(abs(west["agvPosition"]["x"] - 1), 0.03)
+        fleet.instant("east", "stateRequest", "s")
+        east = fleet.state("east", lambda s: s["actionStates"])
+        self.assertEqual((east["orderId"], east["agvPosition"]["x"]), ("", 0.0))
+        fleet.order("east", order("same", [(0, 0), (0, 1)]))
+        east = fleet.state("east", lambda s: s["orderId"] == "same" and idle(s))
+        self.assertLess(abs(east["agvPosition"]["y"] - 1), 0.03)
+
+
+class OtherVersions(Vehicles):
+    def drive(self, protocol, version, number):
+        broker = Broker(self)
+        fleet = Fleet(self, broker)
+        self.simulated(broker, "tcc-2.toml", serial=SERIAL, protocol=protocol)
+        fleet.message(SERIAL, "state")
+        fleet.send(SERIAL, "order", order("a", [(0, 0), (1, 0)]), version=version, number=number)
+        fleet.state(SERIAL, lambda s: s["orderId"] == "a" and idle(s))
+        fleet.send(SERIAL, "order", order("b", [(7, 0), (8, 0)]), version=version, number=number)
+        fleet.state(SERIAL, lambda s: s["errors"])
+        return [e for e in fleet.seen if e["event"] == "raw" and e["topic"] not in ("order", "instantActions")]
+
+    def test_2_1_by_its_schemas(self):
+        files = importlib.metadata.files("vda5050-sdk")
+        schemas = {file.stem: json.loads(file.read_text()) for file in files if file.parent.name == "schemas"
+                   and file.suffix == ".json"}
+        messages = self.drive("2.1", "v2", "2.1.0")
+        self.assertEqual({m["topic"] for m in messages}, {"connection", "state", "factsheet", "visualization"})
+        for message in messages:
+            self.assertEqual(message["message"]["version"], "2.1.0")
+            jsonschema.validate(message["message"], schemas[message["topic"]])
+
+    def test_3_0_by_its_names(self):
+        messages = self.drive("3.0", "v3", "3.0.0")
+        self.assertEqual({m["version"] for m in messages}, {"v3"})
+        state = [m["message"] for m in messages if m["topic"] == "state"][-1]
+        self.assertEqual(state["errors"][0]["errorType"], "START_NODE_OUT_OF_RANGE")
+        self.assertTrue(state["mobileRobotPosition"]["localized"])
+        self.assertLess(abs(state["mobileRobotPosition"]["x"] - 1), 0.03)
+        self.assertIn("powerSupply", state)
+        self.assertEqual(state["safetyState"]["activeEmergencyStop"], "NONE")
+
+
+class Locked(Vehicles):
+    def test_tls_with_a_password(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        at = pathlib.Path(folder.name)
+
+        def openssl(*arguments):
+            subprocess.run(["openssl", *arguments], cwd=at, check=True, capture_output=True)
+
+        openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
+                "-subj", "/CN=test authority", "-keyout", "ca.key", "-out", "ca.pem")
+        openssl("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj", "/CN=localhost",
+                "-keyout", "broker.key", "-out", "broker.csr")
+        (at / "names").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
+        openssl("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial",
+                "-days", "2", "-extfile", "names", "-out", "broker.pem")
+        subprocess.run(["mosquitto_passwd", "-c", "-b", at / "users", "group", "right horse"], check=True)
+        for file in at.iterdir():
+            file.chmod(0o644)
+        (at / "secret").write_text("right horse\n")
+        (at / "wrong").write_text("wrong horse\n")
+        broker = Broker(self, "allow_anonymous false", f"password_file {at / 'users'}", f"cafile {at / 'ca.pem'}",
+                        f"certfile {at / 'broker.pem'}", f"keyfile {at / 'broker.key'}")
+        fleet = Fleet(self, broker, "mqtts", {"username": "group", "password": "right horse"},
+                      {"NODE_EXTRA_CA_CERTS": str(at / "ca.pem")})
+        locked = ["--ca", str(at / "ca.pem"), "--user", "group", "--password-file"]
+        self.simulated(broker, "single.toml", *locked, str(at / "secret"), serial="right", scheme="mqtts")
+        fleet.state("right", lambda s: s["agvPosition"]["positionInitialized"])
+        # A wrong password, and another authority: said in words, and nothing is published.
+        openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
+                "-subj", "/CN=another authority", "-keyout", "other.key", "-out", "other.pem")
+        for options, word in [(["--ca", at / "ca.pem", "--user", "group", "--password-file", at / "wrong"], "efused"),
+                              (["--ca", at / "other.pem", "--user", "group", "--password-file", at / "secret"], "ertificate")]:
+            command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
+                       "wrong", "--bus", "sim:" + str(ROOT / "groups" / "single.toml"), *options]
+            process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+            said = ""
+            while word not in said:
+                line = process.stderr.readline()
+                self.assertTrue(line, said)
+                said += line
+            process.send_signal(signal.SIGINT)
+            process.stderr.close()
+            self.assertEqual(process.wait(PATIENCE), 0)
+        self.assertFalse(any(e.get("serial") == "wrong" for e in fleet.seen))
+
+
+class Documented(Vehicles):
+    def test_the_commands_of_the_page_lead_from_zero_to_an_order(self):
+        page = (ROOT / "docs" / "vda5050.md").read_text()
+        section = page.split("## From zero to an order")[1].split("\n## ")[0]
+        blocks = [block.split("```")[0].splitlines() for block in section.split("```sh\n")[1:]]
+        build, (start, drive), (watch,), (send,) = blocks
+        self.assertEqual(build, ["cargo build --release -p omnibus-master --features vda5050"])
+        port = str(free_port())
+
+        def run(line):
+            words = [port if word == "1883" else word.replace(":1883", f":{port}") for word in shlex.split(line)]
+            words[0] = {"omnibus": os.environ["OMNIBUS"], "mosquitto": MOSQUITTO}.get(words[0], words[0])
+            process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            self.addCleanup(process.stdout.close)
+            self.addCleanup(process.stderr.close)
+            self.addCleanup(process.wait, PATIENCE)
+            self.addCleanup(process.send_signal, signal.SIGINT)
+            return process
+
+        run(start)
+        wait_for_port(int(port))
+        run(drive)
+        watched = run(watch)
+        states = (json.loads(line.split(" ", 1)[1]) for line in watched.stdout)
+        next(state for state in states if state["agvPosition"]["positionInitialized"])
+        self.assertEqual(run(send).wait(PATIENCE), 0)
+        ahead, last = [], None
+        while last is None or not (last["lastNodeId"] == "dock" and idle(last)):
+            last = next(states)
+            if last["orderId"] == "first" and (not ahead or ahead[-1] != remaining(last)):
+                ahead.append(remaining(last))
+        self.assertEqual(ahead, [["corner", "dock"], ["dock"], []])
+        at = last["agvPosition"]
+        self.assertLess(math.hypot(at["x"] - 1.5, at["y"] - 2.5), 0.03, at)
