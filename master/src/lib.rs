@@ -16,6 +16,7 @@
 //! | [`controls`] | who may drive: the one place for page, keyboard, bridge, ROS 2 and fleets |
 //! | [`serve`], [`pilot`] | the page, and the thread that drives for it and for the live view |
 //! | `vda5050` | a group as one vehicle of a fleet control; the cargo feature of that name |
+//! | [`ros`] | the group as a robot of ROS 2; its node is the cargo feature of that name |
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
@@ -32,6 +33,7 @@ pub mod pilot;
 #[cfg(feature = "recording")]
 pub mod recording;
 pub mod report;
+pub mod ros;
 pub mod run;
 pub mod serve;
 pub mod session;

@@ -80,6 +80,9 @@ enum Command {
     /// Lets a fleet control drive the group as one vehicle, by VDA 5050 over MQTT.
     #[cfg(feature = "vda5050")]
     Vda5050(cli::vda5050::Arguments),
+    /// Makes the group one holonomic robot of ROS 2.
+    #[cfg(feature = "ros")]
+    Ros(cli::ros::Arguments),
     /// Prints a script that completes commands in your shell.
     Completions(cli::completions::Arguments),
 }
@@ -115,6 +118,8 @@ fn main() -> ExitCode {
         Command::Bridge(arguments) => cli::bridge::run(&arguments),
         #[cfg(feature = "vda5050")]
         Command::Vda5050(arguments) => cli::vda5050::run(&arguments),
+        #[cfg(feature = "ros")]
+        Command::Ros(arguments) => cli::ros::run(&arguments),
         Command::Completions(arguments) => {
             cli::completions::run(&arguments, &mut Arguments::command());
             Ok(())

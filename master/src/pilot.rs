@@ -18,9 +18,10 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use canopen::Micros;
+use canopen::{Frame, Micros};
 use group::{GroupFile, Limits};
 use kinematics::{Pose, Twist};
+use protocol::Address;
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
@@ -56,6 +57,9 @@ pub enum Order {
     /// (the same [`Arc`]) goes on with it for so many µs more. A curve beyond the limits of the
     /// group file stops the group. Without effect unless started.
     Curve(Arc<Plan>, u64),
+    /// Ask a robot for an object of at most four bytes. The answer is among the frames of the
+    /// telemetry. Without effect unless started, because other transfers may be under way then.
+    Ask(u8, Address),
     /// Follow a route to its end, unless something else is ordered before. Without effect unless
     /// started.
     Follow(Errand),
@@ -370,6 +374,9 @@ impl Flight {
                 self.asked.motion = Asks::Route(Box::new(following));
             }
             (Some(Order::Follow(errand)), _) => errand.route.close(),
+            (Some(Order::Ask(node, object)), SessionState::Running) => {
+                group.wire().send(&read_request(node, object))?;
+            }
             (Some(_), _) => {}
             (None, SessionState::Running) => {
                 if let Err(error) = self.asked.drive(group) {
@@ -389,6 +396,13 @@ impl Flight {
         }
         Ok(())
     }
+}
+
+/// An SDO client's request to read an object (CiA 301, 7.2.4.3.6).
+fn read_request(node: u8, object: Address) -> Frame {
+    let [low, high] = object.index.to_le_bytes();
+    let data = [0x40, low, high, object.sub, 0, 0, 0, 0];
+    Frame::of(0x600 + u16::from(node), data)
 }
 
 /// Tells subscribers what went wrong and stops the group; an error of the bus is passed on.

@@ -53,8 +53,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "--features",
         if arguments.fleet { FLEET } else { "" },
     ]))?;
-    let elf = firmware::build(Scalar::F32)?;
     let built = cargo::target_folder().join("debug");
+    let ros = with_ros(&built)?;
+    let elf = firmware::build(Scalar::F32)?;
     let logs = cargo::target_folder().join("interop/logs");
     if logs.exists() {
         std::fs::remove_dir_all(&logs).with_context(|| format!("{}", logs.display()))?;
@@ -71,6 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .args(files)
             .env("OMNIBUS_SIM", built.join("omnibus-sim"))
             .env("OMNIBUS", built.join("omnibus"))
+            .env("OMNIBUS_ROS", &ros)
             .env("OMNIBUS_ELF", &elf)
             .env("OMNIBUS_BACKEND", backend)
             .env("OMNIBUS_LOGS", &logs);
@@ -112,6 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "test_recording",
             "test_foreign",
             "test_mujoco",
+            "test_ros",
         ],
         "native",
     )?;
@@ -129,6 +132,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         cargo::run(&mut command)?;
     }
     Ok(())
+}
+
+/// Builds the tool with its feature `ros` beside the usual one, which is put back: both are called
+/// `omnibus`, and the usual one is what the other suites test.
+fn with_ros(built: &Path) -> anyhow::Result<PathBuf> {
+    let (usual, aside, ros) = (
+        built.join("omnibus"),
+        built.join("omnibus-usual"),
+        built.join("omnibus-ros"),
+    );
+    let copy = |from: &Path, to: &Path| {
+        std::fs::copy(from, to).with_context(|| format!("{} to {}", from.display(), to.display()))
+    };
+    copy(&usual, &aside)?;
+    cargo::run(cargo::command().args([
+        "build",
+        "--package=omnibus-master",
+        "--features=ros",
+        "--bin=omnibus",
+    ]))?;
+    copy(&usual, &ros)?;
+    std::fs::rename(&aside, &usual).with_context(|| usual.display().to_string())?;
+    Ok(ros)
 }
 
 /// Keeps the machine's processors from sleeping, at the lowest priority.

@@ -7,6 +7,7 @@ use anyhow::bail;
 use group::{Examination, GroupError, GroupFile};
 use omnibus::Group;
 use omnibus::session::{configure, sdo};
+use ros::names::Frames;
 use serde_json::json;
 
 use super::output::{self, Found};
@@ -43,6 +44,13 @@ const SCHEMA_EXAMPLES: &str = "Examples:
 An editor that supports JSON Schema for TOML completes and explains keys when the first line of the file is
 `#:schema ./group.schema.json`.";
 
+const ROS_EXAMPLES: &str = "Examples:
+  omnibus group urdf groups/tcc-2.toml > tcc-2.urdf
+  omnibus group nav2 groups/tcc-2.toml > nav2_params.yaml
+  omnibus group localization groups/tcc-2.toml > ekf.yaml
+
+docs/ros.md says how they are used.";
+
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -75,6 +83,18 @@ enum Command {
     /// Prints the JSON Schema of group files, for editors.
     #[command(after_help = SCHEMA_EXAMPLES)]
     Schema,
+    /// Prints the group as a robot's model (URDF), for ROS.
+    #[command(after_help = ROS_EXAMPLES)]
+    Urdf {
+        /// The file.
+        file: PathBuf,
+    },
+    /// Prints parameters of Nav2 for the group.
+    #[command(after_help = ROS_EXAMPLES)]
+    Nav2(RosFile),
+    /// Prints parameters of robot_localization for the group.
+    #[command(after_help = ROS_EXAMPLES)]
+    Localization(RosFile),
     /// Writes the group file into the robots and reads every value back.
     #[command(after_help = APPLY_EXAMPLES)]
     Apply {
@@ -86,6 +106,18 @@ enum Command {
     },
 }
 
+#[derive(clap::Args)]
+struct RosFile {
+    /// The file.
+    file: PathBuf,
+    /// Prefix of the frames odom and base_link, as that of `omnibus ros`.
+    #[arg(long, value_name = "PREFIX", default_value = "")]
+    frame_prefix: String,
+}
+
+/// Messages of odometry per second that the filter expects, as `omnibus ros` publishes them.
+const ODOMETRY_RATE: f64 = 50.0;
+
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
         Command::New(arguments) => new::run(arguments),
@@ -96,8 +128,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             write!(std::io::stdout().lock(), "{}", group::reference::schema())?;
             Ok(())
         }
+        Command::Urdf { file } => print(&ros::urdf::urdf(&GroupFile::load(file)?)),
+        Command::Nav2(RosFile { file, frame_prefix }) => {
+            let group = GroupFile::load(file)?;
+            print(&ros::nav2::params(&group, &Frames::new(frame_prefix)))
+        }
+        Command::Localization(RosFile { file, frame_prefix }) => {
+            let (group, frames) = (GroupFile::load(file)?, Frames::new(frame_prefix));
+            print(&ros::localization::params(
+                &group.name,
+                &frames,
+                ODOMETRY_RATE,
+            ))
+        }
         Command::Apply { save, target } => apply(target, *save),
     }
+}
+
+fn print(text: &str) -> anyhow::Result<()> {
+    write!(std::io::stdout().lock(), "{text}")?;
+    Ok(())
 }
 
 fn check(files: &[PathBuf]) -> anyhow::Result<()> {

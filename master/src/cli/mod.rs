@@ -43,6 +43,8 @@ pub mod record;
 pub mod recorder;
 pub mod replay;
 pub mod reset;
+#[cfg(feature = "ros")]
+pub mod ros;
 pub mod serve;
 #[cfg(feature = "vda5050")]
 pub mod vda5050;

@@ -1,0 +1,457 @@
+//! The node: the group on DDS, by `ros2-client`.
+//!
+//! [`run`] makes the node and serves it in the calling thread until its outgoing messages end.
+//! Messages to publish come through a channel, as [`Outgoing`]; commands and calls of services go
+//! to a closure, as [`Incoming`], whose answer is the reply of the service. The closure must not
+//! block. Slow readers never delay the node: a message for which there is no room is left out.
+//!
+//! Only this module names the library, whose interface changes often.
+//!
+//! Limits: the library holds many panics, in threads of its own too. The thread of [`run`] and the
+//! library therefore never share a thread with what keeps a group safe, and a caller must take
+//! their end for that of the node. There are no parameter services.
+
+pub mod environment;
+mod graph;
+mod peers;
+
+use std::pin::Pin;
+
+use futures::channel::mpsc::Receiver;
+use futures::stream::{Stream, StreamExt as _, iter, select};
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
+use ros2_client::{
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Server, ServiceMapping,
+    ServiceTypeName, Subscription,
+};
+use serde::{Deserialize, Serialize};
+
+use self::environment::{Environment, Reach, Services};
+use self::graph::Graph;
+use crate::message::{
+    BatteryState, Bool, DiagnosticArray, Header, JointState, Message, Odometry, TFMessage, Twist,
+    TwistStamped,
+};
+
+/// Messages kept for readers that ask again.
+const DEPTH: usize = 10;
+
+/// What the node is to be.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The network.
+    pub environment: Environment,
+    /// `/` or `/a/b`; see [`crate::names::namespace`].
+    pub namespace: String,
+    /// The node's name.
+    pub name: String,
+    /// Whether commands have a header.
+    pub stamped: bool,
+    /// The robot's model.
+    pub description: String,
+}
+
+/// What the node publishes.
+#[derive(Clone, Debug)]
+pub enum Outgoing {
+    /// `odom`.
+    Odometry(Box<Odometry>),
+    /// `tf`.
+    Transforms(TFMessage),
+    /// `joint_states`.
+    Joints(JointState),
+    /// `diagnostics`.
+    Diagnostics(DiagnosticArray),
+    /// `battery_state`.
+    Battery(Box<BatteryState>),
+    /// `e_stop`.
+    EmergencyStop(bool),
+}
+
+/// Who published something: the 16 bytes by which DDS tells publishers apart.
+pub type Publishing = [u8; 16];
+
+/// A service.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Call {
+    /// `start`, or `enable` with true.
+    Start,
+    /// `stop`, or `enable` with false.
+    Stop,
+    /// `e_stop_trigger`.
+    Trigger,
+    /// `e_stop_reset`.
+    Reset,
+}
+
+/// What comes in.
+#[derive(Clone, Debug)]
+pub enum Incoming {
+    /// A velocity.
+    Command {
+        /// From whom.
+        from: Publishing,
+        /// When and in which frame; `None` where commands have no header.
+        header: Option<Header>,
+        /// The velocity.
+        twist: Twist,
+    },
+    /// Bytes on the topic of commands that are none.
+    Unreadable(String),
+    /// A call of a service.
+    Call(Call),
+    /// Publishers of commands of another type, by node and type; sent when they change.
+    OtherType(Vec<(String, String)>),
+    /// Names of publishers, where they are known; sent when they change.
+    Publishers(Vec<(Publishing, String)>),
+}
+
+/// The reply of a service.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Reply {
+    /// Whether it was done.
+    pub success: bool,
+    /// What was done, or why not.
+    pub message: String,
+}
+
+impl ros2_client::Message for Reply {}
+
+/// An empty request. A field, because DDS has no empty structs.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct Empty {
+    structure_needs_at_least_one_member: u8,
+}
+
+impl ros2_client::Message for Empty {}
+
+/// A request with a truth value.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Switch {
+    data: bool,
+}
+
+impl ros2_client::Message for Switch {}
+
+/// A text for late readers.
+#[derive(Clone, Debug, Serialize)]
+struct Text {
+    data: String,
+}
+
+/// Why there is no node, or none any more.
+#[derive(Debug, thiserror::Error)]
+#[error("ROS 2: {0}")]
+pub struct NodeError(String);
+
+fn refused(what: &str) -> impl Fn(&dyn std::fmt::Display) -> NodeError + '_ {
+    move |error| NodeError(format!("{what}: {error}"))
+}
+
+/// Makes the node and serves it until `outgoing` ends.
+///
+/// # Errors
+/// When the node cannot be made, or its streams end.
+pub fn run(
+    settings: &Settings,
+    outgoing: Receiver<Outgoing>,
+    on: &mut dyn FnMut(Incoming) -> Reply,
+) -> Result<(), NodeError> {
+    let context = context(&settings.environment)?;
+    let _relay = peers::Relay::start(&settings.environment, &context)?;
+    let name = NodeName::new(&settings.namespace, &settings.name);
+    let name = name.map_err(|error| refused("the node's name")(&error))?;
+    let options = NodeOptions::new()
+        .enable_rosout(false)
+        .start_parameter_services(false);
+    let node = context.new_node(name, options);
+    let mut node = node.map_err(|error| refused("the node")(&error))?;
+    let topics = Topics::new(&mut node, &settings.description)?;
+    let servers = Servers::new(&mut node, settings.environment.services)?;
+    let served = Served {
+        topics,
+        servers,
+        discovery: graph::subscribe(&context, &mut node)?,
+        graph: Graph::new(&context, settings),
+    };
+    if settings.stamped {
+        let commands = commands::<TwistStamped>(&mut node)?;
+        let split = |message: TwistStamped| (Some(message.header), message.twist);
+        served.serve(&commands, split, outgoing, on)
+    } else {
+        let commands = commands::<Twist>(&mut node)?;
+        served.serve(&commands, |twist| (None, twist), outgoing, on)
+    }
+}
+
+fn context(environment: &Environment) -> Result<Context, NodeError> {
+    let mut builder = DomainParticipantBuilder::new(environment.domain);
+    if environment.reach == Reach::Localhost {
+        builder = builder.with_only_networks([std::net::Ipv4Addr::LOCALHOST]);
+    }
+    let participant = builder
+        .build()
+        .map_err(|error| refused("the network")(&format_args!("{error:?}")))?;
+    Context::from_domain_participant(participant)
+        .map_err(|error| refused("the network")(&format_args!("{error:?}")))
+}
+
+/// Reliable, so that readers of either kind match; a slow reader delays nothing.
+fn volatile() -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability_reliable(WhenFull::Fail)
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth: DEPTH })
+}
+
+/// The last message is kept for readers that come later.
+fn latched() -> QosProfile {
+    volatile()
+        .durability(Durability::TransientLocal)
+        .history(History::KeepLast { depth: 1 })
+}
+
+/// Best effort is offered by every publisher, so every one of them is heard.
+fn newest() -> QosProfile {
+    QosProfile::subscription_default()
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth: 1 })
+}
+
+fn type_name(of: &str) -> MessageTypeName {
+    let (package, name) = of.split_once("/msg/").unwrap_or(("", of));
+    MessageTypeName::new(package, name)
+}
+
+/// A name in the node's namespace. Absolute, because the library makes two slashes of a relative
+/// one in the namespace `/`.
+fn named(node: &Node, name: &str) -> Result<Name, ros2_client::names::NameError> {
+    Name::new(node.namespace(), name)
+}
+
+fn commands<M: Message + 'static>(node: &mut Node) -> Result<Subscription<M>, NodeError> {
+    let refused = refused("cmd_vel");
+    let name = named(node, "cmd_vel").map_err(|error| refused(&error))?;
+    let topic = node
+        .create_topic(&name, type_name(M::TYPE), &newest())
+        .map_err(|error| refused(&format_args!("{error:?}")))?;
+    node.create_subscription(&topic, Some(newest()))
+        .map_err(|error| refused(&format_args!("{error:?}")))
+}
+
+fn publisher<M: Serialize>(
+    node: &mut Node,
+    name: &str,
+    of: &str,
+    qos: &QosProfile,
+) -> Result<Publisher<M>, NodeError> {
+    let refused = refused(name);
+    let named = named(node, name).map_err(|error| refused(&error))?;
+    let topic = node
+        .create_topic(&named, type_name(of), qos)
+        .map_err(|error| refused(&format_args!("{error:?}")))?;
+    node.create_publisher(&topic, Some(qos.clone()))
+        .map_err(|error| refused(&format_args!("{error:?}")))
+}
+
+struct Topics {
+    odometry: Publisher<Odometry>,
+    transforms: Publisher<TFMessage>,
+    joints: Publisher<JointState>,
+    diagnostics: Publisher<DiagnosticArray>,
+    battery: Publisher<BatteryState>,
+    e_stop: Publisher<Bool>,
+    /// Kept for readers that come later.
+    _description: Publisher<Text>,
+}
+
+impl Topics {
+    fn new(node: &mut Node, description: &str) -> Result<Self, NodeError> {
+        let (volatile, latched) = (volatile(), latched());
+        let text = publisher(node, "robot_description", "std_msgs/msg/String", &latched)?;
+        let data = description.to_owned();
+        text.publish(Text { data })
+            .map_err(|error| refused("robot_description")(&format_args!("{error:?}")))?;
+        Ok(Self {
+            odometry: publisher(node, "odom", Odometry::TYPE, &volatile)?,
+            transforms: publisher(node, "tf", TFMessage::TYPE, &volatile)?,
+            joints: publisher(node, "joint_states", JointState::TYPE, &volatile)?,
+            diagnostics: publisher(node, "diagnostics", DiagnosticArray::TYPE, &volatile)?,
+            battery: publisher(node, "battery_state", BatteryState::TYPE, &volatile)?,
+            e_stop: publisher(node, "e_stop", Bool::TYPE, &latched)?,
+            _description: text,
+        })
+    }
+
+    /// Whether there was room for it.
+    fn publish(&self, message: Outgoing) -> bool {
+        match message {
+            Outgoing::Odometry(message) => self.odometry.publish(*message).is_ok(),
+            Outgoing::Transforms(message) => self.transforms.publish(message).is_ok(),
+            Outgoing::Joints(message) => self.joints.publish(message).is_ok(),
+            Outgoing::Diagnostics(message) => self.diagnostics.publish(message).is_ok(),
+            Outgoing::Battery(message) => self.battery.publish(*message).is_ok(),
+            Outgoing::EmergencyStop(data) => self.e_stop.publish(Bool { data }).is_ok(),
+        }
+    }
+}
+
+struct Servers {
+    triggers: Vec<(Call, Server<Empty, Reply>)>,
+    enable: Server<Switch, Reply>,
+}
+
+impl Servers {
+    fn new(node: &mut Node, services: Services) -> Result<Self, NodeError> {
+        let mapping = match services {
+            Services::FastDds => ServiceMapping::Enhanced,
+            Services::Cyclone => ServiceMapping::Cyclone,
+        };
+        let named = [
+            (Call::Start, "start"),
+            (Call::Stop, "stop"),
+            (Call::Trigger, "e_stop_trigger"),
+            (Call::Reset, "e_stop_reset"),
+        ];
+        let mut triggers = Vec::new();
+        for (call, name) in named {
+            triggers.push((call, server(node, mapping, name, "Trigger")?));
+        }
+        Ok(Self {
+            triggers,
+            enable: server(node, mapping, "enable", "SetBool")?,
+        })
+    }
+
+    fn calls<'a, M: 'a>(&'a self) -> Pin<Box<dyn Stream<Item = Event<M>> + 'a>> {
+        let triggers = self.triggers.iter().enumerate();
+        let triggers = triggers.map(|(index, (call, server))| {
+            pin(server
+                .receive_request_stream()
+                .map(move |request| match request {
+                    Ok((id, _)) => Event::Trigger(*call, id, index),
+                    // In the form of another middleware: its caller hears nothing, as from rmw.
+                    Err(_) => Event::Other,
+                }))
+        });
+        let enable = pin(self
+            .enable
+            .receive_request_stream()
+            .map(|request| match request {
+                Ok((id, request)) => Event::Enable(request.data, id),
+                Err(_) => Event::Other,
+            }));
+        pin(futures::stream::select_all(triggers.chain([enable])))
+    }
+}
+
+fn server<Q, A>(
+    node: &mut Node,
+    mapping: ServiceMapping,
+    name: &str,
+    of: &str,
+) -> Result<Server<Q, A>, NodeError>
+where
+    Q: ros2_client::Message + Clone + 'static,
+    A: ros2_client::Message + 'static,
+{
+    let refused = refused(name);
+    let named = named(node, name).map_err(|error| refused(&error))?;
+    let of = ServiceTypeName::new("std_srvs", of);
+    node.create_server(mapping, &named, &of, volatile(), volatile())
+        .map_err(|error| refused(&format_args!("{error:?}")))
+}
+
+/// One thing that has happened.
+enum Event<M> {
+    Publish(Outgoing),
+    Command(M, Publishing),
+    Unreadable(String),
+    Trigger(Call, ros2_client::RmwRequestId, usize),
+    Enable(bool, ros2_client::RmwRequestId),
+    Participant(graph::Participant),
+    /// The messages to publish have ended.
+    End,
+    Other,
+}
+
+/// The node with all its ends.
+struct Served {
+    topics: Topics,
+    servers: Servers,
+    discovery: Subscription<graph::Participant>,
+    graph: Graph,
+}
+
+impl Served {
+    fn serve<M: Message + for<'de> Deserialize<'de> + 'static>(
+        self,
+        commands: &Subscription<M>,
+        split: impl Fn(M) -> (Option<Header>, Twist),
+        outgoing: Receiver<Outgoing>,
+        on: &mut dyn FnMut(Incoming) -> Reply,
+    ) -> Result<(), NodeError> {
+        let Self {
+            topics,
+            servers,
+            discovery,
+            mut graph,
+        } = self;
+        let outgoing = outgoing.map(Event::Publish).chain(iter([Event::End]));
+        let commands = commands.async_stream().map(|message| match message {
+            Ok((message, info)) => Event::Command(message, info.publisher_gid().to_bytes16()),
+            Err(error) => Event::Unreadable(format!("{error:?}")),
+        });
+        let participants = discovery.async_stream().map(|message| match message {
+            Ok((participant, _)) => Event::Participant(participant),
+            Err(_) => Event::Other,
+        });
+        let calls = servers.calls();
+        // The two sides take turns, so nothing waits behind what is published.
+        let incoming = select(pin(commands), pin(select(calls, pin(participants))));
+        let mut events = select(pin(incoming), pin(outgoing));
+        futures::executor::block_on(async {
+            while let Some(event) = events.next().await {
+                match event {
+                    Event::End => return Ok(()),
+                    Event::Publish(message) => {
+                        // Once a second suffices for who is there.
+                        let looks = matches!(message, Outgoing::Diagnostics(_));
+                        topics.publish(message);
+                        if looks {
+                            graph.look(on);
+                        }
+                    }
+                    Event::Unreadable(error) => {
+                        on(Incoming::Unreadable(error));
+                    }
+                    Event::Command(message, from) => {
+                        let (header, twist) = split(message);
+                        on(Incoming::Command {
+                            from,
+                            header,
+                            twist,
+                        });
+                    }
+                    Event::Trigger(call, id, index) => {
+                        let reply = on(Incoming::Call(call));
+                        let _ = servers.triggers[index].1.send_response(id, reply);
+                    }
+                    Event::Enable(data, id) => {
+                        let call = if data { Call::Start } else { Call::Stop };
+                        let reply = on(Incoming::Call(call));
+                        let _ = servers.enable.send_response(id, reply);
+                    }
+                    Event::Participant(participant) => graph.add(participant),
+                    Event::Other => {}
+                }
+            }
+            Err(NodeError("the network has ended".into()))
+        })
+    }
+}
+
+fn pin<'a, T>(stream: impl Stream<Item = T> + 'a) -> Pin<Box<dyn Stream<Item = T> + 'a>> {
+    Box::pin(stream)
+}

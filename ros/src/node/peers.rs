@@ -1,0 +1,112 @@
+//! Peers that are named beforehand (`ROS_STATIC_PEERS`), for networks without multicast.
+//!
+//! The DDS library announces itself to multicast groups and to this computer. For a peer elsewhere
+//! this relay sends copies of those announcements to the ports at which a participant waits for
+//! them. It hears them as any participant does, by the multicast group, and knows its own by the
+//! first twelve bytes of its identifier. A peer that has heard one answers the library directly.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use ros2_client::Context;
+use socket2::{Domain, Protocol, Socket, Type};
+
+use super::environment::{Environment, Reach};
+use super::{NodeError, refused};
+
+/// Group of announcements (RTPS 2.5, 9.6.1.4).
+const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
+/// Participants of one computer that are told.
+const PARTICIPANTS: u16 = 10;
+/// How often the relay looks whether it is to end.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+/// Relays announcements until it is dropped.
+pub(super) struct Relay {
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Port of announcements to the group, and of those to one participant (RTPS 2.5, 9.6.2.3).
+const fn ports(domain: u16) -> (u16, u16) {
+    let base = 7400 + 250 * domain;
+    (base, base + 10)
+}
+
+impl Relay {
+    pub(super) fn start(
+        environment: &Environment,
+        context: &Context,
+    ) -> Result<Option<Self>, NodeError> {
+        if environment.peers.is_empty() {
+            return Ok(None);
+        }
+        let refused = refused("ROS_STATIC_PEERS");
+        let (group, first) = ports(environment.domain);
+        let socket = listen(group, environment.reach).map_err(|error| refused(&error))?;
+        let guid = ros2_client::Gid::from(ros2_client::dds::rustdds::RTPSEntity::guid(
+            &context.domain_participant(),
+        ));
+        let mut own = [0; 12];
+        own.copy_from_slice(&guid.to_bytes16()[..12]);
+        let targets = targets(&environment.peers, first);
+        let over = Arc::new(AtomicBool::new(false));
+        let its_over = Arc::clone(&over);
+        let thread = std::thread::spawn(move || relay(&socket, own, &targets, &its_over));
+        Ok(Some(Self {
+            over,
+            thread: Some(thread),
+        }))
+    }
+}
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn targets(peers: &[IpAddr], first: u16) -> Vec<SocketAddr> {
+    let of = |peer: &IpAddr| {
+        let peer = *peer;
+        (0..PARTICIPANTS).map(move |index| SocketAddr::new(peer, first + 2 * index))
+    };
+    peers.iter().flat_map(of).collect()
+}
+
+fn listen(port: u16, reach: Reach) -> std::io::Result<UdpSocket> {
+    let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+    socket.set_reuse_address(true)?;
+    #[cfg(unix)]
+    socket.set_reuse_port(true)?;
+    socket.bind(&SocketAddr::from((GROUP, port)).into())?;
+    let interface = match reach {
+        Reach::Localhost => Ipv4Addr::LOCALHOST,
+        Reach::Subnet => Ipv4Addr::UNSPECIFIED,
+    };
+    socket.join_multicast_v4(&GROUP, &interface)?;
+    socket.set_read_timeout(Some(PATIENCE))?;
+    Ok(socket.into())
+}
+
+fn relay(socket: &UdpSocket, own: [u8; 12], targets: &[SocketAddr], over: &AtomicBool) {
+    let mut datagram = [0; 65_536];
+    while !over.load(Ordering::Relaxed) {
+        let Ok(size) = socket.recv(&mut datagram) else {
+            continue;
+        };
+        let datagram = &datagram[..size];
+        // A message of RTPS begins with its name, version and vendor; then comes who sends it.
+        if datagram.get(8..20) == Some(&own) {
+            for target in targets {
+                let _ = socket.send_to(datagram, target);
+            }
+        }
+    }
+}

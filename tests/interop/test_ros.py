@@ -1,0 +1,250 @@
+"""`omnibus ros` against CycloneDDS and the message definitions of rosbags."""
+
+import math
+import os
+import random
+import socket
+import subprocess
+import sys
+import time
+import unittest
+from xml.etree import ElementTree
+
+import ruamel.yaml
+
+from ros_peer import DOMAIN, ROOT, Peer, Repeated, RosTest, stamped, taken, twist, until
+
+STAMPED = "geometry_msgs/msg/TwistStamped"
+PLAIN = "geometry_msgs/msg/Twist"
+WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
+
+
+class Drive(RosTest):
+    def test_it_strafes_one_metre_stops_resumes_and_obeys_the_emergency_stop(self):
+        node, peer, watcher = self.started()
+        latched = peer.reader("e_stop", "std_msgs/msg/Bool", latched=True)
+        until("no emergency stop", lambda: [one for one in taken(latched) if not one.data])
+        writer = peer.writer("cmd_vel", STAMPED)
+        with Repeated(writer, lambda: stamped(vy=0.3)):
+            until("one metre to the left", lambda: watcher.place[1] >= 1.0)
+        # The publisher is silent now: after the time-out the group stands, and not far from there.
+        watcher.stands()
+        x, y = watcher.place
+        self.assertLess(y, 1.0 + 0.3 * 1.0)
+        self.assertLess(abs(x), 0.02)
+        # Commands again, with stamps that say nothing.
+        with Repeated(writer, lambda: stamped(vx=0.3, at=0)):
+            until("motion after the time-out", lambda: watcher.place[0] > x + 0.2)
+            joints = watcher.newest["joints"]
+            names = [f"robot_{robot}_{wheel}_wheel_joint" for robot in (2, 3) for wheel in WHEELS]
+            self.assertEqual(list(joints.name), names)
+            self.assertEqual((len(joints.position), len(joints.velocity)), (8, 8))
+            # 0.3 m/s ahead, and the compensation of the group file by which wheels turn faster: 1.002.
+            until("every wheel at its rate", lambda: all(
+                abs(rate - 0.3 * 1.002 / 0.1524) < 0.05 for rate in watcher.look().newest["joints"].velocity))
+            answer = peer.service("e_stop_trigger")()
+            self.assertTrue(answer.success, answer.message)
+            until("the emergency stop is told", lambda: [one for one in taken(latched) if one.data])
+            watcher.stands()
+            watcher.says("tcc-2", "emergency stop")
+            watcher.says("cmd_vel", "emergency stop is latched")
+            place = watcher.place
+            reset = peer.service("e_stop_reset")
+            until("refused while someone commands motion",
+                  lambda: "has to send zero" in (answer := reset()).message and not answer.success)
+            self.assertFalse(peer.service("start")().success)
+        # A reader that comes later hears it, too.
+        late = Peer().reader("e_stop", "std_msgs/msg/Bool", latched=True)
+        until("the emergency stop for a late reader", lambda: [one for one in taken(late) if one.data])
+        until("reset", lambda: reset().success)
+        until("no emergency stop any more", lambda: [one for one in taken(latched) if not one.data])
+        watcher.says("tcc-2", "following")
+        self.assertLess(math.dist(place, watcher.place), 0.01, "nothing moved by the reset")
+        with Repeated(writer, lambda: stamped(vx=-0.3)):
+            until("motion after the reset", lambda: watcher.place[0] < place[0] - 0.1)
+        enable = peer.service("enable", "SetBool")
+        self.assertTrue(enable(False).success)
+        watcher.says("tcc-2", "switched off")
+        self.assertEqual(node.end(), 0)
+
+    def test_odometry_says_how_well_it_knows_and_what_tf_says(self):
+        _, peer, watcher = self.started("--namespace", "left", namespace="/left")
+        transforms = peer.reader("tf", "tf2_msgs/msg/TFMessage")
+        with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(vx=0.3, vy=0.2, frame="left/base_link")):
+            until("a way", lambda: watcher.place[0] > 0.5)
+        watcher.stands()
+        odom = watcher.look().newest["odom"]
+        self.assertEqual((odom.header.frame_id, odom.child_frame_id), ("left/odom", "left/base_link"))
+        for matrix in (odom.pose.covariance, odom.twist.covariance):
+            self.assertTrue(all(matrix[7 * axis] > 0 for axis in range(6)))
+        # A standing group knows its velocity better than its place.
+        self.assertLess(odom.twist.covariance[0], odom.pose.covariance[0])
+        newest = until("tf", lambda: [one for one in taken(transforms)])[-1].transforms[0]
+        self.assertEqual((newest.header.frame_id, newest.child_frame_id), ("left/odom", "left/base_link"))
+        self.assertAlmostEqual(newest.transform.translation.x, odom.pose.pose.position.x, delta=0.01)
+        self.assertLess(abs(time.time() - newest.header.stamp.sec), 120)
+
+
+class Refusals(RosTest):
+    def test_what_cannot_be_followed_moves_nothing_and_is_named(self):
+        _, peer, watcher = self.started()
+        writer = peer.writer("cmd_vel", STAMPED)
+        sideways = stamped(vx=0.1)
+        sideways.twist.angular.x = 0.2
+        bad = [
+            (lambda: stamped(vx=math.nan), "not a finite number"),
+            (lambda: stamped(vx=0.1, frame="map"), 'frame_id is "map"'),
+            (lambda: stamped(vx=0.1, at=time.time() - 5), "stamp is .* old"),
+            (lambda: stamped(vx=0.1, at=time.time() + 5), "stamp is .* ahead"),
+            (lambda: stamped(vx=300.0), "10 times the limits"),
+            (lambda: stamped(omega=-11.0), "10 times the limits"),
+            (lambda: sideways, "angular.x|stamp is"),
+        ]
+        for make, words in bad:
+            with self.subTest(words), Repeated(writer, make):
+                watcher.says("cmd_vel", words)
+        watcher.stands()
+        self.assertLess(math.hypot(*watcher.place), 1e-3)
+        # More than the limits (2 m/s) is slowed down and said.
+        with Repeated(writer, lambda: stamped(vx=4.0)):
+            watcher.says("cmd_vel", "slowed down to 50 %")
+            until("the limit", lambda: abs(watcher.speed - 2.0) < 0.05)
+
+    def test_a_publisher_of_the_other_type_is_named(self):
+        _, peer, watcher = self.started()
+        writer = peer.writer("cmd_vel", PLAIN)
+        with Repeated(writer, lambda: twist(vx=0.2)):
+            watcher.says("cmd_vel", "publishes geometry_msgs/msg/Twist on cmd_vel; see --stamped")
+        self.assertLess(math.hypot(*watcher.place), 1e-3)
+
+    def test_one_publisher_drives_at_a_time(self):
+        _, peer, watcher = self.started("--stamped", "false")
+        first, second = peer.writer("cmd_vel", PLAIN), Peer().writer("cmd_vel", PLAIN)
+        with Repeated(first, lambda: twist(vx=0.2)):
+            until("motion", lambda: watcher.speed > 0.1)
+            with Repeated(second, lambda: twist(vx=-0.2)):
+                watcher.says("cmd_vel", "drives; one publisher at a time")
+                self.assertGreater(watcher.look().newest["odom"].twist.twist.linear.x, 0)
+        watcher.stands()
+        with Repeated(second, lambda: twist(vx=-0.2)):
+            until("the other direction", lambda: watcher.look().newest["odom"].twist.twist.linear.x < -0.1)
+
+
+class Links(RosTest):
+    def test_every_pairing_of_qualities_of_service(self):
+        _, peer, watcher = self.started()
+        for reliable in (True, False):
+            for latched in (True, False):
+                with self.subTest(command=(reliable, latched)):
+                    writer = Peer().writer("cmd_vel", STAMPED, reliable=reliable, latched=latched)
+                    watcher.stands()
+                    with Repeated(writer, lambda: stamped(omega=0.3)):
+                        until("a turn", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+        for reliable in (True, False):
+            with self.subTest(reader=reliable):
+                reader = Peer().reader("odom", "nav_msgs/msg/Odometry", reliable=reliable)
+                until("odom", lambda: taken(reader))
+        # A reader that wants what is not offered is not matched: volatile topics keep nothing.
+        reader = Peer().reader("odom", "nav_msgs/msg/Odometry", latched=True)
+        other = Peer().reader("odom", "nav_msgs/msg/Odometry")
+        until("odom beside it", lambda: taken(other))
+        self.assertFalse(taken(reader))
+
+    def test_a_peer_killed_and_back(self):
+        _, _, watcher = self.started()
+        code = ("import ros_peer, time, sys; writer = ros_peer.Peer().writer('cmd_vel', "
+                f"'{STAMPED}')\nwhile True: writer.write(ros_peer.stamped(vx=0.2)); time.sleep(0.05)")
+        # The same domain: it comes from the process's number.
+        code = f"import os; os.getpid = lambda: {os.getpid()}\n" + code
+        for _ in range(2):
+            far = watcher.place[0]
+            driver = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT / "tests" / "interop")
+            try:
+                until("motion", lambda: watcher.place[0] > far + 0.1)
+            finally:
+                driver.kill()
+                driver.wait()
+            watcher.stands()
+
+    def test_two_groups_on_one_domain(self):
+        groups = [self.started("--namespace", name, namespace=f"/{name}", group=group)
+                  for name, group in (("left", "tcc-2"), ("right", "tcc-3"))]
+        (_, left, left_seen), (_, _, right_seen) = groups
+        with Repeated(left.writer("cmd_vel", STAMPED), lambda: stamped(vx=0.2)):
+            until("motion of the left group", lambda: left_seen.place[0] > 0.2)
+        self.assertLess(math.hypot(*right_seen.place), 1e-3)
+        self.assertEqual(right_seen.look().newest["odom"].child_frame_id, "right/base_link")
+        self.assertEqual(len(right_seen.newest["joints"].name), 12)
+
+    def test_a_hundred_thousand_mutated_datagrams(self):
+        node, peer, watcher = self.started()
+        ports = [7400 + 250 * DOMAIN + offset for offset in (0, 1, *range(10, 34))]
+        dice = random.Random(1)
+        sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.addCleanup(sender.close)
+        # What participants say to each other, as seeds: announcements of a participant of our own making.
+        header = b"RTPS\x02\x05\x01\x10" + dice.randbytes(12)
+        seeds = [header + bytes([kind, 1, len(body), 0]) + body
+                 for kind in (0x06, 0x07, 0x08, 0x09, 0x0C, 0x0E, 0x12, 0x13, 0x15, 0x16)
+                 for body in (dice.randbytes(24), bytes(40), dice.randbytes(120))]
+        with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(omega=0.3)):
+            until("a turn", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+            before = dict(watcher.count)
+            for number in range(100_000):
+                datagram = bytearray(dice.choice(seeds))
+                for _ in range(dice.randrange(1, 8)):
+                    datagram[dice.randrange(len(datagram))] = dice.randrange(256)
+                if dice.random() < 0.1:
+                    del datagram[dice.randrange(len(datagram)):]
+                sender.sendto(datagram, ("127.0.0.1", dice.choice(ports)))
+                if number % 500 == 0:
+                    watcher.look()
+                    time.sleep(0.005)
+            count = watcher.look().count["odom"]
+            self.assertGreater(count, before["odom"])
+            until("odom goes on", lambda: watcher.look().count["odom"] > count + 20)
+            until("it still turns", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+        self.assertIsNone(node.process.poll())
+        watcher.stands()
+        self.assertEqual(node.end(), 0)
+
+
+class Files(unittest.TestCase):
+    """What is written for ROS 2, read by others."""
+
+    def omnibus(self, *arguments):
+        done = subprocess.run([os.environ["OMNIBUS_ROS"], *arguments], cwd=ROOT, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def test_the_model_has_the_joints_and_the_places_of_the_robots(self):
+        model = ElementTree.fromstring(self.omnibus("group", "urdf", "groups/tcc-2.toml"))
+        joints = {joint.get("name"): joint for joint in model.findall("joint")}
+        links = {link.get("name") for link in model.findall("link")}
+        self.assertEqual([name for name, joint in joints.items() if joint.get("type") == "continuous"],
+                         [f"robot_{robot}_{wheel}_wheel_joint" for robot in (2, 3) for wheel in WHEELS])
+        for joint in joints.values():
+            self.assertIn(joint.find("parent").get("link"), links)
+            self.assertIn(joint.find("child").get("link"), links)
+        place = joints["robot_3_joint"].find("origin").get("xyz").split()
+        self.assertEqual([float(number) for number in place], [-0.6, 0, 0])
+        wheel = joints["robot_2_rear_right_wheel_joint"].find("origin").get("xyz").split()
+        self.assertEqual([float(number) for number in wheel], [-0.35, -0.37, 0.1524])
+
+    def test_the_parameter_files_are_yaml_with_the_limits_of_the_group(self):
+        yaml = ruamel.yaml.YAML(typ="safe")
+        nav2 = yaml.load(self.omnibus("group", "nav2", "groups/tcc-2.toml", "--frame-prefix", "a/"))
+        follow = nav2["controller_server"]["ros__parameters"]["FollowPath"]
+        self.assertEqual(follow["motion_model"], "Omni")
+        # 80 per cent of 2 m/s and 1 rad/s.
+        self.assertAlmostEqual(follow["vy_max"], 1.6, places=6)
+        smoother = nav2["velocity_smoother"]["ros__parameters"]
+        self.assertEqual([round(number, 6) for number in smoother["max_velocity"]], [1.6, 1.6, 0.8])
+        self.assertTrue(all(isinstance(number, float) for number in smoother["max_accel"]))
+        costmap = nav2["local_costmap"]["local_costmap"]["ros__parameters"]
+        self.assertEqual(costmap["robot_base_frame"], "a/base_link")
+        # Two robots in tandem: a rectangle of half 0.6 + 0.35 + 0.1524 m by 0.37 + 0.1524 m.
+        corners = {(round(x, 3), round(y, 3)) for x, y in yaml.load(costmap["footprint"])}
+        self.assertEqual(corners, {(x, y) for x in (1.102, -1.102) for y in (0.522, -0.522)})
+        filtered = yaml.load(self.omnibus("group", "localization", "groups/tcc-2.toml"))
+        self.assertEqual(len(filtered["ekf_filter_node"]["ros__parameters"]["odom0_config"]), 15)
