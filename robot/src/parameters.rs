@@ -40,7 +40,7 @@ impl Parameters {
     #[must_use]
     pub fn new() -> Self {
         let mut values = [0; PARAMETERS];
-        let parameters = ENTRIES.iter().filter(|entry| entry.slot.is_some());
+        let parameters = ENTRIES.iter().filter(|entry| entry.slot().is_some());
         for (value, entry) in values.iter_mut().zip(parameters) {
             *value = entry.default().to_bits();
         }
@@ -58,7 +58,7 @@ impl Parameters {
     #[must_use]
     pub fn get(&self, address: Address) -> Option<Value> {
         let entry = entry(address)?;
-        let bits = self.values.get(usize::from(entry.slot?))?;
+        let bits = self.values.get(usize::from(entry.slot()?))?;
         Some(Value::from_bits(entry.kind, *bits))
     }
 
@@ -90,7 +90,7 @@ impl Parameters {
         };
         to.copy_from_slice(bytes);
         self.set_length = length;
-        let slot = entry(at::COMPENSATION_SET).and_then(|entry| entry.slot);
+        let slot = entry(at::COMPENSATION_SET).and_then(|entry| entry.slot());
         if let Some(word) = slot.and_then(|slot| self.values.get_mut(usize::from(slot))) {
             *word = u32::from_le_bytes(*crc);
         }
@@ -119,7 +119,7 @@ impl Parameters {
 
     /// The value of a parameter that has been written or loaded.
     pub(crate) fn written(&self, entry: &Entry) -> Option<Value> {
-        let slot = usize::from(entry.slot?);
+        let slot = usize::from(entry.slot()?);
         let is_written = self.written.get(slot / 32)? >> (slot % 32) & 1 == 1;
         let bits = self.values.get(slot)?;
         is_written.then(|| Value::from_bits(entry.kind, *bits))
@@ -129,9 +129,9 @@ impl Parameters {
     #[must_use]
     pub fn first_missing(&self) -> Option<Address> {
         ENTRIES.iter().find_map(|entry| {
-            let slot = usize::from(entry.slot?);
+            let slot = usize::from(entry.slot()?);
             let word = self.written.get(slot / 32)?;
-            let missing = entry.required && word & (1 << (slot % 32)) == 0;
+            let missing = entry.is_required() && word & (1 << (slot % 32)) == 0;
             missing.then_some(entry.address)
         })
     }
@@ -186,14 +186,14 @@ mod tests {
         } else {
             Value::from_bits(entry.kind, entry.default().to_bits() ^ 1)
         };
-        parameters.set(entry.slot.unwrap(), changed);
+        parameters.set(entry.slot().unwrap(), changed);
     }
 
     #[test]
     fn starts_with_the_defaults_and_nothing_written() {
         let parameters = Parameters::new();
         for entry in &ENTRIES {
-            if entry.slot.is_some() {
+            if entry.slot().is_some() {
                 assert_eq!(parameters.get(entry.address), Some(entry.default()));
             } else {
                 assert_eq!(parameters.get(entry.address), None);
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn group_crc_sees_what_is_common_and_nothing_else() {
         let plain = Parameters::new().group_crc();
-        for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
+        for entry in ENTRIES.iter().filter(|entry| entry.slot().is_some()) {
             let mut parameters = Parameters::new();
             change(&mut parameters, entry);
             let common = COMMON.contains(&entry.address);
@@ -224,10 +224,10 @@ mod tests {
         let mut required = 0;
         while let Some(address) = parameters.first_missing() {
             let entry = entry(address).unwrap();
-            parameters.set(entry.slot.unwrap(), entry.default());
+            parameters.set(entry.slot().unwrap(), entry.default());
             required += 1;
         }
-        assert_eq!(required, ENTRIES.iter().filter(|e| e.required).count());
+        assert_eq!(required, ENTRIES.iter().filter(|e| e.is_required()).count());
     }
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
         for sum in [Parameters::crc, Parameters::check] {
             let mut seen = std::collections::BTreeSet::new();
             seen.insert(sum(&Parameters::new()));
-            for entry in ENTRIES.iter().filter(|entry| entry.slot.is_some()) {
+            for entry in ENTRIES.iter().filter(|entry| entry.slot().is_some()) {
                 let mut parameters = Parameters::new();
                 change(&mut parameters, entry);
                 assert!(seen.insert(sum(&parameters)), "{:?}", entry.address);

@@ -30,7 +30,7 @@
 
 use canopen::{AbortCode, NodeId};
 use protocol::compensation::{CompensationSet, LENGTH_MAX};
-use protocol::{Access, Address, ENTRIES, Kind, crc32, entry, is_robot};
+use protocol::{Address, ENTRIES, Kind, crc32, entry, is_robot};
 
 use crate::parameters::Parameters;
 
@@ -49,7 +49,7 @@ const fn parameters_length() -> usize {
     let mut length = 0;
     let mut at = 0;
     while at < ENTRIES.len() {
-        if ENTRIES[at].persistent {
+        if ENTRIES[at].slot().is_some() {
             length += 3 + match ENTRIES[at].kind {
                 Kind::Domain => 1 + LENGTH_MAX,
                 kind => kind.bytes() as usize,
@@ -185,10 +185,8 @@ fn check(image: &[u8]) -> Result<Parameters, Address> {
     let mut parameters = Parameters::new();
     while let Some((&[low, high, sub], behind)) = rest.split_first_chunk() {
         let address = Address::new(u16::from_le_bytes([low, high]), sub);
-        let entry = entry(address)
-            .filter(|entry| entry.persistent)
-            .ok_or(address)?;
-        let slot = entry.slot.ok_or(address)?;
+        let entry = entry(address).ok_or(address)?;
+        let slot = entry.slot().ok_or(address)?;
         let (length, behind) = match entry.kind {
             Kind::Domain => {
                 let (length, behind) = behind.split_first().ok_or(address)?;
@@ -224,14 +222,3 @@ pub fn stored_node(image: &[u8]) -> Option<NodeId> {
     let node = image.get(HEADER - 1).copied()?;
     NodeId::new(node).filter(|_| is_robot(node))
 }
-
-// A persistent object without a slot could be saved but not loaded.
-#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
-const _: () = {
-    let mut at = 0;
-    while at < ENTRIES.len() {
-        let is_parameter = matches!(ENTRIES[at].access, Access::Parameter);
-        assert!(ENTRIES[at].persistent == is_parameter);
-        at += 1;
-    }
-};

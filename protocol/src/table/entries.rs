@@ -200,7 +200,7 @@ fn range(number: u8) -> Range {
     reason = "evaluated by the compiler only, with the numbers asserted"
 )]
 const fn entries() -> [Entry; COUNT] {
-    const { assert!(PARAMETERS < 256 && UNIQUE.1 < 256, "both are bytes") };
+    const { assert!(PARAMETERS < 255 && UNIQUE.1 < 256, "both are bytes") };
     let mut out = [Entry::of(&FLAT[0], 0, None); COUNT];
     let (mut next, mut slot) = (0, 0_usize);
     while next < COUNT {
@@ -235,27 +235,31 @@ pub fn highest_sub(index: u16) -> Option<u8> {
     (last.address.index == index).then_some(last.address.sub)
 }
 
-/// What a robot needs of an [`Object`] at run time.
+/// What a robot needs of an [`Object`] at run time. Eight bytes, because there are some 250 of them
+/// in flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     /// Index and sub-index.
     pub address: Address,
     /// Type on the wire.
     pub kind: Kind,
-    /// Who may write it.
-    pub access: Access,
-    /// Kept in flash when the parameters are stored.
-    pub persistent: bool,
-    /// May be mapped into a PDO.
-    pub mappable: bool,
-    /// Must have been written before the drivers can be enabled.
-    pub required: bool,
+    /// Access, and the bits [`MAPPABLE`] and [`REQUIRED`].
+    bits: u8,
     /// Number of its limits and default.
     range: u8,
-    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a
-    /// parameter.
-    pub slot: Option<u8>,
+    /// Place of a parameter in the robot's store; [`NO_SLOT`] for what is not a parameter.
+    slot: u8,
 }
+
+const CONST: u8 = 0;
+const READ_ONLY: u8 = 1;
+const READ_WRITE: u8 = 2;
+const PARAMETER: u8 = 3;
+const MAPPABLE: u8 = 1 << 6;
+const REQUIRED: u8 = 1 << 7;
+const NO_SLOT: u8 = u8::MAX;
+
+const _: () = assert!(size_of::<Entry>() == 8);
 
 impl Entry {
     /// A valid value of this object from the bytes of a write.
@@ -266,6 +270,40 @@ impl Entry {
         let value = Value::from_bytes(self.kind, data)?;
         value.check(self.min(), self.max())?;
         Ok(value)
+    }
+
+    /// Who may write it.
+    #[must_use]
+    pub const fn access(&self) -> Access {
+        match self.bits & !(MAPPABLE | REQUIRED) {
+            CONST => Access::Const,
+            READ_ONLY => Access::ReadOnly,
+            READ_WRITE => Access::ReadWrite,
+            _ => Access::Parameter,
+        }
+    }
+
+    /// May be mapped into a PDO.
+    #[must_use]
+    pub const fn is_mappable(&self) -> bool {
+        self.bits & MAPPABLE != 0
+    }
+
+    /// Must have been written before the drivers can be enabled.
+    #[must_use]
+    pub const fn is_required(&self) -> bool {
+        self.bits & REQUIRED != 0
+    }
+
+    /// Place of a parameter in the robot's store, counted from 0; `None` for what is not a
+    /// parameter and so is not kept in flash either.
+    #[must_use]
+    pub const fn slot(&self) -> Option<u8> {
+        if self.slot == NO_SLOT {
+            None
+        } else {
+            Some(self.slot)
+        }
     }
 
     /// Lowest value accepted.
@@ -290,15 +328,25 @@ impl Entry {
     }
 
     const fn of(object: &Object, range: u8, slot: Option<u8>) -> Self {
+        let access = match object.access {
+            Access::Const => CONST,
+            Access::ReadOnly => READ_ONLY,
+            Access::ReadWrite => READ_WRITE,
+            Access::Parameter => PARAMETER,
+        };
+        let mappable = if object.mappable { MAPPABLE } else { 0 };
+        let required = if object.required { REQUIRED } else { 0 };
+        // What could be saved but not loaded.
+        assert!(object.persistent == slot.is_some());
         Self {
             address: object.address,
             kind: object.kind,
-            access: object.access,
-            persistent: object.persistent,
-            mappable: object.mappable,
-            required: object.required,
+            bits: access | mappable | required,
             range,
-            slot,
+            slot: match slot {
+                Some(slot) => slot,
+                None => NO_SLOT,
+            },
         }
     }
 }
@@ -341,7 +389,7 @@ mod tests {
 
     #[test]
     fn slots_count_the_parameters_without_gaps() {
-        let slots: std::vec::Vec<u8> = ENTRIES.iter().filter_map(|entry| entry.slot).collect();
+        let slots: std::vec::Vec<u8> = ENTRIES.iter().filter_map(|entry| entry.slot()).collect();
         let want: std::vec::Vec<u8> = (0..u8::try_from(PARAMETERS).unwrap()).collect();
         assert_eq!(slots, want);
     }
@@ -387,6 +435,6 @@ mod tests {
     fn wire_version_is_an_object() {
         let entry = entry(at::WIRE_VERSION).unwrap();
         assert_eq!(entry.default(), Value::U16(WIRE_VERSION));
-        assert_eq!(entry.access, Access::Const);
+        assert_eq!(entry.access(), Access::Const);
     }
 }

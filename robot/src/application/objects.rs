@@ -142,7 +142,7 @@ impl Application {
         state: NmtState,
     ) -> Result<(), AbortCode> {
         let entry = find(address)?;
-        match entry.access {
+        match entry.access() {
             Access::Const | Access::ReadOnly => return Err(AbortCode::ReadOnly),
             Access::Parameter if state == NmtState::Operational => {
                 return Err(AbortCode::DeviceState);
@@ -159,7 +159,7 @@ impl Application {
             ValueError::TooHigh => AbortCode::ValueTooHigh,
             ValueError::TooLow => AbortCode::ValueTooLow,
         })?;
-        if let Some(slot) = entry.slot {
+        if let Some(slot) = entry.slot() {
             self.parameters.set(slot, value);
             return Ok(());
         }
@@ -215,7 +215,7 @@ impl Application {
         constant
             .and_then(|constant| compensation(&set, &constant))
             .map_err(|_| AbortCode::ParameterIncompatible)?;
-        let slot = entry.slot.ok_or(AbortCode::General)?;
+        let slot = entry.slot().ok_or(AbortCode::General)?;
         self.parameters.set_block(slot, data);
         Ok(())
     }

@@ -54,10 +54,10 @@ impl canopen::Application for Application {
     fn mappable(&self, index: u16, sub: u8, direction: PdoDirection) -> Result<u8, AbortCode> {
         let entry = find(Address::new(index, sub))?;
         let fits = match direction {
-            PdoDirection::Receive => entry.access == Access::ReadWrite,
+            PdoDirection::Receive => entry.access() == Access::ReadWrite,
             PdoDirection::Transmit => true,
         };
-        if entry.mappable && fits {
+        if entry.is_mappable() && fits {
             Ok(entry.kind.bytes() * 8)
         } else {
             Err(AbortCode::NotMappable)

@@ -71,7 +71,7 @@ impl Application {
         if application == Content::Kept {
             image.add(old_application)?;
         } else if application == Content::Written {
-            for entry in ENTRIES.iter().filter(|entry| entry.persistent) {
+            for entry in ENTRIES.iter().filter(|entry| entry.slot().is_some()) {
                 let Some(value) = self.parameters.written(entry) else {
                     continue;
                 };

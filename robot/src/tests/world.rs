@@ -483,7 +483,7 @@ pub fn configuration(place: usize, members: u32) -> Vec<(Address, Value)> {
             (motor::integral(wheel), real(20.0)),
         ]);
     }
-    let required = ENTRIES.iter().filter(|entry| entry.required).count();
+    let required = ENTRIES.iter().filter(|entry| entry.is_required()).count();
     assert_eq!(all.len(), required, "the configuration is complete");
     all
 }
