@@ -162,7 +162,9 @@ impl Control {
             parts.encoders.set_filter(configuration.encoder_filter);
             let listens = rolling.is_some_and(|rolling| rolling.rollers().has_index());
             parts.indexes.listen(listens);
-            parts.outputs.set_frequency(configuration.pwm_hz);
+            parts
+                .outputs
+                .configure(configuration.output_stage, configuration.pwm_hz);
             self.senses = configuration.current.is_some();
             self.side.configure(configuration);
         });

@@ -114,6 +114,7 @@ fn prepare() -> Parts {
         },
         clock_wait_ms: board.clock_wait_ms,
         brown_out_level: board.brown_out_level,
+        output_stages: board.output_stages,
         ..Identity::new(node, board.serial)
     };
     let side = place(BUS_SIDE.uninit(), identity);

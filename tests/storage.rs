@@ -81,7 +81,7 @@ fn with_first_set(firmware: &Firmware) -> Vec<u8> {
     let blank = Board::new(firmware, BoardConfig::default()).flash();
     let mut robot = Robot::power_on(firmware, &blank);
     assert_eq!(robot.found(), None);
-    for entry in ENTRIES.iter().filter(|e| e.access == Access::Parameter) {
+    for entry in ENTRIES.iter().filter(|e| e.access() == Access::Parameter) {
         if entry.kind == Kind::Domain {
             robot.write_block(entry.address, &longest_set());
             continue;

@@ -9,6 +9,7 @@ use crate::brake::BrakeTimes;
 use crate::current::CurrentConfiguration;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
+use crate::output_stage::OutputStage;
 use crate::supply::SupplyConfiguration;
 use crate::wheel::Gains;
 
@@ -117,6 +118,8 @@ pub struct Configuration {
     pub current: Option<CurrentConfiguration>,
     /// Frequency of the PWM, for the board, Hz.
     pub pwm_hz: u32,
+    /// Kind of the bridges, for the board.
+    pub output_stage: OutputStage,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
     /// Times of the holding brake.

@@ -62,6 +62,7 @@ impl Checker<'_> {
         Ok(Simulation {
             rigid: raw.rigid.as_ref().is_none_or(|r| *r.get_ref()),
             plant,
+            driver: raw.driver.map(|driver| *driver.get_ref()),
             battery: raw.battery.map(|b| self.battery(&b)).transpose()?,
             backlash: self
                 .real(

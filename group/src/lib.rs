@@ -38,12 +38,12 @@ pub use check::Examination;
 pub use error::GroupError;
 pub use model::{
     CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE,
-    Limits, Motor, Robot, Rollers, Wheel,
+    Limits, Motor, OutputStage, Robot, Rollers, StageKind, Wheel,
 };
 pub use parameters::{
     Parameter, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,
 };
 pub use simulation::{
-    Battery, Contact, EncoderFault, EncoderFaultKind, EncoderNoise, Gyro, Patch, Payload, Plant,
-    PoseNoise, Simulation, Tables, WheelName,
+    Battery, Contact, Driver, EncoderFault, EncoderFaultKind, EncoderNoise, Gyro, Patch, Payload,
+    Plant, PoseNoise, Simulation, Tables, WheelName,
 };

@@ -229,7 +229,7 @@ impl Checker<'_> {
         );
         let yaw = axis("compensation.yaw", &e.compensation.yaw, &d.compensation.yaw);
         VelocityCompensation::new(longitudinal?, lateral?, yaw?).map_err(|error| {
-            field.refuse(
+            field.refuse::<f64>(
                 "compensation",
                 &None,
                 &None,
@@ -485,7 +485,7 @@ struct Member<'c, 's> {
 impl Member<'_, '_> {
     /// The name of a field. One that came from `[robot]` is named as such: that is where it has to
     /// be mended.
-    fn name(&self, key: &str, own: &Value, shared: &Value) -> String {
+    fn name<T>(&self, key: &str, own: &Option<At<T>>, shared: &Option<At<T>>) -> String {
         if own.is_none() && shared.is_some() {
             format!("robot.{key}")
         } else {
@@ -526,11 +526,11 @@ impl Member<'_, '_> {
         self.checker.settle(shared);
     }
 
-    fn refuse(
+    fn refuse<T>(
         &self,
         key: &str,
-        own: &Value,
-        shared: &Value,
+        own: &Option<At<T>>,
+        shared: &Option<At<T>>,
         problem: &str,
         remedy: &str,
     ) -> Reported {

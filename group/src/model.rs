@@ -6,6 +6,8 @@
 
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
 
+use serde::Deserialize;
+
 use crate::simulation::Simulation;
 
 /// Lowest node identifier of a robot; node 1 is the master.
@@ -192,8 +194,28 @@ pub struct OutputStage {
     pub direction_pause: bool,
     /// Of the bridges' PWM, Hz.
     pub pwm_frequency: u16,
+    /// How a duty is put on a bridge's inputs.
+    pub kind: StageKind,
+    /// The robot's driver enable switches all bridges off.
+    pub enable_wired: bool,
     /// Sensors of the motors' current, where there are any.
     pub current_sensor: Option<CurrentSensor>,
+}
+
+/// How a duty is put on the two inputs of a bridge, with the numbers of object 0x2027:6.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StageKind {
+    /// PWM and direction, and where the bridge wants them IN1 and IN2: the direction and its
+    /// inverse.
+    #[default]
+    PwmDirection = 0,
+    /// PWM on IN1, direction on IN2.
+    InInSlow = 1,
+    /// PWM on one input, the other low; needs two PWMs a wheel.
+    InInFast = 2,
+    /// Half of the period high is no voltage.
+    LockedAntiphase = 3,
 }
 
 /// Sensors of the motors' current.

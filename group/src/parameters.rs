@@ -156,6 +156,11 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
             address::PWM_FREQUENCY,
             Value::U16(robot.output.pwm_frequency),
         ),
+        (address::OUTPUT_STAGE, Value::U8(robot.output.kind as u8)),
+        (
+            address::ENABLE_WIRED,
+            Value::U8(u8::from(robot.output.enable_wired)),
+        ),
         (address::BRAKE_RELEASE, Value::U16(release_ms)),
         (
             address::BRAKE_ENGAGE,

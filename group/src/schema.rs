@@ -8,7 +8,8 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::simulation::{EncoderFaultKind, WheelName};
+use crate::model::StageKind;
+use crate::simulation::{Driver, EncoderFaultKind, WheelName};
 
 /// A value with its place in the text.
 pub type At<T> = Spanned<T>;
@@ -184,6 +185,8 @@ pub struct Motor {
     pub brake_engage_ms: Option<At<f64>>,
     pub direction_pause: Option<At<bool>>,
     pub pwm_frequency: Option<At<f64>>,
+    pub output_stage: Option<At<StageKind>>,
+    pub enable_wired: Option<At<bool>>,
     pub current_scale: Option<At<f64>>,
     pub current_offset: Option<At<f64>>,
     pub current_inputs: Option<At<f64>>,
@@ -208,6 +211,7 @@ pub struct Simulation {
     pub crystal_ppm: Option<At<Vec<At<f64>>>>,
     pub seed: Option<At<i64>>,
     pub backlash_deg: Option<At<f64>>,
+    pub driver: Option<At<Driver>>,
     pub friction: Option<At<f64>>,
     pub robot_mass: Option<At<f64>>,
     pub wheel_inertia: Option<At<f64>>,

@@ -5,6 +5,8 @@
 
 use serde::Deserialize;
 
+use crate::model::StageKind;
+
 /// What a simulated world needs to be told and a real one knows by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
@@ -20,6 +22,8 @@ pub struct Simulation {
     pub battery: Option<Battery>,
     /// Play between motor and wheel, at the wheel, rad.
     pub backlash: f64,
+    /// What the motor drivers really are; `None` is what each robot's `output_stage` is for.
+    pub driver: Option<Driver>,
     /// Permanent errors of the encoders.
     pub encoder_noise: EncoderNoise,
     /// Encoders that break.
@@ -30,6 +34,32 @@ pub struct Simulation {
     pub gyro: Gyro,
     /// What only the contact plant knows.
     pub contact: Contact,
+}
+
+/// What a motor driver makes of its inputs: a PWM, a direction, and the direction's inverse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Driver {
+    /// PWM for so long in the direction, then both ends of the motor to one rail.
+    #[default]
+    PwmDirection,
+    /// PWM with IN1 (direction) and IN2 (its inverse), as TB6612: equal inputs do not drive.
+    PwmIn1In2,
+    /// A half bridge on the PWM and one on the direction, as BTS7960: each output follows its
+    /// input.
+    HalfBridges,
+    /// The whole voltage in one direction while the PWM is high, in the other while it is low.
+    LockedAntiphase,
+}
+
+impl From<StageKind> for Driver {
+    fn from(kind: StageKind) -> Self {
+        match kind {
+            StageKind::PwmDirection => Self::PwmDirection,
+            StageKind::InInSlow | StageKind::InInFast => Self::HalfBridges,
+            StageKind::LockedAntiphase => Self::LockedAntiphase,
+        }
+    }
 }
 
 /// A robot's battery.

@@ -173,6 +173,38 @@ fn written(file: &GroupFile, robot: usize, index: u16, sub: u8) -> Option<Value>
     found.next().map(|(_, value)| *value)
 }
 
+/// A robot that had another kind of motor driver before forgets it, too.
+#[test]
+fn the_kind_of_motor_driver_is_written_with_its_default() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let with =
+        |keys: &str| text.replacen("largest_current", &format!("{keys}\nlargest_current"), 1);
+    for (keys, kind, wired) in [
+        ("", 0, 0),
+        ("enable_wired = true", 0, 1),
+        ("output_stage = \"in-in-slow\"\nenable_wired = true", 1, 1),
+        ("output_stage = \"in-in-fast\"\nenable_wired = true", 2, 1),
+        (
+            "output_stage = \"locked-antiphase\"\nenable_wired = true",
+            3,
+            1,
+        ),
+    ] {
+        let file = GroupFile::parse("single.toml", &with(keys)).unwrap();
+        assert_eq!(
+            written(&file, 0, 0x2027, 6),
+            Some(Value::U8(kind)),
+            "{keys}"
+        );
+        assert_eq!(
+            written(&file, 0, 0x2027, 7),
+            Some(Value::U8(wired)),
+            "{keys}"
+        );
+    }
+}
+
 /// A robot that had a sensor, a pause or another frequency before forgets it.
 #[test]
 fn sensors_and_frequencies_are_written_with_their_defaults() {

@@ -415,6 +415,17 @@ fn an_output_stage_that_is_none_is_refused() {
         "pair.toml:15: robot.motor.pwm_frequency: is 50000; give whole Hz, 8000 to 40000"
     );
     assert_eq!(
+        wheels("output_stage = \"in-in-slow\""),
+        "pair.toml:15: robot.motor.output_stage: has no safe state without an enable; wire the \
+         drivers' enable to the robot's, so that low switches all bridges off, and set \
+         `enable_wired = true`"
+    );
+    assert_eq!(
+        wheels("output_stage = \"in-in-slow\", enable_wired = true, largest_duty = 0.95"),
+        "pair.toml:15: robot.motor.largest_duty: is 0.95, but `in-in-slow` keeps a high side on; \
+         leave it at 1, or take another driver"
+    );
+    assert_eq!(
         wheels("current_inputs = 4"),
         "pair.toml:15: robot.motor.current_inputs: is 4; give whole numbers, 1 to 3"
     );

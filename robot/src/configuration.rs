@@ -9,6 +9,7 @@ use control::configuration::{Configuration, Thresholds, Times, WheelConfiguratio
 use control::current::CurrentConfiguration;
 use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
+use control::output_stage::OutputStage;
 use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
 use control::time::TICK_US;
@@ -50,11 +51,16 @@ impl ConfigurationError {
     }
 }
 
-/// Makes the configuration of robot `node`.
+/// Makes the configuration of robot `node`, whose board can drive the bridges of a mask of kinds
+/// ([`OutputStage::bit`]).
 ///
 /// # Errors
 /// The first objection, by address.
-pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, ConfigurationError> {
+pub fn build(
+    parameters: &Parameters,
+    node: u8,
+    output_stages: u8,
+) -> Result<Configuration, ConfigurationError> {
     if let Some(address) = parameters.first_missing() {
         return Err(ConfigurationError::Missing(address));
     }
@@ -68,6 +74,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
     check_gains(parameters)?;
     check_supply(parameters)?;
     check_torque(parameters)?;
+    let output_stage = output_stage(parameters, output_stages)?;
     let current = current(parameters)?;
     let times = times(parameters, members)?;
     let encoder_filter = encoder_filter(parameters)?;
@@ -90,6 +97,7 @@ pub fn build(parameters: &Parameters, node: u8) -> Result<Configuration, Configu
         supply: supply(parameters),
         current,
         pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
+        output_stage,
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {
             release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
@@ -361,6 +369,24 @@ fn current(parameters: &Parameters) -> Result<Option<CurrentConfiguration>, Conf
         inputs,
         bound,
     }))
+}
+
+/// The kind of bridges: one that the board can drive, whose safe state is wired, and that stands
+/// what it does. One input of a slow-decay bridge is high as long as it reverses, so a high side
+/// that needs pauses (0x2027:1) gets none.
+fn output_stage(parameters: &Parameters, known: u8) -> Result<OutputStage, ConfigurationError> {
+    let stage = OutputStage::from_number(parameters.unsigned(at::OUTPUT_STAGE));
+    let bad = |address| Err(ConfigurationError::Inconsistent(address));
+    if stage.bit() & known == 0 {
+        return bad(at::OUTPUT_STAGE);
+    }
+    if stage != OutputStage::PwmDirection && parameters.unsigned(at::ENABLE_WIRED) == 0 {
+        return bad(at::ENABLE_WIRED);
+    }
+    if stage == OutputStage::SlowDecay && parameters.real(at::DUTY_MAX) < 1.0 {
+        return bad(at::DUTY_MAX);
+    }
+    Ok(stage)
 }
 
 /// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still

@@ -1,6 +1,7 @@
 //! Who the robot is on the bus, and which PDOs it has.
 
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
+use control::output_stage::OutputStage;
 use protocol::ENTRIES;
 use protocol::pdos::{PDOS, Pdo};
 use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
@@ -25,11 +26,19 @@ pub struct Identity {
     /// Whether the platform stores images, see [`crate::BusSide::image_to_store`]. Without that
     /// there are no objects 0x1010 and 0x1011.
     pub storage: bool,
+    /// Kinds of bridges that the board can drive, a mask of [`OutputStage::bit`].
+    pub output_stages: u8,
 }
 
 impl Identity {
     /// This version, as object 0x2001:2 has it.
     pub const FIRMWARE: u32 = 0x0001_0000;
+
+    /// The kinds of bridges that a board drives with a PWM and a direction a wheel, and with a
+    /// driver enable that it cuts in hardware.
+    pub const SWITCHED: u8 = OutputStage::PwmDirection.bit()
+        | OutputStage::SlowDecay.bit()
+        | OutputStage::LockedAntiphase.bit();
 
     /// A robot with this node and serial number, after power-on.
     #[must_use]
@@ -43,6 +52,7 @@ impl Identity {
             clock_wait_ms: 0,
             brown_out_level: 3,
             storage: false,
+            output_stages: Self::SWITCHED,
         }
     }
 

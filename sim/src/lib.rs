@@ -30,6 +30,7 @@
 #![forbid(unsafe_code)]
 
 pub mod battery;
+pub mod bridge;
 pub mod bus;
 pub mod configure;
 mod digest;

@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PA8 PA9 PA10 PA11 |
 //! | direction, same order; high rolls the base forward | GPIO | PC0 PC1 PC2 PC3 |
+//! | the opposite of the direction, same order, for bridges with IN1 and IN2 | GPIO | PB2 PB4 PB5 PD2 |
 //! | encoders, same order; count up when the base rolls forward | TIM2 TIM3 TIM4 TIM5 | PA15/PB3 PC6/PC7 PB6/PB7 PA0/PA1 |
 //! | encoder index, same order; a rising edge once a turn | EXTI lines 10 12 14 15 | PB10 PA12 PB14 PB15 |
 //! | CAN | CAN1 | PB8 receive, PB9 transmit |
@@ -40,6 +41,7 @@ pub const WIRING: Wiring = Wiring {
     },
     pwm: pins(["PA8", "PA9", "PA10", "PA11"]),
     direction: pins(["PC0", "PC1", "PC2", "PC3"]),
+    inverse: Some(pins(["PB2", "PB4", "PB5", "PD2"])),
     encoders: [
         encoder(2, ["PA15", "PB3"]),
         encoder(3, ["PC6", "PC7"]),

@@ -49,6 +49,7 @@ pub const WIRING: Wiring = Wiring {
     },
     pwm: pins(["PE9", "PE11", "PE13", "PE14"]),
     direction: pins(["PC6", "PI6", "PI7", "PF1"]),
+    inverse: None,
     encoders: [None; 4],
     index: None,
     can: Can {

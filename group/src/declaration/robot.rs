@@ -184,6 +184,19 @@ const MOTOR: &[Field] = &[
     .unit("Hz")
     .or(20_000.0)
     .object(at::PWM_FREQUENCY, 1.0),
+    field(
+        "output_stage",
+        Kind::Choice(&["pwm-direction", "in-in-slow", "in-in-fast", "locked-antiphase"]),
+        "How a duty is put on a bridge's inputs; `docs/bring-up.md` says which one a driver wants. \
+         The others need `enable_wired`; `in-in-fast` needs a board with two PWMs a wheel.",
+    )
+    .otherwise("pwm-direction"),
+    field(
+        "enable_wired",
+        Kind::Flag,
+        "The robot's driver enable is wired to the drivers and switches all bridges off.",
+    )
+    .otherwise("false"),
     number(
         "current_scale",
         "A/V",

@@ -33,6 +33,14 @@ pub(super) const SIMULATION: &[Field] = &[
     field("seed", Kind::Whole(0, i64::MAX), "Seed of everything random.").or(1.0),
     number("backlash_deg", "degrees", to(0.0, 10.0), "Play between motor and wheel, at the wheel.")
         .or(0.0),
+    field(
+        "driver",
+        Kind::Choice(&["pwm-direction", "pwm-in1-in2", "half-bridges", "locked-antiphase"]),
+        "What the motor drivers make of the robots' outputs, whatever `output_stage` says: a \
+         sign-magnitude driver, one with PWM, IN1 and IN2, two half bridges, or a locked \
+         antiphase driver.",
+    )
+    .otherwise("what `output_stage` is for"),
     number("friction", "", POSITIVE, "Friction of rollers on the floor; contact plant only.")
         .otherwise("the plant's own"),
     number("robot_mass", "kg", POSITIVE, "Mass of a robot; contact plant only.")

@@ -2,7 +2,7 @@
 //! default.
 
 use super::{Checker, Member, Range, Value, schema};
-use crate::model::{CurrentSensor, OutputStage};
+use crate::model::{CurrentSensor, OutputStage, StageKind};
 
 /// End of the range of a measuring input, V.
 const FULL_SCALE: f32 = 3.3;
@@ -39,6 +39,22 @@ impl Checker<'_> {
             field.refuse(key, own_duty, shared_duty, &problem, "give 0.1 to 1");
         }
         let millis = |key: Key<'_>| field.whole(key, 0, (0, 1_000), "milliseconds, ");
+        let (own_kind, shared_kind) = (&own.output_stage, &shared.output_stage);
+        let kind = own_kind.as_ref().or(shared_kind.as_ref());
+        let kind = kind.map_or(StageKind::default(), |kind| *kind.get_ref());
+        let wired = own.enable_wired.as_ref().or(shared.enable_wired.as_ref());
+        let enable_wired = wired.is_some_and(|wired| *wired.get_ref());
+        if kind != StageKind::PwmDirection && !enable_wired {
+            let (key, problem) = ("motor.output_stage", "has no safe state without an enable");
+            let remedy = "wire the drivers' enable to the robot's, so that low switches all bridges \
+                          off, and set `enable_wired = true`";
+            field.refuse(key, own_kind, shared_kind, problem, remedy);
+        }
+        if kind == StageKind::InInSlow && largest_duty < 1.0 {
+            let problem = format!("is {largest_duty}, but `in-in-slow` keeps a high side on");
+            let remedy = "leave it at 1, or take another driver";
+            field.refuse(key, own_duty, shared_duty, &problem, remedy);
+        }
         let pauses = (own.direction_pause.as_ref()).or(shared.direction_pause.as_ref());
         OutputStage {
             largest_current,
@@ -64,6 +80,8 @@ impl Checker<'_> {
                 (8_000, 40_000),
                 "Hz, ",
             ),
+            kind,
+            enable_wired,
             current_sensor: field.current_sensor(own, shared, largest_current),
         }
     }

@@ -113,9 +113,20 @@ pub struct Turned {
     pub speed: Option<f32>,
 }
 
+impl Turned {
+    /// Whether all wheels turned, although one alone was to.
+    #[must_use]
+    pub fn all(&self) -> bool {
+        self.ways.iter().all(|way| way.abs() > TURNED)
+    }
+}
+
+/// An encoder that went farther than this has turned, rad.
+pub const TURNED: f32 = 0.05;
+
 /// Gives one wheel of a robot some voltage, forward and then backward, and watches all encoders. As
-/// [`identify_motors`] otherwise; what stops the robot (a wheel that stands or turns backwards) is
-/// no error here.
+/// [`identify_motors`] otherwise; what stops the robot is no error here: a wheel that stands or
+/// turns backwards, or wheels that all turn by themselves.
 ///
 /// # Errors
 /// When the robot refuses, a fault came up, or the link fails.
@@ -141,8 +152,13 @@ pub fn turn_wheel<L: Link>(
         at::IDENTIFY_WHEELS,
         Value::U8(Settings::default().wheels),
     );
-    let status = status?;
     all?;
+    let ways = run.farthest;
+    let turned = Turned { ways, speed: None };
+    if turned.all() && status != Err(MasterError::Aborted) && status != Ok(DONE) {
+        return Ok(turned);
+    }
+    let status = status?;
     if status != DONE && !(5..=10).contains(&status) {
         let reason = reason(status, u32::from(wheel));
         let error = MasterError::Identification { node, reason };
@@ -154,8 +170,7 @@ pub fn turn_wheel<L: Link>(
     } else {
         None
     };
-    let ways = run.farthest;
-    Ok(Turned { ways, speed })
+    Ok(Turned { speed, ..turned })
 }
 
 /// Writes what was found into the motors' objects, in PRE-OPERATIONAL, and reads it back.

@@ -5,16 +5,17 @@
 //! from a reversed encoder, nor motors exchanged from encoders exchanged, and does not see a motor
 //! and its encoder both reversed: a person has to look at the wheel. Who does so tells what was
 //! seen, and the proposal becomes one instead of two.
+//!
+//! It ends early where the motor drivers seem to be of another kind than the robot was told: their
+//! wheels turn all at once, or backwards, and would do so in every further run.
 
 use protocol::address;
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
-use crate::commission::motors::{Turned, WHEELS, Watch, turn_wheel};
+use crate::commission::motors::{TURNED, Turned, WHEELS, Watch, turn_wheel};
 use crate::error::MasterError;
 
-/// An encoder that went farther than this has turned, rad.
-const TURNED: f32 = 0.05;
 /// Wheels need the same voltage for a rate within this share, or their encoders count differently.
 const ALIKE: f32 = 0.25;
 
@@ -59,22 +60,57 @@ pub fn test_wheels<L: Link>(
     look: Look<'_>,
     watch: Watch<'_>,
 ) -> Result<Vec<Finding>, MasterError> {
-    let mut turned = [Turned::default(); 4];
-    let mut observed = [None; 4];
-    for (wheel, turned) in (0_u8..).zip(&mut turned) {
-        *turned = turn_wheel(wire, node, period_us, wheel, watch)?;
-        let wheel = usize::from(wheel);
-        if let Some(observed) = observed.get_mut(wheel) {
-            *observed = look(wheel)?;
-        }
-    }
     let mut bits = |at| Ok::<_, MasterError>(wire.read(node, at, protocol::Kind::U8)?.to_bits());
+    let stage = bits(address::OUTPUT_STAGE)?;
     let reversed = Reversed {
         node,
         encoders: bits(address::ENCODER_REVERSED)?,
         motors: bits(address::MOTOR_REVERSED)?,
     };
+    let mut turned = [Turned::default(); 4];
+    let mut observed = [None; 4];
+    for (wheel, turned) in (0_u8..).zip(&mut turned) {
+        *turned = turn_wheel(wire, node, period_us, wheel, watch)?;
+        let wheel = usize::from(wheel);
+        if let Some(problem) = other_drivers(wheel, turned, stage, &reversed) {
+            return Ok(vec![Finding {
+                wheel,
+                turned: *turned,
+                problem: Some(problem),
+            }]);
+        }
+        if let Some(observed) = observed.get_mut(wheel) {
+            *observed = look(wheel)?;
+        }
+    }
     Ok(judge(turned, observed, &reversed))
+}
+
+/// What says that the drivers may be of another kind than object 0x2027:6.
+fn other_drivers(wheel: usize, turned: &Turned, stage: u32, reversed: &Reversed) -> Option<String> {
+    let name = match stage {
+        0 => "PWM and direction",
+        1 => "IN/IN with slow decay",
+        2 => "IN/IN with fast decay",
+        _ => "locked antiphase",
+    };
+    let kind = format!("{} = {stage}, {name}", address::OUTPUT_STAGE);
+    let look = "docs/bring-up.md, Motor drivers, has the value for each driver";
+    if turned.all() {
+        return Some(format!(
+            "all wheels turn as soon as the drivers are on: the robot was told {kind}, and its \
+             drivers are of another kind; {look}"
+        ));
+    }
+    let way = turned.ways.get(wheel).copied().unwrap_or(0.0);
+    (stage != 0 && way < -TURNED).then(|| {
+        format!(
+            "it counts backwards: the robot was told {kind}; if its drivers are of another kind, \
+             {look}; if not, {}, or {}",
+            reversed.encoder(wheel),
+            reversed.motor(wheel)
+        )
+    })
 }
 
 /// The bits of 0x2020:2 and :3 as they are.

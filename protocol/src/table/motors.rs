@@ -75,6 +75,14 @@ records! { OUTPUT_STAGE_RECORDS:
         PWM_FREQUENCY = 5: parameter("PWM frequency", "Hz", word(8_000, 40_000, 20_000)),
             "What drivers and motors want. Below 16 kHz it is heard; above 20 kHz many drivers \
              lose more.";
+        OUTPUT_STAGE = 6: parameter("Kind", "", byte(0, 3, 0)),
+            "How a duty is put on a bridge's inputs: 0 PWM and direction; 1 IN/IN, slow decay: \
+             PWM on IN1, direction on IN2, inverted PWM while reversing; 2 IN/IN, fast decay, \
+             which needs two PWMs a wheel; 3 locked antiphase, half the period high is no voltage. \
+             Kinds 1 to 3 need 0x2027:7 = 1 and a board that cuts the drivers' enable in hardware.";
+        ENABLE_WIRED = 7: parameter("Enable wired", "", byte(0, 1, 0)),
+            "1: the output \"driver enable\" is wired to the drivers and switches all bridges off. \
+             With kinds 1 to 3 nothing else does, because PWM low is not their safe state.";
     }
 }
 

@@ -40,8 +40,11 @@ impl Application {
     pub(super) fn objection(&self) -> u32 {
         match self.store.corrupt {
             Some(address) => address.packed() << 8 | 3,
-            None => configuration::build(&self.parameters, self.identity.node.get())
-                .map_or_else(|error| error.code(), |_| 0),
+            None => {
+                let (node, stages) = (self.identity.node.get(), self.identity.output_stages);
+                configuration::build(&self.parameters, node, stages)
+                    .map_or_else(|error| error.code(), |_| 0)
+            }
         }
     }
 

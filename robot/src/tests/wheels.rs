@@ -79,7 +79,7 @@ fn counts_and_gear_make_the_step() {
     world.configure();
     let step = |world: &World, place: usize| {
         let parameters = world.robots[0].bus.parameters();
-        build(parameters, 2).unwrap().wheels[place].step
+        build(parameters, 2, 1).unwrap().wheels[place].step
     };
     let turn = core::f32::consts::TAU;
     assert!((step(&world, 1) / (turn / COUNTS) - 1.0).abs() < 1e-6);

@@ -10,6 +10,7 @@ pub mod emulated;
 pub mod native;
 
 use canopen::Frame;
+use group::Driver;
 
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
@@ -108,6 +109,11 @@ pub trait Robot: Send {
 
     /// The state of its bridges: front left, front right, rear left, rear right.
     fn drives(&self) -> [Bridge; 4];
+
+    /// Exchanges its motor driver.
+    fn wire_driver(&mut self, driver: Driver) {
+        let _ = driver;
+    }
 
     /// The wheels went on by this many encoder counts.
     fn turn_encoders(&mut self, counts: [i32; 4]);

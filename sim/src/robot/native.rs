@@ -17,14 +17,17 @@
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
 use control::interface::{Inputs, Outputs, Report};
+use control::output_stage::OutputStage;
 use control::tick::ControlSide;
 use control::time::{Micros, TICK_US};
+use group::Driver;
 use protocol::{Fault, StoredFault};
 use robot::{
     BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
 };
 
 use super::{LogLine, Robot, Wake};
+use crate::bridge::{self, levels};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
 use crate::error::SimError;
 use crate::motor::Bridge;
@@ -74,6 +77,7 @@ impl Clock {
 pub struct NativeRobot {
     id: NodeId,
     serial: u32,
+    driver: Driver,
     crystal_ppm: f64,
     /// Content and wear of its flash.
     flash: Option<Vec<u8>>,
@@ -99,6 +103,8 @@ struct Live {
     clock: Clock,
     bus: BusSide,
     control: ControlSide,
+    /// The kind of motor drivers that it was told.
+    stage: OutputStage,
     next_tick: Micros,
     /// Keeps the ticks in step with SYNC, and the SYNC it has not seen yet.
     schedule: TickSchedule,
@@ -132,6 +138,7 @@ impl Live {
             clock,
             bus,
             control: ControlSide::new(),
+            stage: OutputStage::default(),
             next_tick: Micros(TICK_US.into()),
             schedule: TickSchedule::new(),
             sync: None,
@@ -167,6 +174,7 @@ impl NativeRobot {
         Ok(Self {
             id,
             serial,
+            driver: Driver::default(),
             crystal_ppm,
             flash: None,
             wear: StoreWear::default(),
@@ -232,6 +240,7 @@ impl NativeRobot {
     fn tick(&mut self) {
         if let Some(configuration) = self.live.bus.take_configuration() {
             self.live.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
+            self.live.stage = configuration.output_stage;
             self.live.control.configure(configuration);
         }
         let command = *self.live.bus.command();
@@ -416,11 +425,20 @@ impl Robot for NativeRobot {
     }
 
     fn drives(&self) -> [Bridge; 4] {
-        self.live.outputs.duty.map(|duty| Bridge {
-            duty: f64::from(duty),
-            enabled: self.live.outputs.drivers_enabled,
-            brake_released: self.live.outputs.brake_released,
+        let outputs = &self.live.outputs;
+        outputs.duty.map(|duty| {
+            let (duty, enabled) = (f64::from(duty), outputs.drivers_enabled);
+            let output = bridge::output(self.driver, &levels(self.live.stage, duty, enabled));
+            Bridge {
+                duty: output.unwrap_or(0.0),
+                enabled: output.is_some(),
+                brake_released: outputs.brake_released,
+            }
         })
+    }
+
+    fn wire_driver(&mut self, driver: Driver) {
+        self.driver = driver;
     }
 
     fn turn_encoders(&mut self, counts: [i32; 4]) {

@@ -1,7 +1,7 @@
 //! A robot with its wheels: battery, motors, gears and encoders, and the time each has reached.
 
 use canopen::Frame;
-use group::{EncoderFault, Simulation};
+use group::{Driver, EncoderFault, Simulation};
 use kinematics::{Pose, WheelRates};
 
 use crate::battery::{Battery, Supply};
@@ -97,6 +97,8 @@ impl Unit {
             simulation.seed ^ ((4 * place + wheel + 1) as u64).wrapping_mul(0xD6E8_FEB8_6659_FD93)
         };
         robot.set_supply(data.motor.supply.into());
+        let right = Driver::from(data.output.kind);
+        robot.wire_driver(simulation.driver.unwrap_or(right));
         Self {
             node: data.node,
             drives: robot.drives(),

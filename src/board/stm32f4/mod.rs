@@ -69,6 +69,8 @@ pub struct Board {
     pub node_switches: u8,
     /// How long the start waited for clock and supply, ms.
     pub clock_wait_ms: u16,
+    /// Kinds of bridges that the outputs can drive.
+    pub output_stages: u8,
     /// Level of the brown-out reset, 0 (off) to 3.
     pub brown_out_level: u8,
     /// The chip's unique number, folded to 32 bits.
@@ -155,6 +157,7 @@ impl Board {
             flash: ParameterFlash::new(),
             node_switches,
             clock_wait_ms: u16::try_from(clock_wait_ms).unwrap_or(u16::MAX),
+            output_stages: outputs::STAGES,
             brown_out_level: power::brown_out_level(),
             serial: fold(&uid::uid()),
             reset_cause: reset_cause(),
@@ -174,17 +177,19 @@ fn node_switches() -> u8 {
 }
 
 /// Outputs that are low from the first instructions on.
-const SAFE_OUTPUTS: [Pin; 7] = {
-    let [a, b, c, d] = WIRING.pwm;
-    let outputs = [
-        a,
-        b,
-        c,
-        d,
-        WIRING.driver_enable,
-        WIRING.brake_release,
-        WIRING.led,
-    ];
+const SAFE_OUTPUTS: [Pin; if WIRING.inverse.is_some() { 15 } else { 11 }] = {
+    let mut outputs = [WIRING.led; _];
+    outputs[1] = WIRING.driver_enable;
+    outputs[2] = WIRING.brake_release;
+    let mut at = 0;
+    while at < 4 {
+        outputs[3 + at] = WIRING.pwm[at];
+        outputs[7 + at] = WIRING.direction[at];
+        if let Some(inverse) = WIRING.inverse {
+            outputs[11 + at] = inverse[at];
+        }
+        at += 1;
+    }
     assert!(all_differ(&outputs), "a pin has two functions");
     outputs
 };
@@ -192,9 +197,9 @@ const SAFE_OUTPUTS: [Pin; 7] = {
 /// For the first instructions, in flash.
 static OUTPUTS_BY_PORT: [u32; 2 * PORTS + 1] = outputs_by_port(&SAFE_OUTPUTS);
 
-/// The first instructions after reset: PWM, driver enable, brake release and LED become outputs,
-/// which are low. Painting the stack and setting up the variables takes milliseconds on the
-/// internal oscillator, waiting for clock and supply longer. In assembly, because there are no
+/// The first instructions after reset: PWM, directions, driver enable, brake release and LED become
+/// outputs, which are low. Painting the stack and setting up the variables takes milliseconds on
+/// the internal oscillator, waiting for clock and supply longer. In assembly, because there are no
 /// variables yet.
 #[unsafe(naked)]
 #[unsafe(export_name = "__pre_init")]
@@ -208,13 +213,14 @@ extern "C" fn make_outputs_safe() {
         // RM0390 6.2.14: two cycles until the ports have their clock; this reads back.
         "ldr r1, [r0]",
         "ldr r0, ={outputs}",
-        // MODER is the first register of a port; what it sets is 0 after reset, and so are the
-        // outputs.
+        // MODER is the first register of a port: 01 is an output, which is low after reset. Most of
+        // these pins are 00 then, but PB4 is 10.
         "1: ldr r1, [r0], #4",
         "cbz r1, 2f",
         "ldr r2, [r0], #4",
         "ldr r3, [r1]",
         "orr r3, r3, r2",
+        "bic r3, r3, r2, lsl #1",
         "str r3, [r1]",
         "b 1b",
         "2: bx lr",

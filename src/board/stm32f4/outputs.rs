@@ -1,6 +1,8 @@
 //! What turns the wheels: four PWM channels with direction pins, the driver enable, the holding
 //! brake.
 //!
+//! # Theory of operation
+//!
 //! TIM1 makes the PWM on four channels, 20 kHz unless the configuration wants another frequency.
 //! Its master output enable (MOE) is set only while the drivers are enabled, and the emergency-stop
 //! input clears it in hardware (break input), with the core halted or not. With MOE clear the
@@ -11,11 +13,24 @@
 //! nothing; it is there for its own break input, to which the emergency stop is wired as well: a
 //! stop takes drivers and brake back without the processor.
 //!
+//! What a duty means at these pins depends on the kind of bridges, which [`Pattern`] resolves when
+//! the robot is configured. Where PWM low is not the safe state of a bridge (IN/IN while reversing,
+//! locked antiphase), the driver enable is: it is the first to go off and the last to come on, and
+//! the break input cuts it in hardware. With the drivers disabled all directions are low as well.
+//!
+//! # Interface
+//!
+//! The control task calls [`Outputs::set`] in each tick, and [`Outputs::configure`] with the
+//! drivers disabled; a failing program calls [`cut`].
+//!
+//! # Limits
+//!
 //! Compare values are not preloaded: they act at once, so that the moment of a change is the moment
 //! of the tick and not the end of a PWM period up to 50 us later. A value written in the middle of
 //! a period can shorten or lengthen that one pulse; PWM mode 1 compares levels, so no pulse can be
 //! missed.
 
+use control::output_stage::{OutputStage, Pattern};
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::TimAdv;
@@ -46,19 +61,22 @@ const TIM8_AF: u8 = 3;
 /// Four motor drivers and the holding brake. Wheels in the order front left, front right, rear
 /// left, rear right.
 pub struct Outputs {
-    /// Timer clocks in one PWM period.
-    period: f32,
+    pattern: Pattern,
     enabled: bool,
 }
+
+/// The kinds of bridges that the board can drive, as [`Identity`](robot::Identity) has them. Only
+/// where the emergency stop cuts the driver enable in hardware is that enable a safe state.
+pub const STAGES: u8 = if WIRING.gate_stop.is_some() {
+    robot::Identity::SWITCHED
+} else {
+    OutputStage::PwmDirection.bit()
+};
 
 impl Outputs {
     /// Takes the outputs, which have been low since the first instructions; drivers disabled, brake
     /// engaged.
     pub fn new() -> Self {
-        for pin in WIRING.direction {
-            pin.set(true);
-            pin.become_a(Role::Output);
-        }
         // RM0390 6.3.14: TIM1 is bit 0, TIM8 bit 1.
         pac::RCC.apb2enr().modify(|w| {
             w.set_tim1en(true);
@@ -98,21 +116,15 @@ impl Outputs {
         for pwm in WIRING.pwm {
             pwm.become_a(Role::PeripheralOutput(TIM1_AF, Pull::Down, Speed::Medium));
         }
-        let mut outputs = Self {
-            period: 0.0,
+        Self {
+            pattern: configure(OutputStage::PwmDirection, PWM_HZ),
             enabled: false,
-        };
-        outputs.set_frequency(PWM_HZ);
-        outputs
+        }
     }
 
-    /// Sets the frequency of the PWM, Hz; with the drivers disabled.
-    pub fn set_frequency(&mut self, hz: u32) {
-        let period = period(hz);
-        pac::TIM1.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
-        // A counter beyond the new end would run on to its largest value.
-        pac::TIM1.egr().write(|w| w.set_ug(true));
-        self.period = period.into();
+    /// Sets the kind of the bridges and the frequency of their PWM, Hz; with the drivers disabled.
+    pub fn configure(&mut self, stage: OutputStage, hz: u32) {
+        self.pattern = configure(stage, hz);
     }
 
     /// Whether the emergency stop is pressed, its wire is broken, or it has cut the outputs since
@@ -137,35 +149,82 @@ impl Outputs {
             pac::TIM1.bdtr().modify(|w| w.set_moe(false));
         }
         let duty = if drivers_enabled { duty } else { [0.0; 4] };
-        let set = |wheel: usize, duty: f32| {
-            let clocks = compare(duty, self.period);
-            pac::TIM1.ccr(wheel).write(|w| w.0 = clocks);
-            WIRING.direction[wheel].level(duty >= 0.0)
-        };
-        // Unrolled: 39 instructions fewer than a loop.
+        let pattern = &self.pattern;
+        // Unrolled: 39 instructions fewer than a loop. Worked out before anything is written, so
+        // that duties and directions change together.
         let [a, b, c, d] = duty;
-        let levels = [set(0, a), set(1, b), set(2, c), set(3, d)];
-        set_directions(levels);
+        let high = [
+            pattern.high(a),
+            pattern.high(b),
+            pattern.high(c),
+            pattern.high(d),
+        ];
+        let forward = [a, b, c, d].map(Pattern::forward);
+        let set = |wheel: usize| pac::TIM1.ccr(wheel).write(|w| w.0 = high[wheel]);
+        (set(0), set(1), set(2), set(3));
+        if drivers_enabled {
+            set_directions(WIRING.direction, forward, |word| pattern.direction(word));
+            if let Some(inverse) = WIRING.inverse {
+                let backward = forward.map(|forward| !forward);
+                set_directions(inverse, backward, |word| pattern.direction(word));
+            }
+        } else {
+            directions_low();
+        }
         force(drivers_enabled, drivers_enabled && brake_released);
         if drivers_enabled && !self.enabled {
-            pac::TIM8.bdtr().modify(|w| w.set_moe(true));
+            // The enable last: until the PWM runs its pins are low, which drives some bridges.
             pac::TIM1.bdtr().modify(|w| w.set_moe(true));
+            pac::TIM8.bdtr().modify(|w| w.set_moe(true));
         }
         self.enabled = drivers_enabled;
     }
 }
 
-/// Writes the direction pins: at once where all are of one port.
+/// Sets the period of the PWM; returns the pattern that fits it. Not inlined: it is called twice.
+#[inline(never)]
+fn configure(stage: OutputStage, hz: u32) -> Pattern {
+    let period = period(hz);
+    pac::TIM1.arr().write(|w| w.set_arr(period.wrapping_sub(1)));
+    // A counter beyond the new end would run on to its largest value.
+    pac::TIM1.egr().write(|w| w.set_ug(true));
+    Pattern::new(stage, period)
+}
+
+/// Writes four pins, with one store for all that are of one port, by way of `turn`. Unrolled, so
+/// that the compiler knows which these are.
 #[inline(always)]
-fn set_directions(levels: [u32; 4]) {
-    let [a, b, c, d] = WIRING.direction;
-    if a.port == b.port && a.port == c.port && a.port == d.port {
-        let all = levels[0] | levels[1] | levels[2] | levels[3];
-        a.registers().bsrr().write_value(Bsrr(all));
-    } else {
-        for (pin, level) in WIRING.direction.into_iter().zip(levels) {
-            pin.registers().bsrr().write_value(Bsrr(level));
-        }
+fn set_directions(pins: [Pin; 4], high: [bool; 4], turn: impl Fn(u32) -> u32) {
+    let [a, b, c, d] = pins;
+    let levels = [
+        a.level(high[0]),
+        b.level(high[1]),
+        c.level(high[2]),
+        d.level(high[3]),
+    ];
+    let write = |first: Pin| {
+        let of = |pin: Pin, level| if pin.port == first.port { level } else { 0 };
+        let all = of(a, levels[0]) | of(b, levels[1]) | of(c, levels[2]) | of(d, levels[3]);
+        first.registers().bsrr().write_value(Bsrr(turn(all)));
+    };
+    write(a);
+    if b.port != a.port {
+        write(b);
+    }
+    if c.port != a.port && c.port != b.port {
+        write(c);
+    }
+    if d.port != a.port && d.port != b.port && d.port != c.port {
+        write(d);
+    }
+}
+
+/// Lowers the direction pins and their inverses.
+#[inline(always)]
+fn directions_low() {
+    set_directions(WIRING.direction, [false; 4], |word| word);
+    if let Some(inverse) = WIRING.inverse {
+        set_directions(inverse, [false; 4], |word| word);
     }
 }
 
@@ -202,20 +261,8 @@ fn force(drivers_enabled: bool, brake_released: bool) {
         .write(|w| w.set_ocm(0, level(brake_released)));
 }
 
-/// Timer clocks for which the output is high; the whole period is always high.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "the value is between 0 and the period, which fits; NaN becomes 0"
-)]
-fn compare(duty: f32, period: f32) -> u32 {
-    let share = duty.abs();
-    // Not `min`: that is a library function, and it turns NaN into the full period.
-    let share = if share > 1.0 { 1.0 } else { share };
-    (share * period + 0.5) as u32
-}
-
-/// Cuts all outputs, from any context: drivers off, brake engaged, PWM off.
+/// Cuts all outputs, from any context: drivers off, brake engaged, PWM off, directions low.
+#[inline(never)]
 pub fn cut() {
     // Before start-up reaches this point the pins are outputs of the port, or still inputs, which
     // float as in reset.
@@ -223,4 +270,5 @@ pub fn cut() {
     WIRING.brake_release.set(false);
     pac::TIM8.bdtr().modify(|w| w.set_moe(false));
     pac::TIM1.bdtr().modify(|w| w.set_moe(false));
+    directions_low();
 }

@@ -138,7 +138,7 @@ impl Pin {
 }
 
 /// Words for the start: address of MODER and the bits that make outputs of a port's pins among
-/// these, port by port, and a 0 behind the last. MODER is 0 for these pins after reset.
+/// these, port by port, and a 0 behind the last.
 pub const fn outputs_by_port(pins: &[Pin]) -> [u32; 2 * PORTS + 1] {
     let mut words = [0; 2 * PORTS + 1];
     let (mut port, mut end) = (0, 0);

@@ -23,6 +23,8 @@ pub struct Wiring {
     pub pwm: [Pin; 4],
     /// Direction; high rolls the base forward.
     pub direction: [Pin; 4],
+    /// The opposite of the direction, for bridges with PWM, IN1 and IN2.
+    pub inverse: Option<[Pin; 4]>,
     /// Driver enable, high is enabled: TIM8 CH2N.
     pub driver_enable: Pin,
     /// Holding brake, high is released: TIM8 CH3N.

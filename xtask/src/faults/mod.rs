@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context as _, bail};
 use emulator::Firmware;
-use group::GroupFile;
+use group::{GroupFile, StageKind};
 use omnibus::report::Scalar;
 use protocol::Reaction;
 use serde_json::json;
@@ -50,6 +50,9 @@ pub struct Arguments {
     /// Number of tests that run in parallel; by default the number of processors.
     #[arg(long, value_name = "NUMBER")]
     jobs: Option<NonZeroUsize>,
+    /// Kind of the robots' motor drivers, as `motor.output_stage` of group files.
+    #[arg(long, value_enum, default_value = "pwm-direction")]
+    output_stage: Stage,
     /// Firmware image to test; by default it is built.
     #[arg(long, value_name = "PATH")]
     image: Option<PathBuf>,
@@ -64,6 +67,27 @@ enum Pairs {
     Cuts,
     /// None.
     None,
+}
+
+/// Kinds of motor drivers that the reference board drives.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Stage {
+    /// PWM and direction.
+    PwmDirection,
+    /// Two half bridges a wheel.
+    InInSlow,
+    /// Half of the period high is no voltage.
+    LockedAntiphase,
+}
+
+impl From<Stage> for StageKind {
+    fn from(stage: Stage) -> Self {
+        match stage {
+            Stage::PwmDirection => Self::PwmDirection,
+            Stage::InInSlow => Self::InInSlow,
+            Stage::LockedAntiphase => Self::LockedAntiphase,
+        }
+    }
 }
 
 /// The group whose robots are tried.
@@ -91,7 +115,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .with_context(|| format!("cannot read {}", page.display()))?;
     let promises = promise::read(&page)?;
     let slow = promise::slow(&page)?;
-    let group = GroupFile::load(cargo::root().join(GROUP))?;
+    let mut group = GroupFile::load(cargo::root().join(GROUP))?;
+    for robot in &mut group.robots {
+        robot.output.kind = arguments.output_stage.into();
+        robot.output.enable_wired = true;
+    }
     let image = match &arguments.image {
         Some(path) => path.clone(),
         None => firmware::build(Scalar::F32)?,

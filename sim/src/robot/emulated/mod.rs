@@ -13,8 +13,9 @@
 //! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed
 //! contact pulls them low), driver fault PB13 (low is a fault), protective stop PC12 (low is
 //! closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 + value), supply PA4 (ADC
-//! input 4, divided by 11), motor current PA7. A bridge conducts while it is enabled and the timer
-//! drives its pin or holds it low; a pin that floats is a bridge that is off.
+//! input 4, divided by 11), motor current PA7. The opposites of the directions are PB2, PB4, PB5
+//! and PD2. The motor driver is the one the world has ([`crate::bridge`]); pull-downs hold every
+//! output low that the board does not drive.
 //!
 //! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a
 //! moment at each pulse.
@@ -31,8 +32,10 @@ mod robot;
 
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanId, Firmware, PinLevel, Port};
+use group::Driver;
 
 use super::LogLine;
+use crate::bridge::{self, Levels};
 use crate::bus::errors::{ErrorCounters, ErrorState};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
@@ -53,6 +56,8 @@ const INDEX_PINS: [(Port, u8); 4] = [(Port::B, 10), (Port::A, 12), (Port::B, 14)
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
 const INDEX_NS: u64 = 3_000;
+/// The opposites of the directions.
+const INVERSE_PINS: [(Port, u8); 4] = [(Port::B, 2), (Port::B, 4), (Port::B, 5), (Port::D, 2)];
 /// Pins of port B.
 const DRIVER_ENABLE: u8 = 0;
 const BRAKE_RELEASE: u8 = 1;
@@ -78,6 +83,7 @@ const SETTLING_NS: u64 = 60_000;
 pub struct EmulatedRobot {
     node: u8,
     firmware: Firmware,
+    driver: Driver,
     config: BoardConfig,
     board: Board,
     /// World time at which the board was switched on, ns: its own time begins there.
@@ -144,6 +150,7 @@ impl EmulatedRobot {
         let mut robot = Self {
             node,
             firmware: firmware.clone(),
+            driver: Driver::default(),
             board: Board::new(firmware, config.clone()),
             config,
             born_ns: 0,
@@ -325,13 +332,18 @@ impl EmulatedRobot {
         let enabled = high(Port::B, DRIVER_ENABLE);
         let brake_released = high(Port::B, BRAKE_RELEASE);
         self.drives = std::array::from_fn(|wheel| {
-            // Four wheels: a u8 holds the pin.
-            let forward = high(Port::C, wheel as u8);
-            let pwm = self.board.pwm(PWM_TIMER, wheel + 1);
-            let duty = f64::from(pwm.duty);
+            let (port, pin) = INVERSE_PINS[wheel];
+            let levels = Levels {
+                enabled,
+                pwm: self.board.pwm(PWM_TIMER, wheel + 1).duty.into(),
+                // Four wheels: a u8 holds the pin.
+                direction: high(Port::C, wheel as u8),
+                inverse: high(port, pin),
+            };
+            let output = bridge::output(self.driver, &levels);
             Bridge {
-                duty: if forward { duty } else { -duty },
-                enabled: enabled && pwm.active,
+                duty: output.unwrap_or(0.0),
+                enabled: output.is_some(),
                 brake_released,
             }
         });

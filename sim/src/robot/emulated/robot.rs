@@ -3,6 +3,7 @@
 use canopen::Frame;
 use canopen::bits::frame_bits;
 use emulator::{Board, CanError, CanFrame, Change, Port};
+use group::Driver;
 
 use super::{
     CURRENT_INPUTS, DRIVER_FAULT, EMERGENCY_STOP, EMERGENCY_STOP_A, EmulatedRobot, PROTECTIVE_STOP,
@@ -101,6 +102,10 @@ impl Robot for EmulatedRobot {
 
     fn drives(&self) -> [Bridge; 4] {
         self.drives
+    }
+
+    fn wire_driver(&mut self, driver: Driver) {
+        self.driver = driver;
     }
 
     fn turn_encoders(&mut self, counts: [i32; 4]) {

@@ -63,7 +63,10 @@ pub(super) fn file(
          resistance = {} # ohm\n\
          inertia = {} # kg m2: a quarter of {} kg at the rim, over the gear's losses\n\
          friction = {} # N m\n\
-         largest_current = {} # A: at stall; lower it to what your bridges stand\n\n",
+         largest_current = {} # A: at stall; lower it to what your bridges stand\n\
+         # For motor drivers that do not take PWM and direction: docs/bring-up.md, Motor drivers.\n\
+         # output_stage = \"in-in-slow\"\n\
+         # enable_wired = true\n\n",
         short(robot.supply),
         short(robot.no_load_rate),
         short(robot.no_load_current),

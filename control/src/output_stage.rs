@@ -1,0 +1,217 @@
+//! How a duty becomes levels at the two inputs of a bridge: a PWM and a direction.
+//!
+//! # Theory of operation
+//!
+//! Every kind of bridge needs, for a duty `u` from -1 to 1, a share of the period for which the PWM
+//! is high and a level of the direction output:
+//!
+//! | kind | forward and still, `u >= 0` | backward, `u < 0` | no voltage |
+//! |---|---|---|---|
+//! | PWM and direction | PWM `u`, direction high | PWM `-u`, direction low | PWM low |
+//! | IN/IN, slow decay | PWM `u`, direction low | PWM `1 + u`, direction high | both inputs equal |
+//! | locked antiphase | PWM `(1 + u) / 2` | the same | PWM high for half the period |
+//!
+//! All three are one formula: a base, from which so many clocks are counted up or down. [`Pattern`]
+//! holds base and way for either direction, worked out when the robot is configured, so a control
+//! tick takes the same instructions for every kind.
+//!
+//! # Interface
+//!
+//! The board calls [`Pattern::high`] and [`Pattern::forward`] for each wheel in each tick. A duty
+//! that is not a number gives no voltage in any kind.
+//!
+//! # Limits
+//!
+//! The voltage is duty times supply only where the bridge shorts the motor while it does not drive
+//! it. IN/IN bridges that coast when both inputs are low need a second PWM
+//! ([`OutputStage::FastDecay`]), which no board has.
+
+/// How a bridge is driven, with the numbers of object 0x2027:6.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[repr(u8)]
+pub enum OutputStage {
+    /// Sign-magnitude: PWM and direction, and the direction's inverse beside it where the board has
+    /// it, for bridges with PWM, IN1 and IN2.
+    #[default]
+    PwmDirection = 0,
+    /// PWM on IN1, direction on IN2; both inputs equal short the motor.
+    SlowDecay = 1,
+    /// PWM on one input and the other low, for either direction.
+    FastDecay = 2,
+    /// High drives forward, low drives backward.
+    LockedAntiphase = 3,
+}
+
+impl OutputStage {
+    /// The kind with this number, which must be one of the object's.
+    #[must_use]
+    pub const fn from_number(number: u32) -> Self {
+        match number {
+            1 => Self::SlowDecay,
+            2 => Self::FastDecay,
+            3 => Self::LockedAntiphase,
+            _ => Self::PwmDirection,
+        }
+    }
+
+    /// Its bit in a mask of kinds.
+    #[must_use]
+    pub const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// One direction: clocks from which to count, and all bits set where to count down.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Half {
+    base: u32,
+    flip: u32,
+}
+
+/// The levels of one kind at one PWM frequency.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Pattern {
+    /// Clocks of a duty of 1.
+    slope: f32,
+    /// Forward and still, backward.
+    halves: [Half; 2],
+    /// By how many bits a word for the direction outputs is turned: 16 swaps the halves of a set
+    /// and reset register, and so the levels.
+    turn: u32,
+}
+
+impl Pattern {
+    /// For a PWM with a period of so many timer clocks.
+    #[must_use]
+    pub fn new(stage: OutputStage, period: u16) -> Self {
+        let clocks = u32::from(period);
+        let up = |base| Half { base, flip: 0 };
+        // The complement of a number is one less than its negative.
+        let down = |base: u32| Half {
+            base: base.wrapping_add(1),
+            flip: u32::MAX,
+        };
+        let (span, halves, turn) = match stage {
+            OutputStage::PwmDirection | OutputStage::FastDecay => (period, [up(0), up(0)], 0),
+            OutputStage::SlowDecay => (period, [up(0), down(clocks)], 16),
+            OutputStage::LockedAntiphase => (period / 2, [up(clocks / 2), down(clocks / 2)], 0),
+        };
+        Self {
+            slope: span.into(),
+            halves,
+            turn,
+        }
+    }
+
+    /// Timer clocks for which the PWM is high; the whole period is always high.
+    #[inline(always)]
+    #[must_use]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the value is between 0 and the period, which fits; NaN becomes 0"
+    )]
+    pub fn high(&self, duty: f32) -> u32 {
+        let share = duty.abs();
+        // Not `min`: that is a library function, and it turns NaN into the full period.
+        let share = if share > 1.0 { 1.0 } else { share };
+        let clocks = (share * self.slope + 0.5) as u32;
+        let [ahead, back] = &self.halves;
+        let half = if duty < 0.0 { back } else { ahead };
+        (clocks ^ half.flip).wrapping_add(half.base)
+    }
+
+    /// Whether a duty is forward or none.
+    #[inline(always)]
+    #[must_use]
+    #[expect(
+        clippy::neg_cmp_op_on_partial_ord,
+        reason = "what is not a number is no reverse"
+    )]
+    pub fn forward(duty: f32) -> bool {
+        !(duty < 0.0)
+    }
+
+    /// The word for a port's set and reset register, from the one that sets a direction output
+    /// where [`Pattern::forward`] is true.
+    #[inline(always)]
+    #[must_use]
+    pub const fn direction(&self, forward_high: u32) -> u32 {
+        forward_high.rotate_right(self.turn)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: u16 = 9000;
+    /// A whole clock is rounded.
+    const CLOCK: f32 = 0.5 / 9000.0 + 1e-6;
+
+    /// Share of the period and level of the direction output.
+    fn levels(stage: OutputStage, duty: f32) -> (f32, bool) {
+        let pattern = Pattern::new(stage, PERIOD);
+        let word = if Pattern::forward(duty) { 1 } else { 1 << 16 };
+        let high = pattern.direction(word) == 1;
+        (pattern.high(duty) as f32 / f32::from(PERIOD), high)
+    }
+
+    /// What the bridge for which a kind is meant makes of them, over the supply.
+    fn voltage(stage: OutputStage, duty: f32) -> f32 {
+        let (pwm, high) = levels(stage, duty);
+        match stage {
+            OutputStage::PwmDirection | OutputStage::FastDecay => {
+                if high {
+                    pwm
+                } else {
+                    -pwm
+                }
+            }
+            // Two half bridges: each output follows its input.
+            OutputStage::SlowDecay => pwm - if high { 1.0 } else { 0.0 },
+            OutputStage::LockedAntiphase => 2.0 * pwm - 1.0,
+        }
+    }
+
+    const KINDS: [OutputStage; 3] = [
+        OutputStage::PwmDirection,
+        OutputStage::SlowDecay,
+        OutputStage::LockedAntiphase,
+    ];
+
+    #[test]
+    fn the_voltage_is_the_duty_times_the_supply() {
+        for stage in KINDS {
+            for step in -120_i8..=120 {
+                let duty = f32::from(step) / 100.0;
+                let got = voltage(stage, duty);
+                let want = duty.clamp(-1.0, 1.0);
+                // Antiphase counts two for one.
+                assert!((got - want).abs() <= 2.0 * CLOCK, "{stage:?} {duty}: {got}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_duty_and_what_is_no_number_give_no_voltage() {
+        for stage in KINDS {
+            for duty in [0.0, -0.0, f32::NAN, -f32::NAN] {
+                assert_eq!(voltage(stage, duty), 0.0, "{stage:?} {duty}");
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_are_those_of_the_object() {
+        for (number, stage) in (0..).zip([
+            OutputStage::PwmDirection,
+            OutputStage::SlowDecay,
+            OutputStage::FastDecay,
+            OutputStage::LockedAntiphase,
+        ]) {
+            assert_eq!(OutputStage::from_number(number), stage);
+            assert_eq!(stage.bit(), 1 << number);
+        }
+    }
+}
