@@ -59,4 +59,4 @@ pub use error::SimError;
 pub use gyro::GyroSample;
 pub use robot::{Backend, Crash};
 pub use truth::{RobotTruth, TruthSample};
-pub use world::{EncoderState, MASTER, Options, Port, World, index};
+pub use world::{Cable, EncoderState, MASTER, Options, Port, World, index};

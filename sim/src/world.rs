@@ -29,6 +29,7 @@ use canopen::{Frame, Micros};
 use group::{GroupFile, Gyro};
 use kinematics::Pose;
 
+pub use self::unit::Cable;
 use crate::bus::candump::Candump;
 use crate::bus::disturb::Disturbances;
 use crate::bus::errors::Confinement;
@@ -101,6 +102,8 @@ struct PortQueues {
 /// its steps.
 pub struct World {
     now_ns: u64,
+    /// The robot whose cable programs use instead of the bus.
+    adapter: Option<u8>,
     options: Options,
     units: Vec<Unit>,
     plant: Box<dyn Plant>,
@@ -189,6 +192,7 @@ impl World {
         let threads = threads.min(units.len()).saturating_sub(1);
         Ok(Self {
             now_ns: 0,
+            adapter: None,
             turned: vec![[0.0; 4]; units.len()],
             breaking: unit::breaking(&group.simulation.encoder_faults),
             units,

@@ -23,6 +23,19 @@ impl SerialPort<'_> {
             .with(|soc| soc.serial_arrive(&[byte], baud, false));
     }
 
+    /// The other end lets go of the line into the chip, in the middle of a byte or not, as a cable
+    /// does that is pulled: it stays at this level, and what is sent is lost.
+    pub fn release(&mut self, level: bool) {
+        self.board
+            .shared
+            .with(|soc| soc.serial_release(Some(level)));
+    }
+
+    /// The other end drives the line again.
+    pub fn drive(&mut self) {
+        self.board.shared.with(|soc| soc.serial_release(None));
+    }
+
     /// Bytes that the chip has not yet received in full.
     #[must_use]
     pub fn on_line(&self) -> usize {

@@ -172,6 +172,15 @@ impl Soc {
         }
     }
 
+    /// Lets go of the line into USART2, which stays at this level, or drives it again.
+    pub(crate) fn serial_release(&mut self, level: Option<bool>) {
+        match level {
+            Some(level) => self.usart2.release(self.now, level),
+            None => self.usart2.drive(self.now),
+        }
+        self.settle();
+    }
+
     /// Takes the bytes that have left USART2 through its pin, with the cycle at which each ended.
     pub(crate) fn serial_sent(&mut self) -> Vec<(u64, u8)> {
         let sent = self.usart2.take_sent();

@@ -86,6 +86,17 @@ impl OnLine {
     }
 }
 
+/// The line while nobody drives it.
+#[derive(Debug, Clone, Copy)]
+struct Undriven {
+    /// Since when, in core cycles.
+    from: f64,
+    /// Until when; `None` while it still is.
+    until: Option<f64>,
+    /// What it is then: low by an end without power, high by a pull-up.
+    level: bool,
+}
+
 /// One USART.
 #[derive(Debug)]
 pub(crate) struct Usart {
@@ -107,6 +118,10 @@ pub(crate) struct Usart {
     start: Option<f64>,
     /// When that byte is sampled for the last time.
     sampled_at: Option<u64>,
+    /// The last time that the line was not driven.
+    undriven: Option<Undriven>,
+    /// Whether a byte has come since the line was found idle.
+    idle_is_news: bool,
     /// When the line has been idle for a byte.
     idle_at: Option<u64>,
     /// Written to DR, not yet in the shift register.
@@ -133,6 +148,8 @@ impl Usart {
             free_at: 0.0,
             start: None,
             sampled_at: None,
+            undriven: None,
+            idle_is_news: false,
             idle_at: None,
             waiting: None,
             shifting: None,
@@ -146,6 +163,7 @@ impl Usart {
             ratio: self.ratio,
             line: std::mem::take(&mut self.line),
             free_at: self.free_at,
+            undriven: self.undriven,
             sent: std::mem::take(&mut self.sent),
             ..Self::new()
         };
@@ -265,6 +283,9 @@ impl Usart {
     /// Puts a byte on the line into the chip, behind those that are there. Its bits last this many
     /// core cycles; without a stop bit it is what a line looks like that is pulled low.
     pub(crate) fn arrive(&mut self, now: u64, byte: u8, bit: f64, stop: bool) {
+        if self.undriven.is_some_and(|span| span.until.is_none()) {
+            return;
+        }
         let start = self.free_at.max(now as f64);
         let on_line = OnLine {
             start,
@@ -277,6 +298,43 @@ impl Usart {
         if self.sampled_at.is_none() {
             self.begin(now as f64);
         }
+    }
+
+    /// The other end lets go of the line, in the middle of a byte or not: it stays at this level,
+    /// and what was still to come is lost.
+    pub(crate) fn release(&mut self, now: u64, level: bool) {
+        let from = now as f64;
+        self.line.retain(|byte| byte.start < from);
+        self.free_at = from;
+        self.undriven = Some(Undriven {
+            from,
+            until: None,
+            level,
+        });
+        if self.sampled_at.is_none() {
+            self.begin(from);
+            self.expect_idle(now);
+        }
+    }
+
+    /// The other end drives the line again, which is idle.
+    pub(crate) fn drive(&mut self, now: u64) {
+        let Some(span) = self.undriven.as_mut().filter(|span| span.until.is_none()) else {
+            return;
+        };
+        span.until = Some(now as f64);
+        self.line.clear();
+        self.free_at = now as f64;
+        if self.sampled_at.is_none() {
+            self.expect_idle(now);
+        }
+    }
+
+    /// 25.4.3: idle is a whole frame of ones, once after every byte.
+    fn expect_idle(&mut self, now: u64) {
+        let expects = self.idle_is_news && self.sampled_at.is_none() && self.level(now as f64);
+        let bit = self.bit().filter(|_| expects);
+        self.idle_at = bit.map(|bit| now + BITS as u64 * bit);
     }
 
     /// Waits for the next start bit from a time on: a falling edge, wherever in a byte it is.
@@ -295,6 +353,12 @@ impl Usart {
 
     /// The level of the line at a time.
     fn level(&self, at: f64) -> bool {
+        let undriven = self
+            .undriven
+            .filter(|span| span.from <= at && span.until.is_none_or(|until| at < until));
+        if let Some(span) = undriven {
+            return span.level;
+        }
         let mut on_it = self
             .line
             .iter()
@@ -306,7 +370,10 @@ impl Usart {
         let edges = self.line.iter().flat_map(|byte| {
             (0..10).map(|n| (byte.start + f64::from(n) * byte.bit, byte.bit / 100.0))
         });
+        // No byte begins while the line is not driven.
+        let released = self.undriven.map(|span| (span.from, 1.0));
         edges
+            .chain(released)
             .filter(|(edge, _)| *edge >= from)
             .find(|(edge, little)| self.level(edge - little) && !self.level(edge + little))
             .map(|(edge, _)| edge)
@@ -332,8 +399,8 @@ impl Usart {
             self.sr |= sr::FE;
         }
         self.begin(at as f64);
-        // 25.4.3: idle is a whole frame of ones, which begins with this stop bit's end.
-        self.idle_at = self.sampled_at.is_none().then_some(at + BITS as u64 * bit);
+        self.idle_is_news = true;
+        self.expect_idle(at);
     }
 
     /// Lets everything that is due by `now` happen, one thing at a time: the DMA serves it between.
@@ -358,6 +425,7 @@ impl Usart {
         if due(self.idle_at) {
             self.idle_at = None;
             if self.sampled_at.is_none() {
+                self.idle_is_news = false;
                 self.sr |= sr::IDLE;
             }
             return true;
@@ -536,5 +604,52 @@ mod tests {
         }
         assert!(port.write(0, reg::CR2, 1 << 13).is_err());
         assert!(port.write(0, reg::CR3, 1 << 3).is_err());
+    }
+
+    /// What `bytes` does, and whether the line was found idle.
+    fn bytes_and_idle(port: &mut Usart, until: u64) -> (Vec<(u8, bool)>, bool) {
+        let mut idle = false;
+        let mut found = Vec::new();
+        while let Some(at) = port.next_event().filter(|at| *at <= until) {
+            port.sync(at);
+            let status = port.read(reg::SR).unwrap();
+            let byte = port.read(reg::DR).unwrap() as u8;
+            idle |= status & sr::IDLE != 0;
+            if status & sr::RXNE != 0 {
+                found.push((byte, status & sr::FE != 0));
+            }
+        }
+        (found, idle)
+    }
+
+    /// A line that is held low is one byte without a stop bit, and then nothing: there is no edge,
+    /// and it is not idle until it is high again.
+    #[test]
+    fn a_line_held_low_is_one_break_and_silence() {
+        let mut port = port();
+        port.release(1_000, false);
+        port.arrive(2_000, 0x55, BIT as f64, true);
+        let second = 1_000 * 1_000 * BIT;
+        assert_eq!(bytes_and_idle(&mut port, second), (vec![(0, true)], false));
+        port.drive(second);
+        assert_eq!(bytes_and_idle(&mut port, second + 9 * BIT), (vec![], false));
+        assert_eq!(bytes_and_idle(&mut port, second + 10 * BIT), (vec![], true));
+        port.arrive(second + 20 * BIT, 0x55, BIT as f64, true);
+        let last = second + 100 * BIT;
+        assert_eq!(bytes_and_idle(&mut port, last), (vec![(0x55, false)], true));
+    }
+
+    /// In the middle of a byte the rest of it is what the line is then: 0x55 is 1, 0, 1, 0 in its
+    /// first four bits.
+    #[test]
+    fn a_line_that_is_cut_in_a_byte_ends_it() {
+        for (level, want) in [(false, (0x05, true)), (true, (0xF5, false))] {
+            let mut port = port();
+            port.arrive(0, 0x55, BIT as f64, true);
+            port.arrive(0, 0x55, BIT as f64, true);
+            assert_eq!(bytes(&mut port, 5 * BIT), []);
+            port.release(5 * BIT, level);
+            assert_eq!(bytes_and_idle(&mut port, 1_000 * BIT), (vec![want], level));
+        }
     }
 }

@@ -2,10 +2,11 @@
 //!
 //! Between terminal and chip lie a line of 1 Mbaud and USB, which carries bytes once a millisecond
 //! in either direction. A program that sends faster than the line waits, as the ST-LINK's buffer
-//! makes it; unread bytes are lost.
+//! makes it; unread bytes are lost. While the fault `cable-cut` is there, so is no terminal: a
+//! program that has it open finds that out as it does with a serial port that goes.
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::Endpoint;
 use super::terminal::Terminal;
@@ -20,7 +21,9 @@ const AHEAD: usize = 200;
 #[derive(Debug)]
 pub struct Cable {
     node: u8,
-    terminal: Terminal,
+    path: PathBuf,
+    /// `None` while the cable is pulled.
+    terminal: Option<Terminal>,
     /// The USB frame of the last exchange.
     frame: u64,
 }
@@ -33,7 +36,8 @@ impl Cable {
     pub fn open(path: &Path, node: u8) -> io::Result<Self> {
         Ok(Self {
             node,
-            terminal: Terminal::open(path)?,
+            path: path.to_owned(),
+            terminal: Some(Terminal::open(path)?),
             frame: 0,
         })
     }
@@ -41,7 +45,7 @@ impl Cable {
 
 impl Endpoint for Cable {
     fn announce(&self) -> String {
-        let path = self.terminal.path().display();
+        let path = self.path.display();
         format!("cable {path} of node {}", self.node)
     }
 
@@ -50,14 +54,24 @@ impl Endpoint for Cable {
         if std::mem::replace(&mut self.frame, frame) == frame {
             return Ok(());
         }
-        self.terminal.fill();
-        let (input, output) = self.terminal.bytes();
+        if !world.is_plugged(self.node) {
+            self.terminal = None;
+            return Ok(());
+        }
+        if self.terminal.is_none() {
+            self.terminal = Some(Terminal::open(&self.path)?);
+        }
+        let Some(terminal) = &mut self.terminal else {
+            return Ok(());
+        };
+        terminal.fill();
+        let (input, output) = terminal.bytes();
         let room = AHEAD.saturating_sub(world.on_cable(self.node));
         let now: Vec<u8> = input.drain(..room.min(input.len())).collect();
         world.send_cable(self.node, &now);
         let came = world.take_cable(self.node);
         output.extend(came.into_iter().map(|(_, byte)| byte));
-        self.terminal.flush();
+        terminal.flush();
         Ok(())
     }
 }

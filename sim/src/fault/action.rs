@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::bus::disturb::Share;
 use crate::motor::{BRAKE_TORQUE, Brake};
-use crate::world::{EncoderState, World};
+use crate::world::{Cable, EncoderState, World};
 
 /// Names of the wheels in the usual order.
 pub(super) const WHEELS: [&str; 4] = ["front-left", "front-right", "rear-left", "rear-right"];
@@ -37,6 +37,8 @@ pub enum RobotAction {
     BusCut(bool),
     /// The cable before the robot is broken.
     BusParts(bool),
+    /// The USB cable pulled or plugged.
+    Cable(Cable),
     /// The next frame fails until the controller is off the bus.
     BusOff,
     /// More frames at once than the controller holds.
@@ -135,6 +137,7 @@ impl RobotAction {
             Self::ProtectiveStop(open) => world.set_protective_stop(robot, open),
             Self::BusCut(cut) => world.set_connected(robot, !cut),
             Self::BusParts(parts) => world.set_partition(parts.then_some(robot)),
+            Self::Cable(cable) => world.set_cable(robot, cable),
             // A robot without power has nothing to send, ever.
             Self::BusOff => return !world.is_powered(robot) || world.force_bus_off(robot),
             Self::Overrun => world.overrun(robot),
@@ -177,6 +180,8 @@ impl RobotAction {
             Self::ProtectiveStop(open) => Self::ProtectiveStop(!open),
             Self::BusCut(cut) => Self::BusCut(!cut),
             Self::BusParts(parts) => Self::BusParts(!parts),
+            Self::Cable(Cable::Plugged) => Self::Cable(Cable::Low),
+            Self::Cable(Cable::Low | Cable::Open) => Self::Cable(Cable::Plugged),
             Self::Halt(halted) => Self::Halt(!halted),
             Self::Encoder(wheel, _) => Self::Encoder(wheel, EncoderState::Works),
             Self::EncoderNoise(wheel, _) => Self::EncoderNoise(wheel, 0.0),
@@ -273,6 +278,9 @@ impl fmt::Display for RobotAction {
             Self::ProtectiveStop(open) => write!(f, "protective-stop{}", on(open)),
             Self::BusCut(cut) => write!(f, "bus-cut{}", on(cut)),
             Self::BusParts(parts) => write!(f, "bus-parts{}", on(parts)),
+            Self::Cable(Cable::Plugged) => f.write_str("cable-cut=off"),
+            Self::Cable(Cable::Low) => f.write_str("cable-cut"),
+            Self::Cable(Cable::Open) => f.write_str("cable-cut=open"),
             Self::BusOff => f.write_str("bus-off"),
             Self::Overrun => f.write_str("overrun"),
             Self::Halt(halted) => write!(f, "halt{}", on(halted)),

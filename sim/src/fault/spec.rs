@@ -20,7 +20,7 @@ use group::GroupFile;
 use super::action::{Action, BusAction, Place, RobotAction, WHEELS};
 use crate::bus::disturb::Share;
 use crate::motor::BRAKE_TORQUE;
-use crate::world::EncoderState;
+use crate::world::{Cable, EncoderState};
 
 /// Longest time that can be asked for, s: a day.
 const LONGEST_S: f64 = 86_400.0;
@@ -41,6 +41,7 @@ pub const ACTIONS: &[&str] = &[
     "protective-stop",
     "bus-cut",
     "bus-parts",
+    "cable-cut",
     "bus-off",
     "overrun",
     "misses=ID",
@@ -288,7 +289,7 @@ fn robot_action(
         "corrupt" => RobotAction::BadReceiver(parts.share(name, value)?),
         "babble" => RobotAction::Babble(babble(name, value)?),
         "delay" => RobotAction::Delay(delay(name, value)?),
-        "halt" | "crash" if !has_processor => {
+        "halt" | "crash" | "cable-cut" if !has_processor => {
             return refuse(
                 name,
                 "native robots have no processor",
@@ -296,6 +297,12 @@ fn robot_action(
             );
         }
         "halt" => RobotAction::Halt(switch()?),
+        "cable-cut" if value == Some("open") => RobotAction::Cable(Cable::Open),
+        "cable-cut" => RobotAction::Cable(if switch()? {
+            Cable::Low
+        } else {
+            Cable::Plugged
+        }),
         "misses" if value == Some("off") => RobotAction::Misses(None),
         "misses" => RobotAction::Misses(Some(identifier(name, value)?)),
         "encoder-noise" => RobotAction::EncoderNoise(

@@ -203,6 +203,12 @@ pub trait Robot: Send {
         let _ = (bytes, baud);
     }
 
+    /// The other end of the line into its serial port lets go of it, so that it stays at this
+    /// level, or drives it again.
+    fn release_cable(&mut self, level: Option<bool>) {
+        let _ = level;
+    }
+
     /// Takes the bytes that its serial port has sent, each with the time at which it ended, ns
     /// since it was switched on.
     fn take_cable(&mut self) -> Vec<(u64, u8)> {

@@ -53,6 +53,7 @@ impl World {
         {
             unit.powered = on;
             unit.robot.set_power(on);
+            unit.robot.release_cable(unit.cable.level());
             unit.held = None;
             if !on {
                 self.cut_off(robot);

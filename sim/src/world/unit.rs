@@ -13,6 +13,29 @@ use crate::robot::{Robot, Wake};
 use crate::truth::RobotTruth;
 use crate::world::index::{self, Indexes};
 
+/// The USB end of a robot's cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Cable {
+    /// Plugged in.
+    #[default]
+    Plugged,
+    /// Pulled. The ST-LINK has no power then, and its output holds the line low.
+    Low,
+    /// Pulled. The line is open, and the chip's pull-up holds it high.
+    Open,
+}
+
+impl Cable {
+    /// The level of the line into the chip while nobody drives it.
+    pub(super) fn level(self) -> Option<bool> {
+        match self {
+            Self::Plugged => None,
+            Self::Low => Some(false),
+            Self::Open => Some(true),
+        }
+    }
+}
+
 /// The bus faults of one robot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InjectedFaults {
@@ -43,6 +66,7 @@ pub(super) struct Unit {
     pub robot: Box<dyn Robot>,
     /// Off when its CAN connector is pulled.
     pub connected: bool,
+    pub cable: Cable,
     /// In the half of a parted bus where the master is not.
     pub far: bool,
     pub powered: bool,
@@ -106,6 +130,7 @@ impl Unit {
             wake: robot.wake(),
             robot,
             connected: true,
+            cable: Cable::default(),
             far: false,
             powered: true,
             injected: InjectedFaults::default(),

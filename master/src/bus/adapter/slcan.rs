@@ -65,9 +65,23 @@ impl Hearing {
     }
 }
 
+/// A failure of the connection, in words: `gone` says what it means for this kind.
+fn broken(error: &io::Error, gone: &str) -> io::Error {
+    io::Error::new(error.kind(), format!("{gone} ({error})"))
+}
+
+/// Whether a read has only to be tried again.
+fn is_for_now(kind: io::ErrorKind) -> bool {
+    matches!(
+        kind,
+        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted
+    )
+}
+
 /// A link over a pair of ends of one connection.
 fn start(
     bus: &BusAddress,
+    gone: &'static str,
     mut input: impl Read + Send + 'static,
     mut output: impl Write + Send + 'static,
     mut inquiry: impl Write + Send + 'static,
@@ -86,25 +100,22 @@ fn start(
             }
             taken = 0;
             filled = match input.read(&mut buffer) {
-                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(0) => return Err(broken(&io::ErrorKind::UnexpectedEof.into(), gone)),
                 Ok(count) => count,
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        io::ErrorKind::TimedOut
-                            | io::ErrorKind::WouldBlock
-                            | io::ErrorKind::Interrupted
-                    ) =>
-                {
-                    0
-                }
-                Err(error) => return Err(error),
+                Err(error) if is_for_now(error.kind()) => 0,
+                Err(error) => return Err(broken(&error, gone)),
             };
         }
     };
     let write = move |frame: &Frame| {
-        output.write_all(line_of(frame, None).as_bytes())?;
-        output.flush()
+        let written = output.write_all(line_of(frame, None).as_bytes());
+        written.and_then(|()| output.flush()).map_err(|error| {
+            if is_for_now(error.kind()) {
+                error
+            } else {
+                broken(&error, gone)
+            }
+        })
     };
     let mut link = AdapterLink::start(bus, read, write);
     link.diagnosis = diagnosis;
@@ -154,7 +165,9 @@ pub(super) fn open_serial(bus: &BusAddress, device: &std::path::Path) -> io::Res
         .timeout(READ_TIMEOUT)
         .open()?;
     let (input, inquiry) = (output.try_clone()?, output.try_clone()?);
-    start(bus, input, output, inquiry)
+    const GONE: &str = "the cable is gone: the serial port has closed; the robots ramp down by \
+                        themselves, and this works again when it is plugged in";
+    start(bus, GONE, input, output, inquiry)
 }
 
 /// Connects to a server that speaks slcan.
@@ -162,7 +175,13 @@ pub(super) fn open_tcp(bus: &BusAddress, address: &str) -> io::Result<AdapterLin
     let output = TcpStream::connect(address)?;
     output.set_nodelay(true)?;
     let (input, inquiry) = (output.try_clone()?, output.try_clone()?);
-    start(bus, input, output, inquiry)
+    start(
+        bus,
+        "the server has closed the connection",
+        input,
+        output,
+        inquiry,
+    )
 }
 
 #[cfg(test)]
@@ -243,6 +262,7 @@ mod tests {
             .receive(Micros(link.now().0 + 5_000_000))
             .unwrap_err()
             .to_string();
+        assert!(error.contains("closed the connection"), "{error}");
         assert!(error.contains("termination"), "{error}");
     }
 

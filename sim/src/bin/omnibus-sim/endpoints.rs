@@ -17,8 +17,9 @@ use omnibus_sim::endpoint::socketcand::SocketcandServer;
 #[derive(Args)]
 pub struct Endpoints {
     /// Serves the bus in lockstep here, for `omnibus --bus lockstep://ADDR`. Time waits for the
-    /// clients, so nothing is late, however busy this computer is.
-    #[arg(long, value_name = "ADDR")]
+    /// clients, so nothing is late, however busy this computer is. With @NODE the clients are at
+    /// the cable of this emulated robot instead, as in 127.0.0.1:7701@2.
+    #[arg(long, value_name = "ADDR[@NODE]")]
     lockstep: Option<String>,
     /// Serves slcan over TCP here, for example 127.0.0.1:7701.
     #[arg(long, value_name = "ADDR")]
@@ -71,7 +72,22 @@ impl Endpoints {
 
     /// Whether some need the robots' processors.
     pub fn need_processors(&self) -> bool {
-        !self.cable.is_empty()
+        let at_cable = |at: &String| at.contains('@');
+        !self.cable.is_empty() || self.lockstep.as_ref().is_some_and(at_cable)
+    }
+
+    /// The robot at whose cable the clients of `--lockstep` are, if they are at one.
+    pub fn adapter(&self, group: &GroupFile) -> anyhow::Result<Option<u8>> {
+        let Some((_, node)) = self.lockstep.as_ref().and_then(|at| at.split_once('@')) else {
+            return Ok(None);
+        };
+        let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
+        match node.parse().ok().filter(|node| nodes.contains(node)) {
+            Some(node) => Ok(Some(node)),
+            None => bail!(
+                "--lockstep @{node}: no robot of the group has this node; its nodes are {nodes:?}"
+            ),
+        }
     }
 
     /// Opens them all, for the robots of this group.
@@ -81,6 +97,7 @@ impl Endpoints {
         };
         let mut open: Vec<Box<dyn Endpoint>> = Vec::new();
         if let Some(at) = &self.lockstep {
+            let at = at.split_once('@').map_or(at.as_str(), |(at, _)| at);
             let server = LockstepServer::bind(at).with_context(|| listen(at))?;
             open.push(Box::new(server));
         }

@@ -114,7 +114,10 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     let until = end(arguments.duration)?;
     let has_processor = matches!(backend, Backend::Emulator(_));
     if arguments.endpoints.need_processors() && !has_processor {
-        bail!("--cable: only emulated robots have a serial port; add --backend emulator");
+        bail!(
+            "--cable and --lockstep ADDR@NODE: only emulated robots have a serial port; add \
+             --backend emulator"
+        );
     }
     let mut faults = Faults::new(&group, has_processor, &arguments.fault)?;
     let mut world = World::new(&group, backend, options)?;
@@ -128,6 +131,7 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
     ctrlc::set_handler(move || seen.store(true, Ordering::Relaxed))?;
     // The master's own port is not used here.
     world.set_listening(MASTER, false);
+    world.set_adapter(arguments.endpoints.adapter(&group)?);
     let mut endpoints = arguments.endpoints.open(&group)?;
     if endpoints.is_empty() && arguments.duration.is_none() && arguments.log.is_none() {
         bail!(

@@ -315,6 +315,14 @@ impl Robot for EmulatedRobot {
         self.board.serial().send(bytes, baud);
     }
 
+    fn release_cable(&mut self, level: Option<bool>) {
+        self.catch_up();
+        match level {
+            Some(level) => self.board.serial().release(level),
+            None => self.board.serial().drive(),
+        }
+    }
+
     fn take_cable(&mut self) -> Vec<(u64, u8)> {
         self.board.serial().take_sent()
     }
