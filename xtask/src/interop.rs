@@ -22,9 +22,6 @@ pub struct Arguments {
     /// Backend of the robots; by default both, one after the other.
     #[arg(long, value_parser = ["native", "emulator"])]
     backend: Option<String>,
-    /// Also runs the suite of one robot through its cable, which does not always pass yet.
-    #[arg(long)]
-    cable: bool,
     /// Also runs the suite of a fleet control (VDA 5050), which needs Node.js and mosquitto and has
     /// not passed as a whole yet.
     #[arg(long)]
@@ -99,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             )?;
         }
     }
-    if arguments.cable {
+    if arguments.backend.as_deref() != Some("native") {
         println!("at the robot's cable");
         cargo::run(
             python_tests(&["test_robot", "test_dictionary"], "emulator").env("OMNIBUS_CABLE", "1"),
