@@ -3,10 +3,10 @@
 //!
 //! A block of lines that cannot run here has a marker in front: `<!-- not run: REASON -->`. In the
 //! others `--bus auto`, which looks for a USB device, becomes the address of the emulated robot's
-//! port; `cargo run` of the tool becomes the tool. Commands that read go through the pseudo terminal
-//! of the port, and are repeated while this machine is too busy for the robot to be heard. Those
-//! that drive go through the same port in lockstep, so that nothing here depends on how fast this
-//! machine is. `OMNIBUS_ELF` names the image.
+//! port; `cargo run` of the tool becomes the tool. Commands that read go through the pseudo
+//! terminal of the port, and are repeated while this machine is too busy for the robot to be heard.
+//! Those that drive go through the same port in lockstep, so that nothing here depends on how fast
+//! this machine is. `OMNIBUS_ELF` names the image.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};

@@ -6,6 +6,8 @@
 //! second finds the world as it left it. While no client is connected time stands, once the robots
 //! have booted.
 //!
+//! # Protocol
+//!
 //! Lines of text over TCP, times in µs of virtual time:
 //!
 //! ```text
@@ -18,6 +20,8 @@
 //! ```
 //!
 //! A client that says something else is dropped. One that hangs holds the time for all.
+//!
+//! # At a cable
 //!
 //! Where the world says so ([`World::set_adapter`]), clients are not on the bus but at the cable of
 //! an emulated robot, which is their adapter: their frames go through its firmware in either
