@@ -197,7 +197,7 @@ fn every_line_of_the_page_runs_in_its_order() {
                 let text = text_of(&output);
                 assert_eq!(output.status.code(), Some(0), "{line}:\n{text}");
                 if what == "wheel-test" {
-                    assert!(text.contains("front-left: what turned first?"), "{text}");
+                    assert!(text.contains("front left: what turned first?"), "{text}");
                     assert!(text.contains("in the right direction"), "{text}");
                 }
             }
