@@ -76,7 +76,7 @@ impl Checker<'_> {
             return;
         }
         let highest = group.robots.iter().map(|robot| robot.node).max();
-        let known = votes_known_us(highest.unwrap_or_default(), BIT_RATE);
+        let known = votes_known_us(highest.unwrap_or_default().into(), BIT_RATE);
         let problem = format!(
             "is {} ms, but the votes of robots up to node {} take {:.2} ms after SYNC",
             group.sync_period_us / 1_000,

@@ -39,8 +39,8 @@ const TICK_US: u32 = 1_000;
 /// frame that is already on the wire, and one of higher priority (a setpoint, an NMT command or an
 /// emergency message). Each is as long as a frame can be.
 #[must_use]
-pub const fn votes_known_us(highest: u8, bit_rate: u32) -> u32 {
-    let votes = (highest as u32).saturating_sub(MASTER as u32);
+pub const fn votes_known_us(highest: u32, bit_rate: u32) -> u32 {
+    let votes = highest.saturating_sub(MASTER as u32);
     let bits = (votes + 2) * LONGEST_FRAME_BITS;
     RESPONSE_US + (bits * 1_000).div_ceil(bit_rate / 1_000) + DECISION_US
 }
@@ -53,7 +53,7 @@ pub const fn votes_known_us(highest: u8, bit_rate: u32) -> u32 {
 pub const fn agreement_delay_us(members: u32, period_us: u32, bit_rate: u32) -> Option<u32> {
     let known = if members.count_ones() > 1 {
         let highest = u32::BITS - 1 - members.leading_zeros();
-        votes_known_us(highest as u8, bit_rate)
+        votes_known_us(highest, bit_rate)
     } else {
         RESPONSE_US + DECISION_US
     };

@@ -103,7 +103,7 @@ impl Agreement {
     /// What do `members` (a mask of nodes) say about the setpoint about which this `node` published
     /// its `own`? The votes are used up by that.
     pub fn decide(&mut self, members: u32, node: u8, own: Own) -> Verdict {
-        let votes = core::mem::replace(self, Self::new()).votes;
+        let votes = core::mem::take(self).votes;
         if own.scale == Scale::ZERO {
             return Verdict::Stop(Fault::MemberStopped);
         }
