@@ -275,21 +275,21 @@ fn a_wheel_that_is_pushed_at_standstill_comes_back() {
 }
 
 /// How long a motion is steady before something happens to it, ms. Where between two counts a wheel
-/// is then decides cases that are close.
-const STEADY_MS: u32 = 1_990;
+/// is then decides cases that are close, so there are several.
+const STEADY_MS: [u32; 8] = [1_990, 1_993, 1_996, 1_999, 2_002, 2_005, 2_008, 2_011];
 
-/// The encoder of a wheel counts backwards, from a steady motion on or from before the first one:
-/// how long until the drivers were off, and the fastest rate until then. None in 4 s.
-fn reverse(rate: f64, from_start: bool) -> (Option<(u32, Fault)>, f64) {
+/// The encoder of a wheel counts backwards, after so many ms of a steady motion or from before the
+/// first one: how long until the drivers were off, and the fastest rate until then. None in 4 s.
+fn reverse(rate: f64, steady: Option<u32>) -> (Option<(u32, Fault)>, f64) {
     let mut world = World::started(&[2]);
     let twist = Twist::new(rate as f32 * RADIUS, 0.0, 0.0);
-    if from_start {
+    if let Some(millis) = steady {
+        world.drive(twist, millis);
+        world.robots[0].encoder_sign[1] = -1.0;
+    } else {
         world.robots[0].encoder_sign[1] = -1.0;
         world.release();
         world.twist = Some(twist);
-    } else {
-        world.drive(twist, STEADY_MS);
-        world.robots[0].encoder_sign[1] = -1.0;
     }
     let mut fastest = 0.0_f64;
     for now in 1..=4_000 {
@@ -328,8 +328,8 @@ fn a_reversed_encoder_is_cut_however_slowly_its_wheel_turns() {
         0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 4.0, 6.0,
     ] {
         let (within, most) = reversed_promise(rate);
-        for sign in [1.0, -1.0] {
-            let (cut, fastest) = reverse(sign * rate, false);
+        for (sign, steady) in STEADY_MS.into_iter().flat_map(|ms| [(1.0, ms), (-1.0, ms)]) {
+            let (cut, fastest) = reverse(sign * rate, Some(steady));
             let (took, fault) = cut.unwrap();
             assert_eq!(fault, Fault::EncoderInverted, "{rate} rad/s");
             assert!(took <= within, "{rate} rad/s: {took} ms");
@@ -343,7 +343,7 @@ fn a_reversed_encoder_is_cut_however_slowly_its_wheel_turns() {
 fn a_reversed_encoder_is_cut_at_the_first_motion() {
     for rate in [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0] {
         for sign in [1.0, -1.0] {
-            let (cut, fastest) = reverse(sign * rate, true);
+            let (cut, fastest) = reverse(sign * rate, None);
             assert_eq!(cut.unwrap().1, Fault::EncoderInverted, "{rate} rad/s");
             let most = (2.0 * rate).clamp(0.3, 2.5);
             assert!(fastest <= most, "{rate}: {fastest} rad/s");
@@ -355,13 +355,15 @@ fn a_reversed_encoder_is_cut_at_the_first_motion() {
 #[test]
 fn a_robot_that_is_pushed_back_at_a_crawl_is_not_reversed() {
     for asked in [0.05, 0.1, 0.3, 0.5] {
-        for pushed in [0.1, 0.3, 0.6, 1.0] {
-            let mut world = World::started(&[2]);
-            world.drive(Twist::new(asked * RADIUS, 0.0, 0.0), STEADY_MS);
-            world.robots[0].rates = [-pushed; 4];
-            world.run(1_000);
-            let state = world.robots[0].bus.state();
-            assert_eq!(state, State::Moving, "{asked} asked, {pushed} rad/s");
+        for pushed in [0.1, 0.3, 0.6] {
+            for steady in STEADY_MS {
+                let mut world = World::started(&[2]);
+                world.drive(Twist::new(asked * RADIUS, 0.0, 0.0), steady);
+                world.robots[0].rates = [-pushed; 4];
+                world.run(1_000);
+                let state = world.robots[0].bus.state();
+                assert_eq!(state, State::Moving, "{asked} asked, {pushed} rad/s");
+            }
         }
     }
 }
