@@ -132,10 +132,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let jobs = jobs(&promises, arguments.only)?;
     let (lines, skew) = std::thread::scope(|scope| {
-        // The longest trial beside the others.
-        let skew = arguments
-            .only
-            .is_none()
+        // The longest trial beside the others. A duty changes the PWM of the other kinds by fewer
+        // steps, so that too few ticks show when it does.
+        let all = arguments.only.is_none();
+        let skew = (all && matches!(arguments.output_stage, Stage::PwmDirection))
             .then(|| scope.spawn(|| skew::measure(&group, &firmware)));
         let lines = side_by_side(threads, &jobs, |(promise, case)| Line {
             promise: Promise {
