@@ -270,11 +270,11 @@ fn pull_and_plug_in(pulled: Cable) {
     let truth = master.world.truth();
     for (node, (robot, before)) in (2..).zip(truth.robots.iter().zip(&before.robots)) {
         let mut emergencies = master.emergencies(node);
-        let said = emergencies.find(|(said, _)| *said > at);
-        let said = said.map(|(said, _)| said.since(at).0);
+        let announced = emergencies.find(|(sent, _)| *sent > at);
+        let after_us = announced.map(|(sent, _)| sent.since(at).0);
         assert!(
-            said.is_some_and(|said| said < SYNC_LOST_US),
-            "{pulled:?}: node {node} ramps after {said:?} us"
+            after_us.is_some_and(|after_us| after_us < SYNC_LOST_US),
+            "{pulled:?}: node {node} ramps after {after_us:?} us"
         );
         let rates: [f64; 4] = robot.wheel_rates.into();
         assert!(rates.iter().all(|rate| rate.abs() < 1e-3), "{rates:?}");
