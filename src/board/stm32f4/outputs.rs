@@ -161,7 +161,10 @@ impl Outputs {
         ];
         let forward = [a, b, c, d].map(Pattern::forward);
         let set = |wheel: usize| pac::TIM1.ccr(wheel).write(|w| w.0 = high[wheel]);
-        (set(0), set(1), set(2), set(3));
+        set(0);
+        set(1);
+        set(2);
+        set(3);
         if drivers_enabled {
             set_directions(WIRING.direction, forward, |word| pattern.direction(word));
             if let Some(inverse) = WIRING.inverse {
