@@ -1,6 +1,6 @@
 //! The ROS 2 messages that are used here, each a struct with the fields of its definition.
 //!
-//! The macro [`messages!`] declares a struct once: its fields in the order of the definition, which
+//! The macro `messages!` declares a struct once: its fields in the order of the definition, which
 //! is the order in CDR. [`definition`] makes the text of a `.msg` file of it, with those of the
 //! messages in it, as recordings carry it (`ros2msg`). A test compares fields and layout with
 //! another implementation (`tests/interop/test_ros.py`).

@@ -2,7 +2,7 @@
 //!
 //! Theory of operation: the session of the master runs over the world's bus in the same thread, one
 //! SYNC period a step ([`Flight::step`]). The page's messages go through the same
-//! [`Controls`](omnibus::controls::Controls) and [`PageState`] as on `omnibus serve`, whose clock
+//! [`Controls`] and [`PageState`] as on `omnibus serve`, whose clock
 //! here is the world's: what happens depends on the messages and the virtual times at which they
 //! come, and on nothing else.
 //!
