@@ -117,23 +117,20 @@ impl Pattern {
         let share = if share > 1.0 { 1.0 } else { share };
         let clocks = (share * self.slope + 0.5) as u32;
         let [ahead, back] = &self.halves;
-        let half = if duty < 0.0 { back } else { ahead };
+        let half = if Self::back(duty) == 0 { ahead } else { back };
         (clocks ^ half.flip).wrapping_add(half.base)
     }
 
-    /// Whether a duty is forward or none.
+    /// By how many bits a word that sets a direction output is shifted, so that it resets it where a
+    /// duty is backward: 16, and 0 for forward, none, and what is not a number.
     #[inline(always)]
     #[must_use]
-    #[expect(
-        clippy::neg_cmp_op_on_partial_ord,
-        reason = "what is not a number is no reverse"
-    )]
-    pub fn forward(duty: f32) -> bool {
-        !(duty < 0.0)
+    pub fn back(duty: f32) -> u32 {
+        if duty < 0.0 { 16 } else { 0 }
     }
 
     /// The word for a port's set and reset register, from the one that sets a direction output
-    /// where [`Pattern::forward`] is true.
+    /// where [`Pattern::back`] is 0.
     #[inline(always)]
     #[must_use]
     pub const fn direction(&self, forward_high: u32) -> u32 {
@@ -152,7 +149,7 @@ mod tests {
     /// Share of the period and level of the direction output.
     fn levels(stage: OutputStage, duty: f32) -> (f32, bool) {
         let pattern = Pattern::new(stage, PERIOD);
-        let word = if Pattern::forward(duty) { 1 } else { 1 << 16 };
+        let word = 1 << Pattern::back(duty);
         let high = pattern.direction(word) == 1;
         (pattern.high(duty) as f32 / f32::from(PERIOD), high)
     }

@@ -159,17 +159,18 @@ impl Outputs {
             pattern.high(c),
             pattern.high(d),
         ];
-        let forward = [a, b, c, d].map(Pattern::forward);
+        let back = [a, b, c, d].map(Pattern::back);
         let set = |wheel: usize| pac::TIM1.ccr(wheel).write(|w| w.0 = high[wheel]);
         set(0);
         set(1);
         set(2);
         set(3);
         if drivers_enabled {
-            set_directions(WIRING.direction, forward, |word| pattern.direction(word));
+            let set = |wheel: usize, pin: Pin| pin.level(true) << back[wheel];
+            write_pins(WIRING.direction, set, |word| pattern.direction(word));
             if let Some(inverse) = WIRING.inverse {
-                let backward = forward.map(|forward| !forward);
-                set_directions(inverse, backward, |word| pattern.direction(word));
+                let set = |wheel: usize, pin: Pin| pin.level(false) >> back[wheel];
+                write_pins(inverse, set, |word| pattern.direction(word));
             }
         } else {
             directions_low();
@@ -194,17 +195,12 @@ fn configure(stage: OutputStage, hz: u32) -> Pattern {
     Pattern::new(stage, period)
 }
 
-/// Writes four pins, with one store for all that are of one port, by way of `turn`. Unrolled, so
-/// that the compiler knows which these are.
+/// Writes four pins with the words that `level` gives, with one store for all that are of one port,
+/// by way of `turn`. Unrolled, so that the compiler knows which these are.
 #[inline(always)]
-fn set_directions(pins: [Pin; 4], high: [bool; 4], turn: impl Fn(u32) -> u32) {
+fn write_pins(pins: [Pin; 4], level: impl Fn(usize, Pin) -> u32, turn: impl Fn(u32) -> u32) {
     let [a, b, c, d] = pins;
-    let levels = [
-        a.level(high[0]),
-        b.level(high[1]),
-        c.level(high[2]),
-        d.level(high[3]),
-    ];
+    let levels = [level(0, a), level(1, b), level(2, c), level(3, d)];
     let write = |first: Pin| {
         let of = |pin: Pin, level| if pin.port == first.port { level } else { 0 };
         let all = of(a, levels[0]) | of(b, levels[1]) | of(c, levels[2]) | of(d, levels[3]);
@@ -225,9 +221,10 @@ fn set_directions(pins: [Pin; 4], high: [bool; 4], turn: impl Fn(u32) -> u32) {
 /// Lowers the direction pins and their inverses.
 #[inline(always)]
 fn directions_low() {
-    set_directions(WIRING.direction, [false; 4], |word| word);
+    let low = |_, pin: Pin| pin.level(false);
+    write_pins(WIRING.direction, low, |word| word);
     if let Some(inverse) = WIRING.inverse {
-        set_directions(inverse, [false; 4], |word| word);
+        write_pins(inverse, low, |word| word);
     }
 }
 
