@@ -71,8 +71,10 @@ pub struct NodePosition {
 }
 
 /// How far from a node the vehicle may be: a radius, or (3.0) an ellipse.
+// By way of a `Value`: an untagged enum finds no number in it where a crate of the same build has
+// switched on numbers of any precision.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[serde(try_from = "Value")]
 pub enum Deviation {
     /// m.
     Radius(f64),
@@ -85,6 +87,27 @@ pub enum Deviation {
         /// Direction of the major axis, rad.
         theta: f64,
     },
+}
+
+impl TryFrom<Value> for Deviation {
+    type Error = String;
+
+    fn try_from(value: Value) -> Result<Self, String> {
+        let number = |value: Option<&Value>| value.and_then(Value::as_f64);
+        if let Some(radius) = value.as_f64() {
+            return Ok(Self::Radius(radius));
+        }
+        match (
+            number(value.get("a")),
+            number(value.get("b")),
+            number(value.get("theta")),
+        ) {
+            (Some(a), Some(b), Some(theta)) => Ok(Self::Ellipse { a, b, theta }),
+            _ => Err(format!(
+                "{value} is neither a radius in m nor an ellipse with a, b and theta"
+            )),
+        }
+    }
 }
 
 impl Deviation {
