@@ -121,8 +121,8 @@ impl Pattern {
         (clocks ^ half.flip).wrapping_add(half.base)
     }
 
-    /// By how many bits a word that sets a direction output is shifted, so that it resets it where a
-    /// duty is backward: 16, and 0 for forward, none, and what is not a number.
+    /// By how many bits a word that sets a direction output is shifted, so that it resets it where
+    /// a duty is backward: 16, and 0 for forward, none, and what is not a number.
     #[inline(always)]
     #[must_use]
     pub fn back(duty: f32) -> u32 {
