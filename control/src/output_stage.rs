@@ -17,8 +17,8 @@
 //!
 //! # Interface
 //!
-//! The board calls [`Pattern::high`] and [`Pattern::forward`] for each wheel in each tick. A duty
-//! that is not a number gives no voltage in any kind.
+//! In each tick the board calls [`Pattern::high`] and [`Pattern::back`] for each wheel, and
+//! [`Pattern::direction`] for each port. A duty that is not a number gives no voltage in any kind.
 //!
 //! # Limits
 //!
