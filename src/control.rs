@@ -118,7 +118,8 @@ impl Control {
             encoder_counts: parts.encoders.counts(),
             emergency_stop: parts.outputs.emergency_stop(),
             // A bench image reports its drivers as faulty, so an NMT start is refused.
-            driver_fault: parts.lines.driver_fault() || cfg!(feature = "bench"),
+            drive_fault: (parts.lines.driver_fault() || cfg!(feature = "bench"))
+                .then_some(Fault::DriverFault),
             protective_stop: parts.lines.protective_stop(),
             supply_input: Some(parts.meters.supply()),
             current_inputs: self.senses.then(|| parts.meters.currents()),
@@ -126,7 +127,7 @@ impl Control {
         let wanted = COMMAND.with(|command| self.side.tick(begin, command, &inputs));
         parts
             .outputs
-            .set(wanted.duty, wanted.drivers_enabled, wanted.brake_released);
+            .set(wanted.drive, wanted.drivers_enabled, wanted.brake_released);
         let report = self.side.report();
         parts.guard.tick(report);
         // Changes that the bus side has to process at once.

@@ -10,8 +10,10 @@ use crate::current::CurrentConfiguration;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
 use crate::output_stage::OutputStage;
+use crate::smart_drive::DriveConfiguration;
 use crate::supply::SupplyConfiguration;
 use crate::wheel::Gains;
+use crate::wheel_drive::MotorLimits;
 
 /// One wheel: encoder, motor, loop.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -118,8 +120,12 @@ pub struct Configuration {
     pub current: Option<CurrentConfiguration>,
     /// Frequency of the PWM, for the board, Hz.
     pub pwm_hz: u32,
-    /// Kind of the bridges, for the board.
+    /// Kind of the wheels' drives, for the board.
     pub output_stage: OutputStage,
+    /// Smart drives, for the board.
+    pub drives: DriveConfiguration,
+    /// What current drives need to know of the motors.
+    pub motors: MotorLimits,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
     /// Times of the holding brake.

@@ -78,8 +78,8 @@ pub struct Inputs {
     pub encoder_counts: [u16; 4],
     /// Emergency stop pressed, or its wire broken.
     pub emergency_stop: bool,
-    /// The motor driver reports a fault.
-    pub driver_fault: bool,
+    /// What the motor drivers report: [`Fault::DriverFault`] where they have one line for it.
+    pub drive_fault: Option<Fault>,
     /// The protective stop requests standstill, or its wire is broken; valid only where one is
     /// configured.
     pub protective_stop: bool,
@@ -95,8 +95,9 @@ pub struct Inputs {
 /// The control side's outputs in each tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Outputs {
-    /// Duty of each motor, -1 to 1; positive rolls the base forward. Order as the encoders.
-    pub duty: [f32; 4],
+    /// What each wheel's drive gets ([`crate::wheel_drive`]): a duty, -1 to 1, or a current, A.
+    /// Positive rolls the base forward where the motor is not reversed. Order as the encoders.
+    pub drive: [f32; 4],
     /// Motor drivers on.
     pub drivers_enabled: bool,
     /// Holding brake released. It is spring-applied: `false` is braked.
@@ -106,7 +107,7 @@ pub struct Outputs {
 impl Outputs {
     /// No torque, drivers off, braked.
     pub const SAFE: Self = Self {
-        duty: [0.0; 4],
+        drive: [0.0; 4],
         drivers_enabled: false,
         brake_released: false,
     };

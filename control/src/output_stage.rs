@@ -26,7 +26,9 @@
 //! it. IN/IN bridges that coast when both inputs are low need a second PWM
 //! ([`OutputStage::FastDecay`]), which no board has.
 
-/// How a bridge is driven, with the numbers of object 0x2027:6.
+use crate::smart_drive::frames::Model;
+
+/// How a wheel is driven, with the numbers of object 0x2027:6.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 #[repr(u8)]
 pub enum OutputStage {
@@ -40,6 +42,10 @@ pub enum OutputStage {
     FastDecay = 2,
     /// High drives forward, low drives backward.
     LockedAntiphase = 3,
+    /// No bridge of the board's: C620 drives on a CAN bus of their own ([`crate::smart_drive`]).
+    C620 = 4,
+    /// The same with C610 drives.
+    C610 = 5,
 }
 
 impl OutputStage {
@@ -50,7 +56,19 @@ impl OutputStage {
             1 => Self::SlowDecay,
             2 => Self::FastDecay,
             3 => Self::LockedAntiphase,
+            4 => Self::C620,
+            5 => Self::C610,
             _ => Self::PwmDirection,
+        }
+    }
+
+    /// The kind of smart drive, where it is one.
+    #[must_use]
+    pub const fn smart_drive(self) -> Option<Model> {
+        match self {
+            Self::C620 => Some(Model::C620),
+            Self::C610 => Some(Model::C610),
+            Self::PwmDirection | Self::SlowDecay | Self::FastDecay | Self::LockedAntiphase => None,
         }
     }
 
@@ -95,6 +113,8 @@ impl Pattern {
             OutputStage::PwmDirection | OutputStage::FastDecay => (period, [up(0), up(0)], 0),
             OutputStage::SlowDecay => (period, [up(0), down(clocks)], 16),
             OutputStage::LockedAntiphase => (period / 2, [up(clocks / 2), down(clocks / 2)], 0),
+            // The PWM stays low.
+            OutputStage::C620 | OutputStage::C610 => (0, [up(0), up(0)], 0),
         };
         Self {
             slope: span.into(),
@@ -168,6 +188,7 @@ mod tests {
             // Two half bridges: each output follows its input.
             OutputStage::SlowDecay => pwm - if high { 1.0 } else { 0.0 },
             OutputStage::LockedAntiphase => 2.0 * pwm - 1.0,
+            OutputStage::C620 | OutputStage::C610 => 0.0,
         }
     }
 

@@ -129,10 +129,10 @@ impl Watch {
         self.fault
     }
 
-    /// Reports that the encoder is dead, as detected elsewhere.
+    /// Keeps a fault that was detected elsewhere, unless there is one.
     #[cold]
-    pub(crate) fn latch_dead(&mut self) {
-        self.fault.get_or_insert(Fault::EncoderDead);
+    pub(crate) fn latch(&mut self, fault: Fault) {
+        self.fault.get_or_insert(fault);
     }
 
     /// Drops a suspicion, but no fault.

@@ -24,7 +24,7 @@
 //! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
 //! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, without effect), memory remap |
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
-//! | CAN1: modes, mailboxes, filters, FIFOs, time stamps, errors, bus-off, loop-back | 30 | CAN2, TGT (no effect) |
+//! | CAN1 and CAN2: modes, mailboxes, shared filters, FIFOs, time stamps, errors, bus-off, loop-back of CAN1 | 30 | TGT (no effect), loop-back of CAN2 (receives nothing) |
 //! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
 //! | USART2: eight data bits, baud rate, framing and overrun errors, idle line, DMA | 25 | other ports, parity, other lengths, noise, LIN, flow control |
 //! | DMA1: byte by byte between USART2 and RAM, once or circular | 9 | other requests, FIFO, double buffers |

@@ -202,7 +202,8 @@ pub struct OutputStage {
     pub current_sensor: Option<CurrentSensor>,
 }
 
-/// How a duty is put on the two inputs of a bridge, with the numbers of object 0x2027:6.
+/// What turns the wheels, and how a duty is put on the two inputs of a bridge, with the numbers of
+/// object 0x2027:6.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StageKind {
@@ -216,6 +217,22 @@ pub enum StageKind {
     InInFast = 2,
     /// Half of the period high is no voltage.
     LockedAntiphase = 3,
+    /// RoboMaster C620 drives on a CAN bus of their own.
+    C620 = 4,
+    /// RoboMaster C610 drives on a CAN bus of their own.
+    C610 = 5,
+}
+
+impl StageKind {
+    /// The largest current that a smart drive of this kind can be told, A; `None` for a bridge.
+    #[must_use]
+    pub const fn drive_current(self) -> Option<f32> {
+        match self {
+            Self::C620 => Some(20.0),
+            Self::C610 => Some(10.0),
+            Self::PwmDirection | Self::InInSlow | Self::InInFast | Self::LockedAntiphase => None,
+        }
+    }
 }
 
 /// Sensors of the motors' current.

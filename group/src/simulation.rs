@@ -55,7 +55,8 @@ pub enum Driver {
 impl From<StageKind> for Driver {
     fn from(kind: StageKind) -> Self {
         match kind {
-            StageKind::PwmDirection => Self::PwmDirection,
+            // The outputs for bridges are low with smart drives; nothing is wired to them.
+            StageKind::PwmDirection | StageKind::C620 | StageKind::C610 => Self::PwmDirection,
             StageKind::InInSlow | StageKind::InInFast => Self::HalfBridges,
             StageKind::LockedAntiphase => Self::LockedAntiphase,
         }

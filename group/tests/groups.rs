@@ -178,8 +178,10 @@ fn written(file: &GroupFile, robot: usize, index: u16, sub: u8) -> Option<Value>
 fn the_kind_of_motor_driver_is_written_with_its_default() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
     let text = std::fs::read_to_string(path).unwrap();
-    let with =
-        |keys: &str| text.replacen("largest_current", &format!("{keys}\nlargest_current"), 1);
+    let with = |keys: &str| {
+        let text = text.replacen("largest_current = 40.0", "largest_current = 10.0", 1);
+        text.replacen("largest_current", &format!("{keys}\nlargest_current"), 1)
+    };
     for (keys, kind, wired) in [
         ("", 0, 0),
         ("enable_wired = true", 0, 1),
@@ -190,6 +192,8 @@ fn the_kind_of_motor_driver_is_written_with_its_default() {
             3,
             1,
         ),
+        ("output_stage = \"c620\"", 4, 0),
+        ("output_stage = \"c610\"", 5, 0),
     ] {
         let file = GroupFile::parse("single.toml", &with(keys)).unwrap();
         assert_eq!(

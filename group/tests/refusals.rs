@@ -426,6 +426,11 @@ fn an_output_stage_that_is_none_is_refused() {
          leave it at 1, or take another driver"
     );
     assert_eq!(
+        wheels("output_stage = \"c610\", largest_current = 10.5"),
+        "pair.toml:15: robot.motor.largest_current: has to be a current that these drives can \
+         give; give at most 10 A, and no more than the motors may"
+    );
+    assert_eq!(
         wheels("current_inputs = 4"),
         "pair.toml:15: robot.motor.current_inputs: is 4; give whole numbers, 1 to 3"
     );

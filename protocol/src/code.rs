@@ -23,6 +23,8 @@ pub enum FaultClass {
     Generic,
     /// Supply voltage.
     Voltage,
+    /// Temperature.
+    Temperature,
     /// Communication.
     Communication,
     /// Particular to these robots.
@@ -187,6 +189,14 @@ codes! {
         OverCurrent = 0xFF20,
         /// Wheels turn, so that the robot cannot be started.
         WheelsTurn = 0xFF22,
+        /// A motor behind a smart drive is hotter than it may be.
+        DriveHot = 0x4310,
+        /// A wheel's smart drive does not report: it is off or unplugged, or its bus is broken.
+        DriveSilent = 0xFF24,
+        /// A smart drive reports with an identifier that no wheel has.
+        DriveIdentifier = 0xFF25,
+        /// Two smart drives report with one identifier.
+        DriveDoubled = 0xFF26,
     }
 }
 
@@ -207,7 +217,10 @@ impl Fault {
             | Self::ClockLost
             | Self::SupplyCollapse
             | Self::OverCurrent
-            | Self::WheelsTurn => Reaction::Cut,
+            | Self::WheelsTurn
+            | Self::DriveSilent
+            | Self::DriveIdentifier
+            | Self::DriveDoubled => Reaction::Cut,
             Self::MasterSilent
             | Self::SyncLost
             | Self::SetpointOverdue
@@ -227,7 +240,8 @@ impl Fault {
             | Self::StrainExcess
             | Self::DuplicateNode
             | Self::PlanMismatch
-            | Self::ProtectiveStop => Reaction::Ramp,
+            | Self::ProtectiveStop
+            | Self::DriveHot => Reaction::Ramp,
         }
     }
 
@@ -245,6 +259,7 @@ impl Fault {
     pub const fn error_class(self) -> FaultClass {
         match self.code() >> 8 {
             0x32 => FaultClass::Voltage,
+            0x43 => FaultClass::Temperature,
             0x81 | 0x82 => FaultClass::Communication,
             0xFF => FaultClass::Manufacturer,
             _ => FaultClass::Generic,

@@ -11,9 +11,11 @@ use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
 use control::output_stage::OutputStage;
 use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
+use control::smart_drive::{DriveConfiguration, frames};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
 use control::time::TICK_US;
 use control::wheel::Gains;
+use control::wheel_drive::MotorLimits;
 use kinematics::{FourWheelGeometry, GeometryError, GridCompensation, Mount, Pose, Twist, Wheel};
 use protocol::address::{self as at, motor, rollers, wheel};
 use protocol::timing::{BIT_RATE, agreement_delay_us, latest_delay_us};
@@ -98,6 +100,11 @@ pub fn build(
         current,
         pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
         output_stage,
+        drives: drives(parameters, output_stage)?,
+        motors: MotorLimits {
+            resistance: real(at::WINDING_RESISTANCE),
+            current: real(at::CURRENT_MAX),
+        },
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {
             release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
@@ -380,13 +387,58 @@ fn output_stage(parameters: &Parameters, known: u8) -> Result<OutputStage, Confi
     if stage.bit() & known == 0 {
         return bad(at::OUTPUT_STAGE);
     }
-    if stage != OutputStage::PwmDirection && parameters.unsigned(at::ENABLE_WIRED) == 0 {
+    let is_switched = stage.smart_drive().is_none() && stage != OutputStage::PwmDirection;
+    if is_switched && parameters.unsigned(at::ENABLE_WIRED) == 0 {
         return bad(at::ENABLE_WIRED);
     }
     if stage == OutputStage::SlowDecay && parameters.real(at::DUTY_MAX) < 1.0 {
         return bad(at::DUTY_MAX);
     }
     Ok(stage)
+}
+
+/// The smart drives, where they turn the wheels: every wheel has one, they can give the largest
+/// current, both it and the resistance are known, because a current follows from them, and the
+/// counts are those that the drives report.
+fn drives(
+    parameters: &Parameters,
+    stage: OutputStage,
+) -> Result<DriveConfiguration, ConfigurationError> {
+    const IDENTIFIERS: [Address; 4] = [
+        at::DRIVE_FRONT_LEFT,
+        at::DRIVE_FRONT_RIGHT,
+        at::DRIVE_REAR_LEFT,
+        at::DRIVE_REAR_RIGHT,
+    ];
+    let byte = |address| parameters.unsigned(address).to_le_bytes()[0];
+    let drives = DriveConfiguration {
+        identifiers: IDENTIFIERS.map(byte),
+        hottest: byte(at::DRIVE_HOTTEST),
+    };
+    let Some(model) = stage.smart_drive() else {
+        return Ok(drives);
+    };
+    let bad = |address| Err(ConfigurationError::Inconsistent(address));
+    if parameters.real(at::WINDING_RESISTANCE) == 0.0 {
+        return bad(at::WINDING_RESISTANCE);
+    }
+    let largest = parameters.real(at::CURRENT_MAX);
+    if largest == 0.0 || largest > model.largest() {
+        return bad(at::CURRENT_MAX);
+    }
+    for place in 0..4 {
+        if encoder_counts(parameters, place) != f32::from(frames::COUNTS) {
+            return bad(at::ENCODER_COUNTS);
+        }
+    }
+    let mut taken = 0_u32;
+    for (identifier, address) in drives.identifiers.into_iter().zip(IDENTIFIERS) {
+        if taken >> identifier & 1 == 1 {
+            return bad(address);
+        }
+        taken |= 1 << identifier;
+    }
+    Ok(drives)
 }
 
 /// From the fastest that its wheels allow, a robot has to come to rest while the watchdog still

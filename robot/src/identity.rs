@@ -26,7 +26,7 @@ pub struct Identity {
     /// Whether the platform stores images, see [`crate::BusSide::image_to_store`]. Without that
     /// there are no objects 0x1010 and 0x1011.
     pub storage: bool,
-    /// Kinds of bridges that the board can drive, a mask of [`OutputStage::bit`].
+    /// Kinds of drives that the board has, a mask of [`OutputStage::bit`].
     pub output_stages: u8,
 }
 
@@ -39,6 +39,9 @@ impl Identity {
     pub const SWITCHED: u8 = OutputStage::PwmDirection.bit()
         | OutputStage::SlowDecay.bit()
         | OutputStage::LockedAntiphase.bit();
+
+    /// The kinds that an image for smart drives has.
+    pub const SMART: u8 = OutputStage::C620.bit() | OutputStage::C610.bit();
 
     /// A robot with this node and serial number, after power-on.
     #[must_use]

@@ -40,6 +40,7 @@ pub fn levels(stage: OutputStage, duty: f64, enabled: bool) -> Levels {
         OutputStage::PwmDirection | OutputStage::FastDecay => (duty.abs(), !backward),
         OutputStage::SlowDecay => (if backward { 1.0 + duty } else { duty }, backward),
         OutputStage::LockedAntiphase => (0.5 + 0.5 * duty, !backward),
+        OutputStage::C620 | OutputStage::C610 => (0.0, true),
     };
     Levels {
         enabled,

@@ -1,4 +1,4 @@
-//! *Follow*: from the group's setpoint to the duties of the four wheels.
+//! *Follow*: from the group's setpoint to what the drives of the four wheels get.
 
 use kinematics::WheelRates;
 use protocol::Limit;
@@ -10,11 +10,13 @@ use crate::interface::{Command, Mode, Outputs, Report};
 use crate::rollers::Rollers;
 use crate::setpoint::Input;
 use crate::wheel::{Held, WheelMeasurement, WheelReference};
+use crate::wheel_drive::{Wanted, WheelDrive};
 
 /// Result of the loops of all wheels.
 #[derive(Clone, Copy)]
 struct Drive {
-    duty: [f32; 4],
+    /// What the drives get.
+    commands: [f32; 4],
     /// The limit that applied to any wheel.
     held: Held,
 }
@@ -22,7 +24,7 @@ struct Drive {
 impl Supervision {
     /// Shapes the group's twist and drives the wheels accordingly.
     #[inline]
-    pub(super) fn follow(
+    pub(super) fn follow<D: WheelDrive>(
         &mut self,
         motion: &mut Motion,
         command: &Command,
@@ -48,13 +50,13 @@ impl Supervision {
                 return self.rest(motion, command, true);
             }
         }
-        let drive = motion.drive(&mut self.report, turned, tick);
+        let drive = motion.drive::<D>(&mut self.report, turned, tick);
         if !free {
             motion.forgive();
         }
         self.report.limit = self.limit(motion, limited && mode == Mode::Follow, drive.held);
         Outputs {
-            duty: drive.duty,
+            drive: drive.commands,
             drivers_enabled: true,
             brake_released: self.brake.is_released(),
         }
@@ -109,7 +111,12 @@ impl Motion {
 
     /// Closes the four loops.
     #[inline]
-    fn drive(&mut self, report: &mut Report, turned: [f32; 4], tick: &Tick) -> Drive {
+    fn drive<D: WheelDrive>(
+        &mut self,
+        report: &mut Report,
+        turned: [f32; 4],
+        tick: &Tick,
+    ) -> Drive {
         self.refer(report, tick.dt);
         // Unrolled: a fifth fewer instructions than a loop.
         let [a, b, c, d] = &mut self.wheels;
@@ -132,12 +139,24 @@ impl Motion {
         if self.configuration.direction_pause {
             voltages = self.pause(voltages);
         }
-        let per_volt = 1.0 / tick.supply;
+        let wanted = Wanted {
+            voltages,
+            signs,
+            rates,
+            supply: tick.supply,
+        };
         Drive {
-            duty: pairs(voltages, signs, |voltage, sign| voltage * sign)
-                .map(|voltage| voltage * per_volt),
+            commands: self.commands::<D>(&wanted),
             held,
         }
+    }
+
+    /// What the drives get.
+    #[inline(always)]
+    pub(super) fn commands<D: WheelDrive>(&self, wanted: &Wanted) -> [f32; 4] {
+        let [a, b, c, d] = &self.configuration.wheels;
+        let gains = [&a.gains, &b.gains, &c.gains, &d.gains];
+        D::commands(wanted, gains, &self.configuration.motors)
     }
 
     /// No voltage for one tick where its sign changes: for bridges that need it.

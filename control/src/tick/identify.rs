@@ -9,13 +9,14 @@ use super::motion::Motion;
 use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs};
 use crate::time::TICK_US;
+use crate::wheel_drive::{Wanted, WheelDrive};
 
 impl Supervision {
     /// One tick of an identification, from its beginning to standstill. No loop is closed and no
     /// setpoint is followed: all wheels get one voltage, and none when it is over or has failed.
     #[cold]
     #[inline(never)]
-    pub(super) fn identify(
+    pub(super) fn identify<D: WheelDrive>(
         &mut self,
         motion: &mut Motion,
         command: &Command,
@@ -36,16 +37,21 @@ impl Supervision {
         }
         let nominal = motion.configuration.supply.nominal;
         let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
-        let duty = voltage / supply;
-        Outputs {
-            duty: [0, 1, 2, 3].map(|wheel: usize| {
-                let sign = motion.wheels.get(wheel).map_or(0.0, |w| w.motor_sign);
+        let [a, b, c, d] = &motion.wheels;
+        let wanted = Wanted {
+            voltages: [0, 1, 2, 3].map(|wheel| {
                 if command.bounds.drives(wheel) {
-                    duty * sign
+                    voltage
                 } else {
                     0.0
                 }
             }),
+            signs: [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign],
+            rates: self.report.rates.into(),
+            supply,
+        };
+        Outputs {
+            drive: motion.commands::<D>(&wanted),
             drivers_enabled: true,
             brake_released: true,
         }

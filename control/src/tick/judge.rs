@@ -7,6 +7,7 @@ use super::motion::Motion;
 use super::{OVERDUE_US, Supervision, Tick, span};
 use crate::interface::{Command, Inputs, Mode};
 use crate::time::Micros;
+use crate::wheel_drive::WheelDrive;
 
 /// Longest time between two signs of life of the bus side, us. Well below the shortest time of a
 /// watchdog that the bus side fails to feed (34 ms on the reference board): the ramp must have
@@ -34,7 +35,8 @@ impl Supervision {
 
     /// Looks for faults while the robot drives. The first is kept; only one that cuts replaces one
     /// that ramps, because a robot with a shorted bridge or a reversed encoder cannot ramp down.
-    #[inline]
+    // Always: both ways to tick contain it, and an image has only one of them.
+    #[inline(always)]
     pub(super) fn judge(&mut self, motion: &Motion, command: &Command, tick: &Tick) {
         let latched = self.report.fault;
         let wheel = motion.wheel_fault();
@@ -113,13 +115,15 @@ pub(super) fn reaction(fault: Fault) -> Reaction {
 }
 
 /// A fault that is present now, in any mode.
-pub(super) const fn live_fault(inputs: &Inputs) -> Option<Fault> {
+pub(super) fn live_fault<D: WheelDrive>(inputs: &Inputs) -> Option<Fault> {
     if inputs.emergency_stop {
         Some(Fault::EmergencyStop)
-    } else if inputs.driver_fault {
-        Some(Fault::DriverFault)
+    } else if D::MAY_RAMP {
+        inputs
+            .drive_fault
+            .filter(|fault| fault.reaction() == Reaction::Cut)
     } else {
-        None
+        inputs.drive_fault
     }
 }
 

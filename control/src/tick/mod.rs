@@ -28,6 +28,7 @@ use crate::rollers::{RollerState, Rollers};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
 use crate::time::{Micros, TICK_US};
+use crate::wheel_drive::{Bridge, CurrentDrive, WheelDrive};
 use judge::{live_fault, turns};
 use motion::Motion;
 
@@ -130,10 +131,26 @@ impl ControlSide {
         self.supervision.outcome.take()
     }
 
-    /// One tick.
+    /// One tick with bridges: the outputs are duties.
     // Not inlined: a caller that is built for size would also build this for size.
     #[inline(never)]
     pub fn tick(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
+        self.tick_with::<Bridge>(now, command, inputs)
+    }
+
+    /// One tick with current drives: the outputs are currents.
+    #[inline(never)]
+    pub fn tick_current(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
+        self.tick_with::<CurrentDrive>(now, command, inputs)
+    }
+
+    #[inline(always)]
+    fn tick_with<D: WheelDrive>(
+        &mut self,
+        now: Micros,
+        command: &Command,
+        inputs: &Inputs,
+    ) -> Outputs {
         let side = &mut self.supervision;
         let elapsed_us = side.begin(now);
         let previous = side.counts.replace(inputs.encoder_counts);
@@ -141,13 +158,13 @@ impl ControlSide {
         if command.start != side.report.start {
             side.acknowledge(command.start, self.motion.as_mut());
         }
-        side.report.obstacle = live_fault(inputs);
+        side.report.obstacle = live_fault::<D>(inputs);
         side.report.protective_stop = inputs.protective_stop;
         let Some(motion) = &mut self.motion else {
             side.report.mode = Mode::Off;
             return side.safe(command.mode == Mode::Ramp);
         };
-        side.run(motion, command, inputs, &previous, elapsed_us)
+        side.run::<D>(motion, command, inputs, &previous, elapsed_us)
     }
 }
 
@@ -156,7 +173,7 @@ impl Supervision {
     /// instruction, and one further away takes two, so there is a pointer to each of the two
     /// halves.
     #[inline(never)]
-    fn run(
+    fn run<D: WheelDrive>(
         &mut self,
         motion: &mut Motion,
         command: &Command,
@@ -166,6 +183,11 @@ impl Supervision {
     ) -> Outputs {
         let tick = self.powered(motion, inputs, elapsed_us);
         let turned = motion.measure(previous, inputs, tick.dt, &mut self.report);
+        if D::MAY_RAMP
+            && let Some(fault) = inputs.drive_fault
+        {
+            motion.on_drive_fault(fault);
+        }
         if command.mode != Mode::Off || self.holds(motion) {
             self.judge(motion, command, &tick);
         }
@@ -175,11 +197,11 @@ impl Supervision {
         }
         let mode = self.grant(motion, command);
         if mode == Mode::Identify || self.identification.is_some() {
-            self.identify(motion, command, turned, &tick)
+            self.identify::<D>(motion, command, turned, &tick)
         } else if mode == Mode::Off {
             self.rest(motion, command, command.mode == Mode::Ramp)
         } else {
-            self.follow(motion, command, turned, &tick)
+            self.follow::<D>(motion, command, turned, &tick)
         }
     }
 

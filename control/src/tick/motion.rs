@@ -1,6 +1,7 @@
 //! What moves: the state that exists once there is a configuration, and its four wheels.
 
 use kinematics::{Odometry, Twist};
+use protocol::{Fault, Reaction};
 
 use super::Tick;
 use crate::configuration::Configuration;
@@ -90,7 +91,7 @@ impl Wheel {
             self.wheel_loop.update(reference, rate, available, held)
         } else {
             if trust == Trust::None {
-                self.watch.latch_dead();
+                self.watch.latch(Fault::EncoderDead);
             }
             self.wheel_loop
                 .doubt(reference, rate, trust, available, held)
@@ -142,6 +143,15 @@ impl Motion {
             factors: configuration.drivetrain.factors(),
             rollers,
             configuration: *configuration,
+        }
+    }
+
+    /// The drives report a fault. One that cuts is live; one that ramps is kept here as a wheel's.
+    #[cold]
+    pub(super) fn on_drive_fault(&mut self, fault: Fault) {
+        let [wheel, ..] = &mut self.wheels;
+        if fault.reaction() == Reaction::Ramp {
+            wheel.watch.latch(fault);
         }
     }
 

@@ -24,6 +24,7 @@ use rsemu::core::space::{AddressSpace, RamStore};
 use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 
 use crate::address_space::{Shared, address_space};
+use crate::can::port::Which;
 use crate::can::{Can, CanFrame, CanPort};
 use crate::fast::Fast;
 use crate::firmware::Firmware;
@@ -199,7 +200,7 @@ impl Board {
     /// # Errors
     /// As [`Board::run_until`].
     pub fn run_until_request(&mut self, t_ns: u64) -> Result<u64, Stop> {
-        let seen = self.with_can(|can, _| can.requests());
+        let seen = self.with_can(Which::First, |can, _| can.requests());
         self.run(t_ns, Some(seen))?;
         Ok(self.world_ns(self.now).min(t_ns))
     }
@@ -336,9 +337,20 @@ impl Board {
         self.shared.with(|soc| soc.encoder_add(timer, edges));
     }
 
-    /// The CAN connector.
+    /// The connector of CAN1.
     pub fn can(&mut self) -> CanPort<'_> {
-        CanPort { board: self }
+        CanPort {
+            board: self,
+            which: Which::First,
+        }
+    }
+
+    /// The connector of CAN2.
+    pub fn can2(&mut self) -> CanPort<'_> {
+        CanPort {
+            board: self,
+            which: Which::Second,
+        }
     }
 
     /// The line of USART2.
@@ -346,11 +358,15 @@ impl Board {
         SerialPort { board: self }
     }
 
-    pub(crate) fn with_can<T>(&self, f: impl FnOnce(&mut Can, u64) -> T) -> T {
+    pub(crate) fn with_can<T>(&self, which: Which, f: impl FnOnce(&mut Can, u64) -> T) -> T {
         self.shared.with(|soc| {
             let now = soc.now;
-            soc.can.sync(now);
-            let result = f(&mut soc.can, now);
+            let can = match which {
+                Which::First => &mut soc.can,
+                Which::Second => &mut soc.can2,
+            };
+            can.sync(now);
+            let result = f(can, now);
             soc.settle();
             result
         })
@@ -367,12 +383,15 @@ impl Board {
         });
     }
 
-    pub(crate) fn can_bit_rate(&self) -> Option<u32> {
-        self.shared.look(|soc| soc.can_bit_rate())
+    pub(crate) fn can_bit_rate(&self, which: Which) -> Option<u32> {
+        self.shared.look(|soc| soc.can_bit_rate(which))
     }
 
-    pub(crate) fn can_pins_connected(&self) -> bool {
-        self.shared.look(|soc| soc.can_connected())
+    pub(crate) fn can_receive(&self, which: Which, frame: &CanFrame, bits: u32) {
+        self.shared.with(|soc| {
+            soc.can_receive(which, frame, bits);
+            soc.settle();
+        });
     }
 
     /// Log lines decoded since the last call.

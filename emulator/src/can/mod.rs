@@ -1,4 +1,4 @@
-//! The CAN controller bxCAN as CAN1 (RM0390 rev 6, section 30).
+//! The CAN controllers bxCAN, CAN1 and CAN2 (RM0390 rev 6, section 30).
 //!
 //! This file: modes, registers, interrupts. [`transmit`]: the three mailboxes. [`receive`]: filters
 //! and FIFOs. [`errors`]: error counters and bus-off. The bus itself is outside this crate: it asks
@@ -8,8 +8,13 @@
 //! mode sends to itself after the time the frame takes on the wire. With TTCM a counter of bit
 //! times stamps every frame, sent or received, at the sample point of its start bit (30.7.2). It
 //! begins at 0 when TTCM is set or the bit timing written, which the manual leaves open; without
-//! TTCM stamps are 0. Not modelled: CAN2, sending the time stamp (TGT), test mode bits beyond
-//! loop-back and silent.
+//! TTCM stamps are 0.
+//!
+//! The filters are CAN1's; CAN2 receives by the banks from CAN2SB on ([`Can::receive_second`]), and
+//! only while CAN1 has its clock. The match index of CAN2 counts from its own first bank.
+//!
+//! Not modelled: loop-back of CAN2, sending the time stamp (TGT), test mode bits beyond loop-back
+//! and silent.
 
 pub mod errors;
 mod frame;

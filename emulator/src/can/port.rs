@@ -3,7 +3,16 @@
 use super::{CanError, CanFrame, ErrorCounters};
 use crate::board::Board;
 
-/// A board's CAN connector. All times are the board's present, the end of its last run.
+/// One of the chip's CAN controllers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Which {
+    /// CAN1.
+    First,
+    /// CAN2.
+    Second,
+}
+
+/// A CAN connector of a board. All times are the board's present, the end of its last run.
 ///
 /// A bus works in rounds. It asks every node for its [`pending`](Self::pending) frame, calls
 /// [`begin`](Self::begin) on the node whose [`arbitration`](CanFrame::arbitration) is smallest and
@@ -12,6 +21,7 @@ use crate::board::Board;
 /// [`receive`](Self::receive) on the others.
 pub struct CanPort<'a> {
     pub(crate) board: &'a mut Board,
+    pub(crate) which: Which,
 }
 
 impl CanPort<'_> {
@@ -20,13 +30,13 @@ impl CanPort<'_> {
     /// switched to it.
     #[must_use]
     pub fn bit_rate(&self) -> Option<u32> {
-        self.board.can_bit_rate()
+        self.board.can_bit_rate(self.which)
     }
 
     /// Fraction of a bit before the sample point.
     #[must_use]
     pub fn sample_point(&self) -> f32 {
-        self.board.with_can(|can, _| can.sample_point())
+        self.board.with_can(self.which, |can, _| can.sample_point())
     }
 
     /// The frame that is to be sent next.
@@ -34,7 +44,7 @@ impl CanPort<'_> {
     pub fn pending(&self) -> Option<CanFrame> {
         self.bit_rate()?;
         self.board
-            .with_can(|can, _| can.pending())
+            .with_can(self.which, |can, _| can.pending())
             .map(|(frame, _)| frame)
     }
 
@@ -42,7 +52,7 @@ impl CanPort<'_> {
     #[must_use]
     pub fn pending_since_ns(&self) -> Option<u64> {
         self.bit_rate()?;
-        let (_, cycle) = self.board.with_can(|can, _| can.pending())?;
+        let (_, cycle) = self.board.with_can(self.which, |can, _| can.pending())?;
         Some(self.board.world_ns(cycle))
     }
 
@@ -50,23 +60,24 @@ impl CanPort<'_> {
     /// be aborted.
     pub fn begin(&mut self) -> Option<CanFrame> {
         self.bit_rate()?;
-        self.board.with_can(|can, now| can.begin(now))
+        self.board.with_can(self.which, |can, now| can.begin(now))
     }
 
     /// The frame went out and was acknowledged.
     pub fn transmitted(&mut self) {
-        self.board.with_can(|can, _| can.transmitted());
+        self.board.with_can(self.which, |can, _| can.transmitted());
     }
 
     /// Another node's frame had priority.
     pub fn lost_arbitration(&mut self) {
-        self.board.with_can(|can, _| can.lost_arbitration());
+        self.board
+            .with_can(self.which, |can, _| can.lost_arbitration());
     }
 
     /// The transmission failed.
     pub fn error(&mut self, error: CanError) {
         self.board
-            .with_can(|can, now| can.transmit_error(now, error));
+            .with_can(self.which, |can, now| can.transmit_error(now, error));
     }
 
     /// Another node's frame has arrived complete; its start is taken to be as long ago as it is
@@ -78,39 +89,41 @@ impl CanPort<'_> {
     /// Another node's frame has arrived complete. It took so many bits from its first to the end of
     /// its last.
     pub fn receive_stuffed(&mut self, frame: &CanFrame, bits: u32) {
-        self.board.trace_arrival(frame);
-        if self.board.can_pins_connected() {
-            self.board
-                .with_can(|can, now| can.receive(now, frame, bits));
+        if self.which == Which::First {
+            self.board.trace_arrival(frame);
         }
+        self.board.can_receive(self.which, frame, bits);
     }
 
     /// Another node's frame was broken.
     pub fn receive_error(&mut self, error: CanError) {
-        self.board.with_can(|can, _| can.receive_error(error));
+        self.board
+            .with_can(self.which, |can, _| can.receive_error(error));
     }
 
     /// Whether this node answers frames with a dominant acknowledge bit.
     #[must_use]
     pub fn acknowledges(&self) -> bool {
-        self.bit_rate().is_some() && self.board.with_can(|can, _| !can.silent())
+        self.bit_rate().is_some() && self.board.with_can(self.which, |can, _| !can.silent())
     }
 
     /// Whether the node is bus-off.
     #[must_use]
     pub fn bus_off(&self) -> bool {
-        self.board.with_can(|can, _| can.bus_off())
+        self.board.with_can(self.which, |can, _| can.bus_off())
     }
 
     /// Whether the node is error passive.
     #[must_use]
     pub fn error_passive(&self) -> bool {
-        self.board.with_can(|can, _| can.error_passive())
+        self.board
+            .with_can(self.which, |can, _| can.error_passive())
     }
 
     /// The error counters.
     #[must_use]
     pub fn error_counters(&self) -> ErrorCounters {
-        self.board.with_can(|can, _| can.error_counters())
+        self.board
+            .with_can(self.which, |can, _| can.error_counters())
     }
 }

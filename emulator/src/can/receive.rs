@@ -1,5 +1,7 @@
-//! bxCAN reception (RM0390 rev 6, sections 30.7.3 and 30.7.4): 28 filter banks and two FIFOs of
-//! three.
+//! bxCAN reception (RM0390 rev 6, sections 30.7.3 and 30.7.4): 28 filter banks that both
+//! controllers share, and two FIFOs of three in each.
+
+use std::ops::Range;
 
 use super::{BTR_LBKM, Can, CanFrame, CanId, Mode, ier, mcr, msr};
 
@@ -61,6 +63,13 @@ impl Fifo {
             }
         }
     }
+}
+
+/// Whose a filter bank is.
+#[derive(Debug, Clone, Copy)]
+enum Owner {
+    Can1,
+    Can2,
 }
 
 /// The filter banks.
@@ -137,9 +146,19 @@ impl Filters {
         }
     }
 
-    /// FIFO and filter match index of a frame, or `None` when no filter accepts it. Among several
-    /// the rules of 30.7.4 choose: 32 bits before 16, list before mask, then the lower number.
-    fn accept(&self, frame: &CanFrame) -> Option<(usize, u32)> {
+    /// The banks of a controller: those below CAN2SB are CAN1's, the others CAN2's (30.9.4).
+    fn banks_of(&self, owner: Owner) -> Range<usize> {
+        let second = ((self.fmr >> 8 & 0x3F) as usize).min(28);
+        match owner {
+            Owner::Can1 => 0..second,
+            Owner::Can2 => second..28,
+        }
+    }
+
+    /// FIFO and filter match index of a frame that one of these banks accepts, or `None` when no
+    /// filter accepts it. Among several the rules of 30.7.4 choose: 32 bits before 16, list before
+    /// mask, then the lower number.
+    fn accept(&self, frame: &CanFrame, banks: Range<usize>) -> Option<(usize, u32)> {
         if self.fmr & FINIT != 0 {
             return None;
         }
@@ -152,8 +171,7 @@ impl Filters {
         let half = base << 5 | u32::from(frame.is_remote()) << 4 | ide << 3 | extension;
         let mut numbers = [0; 2];
         let mut best: Option<((bool, bool), usize, u32)> = None;
-        // CAN1 owns the banks below CAN2SB.
-        for bank in 0..((self.fmr >> 8 & 0x3F) as usize).min(28) {
+        for bank in banks {
             let fifo = (self.to_fifo_1 >> bank & 1) as usize;
             let (list, wide) = (self.list_mode >> bank & 1 != 0, self.wide >> bank & 1 != 0);
             for (id, mask) in self.of_bank(bank) {
@@ -177,6 +195,21 @@ impl Can {
     /// A frame was received without error. In silent mode and when bus-off it is not acknowledged,
     /// but that is for the bus to know. It was so many bits long.
     pub fn receive(&mut self, now: u64, frame: &CanFrame, bits: u32) {
+        if let Some(began) = self.begin_reception(now, bits) {
+            self.accept(began, frame);
+        }
+    }
+
+    /// The same for CAN2, whose filters are among those of CAN1.
+    pub fn receive_second(&mut self, first: &Self, now: u64, frame: &CanFrame, bits: u32) {
+        if let Some(began) = self.begin_reception(now, bits) {
+            let banks = first.filters.banks_of(Owner::Can2);
+            self.store(began, frame, first.filters.accept(frame, banks));
+        }
+    }
+
+    /// The cycle at which a frame that has just ended began, if the controller receives it.
+    fn begin_reception(&mut self, now: u64, bits: u32) -> Option<u64> {
         self.sync(now);
         if self.mode == Mode::Sleep {
             // 30.4.3: the frame that wakes the controller is lost.
@@ -187,18 +220,25 @@ impl Can {
                 self.mcr &= !mcr::SLEEP;
                 self.joins_at = Some(now + 11 * self.cycles_per_bit());
             }
-            return;
+            return None;
         }
-        if self.on_bus() {
-            self.errors.received();
-            let began = now.saturating_sub(u64::from(bits) * self.cycles_per_bit());
-            self.accept(began, frame);
+        if !self.on_bus() {
+            return None;
         }
+        self.errors.received();
+        Some(now.saturating_sub(u64::from(bits) * self.cycles_per_bit()))
     }
 
     pub(super) fn accept(&mut self, began: u64, frame: &CanFrame) {
         debug_assert!(self.mode == Mode::Normal || self.btr & BTR_LBKM != 0);
-        if let Some((fifo, number)) = self.filters.accept(frame) {
+        let banks = self.filters.banks_of(Owner::Can1);
+        let accepted = self.filters.accept(frame, banks);
+        self.store(began, frame, accepted);
+    }
+
+    /// Stores a frame in the FIFO that its filter names.
+    fn store(&mut self, began: u64, frame: &CanFrame, accepted: Option<(usize, u32)>) {
+        if let Some((fifo, number)) = accepted {
             let [low, high] = frame.mailbox_data();
             let mailbox = [
                 frame.mailbox_ir(),

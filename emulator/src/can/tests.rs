@@ -407,3 +407,35 @@ fn without_ttcm_stamps_are_0_and_with_it_they_begin_there() {
     can.receive(6200 * BIT, &frame(1), 60);
     assert_eq!(stamp(&mut can, 0x1B4), 140);
 }
+
+/// 30.9.4, CAN2SB: the banks from there on are CAN2's. With 14 for both, one filter each: bank 13
+/// takes 0x201 for CAN1, bank 14 takes 0x202 for CAN2 and puts it into its second FIFO.
+#[test]
+fn the_banks_from_can2sb_on_are_those_of_can2() {
+    let (mut first, mut second) = (started(0, 0), started(0, 0));
+    let mut write = |offset, value| first.write(2_000, offset, value).unwrap();
+    write(0x200, 14 << 8 | 1);
+    write(0x21C, 0);
+    write(0x20C, 3 << 13); // 32 bits wide
+    write(0x204, 3 << 13); // lists
+    write(0x214, 1 << 14); // bank 14 into FIFO 1
+    for (bank, id) in [(13, 0x201), (14, 0x202)] {
+        write(0x240 + 8 * bank, id << 21);
+        write(0x244 + 8 * bank, id << 21);
+    }
+    write(0x21C, 3 << 13);
+    write(0x200, 14 << 8);
+    for id in [0x201, 0x202, 0x203] {
+        first.receive(3_000, &frame(id), 68);
+        second.receive_second(&first, 3_000, &frame(id), 68);
+    }
+    let received = |can: &mut Can, fifo: u32| {
+        let count = can.read(3_000, 0x00C + 4 * fifo).unwrap() & 3;
+        let id = can.read(3_000, 0x1B0 + 16 * fifo).unwrap() >> 21;
+        (count, id)
+    };
+    assert_eq!(received(&mut first, 0), (1, 0x201));
+    assert_eq!(received(&mut first, 1).0, 0);
+    assert_eq!(received(&mut second, 0).0, 0);
+    assert_eq!(received(&mut second, 1), (1, 0x202));
+}

@@ -46,6 +46,7 @@ impl Soc {
             }
         }
         self.can.sync(now);
+        self.can2.sync(now);
         while self.usart2.sync(now) {
             self.serve_usart();
         }
@@ -115,6 +116,11 @@ impl Soc {
         line(irq::CAN1_RX0, can.rx[0]);
         line(irq::CAN1_RX1, can.rx[1]);
         line(irq::CAN1_SCE, can.sce);
+        let can = self.can2.lines();
+        line(irq::CAN2_TX, can.tx);
+        line(irq::CAN2_RX0, can.rx[0]);
+        line(irq::CAN2_RX1, can.rx[1]);
+        line(irq::CAN2_SCE, can.sce);
         line(irq::FLASH, self.flash.line());
         line(irq::USART2, self.usart2.line());
         line(irq::DMA1_STREAM_5, self.dma1.line(5));
@@ -123,6 +129,7 @@ impl Soc {
             line(number, on);
         }
         next = next.min(self.can.next_event().unwrap_or(u64::MAX));
+        next = next.min(self.can2.next_event().unwrap_or(u64::MAX));
         next = next.min(self.usart2.next_event().unwrap_or(u64::MAX));
         for at_ps in [self.flash.busy_until(), self.iwdg.expires_at()]
             .into_iter()

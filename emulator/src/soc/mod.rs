@@ -34,6 +34,9 @@ use crate::trace::Trace;
 /// registers.
 pub(crate) const DBGMCU: u32 = 0xE004_2000;
 
+/// Offset of the filters' registers in CAN1 (RM0390 section 30.9.5).
+const FILTERS: u32 = 0x200;
+
 /// Interrupt lines as a bitmap.
 pub(crate) type IrqLines = [u32; 4];
 
@@ -52,6 +55,8 @@ pub(crate) struct Soc {
     /// TIM1..TIM14 at their numbers; index 0 is never addressed.
     timers: [Timer; 15],
     pub(crate) can: Can,
+    /// Its filters are `can`'s.
+    pub(crate) can2: Can,
     pub(crate) usart2: Usart,
     dma1: Dma,
     /// What the DMA reads and writes.
@@ -101,6 +106,7 @@ impl Soc {
             adc: Adc::default(),
             timers: std::array::from_fn(|number| Timer::new(timer_kind(number))),
             can: Can::default(),
+            can2: Can::default(),
             usart2: Usart::new(),
             dma1: Dma::default(),
             ram,
@@ -127,6 +133,7 @@ impl Soc {
         self.adc.reset();
         self.timers.iter_mut().for_each(|timer| timer.reset(now));
         self.can.reset();
+        self.can2.reset();
         self.usart2.reset();
         self.dma1.reset();
         self.reset_request = 0;
@@ -251,6 +258,8 @@ impl Soc {
                 .map_err(|error| error.0),
             Unit::Gpio(port) => self.gpio[port as usize].read(offset).ok_or(""),
             Unit::Can1 => self.can.read(now, offset).ok_or(""),
+            Unit::Can2 if offset < FILTERS => self.can2.read(now, offset).ok_or(""),
+            Unit::Can2 => Err("the filters are CAN1's"),
             Unit::Usart2 => {
                 let word = self.usart2.read(offset).ok_or("")?;
                 // Reading the data register clears flags, and with them a request.
@@ -293,6 +302,8 @@ impl Soc {
                 Ok(())
             }
             Unit::Can1 => self.can.write(now, offset, value).ok_or(""),
+            Unit::Can2 if offset < FILTERS => self.can2.write(now, offset, value).ok_or(""),
+            Unit::Can2 => Err("the filters are CAN1's"),
             Unit::Usart2 => {
                 self.usart2.write(now, offset, value)?;
                 self.serve_usart();
@@ -362,6 +373,7 @@ impl Soc {
                     self.pins_changed(port, before);
                 }
                 Unit::Can1 => self.can.reset(),
+                Unit::Can2 => self.can2.reset(),
                 Unit::Usart2 => self.usart2.reset(),
                 Unit::Dma1 => self.dma1.reset(),
                 Unit::Pwr => self.pwr.reset(),
@@ -385,6 +397,7 @@ impl Soc {
             timer.set_ratio(self.now, hclk / clock.max(1));
         }
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
+        self.can2.set_ratio(hclk / clocks.pclk1.max(1));
         self.usart2.set_ratio(hclk / clocks.pclk1.max(1));
         self.adc.set_clock(clocks.pclk2);
         if hclk != self.clock.hz() {
@@ -443,9 +456,13 @@ impl Soc {
     }
 
     fn timer_clocked(&self, number: usize) -> bool {
+        self.clocked(Unit::Timer(number))
+    }
+
+    fn clocked(&self, unit: Unit) -> bool {
         let gate = map::PERIPHERALS
             .iter()
-            .find(|entry| entry.unit == Unit::Timer(number))
+            .find(|entry| entry.unit == unit)
             .map_or(Gate::None, |e| e.gate);
         self.rcc.enabled(gate)
     }
@@ -459,7 +476,7 @@ fn describe(entry: &Entry, offset: u32, what: &str) -> String {
     let register = match entry.unit {
         Unit::Timer(_) => Timer::register_name(offset),
         Unit::Gpio(_) => Gpio::register_name(offset),
-        Unit::Can1 => Can::register_name(offset),
+        Unit::Can1 | Unit::Can2 => Can::register_name(offset),
         Unit::Rcc => Rcc::register_name(offset),
         Unit::Usart2 => Usart::register_name(offset),
         Unit::Dma1 => Dma::register_name(offset),

@@ -1,9 +1,12 @@
 //! The chip's interface to the world: pins, PWM outputs, encoder inputs, the CAN connector.
 
 use super::Soc;
+use crate::can::CanFrame;
+use crate::can::port::Which;
 use crate::stop::StopKind;
 use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};
+use crate::system::map::Unit;
 use crate::system::pins::{self, Route};
 use crate::system::rcc::HseFailure;
 use crate::timer::PwmState;
@@ -79,7 +82,7 @@ impl Soc {
                     self.timers[timer].complementary_level(channel - 1)
                 } else {
                     // Idle: recessive, or the level of a stop bit.
-                    let idle = [pins::CAN1_TX, pins::USART2_TX].concat();
+                    let idle = [pins::CAN1_TX, pins::CAN2_TX, pins::USART2_TX].concat();
                     idle.contains(&route).then_some(true)
                 }
             }
@@ -144,20 +147,43 @@ impl Soc {
         }
     }
 
-    /// Whether CAN1 has its pins.
-    pub(crate) fn can_connected(&self) -> bool {
-        pins::CAN1_RX.iter().any(|route| self.connected(route))
-            && pins::CAN1_TX.iter().any(|route| self.connected(route))
+    /// Whether a CAN controller has its pins.
+    fn can_connected(&self, which: Which) -> bool {
+        let (receive, transmit) = match which {
+            Which::First => (pins::CAN1_RX, pins::CAN1_TX),
+            Which::Second => (pins::CAN2_RX, pins::CAN2_TX),
+        };
+        receive.iter().any(|route| self.connected(route))
+            && transmit.iter().any(|route| self.connected(route))
     }
 
     /// The CAN bit rate by the board's own crystal, in bit/s.
-    pub(crate) fn can_bit_rate(&self) -> Option<u32> {
-        if !self.can_connected() || !self.can.on_bus() {
+    pub(crate) fn can_bit_rate(&self, which: Which) -> Option<u32> {
+        let can = match which {
+            Which::First => &self.can,
+            Which::Second => &self.can2,
+        };
+        if !self.can_connected(which) || !can.on_bus() {
             return None;
         }
         let pclk1 = self.rcc.clocks(self.now_ps()).pclk1;
-        let clocks = self.can.clocks_per_bit();
+        let clocks = can.clocks_per_bit();
         Some(((pclk1 + clocks / 2) / clocks) as u32)
+    }
+
+    /// A frame of another node has arrived complete.
+    pub(crate) fn can_receive(&mut self, which: Which, frame: &CanFrame, bits: u32) {
+        if !self.can_connected(which) {
+            return;
+        }
+        match which {
+            Which::First => self.can.receive(self.now, frame, bits),
+            // 30.2: the filters of CAN2 are in CAN1, and have its clock.
+            Which::Second if self.clocked(Unit::Can1) => {
+                self.can2.receive_second(&self.can, self.now, frame, bits);
+            }
+            Which::Second => {}
+        }
     }
 
     /// Puts bytes on the line into USART2, one after the other, from a sender with this baud rate.

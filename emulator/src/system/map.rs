@@ -32,6 +32,8 @@ pub enum Unit {
     Gpio(Port),
     /// CAN1.
     Can1,
+    /// CAN2.
+    Can2,
     /// RCC.
     Rcc,
     /// PWR.
@@ -77,7 +79,9 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
 }
 
 use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
-use Unit::{Adc, Can1, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2};
+use Unit::{
+    Adc, Can1, Can2, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2,
+};
 
 /// All peripherals outside the core, by address. Each reaches up to the next, and at most
 /// [`LARGEST`] bytes.
@@ -106,7 +110,7 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4000_5C00, "I2C3", Apb1(23), Other),
     entry(0x4000_6000, "FMPI2C1", Apb1(24), Other),
     entry(0x4000_6400, "CAN1", Apb1(25), Can1),
-    entry(0x4000_6800, "CAN2", Apb1(26), Other),
+    entry(0x4000_6800, "CAN2", Apb1(26), Can2),
     entry(0x4000_6C00, "CEC", Apb1(27), Other),
     entry(0x4000_7000, "PWR", Apb1(28), Pwr),
     entry(0x4000_7400, "DAC", Apb1(29), Other),
@@ -192,6 +196,10 @@ pub mod irq {
     pub const TIM5: u16 = 50;
     pub const TIM6_DAC: u16 = 54;
     pub const TIM7: u16 = 55;
+    pub const CAN2_TX: u16 = 63;
+    pub const CAN2_RX0: u16 = 64;
+    pub const CAN2_RX1: u16 = 65;
+    pub const CAN2_SCE: u16 = 66;
 }
 
 #[cfg(test)]

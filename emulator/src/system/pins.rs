@@ -120,6 +120,12 @@ pub const CAN1_RX: &[Route] = &[route(A, 11, 9), route(B, 8, 9)];
 /// Pins that can carry CAN1's transmit line.
 pub const CAN1_TX: &[Route] = &[route(A, 12, 9), route(B, 9, 9)];
 
+/// Pins that can carry CAN2's receive line.
+pub const CAN2_RX: &[Route] = &[route(B, 5, 9), route(B, 12, 9)];
+
+/// Pins that can carry CAN2's transmit line.
+pub const CAN2_TX: &[Route] = &[route(B, 6, 9), route(B, 13, 9)];
+
 /// Pins that can carry USART2's output.
 pub const USART2_TX: &[Route] = &[route(A, 2, 7)];
 

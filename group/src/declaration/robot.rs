@@ -186,9 +186,18 @@ const MOTOR: &[Field] = &[
     .object(at::PWM_FREQUENCY, 1.0),
     field(
         "output_stage",
-        Kind::Choice(&["pwm-direction", "in-in-slow", "in-in-fast", "locked-antiphase"]),
+        Kind::Choice(&[
+            "pwm-direction",
+            "in-in-slow",
+            "in-in-fast",
+            "locked-antiphase",
+            "c620",
+            "c610",
+        ]),
         "How a duty is put on a bridge's inputs; `docs/bring-up.md` says which one a driver wants. \
-         The others need `enable_wired`; `in-in-fast` needs a board with two PWMs a wheel.",
+         The next three need `enable_wired`; `in-in-fast` needs a board with two PWMs a wheel. \
+         `c620` and `c610` are drives on a CAN bus of their own: they need an image that is built \
+         for them, and `largest_current`.",
     )
     .otherwise("pwm-direction"),
     field(

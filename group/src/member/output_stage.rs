@@ -44,7 +44,20 @@ impl Checker<'_> {
         let kind = kind.map_or(StageKind::default(), |kind| *kind.get_ref());
         let wired = own.enable_wired.as_ref().or(shared.enable_wired.as_ref());
         let enable_wired = wired.is_some_and(|wired| *wired.get_ref());
-        if kind != StageKind::PwmDirection && !enable_wired {
+        if let Some(drive_current) = kind.drive_current()
+            && largest_current.is_none_or(|largest| largest > drive_current)
+        {
+            let (key, own, shared) = (
+                "motor.largest_current",
+                &own.largest_current,
+                &shared.largest_current,
+            );
+            let problem = "has to be a current that these drives can give";
+            let remedy = format!("give at most {drive_current} A, and no more than the motors may");
+            field.refuse(key, own, shared, problem, &remedy);
+        }
+        let is_bridge = kind.drive_current().is_none();
+        if is_bridge && kind != StageKind::PwmDirection && !enable_wired {
             let (key, problem) = ("motor.output_stage", "has no safe state without an enable");
             let remedy = "wire the drivers' enable to the robot's, so that low switches all bridges \
                           off, and set `enable_wired = true`";

@@ -23,6 +23,7 @@ const PARTS: &[&[Record]] = &[
     rollers::PARAMETERS,
     motors::ROLLER_REFERENCE_RECORDS,
     motors::ENCODER_INPUTS_RECORDS,
+    motors::SMART_DRIVES_RECORDS,
     limits::LIMITS_RECORDS,
     group::GROUP_RECORDS,
     commissioning::COMMISSIONING_RECORDS,

@@ -124,6 +124,7 @@ impl Application {
             let class = match fault.error_class() {
                 FaultClass::Generic => ErrorClass::Generic,
                 FaultClass::Voltage => ErrorClass::Voltage,
+                FaultClass::Temperature => ErrorClass::Temperature,
                 FaultClass::Communication => ErrorClass::Communication,
                 FaultClass::Manufacturer => ErrorClass::Manufacturer,
             };

@@ -284,7 +284,7 @@ fn rule_3_a_member_that_is_not_operational_stops_the_others_by_ramp() {
 #[test]
 fn rule_3_a_member_in_fault_stops_the_others_by_ramp() {
     ramps_down(
-        |world| world.robots[2].inputs.driver_fault = true,
+        |world| world.robots[2].inputs.drive_fault = Some(Fault::DriverFault),
         &[0, 1],
         Fault::MemberStopped,
     );
@@ -324,7 +324,7 @@ fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp() {
             let robot = &world.robots[2];
             assert!(!robot.outputs.drivers_enabled, "cut in the next tick");
             assert!(!robot.outputs.brake_released);
-            assert_eq!(robot.outputs.duty, [0.0; 4]);
+            assert_eq!(robot.outputs.drive, [0.0; 4]);
         },
         &[0, 1],
         Fault::MemberStopped,

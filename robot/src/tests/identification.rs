@@ -136,7 +136,7 @@ fn any_fault_ends_it() {
             Fault::EmergencyStop,
         ),
         (
-            |world| world.robots[0].inputs.driver_fault = true,
+            |world| world.robots[0].inputs.drive_fault = Some(Fault::DriverFault),
             Fault::DriverFault,
         ),
         (

@@ -143,7 +143,7 @@ fn two_groups_share_a_bus_and_its_sync() {
             assert!((robot.moves().vx - vx).abs() < 5e-3, "{:?}", robot.moves());
         }
         // A fault in one group is none of the other's.
-        world.robots[3].inputs.driver_fault = true;
+        world.robots[3].inputs.drive_fault = Some(Fault::DriverFault);
         for period in 100..200 {
             drive_two_groups(&mut world, groups, &mut sequences, period);
         }

@@ -44,7 +44,7 @@ fn torque() -> [(Address, Value); 2] {
 /// resistance.
 fn current(world: &World, wheel: usize) -> f64 {
     let robot = &world.robots[0];
-    let voltage = f64::from(robot.outputs.duty[wheel] * SUPPLY);
+    let voltage = f64::from(robot.outputs.drive[wheel] * SUPPLY);
     (voltage - f64::from(SPEED) * robot.rates[wheel]) / f64::from(RESISTANCE)
 }
 
@@ -85,7 +85,7 @@ fn without_a_largest_current_the_bound_is_half_of_the_supply() {
     world.robots[0].blocked = [true; 4];
     world.run(60);
     assert!(world.robots[0].outputs.drivers_enabled);
-    for duty in world.robots[0].outputs.duty {
+    for duty in world.robots[0].outputs.drive {
         assert!(duty.abs() <= 0.5 + 0.01, "{duty}");
     }
 }
@@ -240,7 +240,7 @@ fn no_duty_is_larger_than_the_largest() {
     let mut most = 0.0_f32;
     for _ in 0..2_000 {
         world.step();
-        let duty = world.robots[0].outputs.duty[0];
+        let duty = world.robots[0].outputs.drive[0];
         most = most.max(duty);
         assert!(duty <= 0.3 + 1e-6, "{duty}");
     }
@@ -260,7 +260,7 @@ fn a_bridge_rests_before_it_changes_its_direction_if_asked() {
             world.twist = Some(FORWARD * sign);
             for _ in 0..1_000 {
                 world.step();
-                let duty = world.robots[0].outputs.duty;
+                let duty = world.robots[0].outputs.drive;
                 for (now, before) in duty.iter().zip(last) {
                     straight += u32::from(now * before < 0.0);
                 }
@@ -417,5 +417,55 @@ fn parameters_that_do_not_fit_are_refused_by_name() {
         world.start();
         world.run(50);
         assert_eq!(world.robots[0].outputs, Outputs::SAFE, "{parameters:?}");
+    }
+}
+
+/// What C620 drives need to be told beside their kind.
+fn smart(changed: &[(Address, Value)]) -> std::vec::Vec<(Address, Value)> {
+    let mut parameters = std::vec![
+        (at::OUTPUT_STAGE, Value::U8(4)),
+        (at::ENCODER_COUNTS, Value::F32(8192.0)),
+        (at::GEAR_RATIO, Value::F32(3591.0 / 187.0)),
+        (at::WINDING_RESISTANCE, Value::F32(RESISTANCE)),
+        (at::CURRENT_MAX, Value::F32(CURRENT)),
+    ];
+    parameters.extend_from_slice(changed);
+    parameters
+}
+
+/// Their enable is not wired, and identifiers may be in any order.
+#[test]
+fn smart_drives_are_refused_without_what_they_need() {
+    let real = Value::F32;
+    let crossed = [
+        (at::DRIVE_FRONT_LEFT, Value::U8(4)),
+        (at::DRIVE_REAR_RIGHT, Value::U8(1)),
+    ];
+    let c610 = [
+        (at::OUTPUT_STAGE, Value::U8(5)),
+        (at::CURRENT_MAX, real(10.0)),
+    ];
+    for fits in [&[][..], &crossed, &c610] {
+        let world = &mut world_with(&smart(fits));
+        assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(0), "{fits:?}");
+    }
+    let cases: [(&[_], _); 5] = [
+        (
+            &[
+                (at::WINDING_RESISTANCE, real(0.0)),
+                (at::CURRENT_MAX, real(0.0)),
+            ],
+            at::WINDING_RESISTANCE,
+        ),
+        (&[(at::CURRENT_MAX, real(20.5))], at::CURRENT_MAX),
+        // 15 A are more than a C610 gives.
+        (&[(at::OUTPUT_STAGE, Value::U8(5))], at::CURRENT_MAX),
+        (&[(at::ENCODER_COUNTS, real(2048.0))], at::ENCODER_COUNTS),
+        (&[(at::DRIVE_REAR_LEFT, Value::U8(1))], at::DRIVE_REAR_LEFT),
+    ];
+    for (changed, blamed) in cases {
+        let mut world = world_with(&smart(changed));
+        let status = world.read(2, at::CONFIGURATION_STATUS);
+        assert_eq!(status, Ok(blamed.packed() << 8 | 2), "{changed:?}");
     }
 }

@@ -23,7 +23,7 @@ const CUTS: &[Case] = &[
         60,
     ),
     (
-        |world| world.robots[0].inputs.driver_fault = true,
+        |world| world.robots[0].inputs.drive_fault = Some(Fault::DriverFault),
         Fault::DriverFault,
         1,
     ),

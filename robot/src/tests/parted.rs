@@ -36,7 +36,7 @@ fn a_members_emergency_message_is_a_stop() {
     for phase in 0..10 {
         let mut world = drive(configured(&[2, 3, 4], &[]));
         world.until(20, |world| world.now % 10_000 == phase * 1_000);
-        world.robots[2].inputs.driver_fault = true;
+        world.robots[2].inputs.drive_fault = Some(Fault::DriverFault);
         let took = world.until(100, |world| {
             let others = world.robots[..2].iter();
             let ramping = State::Ramping(After::Faulted(Fault::MemberStopped));

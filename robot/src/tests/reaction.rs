@@ -122,7 +122,7 @@ pub(super) const CASES: &[Case] = &[
         300,
     ),
     (
-        |world| world.robots[0].inputs.driver_fault = true,
+        |world| world.robots[0].inputs.drive_fault = Some(Fault::DriverFault),
         Fault::DriverFault,
         1,
     ),
@@ -248,7 +248,7 @@ fn clear(world: &mut World, fault: Fault) {
         robot.ticking = true;
         robot.bus_runs = true;
         robot.inputs.emergency_stop = false;
-        robot.inputs.driver_fault = false;
+        robot.inputs.drive_fault = None;
         robot.inputs.protective_stop = false;
         robot.inputs.current_inputs = Some([0.0; 3]);
     }

@@ -69,7 +69,7 @@ fn start_is_refused_while_the_emergency_stop_is_pressed() {
 #[test]
 fn driver_fault_cuts_in_one_tick() {
     let mut world = moving(&[2]);
-    world.robots[0].inputs.driver_fault = true;
+    world.robots[0].inputs.drive_fault = Some(Fault::DriverFault);
     world.step();
     assert_eq!(world.robots[0].outputs, Outputs::SAFE);
     world.run(5);

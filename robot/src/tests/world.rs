@@ -72,6 +72,7 @@ impl Robot {
             node,
             bus: BusSide::new(Identity {
                 storage: true,
+                output_stages: Identity::SWITCHED | Identity::SMART,
                 ..Identity::new(id, u32::from(node) * 1000)
             }),
             control: ControlSide::new(),
@@ -110,7 +111,7 @@ impl Robot {
         let dt = 1e-3 / f64::from(STEPS);
         for wheel in 0..4 {
             let voltage = if self.outputs.drivers_enabled {
-                f64::from(self.outputs.duty[wheel] * self.supply.unwrap_or(SUPPLY))
+                f64::from(self.outputs.drive[wheel] * self.supply.unwrap_or(SUPPLY))
             } else {
                 0.0
             };

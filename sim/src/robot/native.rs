@@ -426,7 +426,7 @@ impl Robot for NativeRobot {
 
     fn drives(&self) -> [Bridge; 4] {
         let outputs = &self.live.outputs;
-        outputs.duty.map(|duty| {
+        outputs.drive.map(|duty| {
             let (duty, enabled) = (f64::from(duty), outputs.drivers_enabled);
             let output = bridge::output(self.driver, &levels(self.live.stage, duty, enabled));
             Bridge {
@@ -467,7 +467,7 @@ impl Robot for NativeRobot {
     }
 
     fn set_driver_fault(&mut self, fault: bool) {
-        self.inputs.driver_fault = fault;
+        self.inputs.drive_fault = fault.then_some(Fault::DriverFault);
     }
 
     fn set_supply(&mut self, volts: f64) {

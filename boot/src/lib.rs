@@ -1,0 +1,56 @@
+//! Two images in flash, which of them is started, and the file that a new one comes in.
+//!
+//! # Theory of operation
+//!
+//! Flash holds two [slots], and a program runs where it lies. An update writes the slot
+//! that is not running, checks what it has written and [seals](records) it. A sealed image is
+//! started on trial; it confirms itself when it has shown that it works, and otherwise the boot
+//! code goes back to the other one. What is known about a slot is written at the end of that slot,
+//! word by word and never over anything, so that erasing a slot erases what was known about it and
+//! a loss of power between any two words leaves a state that has a meaning.
+//!
+//! A [file](header) has one signed header and the image linked for either slot.
+//!
+//! # Interface
+//!
+//! Flash is the trait [`Flash`]; signatures and hashes are the trait [`Crypto`]. A robot's program
+//! calls, in this order, [`Header::parse`](header::Header::parse),
+//! [`Header::is_signed`](header::Header::is_signed) and [`Header::admit`](header::Header::admit)
+//! for what it receives first; [`records::may_be_replaced`], [`Flash::erase`] for the sectors of
+//! the slot, the one with the tail first, and [`records::begin`]; the image's words;
+//! [`records::seal`], once the hash is right; [`records::request_trial`] and a reset. After it,
+//! [`records::confirm`].
+//!
+//! # Limits
+//!
+//! The boot code does not check signatures at a start, only the checksum of what was checked when
+//! it was received. Who can write flash with a debugger can run anything.
+#![no_std]
+#![deny(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing,
+        clippy::cast_possible_truncation
+    )
+)]
+
+mod checksum;
+mod crypto;
+pub mod header;
+pub mod key;
+pub mod records;
+pub mod slots;
+#[cfg(feature = "software")]
+mod software;
+
+pub use checksum::Checksum;
+pub use crypto::Crypto;
+pub use records::{Flash, FlashError};
+pub use slots::Slot;
+#[cfg(feature = "software")]
+pub use software::{Software, public_key, sign};

@@ -1,0 +1,177 @@
+//! The seam between the loops and what turns the wheels.
+//!
+//! # Theory of operation
+//!
+//! A loop works in volts at the motor ([`crate::wheel`]), whatever turns the wheel, so gains,
+//! torque bound and supervision mean the same on every robot. What a drive is given for that
+//! voltage is its own matter:
+//!
+//! - a bridge ([`Bridge`]) is given a duty, which is the voltage over the supply;
+//! - a drive that regulates current ([`CurrentDrive`]) is given the current that this voltage would
+//!   cause in the winding, `i = (u - kV w) / R`, with the motor's own back EMF constant and
+//!   resistance. The loop that results has the dynamics of the one with a bridge. The torque bound
+//!   `I_max R` beyond the back EMF is then exactly `I_max`, and a wheel that stands still gets a
+//!   current that holds it, not one that follows from a temperature.
+//!
+//! # Interface
+//!
+//! | | the loops get ([`Inputs`](crate::interface::Inputs)) | the drives get ([`Outputs`](crate::interface::Outputs)) |
+//! |---|---|---|
+//! | bridge | counts of an encoder, one fault line | duty, -1 to 1; enable |
+//! | current drive | counts that it reports, a named fault ([`crate::smart_drive`]) | current, A; enable |
+//!
+//! [`ControlSide::tick`](crate::tick::ControlSide::tick) is for bridges and
+//! [`ControlSide::tick_current`](crate::tick::ControlSide::tick_current) for current drives. An
+//! image uses one of them and the linker drops the other. Both are compiled here, not in their
+//! caller, so that both are built for speed.
+//!
+//! # Limits
+//!
+//! A current drive's own regulator is taken to be fast: its time constant is a fraction of a tick.
+//! An identification of the motors behind current drives finds the voltages that this conversion
+//! puts in, so it confirms `kV` and `R` and measures friction and inertia only.
+
+use crate::wheel::Gains;
+
+/// What the motors of a robot are, as far as a drive's command depends on it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct MotorLimits {
+    /// Resistance of a winding, ohm; 0 where it is not known.
+    pub resistance: f32,
+    /// Largest current of a motor, A; 0 where it is not known.
+    pub current: f32,
+}
+
+/// One tick of all wheels, as the loops leave it.
+#[derive(Clone, Copy)]
+pub struct Wanted {
+    /// Voltages at the motors, V; positive rolls the base forward.
+    pub voltages: [f32; 4],
+    /// 1, or -1 where the motor is reversed.
+    pub signs: [f32; 4],
+    /// Measured rates of the wheels, rad/s.
+    pub rates: [f32; 4],
+    /// Voltage at full duty, V.
+    pub supply: f32,
+}
+
+/// A kind of wheel drive.
+pub trait WheelDrive {
+    /// Whether a fault that the drives report may be one that ramps.
+    const MAY_RAMP: bool;
+
+    /// What the drives are given, with the sign of each motor.
+    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [f32; 4];
+}
+
+/// An H-bridge behind a PWM: its command is a duty, -1 to 1.
+pub struct Bridge;
+
+impl WheelDrive for Bridge {
+    const MAY_RAMP: bool = false;
+
+    #[inline(always)]
+    fn commands(wanted: &Wanted, _: [&Gains; 4], _: &MotorLimits) -> [f32; 4] {
+        let per_volt = 1.0 / wanted.supply;
+        let [a, b, c, d] = wanted.voltages;
+        let [e, f, g, h] = wanted.signs;
+        [a * e, b * f, c * g, d * h].map(|voltage| voltage * per_volt)
+    }
+}
+
+/// A drive that regulates the motor's current: its command is in A.
+pub struct CurrentDrive;
+
+impl WheelDrive for CurrentDrive {
+    const MAY_RAMP: bool = true;
+
+    #[inline]
+    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [f32; 4] {
+        let [a, b, c, d] = wanted.voltages;
+        let [e, f, g, h] = wanted.signs;
+        let [i, j, k, l] = wanted.rates;
+        let [m, n, o, p] = gains;
+        let one = |voltage, sign: f32, rate, gains| sign * current(voltage, rate, gains, motors);
+        [
+            one(a, e, i, m),
+            one(b, f, j, n),
+            one(c, g, k, o),
+            one(d, h, l, p),
+        ]
+    }
+}
+
+/// The current that a voltage would cause in the winding of a motor that turns, within what it may
+/// take, A. No voltage is no current: a wheel that is not driven coasts. What is not a number is
+/// none either.
+fn current(voltage: f32, rate: f32, gains: &Gains, motors: &MotorLimits) -> f32 {
+    if voltage == 0.0 {
+        return 0.0;
+    }
+    let current = (voltage - gains.speed * rate) / motors.resistance;
+    // Compared, not clamped: NaN and a motor without data get nothing.
+    if current.abs() <= motors.current {
+        current
+    } else if current > 0.0 {
+        motors.current
+    } else if current < 0.0 {
+        -motors.current
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAINS: Gains = Gains {
+        static_friction: 0.1,
+        speed: 0.3,
+        acceleration: 0.0,
+        proportional: 0.0,
+        integral: 0.0,
+    };
+    const MOTORS: MotorLimits = MotorLimits {
+        resistance: 0.2,
+        current: 10.0,
+    };
+
+    fn commands<D: WheelDrive>(voltages: [f32; 4], rates: [f32; 4]) -> [f32; 4] {
+        let wanted = Wanted {
+            voltages,
+            signs: [1.0, -1.0, 1.0, -1.0],
+            rates,
+            supply: 24.0,
+        };
+        D::commands(&wanted, [&GAINS; 4], &MOTORS)
+    }
+
+    #[test]
+    fn a_bridge_gets_the_voltage_over_the_supply() {
+        let given = commands::<Bridge>([12.0, 12.0, -6.0, 0.0], [5.0; 4]);
+        assert_eq!(given, [0.5, -0.5, -0.25, 0.0]);
+    }
+
+    /// (3.5 V - 0.3 V s/rad x 10 rad/s) / 0.2 ohm is 2.5 A; plugging, (-1 - 3) / 0.2 is -20 A, of
+    /// which 10 are allowed.
+    #[test]
+    fn a_current_drive_gets_what_the_voltage_would_cause() {
+        let given = commands::<CurrentDrive>([3.5, 3.5, -1.0, 6.0], [10.0; 4]);
+        let expected = [2.5, -2.5, -10.0, -10.0];
+        for (given, expected) in given.into_iter().zip(expected) {
+            assert!((given - expected).abs() < 1e-5, "{given} {expected}");
+        }
+    }
+
+    #[test]
+    fn no_voltage_is_no_current_and_nothing_comes_of_nonsense() {
+        assert_eq!(commands::<CurrentDrive>([0.0; 4], [10.0; 4]), [0.0; 4]);
+        assert_eq!(commands::<CurrentDrive>([f32::NAN; 4], [0.0; 4]), [0.0; 4]);
+        let unknown = MotorLimits {
+            resistance: 0.0,
+            current: 0.0,
+        };
+        assert_eq!(current(1.0, 0.0, &GAINS, &unknown), 0.0);
+    }
+}
