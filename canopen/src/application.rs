@@ -16,7 +16,7 @@
 //! only while that PDO has the mapping of the [`Config`](crate::Config); once a master has changed
 //! the mapping, the device uses the objects.
 
-use crate::{AbortCode, Errors, Frame, Micros, NmtState, NodeId, RpdoSet, Storage};
+use crate::{AbortCode, Errors, Frame, Micros, NmtState, NodeId, RpdoSet, Sink, Storage};
 
 /// Which way a PDO carries its objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -120,6 +120,14 @@ pub trait Application {
 
     /// The non-volatile memory behind objects 0x1010 and 0x1011, if there is one.
     fn storage(&mut self) -> Option<&mut dyn Storage> {
+        None
+    }
+
+    /// What takes the value of this object piece by piece when a client writes it, for values of
+    /// more than [`MAX_SDO`](crate::MAX_SDO) bytes; `None` for all others, which
+    /// [`write`](Self::write) gets whole.
+    fn sink(&mut self, index: u16, sub: u8) -> Option<&mut dyn Sink> {
+        let _ = (index, sub);
         None
     }
 

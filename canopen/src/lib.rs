@@ -105,6 +105,7 @@ mod event;
 mod frame;
 mod nmt;
 mod node;
+mod sink;
 mod storage;
 mod time;
 
@@ -119,5 +120,6 @@ pub use event::{Counters, Event, RpdoSet};
 pub use frame::{Frame, function_code_bit};
 pub use nmt::{NmtCommand, NmtState, NmtTarget};
 pub use node::NodeId;
+pub use sink::Sink;
 pub use storage::{Storage, StoreProgress, StoreScope};
 pub use time::Micros;

@@ -14,7 +14,7 @@ use std::mem::Discriminant;
 use canopen::client::{Outcome, SdoClient};
 use canopen::{
     AbortCode, Application, CobId, Config, Device, ErrorClass, Errors, Event, Frame, Identity,
-    Mapping, Micros, NmtState, NodeId, PdoConfig, PdoDirection, ReceivedSync, Storage,
+    Mapping, Micros, NmtState, NodeId, PdoConfig, PdoDirection, ReceivedSync, Sink, Storage,
     StoreProgress, StoreScope,
 };
 
@@ -73,6 +73,9 @@ impl Source<'_> {
 struct Objects {
     values: [Vec<u8>; 4],
     image: Vec<u8>,
+    /// Object 0x2004, while it is written; what was written last.
+    stream: Option<Vec<u8>>,
+    streamed: Vec<u8>,
     pending: bool,
     /// How it has been called: bit 0 for a SYNC, 1 for an RPDO, 2 for a heartbeat, 3 for a frame.
     calls: u8,
@@ -133,6 +136,42 @@ impl Application for Objects {
     fn storage(&mut self) -> Option<&mut dyn Storage> {
         Some(self)
     }
+
+    fn sink(&mut self, index: u16, sub: u8) -> Option<&mut dyn Sink> {
+        ((index, sub) == (0x2004, 0)).then_some(self as &mut dyn Sink)
+    }
+}
+
+impl Sink for Objects {
+    fn begin(&mut self, size: Option<u32>, _: NmtState) -> Result<(), AbortCode> {
+        assert!(self.stream.is_none(), "two transfers at a time");
+        if size == Some(13) {
+            return Err(AbortCode::InvalidValue);
+        }
+        self.stream = Some(Vec::new());
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+        let stream = self.stream.as_mut().expect("a transfer has begun");
+        stream.extend(bytes);
+        match bytes {
+            [13, ..] => Err(AbortCode::Hardware),
+            _ => Ok(()),
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), AbortCode> {
+        if self.stream.as_ref().expect("a transfer has begun").len() == 77 {
+            return Err(AbortCode::CannotStore);
+        }
+        self.streamed = self.stream.take().expect("a transfer has begun");
+        Ok(())
+    }
+
+    fn cancel(&mut self) {
+        self.stream.take().expect("a transfer has begun");
+    }
 }
 
 impl Storage for Objects {
@@ -189,7 +228,7 @@ const CONFIG: Config = Config {
 const INDICES: &[u16] = &[
     0x1000, 0x1001, 0x1003, 0x1005, 0x1006, 0x1007, 0x1008, 0x1010, 0x1011, 0x1014, 0x1015, 0x1016,
     0x1017, 0x1018, 0x1019, 0x1029, 0x1F80, 0x1400, 0x1403, 0x1404, 0x1600, 0x1603, 0x1800, 0x1803,
-    0x1A00, 0x1A03, 0x2000, 0x2001, 0x2002, 0x2003, 0x2004,
+    0x1A00, 0x1A03, 0x2000, 0x2001, 0x2002, 0x2003, 0x2004, 0x2005,
 ];
 
 const VALUES: &[u32] = &[
@@ -229,7 +268,12 @@ fn frame(random: &mut Source<'_>, node: u8) -> Frame {
             (0, random.one_of(&[2, 2, 2, 1]))
         }
         1 | 2 => (0x080, random.one_of(&[0, 0, 1, 2])),
-        3 => (of(0x200), random.one_of(&[3, 3, 8, 2])),
+        3 => {
+            // 13 is refused, wherever 0x2000 is mapped to.
+            let byte = random.one_of(&[data[1], 13]);
+            data[1..3].fill(byte);
+            (of(0x200), random.one_of(&[3, 3, 8, 2]))
+        }
         4 => {
             data[0] = random.one_of(&[0, 4, 5, 127, 9]);
             (0x701 + random.below(3) as u16, 1)
@@ -283,14 +327,23 @@ fn transfer(
     let Some(node) = device.node() else {
         return false;
     };
+    let (index, sub) = random.one_of(&[
+        (0x2003, 0),
+        (0x2003, 0),
+        (0x1008, 0),
+        (0x1016, 1),
+        (0x2004, 0),
+    ]);
+    let longest = random.one_of(&[600, 600, 3_000]);
+    let data = vec![random.byte(); random.below(longest) as usize];
     let mut client = SdoClient::new(node, Micros::from_millis(50));
-    let (index, sub) = random.one_of(&[(0x2003, 0), (0x2003, 0), (0x1008, 0), (0x1016, 1)]);
-    let data = vec![random.byte(); random.below(600) as usize];
     let started = match random.below(4) {
         0 => client.upload(*now, index, sub),
         1 => client.upload_block(*now, index, sub),
-        2 => client.download(*now, index, sub, &data),
-        _ => client.download_block(*now, index, sub, &data),
+        2 if data.len() <= SdoClient::CAPACITY => client.download(*now, index, sub, &data),
+        3 if index == 0x2004 => client.download_block_of(*now, index, sub, &data),
+        _ if data.len() <= SdoClient::CAPACITY => client.download_block(*now, index, sub, &data),
+        _ => client.download_block_of(*now, index, sub, &data),
     };
     started.expect("the client is new and the value fits");
     let fault = random.one_of(&[u64::MAX, u64::MAX, 20, 200]);

@@ -269,7 +269,7 @@ impl Device {
         self.core.poll_sync(now, app);
         self.core.poll_rpdos(now);
         self.core.poll_tpdos(now, app);
-        self.sdo.poll(now, &mut self.core);
+        self.sdo.poll(now, &mut self.core, app);
         self.core.poll_overflow(now);
         self.core.poll_emergencies(now);
     }
@@ -291,14 +291,14 @@ impl Device {
             NmtCommand::ResetCommunication => core.reset(now, ResetScope::Communication, app),
         }
         match self.core.state {
-            NmtState::Initialising | NmtState::Stopped => self.sdo.reset(),
+            NmtState::Initialising | NmtState::Stopped => self.sdo.give_up(app),
             NmtState::PreOperational | NmtState::Operational => {}
         }
         if matches!(
             command,
             NmtCommand::ResetNode | NmtCommand::ResetCommunication
         ) {
-            self.sdo.reset();
+            self.sdo.give_up(app);
         }
     }
 }

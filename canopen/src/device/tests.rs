@@ -7,6 +7,7 @@ mod network;
 mod pdo;
 mod sdo;
 mod store;
+mod stream;
 
 use std::vec::Vec;
 
@@ -66,8 +67,54 @@ impl Storage for Memory {
     }
 }
 
+/// What the sink of the bench has been called with.
+#[derive(Default, Debug, PartialEq, Eq)]
+pub(super) struct Received {
+    pub begun: Vec<(Option<u32>, NmtState)>,
+    pub bytes: Vec<u8>,
+    pub finished: usize,
+    pub cancelled: usize,
+    /// It refuses a value of more than so many bytes, when they come.
+    pub room: Option<usize>,
+    /// It refuses the end.
+    pub spoils: bool,
+}
+
+impl Sink for Received {
+    fn begin(&mut self, size: Option<u32>, state: NmtState) -> Result<(), AbortCode> {
+        if size == Some(0) {
+            return Err(AbortCode::TooShort);
+        }
+        self.begun.push((size, state));
+        self.bytes.clear();
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+        assert!((1..=7).contains(&bytes.len()), "{bytes:?}");
+        self.bytes.extend(bytes);
+        match self.room {
+            Some(room) if self.bytes.len() > room => Err(AbortCode::Hardware),
+            _ => Ok(()),
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), AbortCode> {
+        if self.spoils {
+            return Err(AbortCode::CannotStore);
+        }
+        self.finished += 1;
+        Ok(())
+    }
+
+    fn cancel(&mut self) {
+        self.cancelled += 1;
+    }
+}
+
 /// Application objects: 0x2000 u16 setpoint, 0x2001 u32 in 0..=1000 and not while operational,
-/// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only, 0x2005 any bytes.
+/// 0x2002 u16 measurement, 0x2003 twelve bytes, read-only, 0x2004 u8 write-only, 0x2005 any bytes,
+/// 0x2006:1 a sink.
 #[derive(Default)]
 pub(super) struct Objects {
     pub setpoint: u16,
@@ -84,6 +131,7 @@ pub(super) struct Objects {
     pub heartbeats: Vec<(NodeId, NmtState)>,
     pub others: Vec<(Frame, NmtState)>,
     pub memory: Memory,
+    pub received: Received,
 }
 
 pub(super) const LONG: &[u8] = b"twelve bytes";
@@ -105,6 +153,7 @@ impl Application for Objects {
             (0x2003, 0) => bytes::put(out, LONG),
             (0x2004, 0) => Err(AbortCode::WriteOnly),
             (0x2005, 0) => bytes::put(out, &self.long),
+            (0x2006, 1) => Err(AbortCode::WriteOnly),
             (0x2000..=0x2005, _) => Err(AbortCode::NoSubIndex),
             _ => Err(AbortCode::NoObject),
         }
@@ -166,6 +215,10 @@ impl Application for Objects {
 
     fn storage(&mut self) -> Option<&mut dyn Storage> {
         Some(&mut self.memory)
+    }
+
+    fn sink(&mut self, index: u16, sub: u8) -> Option<&mut dyn Sink> {
+        ((index, sub) == (0x2006, 1)).then_some(&mut self.received as &mut dyn Sink)
     }
 
     fn reset(&mut self, scope: ResetScope) {

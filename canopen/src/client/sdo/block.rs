@@ -14,7 +14,7 @@ const CRC: u8 = 0b100;
 const SIZE: u8 = 0b010;
 const LAST: u8 = 0x80;
 
-impl SdoClient {
+impl SdoClient<'_> {
     pub(super) fn request_block_upload(&mut self) {
         self.request(0xA0 | CRC, [UPLOAD_BLOCK, 0, 0, 0]);
     }

@@ -15,6 +15,9 @@ mod segmented;
 use crate::time::Timer;
 use crate::{AbortCode, Frame, Micros, NodeId};
 
+/// The most bytes the client holds.
+const CAPACITY: usize = 1022;
+
 const REQUEST: u16 = 0x600;
 const RESPONSE: u16 = 0x580;
 
@@ -99,8 +102,9 @@ enum State {
     BlockDownloadEnd,
 }
 
-/// An SDO client.
-pub struct SdoClient {
+/// An SDO client. It borrows the values of
+/// [`download_block_of`](SdoClient::download_block_of) and copies all others.
+pub struct SdoClient<'v> {
     server: NodeId,
     timeout: Micros,
     state: State,
@@ -115,14 +119,16 @@ pub struct SdoClient {
     announced: Option<usize>,
     /// How much of the value has been received, or sent and confirmed.
     at: usize,
-    /// How much of the buffer is the value.
+    /// How much of the buffer is the value, or how long the borrowed one is.
     len: usize,
-    data: [u8; Self::CAPACITY],
+    data: [u8; CAPACITY],
+    /// The value to write, unless it is in the buffer.
+    borrowed: Option<&'v [u8]>,
 }
 
-impl SdoClient {
-    /// The most bytes one transfer can carry: 146 segments.
-    pub const CAPACITY: usize = 1022;
+impl<'v> SdoClient<'v> {
+    /// The most bytes one transfer can carry, except for values that are borrowed: 146 segments.
+    pub const CAPACITY: usize = CAPACITY;
 
     /// Makes a client of `server` that waits `timeout` for every answer.
     #[must_use]
@@ -140,7 +146,8 @@ impl SdoClient {
             announced: None,
             at: 0,
             len: 0,
-            data: [0; Self::CAPACITY],
+            data: [0; CAPACITY],
+            borrowed: None,
         }
     }
 
@@ -210,6 +217,29 @@ impl SdoClient {
         Ok(())
     }
 
+    /// Starts to write an object of any length by block transfer, from where `value` lies.
+    ///
+    /// # Errors
+    /// [`Busy`] if a transfer is in progress.
+    pub fn download_block_of(
+        &mut self,
+        now: Micros,
+        index: u16,
+        sub: u8,
+        value: &'v [u8],
+    ) -> Result<(), Busy> {
+        self.start(now, State::BlockDownload, index, sub)?;
+        (self.borrowed, self.len) = (Some(value), value.len());
+        self.request_block_download();
+        Ok(())
+    }
+
+    /// How many bytes of the value the device has confirmed, or has sent.
+    #[must_use]
+    pub const fn progress(&self) -> usize {
+        self.at
+    }
+
     /// Hands over a received frame; those of other services and devices are ignored.
     pub fn on_frame(&mut self, now: Micros, frame: &Frame) -> Option<Outcome> {
         if frame.id() != self.server.cob_id(RESPONSE) || self.is_idle() || frame.len() != 8 {
@@ -256,7 +286,8 @@ impl SdoClient {
     /// The value read last, little-endian.
     #[must_use]
     pub fn data(&self) -> &[u8] {
-        self.data.get(..self.len).unwrap_or(&[])
+        self.borrowed
+            .unwrap_or_else(|| self.data.get(..self.len).unwrap_or(&[]))
     }
 
     /// Whether a frame answers another request, one that was given up before the device answered.
@@ -304,6 +335,7 @@ impl SdoClient {
         }
         (self.state, self.index, self.sub) = (state, index, sub);
         (self.at, self.len, self.announced) = (0, 0, None);
+        self.borrowed = None;
         self.timer = Timer::at(now + self.timeout);
         Ok(())
     }
@@ -354,7 +386,7 @@ impl SdoClient {
     fn segment(&self, at: usize) -> ([u8; 7], u8) {
         let mut bytes = [0; 7];
         let mut unused = 7u8;
-        let rest = self.data.get(..self.len).and_then(|value| value.get(at..));
+        let rest = self.data().get(at..);
         for (to, from) in bytes.iter_mut().zip(rest.unwrap_or(&[])) {
             *to = *from;
             unused = unused.saturating_sub(1);
@@ -388,7 +420,7 @@ impl SdoClient {
 mod tests {
     use super::*;
 
-    fn client() -> SdoClient {
+    fn client() -> SdoClient<'static> {
         SdoClient::new(NodeId::new(5).unwrap(), Micros::from_millis(100))
     }
 

@@ -10,7 +10,7 @@ const fn toggle_bit(toggle: bool) -> u8 {
     if toggle { TOGGLE } else { 0 }
 }
 
-impl SdoClient {
+impl SdoClient<'_> {
     pub(super) fn on_upload(
         &mut self,
         command: u8,

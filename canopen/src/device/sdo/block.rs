@@ -24,7 +24,7 @@ impl Server {
         &mut self,
         command: u8,
         len: u32,
-        access: &Access<'_>,
+        access: &mut Access<'_>,
     ) -> Answer {
         self.announce((command & SIZE != 0).then_some(len), access)?;
         self.with_crc = command & CRC != 0;
@@ -32,11 +32,16 @@ impl Server {
         Ok(Some(self.reply(0xA0 | CRC, [DOWNLOAD_BLOCK, 0, 0, 0])))
     }
 
-    pub(super) fn on_block_segment(&mut self, seq: u8, request: [u8; 8]) -> Answer {
+    pub(super) fn on_block_segment(
+        &mut self,
+        seq: u8,
+        request: [u8; 8],
+        access: &mut Access<'_>,
+    ) -> Answer {
         let [command, bytes @ ..] = request;
         if command == LAST {
             // Number 0 does not exist: this is the client's abort.
-            self.reset();
+            self.give_up(access.app);
             return Ok(None);
         }
         let number = command & !LAST;
@@ -46,7 +51,7 @@ impl Server {
         let in_order = number == seq.saturating_add(1);
         let seq = match in_order {
             true => {
-                self.collect(&bytes)?;
+                self.collect(&bytes, access)?;
                 number
             }
             false => seq,
@@ -73,9 +78,14 @@ impl Server {
         }
         let unused = usize::from(command >> 2 & 0b111);
         let len = self.at.saturating_sub(unused);
-        let value = self.buffer.get(..len).ok_or(AbortCode::OutOfMemory)?;
-        if self.with_crc && crc16(0, value) != u16::from_le_bytes(crc) {
-            return Err(AbortCode::Crc);
+        let crc = self.with_crc.then_some(u16::from_le_bytes(crc));
+        if self.streams {
+            self.end_stream(unused, crc, access)?;
+        } else {
+            let value = self.buffer.get(..len).ok_or(AbortCode::OutOfMemory)?;
+            if crc.is_some_and(|crc| crc != crc16(0, value)) {
+                return Err(AbortCode::Crc);
+            }
         }
         self.deliver(len, access)?;
         Ok(Some([0xA1, 0, 0, 0, 0, 0, 0, 0]))

@@ -3,13 +3,16 @@
 //! Requests arrive on 0x600 plus node-ID, and answers are sent on 0x580 plus node-ID. Values of up
 //! to four bytes are in the request or answer itself; longer ones in segments (`segmented`) or
 //! blocks with CRC (`block`), and are collected in one buffer, so that the application sees a value
-//! whole or not at all. A value that does not fit into the buffer is refused.
+//! whole or not at all. A value that does not fit into the buffer is refused, unless the
+//! application has a [`Sink`](crate::Sink) for the object: then each piece is passed on as soon as
+//! the next one shows that it was not the last (`stream`).
 //!
 //! There is one transfer at a time. While it lasts, the start of another one is refused with
 //! 0x060A0023 and the first continues; it is aborted when its client is silent for `TIMEOUT`.
 
 mod block;
 mod segmented;
+mod stream;
 
 use super::Core;
 use crate::time::Timer;
@@ -79,10 +82,14 @@ pub(super) struct Server {
     /// Segments per block in an upload.
     block_size: u8,
     with_crc: bool,
+    /// The download goes to a sink of the application.
+    streams: bool,
+    /// Of what the sink has got.
+    crc: u16,
     timer: Timer,
-    /// How much of the buffer is the value.
+    /// How much of the buffer is the value, or what is held back from the sink.
     len: usize,
-    /// How much of it the client has sent, or has confirmed.
+    /// How much of the value the client has sent, or has confirmed.
     at: usize,
     buffer: [u8; MAX_SDO],
 }
@@ -115,6 +122,8 @@ impl Server {
             announced: None,
             block_size: 0,
             with_crc: false,
+            streams: false,
+            crc: 0,
             timer: Timer::OFF,
             len: 0,
             at: 0,
@@ -122,8 +131,17 @@ impl Server {
         }
     }
 
-    /// Forgets any transfer without a word.
-    pub fn reset(&mut self) {
+    /// Forgets any transfer without a word to its client.
+    pub fn give_up(&mut self, app: &mut dyn Application) {
+        if core::mem::take(&mut self.streams)
+            && let Some(sink) = app.sink(self.index, self.sub)
+        {
+            sink.cancel();
+        }
+        self.reset();
+    }
+
+    fn reset(&mut self) {
         self.state = State::Idle;
         self.timer = Timer::OFF;
     }
@@ -143,7 +161,9 @@ impl Server {
         let request = *frame.padded();
         let was_storing = core.storing;
         let mut access = Access { now, core, app };
-        let answer = match self.handle(request, &mut access) {
+        let handled = self.handle(request, &mut access);
+        let Access { core, app, .. } = access;
+        let answer = match handled {
             Ok(Some(answer)) if core.storing && !was_storing => {
                 // The client waits as long as it takes; the application always comes back.
                 self.timer = Timer::OFF;
@@ -160,7 +180,7 @@ impl Server {
                     false => (u16::from_le_bytes([low, high]), sub),
                 };
                 if code != AbortCode::NoResource {
-                    self.reset();
+                    self.give_up(app);
                 }
                 Some(abort(core, index, sub, code))
             }
@@ -175,9 +195,9 @@ impl Server {
     }
 
     /// Gives up a transfer whose client has fallen silent.
-    pub fn poll(&mut self, now: Micros, core: &mut Core) {
+    pub fn poll(&mut self, now: Micros, core: &mut Core, app: &mut dyn Application) {
         if self.timer.due(now) {
-            self.reset();
+            self.give_up(app);
             let answer = abort(core, self.index, self.sub, AbortCode::Timeout);
             send(core, answer);
         }
@@ -207,7 +227,7 @@ impl Server {
     fn handle(&mut self, request: [u8; 8], access: &mut Access<'_>) -> Answer {
         let [command, low, high, sub, a, b, c, d] = request;
         if let State::BlockDownload { seq } = self.state {
-            return self.on_block_segment(seq, request);
+            return self.on_block_segment(seq, request, access);
         }
         if let State::Storing { .. } = self.state
             && command >> 5 != ABORT
@@ -217,7 +237,7 @@ impl Server {
         let index = u16::from_le_bytes([low, high]);
         match command >> 5 {
             ABORT => {
-                self.reset();
+                self.give_up(access.app);
                 Ok(None)
             }
             DOWNLOAD => {
@@ -259,6 +279,7 @@ impl Server {
         }
         (self.index, self.sub) = (index, sub);
         (self.len, self.at, self.announced) = (0, 0, None);
+        (self.streams, self.crc) = (false, 0);
         Ok(())
     }
 
@@ -270,7 +291,14 @@ impl Server {
     }
 
     /// Checks what can be checked before the data of a download come.
-    fn announce(&mut self, announced: Option<u32>, access: &Access<'_>) -> Result<(), AbortCode> {
+    fn announce(
+        &mut self,
+        announced: Option<u32>,
+        access: &mut Access<'_>,
+    ) -> Result<(), AbortCode> {
+        if self.begin_stream(announced, access)? {
+            return Ok(());
+        }
         let probe = access.read(self.index, self.sub, &mut self.buffer);
         if let Err(code @ (AbortCode::NoObject | AbortCode::NoSubIndex)) = probe {
             return Err(code);
@@ -282,8 +310,11 @@ impl Server {
         }
     }
 
-    /// Adds received bytes to the buffer.
-    fn collect(&mut self, bytes: &[u8]) -> Result<(), AbortCode> {
+    /// Adds received bytes to the buffer, or passes on those that came before.
+    fn collect(&mut self, bytes: &[u8], access: &mut Access<'_>) -> Result<(), AbortCode> {
+        if self.streams {
+            return self.stream(bytes, access);
+        }
         let end = self.at.saturating_add(bytes.len());
         self.buffer
             .get_mut(self.at..end)
@@ -293,15 +324,19 @@ impl Server {
         Ok(())
     }
 
-    /// Writes the object from the buffer, if it is as long as announced.
+    /// Writes the object, if it is as long as announced.
     fn deliver(&mut self, len: usize, access: &mut Access<'_>) -> Result<(), AbortCode> {
         match self.announced {
             Some(announced) if len > announced => return Err(AbortCode::TooLong),
             Some(announced) if len < announced => return Err(AbortCode::TooShort),
             Some(_) | None => {}
         }
-        let value = self.buffer.get(..len).ok_or(AbortCode::OutOfMemory)?;
-        access.write(self.index, self.sub, value)?;
+        if self.streams {
+            self.finish_stream(access)?;
+        } else {
+            let value = self.buffer.get(..len).ok_or(AbortCode::OutOfMemory)?;
+            access.write(self.index, self.sub, value)?;
+        }
         self.reset();
         Ok(())
     }

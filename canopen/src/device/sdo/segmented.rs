@@ -68,7 +68,12 @@ impl Server {
             },
         };
         let value = value.get(..len).unwrap_or(&value);
-        access.write(self.index, self.sub, value)?;
+        if self.begin_stream(u32::try_from(len).ok(), access)? {
+            self.stream(value, access)?;
+            self.deliver(len, access)?;
+        } else {
+            access.write(self.index, self.sub, value)?;
+        }
         Ok(Some(self.reply(0x60, [0; 4])))
     }
 
@@ -85,7 +90,7 @@ impl Server {
             return Err(AbortCode::ToggleBit);
         }
         let used = 7 - usize::from(command >> 1 & 0b111);
-        self.collect(bytes.get(..used).unwrap_or(&bytes))?;
+        self.collect(bytes.get(..used).unwrap_or(&bytes), access)?;
         if self.announced.is_some_and(|announced| self.at > announced) {
             return Err(AbortCode::TooLong);
         }
