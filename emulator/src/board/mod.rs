@@ -209,6 +209,7 @@ impl Board {
         self.drain_log();
         self.shared.with(|soc| soc.system_reset(causes));
         self.cpu.reset(ResetKind::Cold);
+        self.fast.forget_floats();
         self.log.reset();
         if let Some(follow) = &mut self.follow {
             follow.reset();

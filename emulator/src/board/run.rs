@@ -8,7 +8,7 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use rsemu::core::value::Width;
-use rsemu::cpu::arm::v7m::xpsr;
+use rsemu::cpu::arm::v7m::{Regs, xpsr};
 
 use super::Board;
 use super::follow::Place;
@@ -124,30 +124,36 @@ impl Board {
     /// (B1.5.7). rsemu 0.0.7 overwrites it on entry, before it is saved; this function therefore
     /// restores it. The handler should then have the modes of FPDSCR, which are zero in both.
     fn step(&mut self) -> (u64, bool) {
-        let left = self.cpu.xpsr() & xpsr::IT_MASK;
+        let before = self.cpu.regs();
+        let (left, pc) = (before.xpsr & xpsr::IT_MASK, before.r[15]);
         let fpscr = self.cpu.fpscr();
-        let pc = self.cpu.pc();
-        self.fast.step_elsewhere();
         let mut cycles = self.cpu.step();
-        let entered = cycles >= 12 && self.entered_exception();
+        let after = self.cpu.regs();
+        let entered = cycles >= 12 && self.entered_exception(&after);
         // An instruction that is followed by the next one has not left a handler. An exclusive
         // load, store or clear would be plain but for its operands; an earlier reservation is then
         // gone.
-        let follows = (1..=4).contains(&self.cpu.pc().wrapping_sub(pc));
-        if entered || !follows || self.is_exclusive(pc) {
+        let follows = (1..=4).contains(&after.r[15].wrapping_sub(pc));
+        let half = self.instruction(pc);
+        if entered || !follows || half.is_none_or(is_exclusive) {
             self.fast.forget_reservation();
+        }
+        // An entry only reserves room for the floating-point registers. A return may restore them,
+        // and one that fails enters a handler, too.
+        let returned = !follows && (!entered || before.in_handler());
+        if returned || half.is_none_or(is_coprocessor) {
+            self.fast.forget_floats();
         }
         if entered {
             self.cpu.set_fpscr(fpscr);
-        } else if self.cpu.pc() != pc {
+        } else if after.r[15] != pc {
             let waited = self.wait_for(pc);
             self.cpu.with_sys(|sys| sys.tick_cyccnt(waited));
             cycles += waited;
         }
         if left != 0 && entered {
-            let regs = self.cpu.regs();
-            let on_psp = regs.r[14] & EXC_RETURN_PSP != 0;
-            let frame = if on_psp { regs.psp } else { regs.msp };
+            let on_psp = after.r[14] & EXC_RETURN_PSP != 0;
+            let frame = if on_psp { after.psp } else { after.msp };
             let at = frame.wrapping_sub(RAM_BASE).saturating_add(STACKED_XPSR);
             // A frame outside RAM was never stacked.
             if let Some(word) = self.ram.read(at, Width::U32) {
@@ -305,20 +311,15 @@ impl Board {
         (cycles, entered)
     }
 
-    /// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM,
-    /// A5.3).
-    fn is_exclusive(&self, pc: u32) -> bool {
-        let Some(word) = self.read_word(pc & !3) else {
-            return true;
-        };
-        let half = if pc & 2 == 0 { word } else { word >> 16 } & 0xFFFF;
-        matches!(half & 0xFFE0, 0xE840 | 0xE8C0) || half == 0xF3BF
+    /// The first halfword of the instruction at an address.
+    fn instruction(&self, pc: u32) -> Option<u16> {
+        let word = self.read_word(pc & !3)?;
+        Some(if pc & 2 == 0 { word } else { word >> 16 } as u16)
     }
 
     /// Whether the last step was the entry into an exception handler and not an instruction: the
     /// link register holds a return code and the program counter the handler's first address.
-    fn entered_exception(&self) -> bool {
-        let regs = self.cpu.regs();
+    fn entered_exception(&self, regs: &Regs) -> bool {
         let vector = self.cpu.vtor() + 4 * u32::from(regs.exception().0);
         regs.in_handler()
             && regs.r[14] >= 0xFFFF_FFE0
@@ -373,4 +374,15 @@ impl Board {
         self.now = cycle;
         self.shared.now.store(cycle, Relaxed);
     }
+}
+
+/// Whether an instruction is one of LDREX, STREX and CLREX, by its first halfword (ARMv7-M ARM,
+/// A5.3).
+fn is_exclusive(half: u16) -> bool {
+    matches!(half & 0xFFE0, 0xE840 | 0xE8C0) || half == 0xF3BF
+}
+
+/// Whether an instruction is a coprocessor's, as those of the floating-point unit are (A5.3.18).
+fn is_coprocessor(half: u16) -> bool {
+    half & 0xEC00 == 0xEC00
 }

@@ -122,9 +122,9 @@ impl Fast {
         }
     }
 
-    /// The reference core makes a step: floating-point registers may change. Between two sessions
-    /// without such a step nothing else can have come.
-    pub(crate) fn step_elsewhere(&mut self) {
+    /// The reference core may have changed floating-point registers. Between two sessions without
+    /// such a step the copy stays valid.
+    pub(crate) fn forget_floats(&mut self) {
         self.core.fp_loaded = false;
     }
 
@@ -216,14 +216,16 @@ impl Core {
 
     /// Takes the registers over, unless the next step is the reference core's.
     fn enter(&mut self, cpu: &ArmV7m, shared: &Shared) -> bool {
-        let pc = cpu.pc();
-        if !(FLASH_BASE..FLASH_BASE + flash::SIZE as u32).contains(&pc)
+        let regs = cpu.regs();
+        if !(FLASH_BASE..FLASH_BASE + flash::SIZE as u32).contains(&regs.r[15])
+            || regs.control & NPRIV != 0
+            || regs.faultmask
+            || regs.xpsr & xpsr::T == 0
             || cpu.is_asleep()
             || cpu.reset_pending()
         {
             return false;
         }
-        let regs = cpu.regs();
         let priority = cpu.execution_priority();
         shared.lines_changed.store(false, Relaxed);
         let lines = shared.lines();
@@ -247,7 +249,7 @@ impl Core {
                 && sys.mpu_ctrl & 1 == 0
                 && sys.ccr & (UNALIGN_TRP | DIV_0_TRP) == 0
         });
-        if !plain || regs.control & NPRIV != 0 || regs.faultmask || regs.xpsr & xpsr::T == 0 {
+        if !plain {
             return false;
         }
         self.r = regs.r;
