@@ -12,28 +12,14 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
+use common::{programs, root};
+
+mod common;
+
 /// How often a command that reads is repeated until the robot is heard.
 const TRIES: usize = 20;
 /// What the page types for the tool before it is installed.
 const BY_CARGO: &str = "cargo run --release -p omnibus-master -- ";
-
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-/// The folder of the programs, which are built if they are not there: they are of other packages.
-fn programs() -> PathBuf {
-    let packages = ["--package=omnibus-sim", "--package=omnibus-master"];
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--bins"])
-        .args(packages)
-        .current_dir(root())
-        .status()
-        .unwrap();
-    assert!(built.success());
-    let test = std::env::current_exe().unwrap();
-    test.parent().unwrap().parent().unwrap().to_owned()
-}
 
 /// The commands of the page, each with its line.
 fn commands(page: &str) -> Vec<(usize, String)> {
