@@ -1,4 +1,5 @@
-//! Bad input to the `omnibus` command: it exits with 1, names file and field, and nothing moves.
+//! Bad input to the `omnibus` command: it exits with 1, or with 2 where a call is wrong, names file
+//! and field, and nothing moves.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};

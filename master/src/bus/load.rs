@@ -144,8 +144,8 @@ impl Meter {
     #[expect(clippy::cast_possible_truncation, reason = "a share of one")]
     pub fn share(&self, t: f64) -> f32 {
         let recent = self.recent.iter().filter(|(at, _)| t - at <= WINDOW);
-        let bits: f64 = recent.map(|(_, bits)| f64::from(*bits)).sum();
-        (bits / (BIT_RATE * WINDOW)) as f32
+        let bits: u32 = recent.map(|(_, bits)| *bits).sum();
+        (f64::from(bits) / (BIT_RATE * WINDOW)) as f32
     }
 }
 
@@ -159,6 +159,13 @@ mod tests {
     fn frame_lengths_of_the_standard() {
         assert_eq!((frame_bits(8).none, frame_bits(8).most), (111, 135));
         assert_eq!((frame_bits(0).none, frame_bits(0).most), (47, 55));
+    }
+
+    /// A sum of no floats is -0.0, which JSON prints.
+    #[test]
+    fn a_silent_bus_has_a_load_of_plus_zero() {
+        let share = Meter::default().share(1.0);
+        assert_eq!(share.to_bits(), 0, "{share:?}");
     }
 
     /// By hand, at 100 Hz with 3 robots: 12 + 1 frames of 8 bytes and one of 1, 40 heartbeats of 1

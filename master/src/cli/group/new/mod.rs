@@ -20,6 +20,7 @@ use anyhow::{Context as _, bail};
 use group::{Examination, FIRST_NODE, LAST_NODE};
 
 use super::{json, print_json, print_line, print_note};
+use crate::cli::Usage;
 
 use motor::{Motor, Robot};
 use quantity::{Units, place, quantity};
@@ -184,7 +185,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ));
     }
     if !problems.is_empty() {
-        bail!("{}", problems.join("; "));
+        return Err(Usage(problems.join("; ")).into());
     }
     let motor = Motor::of(&robot)?;
     let stem = path
