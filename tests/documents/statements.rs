@@ -267,6 +267,22 @@ fn numbers_in_the_documents_are_those_of_the_sources() {
     nothing(&complaints);
 }
 
+/// First cells of the table that the demo prints, in their order.
+#[test]
+fn the_sample_of_the_demo_has_the_rows_of_a_report() {
+    let page = read("README.md");
+    let rows = page.lines().filter_map(|line| line.strip_prefix("│ "));
+    let cells = rows.map(|row| row.split('┆').next().unwrap_or_default().trim());
+    let sample: Vec<&str> = cells.filter(|cell| !cell.is_empty()).collect();
+    let group = group::GroupFile::load(super::root().join("groups/tcc-3.toml")).expect("tcc-3");
+    let curve = omnibus::path::curve::Curve::FigureEight.name();
+    let backend = omnibus::report::BackendName::Emulator;
+    let report = omnibus::run::report(&group, curve, backend, Vec::new());
+    let printed = omnibus::report::figures::rows(&report);
+    let names: Vec<&str> = printed.iter().map(|row| row.name).collect();
+    assert_eq!(sample, names, "README.md shows another table than the demo");
+}
+
 /// Log lines of the firmware, each up to its first value.
 #[test]
 fn every_line_of_the_log_is_explained() {

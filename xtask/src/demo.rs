@@ -44,6 +44,10 @@ pub struct Arguments {
     /// Drives only the first seconds of the curve.
     #[arg(long)]
     quick: bool,
+    /// Prints the figures in the axes of the source paper (x lateral, y longitudinal), beside its
+    /// values.
+    #[arg(long)]
+    paper: bool,
     /// Where to write the JSON file (default: target/demo/demo.json).
     #[arg(long, value_name = "PATH")]
     json: Option<PathBuf>,
@@ -152,6 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let mut report = report(&group, arguments.trajectory.name(), arguments.backend, runs);
     report.scalar = Some(arguments.scalar);
+    report.paper = arguments.paper;
     let html = folder.join("report.html");
     write(&html, &report::html::to_html(&report)?)?;
     for (name, chart) in [
@@ -168,7 +173,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     write(&json, &report::json::to_json(&report))?;
 
     println!("{}", report::table::to_table(&report));
-    println!("Axes as in the paper: x lateral, y longitudinal.");
+    if arguments.paper {
+        println!("Axes as in the paper: x lateral, y longitudinal.");
+    }
     println!("report   {}", html.display());
     println!(
         "frames   {}",

@@ -32,7 +32,7 @@ pub fn rows(report: &Report) -> Vec<Row> {
     let [lateral, longitudinal] = if report.paper {
         ["x error (lateral)", "y error (longitudinal)"]
     } else {
-        ["way aside (y), error", "way ahead (x), error"]
+        ["y error (left)", "x error (ahead)"]
     };
     let row = |name, value: &dyn Fn(&Run) -> String, paper: Option<f64>| Row {
         name,
