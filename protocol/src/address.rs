@@ -1,13 +1,14 @@
 //! Where every object is, by name. Each is declared with its object, in [`crate::table`].
 //!
-//! Manufacturer objects as CiA 301 allots them: 0x2000 identity, 0x2010 robot, 0x2020 wheels and
+//! Those of a program download, 0x1F50 on, are where CiA 302-3 has them. Manufacturer objects as
+//! CiA 301 allots them: 0x2000 identity, 0x2010 robot, 0x2020 wheels and
 //! motors, 0x2030 limits and thresholds, 0x2040 group, 0x2050 commissioning, 0x2100 process data,
 //! 0x2120 diagnostics.
 
 /// Index and sub-index of an object.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address {
-    /// Index, 0x2000 and up for everything this crate declares.
+    /// Index.
     pub index: u16,
     /// Sub-index; 0 for an object that is no record.
     pub sub: u8,

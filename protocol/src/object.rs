@@ -206,6 +206,8 @@ pub enum Access {
     Const,
     /// Read by the bus, written by the robot.
     ReadOnly,
+    /// Written by the bus at any time, and cannot be read.
+    WriteOnly,
     /// Written by the bus at any time.
     ReadWrite,
     /// Written by the bus, but not while OPERATIONAL (abort 0x08000022).
@@ -219,6 +221,7 @@ impl Access {
         match self {
             Self::Const => "const",
             Self::ReadOnly => "ro",
+            Self::WriteOnly => "wo",
             Self::ReadWrite | Self::Parameter => "rw",
         }
     }
@@ -312,6 +315,13 @@ impl Object {
     pub(crate) const fn block(address: Address, name: &'static str, text: &'static str) -> Self {
         let range = [Value::Domain; 3];
         Self::parameter(address, name, "", range, text)
+    }
+
+    /// A block of bytes of any length that is written and not kept.
+    #[must_use]
+    pub(crate) const fn download(address: Address, name: &'static str, text: &'static str) -> Self {
+        let range = [Value::Domain; 3];
+        Self::new(address, name, "", range, Access::WriteOnly, text)
     }
 
     /// Something the robot tells.

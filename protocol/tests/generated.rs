@@ -36,7 +36,13 @@ fn eds_is_up_to_date() {
         let mut identity = robot::Identity::new(canopen::NodeId::MIN, 0);
         identity.storage = true;
         let device = identity.device();
-        generate::eds(out, |out| canopen::eds::communication_objects(out, &device))
+        generate::eds(out, |out| {
+            canopen::eds::communication_objects(
+                out,
+                &device,
+                &omnibus_protocol::table::PROFILE_OBJECTS,
+            )
+        })
     });
 }
 

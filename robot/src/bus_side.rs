@@ -17,6 +17,7 @@
 //! Queues that can fill up: the device's frames and events, and the events here; all drop the
 //! newest, and the device counts it.
 
+use boot::{Crypto, Flash};
 use canopen::{Device, Emergency, ErrorClass, Frame, NmtCommand, NmtState};
 use control::configuration::Configuration;
 use control::interface::{Command, Report};
@@ -33,6 +34,7 @@ use crate::identity::Identity;
 use crate::parameters::Parameters;
 use crate::state::State;
 use crate::store::{IMAGE_MAX, Stored};
+use crate::update::{Done, Job};
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 10_000;
@@ -66,6 +68,7 @@ impl BusSide {
     pub fn poll(&mut self, now: Micros) {
         self.begin(now);
         self.robot.note_limit_at_rest(now);
+        self.robot.supervise_trial(now);
         self.device.poll(device_time(now), &mut self.robot);
         self.finish(now);
     }
@@ -266,6 +269,24 @@ impl BusSide {
     /// What was to be remembered is stored, or cannot be.
     pub fn remembered(&mut self, now: Micros, is_stored: bool) {
         self.robot.memory.stored(now, is_stored);
+    }
+
+    /// Reads what is known about the slots of flash; at start, before anything else.
+    pub fn survey(&mut self, flash: &impl Flash) {
+        self.robot.update.survey(flash);
+    }
+
+    /// What the platform must do for an update now, once the frames of [`BusSide::pop_frame`] are
+    /// on the bus: [`BusSide::work_on_update`] does it. Outputs are off.
+    #[must_use]
+    pub fn update_job(&self) -> Option<Job> {
+        self.robot.update_job()
+    }
+
+    /// Does what [`BusSide::update_job`] says. After [`Done::Reset`] the platform resets the
+    /// processor.
+    pub fn work_on_update(&mut self, flash: &mut impl Flash, crypto: &impl Crypto) -> Done {
+        self.robot.work_on_update(flash, crypto)
     }
 
     /// Before a frame, or what is due, is handled.

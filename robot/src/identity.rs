@@ -1,5 +1,6 @@
 //! Who the robot is on the bus, and which PDOs it has.
 
+use boot::Slot;
 use canopen::{CobId, Config, Mapping, NodeId, PdoConfig};
 use control::output_stage::OutputStage;
 use protocol::ENTRIES;
@@ -28,6 +29,11 @@ pub struct Identity {
     pub storage: bool,
     /// Kinds of drives that the board has, a mask of [`OutputStage::bit`].
     pub output_stages: u8,
+    /// Slot of flash that the program runs from; `None` for a robot that has none and takes no
+    /// update over the bus.
+    pub slot: Option<Slot>,
+    /// What images have to be made for.
+    pub device_of_images: boot::header::Device,
 }
 
 impl Identity {
@@ -56,6 +62,12 @@ impl Identity {
             brown_out_level: 3,
             storage: false,
             output_stages: Self::SWITCHED,
+            slot: None,
+            device_of_images: boot::header::Device {
+                board: boot::header::Board::NUCLEO_F446RE,
+                hardware: 0,
+                security_counter: 0,
+            },
         }
     }
 

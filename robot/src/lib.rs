@@ -64,6 +64,7 @@ pub mod sequence;
 pub mod state;
 mod store;
 mod strain;
+pub mod update;
 
 pub use bus_side::BusSide;
 pub use can::CanErrors;

@@ -39,7 +39,9 @@ struct Entry {
     follows_node: bool,
 }
 
-/// Writes the lists of mandatory and of optional objects, each with its objects.
+/// Writes the lists of mandatory and of optional objects, each with its objects. The list of
+/// optional objects ends with `others`, which the application has in this range; the caller writes
+/// these.
 ///
 /// ```
 /// use canopen::{CobId, Config, PdoConfig};
@@ -47,7 +49,7 @@ struct Entry {
 /// const STATUS: PdoConfig = PdoConfig { cob_id: CobId::PlusNode(0x180), ..PdoConfig::DEFAULT };
 /// let config = Config { heartbeat_ms: 100, tpdos: &[STATUS], ..Config::DEFAULT };
 /// let mut sheet = String::new();
-/// canopen::eds::communication_objects(&mut sheet, &config)?;
+/// canopen::eds::communication_objects(&mut sheet, &config, &[0x1F50])?;
 ///
 /// let section = |name| sheet.split("\n[").find_map(|text| text.strip_prefix(name));
 /// let heartbeat = section("1017]\n").expect("every device has 0x1017");
@@ -60,7 +62,7 @@ struct Entry {
 ///
 /// # Errors
 /// Those of the writer, and an object of the device without a name in this file.
-pub fn communication_objects(out: &mut impl Write, config: &Config) -> Result {
+pub fn communication_objects(out: &mut impl Write, config: &Config, others: &[u16]) -> Result {
     let with_node = |node| Config { node, ..*config };
     let twins = Twins {
         first: Device::new(with_node(Some(NodeId::MIN))),
@@ -70,9 +72,12 @@ pub fn communication_objects(out: &mut impl Write, config: &Config) -> Result {
         let objects = (0x1000..0x2000)
             .filter(|index| MANDATORY.contains(index) == mandatory)
             .filter(|index| twins.first.core.own(*index, 0).is_some());
+        let others = if mandatory { &[] } else { others };
+        let count = objects.clone().count().saturating_add(others.len());
         writeln!(out, "[{section}]")?;
-        writeln!(out, "SupportedObjects={}", objects.clone().count())?;
-        for (number, index) in (1..).zip(objects.clone()) {
+        writeln!(out, "SupportedObjects={count}")?;
+        let listed = objects.clone().chain(others.iter().copied());
+        for (number, index) in (1..).zip(listed) {
             let number: u16 = number;
             writeln!(out, "{number}=0x{index:04X}")?;
         }

@@ -1,7 +1,8 @@
 //! The electronic data sheet (CiA 306) of a robot.
 //!
-//! The objects from 0x2000 on come from the object table. Those of the communication, below that,
-//! are written by whoever has the robot's CANopen device (`canopen::eds`).
+//! The objects from 0x2000 on, and those of a program download, come from the object table. Those
+//! of the communication are written by whoever has the robot's CANopen device (`canopen::eds`),
+//! with a list that has the former, too ([`PROFILE_OBJECTS`](crate::table::PROFILE_OBJECTS)).
 
 use core::fmt::{Result, Write};
 
@@ -17,12 +18,10 @@ use crate::{Access, Kind, Object};
 pub fn eds<W: Write>(out: &mut W, communication: impl FnOnce(&mut W) -> Result) -> Result {
     head(out)?;
     communication(out)?;
-    writeln!(
-        out,
-        "[ManufacturerObjects]\nSupportedObjects={}",
-        RECORDS.len()
-    )?;
-    for (number, (index, _)) in (1..).zip(RECORDS) {
+    let own = RECORDS.iter().filter(|(index, _)| *index >= 0x2000);
+    let count = own.clone().count();
+    writeln!(out, "[ManufacturerObjects]\nSupportedObjects={count}")?;
+    for (number, (index, _)) in (1..).zip(own) {
         let number: u16 = number;
         writeln!(out, "{number}=0x{index:04X}")?;
     }
@@ -115,7 +114,7 @@ fn values(out: &mut impl Write, object: &Object) -> Result {
         writeln!(out, "{remark}LowLimit={min}\n{remark}HighLimit={max}")?;
     }
     // What the robot works out has no default.
-    if object.access == Access::ReadOnly {
+    if matches!(object.access, Access::ReadOnly | Access::WriteOnly) {
         return writeln!(out, "DefaultValue=");
     }
     writeln!(out, "{remark}DefaultValue={}", Shown(object.default))

@@ -384,7 +384,7 @@ fn objects<W: Write>(out: &mut W) -> Result {
                     Shown(object.default)
                 )?,
                 Access::Const => write!(out, " | {} |", Shown(object.default))?,
-                Access::ReadOnly | Access::ReadWrite => write!(out, " | |")?,
+                Access::ReadOnly | Access::WriteOnly | Access::ReadWrite => write!(out, " | |")?,
             }
             if object.required {
                 write!(out, " **Required.**")?;

@@ -4,14 +4,16 @@
 use super::record::Record;
 use super::{
     commissioning, diagnostics, geometry, group, history, identity, limits, motors, process,
-    rollers, wheels,
+    rollers, update, wheels,
 };
 use crate::address::Address;
 use crate::object::{Access, Kind, Object, Value, ValueError};
 
 /// All records, by rising index.
 const PARTS: &[&[Record]] = &[
+    update::PROGRAM_RECORDS,
     identity::IDENTITY_RECORDS,
+    update::UPDATE_RECORDS,
     geometry::ROBOT_RECORDS,
     wheels::wheel::RECORDS,
     geometry::DRIVE_RECORDS,
@@ -59,6 +61,22 @@ pub static RECORDS: &[(u16, &str)] = &records();
 
 /// The same objects without the texts, for the robot.
 pub static ENTRIES: [Entry; COUNT] = entries();
+
+/// The indices among them that a profile of CiA has given a meaning: they are below 0x2000, beside
+/// the objects of the communication.
+pub static PROFILE_OBJECTS: [u16; update::PROGRAM_RECORDS.len()] = profile_objects();
+
+#[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+const fn profile_objects() -> [u16; update::PROGRAM_RECORDS.len()] {
+    let mut out = [0; update::PROGRAM_RECORDS.len()];
+    let mut next = 0;
+    while next < out.len() {
+        out[next] = update::PROGRAM_RECORDS[next].index;
+        assert!(out[next] < 0x2000);
+        next += 1;
+    }
+    out
+}
 
 static FLAT: [Object; COUNT] = flat();
 
@@ -256,6 +274,7 @@ const CONST: u8 = 0;
 const READ_ONLY: u8 = 1;
 const READ_WRITE: u8 = 2;
 const PARAMETER: u8 = 3;
+const WRITE_ONLY: u8 = 4;
 const MAPPABLE: u8 = 1 << 6;
 const REQUIRED: u8 = 1 << 7;
 const NO_SLOT: u8 = u8::MAX;
@@ -279,6 +298,7 @@ impl Entry {
         match self.bits & !(MAPPABLE | REQUIRED) {
             CONST => Access::Const,
             READ_ONLY => Access::ReadOnly,
+            WRITE_ONLY => Access::WriteOnly,
             READ_WRITE => Access::ReadWrite,
             _ => Access::Parameter,
         }
@@ -332,6 +352,7 @@ impl Entry {
         let access = match object.access {
             Access::Const => CONST,
             Access::ReadOnly => READ_ONLY,
+            Access::WriteOnly => WRITE_ONLY,
             Access::ReadWrite => READ_WRITE,
             Access::Parameter => PARAMETER,
         };
@@ -420,7 +441,7 @@ mod tests {
                 assert_eq!(subs, want, "index {index:04X}");
             }
         }
-        assert_eq!(highest_sub(0x2003), None);
+        assert_eq!(highest_sub(0x2004), None);
         assert_eq!(highest_sub(0x1FFF), None);
     }
 

@@ -23,11 +23,14 @@ mod motors;
 mod process;
 mod record;
 pub mod rollers;
+mod update;
 pub(crate) mod wheels;
 
 use crate::address::{self as at, Address};
 
-pub use entries::{COUNT, ENTRIES, Entry, OBJECTS, PARAMETERS, RECORDS, entry, highest_sub};
+pub use entries::{
+    COUNT, ENTRIES, Entry, OBJECTS, PARAMETERS, PROFILE_OBJECTS, RECORDS, entry, highest_sub,
+};
 
 /// Addresses by name.
 pub(crate) mod names {
@@ -39,6 +42,7 @@ pub(crate) mod names {
     pub use super::limits::*;
     pub use super::motors::*;
     pub use super::process::*;
+    pub use super::update::*;
 }
 
 /// The parameters that must be equal in all members of a group.

@@ -19,6 +19,7 @@
 //! | `publish` | what the robot reports about itself |
 //! | `plan` | what the members compare before they move |
 //! | `storage` | saving parameters |
+//! | `update` | a new image over the bus |
 //!
 //! Time is that of the last frame or poll, [`Application::now`].
 
@@ -33,6 +34,7 @@ mod publish;
 mod service;
 mod start;
 mod storage;
+mod update;
 
 use canopen::NmtState;
 use control::clock::SyncClock;
@@ -57,6 +59,7 @@ use crate::sequence::Setpoints;
 use crate::state::{self, State};
 use crate::store::Store;
 use crate::strain::Strain;
+use crate::update::Update;
 use alone::Alone;
 use faults::Announcements;
 use identification::Identification;
@@ -82,6 +85,7 @@ pub(crate) struct Application {
     pub state: State,
     pub parameters: Parameters,
     pub store: Store,
+    pub update: Update,
     configuration: Option<Configuration>,
     /// The control side has not been given the configuration yet.
     to_hand: bool,
@@ -148,6 +152,7 @@ impl Application {
             state: State::Ready,
             parameters: Parameters::new(),
             store: Store::new(),
+            update: Update::new(identity.slot, identity.device_of_images),
             configuration: None,
             to_hand: false,
             agreement: Agreement::new(),

@@ -128,6 +128,7 @@ impl Application {
                 let wheel = usize::from(sub.checked_sub(1)?);
                 Value::F32(*self.report.roller_sweeps.get(wheel)?)
             }
+            _ if let Some(value) = self.update_value(address) => value,
             _ => match self.process_data(address.index) {
                 Some(bytes) => Value::from_bytes(entry.kind, bytes.get(place(entry))?).ok()?,
                 None => match self.identification.result(address) {
@@ -150,7 +151,7 @@ impl Application {
             Access::Parameter if state == NmtState::Operational => {
                 return Err(AbortCode::DeviceState);
             }
-            Access::Parameter | Access::ReadWrite => {}
+            Access::Parameter | Access::ReadWrite | Access::WriteOnly => {}
         }
         if entry.kind == Kind::Domain {
             return self.write_set(entry, data);
@@ -179,6 +180,7 @@ impl Application {
             (at::ALONE_FOR_NOW, Value::U8(wanted @ 0..=1)) => {
                 return self.declare_alone(wanted == 1, nmt);
             }
+            (at::PROGRAM_CONTROL, Value::U8(value)) => return self.control_update(value, nmt),
             (at::IDENTIFY, Value::U8(0)) if record.is_running => {
                 self.end_identification(self.now())
             }

@@ -1,6 +1,9 @@
 //! What the device calls.
 
-use canopen::{AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, ReceivedSync, ResetScope};
+use canopen::{
+    AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, ReceivedSync, ResetScope, Sink,
+};
+use protocol::address::PROGRAM_DATA;
 use protocol::{Access, Address, Kind, MASTER, table::highest_sub};
 
 use super::objects::find;
@@ -18,6 +21,9 @@ impl canopen::Application for Application {
             return Ok(1);
         }
         let entry = find(Address::new(index, sub))?;
+        if entry.access() == Access::WriteOnly {
+            return Err(AbortCode::WriteOnly);
+        }
         if entry.kind == Kind::Domain {
             let block = self.block(entry.address);
             let to = out.get_mut(..block.len()).ok_or(AbortCode::OutOfMemory)?;
@@ -131,6 +137,10 @@ impl canopen::Application for Application {
         } else {
             None
         }
+    }
+
+    fn sink(&mut self, index: u16, sub: u8) -> Option<&mut dyn Sink> {
+        (Address::new(index, sub) == PROGRAM_DATA).then_some(self as &mut dyn Sink)
     }
 
     fn may_change_node(&self) -> bool {

@@ -75,6 +75,9 @@ impl Application {
     /// The NMT state has changed, and with a reset perhaps the node-ID.
     pub fn on_nmt(&mut self, now: Micros, from: NmtState, to: NmtState, node: Option<NodeId>) {
         self.nmt = to;
+        if to != NmtState::PreOperational {
+            self.update.cancel();
+        }
         self.alone.is_permitted = false;
         if from == NmtState::Operational {
             self.alone.for_now = false;

@@ -15,5 +15,6 @@ mod safety;
 mod start;
 mod storage;
 mod tracking;
+mod update;
 mod wheels;
 mod world;
