@@ -297,8 +297,8 @@ fn options_that_do_not_fit_say_what_does() {
             1,
             "--gyro tcp://HOST:PORT",
         ),
-        (&[], &real, 1, "--gyro tcp://HOST:PORT"),
-        (&["--gyro", "can0"], &real, 1, "not tcp://HOST:PORT"),
+        (&[], &real, 2, "--gyro tcp://HOST:PORT"),
+        (&["--gyro", "can0"], &real, 2, "not tcp://HOST:PORT"),
         (
             &["--gyro", "tcp://127.0.0.1:1"],
             &real,
@@ -308,7 +308,7 @@ fn options_that_do_not_fit_say_what_does() {
         (
             &["--gyro", "tcp://127.0.0.1:1"],
             &simulated,
-            1,
+            2,
             "--gyro sim",
         ),
         (
@@ -320,7 +320,7 @@ fn options_that_do_not_fit_say_what_does() {
         (
             &["--gyro", "sim", "--repeats", "0"],
             &simulated,
-            1,
+            2,
             "--repeats",
         ),
     ] {

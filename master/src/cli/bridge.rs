@@ -5,7 +5,7 @@ use std::io::{BufReader, stdin, stdout};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use omnibus::bridge::server::{Address, Listener};
 use omnibus::bridge::{Bridge, operate};
 
@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let interval = match arguments.rate {
         None => 0.0,
         Some(rate) if rate > 0.0 && rate <= 1000.0 => 1.0 / rate,
-        Some(rate) => bail!("--rate: {rate} Hz is not above 0 and at most 1000 Hz"),
+        Some(rate) => usage!("--rate: {rate} Hz is not above 0 and at most 1000 Hz"),
     };
     let listener = match &arguments.listen {
         Some(address) => Some(Listener::bind(address).with_context(|| {
@@ -110,5 +110,5 @@ fn live(
     _: &omnibus::monitor::telemetry::Hub,
     _: &group::GroupFile,
 ) -> anyhow::Result<std::net::SocketAddr> {
-    bail!("--foxglove: this build does not support Foxglove; build it with --features foxglove")
+    usage!("--foxglove: this build does not support Foxglove; build it with --features foxglove")
 }

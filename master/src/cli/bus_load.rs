@@ -3,7 +3,7 @@
 use omnibus::bus::load::{BUSY, Stuffing, total, traffic};
 use serde_json::json;
 
-use super::{Usage, json, output, print_json, print_line};
+use super::{json, output, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus bus-load --robots 8
@@ -23,16 +23,12 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (robots, rate) = (arguments.robots, arguments.rate);
     if !(1..=16).contains(&robots) {
-        return Err(Usage(format!(
+        usage!(
             "--robots: {robots} is not between 1 and 16, which is what one bus has node ids for"
-        ))
-        .into());
+        );
     }
     if !(10.0..=500.0).contains(&rate) {
-        return Err(Usage(format!(
-            "--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)"
-        ))
-        .into());
+        usage!("--rate: {rate} Hz is not between 10 and 500 Hz (object 2041:1)");
     }
     let traffic = traffic(robots, rate);
     let total = total(&traffic);

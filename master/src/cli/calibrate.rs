@@ -1,6 +1,5 @@
 //! `omnibus calibrate`: finds what robots have to be told about themselves.
 
-use anyhow::Context as _;
 use omnibus::run::DriveError;
 use omnibus::source::pose::PoseStream;
 
@@ -76,9 +75,9 @@ fn wrong(problem: &str) -> ! {
 
 /// Connects to `tcp://HOST:PORT`.
 fn pose_stream(source: &str) -> anyhow::Result<PoseStream> {
-    let address = source
-        .strip_prefix("tcp://")
-        .with_context(|| format!("--pose {source} is not tcp://HOST:PORT"))?;
+    let Some(address) = source.strip_prefix("tcp://") else {
+        usage!("--pose {source} is not tcp://HOST:PORT");
+    };
     PoseStream::connect(address).map_err(|error| {
         let address = address.to_owned();
         let problem = error.to_string();

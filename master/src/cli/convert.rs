@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use canopen::Micros;
 use omnibus::file::Beside;
 use omnibus::recording::{self, Recorder, Recording, Settings, candump, csv};
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         recording.group()?;
     }
     match (arguments.to, &arguments.output) {
-        (Form::Mcap, None) => bail!(
+        (Form::Mcap, None) => usage!(
             "--output FILE.mcap is missing: a recording is binary and cannot go to standard output"
         ),
         (Form::Mcap, Some(path)) => {

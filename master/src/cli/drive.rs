@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::output::Progress;
 use super::recorder::{self, RecordTo};
-use super::{Target, Usage, json, print_json, print_line, print_note};
+use super::{Target, json, print_json, print_line, print_note};
 
 /// Rows that are kept; a drive of an hour has 360 000.
 const ROWS: usize = 1_000;
@@ -69,11 +69,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Refused before the bus is even opened.
     omnibus::session::check_twist(twist, &file.limits)?;
     if !(arguments.seconds > 0.0 && arguments.seconds <= 3600.0) {
-        return Err(Usage(format!(
+        usage!(
             "--for: {} s; give more than 0 and at most 3600 s",
             arguments.seconds
-        ))
-        .into());
+        );
     }
     let link = arguments.target.command(&file)?;
     let recorder = arguments

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use canopen::Micros;
 use clap::ValueEnum as _;
 use kinematics::Pose;
@@ -180,7 +180,7 @@ impl Arguments {
             return Ok(vec![None]);
         };
         if !(self.gain > 0.0 && self.gain <= 5.0) {
-            bail!(
+            usage!(
                 "--gain: {} 1/s is not between 0 and 5; a higher gain makes the loop oscillate",
                 self.gain
             );
@@ -213,13 +213,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let feedbacks = arguments.feedbacks()?;
     let simulated = matches!(target.bus, BusAddress::Sim(_));
     if simulated && matches!(arguments.pose, Some(Source::Stream(_))) {
-        bail!(
+        usage!(
             "--pose tcp://: a simulated bus in this process has virtual time, which other \
              programs do not share; give --pose truth, or use omnibus-sim serve with --slcan-tcp and --pose-tcp"
         );
     }
     if !simulated && (arguments.candump.is_some() || arguments.log.is_some()) {
-        bail!("--candump and --log are for simulated buses; use candump itself");
+        usage!("--candump and --log are for simulated buses; use candump itself");
     }
     let abort = super::abort_on_ctrl_c()?;
     let (mut runs, mut syncs, mut recorded) = (Vec::new(), Vec::new(), Ok(()));

@@ -21,6 +21,13 @@ use omnibus::run::DriveError;
 use omnibus::simulation::{self, link::SimLink};
 use protocol::Limit;
 
+/// Ends a function with [`Usage`]: the call is wrong, which its arguments alone show.
+macro_rules! usage {
+    ($($message:tt)*) => {
+        return Err($crate::cli::Usage(format!($($message)*)).into())
+    };
+}
+
 pub mod bridge;
 pub mod bus_load;
 pub mod calibrate;
@@ -91,11 +98,10 @@ impl Target {
     pub fn group(&self) -> anyhow::Result<GroupFile> {
         match self.group_if_any()? {
             Some(group) => Ok(group),
-            None => Err(Usage(format!(
+            None => usage!(
                 "--group GROUP.toml is missing; it tells which robots are on {}",
                 self.bus
-            ))
-            .into()),
+            ),
         }
     }
 
@@ -103,7 +109,7 @@ impl Target {
     pub fn group_if_any(&self) -> anyhow::Result<Option<GroupFile>> {
         let path = match (&self.bus, &self.group) {
             (BusAddress::Sim(path), None) => path,
-            (BusAddress::Sim(own), Some(path)) if !is_same(own, path) => bail!(
+            (BusAddress::Sim(own), Some(path)) if !is_same(own, path) => usage!(
                 "--group {}: a simulated bus has the group file that it names, {}",
                 path.display(),
                 own.display()
@@ -119,7 +125,7 @@ impl Target {
     pub fn group_path(&self) -> anyhow::Result<&Path> {
         match (&self.bus, &self.group) {
             (BusAddress::Sim(path), _) | (_, Some(path)) => Ok(path),
-            _ => Err(Usage("--group GROUP.toml is missing".into()).into()),
+            _ => usage!("--group GROUP.toml is missing"),
         }
     }
 

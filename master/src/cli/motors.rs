@@ -7,7 +7,7 @@ use protocol::{Address, OBJECTS, Value, address};
 use serde_json::json;
 
 use super::output::{self, Progress};
-use super::{Target, Usage, print_line};
+use super::{Target, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus identify-motors --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -56,7 +56,7 @@ fn check(option: &str, address: Address, value: f32) -> anyhow::Result<()> {
             "{option}: {value} is not between {low} and {high} {}",
             object.unit
         );
-        return Err(Usage(message.trim_end().into()).into());
+        usage!("{}", message.trim_end());
     }
     Ok(())
 }
@@ -68,13 +68,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--node {node}: group '{}' has no such robot", group.name);
     };
     if !arguments.wheels_free {
-        return Err(Usage(format!(
+        usage!(
             "the wheels of node {node} will turn by up to {} rad ({:.2} m on the floor) in both \
              directions; lift them or clear the area, then add --wheels-free",
             arguments.travel,
             arguments.travel * robot.geometry.wheel_radius()
-        ))
-        .into());
+        );
     }
     for (option, address, value) in [
         ("--rate", address::IDENTIFY_RATE, arguments.rate),

@@ -422,7 +422,7 @@ fn differences<L: Link>(
 fn diff_file(file: &std::path::Path, node: Option<u8>, target: &Target) -> anyhow::Result<()> {
     let parameters = param_file::read(file)?;
     let Some(node) = node.or(parameters.node) else {
-        bail!(
+        usage!(
             "--node is missing; it tells which robot to compare with {}",
             file.display()
         );

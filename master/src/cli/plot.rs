@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use omnibus::recording::{charts, page};
 use serde_json::json;
 
@@ -55,7 +55,7 @@ pub fn form(path: &Path, option: &str) -> anyhow::Result<Form> {
     match extension.map(str::to_ascii_lowercase).as_deref() {
         Some("svg") => Ok(Form::Svg),
         Some("png") => Ok(Form::Png),
-        _ => bail!(
+        _ => usage!(
             "{option} {}: the name must end in .svg or .png",
             path.display()
         ),

@@ -44,10 +44,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(seconds) = arguments.seconds
         && !(seconds > 0.0 && seconds <= 1e6)
     {
-        bail!("--for: {seconds} s; give more than 0 and at most 1000000 s");
+        usage!("--for: {seconds} s; give more than 0 and at most 1000000 s");
     }
     if matches!(arguments.target.bus, BusAddress::Sim(_)) && arguments.seconds.is_none() {
-        bail!(
+        usage!(
             "--for SECONDS is missing: {} is a new simulated bus, on which nothing moves; to record a \
              simulated drive use `omnibus follow CURVE --record FILE.mcap`",
             arguments.target.bus

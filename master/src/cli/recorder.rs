@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
 use canopen::Micros;
 use omnibus::recording::{Recorder, RecordingError, Settings};
 
@@ -29,7 +28,7 @@ impl RecordTo {
     ) -> anyhow::Result<Option<Recorder>> {
         let Some(path) = &self.record else {
             if self.rotate.megabytes.is_some() {
-                bail!("--rotate-mb applies to recordings; add --record FILE.mcap");
+                usage!("--rotate-mb applies to recordings; add --record FILE.mcap");
             }
             return Ok(None);
         };

@@ -9,7 +9,7 @@ use protocol::cob;
 use serde_json::json;
 
 use super::output::Found;
-use super::{Target, Usage, json, print_json, print_line};
+use super::{Target, json, print_json, print_line};
 
 const EXAMPLES: &str = "Examples:
   omnibus reset --node 3 --bus socketcan:can0
@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(node) = arguments.node
         && !protocol::is_robot(node)
     {
-        return Err(Usage(format!("--node {node}: robots are nodes 2 to 17")).into());
+        usage!("--node {node}: robots are nodes 2 to 17");
     }
     let mut wire = target.exclusive()?;
     let found = Survey::take(&mut wire, None)?.found;

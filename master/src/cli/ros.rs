@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, anyhow};
 use omnibus::ros::{Options, RosError, operate};
 use ros::names::{Frames, namespace};
 use ros::node::environment::{Environment, Reach, Services};
@@ -105,13 +105,13 @@ fn settings(
     group: &group::GroupFile,
 ) -> anyhow::Result<(Settings, Options)> {
     if !(0.05..=2.0).contains(&arguments.cmd_timeout) {
-        bail!(
+        usage!(
             "--cmd-timeout: {} s is not between 0.05 s and 2 s",
             arguments.cmd_timeout
         );
     }
     if !(1.0..=1000.0).contains(&arguments.rate) {
-        bail!(
+        usage!(
             "--rate: {} Hz is not between 1 Hz and 1000 Hz",
             arguments.rate
         );

@@ -60,7 +60,7 @@ fn token(arguments: &Arguments, address: SocketAddr) -> anyhow::Result<String> {
         return Ok(token.to_owned());
     }
     if !address.ip().is_loopback() {
-        bail!(
+        usage!(
             "--http {address}: other computers reach this address; give --token-file FILE, or \
              serve on 127.0.0.1 and connect through an SSH tunnel"
         );
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let target = &arguments.target;
     let group = target.group()?;
     if target.elf()?.is_some() {
-        bail!(
+        usage!(
             "--backend {}: the page drives native robots or real ones",
             target.backend
         );

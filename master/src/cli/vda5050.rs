@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use ::vda5050::message::Identity;
 use ::vda5050::{Configuration, Version};
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use kinematics::Pose;
 use omnibus::bus::address::BusAddress;
 use omnibus::path::steering::Law;
@@ -93,7 +93,7 @@ impl Arguments {
             ),
         ] {
             if !(low..=high).contains(&value) {
-                bail!("{option}: {value} is not between {low} and {high}");
+                usage!("{option}: {value} is not between {low} and {high}");
             }
         }
         let identity = Identity {
@@ -142,8 +142,8 @@ impl Arguments {
         let simulated = matches!(self.target.bus, BusAddress::Sim(_));
         let poses = match &self.pose {
             Source::Odometry => None,
-            Source::Truth => bail!("--pose: give odometry or tcp://HOST:PORT"),
-            Source::Stream(_) if simulated => bail!(
+            Source::Truth => usage!("--pose: give odometry or tcp://HOST:PORT"),
+            Source::Stream(_) if simulated => usage!(
                 "--pose tcp://: a simulated bus in this process has no other program's poses; use \
                  omnibus-sim serve with --slcan-tcp and --pose-tcp"
             ),

@@ -15,7 +15,7 @@ use protocol::{Value, address};
 use serde_json::json;
 
 use super::output::{self, Found, Progress};
-use super::{Target, Usage, print_line, print_note};
+use super::{Target, print_line, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus wheel-test --node 2 --wheels-free --bus sim:groups/tcc-2.toml
@@ -79,11 +79,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bail!("--node {node}: group '{}' has no such robot", group.name);
     }
     if !arguments.wheels_free {
-        return Err(Usage(format!(
+        usage!(
             "the wheels of node {node} will turn one by one; lift them off the floor, then add \
              --wheels-free"
-        ))
-        .into());
+        );
     }
     let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
     session.configure(true)?;

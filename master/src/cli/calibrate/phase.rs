@@ -1,7 +1,6 @@
 //! `omnibus calibrate --phase`: how the rollers of each wheel stand at its encoder's index, from a
 //! source of poses or from gyros.
 
-use anyhow::{Context as _, bail};
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
@@ -32,7 +31,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let nodes: Vec<u8> = group.robots.iter().map(|robot| robot.node).collect();
     match (&target.bus, &arguments.gyro, &arguments.pose) {
         (BusAddress::Sim(_), _, Some(_)) => {
-            bail!("--pose is not needed on a simulated bus")
+            usage!("--pose is not needed on a simulated bus")
         }
         #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), None, None) => {
@@ -58,7 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let mut poses = |link: &mut Box<dyn Link>| stream.robots(&nodes, link.now());
             calibrate(arguments, &group, link, &mut Source::Poses(&mut poses))
         }
-        (_, None, None) => bail!(
+        (_, None, None) => usage!(
             "no source of measurements: give --pose tcp://HOST:PORT (poses) or --gyro \
              tcp://HOST:PORT (yaw rates), both as JSON lines"
         ),
@@ -69,7 +68,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 #[cfg(feature = "simulation")]
 pub fn is_simulated(gyro: &str) -> anyhow::Result<()> {
     if gyro != SIM {
-        bail!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
+        usage!("--gyro {gyro} is for real buses; on a simulated one give --gyro {SIM}");
     }
     Ok(())
 }
@@ -102,14 +101,14 @@ pub fn simulated_gyros(link: &mut SimLink) -> Result<Vec<Vec<RateSample>>, Maste
 /// Connects to `tcp://HOST:PORT`.
 pub fn gyro_stream(source: &str) -> anyhow::Result<GyroStream> {
     if source == SIM {
-        bail!(
+        usage!(
             "--gyro {SIM} is for simulated buses; give --gyro tcp://HOST:PORT, where yaw rates \
              come as JSON lines"
         );
     }
-    let address = source
-        .strip_prefix("tcp://")
-        .with_context(|| format!("--gyro {source} is not tcp://HOST:PORT"))?;
+    let Some(address) = source.strip_prefix("tcp://") else {
+        usage!("--gyro {source} is not tcp://HOST:PORT");
+    };
     GyroStream::connect(address).map_err(|error| {
         MasterError::GyroSource {
             address: source.to_owned(),

@@ -88,30 +88,30 @@ impl Slip {
         };
         let repeats = self.repeats.unwrap_or(usual);
         if !(1..=20).contains(&repeats) {
-            bail!("--repeats: {repeats} is not between 1 and 20");
+            usage!("--repeats: {repeats} is not between 1 and 20");
         }
         Ok(repeats)
     }
 
     fn settings(&self, group: &GroupFile, rollers: u8) -> anyhow::Result<Settings> {
         let usual = Settings::default();
-        let sorted = |asked: &[f64], name: &str, usual: Vec<f64>| {
+        let sorted = |asked: &[f64], name: &str, usual: Vec<f64>| -> anyhow::Result<Vec<f64>> {
             if asked.is_empty() {
                 return Ok(usual);
             }
             if let Some(bad) = asked.iter().find(|v| !(0.02..=6.0).contains(*v)) {
-                bail!("{name}: {bad} is not between 0.02 and 6");
+                usage!("{name}: {bad} is not between 0.02 and 6");
             }
             let mut all = asked.to_vec();
             all.sort_by(f64::total_cmp);
             all.dedup();
             if all.len() > protocol::compensation::ROWS {
-                bail!("{name}: give at most {}", protocol::compensation::ROWS);
+                usage!("{name}: give at most {}", protocol::compensation::ROWS);
             }
             Ok(all)
         };
         if !(0.1..=20.0).contains(&self.distance) {
-            bail!("--distance: {} is not between 0.1 and 20 m", self.distance);
+            usage!("--distance: {} is not between 0.1 and 20 m", self.distance);
         }
         let repeats = self.repeats()?;
         let few = |all: Vec<f64>, one: f64| if self.tape { vec![one] } else { all };
@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return undo(arguments, &group);
     }
     if slip.save && !arguments.write {
-        bail!("--save saves the values that --write writes; add --write");
+        usage!("--save saves the values that --write writes; add --write");
     }
     if let Some(path) = &slip.plot {
         progress::form(path)?;
@@ -152,7 +152,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let rigid = group.simulation.rigid;
     match (&target.bus, &arguments.pose) {
-        (BusAddress::Sim(_), Some(_)) => bail!("--pose is not needed on a simulated bus"),
+        (BusAddress::Sim(_), Some(_)) => usage!("--pose is not needed on a simulated bus"),
         #[cfg(feature = "simulation")]
         (BusAddress::Sim(_), None) => {
             let link = target.simulated(&group)?;
@@ -183,7 +183,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             }
         }
         (_, None) if slip.tape => by_tape(arguments, &group, &settings, target.command(&group)?),
-        (_, None) => bail!(
+        (_, None) => usage!(
             "no source of measurements: give --pose tcp://HOST:PORT (JSON lines), or --tape to \
              type in every measurement"
         ),
@@ -259,7 +259,7 @@ fn work<L: Link>(
     let mut journal = Journal::new(|step| progress.show(step)).without(slip.without.clone());
     match (&arguments.target.bus, arguments.target.group_path()) {
         (BusAddress::Sim(_), _) if slip.resume => {
-            bail!(
+            usage!(
                 "--resume: a simulated bus starts from the beginning with every command, so there is nothing to continue"
             )
         }
@@ -367,7 +367,7 @@ fn find<L: Link>(
             let source = &mut match (gyro, &mut *instrument) {
                 (Some(gyro), _) => Source::Gyro(gyro),
                 (None, Instrument::Poses(poses)) => Source::Poses(*poses),
-                (None, Instrument::Tape(_)) => bail!("--all needs a source of poses"),
+                (None, Instrument::Tape(_)) => usage!("--all needs a source of poses"),
             };
             phases = rollers::learn(group, settings, source, journal)?;
         }

@@ -8,7 +8,6 @@ use group::{GroupFile, Robot};
 use kinematics::Pose;
 
 use super::{json, print_json, print_line};
-use crate::cli::Usage;
 
 const EXAMPLES: &str = "Examples:
   omnibus group draw groups/tcc-2.toml
@@ -36,8 +35,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return print_line(text(&group).trim_end());
     };
     if path.extension().is_none_or(|end| end != "svg") {
-        let message = format!("--output {}: the name must end in .svg", path.display());
-        return Err(Usage(message).into());
+        usage!("--output {}: the name must end in .svg", path.display());
     }
     omnibus::file::replace(path, svg(&group).as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;

@@ -34,7 +34,7 @@ use self::deadman::DeadMan;
 use self::gamepad::Gamepad;
 use self::keys::Action;
 use self::view::View;
-use super::{Target, Usage};
+use super::Target;
 
 /// Interval of velocities to the pilot and of drawing the screen.
 const TICK: Duration = Duration::from_millis(50);
@@ -96,10 +96,7 @@ pub fn watch(arguments: &Watch) -> anyhow::Result<()> {
 /// `omnibus teleop`.
 pub fn teleop(arguments: &Teleop) -> anyhow::Result<()> {
     if super::json() {
-        return Err(Usage(
-            "teleop shows a terminal and has no JSON; `omnibus bridge` lets programs drive".into(),
-        )
-        .into());
+        usage!("teleop shows a terminal and has no JSON; `omnibus bridge` lets programs drive");
     }
     let gamepad = match &arguments.gamepad {
         Some(path) => Some(Gamepad::open(path).with_context(|| {
@@ -134,7 +131,7 @@ fn run(live: &Live, gamepad: Option<Gamepad>, steers: bool) -> anyhow::Result<()
     if let Some(seconds) = live.seconds
         && !(0.0..=1e6).contains(&seconds)
     {
-        bail!("--for: {seconds} s is not between 0 and 1000000 s");
+        usage!("--for: {seconds} s is not between 0 and 1000000 s");
     }
     let until = live
         .seconds

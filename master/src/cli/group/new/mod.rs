@@ -20,7 +20,6 @@ use anyhow::{Context as _, bail};
 use group::{Examination, FIRST_NODE, LAST_NODE};
 
 use super::{json, print_json, print_line, print_note};
-use crate::cli::Usage;
 
 use motor::{Motor, Robot};
 use quantity::{Units, place, quantity};
@@ -185,7 +184,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ));
     }
     if !problems.is_empty() {
-        return Err(Usage(problems.join("; ")).into());
+        usage!("{}", problems.join("; "));
     }
     let motor = Motor::of(&robot)?;
     let stem = path
