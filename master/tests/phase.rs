@@ -294,7 +294,7 @@ fn options_that_do_not_fit_say_what_does() {
         (
             &["--gyro", "sim"][..],
             &real[..],
-            1,
+            2,
             "--gyro tcp://HOST:PORT",
         ),
         (&[], &real, 2, "--gyro tcp://HOST:PORT"),
