@@ -43,6 +43,14 @@ pub enum MasterError {
         /// What the node says.
         found: u32,
     },
+    /// A robot does not take a new image.
+    #[error("node {node}: no update: {reason}")]
+    Update {
+        /// The node.
+        node: u8,
+        /// Why, and what to do about it.
+        reason: String,
+    },
     /// A robot could not identify its motors.
     #[error("node {node}: motors not identified: {reason}")]
     Identification {

@@ -57,6 +57,8 @@ enum Command {
     /// Flashes one robot's LED, to tell which robot it is.
     #[command(alias = "identify")]
     Blink(cli::wheel_test::Blink),
+    /// Brings a new image to all robots, or to none.
+    Update(cli::update::Arguments),
     /// Turns one wheel after the other and reports wrong wiring.
     WheelTest(cli::wheel_test::Arguments),
     /// Identifies the motors of one robot and sets its wheel loops.
@@ -102,6 +104,7 @@ fn main() -> ExitCode {
         Command::Scan(arguments) => cli::nodes::scan(&arguments),
         Command::Status(arguments) => cli::nodes::status(&arguments),
         Command::Reset(arguments) => cli::reset::run(&arguments),
+        Command::Update(arguments) => cli::update::run(&arguments),
         Command::Param(arguments) => cli::param::run(&arguments),
         Command::Group(arguments) => cli::group::run(&arguments),
         Command::Lss(command) => cli::lss::run(&command),

@@ -53,6 +53,7 @@ pub mod reset;
 #[cfg(feature = "ros")]
 pub mod ros;
 pub mod serve;
+pub mod update;
 #[cfg(feature = "vda5050")]
 pub mod vda5050;
 pub mod wheel_test;

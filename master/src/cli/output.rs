@@ -261,6 +261,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::Configuration { .. }
             | MasterError::NotReady { .. }
             | MasterError::Identification { .. }
+            | MasterError::Update { .. }
             | MasterError::NoIndex { .. }
             | MasterError::AnotherMaster(_)
             | MasterError::Lss(_),

@@ -1,10 +1,11 @@
 //! What is done to robots before they drive: found ([`survey`]), numbered ([`lss`]), their wiring
-//! tried ([`wheel_test`]), their motors identified ([`motors`]) and their slip and rollers
-//! calibrated ([`calibrate`]).
+//! tried ([`wheel_test`]), their motors identified ([`motors`]), their slip and rollers calibrated
+//! ([`calibrate`]) and their firmware updated ([`update`]).
 
 #[cfg(feature = "calibration")]
 pub mod calibrate;
 pub mod lss;
 pub mod motors;
 pub mod survey;
+pub mod update;
 pub mod wheel_test;

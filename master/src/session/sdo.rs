@@ -58,6 +58,8 @@ enum Transfer<'a> {
     Read,
     Write(Value),
     WriteBlock(&'a [u8]),
+    /// By block transfer, of any length.
+    Download(&'a [u8]),
 }
 
 impl Transfer<'_> {
@@ -69,7 +71,9 @@ impl Transfer<'_> {
             Self::Write(_) if address == STORE.0 => "saving the parameters".into(),
             Self::Write(_) if address == RESTORE.0 => "restoring the defaults".into(),
             Self::Write(value) => format!("writing {} to {object}", show(value)),
-            Self::WriteBlock(bytes) => format!("writing {} bytes to {object}", bytes.len()),
+            Self::WriteBlock(bytes) | Self::Download(bytes) => {
+                format!("writing {} bytes to {object}", bytes.len())
+            }
         }
     }
 }
@@ -150,7 +154,7 @@ impl<L: Link> Wire<L> {
     }
 
     /// Lets time pass and sends heartbeats; received frames wait for the next reader.
-    fn pass(&mut self, us: u64) -> Result<(), MasterError> {
+    pub(crate) fn pass(&mut self, us: u64) -> Result<(), MasterError> {
         let until = Micros(self.now().0 + us);
         let mut received = Vec::new();
         while let Some(frame) = self.next(until)? {
@@ -202,6 +206,22 @@ impl<L: Link> Wire<L> {
         })
     }
 
+    /// Writes an object of any length by block transfer; `show` is told how many bytes the robot
+    /// has confirmed. It is not tried again, because a part of it has arrived.
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    pub fn download(
+        &mut self,
+        node: u8,
+        address: Address,
+        bytes: &[u8],
+        show: &mut dyn FnMut(usize),
+    ) -> Result<(), MasterError> {
+        let done = self.attempt(node, address, Transfer::Download(bytes), show);
+        done.map(|_| ()).map_err(|error| self.blame(error))
+    }
+
     /// One transfer, made again when the robot does not answer in time. Whatever can be read or
     /// written can be so twice.
     fn transfer(
@@ -211,12 +231,12 @@ impl<L: Link> Wire<L> {
         what: Transfer<'_>,
     ) -> Result<Vec<u8>, MasterError> {
         for _ in 1..TRIES {
-            match self.attempt(node, address, what) {
+            match self.attempt(node, address, what, &mut |_| {}) {
                 Err(MasterError::NodeSilent { .. }) => {}
                 done => return done,
             }
         }
-        let last = self.attempt(node, address, what);
+        let last = self.attempt(node, address, what, &mut |_| {});
         last.map_err(|error| self.blame(error))
     }
 
@@ -225,6 +245,7 @@ impl<L: Link> Wire<L> {
         node: u8,
         address: Address,
         what: Transfer<'_>,
+        show: &mut dyn FnMut(usize),
     ) -> Result<Vec<u8>, MasterError> {
         let answer = |problem: &str| MasterError::Answer {
             node,
@@ -241,6 +262,7 @@ impl<L: Link> Wire<L> {
                 client.download(now, index, sub, &value.to_bytes()[..length])
             }
             Transfer::WriteBlock(bytes) => client.download(now, index, sub, bytes),
+            Transfer::Download(bytes) => client.download_block_of(now, index, sub, bytes),
         }
         .map_err(|_| answer("the request cannot be made"))?;
         let outcome = loop {
@@ -250,7 +272,11 @@ impl<L: Link> Wire<L> {
             }
             let outcome = match self.receive(self.wake(client.next_deadline().unwrap_or(now)))? {
                 Some((at, frame)) => {
+                    let before = client.progress();
                     let outcome = client.on_frame(at, &frame);
+                    if client.progress() != before {
+                        show(client.progress());
+                    }
                     if outcome.is_none() {
                         self.backlog.push_back((at, frame));
                     }

@@ -8,6 +8,7 @@
 mod code;
 pub mod emulated;
 pub mod native;
+mod program_flash;
 
 use canopen::Frame;
 use group::Driver;

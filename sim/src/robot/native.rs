@@ -10,10 +10,12 @@
 //! discarded, as in the firmware.
 //!
 //! Its stores of parameters and faults are memory that takes no time to write. They survive a power
-//! cycle; only emulated robots model a power failure in the middle of a save.
+//! cycle; only emulated robots model a power failure in the middle of a save. Images come into such
+//! memory, too ([`ProgramFlash`]).
 //!
 //! The robot's clock starts [`BOOT_NS`] after power-on and runs fast by its crystal's error.
 
+use boot::Software;
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
 use control::interface::{Inputs, Outputs, Report};
@@ -22,10 +24,12 @@ use control::tick::ControlSide;
 use control::time::{Micros, TICK_US};
 use group::Driver;
 use protocol::{Fault, StoredFault};
+use robot::update::{Done, Job};
 use robot::{
     BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
 };
 
+use super::program_flash::ProgramFlash;
 use super::{LogLine, Robot, Wake};
 use crate::bridge::{self, levels};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
@@ -83,6 +87,7 @@ pub struct NativeRobot {
     flash: Option<Vec<u8>>,
     wear: StoreWear,
     memory: Memory,
+    program: ProgramFlash,
     powered: bool,
     now_ns: u64,
     inputs: Inputs,
@@ -120,16 +125,27 @@ struct Live {
 }
 
 impl Live {
-    fn boot(id: NodeId, serial: u32, clock: Clock, flash: Option<&[u8]>, wear: StoreWear) -> Self {
+    fn boot(
+        id: NodeId,
+        serial: u32,
+        clock: Clock,
+        flash: Option<&[u8]>,
+        wear: StoreWear,
+        program: &mut ProgramFlash,
+    ) -> Self {
+        let (slot, seal) = program.start();
         // The serial number is that of the board, whatever node LSS has stored.
         let node = flash.and_then(stored_node).unwrap_or(id);
         let mut bus = BusSide::new(Identity {
             storage: true,
             node_switches: id.get(),
+            slot: Some(slot),
+            firmware: seal.map_or(Identity::FIRMWARE, |seal| seal.version),
             ..Identity::new(node, serial)
         });
         // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or
         // two for every time a robot is switched on.
+        bus.survey(program);
         let memory = Box::leak(Box::new([0; IMAGE_MAX]));
         let stored = flash.map_or(Stored::Nothing, Stored::Image);
         bus.load(Micros::ZERO, memory, stored);
@@ -171,6 +187,7 @@ impl NativeRobot {
             node,
             problem: "is not a CANopen node".to_owned(),
         })?;
+        let mut program = ProgramFlash::new();
         Ok(Self {
             id,
             serial,
@@ -191,7 +208,9 @@ impl NativeRobot {
                 Clock::new(crystal_ppm, 0),
                 None,
                 StoreWear::default(),
+                &mut program,
             ),
+            program,
             log: Vec::new(),
         })
     }
@@ -280,11 +299,27 @@ impl NativeRobot {
             };
             self.live.mailboxes.push(frame);
         }
+        self.update();
         while let Some(event) = self.live.bus.pop_event() {
             match event {
                 Event::Sync { at, .. } => self.live.sync = Some(at),
                 Event::RecoverBus => self.live.back_ns = Some(self.now_ns + RECOVERY_NS),
                 event => self.log.push(log_line(now, &event)),
+            }
+        }
+    }
+
+    /// Does what an update asks for, when the answers are on the bus.
+    fn update(&mut self) {
+        while let Some(job) = self.live.bus.update_job() {
+            let is_heard = self.live.mailboxes.is_empty();
+            if !is_heard && job != Job::Program {
+                return;
+            }
+            let crypto = Software::default();
+            if self.live.bus.work_on_update(&mut self.program, &crypto) == Done::Reset {
+                self.set_power(true);
+                return;
             }
         }
     }
@@ -487,6 +522,7 @@ impl Robot for NativeRobot {
             clock,
             self.flash.as_deref(),
             self.wear,
+            &mut self.program,
         );
         let faults = self.memory.faults.iter().copied();
         self.live.bus.recall(self.memory.starts, faults);
