@@ -56,6 +56,7 @@ mod address_space;
 mod board;
 pub mod can;
 pub mod clock;
+mod defect;
 mod fast;
 mod fetch;
 mod firmware;
@@ -72,6 +73,7 @@ pub mod waveform;
 
 pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
+pub use defect::Defect;
 pub use firmware::{Firmware, LoadError, Symbol};
 pub use rtt::{Level, LogLine};
 pub use stop::{Stop, StopKind};

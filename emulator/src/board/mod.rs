@@ -26,6 +26,7 @@ use rsemu::cpu::arm::v7m::{ArmV7m, Config};
 use crate::address_space::{Shared, address_space};
 use crate::can::port::Which;
 use crate::can::{Can, CanFrame, CanPort};
+use crate::defect::Defect;
 use crate::fast::Fast;
 use crate::firmware::Firmware;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
@@ -61,6 +62,8 @@ pub struct BoardConfig {
     pub ideal_flash: bool,
     /// The option bytes at power-on, in the places of FLASH_OPTCR.
     pub option_bytes: u32,
+    /// What does not work.
+    pub defects: Vec<Defect>,
 }
 
 impl Default for BoardConfig {
@@ -74,6 +77,7 @@ impl Default for BoardConfig {
             reference_core: false,
             ideal_flash: false,
             option_bytes: flash::OPTIONS_ON_A_ROBOT,
+            defects: Vec::new(),
         }
     }
 }
@@ -145,14 +149,7 @@ impl Board {
             .write_at(0, content)
             .expect("the content fits into the flash");
         let ram = Arc::new(Ram::new());
-        let mut soc = Soc::new(
-            Arc::clone(&flash),
-            Arc::clone(&ram),
-            config.crystal_ppm,
-            config.hse_hz,
-            config.lsi_hz,
-        );
-        soc.flash.set_options(config.option_bytes);
+        let soc = Soc::new(Arc::clone(&flash), Arc::clone(&ram), &config);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
         let space =
             address_space(&shared, &flash, &ram, config.uid).expect("the address map is valid");
@@ -283,6 +280,11 @@ impl Board {
     /// Connects a pin to a level outside. Until this is called, a pin is open.
     pub fn set_input(&mut self, port: Port, pin: u8, high: bool) {
         self.shared.with(|soc| soc.set_input(port, pin & 15, high));
+    }
+
+    /// Connects two pins of this board with a wire.
+    pub fn connect(&mut self, one: (Port, u8), other: (Port, u8)) {
+        self.shared.with(|soc| soc.connect(one, other));
     }
 
     /// Stops or restarts the clock at the HSE input. It runs from power-on until this is called.

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::board::BoardConfig;
 use crate::soc::Soc;
 use crate::{address_space, ram};
 
@@ -85,7 +86,14 @@ impl Machine {
             ram.write(at, Width::U32, random.next()).unwrap();
         }
         let shared = Arc::new(Shared::new(
-            Soc::new(Arc::clone(&flash), Arc::clone(&ram), 0.0, 0, 32_000),
+            Soc::new(
+                Arc::clone(&flash),
+                Arc::clone(&ram),
+                &BoardConfig {
+                    hse_hz: 0,
+                    ..BoardConfig::default()
+                },
+            ),
             true,
         ));
         let space = address_space::address_space(&shared, &flash, &ram, [0; 12]).unwrap();

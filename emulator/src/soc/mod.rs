@@ -6,14 +6,17 @@
 //! that wrote, and no change can be missed.
 
 mod events;
+mod wires;
 mod world;
 
 use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
+use crate::board::BoardConfig;
 use crate::can::Can;
 use crate::clock::Clock;
+use crate::defect::{Defect, Defects};
 use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;
@@ -65,6 +68,8 @@ pub(crate) struct Soc {
     pub(crate) irq: IrqLines,
     pub(crate) next_event: u64,
     pub(crate) stop: Option<StopKind>,
+    wires: wires::Wires,
+    defects: Defects,
     /// Record of the outputs, while one is made.
     pub(crate) trace: Option<Box<Trace>>,
     /// A reset that a peripheral asks for, as bits of RCC_CSR.
@@ -87,24 +92,30 @@ fn on_apb2(timer: usize) -> bool {
 }
 
 impl Soc {
-    pub(crate) fn new(
-        flash: Arc<RamStore>,
-        ram: Arc<Ram>,
-        crystal_ppm: f64,
-        hse_hz: u64,
-        lsi_hz: u64,
-    ) -> Self {
+    pub(crate) fn new(array: Arc<RamStore>, ram: Arc<Ram>, config: &BoardConfig) -> Self {
+        let defects = Defects::new(&config.defects);
+        let mut flash = Flash::new(array);
+        flash.set_options(config.option_bytes);
+        flash.set_factor(defects.flash_factor());
+        let mut adc = Adc::default();
+        adc.set_internal_reference(defects.reference());
         Self {
             now: 0,
-            clock: Clock::new(crystal_ppm),
-            rcc: Rcc::new(hse_hz),
+            clock: Clock::new(config.crystal_ppm),
+            rcc: Rcc::new(config.hse_hz),
             pwr: Pwr::default(),
-            flash: Flash::new(flash),
+            flash,
             gpio: Port::ALL.map(Gpio::new),
             exti: Exti::default(),
-            iwdg: Iwdg::new(lsi_hz),
-            adc: Adc::default(),
-            timers: std::array::from_fn(|number| Timer::new(timer_kind(number))),
+            iwdg: Iwdg::new(config.lsi_hz),
+            adc,
+            timers: std::array::from_fn(|number| {
+                let mut timer = Timer::new(timer_kind(number));
+                if defects.has(Defect::InputFilters) {
+                    timer.remove_filters();
+                }
+                timer
+            }),
             can: Can::default(),
             can2: Can::default(),
             usart2: Usart::new(),
@@ -115,6 +126,8 @@ impl Soc {
             irq: [0; 4],
             next_event: u64::MAX,
             stop: None,
+            wires: wires::Wires::default(),
+            defects,
             trace: None,
             reset_request: 0,
         }
@@ -222,6 +235,7 @@ impl Soc {
         if let Err(what) = word.and_then(|word| self.write_word(entry.unit, offset, word)) {
             self.unmodelled(describe(entry, offset, what), address, Some(value));
         }
+        self.follow_wires();
         self.settle();
     }
 
@@ -256,7 +270,10 @@ impl Soc {
             Unit::Timer(number) => self.timers[number]
                 .read(now, offset)
                 .map_err(|error| error.0),
-            Unit::Gpio(port) => self.gpio[port as usize].read(offset).ok_or(""),
+            Unit::Gpio(port) => {
+                self.follow_wires();
+                self.gpio[port as usize].read(offset).ok_or("")
+            }
             Unit::Can1 => self.can.read(now, offset).ok_or(""),
             Unit::Can2 if offset < FILTERS => self.can2.read(now, offset).ok_or(""),
             Unit::Can2 => Err("the filters are CAN1's"),
@@ -394,7 +411,7 @@ impl Soc {
             } else {
                 clocks.timer1
             };
-            timer.set_ratio(self.now, hclk / clock.max(1));
+            timer.set_ratio(self.now, hclk / clock.max(1) * self.defects.divider(number));
         }
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
         self.can2.set_ratio(hclk / clocks.pclk1.max(1));
@@ -447,6 +464,7 @@ impl Soc {
             let level = pins::break_input(timer).any(|route| {
                 self.connected(route) && self.gpio[route.port as usize].level(route.pin)
             });
+            let level = level && !self.defects.has(Defect::BreakInput(timer));
             self.timers[timer].set_break_input(self.now, level);
         }
     }

@@ -3,6 +3,7 @@
 use super::Soc;
 use crate::can::CanFrame;
 use crate::can::port::Which;
+use crate::defect::Defect;
 use crate::stop::StopKind;
 use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};
@@ -69,6 +70,13 @@ impl Soc {
 
     /// How a pin drives its wire.
     pub(crate) fn output(&mut self, port: Port, pin: u8) -> PinLevel {
+        let (from_port, from_pin) = self.defects.source((port, pin));
+        let level = self.intended(from_port, from_pin);
+        self.defects.driven((port, pin), level)
+    }
+
+    /// The same without defects.
+    fn intended(&mut self, port: Port, pin: u8) -> PinLevel {
         let gpio = &self.gpio[port as usize];
         let open_drain = gpio.open_drain(pin);
         let level = match gpio.mode(pin) {
@@ -132,6 +140,7 @@ impl Soc {
             return;
         };
         if let Some((timer, channel @ (1 | 2))) = pins::timer_at(port, pin, af)
+            && !self.defects.has(Defect::TimerInput(timer, channel))
             && self.timers[timer].set_input(self.now, channel - 1, gpio.level(pin))
         {
             self.trace_encoder(timer);
@@ -259,6 +268,7 @@ mod tests {
     use rsemu::core::space::RamStore;
 
     use super::*;
+    use crate::board::BoardConfig;
     use crate::ram::Ram;
     use crate::system::flash;
     use crate::system::map::irq;
@@ -266,7 +276,7 @@ mod tests {
     #[test]
     fn encoder_pins_reach_the_counter_through_the_filter() {
         let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, Arc::new(Ram::new()), 0.0, 8_000_000, 32_000);
+        let mut soc = Soc::new(store, Arc::new(Ram::new()), &BoardConfig::default());
         soc.system_reset(0);
         soc.trace = Some(Box::default());
         // TI1 is high before the pins are the timer's: no edge.
@@ -304,7 +314,7 @@ mod tests {
     #[test]
     fn reading_the_data_register_ends_its_request() {
         let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, Arc::new(Ram::new()), 0.0, 8_000_000, 32_000);
+        let mut soc = Soc::new(store, Arc::new(Ram::new()), &BoardConfig::default());
         soc.system_reset(0);
         for (address, value) in [
             (0x4002_3830, 1),       // GPIOA

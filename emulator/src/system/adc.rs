@@ -85,6 +85,8 @@ pub struct Adc {
     inputs: [Input; 16],
     /// Below [`VREF`] or above, V.
     reference_offset: f64,
+    /// Volts that the internal reference has beyond its typical ones.
+    internal_offset: f64,
 }
 
 impl Adc {
@@ -93,6 +95,7 @@ impl Adc {
         *self = Self {
             inputs: self.inputs,
             reference_offset: self.reference_offset,
+            internal_offset: self.internal_offset,
             pclk2: self.pclk2,
             ..Self::default()
         };
@@ -112,6 +115,11 @@ impl Adc {
     /// Sets the reference, V. It counts for every conversion that is read from now on.
     pub fn set_reference(&mut self, volts: f64) {
         self.reference_offset = volts - VREF;
+    }
+
+    /// Makes the internal reference so many times as high as it should be.
+    pub fn set_internal_reference(&mut self, times: f64) {
+        self.internal_offset = VREFINT * (times - 1.0);
     }
 
     /// Takes over the bus clock.
@@ -187,7 +195,7 @@ impl Adc {
         let input = input.copied().unwrap_or_default();
         let volts = if channel == VREFINT_CHANNEL {
             // Unconnected without TSVREFE.
-            f64::from(u8::from(self.ccr & ccr::TSVREFE != 0)) * VREFINT
+            f64::from(u8::from(self.ccr & ccr::TSVREFE != 0)) * (VREFINT + self.internal_offset)
         } else if !analog {
             0.0
         } else if sampled < input.since_ps {

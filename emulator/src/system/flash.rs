@@ -84,6 +84,8 @@ pub struct Flash {
     keys: u8,
     locked_out: bool,
     busy_until: u64,
+    /// How many times as long as it should everything takes.
+    factor: u64,
     erase: Option<Erase>,
     /// Option bytes under way.
     option_write: Option<u32>,
@@ -140,11 +142,17 @@ impl Flash {
             keys: 0,
             locked_out: false,
             busy_until: 0,
+            factor: 1,
             erase: None,
             option_write: None,
             operations: Operations::default(),
             cuts: None,
         }
+    }
+
+    /// Makes programming and erasing take so many times as long.
+    pub fn set_factor(&mut self, times: u64) {
+        self.factor = times;
     }
 
     /// How much has been done since power-on.
@@ -395,7 +403,7 @@ impl Flash {
         }
         self.erase = Some(Erase { start, length });
         self.sr |= SR_BSY;
-        self.busy_until = now_ps + ms * MS;
+        self.busy_until = now_ps + ms * MS * self.factor;
     }
 
     /// A write to the array at an offset. Bits can only be cleared; what is not allowed sets an
@@ -428,7 +436,7 @@ impl Flash {
                 let _ = self.array.write_at(offset, old);
             }
             self.sr |= SR_BSY;
-            self.busy_until = now_ps + PROGRAM_PS;
+            self.busy_until = now_ps + PROGRAM_PS * self.factor;
         }
     }
 

@@ -116,6 +116,21 @@ impl Gpio {
         };
     }
 
+    /// Leaves a pin open outside.
+    pub fn set_open(&mut self, pin: u8) {
+        self.connected &= !(1 << (pin & 15));
+    }
+
+    /// Level to which a pin's resistor pulls it, if it has one.
+    #[must_use]
+    pub fn pull(&self, pin: u8) -> Option<bool> {
+        match self.pupdr >> (2 * (pin & 15)) & 3 {
+            1 => Some(true),
+            2 => Some(false),
+            _ => None,
+        }
+    }
+
     /// Function of a pin.
     #[must_use]
     pub fn mode(&self, pin: u8) -> Mode {

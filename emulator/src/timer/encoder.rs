@@ -28,6 +28,8 @@ pub(super) struct Inputs {
     clean: VecDeque<(u64, i32)>,
     /// The first of all these moments.
     pub(super) next: Option<u64>,
+    /// The filters let every edge through: a defect.
+    pub(super) unfiltered: bool,
     /// Quadrature edges not yet counted in the modes that count on one channel only.
     half_counts: i32,
 }
@@ -38,6 +40,7 @@ impl Inputs {
         Self {
             raw: self.raw,
             filtered: self.raw,
+            unfiltered: self.unfiltered,
             ..Self::default()
         }
     }
@@ -57,6 +60,11 @@ impl Timer {
         self.kind.full && self.enabled() && self.smcr & 7 != 0 && self.ccmr[0] & 0x303 == 0x101
     }
 
+    /// Lets every edge pass the filters of the inputs: a defect.
+    pub fn remove_filters(&mut self) {
+        self.encoder.unfiltered = true;
+    }
+
     /// Whether an edge leaves its filter by `now`.
     #[must_use]
     pub fn edge_due(&self, now: u64) -> bool {
@@ -66,7 +74,7 @@ impl Timer {
     /// Core clock cycles between two samples of an input, and how many have to agree (18.4.7,
     /// IC1F).
     fn filter(&self, input: usize) -> Option<(u64, u64)> {
-        if self.ccmr[0] >> (8 * input) & 3 == 0 {
+        if self.encoder.unfiltered || self.ccmr[0] >> (8 * input) & 3 == 0 {
             return None; // an output
         }
         let (of_dts, divider, samples) = match self.ccmr[0] >> (8 * input + 4) & 0xF {

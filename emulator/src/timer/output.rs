@@ -111,7 +111,9 @@ impl Timer {
     /// floating.
     #[must_use]
     pub fn level(&self, channel: usize) -> Option<bool> {
-        if channel >= self.kind.channels || self.ccer >> (4 * channel) & 1 == 0 {
+        // 18.4.7: a channel that CCxS makes an input drives no pin.
+        let input = channel < 4 && self.ccmr[channel / 2] >> (8 * (channel % 2)) & 3 != 0;
+        if channel >= self.kind.channels || input || self.ccer >> (4 * channel) & 1 == 0 {
             return None;
         }
         if !self.outputs_enabled() {

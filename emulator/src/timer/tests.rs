@@ -340,3 +340,15 @@ fn timer_clock_ratio() {
     t.write(0, reg::CR1, CEN).unwrap();
     assert_eq!(read(&mut t, 1000, reg::CNT), 500);
 }
+
+/// 18.4.7, CCxS: the channels of an encoder are inputs, and leave their pins to the encoder.
+#[test]
+fn an_input_drives_no_pin() {
+    let mut timer = Timer::new(Kind::GENERAL_16);
+    for (offset, value) in [(reg::CCMR1, 0x0101), (reg::CCER, 0x11), (reg::SMCR, 3)] {
+        timer.write(0, offset, value).unwrap();
+    }
+    assert_eq!((timer.level(0), timer.level(1)), (None, None));
+    timer.write(0, reg::CCMR1, 0x0001).unwrap();
+    assert_eq!(timer.level(1), Some(false), "an output");
+}
