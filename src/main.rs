@@ -35,6 +35,10 @@
 //!
 //! On the host this is an empty program, so that the workspace builds as a whole.
 #![cfg_attr(target_os = "none", no_std, no_main)]
+#![cfg_attr(
+    all(target_os = "none", feature = "self-test"),
+    expect(dead_code, reason = "the self-test image has the board, and no robot")
+)]
 
 #[cfg(target_os = "none")]
 mod board;
@@ -48,6 +52,8 @@ mod gateway;
 mod health;
 #[cfg(target_os = "none")]
 mod led;
+#[cfg(all(target_os = "none", feature = "self-test"))]
+mod self_test;
 #[cfg(target_os = "none")]
 mod shared;
 #[cfg(target_os = "none")]
@@ -63,6 +69,9 @@ use defmt_rtt as _;
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
 fn main() -> ! {
+    #[cfg(feature = "self-test")]
+    self_test::run();
+    #[cfg(not(feature = "self-test"))]
     start::start()
 }
 

@@ -42,6 +42,7 @@ pub mod pdos;
 mod plan;
 mod report;
 pub mod scaling;
+pub mod self_test;
 mod stored_fault;
 pub mod table;
 pub mod timing;

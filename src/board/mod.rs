@@ -32,6 +32,8 @@ pub use stm32f4::outputs::Outputs;
 pub use stm32f4::serial::Serial;
 pub use stm32f4::tick::{TickMutex, TickTimer};
 pub use stm32f4::{Board, Led, Lines, now};
+#[cfg(feature = "self-test")]
+pub use stm32f4::{pin, probe};
 
 /// Why the chip was reset, with the numbers of the object "reset cause".
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]

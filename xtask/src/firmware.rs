@@ -40,6 +40,13 @@ pub fn build_bench() -> anyhow::Result<PathBuf> {
     })
 }
 
+/// Builds the self-test image for bare boards, which is no robot.
+pub fn build_self_test() -> anyhow::Result<PathBuf> {
+    build_variant(|command| {
+        command.args(["--features", "self-test"]);
+    })
+}
+
 /// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {

@@ -1,5 +1,5 @@
-//! Workspace tasks: `cargo xtask demo | test | coverage | faults | interop | socketcan | fuzz |
-//! bench | profile | size | flash | web | check-elf | check-demo`.
+//! Workspace tasks: `cargo xtask accept | demo | test | coverage | faults | interop | socketcan |
+//! fuzz | bench | profile | size | flash | web | check-elf | check-demo`.
 //!
 //! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
 //! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
@@ -9,6 +9,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+mod accept;
 mod bench;
 mod cargo;
 mod check;
@@ -32,6 +33,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
+    /// Measures whether a board keeps what the documents promise; exits with 6 if not.
+    Accept(accept::Arguments),
     /// Drives a group of emulated robots along a curve, without and with compensation.
     Demo(demo::Arguments),
     /// Runs all Rust tests of the workspace, including those that need the firmware image.
@@ -95,8 +98,9 @@ enum Task {
     },
 }
 
-fn run(task: Task) -> anyhow::Result<()> {
+fn run(task: Task) -> anyhow::Result<ExitCode> {
     match task {
+        Task::Accept(arguments) => return accept::run(&arguments),
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { rest } => test::run(&rest),
         Task::Coverage { robots } => cargo::coverage(robots),
@@ -116,12 +120,13 @@ fn run(task: Task) -> anyhow::Result<()> {
         Task::CheckElf => firmware::build_all_boards(),
         Task::Web(arguments) => web::run(&arguments),
         Task::CheckDemo { json } => check::demo(&json),
-    }
+    }?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn main() -> ExitCode {
     match run(Arguments::parse().task) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

@@ -5,8 +5,8 @@ use omnibus::report::Scalar;
 use crate::{cargo, firmware};
 
 /// Switches on the tests that run the release image.
-const IMAGE_TESTS: &str =
-    "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,omnibus-master/elf";
+const IMAGE_TESTS: &str = "omnibus-firmware/emulated,omnibus-emulator/elf,omnibus-sim/elf,\
+                           omnibus-master/elf,omnibus-acceptance/elf";
 
 /// The libraries whose tests are run once more in fixed point.
 const FIXED_TESTS: [&str; 6] = [
@@ -25,6 +25,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
     // Each variant replaces the one before it in the same folder; a copy stays.
     let bench = firmware::build_bench()?.with_extension("bench");
     std::fs::copy(bench.with_extension(""), &bench)?;
+    let self_test = firmware::build_self_test()?.with_extension("self-test");
+    std::fs::copy(self_test.with_extension(""), &self_test)?;
     let fixed = firmware::build(Scalar::Fixed)?;
     let mut command = cargo::command();
     command
@@ -33,7 +35,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
         .args(rest)
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed)
-        .env("OMNIBUS_ELF_BENCH", bench);
+        .env("OMNIBUS_ELF_BENCH", bench)
+        .env("OMNIBUS_ELF_SELF_TEST", self_test);
     cargo::run(&mut command)?;
     if rest.is_empty() {
         cargo::run(cargo::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;

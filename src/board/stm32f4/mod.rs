@@ -24,6 +24,8 @@ pub mod meters;
 pub mod outputs;
 pub mod pin;
 pub mod power;
+#[cfg(feature = "self-test")]
+pub mod probe;
 mod safe_state;
 pub mod serial;
 pub mod tick;

@@ -185,6 +185,34 @@ impl Outputs {
     }
 }
 
+#[cfg(feature = "self-test")]
+impl Outputs {
+    /// Sets the outputs of a bare board, for the self-test image: a duty, or driver enable and
+    /// brake release, never both; if both are asked for, all are off. Directions are as for
+    /// [`Outputs::set`]. After the break input has cut them, this switches them on again.
+    pub fn test(&mut self, duty: [f32; 4], drivers_enabled: bool, brake_released: bool) {
+        let driven = duty.iter().any(|duty| *duty != 0.0);
+        cut();
+        if driven && drivers_enabled {
+            return;
+        }
+        for (wheel, duty) in duty.into_iter().enumerate() {
+            let high = self.pattern.high(duty);
+            pac::TIM1.ccr(wheel).write(|w| w.0 = high);
+            if driven {
+                WIRING.direction[wheel].set(duty > 0.0);
+                if let Some(inverse) = WIRING.inverse {
+                    inverse[wheel].set(duty < 0.0);
+                }
+            }
+        }
+        force(drivers_enabled, brake_released);
+        pac::TIM1.bdtr().modify(|w| w.set_moe(driven));
+        let gates = drivers_enabled || brake_released;
+        pac::TIM8.bdtr().modify(|w| w.set_moe(gates));
+    }
+}
+
 /// Sets the period of the PWM; returns the pattern that fits it. Not inlined: it is called twice.
 #[inline(never)]
 fn configure(stage: OutputStage, hz: u32) -> Pattern {

@@ -1,0 +1,48 @@
+//! What level 1 needs of the outside: a bus to the board, and hands.
+
+use canopen::Frame;
+
+/// A firmware image of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Image {
+    /// The self-test image.
+    SelfTest,
+    /// The image that robots run.
+    Shipped,
+}
+
+/// A board on a bus. Times are those of the master's clock, in us.
+pub trait Bench {
+    /// The present.
+    fn now_us(&self) -> u64;
+
+    /// Sends a frame.
+    ///
+    /// # Errors
+    /// When the bus cannot be used any more.
+    fn send(&mut self, frame: &Frame) -> anyhow::Result<()>;
+
+    /// Waits for a frame, until a time; returns it with the time of its end.
+    ///
+    /// # Errors
+    /// When the bus cannot be used any more.
+    fn receive(&mut self, until_us: u64) -> anyhow::Result<Option<(u64, Frame)>>;
+
+    /// Writes an image into the board and starts it.
+    ///
+    /// # Errors
+    /// When that fails.
+    fn flash(&mut self, image: Image) -> anyhow::Result<()>;
+
+    /// Switches the board off and on.
+    ///
+    /// # Errors
+    /// When that fails.
+    fn power_cycle(&mut self) -> anyhow::Result<()>;
+
+    /// Disturbs the bus until the board is bus-off, and then leaves it alone.
+    ///
+    /// # Errors
+    /// When that fails.
+    fn force_bus_off(&mut self) -> anyhow::Result<()>;
+}

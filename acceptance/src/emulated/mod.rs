@@ -1,0 +1,208 @@
+//! The emulated board as a bench: a bus at 1 Mbit/s with the master at its other end, the wires of
+//! level 1, and mutations.
+
+pub mod mutation;
+
+use canopen::Frame;
+use emulator::{Board, BoardConfig, CanError, CanFrame, Firmware, Port};
+
+use crate::bench::{Bench, Image};
+use crate::wires::{WIRES, Wire};
+pub use mutation::Mutation;
+
+const US: u64 = 1_000;
+/// A bit on the bus, ns.
+const BIT_NS: u64 = 1_000;
+/// How long the board is off in a power cycle.
+const OFF_NS: u64 = 500_000 * US;
+/// Node number of the board with all switches open.
+pub const NODE: u8 = protocol::FIRST_ROBOT;
+
+/// The images.
+pub struct Images {
+    /// Self-test.
+    pub self_test: Firmware,
+    /// As shipped.
+    pub shipped: Firmware,
+}
+
+/// An emulated board on its bus.
+pub struct EmulatedBench<'a> {
+    images: &'a Images,
+    config: BoardConfig,
+    wires: Vec<Wire>,
+    /// Every so many frames of the board is damaged on the wire.
+    damaged_every: Option<u32>,
+    sent: u32,
+    image: Image,
+    board: Board,
+    /// World time at which the board was switched on.
+    on_ns: u64,
+}
+
+fn port(pin: u8) -> (Port, u8) {
+    (Port::ALL[usize::from(pin >> 4)], pin & 15)
+}
+
+impl<'a> EmulatedBench<'a> {
+    /// A board with all wires, and what a mutation does to it.
+    #[must_use]
+    pub fn new(images: &'a Images, mutation: Option<&Mutation>) -> Self {
+        let mut config = BoardConfig::default();
+        let mut damaged_every = None;
+        if let Some(mutation) = mutation {
+            mutation.apply(&mut config, &mut damaged_every);
+        }
+        Self::with_wires(images, config, damaged_every, WIRES.to_vec())
+    }
+
+    /// A board without defects and with these wires.
+    #[must_use]
+    pub fn wired(images: &'a Images, wires: Vec<Wire>) -> Self {
+        Self::with_wires(images, BoardConfig::default(), None, wires)
+    }
+
+    fn with_wires(
+        images: &'a Images,
+        config: BoardConfig,
+        damaged_every: Option<u32>,
+        wires: Vec<Wire>,
+    ) -> Self {
+        let board = Board::new(&images.self_test, config.clone());
+        let mut bench = Self {
+            images,
+            config,
+            wires,
+            damaged_every,
+            sent: 0,
+            image: Image::SelfTest,
+            board,
+            on_ns: 0,
+        };
+        bench.attach();
+        bench
+    }
+
+    fn attach(&mut self) {
+        for wire in &self.wires {
+            self.board.connect(port(wire.from), port(wire.to));
+        }
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.on_ns + self.board.now_ns()
+    }
+
+    /// Runs the board until a world time.
+    fn run(&mut self, world_ns: u64) -> anyhow::Result<()> {
+        let local = world_ns.saturating_sub(self.on_ns);
+        self.board
+            .run_until(local)
+            .map_err(|stop| anyhow::anyhow!("{stop}"))
+    }
+
+    /// A board that has just been switched on, with this content of its flash, or only the image.
+    fn switch_on(&mut self, content: Option<&[u8]>) {
+        self.on_ns = self.now_ns() + OFF_NS;
+        let firmware = match self.image {
+            Image::SelfTest => &self.images.self_test,
+            Image::Shipped => &self.images.shipped,
+        };
+        let config = self.config.clone();
+        self.board = match content {
+            Some(content) => Board::with_flash(firmware, config, content),
+            None => Board::new(firmware, config),
+        };
+        self.attach();
+    }
+
+    /// Lets the board's next frame pass, or be damaged; `None` if there is none before a time.
+    fn next_frame(&mut self, until_ns: u64) -> anyhow::Result<Option<CanFrame>> {
+        loop {
+            if self.board.can().pending().is_none() {
+                let local = until_ns.saturating_sub(self.on_ns);
+                if self.board.now_ns() >= local {
+                    return Ok(None);
+                }
+                let ran = self.board.run_until_request(local);
+                ran.map_err(|stop| anyhow::anyhow!("{stop}"))?;
+                continue;
+            }
+            let Some(frame) = self.board.can().begin() else {
+                continue;
+            };
+            let end = self.now_ns() + u64::from(frame.bits()) * BIT_NS;
+            self.run(end)?;
+            self.sent += 1;
+            if self
+                .damaged_every
+                .is_some_and(|every| self.sent.is_multiple_of(every))
+            {
+                self.board.can().error(CanError::BitRecessive);
+                continue;
+            }
+            self.board.can().transmitted();
+            return Ok(Some(frame));
+        }
+    }
+}
+
+fn to_emulator(frame: &Frame) -> Option<CanFrame> {
+    CanFrame::new(frame.id(), frame.data())
+}
+
+fn from_emulator(frame: &CanFrame) -> Option<Frame> {
+    Frame::new(frame.standard_id()?, frame.data())
+}
+
+impl Bench for EmulatedBench<'_> {
+    fn now_us(&self) -> u64 {
+        self.now_ns() / US
+    }
+
+    fn send(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        if let Some(frame) = to_emulator(frame) {
+            let end = self.now_ns() + u64::from(frame.bits()) * BIT_NS;
+            self.run(end)?;
+            self.board.can().receive(&frame);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, until_us: u64) -> anyhow::Result<Option<(u64, Frame)>> {
+        while let Some(frame) = self.next_frame(until_us * US)? {
+            if let Some(frame) = from_emulator(&frame) {
+                return Ok(Some((self.now_us(), frame)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn flash(&mut self, image: Image) -> anyhow::Result<()> {
+        self.image = image;
+        self.switch_on(None);
+        Ok(())
+    }
+
+    fn power_cycle(&mut self) -> anyhow::Result<()> {
+        let content = self.board.flash();
+        self.switch_on(Some(&content));
+        Ok(())
+    }
+
+    fn force_bus_off(&mut self) -> anyhow::Result<()> {
+        let end = self.now_ns() + 10_000_000 * US;
+        while !self.board.can().bus_off() {
+            anyhow::ensure!(self.now_ns() < end, "the board sends nothing");
+            if self.board.can().begin().is_none() {
+                let ran = self.board.run_until_request(end - self.on_ns);
+                ran.map_err(|stop| anyhow::anyhow!("{stop}"))?;
+                continue;
+            }
+            let next = self.now_ns() + 20 * BIT_NS;
+            self.run(next)?;
+            self.board.can().error(CanError::BitRecessive);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,203 @@
+//! Level 1: a bare board, the wires of [`wires`](crate::wires), no motors.
+//!
+//! The self-test image measures first, then the shipped image is tried as far as a bare board can.
+//! What fails does not hide the rest, but checks that need wires are left out while a wire is
+//! wrong: they would blame the board for it.
+
+mod bus;
+mod clocks;
+mod encoders;
+mod outputs;
+mod stops;
+mod storage;
+mod wiring;
+
+use anyhow::Context as _;
+use canopen::NodeId;
+use protocol::self_test::{FAIL, LEVELS, NAME, PIN, RESET};
+
+use crate::bench::{Bench, Image};
+use crate::check::{Bound, Check};
+use crate::node::Node;
+use crate::promise::Promise;
+use crate::wires;
+
+/// The wheels, in their order.
+const WHEELS: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
+
+/// How long a board may take to its boot-up message before it counts as dead, us.
+const PATIENCE_US: u64 = 5_000_000;
+
+/// Frequency, duty and so on of what is measured next.
+struct What {
+    name: String,
+    promised: Bound,
+    unit: &'static str,
+    source: String,
+    procedure: &'static str,
+}
+
+/// A board while it is being tried.
+struct Session<'a> {
+    node: Node<'a>,
+    options: &'a Options,
+    checks: Vec<Check>,
+}
+
+/// How long the long checks last.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Time over which the clocks are compared, s.
+    pub clock_s: u64,
+    /// How often parameters are saved.
+    pub saves: u32,
+    /// Frames that are exchanged before the error counters are read.
+    pub frames: u32,
+    /// Cold starts.
+    pub starts: u32,
+    /// What is tried.
+    pub parts: Parts,
+}
+
+/// Parts of level 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parts {
+    /// Both.
+    All,
+    /// What the self-test image measures.
+    SelfTest,
+    /// What the shipped image does.
+    Shipped,
+}
+
+impl Options {
+    /// For a real board: a quarter of an hour.
+    pub const FULL: Self = Self {
+        clock_s: 20,
+        saves: 200,
+        frames: 1_000_000,
+        starts: 20,
+        parts: Parts::All,
+    };
+    /// For an emulated board, which is the same each time.
+    pub const SHORT: Self = Self {
+        clock_s: 2,
+        saves: 200,
+        frames: 2_000,
+        starts: 3,
+        parts: Parts::All,
+    };
+}
+
+/// Tries a board; returns what was found.
+///
+/// # Errors
+/// When nothing can be measured: no image, no bus, no answer.
+pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Result<Vec<Check>> {
+    let mut session = Session {
+        node: Node::new(bench, node),
+        options,
+        checks: Vec::new(),
+    };
+    if options.parts != Parts::Shipped {
+        session.start()?;
+        if session.wires()? {
+            session.outputs()?;
+            session.stops()?;
+            session.encoders()?;
+            session.supply()?;
+        }
+        session.clocks()?;
+        session.failures()?;
+    }
+    if options.parts != Parts::SelfTest {
+        session.storage()?;
+        session.bus()?;
+    }
+    Ok(session.checks)
+}
+
+/// Checks the wires alone.
+///
+/// # Errors
+/// As [`run`].
+pub fn wires_alone(bench: &mut dyn Bench, node: NodeId) -> anyhow::Result<Vec<Check>> {
+    let mut session = Session {
+        node: Node::new(bench, node),
+        options: &Options::SHORT,
+        checks: Vec::new(),
+    };
+    session.start()?;
+    session.wires()?;
+    Ok(session.checks)
+}
+
+impl Session<'_> {
+    /// Starts the self-test image.
+    fn start(&mut self) -> anyhow::Result<()> {
+        self.node.bench.flash(Image::SelfTest)?;
+        self.node.boot_up(PATIENCE_US)?.context(
+            "the self-test image sends no boot-up message: is the bus connected and terminated, \
+             and at 1 Mbit/s?",
+        )?;
+        let name = self.node.text(0x1008, 0)?;
+        anyhow::ensure!(name == NAME, "the board answers as '{name}', not '{NAME}'");
+        Ok(())
+    }
+
+    /// Records a figure; what could not be measured is a broken promise with its reason.
+    fn check(&mut self, what: What, measured: anyhow::Result<f64>) {
+        let (measured, note) = match measured {
+            Ok(value) => (Some(value), String::new()),
+            Err(error) => (None, format!("{error:#}")),
+        };
+        self.checks.push(Check {
+            name: what.name,
+            promised: what.promised,
+            measured,
+            unit: what.unit,
+            source: what.source,
+            procedure: what.procedure,
+            note,
+        });
+    }
+
+    /// Resets the board by its own software.
+    fn reset(&mut self) -> anyhow::Result<()> {
+        self.node.write(FAIL, 1, &[RESET])?;
+        let at = self.node.boot_up(PATIENCE_US)?;
+        at.context("the board did not come back after a reset")?;
+        Ok(())
+    }
+
+    /// Resets the board and releases its emergency stops.
+    fn ready(&mut self) -> anyhow::Result<()> {
+        self.reset()?;
+        for stop in wires::STOP {
+            self.drive(wires::at(stop).from, false)?;
+        }
+        Ok(())
+    }
+
+    /// Makes a pin an output.
+    fn drive(&mut self, pin: u8, high: bool) -> anyhow::Result<()> {
+        self.node.write(PIN, 2, &[pin, u8::from(high)])
+    }
+
+    /// The level of a pin.
+    fn level(&mut self, pin: u8) -> anyhow::Result<bool> {
+        let port = self.node.read(LEVELS, (pin >> 4) + 1)?;
+        Ok(port >> (pin & 15) & 1 != 0)
+    }
+}
+
+/// A promise that is kept by a figure of at most its value.
+fn at_most(name: &str, promise: Promise, unit: &'static str, procedure: &'static str) -> What {
+    What {
+        name: name.to_owned(),
+        promised: Bound::AtMost(promise.value),
+        unit,
+        source: promise.source,
+        procedure,
+    }
+}

@@ -1,0 +1,23 @@
+//! Acceptance: whether a board keeps what the documents promise.
+//!
+//! Every check measures one figure, and compares it with a number that it finds in a document
+//! ([`promise`]), so that a promise exists once. Level 1 ([`level_one`]) needs a bare board, the
+//! wires of [`wires`] and the self-test image, whose objects are in `protocol::self_test`. The
+//! procedure is the same for a real board and an emulated one: it knows a [`Bench`], which is a bus
+//! and a pair of hands.
+//!
+//! What it cannot do: level 1 says nothing about motors and floors, and on an emulated board it
+//! tests the procedure and the firmware, not the chip.
+
+pub mod bench;
+pub mod check;
+#[cfg(feature = "emulated")]
+pub mod emulated;
+pub mod level_one;
+pub mod node;
+pub mod promise;
+pub mod report;
+pub mod wires;
+
+pub use bench::{Bench, Image};
+pub use check::{Bound, Check};

@@ -1,0 +1,131 @@
+//! Numbers that the documents promise, read from the documents.
+//!
+//! A promise is found by the words around its number. A document that no longer has these words is
+//! an error, and so is one in which they stand beside several numbers.
+
+use anyhow::{Context as _, bail};
+
+/// A document, as it was when this was built.
+#[derive(Clone, Copy)]
+pub struct Document {
+    /// Path in the repository.
+    pub path: &'static str,
+    text: &'static str,
+}
+
+/// docs/safety.md.
+pub const SAFETY: Document = Document {
+    path: "docs/safety.md",
+    text: include_str!("../../docs/safety.md"),
+};
+/// docs/bring-up.md.
+pub const BRING_UP: Document = Document {
+    path: "docs/bring-up.md",
+    text: include_str!("../../docs/bring-up.md"),
+};
+/// docs/performance.md.
+pub const PERFORMANCE: Document = Document {
+    path: "docs/performance.md",
+    text: include_str!("../../docs/performance.md"),
+};
+/// docs/acceptance.md.
+pub const ACCEPTANCE: Document = Document {
+    path: "docs/acceptance.md",
+    text: include_str!("../../docs/acceptance.md"),
+};
+
+/// A number and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Promise {
+    /// The number, in the unit of the text.
+    pub value: f64,
+    /// Document and words.
+    pub source: String,
+}
+
+/// Finds the number between these words.
+///
+/// # Errors
+/// When the document does not have these words around one number.
+pub fn number(document: Document, before: &str, after: &str) -> anyhow::Result<Promise> {
+    let text = document
+        .text
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ");
+    let words = format!("{before} ... {after}");
+    let mut found: Vec<f64> = Vec::new();
+    for (at, _) in text.match_indices(before) {
+        let rest = text[at + before.len()..].trim_start();
+        let end = rest
+            .find(|c: char| !c.is_ascii_digit() && c != '.' && c != ' ')
+            .unwrap_or(rest.len());
+        let (digits, tail) = rest.split_at(end);
+        let digits: String = digits.chars().filter(|c| *c != ' ').collect();
+        if tail.trim_start().starts_with(after)
+            && let Ok(value) = digits.parse()
+        {
+            found.push(value);
+        }
+    }
+    found.dedup();
+    match found[..] {
+        [value] => Ok(Promise {
+            value,
+            source: format!("{}: {before} {value} {after}", document.path),
+        }),
+        [] => bail!("{} does not say '{words}' any more", document.path),
+        _ => bail!("{} says '{words}' with several numbers", document.path),
+    }
+}
+
+/// The time of a cause in the table of docs/safety.md, ms.
+///
+/// # Errors
+/// When the table has no such row or no time in it.
+pub fn cause(number: u8) -> anyhow::Result<Promise> {
+    let row = SAFETY.text.lines().find_map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        (cells.get(1)?.parse() == Ok(number)).then_some(cells)
+    });
+    let row = row.with_context(|| format!("{} has no cause {number}", SAFETY.path))?;
+    let millis = row.get(5).and_then(|cell| cell.strip_suffix(" ms"));
+    let millis =
+        millis.with_context(|| format!("cause {number} of {} has no time", SAFETY.path))?;
+    Ok(Promise {
+        value: millis.parse()?,
+        source: format!("{}: cause {number}, {}", SAFETY.path, row[2]),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAGE: Document = Document {
+        path: "page",
+        text: "A reset follows within\n100 ms. It takes 3 ms or 22 500 steps.\n",
+    };
+
+    #[test]
+    fn a_number_is_found_between_its_words() {
+        assert_eq!(number(PAGE, "within", "ms").unwrap().value, 100.0);
+        assert_eq!(number(PAGE, "or", "steps").unwrap().value, 22_500.0);
+    }
+
+    #[test]
+    fn words_that_are_gone_are_an_error() {
+        let error = number(PAGE, "after", "ms").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "page does not say 'after ... ms' any more"
+        );
+    }
+
+    #[test]
+    fn the_emergency_stop_has_its_time() {
+        assert_eq!(cause(15).unwrap().value, 1.0);
+        assert!(cause(23).is_err(), "no time is promised");
+        assert!(cause(250).is_err());
+    }
+}

@@ -1,0 +1,134 @@
+//! Level 1 on emulated boards: one that works, one for every mutation, and wrong wires.
+//!
+//! `OMNIBUS_ELF` and `OMNIBUS_ELF_SELF_TEST` name the images (`cargo xtask test` builds them).
+
+use acceptance::Check;
+use acceptance::emulated::mutation::MUTATIONS;
+use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
+use acceptance::level_one::{self, Options, Parts};
+use acceptance::wires::{self, WIRES, Wire};
+use canopen::NodeId;
+use emulator::Firmware;
+
+/// As short as can be: the emulated board is the same each time.
+const OPTIONS: Options = Options {
+    frames: 200,
+    starts: 1,
+    ..Options::SHORT
+};
+
+fn images() -> Images {
+    let load = |name: &str| {
+        let path = std::env::var(name).unwrap_or_else(|_| panic!("{name} names no image"));
+        Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+    };
+    Images {
+        self_test: load("OMNIBUS_ELF_SELF_TEST"),
+        shipped: load("OMNIBUS_ELF"),
+    }
+}
+
+fn run(mut bench: EmulatedBench<'_>) -> Vec<Check> {
+    level_one::run(&mut bench, NodeId::new(NODE).unwrap(), &OPTIONS).unwrap()
+}
+
+fn broken(checks: &[Check]) -> Vec<&str> {
+    let broken = checks.iter().filter(|check| !check.within());
+    broken.map(|check| check.name.as_str()).collect()
+}
+
+#[test]
+fn a_board_that_works_keeps_every_promise() {
+    let images = images();
+    let checks = run(EmulatedBench::new(&images, None));
+    for check in &checks {
+        println!("{}", acceptance::report::line(check));
+    }
+    assert_eq!(broken(&checks), [""; 0]);
+    assert!(checks.len() > 60, "{} checks", checks.len());
+}
+
+#[test]
+fn every_mutation_is_caught_by_the_check_that_should() {
+    let images = images();
+    let tried = |mutation: &Mutation| {
+        let of_the_shipped = ["flash.", "start.", "can."];
+        let shipped = of_the_shipped
+            .iter()
+            .any(|area| mutation.caught_by.starts_with(area));
+        let parts = if shipped {
+            Parts::Shipped
+        } else {
+            Parts::SelfTest
+        };
+        let options = Options { parts, ..OPTIONS };
+        let mut bench = EmulatedBench::new(&images, Some(mutation));
+        let checks = level_one::run(&mut bench, NodeId::new(NODE).unwrap(), &options).unwrap();
+        let broken = broken(&checks);
+        println!("{}: {broken:?}", mutation.name);
+        (!broken.contains(&mutation.caught_by)).then(|| format!("{}: {broken:?}", mutation.name))
+    };
+    let (one, other) = MUTATIONS.split_at(MUTATIONS.len() / 2);
+    let missed = std::thread::scope(|scope| {
+        let half = scope.spawn(|| one.iter().filter_map(tried).collect::<Vec<_>>());
+        let mut missed: Vec<String> = other.iter().filter_map(tried).collect();
+        missed.extend(half.join().unwrap());
+        missed
+    });
+    assert_eq!(missed, [""; 0]);
+}
+
+/// What the checks note about the wires when these are put in.
+fn notes(images: &Images, wires: Vec<Wire>) -> Vec<String> {
+    let mut bench = EmulatedBench::wired(images, wires);
+    let checks = level_one::wires_alone(&mut bench, NodeId::new(NODE).unwrap()).unwrap();
+    let broken = checks.iter().filter(|check| !check.within());
+    broken.map(|check| check.note.clone()).collect()
+}
+
+#[test]
+fn a_missing_wire_is_named() {
+    let images = images();
+    for (place, wire) in WIRES.iter().enumerate() {
+        let mut all = WIRES.to_vec();
+        all.remove(place);
+        let (from, to) = (wires::name(wire.from), wires::name(wire.to));
+        let words = format!(
+            "wire {} is missing: connect {from} with {to} ({})",
+            place + 1,
+            wire.what
+        );
+        assert_eq!(notes(&images, all), [words]);
+    }
+}
+
+#[test]
+fn swapped_wires_are_named() {
+    let images = images();
+    for place in 1..WIRES.len() {
+        let (one, other) = (place - 1, place);
+        let mut all = WIRES.to_vec();
+        (all[one].to, all[other].to) = (WIRES[other].to, WIRES[one].to);
+        let notes = notes(&images, all);
+        let words = |a: usize, b: usize| format!("wires {} and {} are swapped", a + 1, b + 1);
+        let named = notes == [words(one, other), words(other, one)];
+        // One of the two is a gate and the other is not: each is named on its own.
+        let edge = [12, 14].contains(&place);
+        assert!(named || edge && notes.len() == 2, "{place}: {notes:?}");
+    }
+}
+
+#[test]
+fn a_wire_to_another_pin_is_named() {
+    let images = images();
+    let mut all = WIRES.to_vec();
+    // Both PWM of the front at the encoder of the left wheel.
+    all[1].to = WIRES[0].to;
+    let notes = notes(&images, all);
+    assert_eq!(notes.len(), 2, "{notes:?}");
+    assert_eq!(
+        notes[0],
+        "wire 1 is wrong: PA15 is connected with PA8 or PA9 instead of PA8"
+    );
+    assert!(notes[1].starts_with("wire 2 is missing"), "{notes:?}");
+}
