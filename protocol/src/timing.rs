@@ -17,6 +17,10 @@ pub const BIT_RATE: u32 = 1_000_000;
 /// checksum's end but the first (ISO 11898-1 10.5).
 pub const LONGEST_FRAME_BITS: u32 = 44 + 64 + 3 + (98 - 1) / 4;
 
+/// How long before its SYNC a setpoint goes out, us: longer than a frame of USB, which would hand
+/// both to the adapter at once, and a controller with several mailboxes sends SYNC first.
+pub const SETPOINT_LEAD_US: u32 = 1_250;
+
 /// Longest time from the end of SYNC to a robot's vote in a mailbox of its CAN controller, us.
 pub(crate) const RESPONSE_US: u32 = 150;
 

@@ -2,24 +2,21 @@
 //! nonsense, or is joined by a second one. What a group does about that is what rules and faults
 //! are tried with.
 //!
-//! It drives robots that are configured already. Its frames go out on whole milliseconds: the
-//! heartbeat every 100 ms, SYNC every period, the setpoint [`LEAD_MS`] before it. Everything the
-//! robots say is kept until the test master is dropped, some hundred kilobytes for a second of a
-//! group of three.
+//! It drives robots that are configured already: its heartbeat goes out every 100 ms, SYNC every
+//! period, and the setpoint [`SETPOINT_LEAD_US`] before it. Everything the robots say is kept until
+//! the test master is dropped, some hundred kilobytes for a second of a group of three.
 
 use std::collections::BTreeMap;
 
 use can_text::slcan::{self, Answer, Answers};
 use canopen::{Frame, Micros, NmtCommand, NmtState, NmtTarget, NodeId, client};
 use kinematics::{Twist, WheelRates};
-use protocol::timing::{HEARTBEAT_MS, SYNC_OVERFLOW};
+use protocol::timing::{HEARTBEAT_MS, SETPOINT_LEAD_US, SYNC_OVERFLOW};
 use protocol::{GroupTwist, MemberState, MemberStatus, RobotReport, cob};
 
 use crate::error::SimError;
 use crate::world::{MASTER, World};
 
-/// The setpoint goes out this long before its SYNC, ms.
-pub const LEAD_MS: u64 = 2;
 /// One step of [`TestMaster::step`], µs.
 pub const STEP_US: u64 = 250;
 
@@ -40,7 +37,7 @@ pub struct TestMaster {
     /// Whether a second master sends setpoints of its own, in the middle between two SYNCs.
     pub second: bool,
     group: u8,
-    period_ms: u64,
+    period_us: u64,
     sequence: u8,
     counter: u8,
     status: BTreeMap<u8, MemberStatus>,
@@ -66,7 +63,7 @@ impl TestMaster {
             counts: true,
             second: false,
             group: file.group_id,
-            period_ms: u64::from(file.sync_period_us) / 1_000,
+            period_us: u64::from(file.sync_period_us),
             sequence: 0,
             counter: 0,
             status: BTreeMap::new(),
@@ -122,10 +119,8 @@ impl TestMaster {
     /// When a robot or the plant stops.
     pub fn step(&mut self) -> Result<(), SimError> {
         let now = self.world.now().0;
-        if now.is_multiple_of(1_000) {
-            self.send(now / 1_000);
-        }
-        if self.sync && now % (self.period_ms * 1_000) == self.sync_late_us {
+        self.send(now);
+        if self.sync && now % self.period_us == self.sync_late_us {
             self.counter = self.counter % SYNC_OVERFLOW + 1;
             self.put(client::sync(Some(self.counter)));
         }
@@ -213,21 +208,23 @@ impl TestMaster {
             .filter_map(move |(at, sender, code)| (*sender == node).then_some((*at, *code)))
     }
 
-    fn send(&mut self, millis: u64) {
-        if self.heartbeat && millis.is_multiple_of(HEARTBEAT_MS.into()) {
+    /// Sends the heartbeat and setpoints that are due.
+    fn send(&mut self, now: u64) {
+        if self.heartbeat && now.is_multiple_of(u64::from(HEARTBEAT_MS) * 1_000) {
             let master = NodeId::new(protocol::MASTER).unwrap_or(NodeId::MIN);
             let frame = client::heartbeat(master, NmtState::Operational);
             self.put(frame);
         }
-        let phase = millis % self.period_ms;
-        if let Some(twist) = self.twist.filter(|_| phase + LEAD_MS == self.period_ms) {
+        let is_ahead = |us: u64| (now + us).is_multiple_of(self.period_us);
+        let (due, between) = (
+            is_ahead(SETPOINT_LEAD_US.into()),
+            is_ahead(self.period_us / 2),
+        );
+        if let Some(twist) = self.twist.filter(|_| due) {
             self.sequence = self.sequence.wrapping_add(u8::from(self.counts));
             self.send_setpoint(twist, 0);
         }
-        if let Some(twist) = self
-            .twist
-            .filter(|_| self.second && phase == self.period_ms / 2)
-        {
+        if let Some(twist) = self.twist.filter(|_| self.second && between) {
             self.send_setpoint(twist, 100);
         }
     }

@@ -4,7 +4,7 @@ use canopen::{Frame, Micros, NmtCommand, NmtState, client};
 use kinematics::Twist;
 use protocol::{Code, GroupTwist, cob};
 
-use super::{Group, MISSING_SYNCS};
+use super::{Group, LONG_LEAD_US, MISSING_SYNCS};
 use crate::bus::link::{Link, Schedule};
 use crate::error::MasterError;
 use crate::monitor::telemetry::{EventKind, SessionState};
@@ -13,6 +13,9 @@ use protocol::timing::SYNC_OVERFLOW;
 /// A setpoint must be on its way this long before its SYNC, in µs; a frame takes 0.13 ms on the
 /// wire.
 const MARGIN_US: u64 = 400;
+/// A wait that ends later than this lengthens the lead, in µs: half of what the margin leaves of
+/// the short one.
+const LATE_US: u64 = 400;
 
 impl<L: Link> Group<L> {
     /// Begins to send SYNC at [`Group::next_sync`], from the link's own thread where it has one.
@@ -69,6 +72,9 @@ impl<L: Link> Group<L> {
     pub(crate) fn await_turn(&mut self) -> Result<(), MasterError> {
         let ahead = Micros(self.next_sync.0.saturating_sub(self.lead_us()));
         self.listen(ahead)?;
+        if self.paced && self.wire.now().0 > ahead.0 + LATE_US {
+            self.longest_lead_us = LONG_LEAD_US;
+        }
         self.catch_up()
     }
 

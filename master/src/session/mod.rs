@@ -29,8 +29,9 @@
 //! On a real bus SYNC is sent by a thread of the link ([`Link::pace`]); the session only has to
 //! have its setpoint out in time. When it is late, that SYNC goes without one, the miss is counted
 //! and reported as telemetry, and the session goes on with the next SYNC; robots bridge a few and
-//! then ramp down by themselves. On a bus with virtual time the session sends SYNC itself, exactly
-//! on time.
+//! then ramp down by themselves. Each wait that ends late lengthens the lead for good: latency is
+//! given up only on a system that needs it. On a bus with virtual time the session sends SYNC
+//! itself, exactly on time.
 //!
 //! Errors are returned as soon as they are known. The caller then calls [`Group::ramp_down`], which
 //! never fails because of a member: robots that still listen must be told to stop.
@@ -51,6 +52,7 @@ use std::sync::Arc;
 use canopen::{Micros, NmtCommand, NmtState, NmtTarget, client};
 use group::GroupFile;
 use kinematics::{Pose, Twist};
+use protocol::timing::SETPOINT_LEAD_US;
 use protocol::{MemberState, MemberStatus};
 
 use crate::abort::Abort;
@@ -74,8 +76,9 @@ const CONNECT_TIMEOUT_US: u64 = 3_000_000;
 const START_TIMEOUT_US: u64 = 4_000_000;
 /// How long the group may take to come to rest when it is stopped, in µs.
 pub const STOP_PATIENCE_US: u64 = 5_000_000;
-/// The twist goes out this long before its SYNC at most, in µs.
-const MAX_LEAD_US: u64 = 2_000;
+/// The twist goes out this long before its SYNC at most where the system is known to be late with
+/// its threads, in µs.
+const LONG_LEAD_US: u64 = 2_000;
 /// SYNCs without a status after which a member counts as missing.
 const MISSING_SYNCS: u32 = 3;
 
@@ -108,6 +111,8 @@ pub struct Group<L> {
     next_sync: Micros,
     /// The link sends SYNC by itself.
     paced: bool,
+    /// How long before its SYNC a twist goes out, at most; grows when the session comes late.
+    longest_lead_us: u64,
     missed: u64,
     phase: SessionState,
     configured: bool,
@@ -163,6 +168,7 @@ impl<L: Link> Group<L> {
             began: now,
             next_sync: now,
             paced: false,
+            longest_lead_us: SETPOINT_LEAD_US.into(),
             missed: 0,
             phase: SessionState::Idle,
             configured: false,
@@ -301,10 +307,11 @@ impl<L: Link> Group<L> {
         u64::from(self.file.sync_period_us)
     }
 
-    /// How long before its SYNC a group twist is sent, in µs.
+    /// How long before its SYNC a group twist is sent, in µs: a quarter of the period and
+    /// [`SETPOINT_LEAD_US`] at most, and 2 ms at most once the system has woken the session late.
     #[must_use]
     pub fn lead_us(&self) -> u64 {
-        MAX_LEAD_US.min(self.period_us() / 4)
+        self.longest_lead_us.min(self.period_us() / 4)
     }
 
     /// When the next SYNC is due, on the link's clock.

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use group::GroupFile;
 use kinematics::Twist;
+use protocol::timing::SETPOINT_LEAD_US;
 use protocol::{Fault, GroupTwist, Kind, Value, cob};
 
 use crate::bus::foreign::Sign;
@@ -64,7 +65,7 @@ fn sync_is_punctual_counted_and_preceded_by_its_setpoint() {
         assert_eq!(pair[1].1[0], pair[0].1[0] % 240 + 1, "counter");
     }
     for (sync, twist) in syncs.iter().zip(&twists) {
-        assert_eq!(sync.0 - twist.0, 2_000);
+        assert_eq!(sync.0 - twist.0, u64::from(SETPOINT_LEAD_US));
     }
     for pair in twists.windows(2) {
         assert_eq!(pair[1].1[6], pair[0].1[6].wrapping_add(1), "sequence");
@@ -92,7 +93,10 @@ fn setpoints_are_those_of_two_syncs_and_the_apply_delay_later() {
         .unwrap();
     let twists = bus.sent_as(cob::GROUP_TWIST);
     for (at, t) in times {
-        let (_, data) = twists.iter().find(|(sent, _)| sent + 2_000 == at).unwrap();
+        let (_, data) = twists
+            .iter()
+            .find(|(sent, _)| sent + u64::from(SETPOINT_LEAD_US) == at)
+            .unwrap();
         let sent = GroupTwist::try_from(&data[..]).unwrap().twist;
         let wanted = plan.setpoint(t + 0.01 + 0.0023);
         assert!((sent.vx - wanted.vx).abs() < HALF_STEP, "at {t}");
@@ -259,7 +263,7 @@ fn a_bus_that_paces_gets_setpoints_ahead_of_its_syncs() {
     let (twists, syncs) = (bus.sent_as(cob::GROUP_TWIST), bus.sent_as(cob::SYNC));
     assert!(syncs.len() > 100, "{}", syncs.len());
     for (k, ((twist_at, _), (sync_at, data))) in twists.iter().zip(&syncs).enumerate() {
-        assert_eq!(sync_at - twist_at, 2_000, "SYNC {k}");
+        assert_eq!(sync_at - twist_at, 1_250, "SYNC {k}");
         assert_eq!(usize::from(data[0]), k % 240 + 1, "counter of SYNC {k}");
     }
 }
@@ -324,7 +328,10 @@ fn a_master_that_falls_behind_says_so_and_goes_on() {
         assert_eq!(after, before.wrapping_add(1), "sequences have no gap");
     }
     let gap = twists.windows(2).map(|p| p[1].0 - p[0].0).max().unwrap();
-    assert_eq!(gap, 40_000);
+    // Four periods; and from then on setpoints go out 2 ms before their SYNC instead of 1.25.
+    assert_eq!(gap, 40_000 - (2_000 - 1_250));
+    let last = twists[twists.len() - 1].0;
+    assert!(syncs.iter().any(|(at, _)| *at == last + 2_000));
 }
 
 fn telemetry_until(stream: &Subscription, wanted: impl Fn(&EventKind) -> bool) -> bool {
