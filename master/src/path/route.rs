@@ -301,10 +301,12 @@ impl Route {
         while self.ended.is_none() && (self.first + self.law.len() as u64) as f64 <= step + 1.0 {
             self.advance();
         }
+        // The end is a step of the law, which division need not hit.
+        let end = self.ended.filter(|ended| t >= *ended).map(|_| usize::MAX);
         #[expect(clippy::cast_possible_truncation, reason = "some hundreds")]
         #[expect(clippy::cast_sign_loss, reason = "not before the first")]
-        let index = (step - self.first as f64) as usize;
-        match (self.law.get(index), self.law.get(index + 1)) {
+        let index = end.unwrap_or((step - self.first as f64) as usize);
+        match (self.law.get(index), self.law.get(index.saturating_add(1))) {
             (Some(a), Some(b)) => {
                 let passed = (step.fract() * STEP).clamp(0.0, STEP);
                 let change = (b.v - a.v) / STEP;
