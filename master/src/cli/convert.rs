@@ -1,4 +1,4 @@
-//! `omnibus convert FILE --to csv|candump|mcap`: recordings in other forms, without a bus.
+//! `omnibus convert FILE --to csv|candump|mcap|ros2`: recordings in other forms, without a bus.
 
 use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use canopen::Micros;
 use omnibus::file::Beside;
-use omnibus::recording::{self, Recorder, Recording, Settings, candump, csv};
+use omnibus::recording::{self, Recorder, Recording, Settings, candump, csv, rosbag};
 use serde_json::json;
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -17,11 +17,14 @@ enum Form {
     Candump,
     /// A recording, from a candump log.
     Mcap,
+    /// odom, tf and joint_states in a file that `ros2 bag play` reads.
+    Ros2,
 }
 
 const EXAMPLES: &str = "Examples:
   omnibus convert drive.mcap --to csv --output drive.csv
   omnibus convert drive.mcap --to candump --output drive.log
+  omnibus convert drive.mcap --to ros2 --output drive-ros2.mcap
   omnibus convert drive.log --to mcap --group groups/tcc-2.toml --output again.mcap";
 
 #[derive(clap::Args)]
@@ -32,7 +35,7 @@ pub struct Arguments {
     /// Output format.
     #[arg(long, value_enum)]
     to: Form,
-    /// File to write; by default standard output (not for mcap).
+    /// File to write; by default standard output (not for mcap and ros2).
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Group file for a log without one; it gives the robots and their mounts.
@@ -60,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         recording.group()?;
     }
     match (arguments.to, &arguments.output) {
-        (Form::Mcap, None) => usage!(
+        (Form::Mcap | Form::Ros2, None) => usage!(
             "--output FILE.mcap is missing: a recording is binary and cannot go to standard output"
         ),
         (Form::Mcap, Some(path)) => {
@@ -81,6 +84,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 );
             }
             recorder.finish()?;
+        }
+        (Form::Ros2, Some(path)) => {
+            let group = recording.group()?.context(
+                "the recording has no group file, which says where its wheels are; give --group",
+            )?;
+            // In memory first, because the file's index is written by seeking.
+            let mut whole = io::Cursor::new(Vec::new());
+            let written = rosbag::write(&recording, &group, &mut whole)
+                .and_then(|_| Beside::create(path))
+                .and_then(|mut file| {
+                    file.write_all(whole.get_ref())?;
+                    file.commit()
+                });
+            written.with_context(|| format!("cannot write {}", path.display()))?;
         }
         (form, Some(path)) => {
             let written = Beside::create(path).and_then(|mut file| {
@@ -108,6 +125,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn write(form: Form, recording: &Recording, out: &mut impl Write) -> io::Result<()> {
     match form {
         Form::Csv => csv::write(recording, out),
-        Form::Candump | Form::Mcap => candump::write(recording, out),
+        Form::Candump | Form::Mcap | Form::Ros2 => candump::write(recording, out),
     }
 }

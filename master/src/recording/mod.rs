@@ -19,6 +19,7 @@ pub mod messages;
 pub mod page;
 mod part;
 mod read;
+pub mod rosbag;
 mod schema;
 mod write;
 
