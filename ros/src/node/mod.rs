@@ -25,7 +25,8 @@ use ros2_client::{
     Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Server, ServiceMapping,
     ServiceTypeName, Subscription,
 };
-use serde::{Deserialize, Serialize};
+use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use self::environment::{Environment, Reach, Services};
 use self::graph::Graph;
@@ -85,6 +86,19 @@ pub enum Call {
     Reset,
 }
 
+impl Call {
+    const ALL: [Self; 4] = [Self::Start, Self::Stop, Self::Trigger, Self::Reset];
+
+    const fn service(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Stop => "stop",
+            Self::Trigger => "e_stop_trigger",
+            Self::Reset => "e_stop_reset",
+        }
+    }
+}
+
 /// What comes in.
 #[derive(Clone, Debug)]
 pub enum Incoming {
@@ -118,21 +132,43 @@ pub struct Reply {
 
 impl ros2_client::Message for Reply {}
 
-/// An empty request. A field, because DDS has no empty structs.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-struct Empty {
-    structure_needs_at_least_one_member: u8,
+/// A request of one byte: none at all has a byte that says nothing, because DDS has no empty
+/// structs, and a truth value is one.
+///
+/// A longer one is refused. It is of another middleware, which puts who asks in front of the
+/// message: the first byte would be taken for the truth value.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Request(u8);
+
+/// What may stand behind a request: messages are filled up to four bytes.
+const FILLED: usize = 4;
+
+impl<'de> Deserialize<'de> for Request {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Bytes;
+        impl<'de> Visitor<'de> for Bytes {
+            type Value = Request;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                f.write_str("one byte")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Request, A::Error> {
+                let first = bytes.next_element()?;
+                let first = first.ok_or_else(|| A::Error::invalid_length(0, &self))?;
+                // The end of the message is an error here.
+                let mut more = || matches!(bytes.next_element::<u8>(), Ok(Some(_)));
+                if (0..FILLED).all(|_| more()) {
+                    return Err(A::Error::custom("it is longer than a request"));
+                }
+                Ok(Request(first))
+            }
+        }
+        deserializer.deserialize_tuple(1 + FILLED, Bytes)
+    }
 }
 
-impl ros2_client::Message for Empty {}
-
-/// A request with a truth value.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Switch {
-    data: bool,
-}
-
-impl ros2_client::Message for Switch {}
+impl ros2_client::Message for Request {}
 
 /// A text for late readers.
 #[derive(Clone, Debug, Serialize)]
@@ -298,8 +334,8 @@ impl Topics {
 }
 
 struct Servers {
-    triggers: Vec<(Call, Server<Empty, Reply>)>,
-    enable: Server<Switch, Reply>,
+    triggers: Vec<(Call, Server<Request, Reply>)>,
+    enable: Server<Request, Reply>,
 }
 
 impl Servers {
@@ -308,15 +344,9 @@ impl Servers {
             Services::FastDds => ServiceMapping::Enhanced,
             Services::Cyclone => ServiceMapping::Cyclone,
         };
-        let named = [
-            (Call::Start, "start"),
-            (Call::Stop, "stop"),
-            (Call::Trigger, "e_stop_trigger"),
-            (Call::Reset, "e_stop_reset"),
-        ];
         let mut triggers = Vec::new();
-        for (call, name) in named {
-            triggers.push((call, server(node, mapping, name, "Trigger")?));
+        for call in Call::ALL {
+            triggers.push((call, server(node, mapping, call.service(), "Trigger")?));
         }
         Ok(Self {
             triggers,
@@ -331,16 +361,15 @@ impl Servers {
                 .receive_request_stream()
                 .map(move |request| match request {
                     Ok((id, _)) => Event::Trigger(*call, id, index),
-                    // In the form of another middleware: its caller hears nothing, as from rmw.
-                    Err(_) => Event::Other,
+                    Err(_) => foreign(call.service()),
                 }))
         });
         let enable = pin(self
             .enable
             .receive_request_stream()
             .map(|request| match request {
-                Ok((id, request)) => Event::Enable(request.data, id),
-                Err(_) => Event::Other,
+                Ok((id, Request(data @ (0 | 1)))) => Event::Enable(data == 1, id),
+                Ok(_) | Err(_) => foreign("enable"),
             }));
         pin(futures::stream::select_all(triggers.chain([enable])))
     }
@@ -374,6 +403,14 @@ enum Event<M> {
     /// The messages to publish have ended.
     End,
     Other,
+}
+
+/// A request in the form of another middleware, whose caller hears nothing.
+fn foreign<M>(service: &str) -> Event<M> {
+    Event::Unreadable(format!(
+        "a call of {service}, as another middleware makes it; start omnibus ros with the caller's \
+         RMW_IMPLEMENTATION"
+    ))
 }
 
 /// The node with all its ends.

@@ -4,7 +4,10 @@
 //! this relay sends copies of those announcements to the ports at which a participant waits for
 //! them. It hears them as any participant does, by the multicast group, and knows its own by the
 //! first twelve bytes of its identifier. A peer that has heard one answers the library directly.
+//! The group is joined on the interfaces by which the peers are reached, so a network without a
+//! default route will do.
 
+use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,7 +49,7 @@ impl Relay {
         }
         let refused = refused("ROS_STATIC_PEERS");
         let (group, first) = ports(environment.domain);
-        let socket = listen(group, environment.reach).map_err(|error| refused(&error))?;
+        let socket = listen(group, environment).map_err(|error| refused(&error))?;
         let guid = ros2_client::Gid::from(ros2_client::dds::rustdds::RTPSEntity::guid(
             &context.domain_participant(),
         ));
@@ -80,19 +83,39 @@ fn targets(peers: &[IpAddr], first: u16) -> Vec<SocketAddr> {
     peers.iter().flat_map(of).collect()
 }
 
-fn listen(port: u16, reach: Reach) -> std::io::Result<UdpSocket> {
+fn listen(port: u16, environment: &Environment) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_reuse_address(true)?;
     #[cfg(unix)]
     socket.set_reuse_port(true)?;
     socket.bind(&SocketAddr::from((GROUP, port)).into())?;
-    let interface = match reach {
-        Reach::Localhost => Ipv4Addr::LOCALHOST,
-        Reach::Subnet => Ipv4Addr::UNSPECIFIED,
+    let mut interfaces = match environment.reach {
+        Reach::Localhost => vec![Ipv4Addr::LOCALHOST],
+        Reach::Subnet => environment
+            .peers
+            .iter()
+            .map(towards)
+            .collect::<Result<_, _>>()?,
     };
-    socket.join_multicast_v4(&GROUP, &interface)?;
+    interfaces.sort();
+    interfaces.dedup();
+    for interface in interfaces {
+        socket.join_multicast_v4(&GROUP, &interface)?;
+    }
     socket.set_read_timeout(Some(PATIENCE))?;
     Ok(socket.into())
+}
+
+/// The address of this computer from which a peer is reached. Nothing is sent.
+fn towards(peer: &IpAddr) -> io::Result<Ipv4Addr> {
+    let no_way =
+        |error: io::Error| io::Error::new(error.kind(), format!("no way to {peer}: {error}"));
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+    socket.connect((*peer, 9)).map_err(no_way)?;
+    match socket.local_addr()?.ip() {
+        IpAddr::V4(own) => Ok(own),
+        IpAddr::V6(_) => Err(io::Error::other(format!("{peer}: give an IPv4 address"))),
+    }
 }
 
 fn relay(socket: &UdpSocket, own: [u8; 12], targets: &[SocketAddr], over: &AtomicBool) {
