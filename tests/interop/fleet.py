@@ -67,6 +67,55 @@ class Broker:
         self.process.wait()
 
 
+class Proxy:
+    """A line to a broker that can be cut and mended; its port stays."""
+
+    def __init__(self, case, broker):
+        self.broker, self.open, self.lines = broker, threading.Event(), []
+        self.open.set()
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.port = self.server.getsockname()[1]
+        threading.Thread(target=self.accept, daemon=True).start()
+        case.addCleanup(self.server.close)
+        case.addCleanup(self.cut)
+
+    def accept(self):
+        while True:
+            try:
+                near, _ = self.server.accept()
+            except OSError:
+                return
+            if not self.open.is_set():
+                near.close()
+                continue
+            far = socket.create_connection(("127.0.0.1", self.broker.port))
+            self.lines.append((near, far))
+            for one, other in ((near, far), (far, near)):
+                threading.Thread(target=self.carry, args=(one, other), daemon=True).start()
+
+    @staticmethod
+    def carry(one, other):
+        try:
+            while data := one.recv(65536):
+                other.sendall(data)
+        except OSError:
+            pass
+        for end in (one, other):
+            end.close()
+
+    def cut(self):
+        self.open.clear()
+        for end in (end for line in self.lines for end in line):
+            try:
+                end.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
+        self.lines.clear()
+
+    def mend(self):
+        self.open.set()
+
+
 class Fleet:
     """The fleet control, and everything that was said on the broker."""
 
@@ -152,7 +201,7 @@ class Fleet:
 class Vehicles(unittest.TestCase):
     def vehicle(self, broker, bus, *options, serial, protocol="2.0", scheme="mqtt"):
         """A group as a vehicle; ends with the test."""
-        command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"{scheme}://localhost:{broker.port}"]
+        command = [os.environ["OMNIBUS_DOORS"], "vda5050", "--broker", f"{scheme}://localhost:{broker.port}"]
         command += ["--serial", serial, "--protocol", protocol, "--map-id", "hall", "--bus", *bus, *options]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.addCleanup(self.end_vehicle, process)

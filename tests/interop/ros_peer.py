@@ -113,6 +113,23 @@ def stamped(vx=0.0, vy=0.0, omega=0.0, frame="", at=None):
     return new("geometry_msgs/msg/TwistStamped", header=header, twist=twist(vx, vy, omega))
 
 
+HEADER = {"guid": types.uint64, "sequence": types.int64}
+"""What goes before requests and replies in the form of rmw_cyclonedds."""
+
+
+class Request:
+    """Writes requests of a service."""
+
+    def __init__(self, writer, of, guid):
+        self.writer, self.of, self.guid = writer, of, guid
+
+    def make(self, data, sequence=1):
+        return self.of(self.guid, sequence, data)
+
+    def write(self, request):
+        self.writer.write(request)
+
+
 class Peer:
     """One participant."""
 
@@ -130,23 +147,26 @@ class Peer:
     def writer(self, name, of, **settings):
         return DataWriter(self.participant, self.topic(name, message(of)), qos=qos(**settings))
 
+    def request(self, name, of, guid):
+        """What writes requests of a service."""
+        body = {"data": bool} if of == "SetBool" else {"structure_needs_at_least_one_member": types.uint8}
+        made = struct(f"std_srvs/srv/{of}_Request", **HEADER, **body)
+        return Request(DataWriter(self.participant, self.topic(name + "Request", made, "rq"), qos=qos()), made, guid)
+
     def service(self, name, of="Trigger"):
         """A caller of a service as rmw_cyclonedds makes one: who asks, and the how manieth time, go before."""
-        header = {"guid": types.uint64, "sequence": types.int64}
-        body = {"data": bool} if of == "SetBool" else {"structure_needs_at_least_one_member": types.uint8}
-        request = struct(f"std_srvs/srv/{of}_Request", **header, **body)
-        reply = struct(f"std_srvs/srv/{of}_Response", **header, success=bool, message=str)
-        asks = DataWriter(self.participant, self.topic(name + "Request", request, "rq"), qos=qos())
-        hears = DataReader(self.participant, self.topic(name + "Reply", reply, "rr"), qos=qos())
         guid = (os.getpid() << 20) + self.counter
+        asks = self.request(name, of, guid)
+        reply = struct(f"std_srvs/srv/{of}_Response", **HEADER, success=bool, message=str)
+        hears = DataReader(self.participant, self.topic(name + "Reply", reply, "rr"), qos=qos())
         self.counter += 1
 
         def call(data=0):
-            until("the service", lambda: asks.get_matched_subscriptions() and hears.get_matched_publications())
+            until("the service", lambda: asks.writer.get_matched_subscriptions() and hears.get_matched_publications())
             # The server may not have found the reader of replies yet, and replies are not kept: ask again.
             for _ in range(20):
                 call.sequence += 1
-                asks.write(request(guid, call.sequence, data))
+                asks.write(asks.make(data, call.sequence))
                 answers = []
                 try:
                     until("an answer", lambda: answers.extend(
@@ -201,14 +221,17 @@ class Repeated:
 class Node:
     """`omnibus ros` in a process."""
 
-    def __init__(self, test, *arguments, group="tcc-2", bus=None, domain=None, **environment):
+    def __init__(self, test, *arguments, group="tcc-2", bus=None, domain=None, within=None, **environment):
         variables = {
             **os.environ, "ROS_DOMAIN_ID": str(DOMAIN if domain is None else domain), "ROS_LOCALHOST_ONLY": "1",
             "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp", **environment,
         }
         file = ROOT / "groups" / f"{group}.toml"
         where = ["--bus", bus, "--group", file] if bus else ["--bus", f"sim:{file}"]
-        self.process = subprocess.Popen([os.environ["OMNIBUS_ROS"], "ros", *where, *arguments], env=variables,
+        # In a network namespace, where one is named.
+        inside = ["ip", "netns", "exec", within] if within else []
+        command = [*inside, os.environ["OMNIBUS_DOORS"], "ros", *where, *arguments]
+        self.process = subprocess.Popen(command, env=variables,
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         test.addCleanup(self.end)
 

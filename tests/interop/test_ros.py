@@ -1,18 +1,25 @@
 """`omnibus ros` against CycloneDDS and the message definitions of rosbags."""
 
+import json
 import math
 import os
+import pathlib
 import random
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import unittest
 from xml.etree import ElementTree
 
+import mcap.reader
+import numpy
 import ruamel.yaml
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ros_peer import DOMAIN, ROOT, Peer, Repeated, RosTest, stamped, taken, twist, until
+from ros_peer import DOMAIN, ROOT, STORE, Node, Peer, Repeated, RosTest, stamped, taken, twist, until
 
 STAMPED = "geometry_msgs/msg/TwistStamped"
 PLAIN = "geometry_msgs/msg/Twist"
@@ -209,13 +216,184 @@ class Links(RosTest):
         self.assertEqual(node.end(), 0)
 
 
+class Bus(RosTest):
+    """A bus that others reach, too: the simulated world in a process of its own."""
+
+    def world(self):
+        world = subprocess.Popen(
+            [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "tcc-2.toml", "--slcan-tcp", "127.0.0.1:0",
+             "--fault", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.addCleanup(world.wait)
+        self.addCleanup(world.stdout.close)
+        self.addCleanup(world.stdin.close)
+        self.addCleanup(world.kill)
+        return world, f"slcan-tcp://{world.stdout.readline().split()[1]}"
+
+    def test_the_lowest_supply_is_the_battery_and_late_readers_get_the_model(self):
+        world, bus = self.world()
+        # A robot without a minimum has nothing that measures.
+        for node in ("2", "3"):
+            subprocess.run([os.environ["OMNIBUS_DOORS"], "param", "set", "2025:2", "18", "--node", node, "--bus", bus],
+                           check=True, stdout=subprocess.DEVNULL)
+        _, peer, watcher = self.started(bus=bus)
+        reader, start = peer.reader("battery_state", "sensor_msgs/msg/BatteryState"), peer.service("start")
+        world.stdin.write("node=2:supply=24\nnode=3:supply=22.5\n")
+        world.stdin.flush()
+
+        def seen():
+            # A machine that was too busy for SYNC has stopped the robots.
+            if "following" not in watcher.look().status("tcc-2").message:
+                start()
+            return [one for one in taken(reader) if abs(one.voltage - 22.5) < 0.1]
+
+        newest = until("the supply of the third robot", seen)[-1]
+        self.assertEqual((newest.location, newest.present), ("robot_3", True))
+        self.assertTrue(math.isnan(newest.current) and math.isnan(newest.percentage))
+        late = Peer().reader("robot_description", "std_msgs/msg/String", latched=True)
+        model = until("the model", lambda: taken(late))[-1].data
+        self.assertEqual(ElementTree.fromstring(model).get("name"), "tcc-2")
+
+    def test_another_master_is_refused_and_told_and_where_it_is_forced_the_driver_here_is_told(self):
+        _, bus = self.world()
+        _, peer, watcher = self.started(bus=bus)
+        drive = [os.environ["OMNIBUS_DOORS"], "drive", "--vx", "0.1", "--for", "1", "--bus", bus, "--group",
+                 ROOT / "groups" / "tcc-2.toml"]
+        with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(omega=0.3)):
+            until("a turn", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+            refused = subprocess.run(drive, capture_output=True, text=True)
+            self.assertNotEqual(refused.returncode, 0)
+            self.assertIn("another master", refused.stderr)
+            watcher.says("tcc-2", "following")
+            forced = subprocess.Popen([*drive, "--force"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            self.addCleanup(forced.communicate)
+            watcher.says("tcc-2", "another master")
+
+
+class Network(RosTest):
+    def test_static_peers_find_each_other_without_multicast(self):
+        """Two computers as two network namespaces; the peer neither sends nor hears multicast."""
+        if os.geteuid() != 0 and "CI" not in os.environ:
+            self.skipTest("only root makes network namespaces")
+        here, there = (f"omnibus-{name}-{os.getpid()}" for name in ("here", "there"))
+        for name in (here, there):
+            self.ip("netns", "add", name)
+            self.addCleanup(self.ip, "netns", "delete", name)
+        self.ip("link", "add", "door", "netns", here, "type", "veth", "peer", "name", "door", "netns", there)
+        for name, address in ((here, "10.77.0.1/24"), (there, "10.77.0.2/24")):
+            self.ip("-n", name, "addr", "add", address, "dev", "door")
+            for link in ("lo", "door"):
+                self.ip("-n", name, "link", "set", link, "up")
+        code = ("import os, ros_peer\n"
+                "os.environ['CYCLONEDDS_URI'] = ('<CycloneDDS><Domain><General><Interfaces><NetworkInterface "
+                "address=\"10.77.0.2\"/></Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
+                "<ParticipantIndex>0</ParticipantIndex></Discovery></Domain></CycloneDDS>')\n"
+                "reader = ros_peer.Peer(domain=7).reader('odom', 'nav_msgs/msg/Odometry')\n"
+                "ros_peer.until('odom', lambda: ros_peer.taken(reader), 20)")
+        peer = ["ip", "netns", "exec", there, sys.executable, "-B", "-c", code]
+        for peers, found in (("", False), ("10.77.0.2", True)):
+            with self.subTest(peers=peers):
+                node = Node(self, within=here, domain=7, ROS_LOCALHOST_ONLY="0", ROS_STATIC_PEERS=peers)
+                heard = subprocess.run(peer, cwd=ROOT / "tests" / "interop", capture_output=True, text=True)
+                self.assertEqual(heard.returncode == 0, found, heard.stderr)
+                self.assertEqual(node.end(), 0, node.said)
+
+    def ip(self, *arguments):
+        subprocess.run(["ip", *arguments], check=True)
+
+
 class Files(unittest.TestCase):
     """What is written for ROS 2, read by others."""
 
     def omnibus(self, *arguments):
-        done = subprocess.run([os.environ["OMNIBUS_ROS"], *arguments], cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run([os.environ["OMNIBUS_DOORS"], *arguments], cwd=ROOT, capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done.stdout
+
+    def test_every_message_has_the_fields_the_layout_and_the_hash_of_rosbags(self):
+        program = subprocess.Popen([pathlib.Path(os.environ["OMNIBUS_EXAMPLES"]) / "messages"],
+                                   stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(program.wait)
+        self.addCleanup(program.stdout.close)
+        self.addCleanup(program.stdin.close)
+        dice = random.Random(22)
+        names = {"std_msgs/msg/Bool", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/JointState",
+                 "sensor_msgs/msg/BatteryState", "diagnostic_msgs/msg/DiagnosticArray", PLAIN, STAMPED}
+        found = {}
+        for _ in names:
+            name, definition = program.stdout.readline().split("\t")
+            found[name] = json.loads(definition)
+        self.assertEqual(set(found), names)
+        for name, definition in found.items():
+            with self.subTest(name):
+                self.assert_same_hash(name, definition)
+                for _ in range(100):
+                    data = bytes(STORE.serialize_cdr(at_random(name, dice), name)).hex()
+                    program.stdin.write(f"{name}\t{data}\n")
+                    program.stdin.flush()
+                    self.assertEqual(program.stdout.readline().strip(), data)
+
+    def assert_same_hash(self, name, definition):
+        read = get_typestore(Stores.EMPTY)
+        read.register(get_types_from_msg(definition, name))
+        for inner in read.fielddefs:
+            self.assertEqual(read.hash_rihs01(inner), STORE.hash_rihs01(inner), inner)
+
+    def test_a_recording_converted_is_read_by_rosbags_and_says_the_same(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        recording, bag = pathlib.Path(folder.name) / "drive.mcap", pathlib.Path(folder.name) / "ros2.mcap"
+        self.omnibus("drive", "--vx", "0.1", "--vy", "0.2", "--omega", "0.3", "--for", "3", "--bus",
+                     "sim:groups/tcc-2.toml", "--record", recording)
+        self.omnibus("convert", recording, "--to", "ros2", "--output", bag)
+        told = {}
+        with open(recording, "rb") as file:
+            for _, channel, message in mcap.reader.make_reader(file).iter_messages():
+                told.setdefault(channel.topic, {})[message.log_time] = json.loads(message.data)
+        heard = {}
+        with Reader(bag) as reader:
+            for connection in reader.connections:
+                self.assert_same_hash(connection.msgtype, connection.msgdef.data)
+            for connection, time_ns, data in reader.messages():
+                message = STORE.deserialize_cdr(data, connection.msgtype)
+                heard.setdefault(connection.topic, {})[time_ns] = message
+                first = message.transforms[0] if connection.topic == "/tf" else message
+                stamp = first.header.stamp
+                self.assertEqual(stamp.sec * 10**9 + stamp.nanosec, time_ns)
+        self.assertEqual(set(heard), {"/odom", "/tf", "/joint_states"})
+        self.assertGreater(len(told["/group"]), 300)
+        for messages in heard.values():
+            self.assertEqual(list(messages), list(told["/group"]), "one message for each SYNC, at its time")
+        places, angles = 0, {}
+        before = None
+        for at, group in told["/group"].items():
+            odom, tf, joints = (heard[topic][at] for topic in ("/odom", "/tf", "/joint_states"))
+            twist = odom.twist.twist
+            measured = group.get("measured", {"vx": 0, "vy": 0, "omega": 0})
+            for is_, wanted in [(twist.linear.x, "vx"), (twist.linear.y, "vy"), (twist.angular.z, "omega")]:
+                self.assertAlmostEqual(is_, measured[wanted], delta=1e-6)
+            if "pose" in group:
+                places += 1
+                pose, shown = odom.pose.pose, tf.transforms[0].transform
+                for is_, wanted in [(pose.position.x, "x"), (pose.position.y, "y"),
+                                    (2 * math.atan2(pose.orientation.z, pose.orientation.w), "heading")]:
+                    self.assertAlmostEqual(is_, group["pose"][wanted], delta=2e-6)
+                self.assertEqual((shown.translation.x, shown.rotation.z), (pose.position.x, pose.orientation.z))
+            # Angles are the sum of rates over time.
+            rates = dict(zip(joints.name, joints.velocity))
+            for node in (2, 3):
+                said = told[f"/robot/{node}"].get(at, {}).get("wheel_rates")
+                for wheel in WHEELS:
+                    name = f"robot_{node}_{wheel}_wheel_joint"
+                    wanted = said[wheel] if said else 0.0
+                    self.assertAlmostEqual(rates[name], wanted, delta=1e-5)
+                    dt = 0.0 if before is None else (at - before) * 1e-9
+                    angles[name] = angles.get(name, 0.0) + wanted * dt
+            before = at
+        self.assertGreater(places, 300)
+        for name, angle in zip(joints.name, joints.position):
+            self.assertAlmostEqual(angle, angles[name], delta=1e-3)
+        # 0.1 and 0.2 m/s in a group that turns by 0.3 rad/s for 3 s, and ramps at both ends.
+        self.assertAlmostEqual(2 * math.atan2(pose.orientation.z, pose.orientation.w), 0.9, delta=0.05)
 
     def test_the_model_has_the_joints_and_the_places_of_the_robots(self):
         model = ElementTree.fromstring(self.omnibus("group", "urdf", "groups/tcc-2.toml"))
@@ -248,3 +426,29 @@ class Files(unittest.TestCase):
         self.assertEqual(corners, {(x, y) for x in (1.102, -1.102) for y in (0.522, -0.522)})
         filtered = yaml.load(self.omnibus("group", "localization", "groups/tcc-2.toml"))
         self.assertEqual(len(filtered["ekf_filter_node"]["ros__parameters"]["odom0_config"]), 15)
+
+
+def at_random(name, dice):
+    """A message of that type with fields by chance."""
+
+    def number(kind):
+        return {
+            "bool": lambda: dice.random() < 0.5, "float32": lambda: float(numpy.float32(dice.gauss(0, 1e3))),
+            "float64": lambda: dice.gauss(0, 1e6), "string": lambda: "x" * dice.randrange(9),
+            "int32": lambda: dice.randrange(-2**31, 2**31), "uint32": lambda: dice.randrange(2**32),
+            # The level of a diagnostic status, one of four.
+            "octet": lambda: dice.randrange(4), "byte": lambda: dice.randrange(4),
+        }.get(kind, lambda: dice.randrange(256))()
+
+    def value(kind, detail):
+        if kind == "BASE":
+            return number(detail[0])
+        if kind == "NAME":
+            return at_random(detail, dice)
+        (inner, what), count = detail
+        values = [value(inner.name, what) for _ in range(count if kind == "ARRAY" else dice.randrange(4))]
+        is_text = inner.name != "BASE" or what[0] == "string"
+        return values if is_text else numpy.array(values, dtype=what[0])
+
+    fields = {field: value(kind.name, detail) for field, (kind, detail) in STORE.fielddefs[name][1]}
+    return STORE.types[name](**fields)

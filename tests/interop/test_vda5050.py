@@ -10,11 +10,12 @@ import shlex
 import signal
 import subprocess
 import tempfile
+import time
 
 import jsonschema
 
 from fleet import (
-    MOSQUITTO, PATIENCE, QUARTER, ROOT, Broker, Fleet, Vehicles, free_port, idle, order, remaining, wait_for_port,
+    MOSQUITTO, PATIENCE, QUARTER, ROOT, Broker, Fleet, Proxy, Vehicles, free_port, idle, order, remaining, wait_for_port,
 )
 
 SERIAL = "tcc-3"
@@ -160,6 +161,34 @@ class OneVehicle(Vehicles):
         self.fleet.finished(SERIAL, "s")
 
 
+class Line(Vehicles):
+    def test_what_waits_while_the_connection_is_cut_arrives_in_its_order(self):
+        broker = Broker(self)
+        fleet, line = Fleet(self, broker), Proxy(self, broker)
+        self.simulated(line, "tcc-2.toml", serial=SERIAL)
+        fleet.state(SERIAL, lambda s: s["agvPosition"]["positionInitialized"])
+        fleet.order(SERIAL, order("on", [(0, 0), (1, 0), (2, 0), (3, 0)], maxSpeed=0.8))
+        fleet.state(SERIAL, lambda s: s["driving"])
+        line.cut()
+        fleet.message(SERIAL, "connection", lambda m: m["connectionState"] == "CONNECTIONBROKEN")
+        # With quality 1 the broker keeps it for the vehicle.
+        asked = {"actionId": "away", "actionType": "stateRequest", "blockingType": "NONE", "actionParameters": []}
+        fleet.send(SERIAL, "instantActions", {"actions": [asked]}, qos=1)
+        # Time for some nodes; where it does not suffice, fewer states wait.
+        time.sleep(6)
+        line.mend()
+        fleet.message(SERIAL, "connection", lambda m: m["connectionState"] == "ONLINE")
+        fleet.state(SERIAL, lambda s: any(a["actionId"] == "away" for a in s["actionStates"]))
+        if not idle(fleet.states(SERIAL)[-1]):
+            fleet.state(SERIAL, idle)
+        states = fleet.states(SERIAL)
+        numbers = [s["headerId"] for s in states]
+        self.assertEqual(numbers, list(range(numbers[0], numbers[0] + len(numbers))), "none is missing")
+        ahead = [remaining(s) for s in states if s["orderId"] == "on"]
+        steps = [nodes for nodes, before in zip(ahead, [None, *ahead]) if nodes != before]
+        self.assertEqual(steps, [["n1", "n2", "n3"], ["n2", "n3"], ["n3"], []])
+
+
 class Fault(Vehicles):
     def test_a_robot_that_fails_in_the_middle_and_poses_from_outside(self):
         broker = Broker(self)
@@ -268,7 +297,7 @@ class Locked(Vehicles):
                 "-subj", "/CN=another authority", "-keyout", "other.key", "-out", "other.pem")
         for options, word in [(["--ca", at / "ca.pem", "--user", "group", "--password-file", at / "wrong"], "efused"),
                               (["--ca", at / "other.pem", "--user", "group", "--password-file", at / "secret"], "ertificate")]:
-            command = [os.environ["OMNIBUS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
+            command = [os.environ["OMNIBUS_DOORS"], "vda5050", "--broker", f"mqtts://localhost:{broker.port}", "--serial",
                        "wrong", "--bus", "sim:" + str(ROOT / "groups" / "single.toml"), *options]
             process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
             said = ""
@@ -293,7 +322,7 @@ class Documented(Vehicles):
 
         def run(line):
             words = [port if word == "1883" else word.replace(":1883", f":{port}") for word in shlex.split(line)]
-            words[0] = {"omnibus": os.environ["OMNIBUS"], "mosquitto": MOSQUITTO}.get(words[0], words[0])
+            words[0] = {"omnibus": os.environ["OMNIBUS_DOORS"], "mosquitto": MOSQUITTO}.get(words[0], words[0])
             process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             self.addCleanup(process.stdout.close)
             self.addCleanup(process.stderr.close)

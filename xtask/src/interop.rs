@@ -4,8 +4,9 @@
 //! `canopen/interop` (the CANopen crate alone). They run in a virtual environment under `target/`,
 //! built from the pinned `tests/interop/requirements.txt` and rebuilt when that file changes.
 //! The packages of Node.js lie there too, from the pinned `tests/interop/package-lock.json`.
-//! tshark, chromium, gdb, Node.js and mosquitto must be installed on the system; otherwise this
-//! task reports them and fails, because a test that is skipped silently proves nothing.
+//! tshark, chromium, gdb, Node.js, openssl, mosquitto, Fast DDS and a C++ compiler must be on the
+//! system; otherwise this task reports them and fails, because a test that is skipped silently
+//! proves nothing.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -22,36 +23,26 @@ pub struct Arguments {
     /// Backend of the robots; by default both, one after the other.
     #[arg(long, value_parser = ["native", "emulator"])]
     backend: Option<String>,
-    /// Also runs the suite of a fleet control (VDA 5050), which needs Node.js and mosquitto and has
-    /// not passed as a whole yet.
-    #[arg(long)]
-    fleet: bool,
 }
-
-/// What the tool needs for the suite of a fleet control.
-const FLEET: &str = "omnibus-master/vda5050";
 
 /// Builds everything, then runs every test.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tests = cargo::root().join("tests/interop");
-    system_packages(arguments.fleet)?;
+    system_packages()?;
     let python = python()?;
-    let modules = match arguments.fleet {
-        true => Some(node_modules(&tests)?),
-        false => None,
-    };
+    let modules = node_modules(&tests)?;
     cargo::run(cargo::command().args([
         "build",
         "--package=omnibus-sim",
         "--package=omnibus-master",
         "--package=omnibus-canopen",
+        "--package=omnibus-ros",
         "--bins",
         "--examples",
-        "--features",
-        if arguments.fleet { FLEET } else { "" },
     ]))?;
     let built = cargo::target_folder().join("debug");
-    let ros = with_ros(&built)?;
+    let doors = with_doors(&built)?;
+    let fast_peer = fast_peer(&tests)?;
     let elf = firmware::build(Scalar::F32)?;
     let logs = cargo::target_folder().join("interop/logs");
     if logs.exists() {
@@ -69,13 +60,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .args(files)
             .env("OMNIBUS_SIM", built.join("omnibus-sim"))
             .env("OMNIBUS", built.join("omnibus"))
-            .env("OMNIBUS_ROS", &ros)
+            .env("OMNIBUS_DOORS", &doors)
+            .env("OMNIBUS_FAST_PEER", &fast_peer)
+            .env("OMNIBUS_EXAMPLES", built.join("examples"))
+            .env("NODE_PATH", &modules)
             .env("OMNIBUS_ELF", &elf)
             .env("OMNIBUS_BACKEND", backend)
             .env("OMNIBUS_LOGS", &logs);
-        if let Some(modules) = &modules {
-            command.env("NODE_PATH", modules);
-        }
         command
     };
     let unittest = |files: &[&str], backend: &str| cargo::run(&mut python_tests(files, backend));
@@ -112,12 +103,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "test_foreign",
             "test_mujoco",
             "test_ros",
+            "test_ros_fast",
+            "test_vda5050",
         ],
         "native",
     )?;
-    if arguments.fleet {
-        unittest(&["test_vda5050"], "native")?;
-    }
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);
@@ -131,13 +121,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Builds the tool with its feature `ros` beside the usual one, which is put back: both are called
-/// `omnibus`, and the usual one is what the other suites test.
-fn with_ros(built: &Path) -> anyhow::Result<PathBuf> {
-    let (usual, aside, ros) = (
+/// Builds the tool with its features `ros` and `vda5050` beside the usual one, which is put back:
+/// both are called `omnibus`, and the usual one is what the other suites test.
+fn with_doors(built: &Path) -> anyhow::Result<PathBuf> {
+    let (usual, aside, doors) = (
         built.join("omnibus"),
         built.join("omnibus-usual"),
-        built.join("omnibus-ros"),
+        built.join("omnibus-doors"),
     );
     let copy = |from: &Path, to: &Path| {
         std::fs::copy(from, to).with_context(|| format!("{} to {}", from.display(), to.display()))
@@ -146,12 +136,23 @@ fn with_ros(built: &Path) -> anyhow::Result<PathBuf> {
     cargo::run(cargo::command().args([
         "build",
         "--package=omnibus-master",
-        "--features=ros",
+        "--features=ros,vda5050",
         "--bin=omnibus",
     ]))?;
-    copy(&usual, &ros)?;
+    copy(&usual, &doors)?;
     std::fs::rename(&aside, &usual).with_context(|| usual.display().to_string())?;
-    Ok(ros)
+    Ok(doors)
+}
+
+/// Builds the peer that has Fast DDS; its types are made at run time, so no generator is needed.
+fn fast_peer(tests: &Path) -> anyhow::Result<PathBuf> {
+    let program = cargo::target_folder().join("interop/fast_peer");
+    let mut compile = Command::new("c++");
+    compile.args(["-std=c++17", "-O1", "-Wall", "-Wextra", "-o"]);
+    compile.arg(&program).arg(tests.join("fast_peer.cpp"));
+    cargo::run(compile.args(["-lfastrtps", "-lfastcdr"]))
+        .context("tests/interop/fast_peer.cpp needs Fast DDS 2 (Debian: libfastrtps-dev)")?;
+    Ok(program)
 }
 
 /// Keeps the machine's processors from sleeping, at the lowest priority.
@@ -189,7 +190,7 @@ impl Drop for Awake {
 }
 
 /// Names what the system lacks.
-fn system_packages(fleet: bool) -> anyhow::Result<()> {
+fn system_packages() -> anyhow::Result<()> {
     let starts = |program: &str, arguments: &[&str]| {
         Command::new(program)
             .args(arguments)
@@ -204,18 +205,15 @@ fn system_packages(fleet: bool) -> anyhow::Result<()> {
         ("tshark", &["--version"][..]),
         ("chromium", &["--version"][..]),
         ("gdb-multiarch", &["--version"][..]),
+        ("c++", &["--version"][..]),
+        ("ip", &["-V"][..]),
+        ("node", &["--version"][..]),
+        ("npm", &["--version"][..]),
+        ("openssl", &["version"][..]),
+        ("mosquitto_passwd", &[][..]),
+        ("mosquitto_pub", &[][..]),
     ]
     .into_iter()
-    .chain(
-        [
-            ("node", &["--version"][..]),
-            ("npm", &["--version"][..]),
-            ("mosquitto_passwd", &[][..]),
-            ("mosquitto_pub", &[][..]),
-        ]
-        .into_iter()
-        .filter(|_| fleet),
-    )
     .filter(|(program, arguments)| !starts(program, arguments))
     .map(|(program, _)| program)
     .collect();
@@ -224,8 +222,8 @@ fn system_packages(fleet: bool) -> anyhow::Result<()> {
     }
     bail!(
         "missing: {}. Debian and Ubuntu: apt-get install --no-install-recommends python3 \
-         python3-venv tshark chromium gdb-multiarch nodejs npm mosquitto \
-         mosquitto-clients",
+         python3-venv tshark chromium gdb-multiarch nodejs npm openssl mosquitto \
+         mosquitto-clients g++ libfastrtps-dev iproute2",
         missing.join(", ")
     )
 }

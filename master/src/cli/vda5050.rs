@@ -142,7 +142,10 @@ impl Arguments {
         let simulated = matches!(self.target.bus, BusAddress::Sim(_));
         let poses = match &self.pose {
             Source::Odometry => None,
-            Source::Truth => usage!("--pose: give odometry or tcp://HOST:PORT"),
+            Source::Truth => usage!(
+                "--pose truth: the true poses of a simulation come from omnibus-sim serve with \
+                 --slcan-tcp and --pose-tcp HOST:PORT; give odometry or tcp://HOST:PORT"
+            ),
             Source::Stream(_) if simulated => usage!(
                 "--pose tcp://: a simulated bus in this process has no other program's poses; use \
                  omnibus-sim serve with --slcan-tcp and --pose-tcp"
