@@ -1,17 +1,25 @@
-//! Memory layout and linker arguments of the firmware, and which board it is for.
+//! Memory layout, boot code and linker arguments of the firmware, and which board it is for.
 //!
 //! The arguments are here and not in `.cargo/config.toml`, because an environment `RUSTFLAGS`
 //! replaces the flags from there without a word and leaves an image without a vector table. They
 //! apply to the robot's target only: the same package also compiles on the host, where the firmware
 //! is an empty program for no board.
 
-use std::{env, fs, path::PathBuf};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+use boot::slots::{self, Slot};
 
 /// The boards: feature, and memory layout. The reference board's is at the top.
 const BOARDS: [(&str, &str); 2] = [
     ("board-nucleo-f446re", "memory.x"),
     ("board-robomaster-c", "memory/robomaster_c.x"),
 ];
+
+/// Package and program of the boot code, and the profile it is built with.
+const BOOT: &str = "omnibus-boot";
+const BOOT_PROFILE: &str = "boot";
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
@@ -39,9 +47,72 @@ fn main() {
     fs::copy(memory, out.join("memory.x")).expect("the layout can be copied to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
 
+    let slot = if selected("slot-b") { Slot::B } else { Slot::A };
+    fs::write(out.join("slots.x"), regions(slot)).expect("OUT_DIR can be written");
+    if slot == Slot::A {
+        boot_code(&out);
+    }
+
     // `--nmagic`: sections are not padded to pages. `link.x`: vector table and start-up of
     // cortex-m-rt. `defmt.x`: the table of log strings, which stays in the ELF file.
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
     }
+}
+
+/// The regions of flash that an image has a part in, and where the boot code is put.
+fn regions(slot: Slot) -> String {
+    format!(
+        "MEMORY
+{{
+  BOOT  : ORIGIN = {:#x}, LENGTH = {:#x}
+  MARK  : ORIGIN = {:#x}, LENGTH = 4
+  FLASH : ORIGIN = {:#x}, LENGTH = {:#x}
+}}
+SECTIONS
+{{
+  .boot : {{ KEEP(*(.boot)) }} > BOOT
+  .boot_mark : {{ KEEP(*(.boot_mark)) }} > MARK
+}}
+",
+        slots::BOOT,
+        slots::BOOT_LENGTH,
+        slots::MARK,
+        slot.address(),
+        slot.longest_image(),
+    )
+}
+
+/// Builds the boot code, a program of its own for the same processor, as `boot.bin`.
+///
+/// It is built in a folder of its own, because this build holds the lock on the other one, and with
+/// its own flags: what wraps or changes this build (clippy, coverage) is not for it.
+fn boot_code(out: &Path) {
+    for path in ["boot", "Cargo.lock", "src/board/memory.rs"] {
+        println!("cargo::rerun-if-changed={path}");
+    }
+    println!("cargo::rerun-if-env-changed=OMNIBUS_PUBLIC_KEY");
+    let folder = out.join("boot");
+    let target = env::var("TARGET").expect("cargo sets TARGET");
+    let mut cargo = Command::new(env::var_os("CARGO").expect("cargo sets CARGO"));
+    cargo
+        .args(["build", "--quiet", "--package", BOOT, "--bin", BOOT])
+        .args(["--features", "code", "--profile", BOOT_PROFILE])
+        .args(["--target", &target, "--target-dir"])
+        .arg(&folder);
+    for variable in [
+        "RUSTFLAGS",
+        "CARGO_ENCODED_RUSTFLAGS",
+        "RUSTC_WRAPPER",
+        "RUSTC_WORKSPACE_WRAPPER",
+    ] {
+        cargo.env_remove(variable);
+    }
+    let built = cargo.status();
+    if !built.as_ref().is_ok_and(std::process::ExitStatus::success) {
+        println!("cargo::error=the boot code does not build ({built:?}); its messages are above");
+        return;
+    }
+    let code = folder.join(target).join(BOOT_PROFILE).join(BOOT);
+    fs::copy(code, out.join("boot.bin")).expect("the boot code can be copied to OUT_DIR");
 }

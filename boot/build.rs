@@ -1,4 +1,4 @@
-//! Builds in the public key that images are checked with.
+//! Builds in the public key that images are checked with, and links the boot code.
 
 use std::{env, fs, path::PathBuf};
 
@@ -24,6 +24,14 @@ fn main() {
             return;
         }
     };
+    println!("cargo::rerun-if-changed=boot.x");
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
+        // The file is what is programmed, byte for byte.
+        for argument in ["--nmagic", "--oformat=binary", "-Tboot.x"] {
+            println!("cargo::rustc-link-arg-bins={argument}");
+        }
+        println!("cargo::rustc-link-search={}", env!("CARGO_MANIFEST_DIR"));
+    }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::write(out.join("public_key"), key).expect("OUT_DIR can be written");
 }

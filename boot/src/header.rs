@@ -4,6 +4,8 @@
 //! is sent, a *download*, is the same header and the one image that is linked for the slot it does
 //! not run from: the header has the hash of either.
 //!
+//! # Layout
+//!
 //! All numbers are little-endian.
 //!
 //! | at | bytes | |

@@ -26,7 +26,7 @@
 //! The boot code does not check signatures at a start, only the checksum of what was checked when
 //! it was received. Who can write flash with a debugger can run anything.
 #![no_std]
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
     deny(
@@ -35,7 +35,8 @@
         clippy::panic,
         clippy::unreachable,
         clippy::indexing_slicing,
-        clippy::cast_possible_truncation
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss
     )
 )]
 
@@ -44,6 +45,8 @@ mod crypto;
 pub mod header;
 pub mod key;
 pub mod records;
+pub mod release;
+pub mod services;
 pub mod slots;
 #[cfg(feature = "software")]
 mod software;

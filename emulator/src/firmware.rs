@@ -105,13 +105,7 @@ impl Firmware {
         }
         let mut flash = vec![0xFF; flash::SIZE as usize];
         let mut vectors = false;
-        let endian = object::LittleEndian;
-        for header in file.elf_program_headers() {
-            let data = header.data(endian, &*elf).unwrap_or(&[]);
-            if header.p_type(endian) != object::elf::PT_LOAD || data.is_empty() {
-                continue;
-            }
-            let address = header.p_paddr(endian);
+        for (address, data) in programmed(&elf)? {
             let start = address.wrapping_sub(FLASH_BASE) as usize;
             let Some(place) = start
                 .checked_add(data.len())
@@ -122,7 +116,7 @@ impl Firmware {
                     length: data.len() as u32,
                 });
             };
-            place.copy_from_slice(data);
+            place.copy_from_slice(&data);
             vectors |= start == 0;
         }
         if !vectors {
@@ -279,6 +273,24 @@ impl Firmware {
         };
         addresses.iter().map(one).collect()
     }
+}
+
+/// What a programmer writes of an ELF file: bytes by address, in the order of the file.
+///
+/// # Errors
+/// [`LoadError`] when it is no ELF file for a 32-bit little-endian Arm.
+pub fn programmed(elf: &[u8]) -> Result<Vec<(u32, Vec<u8>)>, LoadError> {
+    let not_elf = |error: object::Error| LoadError::NotArmElf(error.to_string());
+    let file = ElfFile32::<object::LittleEndian>::parse(elf).map_err(not_elf)?;
+    let endian = object::LittleEndian;
+    let mut parts = Vec::new();
+    for header in file.elf_program_headers() {
+        let data = header.data(endian, elf).unwrap_or(&[]);
+        if header.p_type(endian) == object::elf::PT_LOAD && !data.is_empty() {
+            parts.push((header.p_paddr(endian), data.to_vec()));
+        }
+    }
+    Ok(parts)
 }
 
 type Slice<'a> = gimli::EndianSlice<'a, gimli::LittleEndian>;

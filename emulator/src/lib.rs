@@ -74,7 +74,7 @@ pub mod waveform;
 pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
 pub use defect::Defect;
-pub use firmware::{Firmware, LoadError, Symbol};
+pub use firmware::{Firmware, LoadError, Symbol, programmed};
 pub use rtt::{Level, LogLine};
 pub use stop::{Stop, StopKind};
 pub use system::flash::FlashOperations;

@@ -6,6 +6,8 @@
 //! names it re-exports, and [`Board`], which owns the peripherals. `docs/boards.md` says how to add
 //! a board.
 
+#[cfg(not(feature = "slot-b"))]
+mod boot_code;
 mod memory;
 pub mod post_mortem;
 pub mod stack;

@@ -1,20 +1,22 @@
 //! Building and inspecting the firmware image.
 //!
-//! An image without its linker arguments still builds, but has no vector table and does not start.
+//! An image without its linker arguments still builds, but has neither boot code nor vector table
+//! and does not start.
 //! Every build is therefore checked before it is used.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
+use boot::slots::{self, Slot};
 use object::{Object as _, ObjectSection as _, SectionFlags, elf::SHF_ALLOC};
 
 use omnibus::report::Scalar;
 
 use crate::cargo;
 
-/// Start of the flash, where the core reads its vector table (RM0390 rev 6, 2.4).
-const FLASH_ORIGIN: u64 = 0x0800_0000;
+/// Start of the flash, where the core reads the boot code's vectors (RM0390 rev 6, 2.4).
+const FLASH_ORIGIN: u64 = slots::BOOT as u64;
 /// End of the STM32F446RE's 512 KiB of flash.
 const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
 /// Name of the firmware's binary.
@@ -47,6 +49,13 @@ pub fn build_self_test() -> anyhow::Result<PathBuf> {
     })
 }
 
+/// Builds the image for the second slot, which has no boot code.
+pub fn build_slot_b() -> anyhow::Result<PathBuf> {
+    build_variant(|command| {
+        command.args(["--features", "slot-b"]);
+    })
+}
+
 /// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {
@@ -62,7 +71,10 @@ pub fn build_all_boards() -> anyhow::Result<()> {
             command.args(["--no-default-features", "--features", board]);
         })?;
     }
-    println!("images with a vector table: {}", BOARDS.join(", "));
+    println!(
+        "images with boot code and a vector table: {}",
+        BOARDS.join(", ")
+    );
     Ok(())
 }
 
@@ -103,21 +115,38 @@ fn build_as(change: impl FnOnce(&mut Command)) -> anyhow::Result<PathBuf> {
     Ok(elf)
 }
 
-/// Checks that the vector table of the image is at the address from which the core reads it.
-pub fn check(elf: &Path) -> anyhow::Result<()> {
+/// Checks that the boot code is where the core starts, and the vector table of the image where the
+/// boot code starts it.
+fn check(elf: &Path) -> anyhow::Result<()> {
     let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    vector_table(&bytes).with_context(|| elf.display().to_string())
+    let places = |slot: Slot| (".vector_table", u64::from(slot.address()));
+    let for_cable = [
+        (".boot", FLASH_ORIGIN),
+        (".boot_mark", slots::MARK.into()),
+        places(Slot::A),
+    ];
+    // The image for slot B comes over the bus, to a robot that has boot code.
+    let has_boot_code = is_at(&bytes, ".boot", FLASH_ORIGIN);
+    let result = if is_at(&bytes, ".vector_table", Slot::B.address().into()).is_ok() {
+        ensure!(has_boot_code.is_err(), "boot code in an image for slot B");
+        Ok(())
+    } else {
+        for_cable
+            .into_iter()
+            .try_for_each(|(name, address)| is_at(&bytes, name, address))
+    };
+    result.with_context(|| elf.display().to_string())
 }
 
-/// The check itself, on the bytes of an ELF file.
-fn vector_table(bytes: &[u8]) -> anyhow::Result<()> {
+/// Checks that a section of an ELF file is at an address, and not empty.
+fn is_at(bytes: &[u8], name: &str, wanted: u64) -> anyhow::Result<()> {
     let file = object::File::parse(bytes).context("not an ELF file")?;
-    let section = file
-        .section_by_name(".vector_table")
-        .context("no .vector_table: the linker script did not take part (build.rs, memory.x)")?;
+    let section = file.section_by_name(name).with_context(|| {
+        format!("no {name}: the linker script did not take part (build.rs, memory.x)")
+    })?;
     let (address, size) = (section.address(), section.size());
-    if address != FLASH_ORIGIN || size == 0 {
-        bail!(".vector_table is at 0x{address:08x} with {size} bytes, not at 0x{FLASH_ORIGIN:08x}");
+    if address != wanted || size == 0 {
+        bail!("{name} is at 0x{address:08x} with {size} bytes, not at 0x{wanted:08x}");
     }
     Ok(())
 }
@@ -156,13 +185,13 @@ mod tests {
 
     #[test]
     fn refuses_what_is_no_elf() {
-        assert!(vector_table(b"no elf").is_err());
+        assert!(is_at(b"no elf", ".vector_table", 0).is_err());
     }
 
     #[test]
     fn refuses_an_elf_without_vector_table() {
         // This test program is a host executable: an ELF on Linux, never with a vector table.
         let me = std::fs::read(std::env::current_exe().unwrap()).unwrap();
-        assert!(vector_table(&me).is_err());
+        assert!(is_at(&me, ".vector_table", 0).is_err());
     }
 }

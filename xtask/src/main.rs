@@ -1,5 +1,5 @@
 //! Workspace tasks: `cargo xtask accept | demo | test | coverage | faults | interop | socketcan |
-//! fuzz | bench | profile | size | flash | web | check-elf | check-demo`.
+//! fuzz | bench | profile | size | flash | release | keys | web | check-elf | check-demo`.
 //!
 //! There is one file per task; [`cargo`] runs the tools and [`firmware`] builds and inspects the
 //! image. A task that fails reports the cause and the remedy and exits with 1. Only `rustup`,
@@ -18,6 +18,7 @@ mod faults;
 mod firmware;
 mod flash;
 mod interop;
+mod release;
 mod size_canopen;
 mod socketcan;
 mod test;
@@ -86,8 +87,12 @@ enum Task {
     Bench(bench::Arguments),
     /// Builds the firmware and writes it to a board with probe-rs.
     Flash(flash::Arguments),
-    /// Builds the firmware for every board and checks that it is bootable: its vector table is at
-    /// 0x08000000.
+    /// Builds the firmware for both slots of flash and writes a signed image file.
+    Release(release::Arguments),
+    /// Makes a pair of keys for image files.
+    Keys(release::KeysArguments),
+    /// Builds the firmware for every board and checks that it is bootable: its boot code is at
+    /// 0x08000000 and its vector table in slot A.
     CheckElf,
     /// Builds the page with the group in it, and the documents, as static files in target/web.
     Web(web::Arguments),
@@ -117,6 +122,8 @@ fn run(task: Task) -> anyhow::Result<ExitCode> {
         Task::Size { json, .. } => bench::size(json.as_deref()),
         Task::Bench(arguments) => bench::run(&arguments),
         Task::Flash(arguments) => flash::run(&arguments),
+        Task::Release(arguments) => release::run(&arguments),
+        Task::Keys(arguments) => release::keys(&arguments),
         Task::CheckElf => firmware::build_all_boards(),
         Task::Web(arguments) => web::run(&arguments),
         Task::CheckDemo { json } => check::demo(&json),

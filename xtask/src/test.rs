@@ -27,6 +27,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
     std::fs::copy(bench.with_extension(""), &bench)?;
     let self_test = firmware::build_self_test()?.with_extension("self-test");
     std::fs::copy(self_test.with_extension(""), &self_test)?;
+    let slot_b = firmware::build_slot_b()?.with_extension("slot-b");
+    std::fs::copy(slot_b.with_extension(""), &slot_b)?;
     let fixed = firmware::build(Scalar::Fixed)?;
     let mut command = cargo::command();
     command
@@ -36,7 +38,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed)
         .env("OMNIBUS_ELF_BENCH", bench)
-        .env("OMNIBUS_ELF_SELF_TEST", self_test);
+        .env("OMNIBUS_ELF_SELF_TEST", self_test)
+        .env("OMNIBUS_ELF_SLOT_B", slot_b);
     cargo::run(&mut command)?;
     if rest.is_empty() {
         cargo::run(cargo::command().args(["test", "--quiet"]).args(FIXED_TESTS))?;

@@ -20,6 +20,7 @@ use crate::defect::{Defect, Defects};
 use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;
+use crate::system::crc::Crc;
 use crate::system::dma::Dma;
 use crate::system::exti::Exti;
 use crate::system::flash::Flash;
@@ -62,6 +63,7 @@ pub(crate) struct Soc {
     pub(crate) can2: Can,
     pub(crate) usart2: Usart,
     dma1: Dma,
+    crc: Crc,
     /// What the DMA reads and writes.
     ram: Arc<Ram>,
     dbgmcu: [u32; 4],
@@ -120,6 +122,7 @@ impl Soc {
             can2: Can::default(),
             usart2: Usart::new(),
             dma1: Dma::default(),
+            crc: Crc::default(),
             ram,
             // STM32F446 revision A, DEV_ID 0x421.
             dbgmcu: [0x1000_0421, 0, 0, 0],
@@ -149,6 +152,7 @@ impl Soc {
         self.can2.reset();
         self.usart2.reset();
         self.dma1.reset();
+        self.crc.reset();
         self.reset_request = 0;
         self.apply_clocks();
         self.settle();
@@ -284,6 +288,7 @@ impl Soc {
                 Ok(word)
             }
             Unit::Dma1 => self.dma1.read(offset).ok_or(""),
+            Unit::Crc => self.crc.read(offset).ok_or(""),
             Unit::Rcc => {
                 self.apply_clocks();
                 self.rcc.read(now_ps, offset).ok_or("")
@@ -355,6 +360,7 @@ impl Soc {
             }
             Unit::Exti => self.exti.write(offset, value).ok_or(""),
             Unit::Syscfg => self.exti.write_syscfg(offset, value).ok_or("memory remap"),
+            Unit::Crc => self.crc.write(offset, value).ok_or(""),
             Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
             Unit::Adc => self.adc.write(now_ps, offset, value),
             Unit::Other => Err(""),
@@ -393,6 +399,7 @@ impl Soc {
                 Unit::Can2 => self.can2.reset(),
                 Unit::Usart2 => self.usart2.reset(),
                 Unit::Dma1 => self.dma1.reset(),
+                Unit::Crc => self.crc.reset(),
                 Unit::Pwr => self.pwr.reset(),
                 Unit::Adc => self.adc.reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
@@ -498,6 +505,7 @@ fn describe(entry: &Entry, offset: u32, what: &str) -> String {
         Unit::Rcc => Rcc::register_name(offset),
         Unit::Usart2 => Usart::register_name(offset),
         Unit::Dma1 => Dma::register_name(offset),
+        Unit::Crc => Crc::register_name(offset),
         Unit::Flash => Flash::register_name(offset),
         _ => "",
     };

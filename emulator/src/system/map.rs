@@ -52,6 +52,8 @@ pub enum Unit {
     Usart2,
     /// DMA1.
     Dma1,
+    /// The CRC unit.
+    Crc,
     /// Not modelled.
     Other,
 }
@@ -80,7 +82,7 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
 
 use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
 use Unit::{
-    Adc, Can1, Can2, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2,
+    Adc, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2,
 };
 
 /// All peripherals outside the core, by address. Each reaches up to the next, and at most
@@ -137,7 +139,7 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4002_1400, "GPIOF", Ahb1(5), Gpio(Port::F)),
     entry(0x4002_1800, "GPIOG", Ahb1(6), Gpio(Port::G)),
     entry(0x4002_1C00, "GPIOH", Ahb1(7), Gpio(Port::H)),
-    entry(0x4002_3000, "CRC", Ahb1(12), Other),
+    entry(0x4002_3000, "CRC", Ahb1(12), Crc),
     entry(0x4002_3800, "RCC", Always, Rcc),
     entry(0x4002_3C00, "FLASH", Always, Flash),
     entry(0x4002_4000, "BKPSRAM", Ahb1(18), Other),

@@ -1,7 +1,8 @@
 //! The system peripherals: address map, clocks, power, flash, pins, external interrupts, watchdog,
-//! DMA, serial port.
+//! DMA, serial port, CRC unit.
 
 pub mod adc;
+pub mod crc;
 pub(crate) mod dma;
 pub mod exti;
 pub mod flash;

@@ -11,7 +11,7 @@ use crate::update::{Done, Job};
 
 /// How long after the last SYNC, and the last heartbeat of its master, an image on trial still
 /// counts as connected, us.
-const HEARD_US: u64 = 1_000_000;
+const RECENT_US: u64 = 1_000_000;
 
 impl Application {
     /// The value of an object of an update; `None` for every other object.
@@ -51,9 +51,9 @@ impl Application {
     }
 
     pub fn supervise_trial(&mut self, now: Micros) {
-        let heard = |last: Micros| last != Micros::ZERO && now.since(last).0 < HEARD_US;
-        let hears = heard(self.last_sync) && heard(self.last_heartbeat);
-        self.update.supervise(now, hears);
+        let is_recent = |last: Micros| last != Micros::ZERO && now.since(last).0 < RECENT_US;
+        let is_on_bus = is_recent(self.last_sync) && is_recent(self.last_heartbeat);
+        self.update.supervise(now, is_on_bus);
     }
 
     fn may_update(&self) -> bool {

@@ -437,16 +437,16 @@ impl Update {
         code
     }
 
-    /// Every poll: an image on trial confirms itself or starts again. `hears`: SYNC and the
+    /// Every poll: an image on trial confirms itself or starts again. `is_on_bus`: SYNC and the
     /// heartbeat of the master have come within the last moments.
-    pub fn supervise(&mut self, now: Micros, hears: bool) {
+    pub fn supervise(&mut self, now: Micros, is_on_bus: bool) {
         if !self.survey.on_trial || self.ordered.is_some() {
             return;
         }
-        if !hears {
+        if !is_on_bus {
             self.proven_since = None;
         }
-        let since = match (hears, self.proven_since) {
+        let since = match (is_on_bus, self.proven_since) {
             (true, None) => *self.proven_since.insert(now),
             (_, since) => since.unwrap_or(now),
         };

@@ -312,8 +312,8 @@ impl NativeRobot {
     /// Does what an update asks for, when the answers are on the bus.
     fn update(&mut self) {
         while let Some(job) = self.live.bus.update_job() {
-            let is_heard = self.live.mailboxes.is_empty();
-            if !is_heard && job != Job::Program {
+            let are_answers_sent = self.live.mailboxes.is_empty();
+            if !are_answers_sent && job != Job::Program {
                 return;
             }
             let crypto = Software::default();

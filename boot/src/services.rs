@@ -1,0 +1,37 @@
+//! What the boot code lends to an image: a table of functions at a fixed address.
+//!
+//! The signature code takes 12 KB. In sector 0 there is room for it, and so it is in flash once
+//! and not in either slot. The functions use the caller's stack, some 3 KB, and no other RAM; the
+//! state of a hash is in memory of the caller's.
+
+/// Where the table is: behind the processor's sixteen vectors.
+pub const ADDRESS: u32 = crate::slots::BOOT + 0x40;
+
+/// First word of the table; the last byte is its version.
+pub const MAGIC: u32 = u32::from_le_bytes(*b"OMB\x01");
+
+/// Memory for a hash under way.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(8))]
+pub struct HashMemory(pub [u8; HASH_BYTES]);
+
+/// Bytes of it.
+pub const HASH_BYTES: usize = 224;
+
+/// The table.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Services {
+    /// [`MAGIC`].
+    pub magic: u32,
+    /// Begins a hash in this memory.
+    pub begin: unsafe extern "C" fn(*mut HashMemory),
+    /// Goes on with the hash over so many bytes at an address.
+    pub update: unsafe extern "C" fn(*mut HashMemory, *const u8, usize),
+    /// Ends the hash and writes it.
+    pub finish: unsafe extern "C" fn(*mut HashMemory, *mut [u8; 64]),
+    /// Whether a message, so many bytes at an address, has this signature: 1 or 0.
+    pub is_signed: unsafe extern "C" fn(*const u8, usize, *const [u8; 64]) -> u32,
+    /// Whether it is checked with the development key: 1 or 0.
+    pub is_development: u32,
+}

@@ -1,0 +1,251 @@
+//! `cargo xtask release` and `cargo xtask keys`: signed image files, and the keys for them.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail, ensure};
+use boot::header::{Board, Header, Link};
+use boot::{Crypto as _, Slot, Software, key, release};
+
+use crate::firmware;
+
+/// Options of `cargo xtask release`.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// File to write; beside it FILE.slot-a and FILE.slot-b, what a robot is sent.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// File of the private key; its public half has to be the one that OMNIBUS_PUBLIC_KEY names.
+    #[arg(long, value_name = "FILE", required_unless_present = "development")]
+    key: Option<PathBuf>,
+    /// Signs with the development key, which everybody has, for robots that were built without
+    /// OMNIBUS_PUBLIC_KEY.
+    #[arg(long, conflicts_with = "key")]
+    development: bool,
+}
+
+/// Options of `cargo xtask keys`.
+#[derive(clap::Args)]
+pub struct KeysArguments {
+    /// File to write the private key to, outside of the repository; the public one goes to
+    /// FILE.pub.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Builds both images and signs them.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let private = match &arguments.key {
+        Some(path) => private_key(path)?,
+        None => key::DEVELOPMENT_PRIVATE,
+    };
+    check_pair(&private, arguments.development)?;
+    let a = image(&firmware::build(omnibus::report::Scalar::F32)?, Slot::A)?;
+    let b = image(&firmware::build_slot_b()?, Slot::B)?;
+    let header = header(&a, &b);
+    let message = header.to_bytes();
+    let signed = [&message[..], &boot::sign(&private, &message)].concat();
+    // What a robot will say of it.
+    Header::parse(&signed).context("the header that was made cannot be read")?;
+    ensure!(
+        Header::is_signed(&signed, &Software::default()),
+        "the signature is wrong"
+    );
+
+    let out = &arguments.out;
+    write(out, &[&signed, &a, &b])?;
+    write(&beside(out, "slot-a"), &[&signed, &a])?;
+    write(&beside(out, "slot-b"), &[&signed, &b])?;
+    println!(
+        "{}: {}, hardware revision {}, version {:#010x}, wire version {}, security counter {}, \
+         {} and {} bytes{}",
+        out.display(),
+        header.board.name(),
+        header.hardware,
+        header.version,
+        header.wire_version,
+        header.security_counter,
+        a.len(),
+        b.len(),
+        if arguments.development {
+            ", signed with the development key: anybody can make such a file"
+        } else {
+            ""
+        }
+    );
+    Ok(())
+}
+
+/// Makes a pair of keys.
+pub fn keys(arguments: &KeysArguments) -> anyhow::Result<()> {
+    let out = std::path::absolute(&arguments.out)?;
+    if out.starts_with(crate::cargo::root()) {
+        bail!(
+            "{} is in the repository; a private key must not be",
+            out.display()
+        );
+    }
+    let mut private = [0; 32];
+    getrandom::fill(&mut private).context("the system has no random numbers")?;
+    let mut options = std::fs::OpenOptions::new();
+    // Never over another key.
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let mut file = options
+        .open(&out)
+        .with_context(|| format!("cannot create {}", out.display()))?;
+    writeln!(file, "{}", hex(&private))?;
+    let public = beside(&out, "pub");
+    write(
+        &public,
+        &[format!("{}\n", hex(&boot::public_key(&private))).as_bytes()],
+    )?;
+    println!(
+        "private key: {}; keep it secret, and a copy of it",
+        out.display()
+    );
+    println!(
+        "public key: {}; build robots with OMNIBUS_PUBLIC_KEY={}",
+        public.display(),
+        public.display()
+    );
+    Ok(())
+}
+
+/// Robots that were built as this program was have to believe the signature.
+fn check_pair(private: &[u8; 32], development: bool) -> anyhow::Result<()> {
+    let public = boot::public_key(private);
+    if public == key::DEVELOPMENT && !development {
+        bail!("this is the development key, which protects nothing; give --development to use it");
+    }
+    if public != key::PUBLIC {
+        bail!(
+            "the robots of this build check images with the public key {}, not with {}: set \
+             OMNIBUS_PUBLIC_KEY to the file of the public half{}",
+            hex(&key::PUBLIC),
+            hex(&public),
+            if key::is_development() {
+                "; now it is the development key"
+            } else {
+                ""
+            }
+        );
+    }
+    Ok(())
+}
+
+fn header(a: &[u8], b: &[u8]) -> Header {
+    Header {
+        board: Board::NUCLEO_F446RE,
+        hardware: release::HARDWARE_REVISION,
+        wire_version: protocol::WIRE_VERSION,
+        version: robot::Identity::FIRMWARE,
+        security_counter: release::SECURITY_COUNTER,
+        a: link(a),
+        b: link(b),
+    }
+}
+
+fn link(image: &[u8]) -> Link {
+    let software = Software::default();
+    let mut hash = software.begin();
+    software.update(&mut hash, image);
+    Link {
+        length: image.len() as u32,
+        hash: software.finish(hash),
+    }
+}
+
+/// The bytes of a slot in an ELF file, filled up to a word.
+fn image(elf: &Path, slot: Slot) -> anyhow::Result<Vec<u8>> {
+    let bytes = std::fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let mut image = Vec::new();
+    for (address, part) in emulator::programmed(&bytes)? {
+        if !slot.range().contains(&address) {
+            continue;
+        }
+        let start = (address - slot.address()) as usize;
+        let end = start + part.len();
+        image.resize(image.len().max(end.next_multiple_of(4)), 0xFF);
+        image[start..end].copy_from_slice(&part);
+    }
+    ensure!(
+        slot.holds(image.len() as u32),
+        "{}: {} bytes for slot {slot:?}, which holds {}",
+        elf.display(),
+        image.len(),
+        slot.longest_image()
+    );
+    Ok(image)
+}
+
+/// Reads a private key.
+fn private_key(path: &Path) -> anyhow::Result<[u8; 32]> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("cannot read the private key {}", path.display()))?;
+    unhex(text.trim()).with_context(|| {
+        format!(
+            "{} has not 64 hexadecimal digits; `cargo xtask keys` makes one",
+            path.display()
+        )
+    })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(digits: &str) -> Option<[u8; 32]> {
+    let mut bytes = [0; 32];
+    if digits.len() != 64 || !digits.is_ascii() {
+        return None;
+    }
+    for (nth, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&digits[2 * nth..2 * nth + 2], 16).ok()?;
+    }
+    Some(bytes)
+}
+
+/// `path` with something behind its whole name.
+fn beside(path: &Path, extension: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".");
+    name.push(extension);
+    name.into()
+}
+
+fn write(path: &Path, parts: &[&[u8]]) -> anyhow::Result<()> {
+    std::fs::write(path, parts.concat()).with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_development_key_is_refused_unless_it_is_asked_for() {
+        assert!(check_pair(&key::DEVELOPMENT_PRIVATE, false).is_err());
+        let foreign = check_pair(&[1; 32], false).unwrap_err().to_string();
+        assert!(foreign.contains("OMNIBUS_PUBLIC_KEY"), "{foreign}");
+        assert_eq!(
+            check_pair(&key::DEVELOPMENT_PRIVATE, true).is_ok(),
+            key::is_development()
+        );
+    }
+
+    #[test]
+    fn keys_are_read_as_they_are_written() {
+        assert_eq!(unhex(&hex(&[0xA5; 32])), Some([0xA5; 32]));
+        for wrong in ["", "a5", &"g".repeat(64), &"a5".repeat(33)] {
+            assert_eq!(unhex(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_key_in_the_repository_is_not_made() {
+        let out = crate::cargo::root().join("target/secret.key");
+        let error = keys(&KeysArguments { out }).unwrap_err().to_string();
+        assert!(error.contains("must not be"), "{error}");
+    }
+}
