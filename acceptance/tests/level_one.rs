@@ -2,13 +2,15 @@
 //!
 //! `OMNIBUS_ELF` and `OMNIBUS_ELF_SELF_TEST` name the images (`cargo xtask test` builds them).
 
-use acceptance::Check;
 use acceptance::emulated::mutation::MUTATIONS;
 use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options, Parts};
+use acceptance::node::Node;
 use acceptance::wires::{self, WIRES, Wire};
+use acceptance::{Check, Image};
 use canopen::NodeId;
 use emulator::Firmware;
+use protocol::self_test::{OUTPUTS, PIN};
 
 /// As short as can be: the emulated board is the same each time.
 const OPTIONS: Options = Options {
@@ -131,4 +133,33 @@ fn a_wire_to_another_pin_is_named() {
         "wire 1 is wrong: PA15 is connected with PA8 or PA9 instead of PA8"
     );
     assert!(notes[1].starts_with("wire 2 is missing"), "{notes:?}");
+}
+
+/// The self-test image never has a duty and driver enable on together, by no way round.
+#[test]
+fn a_duty_and_driver_enable_are_never_on_together() {
+    let images = images();
+    let mut bench = EmulatedBench::new(&images, None);
+    let mut node = Node::new(&mut bench, NodeId::new(NODE).unwrap());
+    node.bench.flash(Image::SelfTest).unwrap();
+    node.boot_up(1_000_000).unwrap().unwrap();
+    for stop in wires::STOP {
+        let pin = wires::at(stop).from;
+        node.write(PIN, 2, &[pin, 0]).unwrap();
+    }
+    let half = 500_i16.to_le_bytes();
+    node.write(OUTPUTS, 1, &half).unwrap();
+    assert!(node.write(OUTPUTS, 5, &[1]).is_err(), "enable over a duty");
+    node.write(OUTPUTS, 1, &[0, 0]).unwrap();
+    node.write(OUTPUTS, 5, &[1]).unwrap();
+    assert!(node.write(OUTPUTS, 1, &half).is_err(), "a duty over enable");
+    let pwm = wires::at(wires::PWM[0]).from;
+    assert!(node.write(PIN, 2, &[pwm, 1]).is_err(), "a pin over enable");
+    node.write(OUTPUTS, 5, &[0]).unwrap();
+    node.write(PIN, 2, &[pwm, 1]).unwrap();
+    assert!(node.write(OUTPUTS, 5, &[1]).is_err(), "enable over a pin");
+    for gate in [wires::ENABLE, wires::BRAKE] {
+        let gate = wires::at(gate).from;
+        assert!(node.write(PIN, 2, &[gate, 1]).is_err(), "a gate as a pin");
+    }
 }
