@@ -103,3 +103,45 @@ impl Drop for Beside {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder of its own with a file that says "old".
+    fn old(name: &str) -> (PathBuf, PathBuf) {
+        let folder = std::env::temp_dir().join(format!("omnibus-{}-{name}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("file");
+        fs::write(&file, "old").unwrap();
+        (folder, file)
+    }
+
+    fn written(file: &Path) -> Beside {
+        let mut beside = Beside::create(file).unwrap();
+        beside.write_all(b"new").unwrap();
+        beside.flush().unwrap();
+        beside
+    }
+
+    #[test]
+    fn a_file_has_its_name_when_it_is_complete() {
+        let (folder, file) = old("complete");
+        let beside = written(&file);
+        assert_eq!(fs::read_to_string(&file).unwrap(), "old");
+        beside.commit().unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "new");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_is_given_up_leaves_the_old_one() {
+        let (folder, file) = old("given-up");
+        drop(written(&file));
+        assert_eq!(fs::read_to_string(&file).unwrap(), "old");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        fs::remove_dir_all(folder).unwrap();
+    }
+}

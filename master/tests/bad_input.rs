@@ -106,6 +106,16 @@ fn usage_errors_exit_with_2() {
         &["follow", "hexagon", "--bus", "sim:groups/tcc-3.toml"][..],
         &["follow", "circle", "--bus", "can0"],
         &["follow", "circle"],
+        &[
+            "record",
+            "none.mcap",
+            "--for",
+            "0",
+            "--bus",
+            "sim:groups/tcc-3.toml",
+        ],
+        &["drive", "--for", "0", "--bus", "sim:groups/tcc-3.toml"],
+        &["calibrate", "--save", "--bus", "sim:groups/tcc-3.toml"],
     ] {
         assert_eq!(omnibus(arguments).status.code(), Some(2), "{arguments:?}");
     }
