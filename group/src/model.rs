@@ -8,7 +8,7 @@ use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
 
 use serde::Deserialize;
 
-use crate::simulation::Simulation;
+use crate::simulation::{Driver, Simulation};
 
 /// Lowest node identifier of a robot; node 1 is the master.
 pub const FIRST_NODE: u8 = 2;
@@ -231,6 +231,17 @@ impl StageKind {
             Self::C620 => Some(20.0),
             Self::C610 => Some(10.0),
             Self::PwmDirection | Self::InInSlow | Self::InInFast | Self::LockedAntiphase => None,
+        }
+    }
+}
+
+impl From<StageKind> for Driver {
+    fn from(kind: StageKind) -> Self {
+        match kind {
+            // The outputs for bridges are low with smart drives; nothing is wired to them.
+            StageKind::PwmDirection | StageKind::C620 | StageKind::C610 => Self::PwmDirection,
+            StageKind::InInSlow | StageKind::InInFast => Self::HalfBridges,
+            StageKind::LockedAntiphase => Self::LockedAntiphase,
         }
     }
 }

@@ -5,8 +5,6 @@
 
 use serde::Deserialize;
 
-use crate::model::StageKind;
-
 /// What a simulated world needs to be told and a real one knows by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
@@ -50,17 +48,6 @@ pub enum Driver {
     HalfBridges,
     /// The whole voltage in one direction while the PWM is high, in the other while it is low.
     LockedAntiphase,
-}
-
-impl From<StageKind> for Driver {
-    fn from(kind: StageKind) -> Self {
-        match kind {
-            // The outputs for bridges are low with smart drives; nothing is wired to them.
-            StageKind::PwmDirection | StageKind::C620 | StageKind::C610 => Self::PwmDirection,
-            StageKind::InInSlow | StageKind::InInFast => Self::HalfBridges,
-            StageKind::LockedAntiphase => Self::LockedAntiphase,
-        }
-    }
 }
 
 /// A robot's battery.

@@ -25,7 +25,6 @@ use protocol::Address;
 
 use crate::abort::Abort;
 use crate::bus::link::Link;
-use crate::controls::arbiter::slowed;
 use crate::error::MasterError;
 use crate::monitor::telemetry::{
     DEFAULT_CAPACITY, Hub, Interest, Progress, SessionState, Subscription,
@@ -35,7 +34,7 @@ use crate::path::route::SharedRoute;
 use crate::path::steering::{Law, PoseInput, Steering};
 use crate::run::DriveError;
 use crate::session::follow::Period;
-use crate::session::{Group, check_twist};
+use crate::session::{Group, check_twist, slowed};
 use crate::source::pose::PoseStream;
 
 /// How often the bus is polled while nothing runs, in µs.

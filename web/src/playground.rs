@@ -15,7 +15,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use canopen::Micros;
 use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Pose;
@@ -233,11 +232,5 @@ impl Playground {
         json!({"messages": messages, "now": world.now().0 / 1_000,
                "instructions": world.instructions(), "frames": self.frames.take(),
                "robot": self.robot.show(world), "stopped": self.stopped})
-    }
-
-    /// Time of the bus.
-    #[must_use]
-    pub fn bus_time(&mut self) -> Micros {
-        self.world().now()
     }
 }

@@ -65,16 +65,6 @@ impl Drop for HubOwner {
 }
 
 impl<L: Link> Wire<L> {
-    /// Takes over a link, as its master: with a heartbeat.
-    #[must_use]
-    pub fn commanding(link: L) -> Self {
-        let next_heartbeat = Some(link.now());
-        Self {
-            next_heartbeat,
-            ..Self::visiting(link)
-        }
-    }
-
     /// Takes over a link without claiming to be its master: no heartbeat.
     #[must_use]
     pub fn visiting(link: L) -> Self {

@@ -402,21 +402,5 @@ fn plan(name: &str, scale: f64, limits: &Limits) -> Result<Plan, String> {
     }
 }
 
-/// `twist`, slowed down in its direction as far as the limits of the group ask, and by which
-/// factor. `None` for what is no number.
-#[must_use]
-pub fn slowed(twist: Twist, limits: &Limits) -> Option<(Twist, f32)> {
-    let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;
-    let turn = twist.omega.abs() / limits.yaw_rate;
-    if !(speed.is_finite() && turn.is_finite()) {
-        return None;
-    }
-    let excess = speed.max(turn);
-    // A hair below, so that rounding does not end above.
-    let share = if excess > 1.0 { 0.9999 / excess } else { 1.0 };
-    let slowed = Twist::new(twist.vx * share, twist.vy * share, twist.omega * share);
-    Some((slowed, share))
-}
-
 #[cfg(test)]
 mod tests;

@@ -20,7 +20,8 @@ use ros::node::{Call, Incoming, Publishing, Reply};
 
 use crate::abort::Abort;
 use crate::controls::Controls;
-use crate::controls::arbiter::{Client, slowed};
+use crate::controls::arbiter::Client;
+use crate::session::slowed;
 
 /// Beyond so many times the limits a velocity is not meant.
 const MEANT: f32 = 10.0;

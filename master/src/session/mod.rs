@@ -508,6 +508,22 @@ impl<L: Link> Group<L> {
     }
 }
 
+/// `twist`, slowed down in its direction as far as the limits of the group ask, and by which
+/// factor. `None` for what is no number.
+#[must_use]
+pub fn slowed(twist: Twist, limits: &group::Limits) -> Option<(Twist, f32)> {
+    let speed = twist.vx.hypot(twist.vy) / limits.linear_speed;
+    let turn = twist.omega.abs() / limits.yaw_rate;
+    if !(speed.is_finite() && turn.is_finite()) {
+        return None;
+    }
+    let excess = speed.max(turn);
+    // A hair below, so that rounding does not end above.
+    let share = if excess > 1.0 { 0.9999 / excess } else { 1.0 };
+    let slowed = Twist::new(twist.vx * share, twist.vy * share, twist.omega * share);
+    Some((slowed, share))
+}
+
 /// Checks a velocity of the group against its limits.
 ///
 /// # Errors

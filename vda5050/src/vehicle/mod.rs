@@ -181,12 +181,6 @@ impl Vehicle {
         self.order.as_ref().is_some_and(Held::is_active)
     }
 
-    /// Whether it is paused.
-    #[must_use]
-    pub fn is_paused(&self) -> bool {
-        self.paused
-    }
-
     /// What is to be done, once.
     pub fn requests(&mut self) -> Vec<Request> {
         std::mem::take(&mut self.requests)

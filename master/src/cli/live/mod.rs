@@ -19,9 +19,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use kinematics::Twist;
 use omnibus::controls::Controls;
-use omnibus::controls::arbiter::{Client, slowed};
+use omnibus::controls::arbiter::Client;
 use omnibus::monitor::telemetry::{EventKind, SessionState, Snapshot, Telemetry};
 use omnibus::pilot::Pilot;
+use omnibus::session::slowed;
 use ratatui::crossterm::event::{
     self, Event, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
