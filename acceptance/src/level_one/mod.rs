@@ -1,4 +1,4 @@
-//! Level 1: a bare board, the wires of [`wires`](crate::wires), no motors.
+//! Level 1: a bare board, the wires of [`wires`], no motors.
 //!
 //! The self-test image measures first, then the shipped image is tried as far as a bare board can.
 //! What fails does not hide the rest, but checks that need wires are left out while a wire is
