@@ -12,7 +12,8 @@
 //! which only the CAN controller detects, to the bus side, which also decides when to recover from
 //! bus-off. It logs events and makes no decisions.
 //!
-//! It also stores faults and parameters; the bus side provides an image of the parameters only
+//! It also does what an update asks for (`update`), when its answers are on the way, and it stores
+//! faults and parameters; the bus side provides an image of the parameters only
 //! while the outputs are off. While it writes, no other task of this executor runs: usually for 3
 //! ms, and for a quarter of a second when a sector has to be erased. Frames lost in that time are
 //! counted but are not a fault.
@@ -28,6 +29,7 @@ use crate::control;
 use crate::gateway::Gateway;
 use crate::led::{self, Pattern};
 use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, SYNC};
+use crate::update::Updates;
 use crate::wake;
 
 /// Longest time between two turns. The watchdog is fed every 10 ms, if there has been one.
@@ -40,6 +42,7 @@ pub async fn bus(
     mut gateway: Gateway,
     side: &'static mut BusSide,
     mut store: RecordStore<ParameterFlash>,
+    mut updates: Updates,
 ) {
     let mut waiting: Option<Frame> = None;
     let mut health = can.health();
@@ -52,6 +55,7 @@ pub async fn bus(
         gateway.receive(&mut can);
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
+            updates.program(side);
         }
         // Before anything else: after SYNC the first vote is a frame's time away.
         can.expect_votes(side.votes_missing());
@@ -83,6 +87,12 @@ pub async fn bus(
             && (can.try_send(&frame) || gateway.goes_on_without(&mut can))
         {
             waiting = next(side, &mut gateway);
+        }
+        if waiting.is_none() && updates.work(side, &mut can) {
+            health = Health {
+                bus_off: health.bus_off,
+                ..can.health()
+            };
         }
         while let Some(event) = side.pop_event() {
             match event {

@@ -59,6 +59,8 @@ mod shared;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]
+mod update;
+#[cfg(target_os = "none")]
 mod wake;
 #[cfg(target_os = "none")]
 mod watchdog;

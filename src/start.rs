@@ -13,6 +13,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::board::post_mortem::{self, Failure};
 use crate::board::{Board, Can, Led, ParameterFlash, ResetCause, executors, now};
 use crate::gateway::Gateway;
+use crate::update::{self, Updates};
 use crate::watchdog::Guard;
 use crate::{bus_task, control, health, led};
 
@@ -64,7 +65,8 @@ pub fn start() -> ! {
             parts.can,
             parts.gateway,
             parts.side,
-            parts.store
+            parts.store,
+            parts.updates
         )));
         spawner.spawn(unwrap!(led::led(parts.led)));
         spawner.spawn(unwrap!(health::health()));
@@ -77,6 +79,7 @@ struct Parts {
     gateway: Gateway,
     side: &'static mut BusSide,
     store: RecordStore<ParameterFlash>,
+    updates: Updates,
     led: Led,
 }
 
@@ -103,6 +106,7 @@ fn prepare() -> Parts {
     }
     let by_watchdog = board.reset_cause == ResetCause::Watchdog;
 
+    let updates = Updates::find();
     let identity = Identity {
         reset_cause: board.reset_cause as u8,
         storage: true,
@@ -115,10 +119,13 @@ fn prepare() -> Parts {
         clock_wait_ms: board.clock_wait_ms,
         brown_out_level: board.brown_out_level,
         output_stages: board.output_stages,
+        slot: updates.slot(),
+        device_of_images: update::DEVICE,
         ..Identity::new(node, board.serial)
     };
     let side = place(BUS_SIDE.uninit(), identity);
     side.counters_mut().watchdog_resets = post_mortem::count_watchdog_reset(by_watchdog);
+    updates.survey(side);
     load(side, &store);
     if store.was_cut() {
         side.on_fault(now(), Fault::StoreInterrupted);
@@ -146,6 +153,7 @@ fn prepare() -> Parts {
         gateway: Gateway::new(board.cable, board.serial),
         side,
         store,
+        updates,
         led: board.led,
     }
 }

@@ -35,10 +35,10 @@ fn file(version: u32, change: impl FnOnce(&mut Header)) -> Vec<u8> {
     };
     let mut header = Header {
         board: Board::NUCLEO_F446RE,
-        hardware: 0,
+        hardware: boot::release::HARDWARE_REVISION,
         wire_version: protocol::WIRE_VERSION,
         version,
-        security_counter: 0,
+        security_counter: boot::release::SECURITY_COUNTER,
         a: link(&a),
         b: link(&b),
     };

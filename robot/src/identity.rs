@@ -65,8 +65,8 @@ impl Identity {
             slot: None,
             device_of_images: boot::header::Device {
                 board: boot::header::Board::NUCLEO_F446RE,
-                hardware: 0,
-                security_counter: 0,
+                hardware: boot::release::HARDWARE_REVISION,
+                security_counter: boot::release::SECURITY_COUNTER,
             },
         }
     }

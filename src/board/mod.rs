@@ -31,6 +31,7 @@ pub use stm32f4::index::Indexes;
 pub use stm32f4::iwdg::{Watchdog, patiently};
 pub use stm32f4::meters::{Meters, calibrate as calibrate_meters};
 pub use stm32f4::outputs::Outputs;
+pub use stm32f4::program_flash::{BootCode, ProgramFlash};
 pub use stm32f4::serial::Serial;
 pub use stm32f4::tick::{TickMutex, TickTimer};
 pub use stm32f4::{Board, Led, Lines, now};

@@ -1,5 +1,5 @@
-//! The two flash sectors that belong to the parameters (RM0390 rev 6 section 3; `memory.x` has the
-//! map).
+//! Writing flash, and the two sectors that belong to the parameters (RM0390 rev 6 section 3;
+//! `memory.x` has the map).
 //!
 //! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased
 //! (16 KiB: 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10
@@ -42,39 +42,53 @@ impl Flash for ParameterFlash {
 
     fn program(&mut self, at: u32, word: u32) -> Result<(), StoreError> {
         let to = address(at).ok_or(StoreError)?;
-        unlock();
-        pac::FLASH.cr().write(|w| {
-            w.set_psize(Psize::PSIZE32);
-            w.set_pg(true);
-        });
         // SAFETY: the address is a word of one of the two sectors, where neither code nor constants
-        // lie. With PG set the write programs it, and the core waits where it needs the flash.
-        unsafe { to.write_volatile(word) };
-        finish()
+        // lie.
+        unsafe { program(to, word) }
     }
 
     fn erase(&mut self, at: u32) -> Result<(), StoreError> {
-        let sector = FIRST + u8::from(at >= Self::SECTOR);
-        unlock();
-        pac::FLASH.cr().write(|w| {
-            w.set_psize(Psize::PSIZE32);
-            w.set_ser(true);
-            w.set_snb(sector);
-        });
-        // The local time counts this timer's overflows in an interrupt. If it missed some, the time
-        // and the timer would be permanently half a period apart, and every alarm 33 ms off; the
-        // time is therefore stopped.
-        pac::TIM9.cr1().modify(|w| w.set_cen(false));
-        pac::FLASH.cr().modify(|w| w.set_strt(true));
-        let result = finish();
-        pac::TIM9.cr1().modify(|w| w.set_cen(true));
-        // 3.4.2: an erase does not update the data cache.
-        pac::FLASH.acr().modify(|w| w.set_dcen(false));
-        pac::FLASH.acr().modify(|w| w.set_dcrst(true));
-        pac::FLASH.acr().modify(|w| w.set_dcrst(false));
-        pac::FLASH.acr().modify(|w| w.set_dcen(true));
-        result
+        erase(FIRST + u8::from(at >= Self::SECTOR))
     }
+}
+
+/// Programs a word of flash.
+///
+/// # Safety
+/// `to` is a word of flash in which neither code nor constants of this program lie.
+pub unsafe fn program(to: *mut u32, word: u32) -> Result<(), StoreError> {
+    unlock();
+    pac::FLASH.cr().write(|w| {
+        w.set_psize(Psize::PSIZE32);
+        w.set_pg(true);
+    });
+    // SAFETY: by the contract. With PG set the write programs the word, and the core waits where it
+    // needs the flash.
+    unsafe { to.write_volatile(word) };
+    finish()
+}
+
+/// Erases a sector, which must have neither code nor constants of this program.
+pub fn erase(sector: u8) -> Result<(), StoreError> {
+    unlock();
+    pac::FLASH.cr().write(|w| {
+        w.set_psize(Psize::PSIZE32);
+        w.set_ser(true);
+        w.set_snb(sector);
+    });
+    // The local time counts this timer's overflows in an interrupt. If it missed some, the time
+    // and the timer would be permanently half a period apart, and every alarm 33 ms off; the
+    // time is therefore stopped.
+    pac::TIM9.cr1().modify(|w| w.set_cen(false));
+    pac::FLASH.cr().modify(|w| w.set_strt(true));
+    let result = finish();
+    pac::TIM9.cr1().modify(|w| w.set_cen(true));
+    // 3.4.2: an erase does not update the data cache.
+    pac::FLASH.acr().modify(|w| w.set_dcen(false));
+    pac::FLASH.acr().modify(|w| w.set_dcrst(true));
+    pac::FLASH.acr().modify(|w| w.set_dcrst(false));
+    pac::FLASH.acr().modify(|w| w.set_dcen(true));
+    result
 }
 
 /// Where a word of the two sectors is; none for what is not in them.

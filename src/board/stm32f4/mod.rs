@@ -26,6 +26,7 @@ pub mod pin;
 pub mod power;
 #[cfg(feature = "self-test")]
 pub mod probe;
+pub mod program_flash;
 mod safe_state;
 pub mod serial;
 pub mod tick;

@@ -149,6 +149,17 @@ impl Can {
         })
     }
 
+    /// Waits until all mailboxes are empty, for 20 ms at most, before a reset.
+    pub fn drain(&mut self) {
+        for _ in 0..20_000 {
+            let status = pac::CAN1.tsr().read();
+            if (0..3).all(|mailbox| status.tme(mailbox)) {
+                return;
+            }
+            cortex_m::asm::delay(crate::board::WIRING.clocks.cycles_per_us());
+        }
+    }
+
     /// Aborts the frames that wait in mailboxes.
     pub fn discard(&mut self) {
         pac::CAN1.tsr().write(|w| {

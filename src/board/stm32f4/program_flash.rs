@@ -1,0 +1,123 @@
+//! The two slots of flash that programs lie in, and what the boot code lends to a program.
+//!
+//! Only the slot that is not running is erased or programmed, but for the words at the end of the
+//! running one that say what is known about it, and the mark of the cable. Erasing 128 KiB takes a
+//! second typically and two at most at 32 bits (DS10693 rev 10, table 49), during which the chip
+//! executes nothing; see `flash`.
+//!
+//! Signatures and hashes are functions of the boot code, found by a table at a fixed address. A
+//! program without that table, or one that runs from neither slot, takes no update over the bus.
+
+#![expect(
+    unsafe_code,
+    reason = "flash is memory that is read and written by address, and so are the boot code's \
+              functions"
+)]
+
+use boot::services::{ADDRESS, HASH_BYTES, HashMemory, MAGIC, Services};
+use boot::slots::{MARK, Slot};
+use boot::{Crypto, Flash, FlashError};
+
+use super::flash;
+
+/// Words of the mark of the cable.
+const MARK_WORDS: u32 = 2;
+
+/// Both slots, for a program that runs from one of them.
+pub struct ProgramFlash {
+    running: Slot,
+}
+
+/// The boot code's signatures and hashes.
+pub struct BootCode(&'static Services);
+
+impl ProgramFlash {
+    /// The flash and the functions of the boot code; `None` for a program that is in no slot, or
+    /// without boot code.
+    pub fn find() -> Option<(Self, BootCode)> {
+        let vectors = cortex_m::peripheral::SCB::PTR;
+        // SAFETY: a read of one register, which every Cortex-M4 has.
+        let vectors = unsafe { (*vectors).vtor.read() };
+        let running = Slot::containing(vectors)?;
+        let table = ADDRESS as *const Services;
+        // SAFETY: the address is aligned and in flash, which is always readable; of what is there
+        // only a word is read, of which any bits are valid.
+        let magic = unsafe { table.cast::<u32>().read() };
+        if magic != MAGIC {
+            return None;
+        }
+        // SAFETY: the magic word says that the boot code has put its table here, and nothing
+        // writes sector 0.
+        let services = unsafe { &*table };
+        Some((Self { running }, BootCode(services)))
+    }
+
+    /// The slot that the program runs from.
+    pub const fn running(&self) -> Slot {
+        self.running
+    }
+
+    fn may_program(&self, address: u32) -> bool {
+        let running = self.running;
+        address.is_multiple_of(4)
+            && (running.other().range().contains(&address)
+                || (running.tail()..running.range().end).contains(&address)
+                || (MARK..MARK + 4 * MARK_WORDS).contains(&address))
+    }
+}
+
+impl Flash for ProgramFlash {
+    fn word(&self, address: u32) -> u32 {
+        let is_mark = (MARK..MARK + 4 * MARK_WORDS).contains(&address);
+        if !address.is_multiple_of(4) || !is_mark && Slot::containing(address).is_none() {
+            return boot::records::BLANK;
+        }
+        // SAFETY: an aligned word of flash, which is always readable.
+        unsafe { (address as *const u32).read_volatile() }
+    }
+
+    fn program(&mut self, address: u32, word: u32) -> Result<(), FlashError> {
+        if !self.may_program(address) {
+            return Err(FlashError);
+        }
+        // SAFETY: the word is in the slot that does not run, or in a record, where neither code nor
+        // constants of this program lie.
+        unsafe { flash::program(address as *mut u32, word) }.map_err(|_| FlashError)
+    }
+
+    fn erase(&mut self, sector: u8) -> Result<(), FlashError> {
+        let mut sectors = self.running.other().sectors().into_iter();
+        if !sectors.any(|(one, _)| one == sector) {
+            return Err(FlashError);
+        }
+        flash::erase(sector).map_err(|_| FlashError)
+    }
+}
+
+impl Crypto for BootCode {
+    type Hash = HashMemory;
+
+    fn begin(&self) -> HashMemory {
+        let mut hash = HashMemory([0; HASH_BYTES]);
+        // SAFETY: the function is the boot code's, and writes this memory only.
+        unsafe { (self.0.begin)(&raw mut hash) };
+        hash
+    }
+
+    fn update(&self, hash: &mut HashMemory, bytes: &[u8]) {
+        // SAFETY: the memory has been begun, and the bytes are those of the slice.
+        unsafe { (self.0.update)(hash, bytes.as_ptr(), bytes.len()) };
+    }
+
+    fn finish(&self, mut hash: HashMemory) -> [u8; 64] {
+        let mut result = [0; 64];
+        // SAFETY: as above; the result has the length that the function writes.
+        unsafe { (self.0.finish)(&raw mut hash, &raw mut result) };
+        result
+    }
+
+    fn is_signed(&self, message: &[u8], signature: &[u8; 64]) -> bool {
+        // SAFETY: the message is a slice, the signature has the length that the function reads.
+        unsafe { (self.0.is_signed)(message.as_ptr(), message.len(), signature) == 1 }
+    }
+}
