@@ -21,7 +21,9 @@ use protocol::Fault;
 use static_cell::StaticCell;
 
 use crate::board::now;
-use crate::board::{Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer};
+use crate::board::{
+    DRIVES_ARE_WIRED, Drives, Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer,
+};
 use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
@@ -32,6 +34,8 @@ pub struct Parts {
     pub outputs: Outputs,
     /// Encoder counters.
     pub encoders: Encoders,
+    /// Smart drives, where they turn the wheels.
+    pub drives: Drives,
     /// Encoder index inputs.
     pub indexes: Indexes,
     /// Stop and fault inputs.
@@ -113,21 +117,38 @@ impl Control {
         let parts = &mut self.parts;
         // Before the counts, so that no pulse is ahead of them.
         let index = parts.indexes.pulses();
+        let (encoder_counts, drive_fault) = if DRIVES_ARE_WIRED {
+            parts.drives.read(begin)
+        } else {
+            (parts.encoders.counts(), None)
+        };
+        // A bench image reports its drivers as faulty, so an NMT start is refused.
+        let line = parts.lines.driver_fault() || cfg!(feature = "bench");
         let inputs = Inputs {
             index,
-            encoder_counts: parts.encoders.counts(),
+            encoder_counts,
             emergency_stop: parts.outputs.emergency_stop(),
-            // A bench image reports its drivers as faulty, so an NMT start is refused.
-            drive_fault: (parts.lines.driver_fault() || cfg!(feature = "bench"))
-                .then_some(Fault::DriverFault),
+            drive_fault: line.then_some(Fault::DriverFault).or(drive_fault),
             protective_stop: parts.lines.protective_stop(),
             supply_input: Some(parts.meters.supply()),
             current_inputs: self.senses.then(|| parts.meters.currents()),
         };
-        let wanted = COMMAND.with(|command| self.side.tick(begin, command, &inputs));
+        let wanted = COMMAND.with(|command| {
+            if DRIVES_ARE_WIRED {
+                self.side.tick_current(begin, command, &inputs)
+            } else {
+                self.side.tick(begin, command, &inputs)
+            }
+        });
+        let duty = if DRIVES_ARE_WIRED {
+            parts.drives.send(wanted.drive, wanted.drivers_enabled);
+            [0.0; 4]
+        } else {
+            wanted.drive
+        };
         parts
             .outputs
-            .set(wanted.drive, wanted.drivers_enabled, wanted.brake_released);
+            .set(duty, wanted.drivers_enabled, wanted.brake_released);
         let report = self.side.report();
         parts.guard.tick(report);
         // Changes that the bus side has to process at once.
@@ -166,6 +187,9 @@ impl Control {
             parts
                 .outputs
                 .configure(configuration.output_stage, configuration.pwm_hz);
+            if let Some(model) = configuration.output_stage.smart_drive() {
+                parts.drives.configure(configuration.drives, model);
+            }
             self.senses = configuration.current.is_some();
             self.side.configure(configuration);
         });

@@ -142,6 +142,7 @@ fn prepare() -> Parts {
     let due = control::prepare(control::Parts {
         outputs: board.outputs,
         encoders: board.encoders,
+        drives: board.drives,
         indexes: board.indexes,
         lines: board.lines,
         meters: board.meters,

@@ -122,10 +122,6 @@ pub struct Configuration {
     pub pwm_hz: u32,
     /// Kind of the wheels' drives, for the board.
     pub output_stage: OutputStage,
-    /// Smart drives, for the board.
-    pub drives: DriveConfiguration,
-    /// What current drives need to know of the motors.
-    pub motors: MotorLimits,
     /// A bridge gets no duty for a tick before it changes its direction.
     pub direction_pause: bool,
     /// Times of the holding brake.
@@ -134,6 +130,10 @@ pub struct Configuration {
     pub thresholds: Thresholds,
     /// Time-outs.
     pub times: Times,
+    /// Smart drives, for the board.
+    pub drives: DriveConfiguration,
+    /// What current drives need to know of the motors.
+    pub motors: MotorLimits,
 }
 
 /// Equal are those of the same parameters, by 64 bits over them, and of the same members, which a

@@ -8,10 +8,10 @@
 //!
 //! - a bridge ([`Bridge`]) is given a duty, which is the voltage over the supply;
 //! - a drive that regulates current ([`CurrentDrive`]) is given the current that this voltage would
-//!   cause in the winding, `i = (u - kV w) / R`, with the motor's own back EMF constant and
-//!   resistance. The loop that results has the dynamics of the one with a bridge. The torque bound
-//!   `I_max R` beyond the back EMF is then exactly `I_max`, and a wheel that stands still gets a
-//!   current that holds it, not one that follows from a temperature.
+//!   cause in the winding, `i = (u - K w) / R`, with the motor's own back EMF constant (or, where
+//!   it is not known, the speed feedforward) and resistance. The loop that results has the dynamics
+//!   of the one with a bridge. The torque bound `I_max R` beyond the back EMF is then exactly
+//!   `I_max`.
 //!
 //! # Interface
 //!
@@ -40,6 +40,9 @@ pub struct MotorLimits {
     pub resistance: f32,
     /// Largest current of a motor, A; 0 where it is not known.
     pub current: f32,
+    /// Back EMF and torque constant at the wheel, V s/rad; 0 where it is not known apart from the
+    /// speed feedforward, which has the viscous friction in it.
+    pub constant: f32,
 }
 
 /// One tick of all wheels, as the loops leave it.
@@ -108,7 +111,12 @@ fn current(voltage: f32, rate: f32, gains: &Gains, motors: &MotorLimits) -> f32 
     if voltage == 0.0 {
         return 0.0;
     }
-    let current = (voltage - gains.speed * rate) / motors.resistance;
+    let constant = if motors.constant > 0.0 {
+        motors.constant
+    } else {
+        gains.speed
+    };
+    let current = (voltage - constant * rate) / motors.resistance;
     // Compared, not clamped: NaN and a motor without data get nothing.
     if current.abs() <= motors.current {
         current
@@ -135,6 +143,7 @@ mod tests {
     const MOTORS: MotorLimits = MotorLimits {
         resistance: 0.2,
         current: 10.0,
+        constant: 0.0,
     };
 
     fn commands<D: WheelDrive>(voltages: [f32; 4], rates: [f32; 4]) -> [f32; 4] {
@@ -162,6 +171,12 @@ mod tests {
         for (given, expected) in given.into_iter().zip(expected) {
             assert!((given - expected).abs() < 1e-5, "{given} {expected}");
         }
+        // A constant of its own: (3.5 - 0.25 x 10) / 0.2 is 5 A.
+        let known = MotorLimits {
+            constant: 0.25,
+            ..MOTORS
+        };
+        assert!((current(3.5, 10.0, &GAINS, &known) - 5.0).abs() < 1e-5);
     }
 
     #[test]
@@ -171,6 +186,7 @@ mod tests {
         let unknown = MotorLimits {
             resistance: 0.0,
             current: 0.0,
+            constant: 0.0,
         };
         assert_eq!(current(1.0, 0.0, &GAINS, &unknown), 0.0);
     }

@@ -140,6 +140,8 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     // All wait for the slowest brake, and then begin at the same time.
     let releases = file.robots.iter().map(|one| one.output.brake_release_ms);
     let release_ms = releases.max().unwrap_or(0);
+    let is_smart = robot.output.kind.drive_current().is_some();
+    let drive_constant = if is_smart { robot.motor.constant } else { 0.0 };
     let limits = &file.limits;
     out.extend([
         real(address::WINDING_RESISTANCE, resistance),
@@ -157,6 +159,7 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
             Value::U16(robot.output.pwm_frequency),
         ),
         (address::OUTPUT_STAGE, Value::U8(robot.output.kind as u8)),
+        real(address::DRIVE_CONSTANT, drive_constant),
         (
             address::ENABLE_WIRED,
             Value::U8(u8::from(robot.output.enable_wired)),

@@ -104,6 +104,7 @@ pub fn build(
         motors: MotorLimits {
             resistance: real(at::WINDING_RESISTANCE),
             current: real(at::CURRENT_MAX),
+            constant: real(at::DRIVE_CONSTANT),
         },
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {

@@ -19,6 +19,7 @@
 //! - [`robot`]: native robots and emulated ones behind one trait.
 //! - [`bus`]: arbitration, exact bit times, load, candump logs.
 //! - [`motor`], [`battery`], [`encoder`]: from duty to angle and back to counts.
+//! - [`smart_drive`]: drives on a CAN bus of their own.
 //! - [`plant`]: the paper's tables, rolling contacts with friction, or another program.
 //! - [`configure`]: the group file written into the robots.
 //! - [`test_master`]: a master that can also misbehave, for tests of the robots' reactions.
@@ -48,6 +49,7 @@ mod random;
 pub mod robot;
 #[cfg(feature = "host")]
 pub mod scale;
+pub mod smart_drive;
 pub mod study;
 pub mod test_master;
 mod truth;

@@ -144,7 +144,7 @@ impl World {
             .robots
             .iter()
             .zip(&group.simulation.crystal_ppm)
-            .map(|(robot, ppm)| backend.build(robot.node, *ppm))
+            .map(|(robot, ppm)| backend.build_for(robot, *ppm))
             .collect::<Result<_, _>>()?;
         let options = Options {
             threads: if matches!(backend, Backend::Native) {

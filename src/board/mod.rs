@@ -24,6 +24,7 @@ use nucleo_f446re::WIRING;
 use robomaster_c::WIRING;
 
 pub use stm32f4::can::{CABLE_PATIENCE, Can, Health, print_to_cable};
+pub use stm32f4::drives::{ARE_WIRED as DRIVES_ARE_WIRED, Drives};
 pub use stm32f4::encoders::Encoders;
 pub use stm32f4::executors;
 pub use stm32f4::flash::ParameterFlash;

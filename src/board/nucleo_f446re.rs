@@ -22,6 +22,13 @@
 //! | cable: the virtual COM port of the ST-LINK | USART2 | PA3 receive, PA2 transmit |
 //! | user button | GPIO | PC13 |
 //!
+//! # Smart drives
+//!
+//! With the feature `drives-c620` the wheels are turned by C620 or C610 drives on CAN2: PB5
+//! receives, PB6 transmits, through a transceiver of their own. These pins are a direction's
+//! opposite and an encoder's otherwise, so an image has one or the other. Opposites, encoders and
+//! indexes are not used then; PWM and directions stay low.
+//!
 //! # Sources
 //!
 //! UM1724 rev 15 (board), RM0390 rev 6 (chip), DS10693 rev 10 (alternate functions).
@@ -30,7 +37,24 @@ use super::stm32f4::pin::{pin, pins};
 use super::stm32f4::wiring::{Analog, Can, Clocks, Encoder, Serial, Wiring};
 
 /// Pins and clocks of this board.
+#[cfg(not(feature = "drives-c620"))]
+pub const WIRING: Wiring = BRIDGES;
+
+/// The same with smart drives.
+#[cfg(feature = "drives-c620")]
 pub const WIRING: Wiring = Wiring {
+    inverse: None,
+    encoders: [None; 4],
+    index: None,
+    drives: Some(Can {
+        receive: pin("PB5"),
+        transmit: pin("PB6"),
+    }),
+    ..BRIDGES
+};
+
+/// With bridges and encoders, as in the table.
+const BRIDGES: Wiring = Wiring {
     // 180 MHz from the 8 MHz that the ST-LINK feeds into the HSE input: 8 / 4 x 180 / 2. APB1
     // 45 MHz, APB2 90 MHz.
     clocks: Clocks {
@@ -53,6 +77,7 @@ pub const WIRING: Wiring = Wiring {
         receive: pin("PB8"),
         transmit: pin("PB9"),
     },
+    drives: None,
     driver_enable: pin("PB0"),
     brake_release: pin("PB1"),
     stop: pin("PB12"),

@@ -1,13 +1,14 @@
 //! RoboMaster Development Board C (STM32F407IGH6, UFBGA176): clocks and pins.
 //!
-//! The image builds. It is neither emulated nor has it been run, and a robot cannot drive with it,
-//! because no encoder is reachable (see below).
+//! The image builds. It is neither emulated nor has it been run. A robot can drive with it by smart
+//! drives only, because no encoder is reachable (see below).
 //!
 //! | function | peripheral | pins |
 //! |---|---|---|
 //! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PE9 PE11 PE13 PE14, the PWM header |
 //! | direction, same order; high rolls the base forward | GPIO | PC6 PI6 PI7 (PWM header), PF1 (I2C2) |
 //! | CAN of the group | CAN1 | PD0 receive, PD1 transmit |
+//! | smart drives, on a CAN of their own, with `drives-c620` | CAN2 | PB5 receive, PB6 transmit |
 //! | driver enable, high is enabled | TIM8 CH2N | PB14 (SPI2 MISO) |
 //! | holding brake, high is released | TIM8 CH3N | PB15 (SPI2 MOSI) |
 //! | emergency stop, normally closed to ground; high stops | TIM1 BKIN | PB12 (SPI2 CS) |
@@ -15,6 +16,10 @@
 //! | driver fault, low is a fault | GPIO | PF0 (I2C2 SDA) |
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
 //! | LED, green | GPIO | PH11 |
+//!
+//! With the feature `drives-c620` the wheels are turned by C620 or C610 drives on CAN2: PB5
+//! receives, PB6 transmits, through the board's own transceiver. Without it the image is for
+//! bridges, and the encoders are missing.
 //!
 //! # Limits
 //!
@@ -55,6 +60,14 @@ pub const WIRING: Wiring = Wiring {
     can: Can {
         receive: pin("PD0"),
         transmit: pin("PD1"),
+    },
+    drives: if cfg!(feature = "drives-c620") {
+        Some(Can {
+            receive: pin("PB5"),
+            transmit: pin("PB6"),
+        })
+    } else {
+        None
     },
     driver_enable: pin("PB14"),
     brake_release: pin("PB15"),

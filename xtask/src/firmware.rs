@@ -56,6 +56,13 @@ pub fn build_slot_b() -> anyhow::Result<PathBuf> {
     })
 }
 
+/// Builds the reference board's image for smart drives.
+pub fn build_for_drives() -> anyhow::Result<PathBuf> {
+    build_variant(|command| {
+        command.args(["--features", "drives-c620"]);
+    })
+}
+
 /// Builds an image whose control tick has a period other than a millisecond, for measurements.
 pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     build_variant(|command| {
@@ -71,6 +78,7 @@ pub fn build_all_boards() -> anyhow::Result<()> {
             command.args(["--no-default-features", "--features", board]);
         })?;
     }
+    build_for_drives()?;
     println!(
         "images with boot code and a vector table: {}",
         BOARDS.join(", ")

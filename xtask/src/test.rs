@@ -29,6 +29,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
     std::fs::copy(self_test.with_extension(""), &self_test)?;
     let slot_b = firmware::build_slot_b()?.with_extension("slot-b");
     std::fs::copy(slot_b.with_extension(""), &slot_b)?;
+    let drives = firmware::build_for_drives()?.with_extension("drives");
+    std::fs::copy(drives.with_extension(""), &drives)?;
     let fixed = firmware::build(Scalar::Fixed)?;
     let mut command = cargo::command();
     command
@@ -38,6 +40,7 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF", elf)
         .env("OMNIBUS_ELF_FIXED", fixed)
         .env("OMNIBUS_ELF_BENCH", bench)
+        .env("OMNIBUS_ELF_DRIVES", drives)
         .env("OMNIBUS_ELF_SELF_TEST", self_test)
         .env("OMNIBUS_ELF_SLOT_B", slot_b);
     cargo::run(&mut command)?;

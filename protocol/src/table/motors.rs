@@ -97,6 +97,9 @@ records! { SMART_DRIVES_RECORDS:
         DRIVE_REAR_RIGHT = 4: parameter("Rear right", "", byte(1, 4, 4)), "The same.";
         DRIVE_HOTTEST = 5: parameter("Highest temperature", "degC", byte(30, 150, 80)),
             "Of a motor, as its drive reports it; hotter is fault DriveHot. A C610 reports none.";
+        DRIVE_CONSTANT = 6: parameter("Motor constant", "V s/rad", real(0.0, 100.0, 0.0)),
+            "Back EMF per wheel rate, which is torque per current in N m/A, gear included. 0 takes \
+             the speed feedforward, and the loops then make up for the viscous friction in it.";
     }
 }
 

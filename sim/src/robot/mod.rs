@@ -17,6 +17,7 @@ use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Bridge;
+use crate::smart_drive::DriveChange;
 
 /// When a robot next does something by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,6 +115,21 @@ pub trait Robot: Send {
     /// Exchanges its motor driver.
     fn wire_driver(&mut self, driver: Driver) {
         let _ = driver;
+    }
+
+    /// The wheels are turned by the smart drives that a group file gives this robot, if it does.
+    fn wire_smart_drives(&mut self, robot: &group::Robot) {
+        let _ = robot;
+    }
+
+    /// Something happens to the smart drive of a wheel.
+    fn change_smart_drive(&mut self, wheel: usize, change: DriveChange) {
+        let _ = (wheel, change);
+    }
+
+    /// The wheels turn at these rates, rad/s: for drives that measure them.
+    fn set_wheel_rates(&mut self, rates: [f64; 4]) {
+        let _ = rates;
     }
 
     /// The wheels went on by this many encoder counts.
@@ -234,6 +250,13 @@ pub enum Backend {
     Native,
     /// This image, on an emulated processor each.
     Emulator(emulator::Firmware),
+    /// An image for robots with bridges and one for those with smart drives.
+    Mixed {
+        /// For bridges.
+        bridges: emulator::Firmware,
+        /// For smart drives.
+        drives: emulator::Firmware,
+    },
 }
 
 impl Backend {
@@ -244,9 +267,27 @@ impl Backend {
     pub fn build(&self, node: u8, crystal_ppm: f64) -> Result<Box<dyn Robot>, SimError> {
         Ok(match self {
             Self::Native => Box::new(native::NativeRobot::new(node, crystal_ppm)?),
-            Self::Emulator(firmware) => {
-                Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?)
-            }
+            Self::Emulator(firmware)
+            | Self::Mixed {
+                bridges: firmware, ..
+            } => Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?),
         })
+    }
+
+    /// The same with the image for the drives that a group file gives the robot.
+    ///
+    /// # Errors
+    /// As [`Backend::build`].
+    pub fn build_for(
+        &self,
+        robot: &group::Robot,
+        crystal_ppm: f64,
+    ) -> Result<Box<dyn Robot>, SimError> {
+        match self {
+            Self::Mixed { drives, .. } if robot.output.kind.drive_current().is_some() => {
+                Self::Emulator(drives.clone()).build(robot.node, crystal_ppm)
+            }
+            _ => self.build(robot.node, crystal_ppm),
+        }
     }
 }

@@ -15,6 +15,7 @@ use crate::bus::disturb::Share;
 use crate::bus::errors::{ErrorCounters, ErrorState};
 use crate::motor::Brake;
 use crate::robot::Crash;
+use crate::smart_drive::DriveChange;
 
 impl World {
     /// A robot that something is about to happen to.
@@ -42,6 +43,13 @@ impl World {
     pub fn set_driver_fault(&mut self, robot: usize, fault: bool) {
         if let Some(unit) = self.touched(robot) {
             unit.robot.set_driver_fault(fault);
+        }
+    }
+
+    /// Changes the smart drive of a robot's wheel.
+    pub fn set_smart_drive(&mut self, robot: usize, wheel: usize, change: DriveChange) {
+        if let Some(unit) = self.touched(robot) {
+            unit.robot.change_smart_drive(wheel, change);
         }
     }
 

@@ -123,6 +123,7 @@ impl Unit {
         robot.set_supply(data.motor.supply.into());
         let right = Driver::from(data.output.kind);
         robot.wire_driver(simulation.driver.unwrap_or(right));
+        robot.wire_smart_drives(data);
         Self {
             node: data.node,
             drives: robot.drives(),
@@ -248,6 +249,8 @@ impl Unit {
             let decoder = &mut self.decoders[wheel];
             reported + self.edges.drain(..).map(|e| decoder.count(&e)).sum::<i32>()
         });
+        let rates = [0, 1, 2, 3].map(|wheel: usize| self.motors[wheel].rate());
+        self.robot.set_wheel_rates(rates);
         if counts != [0; 4] {
             self.robot.turn_encoders(counts);
         }

@@ -12,6 +12,7 @@
 //! | 2 | CAN1 receive | takes the time stamp of a frame; must not wait for a control tick |
 //! | 3 | CAN1 transmit, errors | refills a mailbox; tells the bus task |
 //! | 6 | TIM7 (control executor) | the control tick |
+//! | 6 | CAN2 receive | takes a report of a smart drive, where they turn the wheels; a tick and a report wait for each other |
 //! | 7 | USART2, DMA1 streams 5 and 6 (cable) | waits for a control tick; the rings last for two of them |
 //! | - | thread mode | the bus side |
 

@@ -13,6 +13,7 @@ use embassy_stm32::{pac, uid};
 use embassy_time::Instant;
 
 pub mod can;
+pub mod drives;
 pub mod encoders;
 pub mod executors;
 pub mod flash;
@@ -33,6 +34,7 @@ pub mod tick;
 pub mod wiring;
 
 use self::can::Can;
+use self::drives::Drives;
 use self::encoders::Encoders;
 use self::flash::ParameterFlash;
 use self::index::Indexes;
@@ -54,6 +56,8 @@ pub struct Board {
     pub outputs: Outputs,
     /// Encoder counters.
     pub encoders: Encoders,
+    /// Smart drives, where they turn the wheels.
+    pub drives: Drives,
     /// Encoder index inputs.
     pub indexes: Indexes,
     /// Inputs whose level counts.
@@ -145,12 +149,14 @@ impl Board {
         power::program_brown_out();
         executors::set_priorities();
         let can = Can::new();
+        let drives = Drives::new();
 
         Self {
             can,
             cable: Serial::new(),
             outputs,
             encoders,
+            drives,
             indexes,
             lines,
             meters: Meters::new(),

@@ -36,6 +36,7 @@ use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::TimAdv;
 use embassy_stm32::pac::timer::vals::{Bkp, Lock, Ocm, Ossi, Ossr};
 
+use super::drives;
 use super::pin::{Pin, Pull, Role, Speed};
 use crate::board::WIRING;
 
@@ -65,9 +66,11 @@ pub struct Outputs {
     enabled: bool,
 }
 
-/// The kinds of bridges that the board can drive, as [`Identity`](robot::Identity) has them. Only
+/// The kinds of drives that the board has, as [`Identity`](robot::Identity) has them. Only
 /// where the emergency stop cuts the driver enable in hardware is that enable a safe state.
-pub const STAGES: u8 = if WIRING.gate_stop.is_some() {
+pub const STAGES: u8 = if drives::ARE_WIRED {
+    robot::Identity::SMART
+} else if WIRING.gate_stop.is_some() {
     robot::Identity::SWITCHED
 } else {
     OutputStage::PwmDirection.bit()
@@ -289,7 +292,8 @@ fn force(drivers_enabled: bool, brake_released: bool) {
         .write(|w| w.set_ocm(0, level(brake_released)));
 }
 
-/// Cuts all outputs, from any context: drivers off, brake engaged, PWM off, directions low.
+/// Cuts all outputs, from any context: drivers off, brake engaged, PWM off, directions low, smart
+/// drives without current.
 #[inline(never)]
 pub fn cut() {
     // Before start-up reaches this point the pins are outputs of the port, or still inputs, which
@@ -299,4 +303,5 @@ pub fn cut() {
     pac::TIM8.bdtr().modify(|w| w.set_moe(false));
     pac::TIM1.bdtr().modify(|w| w.set_moe(false));
     directions_low();
+    drives::rest();
 }

@@ -40,6 +40,8 @@ pub struct Wiring {
     pub index: Option<[Pin; 4]>,
     /// CAN1.
     pub can: Can,
+    /// Smart drives on CAN2, which turn the wheels in place of bridges.
+    pub drives: Option<Can>,
     /// The converter with the analog inputs: 1 to 3.
     pub converter: usize,
     /// Supply voltage behind a divider.
@@ -76,7 +78,8 @@ pub struct Encoder {
     pub channels: [Pin; 2],
 }
 
-/// Pins of CAN1.
+/// Pins of a CAN controller.
+#[derive(Clone, Copy)]
 pub struct Can {
     /// Receive.
     pub receive: Pin,

@@ -40,6 +40,7 @@ use crate::bus::errors::{ErrorCounters, ErrorState};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Bridge;
+use crate::smart_drive::DriveBus;
 
 /// The PWM timer, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;
@@ -112,6 +113,10 @@ pub struct EmulatedRobot {
     index_high: [bool; 4],
     pending: Option<Frame>,
     drives: [Bridge; 4],
+    /// The bus of its smart drives, where these turn its wheels, and the rates of the wheels,
+    /// rad/s.
+    drive_bus: Option<DriveBus>,
+    rates: [f64; 4],
     /// As of the last read; no read is needed while there have been no errors.
     errors: (ErrorState, ErrorCounters),
 }
@@ -171,6 +176,8 @@ impl EmulatedRobot {
             index_high: [false; 4],
             pending: None,
             drives: [Bridge::default(); 4],
+            drive_bus: None,
+            rates: [0.0; 4],
             errors: Default::default(),
         };
         robot.wire();
@@ -207,9 +214,11 @@ impl EmulatedRobot {
         self.born_ns + self.board.now_ns()
     }
 
-    /// World time of the board's next own event, ns.
+    /// World time of the next event of the board or of its smart drives, ns.
     fn next_event_ns(&self) -> Option<u64> {
-        self.board.next_event_ns().map(|at| self.born_ns + at)
+        let board = self.board.next_event_ns().map(|at| self.born_ns + at);
+        let drives = self.drive_bus.as_ref().map(DriveBus::next_event_ns);
+        board.into_iter().chain(drives).min()
     }
 
     /// The board, for looking at.
@@ -232,6 +241,13 @@ impl EmulatedRobot {
         if self.pending_index != [None; 4] {
             self.pulse(time_ns)?;
         }
+        if let Some(bus) = &mut self.drive_bus {
+            bus.turn(
+                std::mem::take(&mut self.pending_counts),
+                self.rates,
+                time_ns,
+            );
+        }
         for (timer, counts) in ENCODER_TIMERS.into_iter().zip(&mut self.pending_counts) {
             if *counts != 0 {
                 self.board.encoder_add(timer, *counts);
@@ -239,6 +255,7 @@ impl EmulatedRobot {
             }
         }
         self.turn_by_edges(time_ns)?;
+        self.run_drive_bus(time_ns)?;
         self.advance(time_ns)?;
         let instructions = self.board.instructions();
         if std::mem::replace(&mut self.instructions, instructions) != instructions {
@@ -281,6 +298,26 @@ impl EmulatedRobot {
         }
         self.pending_edges = edges;
         Ok(())
+    }
+
+    /// Runs the board and the bus of its smart drives up to a time, from event to event.
+    fn run_drive_bus(&mut self, time_ns: u64) -> Result<(), SimError> {
+        let Some(mut bus) = self.drive_bus.take() else {
+            return Ok(());
+        };
+        let mut result = Ok(());
+        loop {
+            let at = bus.next_event_ns().min(time_ns);
+            if at > self.board_now_ns() {
+                result = self.advance(at);
+            }
+            bus.run(at, &mut self.board.can2());
+            if result.is_err() || bus.next_event_ns() > time_ns {
+                break;
+            }
+        }
+        self.drive_bus = Some(bus);
+        result
     }
 
     /// Runs the board to a time.
@@ -331,6 +368,14 @@ impl EmulatedRobot {
         let high = |port, pin| self.board.output(port, pin) == PinLevel::High;
         let enabled = high(Port::B, DRIVER_ENABLE);
         let brake_released = high(Port::B, BRAKE_RELEASE);
+        if let Some(bus) = &self.drive_bus {
+            self.drives = bus.voltages(self.rates).map(|voltage| Bridge {
+                duty: voltage.unwrap_or(0.0),
+                enabled: voltage.is_some(),
+                brake_released,
+            });
+            return;
+        }
         self.drives = std::array::from_fn(|wheel| {
             let (port, pin) = INVERSE_PINS[wheel];
             let levels = Levels {

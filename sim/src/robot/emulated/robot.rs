@@ -14,6 +14,7 @@ use crate::encoder::wires::Edge;
 use crate::error::SimError;
 use crate::motor::Bridge;
 use crate::robot::{Crash, LogLine, Robot, Wake, code};
+use crate::smart_drive::{DriveBus, DriveChange};
 
 impl Robot for EmulatedRobot {
     fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
@@ -106,6 +107,22 @@ impl Robot for EmulatedRobot {
 
     fn wire_driver(&mut self, driver: Driver) {
         self.driver = driver;
+    }
+
+    fn wire_smart_drives(&mut self, robot: &group::Robot) {
+        self.drive_bus = DriveBus::new(robot, self.now_ns);
+    }
+
+    fn change_smart_drive(&mut self, wheel: usize, change: DriveChange) {
+        self.catch_up();
+        if let Some(bus) = &mut self.drive_bus {
+            bus.change(wheel, change);
+        }
+        self.look_at_bridges();
+    }
+
+    fn set_wheel_rates(&mut self, rates: [f64; 4]) {
+        self.rates = rates;
     }
 
     fn turn_encoders(&mut self, counts: [i32; 4]) {

@@ -68,6 +68,7 @@ use robot::CanErrors;
 
 pub use cable::{CABLE_PATIENCE, print_to_cable};
 use mailboxes::{free, request};
+pub(super) use start::bit_timing;
 
 /// Frames the receive queue can hold.
 pub const RX_QUEUE_LENGTH: usize = 32;

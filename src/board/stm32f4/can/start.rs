@@ -7,6 +7,7 @@ use embassy_stm32::{interrupt, pac};
 use super::Can;
 use super::interrupts::Irqs;
 use crate::board::WIRING;
+use crate::board::stm32f4::drives;
 use crate::board::stm32f4::pin::{Pull, Role, Speed};
 
 /// The bit rate.
@@ -51,17 +52,7 @@ impl Can {
         });
         while !can.msr().read().inak() {}
 
-        // At 45 MHz one bit is 1 (sync) + 12 + 2 = 15 quanta, sampled after 13 of 15: 86.7 %.
-        // Bosch, CAN 2.0 part A, oscillator tolerance: each clock may be off by SJW / (20 x 15) =
-        // 0.67 % while frames go well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame.
-        // Every field holds one less than its value.
-        const SEGMENT_1: u8 = QUANTA as u8 - 1 - SEGMENT_2;
-        can.btr().write(|w| {
-            w.set_brp(PRESCALER - 1);
-            w.set_ts(0, SEGMENT_1 - 1);
-            w.set_ts(1, SEGMENT_2 - 1);
-            w.set_sjw(JUMP_WIDTH - 1);
-        });
+        can.btr().write(bit_timing);
 
         // One filter, 32 bits wide, mask mode, into FIFO 0: any data frame with an 11-bit
         // identifier.
@@ -74,6 +65,14 @@ impl Can {
         can.fb(0).fr1().write_value(regs::Fr1(0));
         can.fb(0).fr2().write_value(regs::Fr2(IDE_AND_RTR));
         can.fa1r().modify(|w| w.set_fact(0, true));
+        if drives::ARE_WIRED {
+            let [identifier, mask] = drives::FILTER;
+            can.fs1r().modify(|w| w.set_fsc(drives::FIRST_BANK, true));
+            let bank = can.fb(drives::FIRST_BANK);
+            bank.fr1().write_value(regs::Fr1(identifier));
+            bank.fr2().write_value(regs::Fr2(mask));
+            can.fa1r().modify(|w| w.set_fact(drives::FIRST_BANK, true));
+        }
         can.fmr().modify(|w| w.set_finit(false));
 
         can.ier().write(|w| {
@@ -92,6 +91,20 @@ impl Can {
         can.mcr().modify(|w| w.set_inrq(false));
         Self(())
     }
+}
+
+/// The bit timing of both controllers.
+///
+/// At 45 MHz one bit is 1 (sync) + 12 + 2 = 15 quanta, sampled after 13 of 15: 86.7 %. Bosch, CAN
+/// 2.0 part A, oscillator tolerance: each clock may be off by SJW / (20 x 15) = 0.67 % while frames
+/// go well and 2 / (2 x (13 x 15 - 2)) = 0.52 % through an error frame. Every field holds one less
+/// than its value.
+pub fn bit_timing(w: &mut regs::Btr) {
+    const SEGMENT_1: u8 = QUANTA as u8 - 1 - SEGMENT_2;
+    w.set_brp(PRESCALER - 1);
+    w.set_ts(0, SEGMENT_1 - 1);
+    w.set_ts(1, SEGMENT_2 - 1);
+    w.set_sjw(JUMP_WIDTH - 1);
 }
 
 #[expect(

@@ -1,0 +1,274 @@
+//! RoboMaster C620 drives on CAN2, with the image that is built for them: it drives, alone and in a
+//! group with a robot that has bridges, names what is wrong with its drives in the promised time,
+//! and leaves them without current when it fails.
+//!
+//! `OMNIBUS_ELF_DRIVES` names that image and `OMNIBUS_ELF` the reference board's (`cargo xtask
+//! test` builds both). What a drive does is `sim::smart_drive`.
+
+mod common;
+
+use canopen::Micros;
+use emulator::Firmware;
+use group::{GroupFile, StageKind};
+use kinematics::Twist;
+use omnibus::path::curve::Curve;
+use omnibus::session::Group;
+use omnibus::simulation::link::SimLink;
+use protocol::{Code, Fault, Kind, Value, address};
+use sim::smart_drive::DriveChange;
+use sim::test_master::TestMaster;
+use sim::{Backend, Crash, Options, World};
+
+const NODE: u8 = 2;
+
+fn load(variable: &str) -> Firmware {
+    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
+    Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+fn drives() -> Backend {
+    Backend::Emulator(load("OMNIBUS_ELF_DRIVES"))
+}
+
+fn link(group: &GroupFile) -> SimLink {
+    let options = Options {
+        threads: 1,
+        ..Options::default()
+    };
+    SimLink::new(World::new(group, drives(), options).unwrap(), "test")
+}
+
+/// A robot that drives at a twist.
+fn driving<'a>(link: &'a mut SimLink, group: &'a GroupFile, vx: f32) -> Group<&'a mut SimLink> {
+    let mut session = Group::connect(link, group).unwrap();
+    session.configure(true).unwrap();
+    session.start().unwrap();
+    for _ in 0..30 {
+        session.cycle(Twist::ZERO).unwrap();
+    }
+    for _ in 0..100 {
+        session.cycle(Twist::new(vx, 0.0, 0.0)).unwrap();
+    }
+    session
+}
+
+/// The same, with a master that does not end when the robot stops.
+fn moving(group: &GroupFile) -> TestMaster {
+    let mut link = link(group);
+    let mut session = Group::connect(&mut link, group).unwrap();
+    session.configure(false).unwrap();
+    let mut master = TestMaster::new(link.world, group);
+    master.run(60).unwrap();
+    master.command(canopen::NmtCommand::Start, None);
+    master.run(60).unwrap();
+    master.twist = Some(Twist::new(0.6, 0.0, 0.0));
+    master.run(600).unwrap();
+    assert_eq!(code(&master), Code::None);
+    master
+}
+
+fn code(master: &TestMaster) -> Code {
+    master.status(NODE).unwrap().code
+}
+
+fn run_us(world: &mut World, us: u64) {
+    let until = world.now().0 + us;
+    world.run_until(Micros(until)).unwrap();
+}
+
+/// 0.3 m/s over the radius is the rate of every wheel, in either direction, and a steady wheel
+/// takes the current of its friction: (0.15 + 0.002 w) N m over 0.3 N m/A.
+#[test]
+fn it_drives_straight() {
+    let group = common::group("c620");
+    for vx in [0.3_f32, -0.3] {
+        let mut link = link(&group);
+        let mut session = driving(&mut link, &group, vx);
+        let robot = session.link().world.truth().robots[0];
+        let want = f64::from(vx) / 0.076;
+        let rates: [f64; 4] = robot.wheel_rates.into();
+        for (rate, current) in rates.into_iter().zip(robot.currents) {
+            assert!((rate / want - 1.0).abs() < 0.01, "{rates:?}, {want}");
+            let friction = (0.15 + 0.002 * want.abs()) / 0.3 * want.signum();
+            assert!(
+                (current - friction).abs() < 0.2,
+                "{current} A, {friction} A"
+            );
+        }
+    }
+}
+
+/// A program that fails: its last words are no current, and then it is silent. Long before the
+/// drives would have noticed by themselves there is none.
+#[test]
+fn a_crash_leaves_the_drives_without_current() {
+    for how in [Crash::Nowhere, Crash::Panic, Crash::StackOverflow] {
+        let group = common::group("c620");
+        let mut link = link(&group);
+        let mut session = driving(&mut link, &group, 0.6);
+        let world = &mut session.link().world;
+        assert!(world.truth().robots[0].currents[0] > 0.3);
+        while !world.crash(0, how) {
+            run_us(world, 7);
+        }
+        for later_us in [1_500, 10_000, 60_000, 60_000] {
+            run_us(world, later_us);
+            let robot = world.truth().robots[0];
+            assert_eq!(robot.currents, [0.0; 4], "{how:?} after {later_us} us");
+            assert!(!robot.brake_released, "{how:?}");
+        }
+    }
+}
+
+/// A halted core says no last words: the drives' own time-out, assumed to be 100 ms, counts.
+#[test]
+fn a_robot_that_says_nothing_is_noticed_by_its_drives() {
+    let group = common::group("c620");
+    let mut link = link(&group);
+    let mut session = driving(&mut link, &group, 0.6);
+    let world = &mut session.link().world;
+    assert!(world.halt(0, true));
+    run_us(world, 20_000);
+    assert!(world.truth().robots[0].currents[0] > 0.0);
+    run_us(world, 82_000);
+    assert_eq!(world.truth().robots[0].currents, [0.0; 4]);
+}
+
+/// What happens to a drive in motion, and the fault that names it.
+const IN_MOTION: [(DriveChange, Fault); 4] = [
+    (DriveChange::Power(false), Fault::DriveSilent),
+    (DriveChange::Identifier(7), Fault::DriveIdentifier),
+    // Silent under its own identifier before it has doubled the other.
+    (DriveChange::Identifier(1), Fault::DriveSilent),
+    (DriveChange::Temperature(81), Fault::DriveHot),
+];
+
+/// The same before the start.
+const AT_REST: [(DriveChange, Fault); 3] = [
+    (DriveChange::Power(false), Fault::DriveSilent),
+    (DriveChange::Identifier(7), Fault::DriveIdentifier),
+    (DriveChange::Identifier(1), Fault::DriveDoubled),
+];
+
+/// What docs/safety.md promises, ms.
+fn promised(fault: Fault) -> u64 {
+    let page = include_str!("../docs/safety.md");
+    let row = format!("| 0x{:04X} {} |", fault.code(), fault.name());
+    let row = page.lines().find(|line| line.contains(&row)).unwrap();
+    let (before, _) = row.split_once(" ms with smart drives").unwrap();
+    before.rsplit(' ').next().unwrap().parse().unwrap()
+}
+
+/// Cut within the promise; a hot motor is not cut, its robot ramps and is named as fast.
+#[test]
+fn a_fault_of_a_drive_is_named_in_time() {
+    let group = common::group("c620");
+    for (change, fault) in IN_MOTION {
+        let mut master = moving(&group);
+        master.world.set_smart_drive(0, 1, change);
+        let live = |world: &World| world.truth().robots[0].brake_released;
+        let cuts = fault.reaction() == protocol::Reaction::Cut;
+        for _ in 0..promised(fault) {
+            master.run(1).unwrap();
+        }
+        assert_eq!(live(&master.world), !cuts, "{change:?}");
+        master.run(10).unwrap();
+        assert_eq!(code(&master), Code::Fault(fault), "{change:?}");
+        master.run(1_500).unwrap();
+        assert!(!live(&master.world), "{change:?}");
+    }
+}
+
+/// A start is refused, and the fault names the cause.
+#[test]
+fn a_start_is_refused_with_the_name_of_the_fault() {
+    let group = common::group("c620");
+    for (change, fault) in AT_REST {
+        let mut link = link(&group);
+        link.world.set_smart_drive(0, 1, change);
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(false).unwrap();
+        let mut master = TestMaster::new(link.world, &group);
+        master.run(200).unwrap();
+        master.command(canopen::NmtCommand::Start, None);
+        master.run(60).unwrap();
+        assert_eq!(code(&master), Code::Fault(fault), "{change:?}");
+        assert!(!master.world.truth().robots[0].brake_released);
+    }
+}
+
+/// An image for smart drives has no bridges, and says which object is wrong.
+#[test]
+fn the_other_kind_of_drive_is_refused_by_name() {
+    let file = common::group("c620");
+    let mut link = link(&file);
+    let mut session = Group::connect(&mut link, &file).unwrap();
+    session.configure(false).unwrap();
+    let wire = session.wire();
+    let mut status = |kind: u8| {
+        wire.write(NODE, address::OUTPUT_STAGE, Value::U8(kind))
+            .unwrap();
+        wire.read(NODE, address::CONFIGURATION_STATUS, Kind::U32)
+            .unwrap()
+    };
+    assert_eq!(status(4), Value::U32(0));
+    let inconsistent = address::OUTPUT_STAGE.packed() << 8 | 2;
+    assert_eq!(status(0), Value::U32(inconsistent));
+}
+
+/// The robots of a file, with motors that 20 A are enough for, and so many of them, from the last,
+/// with smart drives in place of bridges.
+fn group_with(name: &str, smart: usize) -> GroupFile {
+    let mut group = common::group(name);
+    for robot in &mut group.robots {
+        robot.output.largest_current = Some(20.0);
+        robot.motor.inertia = 0.2;
+    }
+    for robot in group.robots.iter_mut().rev().take(smart) {
+        robot.output.kind = StageKind::C620;
+        robot.encoder.counts_per_revolution = 8192.0;
+        robot.encoder.gear_ratio = 3591.0 / 187.0;
+    }
+    group
+}
+
+fn images() -> Backend {
+    Backend::Mixed {
+        bridges: load("OMNIBUS_ELF"),
+        drives: load("OMNIBUS_ELF_DRIVES"),
+    }
+}
+
+/// The same robot with either kind of drive is at the same place all the time, at 1 m/s within what
+/// a tick of delay is: a report and a command take a tick between them.
+#[test]
+fn it_follows_a_figure_eight_as_bridges_do() {
+    let runs = [0, 1].map(|smart| {
+        let group = group_with("single", smart);
+        let drive = common::quick_drive(&group, images(), Curve::FigureEight, true);
+        assert_eq!(drive.result, Ok(()));
+        drive.truth
+    });
+    let [bridges, smart] = &runs;
+    assert_eq!(bridges.len(), smart.len());
+    let mut worst = 0.0_f64;
+    for (one, other) in bridges.iter().zip(smart) {
+        let (one, other) = (one.robots[0].pose, other.robots[0].pose);
+        worst = worst.max((one.x - other.x).hypot(one.y - other.y));
+    }
+    println!("{worst} m apart");
+    assert!(worst < 1e-3, "{worst} m apart");
+}
+
+/// One load on two robots, one with bridges and one with smart drives.
+#[test]
+fn a_mixed_group_carries_its_load_along_a_figure_eight() {
+    let [alike, mixed] = [0, 1].map(|smart| {
+        let group = group_with("tcc-2", smart);
+        let drive = common::quick_drive(&group, images(), Curve::FigureEight, true);
+        assert_eq!(drive.result, Ok(()));
+        drive.world.worst_shape_error_mm()
+    });
+    println!("{mixed} mm, {alike} mm alike");
+    assert!(mixed < alike + 1.0, "{mixed} mm, {alike} mm alike");
+}
