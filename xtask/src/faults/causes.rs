@@ -280,6 +280,10 @@ pub const ELSEWHERE: &[(u8, &str)] = &[
     (24, "a threshold: robot/src/tests/safety.rs"),
     (25, "a threshold: tests/group_rules.rs"),
     (34, "refuses a start: robot/src/tests/interlock.rs"),
+    (35, "a smart drive: tests/smart_drives.rs"),
+    (36, "a smart drive: tests/smart_drives.rs"),
+    (37, "a smart drive: tests/smart_drives.rs"),
+    (38, "a smart drive, before a start: tests/smart_drives.rs"),
 ];
 
 /// Does something to the watched robot's board.
