@@ -3,10 +3,11 @@
 
 use std::{env, fs, path::PathBuf};
 
-const MEMORY: &str = "MEMORY
+/// What `memory.x` of the firmware leaves open, with the whole flash for this image. The linker
+/// finds that file first, because it runs in the root of the workspace.
+const SLOTS: &str = "MEMORY
 {
   FLASH : ORIGIN = 0x08000000, LENGTH = 512K
-  RAM   : ORIGIN = 0x20000000, LENGTH = 128K
 }
 ";
 
@@ -16,7 +17,7 @@ fn main() {
         return;
     }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::write(out.join("memory.x"), MEMORY).expect("memory.x can be written to OUT_DIR");
+    fs::write(out.join("slots.x"), SLOTS).expect("slots.x can be written to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");

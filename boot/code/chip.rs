@@ -146,7 +146,9 @@ pub fn start_watchdog() {
 /// Resets the chip.
 pub fn reset() -> ! {
     write(SCB_AIRCR, 0x05FA_0004);
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 /// Hands over to the image whose vectors are at an address.

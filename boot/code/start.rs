@@ -51,7 +51,9 @@ extern "C" fn start() -> ! {
         chip::jump(slot.address());
     }
     // Nothing to start: a programmer stops the processor.
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 /// Panics and faults: from the beginning.

@@ -12,8 +12,8 @@ use crate::{cargo, firmware};
 
 /// Most flash and RAM that the device with every service on may take, bytes. It took 16 056 bytes
 /// before LSS learnt not to make two devices one node, and communication objects were fixed while
-/// OPERATIONAL: 16 964.
-const FLASH_MAX: u64 = 17 * 1024;
+/// OPERATIONAL, 16 964 before values longer than its buffer went into a sink: 18 288.
+const FLASH_MAX: u64 = 18 * 1024;
 const RAM_MAX: u64 = 3 * 1024;
 
 /// Start of the RAM (RM0390 rev 6, 2.4).
