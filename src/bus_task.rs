@@ -55,7 +55,9 @@ pub async fn bus(
         gateway.receive(&mut can);
         while let Some(received) = can.try_receive() {
             side.on_frame(received.at, &received.frame);
-            updates.program(side);
+            if side.is_updating() {
+                updates.program(side);
+            }
         }
         // Before anything else: after SYNC the first vote is a frame's time away.
         can.expect_votes(side.votes_missing());
@@ -88,7 +90,7 @@ pub async fn bus(
         {
             waiting = next(side, &mut gateway);
         }
-        if waiting.is_none() && updates.work(side, &mut can) {
+        if waiting.is_none() && side.is_updating() && updates.work(side, &mut can) {
             health = Health {
                 bus_off: health.bus_off,
                 ..can.health()

@@ -276,6 +276,13 @@ impl BusSide {
         self.robot.update.survey(flash);
     }
 
+    /// Whether an update is under way, and [`BusSide::update_job`] may say what to do.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_updating(&self) -> bool {
+        self.robot.update.is_busy()
+    }
+
     /// What the platform must do for an update now, once the frames of [`BusSide::pop_frame`] are
     /// on the bus: [`BusSide::work_on_update`] does it. Outputs are off.
     #[must_use]

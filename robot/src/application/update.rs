@@ -51,6 +51,9 @@ impl Application {
     }
 
     pub fn supervise_trial(&mut self, now: Micros) {
+        if !self.update.is_on_trial() {
+            return;
+        }
         let is_recent = |last: Micros| last != Micros::ZERO && now.since(last).0 < RECENT_US;
         let is_on_bus = is_recent(self.last_sync) && is_recent(self.last_heartbeat);
         self.update.supervise(now, is_on_bus);

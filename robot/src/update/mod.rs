@@ -273,7 +273,9 @@ impl Update {
         self.is_busy() as u32 | self.problem.status() << 1
     }
 
-    const fn is_busy(&self) -> bool {
+    /// Whether something is under way. Every turn of the bus task asks this before anything else.
+    #[inline(always)]
+    pub const fn is_busy(&self) -> bool {
         self.ordered.is_some()
             || matches!(
                 self.phase,
@@ -440,7 +442,7 @@ impl Update {
     /// Every poll: an image on trial confirms itself or starts again. `is_on_bus`: SYNC and the
     /// heartbeat of the master have come within the last moments.
     pub fn supervise(&mut self, now: Micros, is_on_bus: bool) {
-        if !self.survey.on_trial || self.ordered.is_some() {
+        if self.ordered.is_some() {
             return;
         }
         if !is_on_bus {
@@ -455,6 +457,12 @@ impl Update {
         } else if now.0 >= TRIAL_US {
             self.ordered = Some(Job::Reset);
         }
+    }
+
+    /// Whether the running image is on trial.
+    #[inline(always)]
+    pub const fn is_on_trial(&self) -> bool {
+        self.survey.on_trial
     }
 
     /// What is to be done now.
