@@ -28,7 +28,7 @@ use protocol::self_test::{
 
 use crate::board::pin::{Pin, Pull};
 use crate::board::probe::{self, Signals, Wave};
-use crate::board::{Board, Encoders, Meters, Outputs, calibrate_meters, executors, now};
+use crate::board::{Board, Encoders, Meters, Outputs, calibrate_meters, executors, now, reset};
 use crate::gateway::Gateway;
 use crate::wake;
 
@@ -145,13 +145,8 @@ fn next(device: &mut Device, gateway: &mut Gateway) -> Option<Frame> {
 /// Fails as asked.
 fn fail(failure: u8) -> ! {
     match failure {
-        HALT => {
-            cortex_m::interrupt::disable();
-            loop {
-                cortex_m::asm::nop();
-            }
-        }
-        RESET => cortex_m::peripheral::SCB::sys_reset(),
+        HALT => probe::halt(),
+        RESET => reset(),
         _ => panic!("asked for"),
     }
 }

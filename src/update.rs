@@ -10,7 +10,7 @@ use boot::header::{Board as ImageBoard, Device};
 use robot::BusSide;
 use robot::update::{Done, Job};
 
-use crate::board::{BootCode, Can, ProgramFlash, patiently};
+use crate::board::{BootCode, Can, ProgramFlash, patiently, reset};
 
 /// What the images of this board have to be made for.
 pub const DEVICE: Device = Device {
@@ -63,7 +63,7 @@ impl Updates {
             Ok(Done::GoOn) => {}
             Ok(Done::Reset) => {
                 can.drain();
-                cortex_m::peripheral::SCB::sys_reset();
+                reset();
             }
             // The watchdog has not taken its longer time; the next turn tries again.
             Err(_) => return false,

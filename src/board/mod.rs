@@ -35,7 +35,7 @@ pub use stm32f4::outputs::Outputs;
 pub use stm32f4::program_flash::{BootCode, ProgramFlash};
 pub use stm32f4::serial::Serial;
 pub use stm32f4::tick::{TickMutex, TickTimer};
-pub use stm32f4::{Board, Led, Lines, now};
+pub use stm32f4::{Board, Led, Lines, now, reset};
 #[cfg(feature = "self-test")]
 pub use stm32f4::{pin, probe};
 

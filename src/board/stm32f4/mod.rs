@@ -252,6 +252,11 @@ pub fn now() -> Micros {
     Micros(Instant::now().as_micros())
 }
 
+/// Resets the chip.
+pub fn reset() -> ! {
+    cortex_m::peripheral::SCB::sys_reset()
+}
+
 /// Reads why the chip was reset (RCC_CSR, RM0390 6.3.21) and clears the flags. The pin flag is set
 /// by every reset, the brown-out flag by power-on too, so the order matters.
 fn reset_cause() -> ResetCause {

@@ -227,3 +227,11 @@ fn edge_in_a_pulse((moves, edge): (Pin, u32), (stands, level): (Pin, bool)) {
     moving.write_value(Bsrr(edge));
     standing.write_value(back);
 }
+
+/// Stops the program for good; the watchdog resets the chip.
+pub fn halt() -> ! {
+    cortex_m::interrupt::disable();
+    loop {
+        cortex_m::asm::nop();
+    }
+}
