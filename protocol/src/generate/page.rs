@@ -202,6 +202,9 @@ for a late SYNC are rounded up to 200 us before a control tick; ticks come half 
 whole ones since SYNC. Where the SYNC period is too short for that, the allowance is; where it is too
 short for the votes, the group file is refused, and so is a start (0x2041:5).
 
+A master sends its setpoint 1.25 ms before SYNC. Any time between two SYNCs will do, but what is
+given to an adapter together with SYNC may leave it after SYNC.
+
 The members reach the setpoint on a straight line over one SYNC period from there on. A setpoint
 latched at SYNC *k* is therefore reached one period and the agreement delay later; a master that
 drives a curve sends each setpoint ahead by that.
