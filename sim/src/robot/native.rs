@@ -15,7 +15,6 @@
 //!
 //! The robot's clock starts [`BOOT_NS`] after power-on and runs fast by its crystal's error.
 
-use boot::Software;
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
 use control::interface::{Inputs, Outputs, Report};
@@ -29,7 +28,7 @@ use robot::{
     BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
 };
 
-use super::program_flash::ProgramFlash;
+use super::program_flash::{ProgramFlash, Signatures};
 use super::{LogLine, Robot, Wake};
 use crate::bridge::{self, levels};
 use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
@@ -316,7 +315,7 @@ impl NativeRobot {
             if !are_answers_sent && job != Job::Program {
                 return;
             }
-            let crypto = Software::default();
+            let crypto = Signatures::default();
             if self.live.bus.work_on_update(&mut self.program, &crypto) == Done::Reset {
                 self.set_power(true);
                 return;
