@@ -30,6 +30,7 @@ GROUP = 1
 PATIENCE = 30.0
 """Seconds to wait for what must come."""
 
+WRITE_ONLY = 0x06010001
 READ_ONLY = 0x06010002
 DEVICE_STATE = 0x08000022
 

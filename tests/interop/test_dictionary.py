@@ -20,6 +20,7 @@ from robot import (
     eds_sections,
     section,
     variables,
+    WRITE_ONLY,
 )
 
 TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
@@ -82,6 +83,9 @@ class Dictionary(Robot):
                     # CiA 301: an entry of the error history that is not there.
                     self.refused(0x08000024, self.upload, variable)
                     continue
+                if entry["AccessType"] == "wo":
+                    self.refused(WRITE_ONLY, self.upload, variable)
+                    continue
                 data = self.upload(variable)
                 default = entry["DefaultValue"]
                 if variable.data_type == t.DOMAIN:
@@ -108,6 +112,10 @@ class Dictionary(Robot):
             with self.subTest(section=entry.name):
                 if variable.index == 0x1003 and variable.subindex > 0:
                     self.refused(READ_ONLY, self.download, variable, bytes(4))
+                    continue
+                if entry["AccessType"] == "wo":
+                    # The image of an update, which nobody has prepared.
+                    self.refused(DEVICE_STATE, self.download, variable, bytes(4))
                     continue
                 data = self.upload(variable)
                 if entry["AccessType"] in ("ro", "const"):
