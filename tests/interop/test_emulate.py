@@ -48,7 +48,8 @@ class Gdb(unittest.TestCase):
         self.assertEqual(gdb.returncode, 0, said)
         for wanted in (
             # Registers and memory at the first instruction: what the vector table says.
-            r"sp +0x([0-9a-f]+) [^$]*?pc +0x[0-9a-f]+ +0x[0-9a-f]+ <Reset>[^$]*?0x8000000\S*\t0x\1\t",
+            # That is the boot code's.
+            r"sp +0x([0-9a-f]+) [^$]*?pc +0x[0-9a-f]+ +0x[0-9a-f]+ <\S*boot_code\S*>[^$]*?0x8000000[^\t]*\t0x\1\t",
             # A breakpoint by name, with its source line, and what called it.
             r"Breakpoint 1, .*main.* at src/main\.rs:\d+\n",
             r"\n#0 +.*main.* at src/main\.rs:\d+\n",
@@ -60,7 +61,7 @@ class Gdb(unittest.TestCase):
             # of it that the linker shares between functions.
             r"Hardware watchpoint 2: [^$]*?Old value = 0\nNew value = \d+\n[^$]*?\n#[01] .*defmt",
             r"\n0\.00\d+ s\n",
-            r"\nreset\n[^$]*?pc +0x[0-9a-f]+ +0x[0-9a-f]+ <Reset>",
+            r"\nreset\n[^$]*?pc +0x[0-9a-f]+ +0x[0-9a-f]+ <\S*boot_code\S*>",
         ):
             self.assertRegex(said, wanted)
         before, after = (int(at, 16) for at in re.findall(r"\$\d = .*?(0x[0-9a-f]+) <", said))
