@@ -14,8 +14,9 @@ use super::figure::Figure;
 
 /// What the load is held to, %: the budget of 4 is missed since the outputs drive bridges with two
 /// inputs, all members' ticks follow SYNC together, and setpoints come closer to their SYNC
-/// (docs/performance.md).
-const LOAD_CEILING: f64 = 4.2;
+/// (docs/performance.md). Where the code lies, which changes with the folder of the
+/// build, moves it by 0.05.
+const LOAD_CEILING: f64 = 4.3;
 /// Time of driving that is measured, ms.
 const MEASURED_MS: u64 = 1_000;
 /// Time of driving until the robots' clocks are in step, ms: the time constant is 64 SYNCs.
