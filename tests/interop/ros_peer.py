@@ -218,6 +218,21 @@ class Repeated:
         self.thread.join()
 
 
+def udp_ports(pid):
+    """The ports on which a process listens."""
+    with open(f"/proc/{pid}/net/udp") as table:
+        rows = [line.split() for line in table.readlines()[1:]]
+    ports = {row[9]: int(row[1].rpartition(":")[2], 16) for row in rows}
+    found = set()
+    for descriptor in os.listdir(f"/proc/{pid}/fd"):
+        try:
+            target = os.readlink(f"/proc/{pid}/fd/{descriptor}")
+        except FileNotFoundError:
+            continue
+        found.add(ports.get(target.removeprefix("socket:[").removesuffix("]")))
+    return found - {None}
+
+
 class Node:
     """`omnibus ros` in a process."""
 

@@ -19,7 +19,7 @@ import ruamel.yaml
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ros_peer import DOMAIN, ROOT, STORE, Node, Peer, Repeated, RosTest, stamped, taken, twist, until
+from ros_peer import ROOT, STORE, Node, Peer, Repeated, RosTest, stamped, taken, twist, udp_ports, until
 
 STAMPED = "geometry_msgs/msg/TwistStamped"
 PLAIN = "geometry_msgs/msg/Twist"
@@ -185,7 +185,10 @@ class Links(RosTest):
 
     def test_a_hundred_thousand_mutated_datagrams(self):
         node, peer, watcher = self.started()
-        ports = [7400 + 250 * DOMAIN + offset for offset in (0, 1, *range(10, 34))]
+        # Those that are the node's alone: CycloneDDS, in this process, does not survive every datagram, and of one
+        # sent to a port that participants share only one of them gets it.
+        ports = sorted(udp_ports(node.process.pid) - udp_ports(os.getpid()))
+        self.assertGreaterEqual(len(ports), 2)
         dice = random.Random(1)
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.addCleanup(sender.close)
