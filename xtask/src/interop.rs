@@ -133,6 +133,8 @@ fn with_doors(built: &Path) -> anyhow::Result<PathBuf> {
         built.join("omnibus-doors"),
     );
     let copy = |from: &Path, to: &Path| {
+        // One that a test which crashed has left running cannot be written over.
+        let _ = std::fs::remove_file(to);
         std::fs::copy(from, to).with_context(|| format!("{} to {}", from.display(), to.display()))
     };
     copy(&usual, &aside)?;
