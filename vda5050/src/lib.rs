@@ -22,6 +22,7 @@
 //! unless a later version is named.
 #![forbid(unsafe_code)]
 
+pub mod configuration;
 pub mod error;
 pub mod leg;
 pub mod message;
@@ -32,6 +33,7 @@ mod validate;
 pub mod vehicle;
 mod version;
 
+pub use configuration::Configuration;
 pub use error::{ErrorKind, Refusal};
-pub use vehicle::{Configuration, Outgoing, Request, Seen, Topic, Vehicle};
+pub use vehicle::{Outgoing, Request, Seen, Topic, Vehicle};
 pub use version::Version;

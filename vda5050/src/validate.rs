@@ -4,10 +4,10 @@
 use std::f64::consts::PI;
 
 use crate::Version;
+use crate::configuration::Configuration;
 use crate::error::{ErrorKind, Refusal};
 use crate::message::order::{Edge, Node, NodePosition, Order};
 use crate::nurbs::Nurbs;
-use crate::vehicle::Configuration;
 
 /// Most nodes of one message.
 pub const MOST_NODES: usize = 1_000;

@@ -1,6 +1,6 @@
 //! What the factsheet says of a group: from its file.
 
-use ::vda5050::message::factsheet::{Physics, Wheel};
+use ::vda5050::configuration::{Physics, Wheel};
 use group::GroupFile;
 
 /// Width of a wheel as a share of its diameter: group files do not have it. Wheels of this kind are

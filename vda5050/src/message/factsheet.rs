@@ -3,58 +3,9 @@
 use serde_json::{Map, Value, json};
 
 use crate::Version;
+use crate::configuration::{Configuration, Physics, Size};
 use crate::nurbs::MOST_POINTS;
 use crate::validate::MOST_NODES;
-use crate::vehicle::Configuration;
-
-/// A wheel, as the factsheet has it: m, in the axes of the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wheel {
-    /// Place ahead of the origin.
-    pub x: f64,
-    /// Place left of the origin.
-    pub y: f64,
-    /// Direction in which it rolls forward, rad.
-    pub theta: f64,
-    /// Diameter.
-    pub diameter: f64,
-    /// Width.
-    pub width: f64,
-}
-
-/// What a vehicle is like.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Physics {
-    /// Name of its kind.
-    pub series: String,
-    /// m/s.
-    pub speed: f64,
-    /// rad/s.
-    pub turn: f64,
-    /// m/s2.
-    pub acceleration: f64,
-    /// Its outline on the floor, counter-clockwise, m.
-    pub outline: Vec<[f64; 2]>,
-    /// Its wheels.
-    pub wheels: Vec<Wheel>,
-}
-
-impl Physics {
-    /// Length and width of the outline, m.
-    fn size(&self) -> (f64, f64) {
-        let span = |axis: usize| {
-            let all = self
-                .outline
-                .iter()
-                .filter_map(|point| point.get(axis).copied());
-            let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            });
-            (high - low).max(0.0)
-        };
-        (span(0), span(1))
-    }
-}
 
 /// Names and types.
 type Parameters = &'static [(&'static str, &'static str)];
@@ -140,7 +91,7 @@ pub fn body(configuration: &Configuration) -> Map<String, Value> {
 
 fn physical(configuration: &Configuration, new: bool) -> Value {
     let (physics, height) = (&configuration.physics, configuration.height);
-    let (length, width) = physics.size();
+    let Size { length, width } = physics.size();
     let Physics {
         speed,
         turn,

@@ -19,36 +19,18 @@ use std::collections::VecDeque;
 use kinematics::{Pose, Twist};
 use serde_json::Value;
 
+use crate::configuration::Configuration;
 use crate::error::Refusal;
 use crate::leg::Leg;
-use crate::message::factsheet::{self, Physics};
+use crate::message::Connection;
+use crate::message::factsheet;
 use crate::message::state::{ActionState, ActionStatus, OperatingMode, State, VehicleError};
-use crate::message::{Connection, Identity};
 use crate::order::Held;
 
 /// Messages that wait for a connection at most; the oldest go first.
 pub const MOST_WAITING: usize = 1_000;
 /// Refusals and instant actions that are remembered at most.
 const MOST_REMEMBERED: usize = 50;
-
-/// What a vehicle is told once.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Configuration {
-    /// Whose messages these are.
-    pub identity: Identity,
-    /// Map on which it begins.
-    pub map: String,
-    /// What it is like.
-    pub physics: Physics,
-    /// Its height, m.
-    pub height: f64,
-    /// How far from a node it may stand where the node says nothing, m.
-    pub tolerance: f64,
-    /// Longest time between two states, ms.
-    pub state_interval_ms: u64,
-    /// Time between two visualizations, ms; 0 for none.
-    pub visualization_interval_ms: u64,
-}
 
 /// Where a message comes from or goes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
 use kinematics::Pose;
+use omnibus_vda5050::configuration::{Physics, Wheel};
 use omnibus_vda5050::message::Identity;
-use omnibus_vda5050::message::factsheet::{Physics, Wheel};
 use omnibus_vda5050::{Configuration, Outgoing, Request, Seen, Topic, Vehicle, Version};
 use serde_json::{Value, json};
 
