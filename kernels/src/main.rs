@@ -1,4 +1,5 @@
-//! The functions of the control tick, one by one, over a range of inputs, for `cargo xtask bench`.
+//! The functions of the control tick, one by one, over a range of inputs, and whole control ticks
+//! (`robot`), for `cargo xtask bench`.
 //!
 //! This image is built in the firmware's profile and run in the emulator, which counts the
 //! instructions of every call of the functions in `kernels`. Each calls the function of the library
@@ -14,6 +15,8 @@ mod kernels;
 #[cfg(target_os = "none")]
 #[path = "../../src/board/memory.rs"]
 mod memory;
+#[cfg(target_os = "none")]
+mod robot;
 
 #[cfg(target_os = "none")]
 #[cortex_m_rt::entry]
