@@ -15,7 +15,7 @@ use std::process::{Child, Command, Stdio};
 use anyhow::{Context as _, bail};
 use omnibus::report::Scalar;
 
-use crate::{cargo, firmware};
+use crate::{cargo, firmware, release};
 
 /// Options of `cargo xtask interop`.
 #[derive(clap::Args)]
@@ -50,6 +50,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     std::fs::create_dir_all(&logs).with_context(|| format!("{}", logs.display()))?;
 
+    let image = cargo::target_folder().join("interop/omnibus.image");
+    release::development(image.clone())?;
+
     let _awake = Awake::new(&python)?;
     let python_tests = |files: &[&str], backend: &str| {
         println!("{backend}: {}", files.join(", "));
@@ -65,6 +68,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .env("OMNIBUS_EXAMPLES", built.join("examples"))
             .env("NODE_PATH", &modules)
             .env("OMNIBUS_ELF", &elf)
+            .env("OMNIBUS_IMAGE", &image)
             .env("OMNIBUS_BACKEND", backend)
             .env("OMNIBUS_LOGS", &logs);
         command
@@ -93,7 +97,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             python_tests(&["test_robot", "test_dictionary"], "emulator").env("OMNIBUS_CABLE", "1"),
         )?;
     }
-    unittest(&["test_emulate"], "emulator")?;
+    unittest(&["test_emulate", "test_update"], "emulator")?;
     unittest(&["test_log"], "logs")?;
     unittest(
         &[

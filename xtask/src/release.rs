@@ -76,6 +76,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Makes a file for robots that believe the development key.
+pub fn development(out: PathBuf) -> anyhow::Result<()> {
+    run(&Arguments {
+        out,
+        key: None,
+        development: true,
+    })
+}
+
 /// Makes a pair of keys.
 pub fn keys(arguments: &KeysArguments) -> anyhow::Result<()> {
     let out = std::path::absolute(&arguments.out)?;
