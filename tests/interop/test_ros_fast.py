@@ -2,11 +2,12 @@
 
 import math
 import os
+import socket
 import subprocess
 import threading
 import unittest
 
-from ros_peer import DOMAIN, STORE, Node, Peer, Repeated, RosTest, Watcher, dds_name, until
+from ros_peer import DOMAIN, STORE, Node, Peer, Repeated, RosTest, Watcher, dds_name, udp_ports, until
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -144,6 +145,22 @@ class FastDds(unittest.TestCase):
                 self.assertTrue(math.isfinite(message.transforms[0].transform.rotation.w))
             else:
                 self.assertTrue(any(status.name == "omnibus: tcc-2" for status in message.status))
+
+
+class TakenPorts(unittest.TestCase):
+    """The port for data of a participant is taken, that for discovery beside it is free: what participants that start
+    together can leave to each other."""
+
+    def test_the_node_takes_ports_that_belong_together(self):
+        ports = 7400 + 250 * DOMAIN
+        for participant in range(2):
+            taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self.addCleanup(taken.close)
+            taken.bind(("0.0.0.0", ports + 11 + 2 * participant))
+        node = Node(self)
+        pair = {ports + 10 + 4, ports + 11 + 4}
+        until("the first ports of which both are free", lambda: pair <= udp_ports(node.process.pid))
+        until("odom", FastPeer(self).reader("odom", "odom", ODOMETRY))
 
 
 class OtherMiddleware(RosTest):

@@ -107,14 +107,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "test_foreign",
             "test_mujoco",
             "test_ros",
+            "test_ros_fast",
             "test_vda5050",
         ],
         "native",
     )?;
-    // A participant of Fast DDS is not found in some runs, for a reason that is not known yet.
-    if std::env::var_os("OMNIBUS_FAST_DDS").is_some() {
-        unittest(&["test_ros_fast"], "native")?;
-    }
     for (file, example) in [("test_device.py", "interop"), ("test_client.py", "sdo")] {
         println!("canopen: {file}");
         let mut command = Command::new(&python);

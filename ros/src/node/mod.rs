@@ -14,12 +14,12 @@
 pub mod environment;
 mod graph;
 mod peers;
+mod ports;
 
 use std::pin::Pin;
 
 use futures::channel::mpsc::Receiver;
 use futures::stream::{Stream, StreamExt as _, iter, select};
-use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::{
     Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, Server, ServiceMapping,
@@ -28,7 +28,7 @@ use ros2_client::{
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use self::environment::{Environment, Reach, Services};
+use self::environment::{Environment, Services};
 use self::graph::Graph;
 use crate::message::{
     BatteryState, Bool, DiagnosticArray, Header, JointState, Message, Odometry, TFMessage, Twist,
@@ -222,14 +222,7 @@ pub fn run(
 }
 
 fn context(environment: &Environment) -> Result<Context, NodeError> {
-    let mut builder = DomainParticipantBuilder::new(environment.domain);
-    if environment.reach == Reach::Localhost {
-        builder = builder.with_only_networks([std::net::Ipv4Addr::LOCALHOST]);
-    }
-    let participant = builder
-        .build()
-        .map_err(|error| refused("the network")(&format_args!("{error:?}")))?;
-    Context::from_domain_participant(participant)
+    Context::from_domain_participant(ports::participant(environment)?)
         .map_err(|error| refused("the network")(&format_args!("{error:?}")))
 }
 

@@ -18,7 +18,7 @@ use ros2_client::Context;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::environment::{Environment, Reach};
-use super::{NodeError, refused};
+use super::{NodeError, ports, refused};
 
 /// Group of announcements (RTPS 2.5, 9.6.1.4).
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
@@ -33,12 +33,6 @@ pub(super) struct Relay {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Port of announcements to the group, and of those to one participant (RTPS 2.5, 9.6.2.3).
-const fn ports(domain: u16) -> (u16, u16) {
-    let base = 7400 + 250 * domain;
-    (base, base + 10)
-}
-
 impl Relay {
     pub(super) fn start(
         environment: &Environment,
@@ -48,14 +42,15 @@ impl Relay {
             return Ok(None);
         }
         let refused = refused("ROS_STATIC_PEERS");
-        let (group, first) = ports(environment.domain);
-        let socket = listen(group, environment).map_err(|error| refused(&error))?;
+        let domain = environment.domain;
+        let socket =
+            listen(ports::announcements(domain), environment).map_err(|error| refused(&error))?;
         let guid = ros2_client::Gid::from(ros2_client::dds::rustdds::RTPSEntity::guid(
             &context.domain_participant(),
         ));
         let mut own = [0; 12];
         own.copy_from_slice(&guid.to_bytes16()[..12]);
-        let targets = targets(&environment.peers, first);
+        let targets = targets(&environment.peers, domain);
         let over = Arc::new(AtomicBool::new(false));
         let its_over = Arc::clone(&over);
         let thread = std::thread::spawn(move || relay(&socket, own, &targets, &its_over));
@@ -75,10 +70,10 @@ impl Drop for Relay {
     }
 }
 
-fn targets(peers: &[IpAddr], first: u16) -> Vec<SocketAddr> {
+fn targets(peers: &[IpAddr], domain: u16) -> Vec<SocketAddr> {
     let of = |peer: &IpAddr| {
         let peer = *peer;
-        (0..PARTICIPANTS).map(move |index| SocketAddr::new(peer, first + 2 * index))
+        (0..PARTICIPANTS).map(move |number| SocketAddr::new(peer, ports::discovery(domain, number)))
     };
     peers.iter().flat_map(of).collect()
 }

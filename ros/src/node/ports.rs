@@ -1,0 +1,103 @@
+//! A participant whose ports belong together.
+//!
+//! A participant has a port for discovery and one for data, which follow from its number (RTPS 2.5,
+//! 9.6.2.3). The library takes the first number whose port for discovery is free. Where someone
+//! else has the port for data of that number, it listens at any free port, announces that one for
+//! readers, but still the port of the number for writers (`DiscoveredWriterData::new` in RustDDS
+//! 0.15.1). The answers of a reliable reader to a writer then go to someone else, and Fast DDS
+//! hears nothing of the writer. Programs that start together tear pairs apart: Fast DDS looks for a
+//! free port for discovery and for one for data separately.
+//!
+//! [`participant`] therefore looks at the ports that this process has got. Where they do not belong
+//! together, it occupies that port for discovery, so that the library takes another number, and
+//! makes the participant again.
+//!
+//! Limits: ports are looked up in `/proc`. Where there is none, the first participant is taken.
+
+use std::collections::HashSet;
+use std::fs;
+use std::io;
+use std::net::{Ipv4Addr, UdpSocket};
+
+use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantBuilder};
+
+use super::environment::{Environment, Reach};
+use super::{NodeError, refused};
+
+/// Participants that a computer may have in one domain (RTPS 2.5, 9.6.2.3).
+const PARTICIPANTS: u16 = 120;
+
+/// Port of announcements to the group (RTPS 2.5, 9.6.2.3).
+pub(super) const fn announcements(domain: u16) -> u16 {
+    7400 + 250 * domain
+}
+
+/// Port for discovery of the participant with that number.
+pub(super) const fn discovery(domain: u16, number: u16) -> u16 {
+    announcements(domain) + 10 + 2 * number
+}
+
+/// Port for data of the participant with that number.
+const fn data(domain: u16, number: u16) -> u16 {
+    announcements(domain) + 11 + 2 * number
+}
+
+/// Makes a participant.
+///
+/// # Errors
+/// When the network refuses it, or no number has both its ports free.
+pub(super) fn participant(environment: &Environment) -> Result<DomainParticipant, NodeError> {
+    let refused = refused("the network");
+    let domain = environment.domain;
+    // Until the participant has its ports.
+    let mut occupied = Vec::new();
+    for _ in 0..PARTICIPANTS {
+        let participant = build(environment)?;
+        let number = participant.participant_id();
+        match own() {
+            Ok(own) if !own.contains(&data(domain, number)) => {}
+            Ok(_) | Err(_) => return Ok(participant),
+        }
+        drop(participant);
+        // Where someone else was faster, the library takes another number, too.
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, discovery(domain, number)));
+        occupied.extend(socket);
+    }
+    Err(refused(&format_args!(
+        "no participant of domain {domain} has both its ports free, {} and above",
+        discovery(domain, 0)
+    )))
+}
+
+fn build(environment: &Environment) -> Result<DomainParticipant, NodeError> {
+    let mut builder = DomainParticipantBuilder::new(environment.domain);
+    if environment.reach == Reach::Localhost {
+        builder = builder.with_only_networks([Ipv4Addr::LOCALHOST]);
+    }
+    builder
+        .build()
+        .map_err(|error| refused("the network")(&format_args!("{error:?}")))
+}
+
+/// The UDP ports of this process.
+fn own() -> io::Result<HashSet<u16>> {
+    let mut sockets = HashSet::new();
+    for descriptor in fs::read_dir("/proc/self/fd")? {
+        // One that was closed meanwhile is none of ours.
+        if let Ok(target) = fs::read_link(descriptor?.path()) {
+            sockets.insert(target.to_string_lossy().into_owned());
+        }
+    }
+    let table = fs::read_to_string("/proc/self/net/udp")?;
+    let of_line = |line: &str| {
+        // The local address comes second, in hexadecimal digits, the inode tenth (proc(5)).
+        let mut fields = line.split_whitespace();
+        let (_, port) = fields.nth(1)?.split_once(':')?;
+        let inode = fields.nth(7)?;
+        let port = u16::from_str_radix(port, 16).ok()?;
+        sockets
+            .contains(&format!("socket:[{inode}]"))
+            .then_some(port)
+    };
+    Ok(table.lines().skip(1).filter_map(of_line).collect())
+}
