@@ -1,5 +1,14 @@
-//! Commissioning that is stopped in the middle leaves a robot at rest and a member of its group.
+//! Commissioning that is stopped at any moment leaves the robots at rest, all configured or none,
+//! and members of their group.
 
+mod common;
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use common::{Served, omnibus, programs, root};
 use group::GroupFile;
 use kinematics::Pose;
 use omnibus::commission::motors::{Settings, identify_motors};
@@ -60,4 +69,115 @@ fn a_wheel_test() {
     let stopped = test_wheels(session.wire(), 2, period, &mut look, &mut stop_at(0.3));
     assert_eq!(stopped.unwrap_err(), MasterError::Aborted);
     assert_at_rest(&mut session, 0b1100);
+}
+
+/// The simulator with fresh robots, and the address of its bus.
+fn serve() -> (Served, String) {
+    let child = Command::new(programs().join("omnibus-sim"))
+        .args(["serve", "groups/tcc-2.toml", "--lockstep", "127.0.0.1:0"])
+        .current_dir(root())
+        .env("OMNIBUS_SIM_SPEED", "max")
+        .stdout(Stdio::piped())
+        .spawn();
+    let mut served = Served(child.unwrap());
+    let lines = BufReader::new(served.0.stdout.take().unwrap()).lines();
+    let said: Vec<String> = lines
+        .map_while(Result::ok)
+        .take_while(|line| !line.starts_with("serving"))
+        .collect();
+    let address = said.iter().find_map(|line| line.strip_prefix("lockstep "));
+    (served, address.expect("an address").to_owned())
+}
+
+/// How a command ended, and how many lines it sent to the bus.
+struct Ended {
+    code: Option<i32>,
+    sent: usize,
+}
+
+/// How long the line after Ctrl-C is held back. The command waits for its answer meanwhile, so it
+/// does nothing but take notice of the signal.
+const NOTICE: Duration = Duration::from_millis(100);
+
+/// Runs a command on a bus. It gets a Ctrl-C when it sends line number `stop`.
+fn run(arguments: &[&str], bus: &str, stop: usize) -> Ended {
+    let proxy = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("lockstep://{}", proxy.local_addr().unwrap());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_omnibus"))
+        .args(arguments)
+        .args(["--bus", &address, "--group", "groups/tcc-2.toml"])
+        .current_dir(root())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let id = child.id().to_string();
+    let (from, _) = proxy.accept().unwrap();
+    let mut to = TcpStream::connect(bus).unwrap();
+    from.set_nodelay(true).unwrap();
+    to.set_nodelay(true).unwrap();
+    let (mut answers, mut back) = (to.try_clone().unwrap(), from.try_clone().unwrap());
+    std::thread::spawn(move || std::io::copy(&mut answers, &mut back));
+    let mut sent = 0;
+    for line in BufReader::new(from).lines().map_while(Result::ok) {
+        if sent == stop {
+            let killed = Command::new("kill").args(["-INT", &id]).status().unwrap();
+            assert!(killed.success());
+            std::thread::sleep(NOTICE);
+        }
+        sent += 1;
+        if writeln!(to, "{line}").is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(Shutdown::Both);
+    let code = child.wait().unwrap().code();
+    Ended { code, sent }
+}
+
+/// What `omnibus status` says of each robot: its NMT state and its state as a member.
+fn states(bus: &str) -> Vec<(String, String)> {
+    let bus = format!("lockstep://{bus}");
+    let output = omnibus(&["status", "--json", "--bus", &bus]);
+    let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let word = |value: &serde_json::Value| value.as_str().unwrap_or("none").to_owned();
+    let robots = status["robots"].as_array().unwrap().iter();
+    robots
+        .map(|robot| (word(&robot["nmt"]), word(&robot["state"])))
+        .collect()
+}
+
+/// Interrupts a command at moments spread evenly from its first line to its last but a tenth.
+fn at_any_moment(arguments: &[&str]) {
+    const MOMENTS: usize = 12;
+    let (served, bus) = serve();
+    let whole = run(arguments, &bus, usize::MAX);
+    assert_eq!(whole.code, Some(0));
+    drop(served);
+    let mut seen = Vec::new();
+    for moment in 0..MOMENTS {
+        let (_served, bus) = serve();
+        let stop = whole.sent * 9 / 10 * moment / (MOMENTS - 1);
+        let ended = run(arguments, &bus, stop);
+        assert_eq!(ended.code, Some(130), "at line {stop} of {}", whole.sent);
+        let states = states(&bus);
+        let state = states[0].1.clone();
+        let at_rest = ["Unconfigured", "Ready"].contains(&state.as_str());
+        assert!(at_rest, "at line {stop} of {}: {states:?}", whole.sent);
+        let alike = ("PreOperational".to_owned(), state.clone());
+        assert_eq!(states, [alike.clone(), alike], "at line {stop}");
+        seen.push(state);
+    }
+    seen.dedup();
+    assert_eq!(seen, ["Unconfigured", "Ready"], "first and later moments");
+}
+
+#[test]
+fn ctrl_c_at_any_moment_of_a_wheel_test() {
+    at_any_moment(&["wheel-test", "--node", "2", "--wheels-free"]);
+}
+
+#[test]
+fn ctrl_c_at_any_moment_of_an_identification() {
+    at_any_moment(&["identify-motors", "--node", "2", "--wheels-free"]);
 }

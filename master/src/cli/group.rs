@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use group::{Examination, GroupError, GroupFile};
-use omnibus::Group;
 use omnibus::session::{configure, sdo};
 use ros::names::Frames;
 use serde_json::json;
@@ -233,8 +232,7 @@ fn show(group: &GroupFile, node: Option<u8>) -> anyhow::Result<()> {
 
 fn apply(target: &Target, save: bool) -> anyhow::Result<()> {
     let file = target.group()?;
-    let mut group = Group::connect(target.command(&file)?, &file)?;
-    group.configure(true)?;
+    let (mut group, _) = super::configured(target, &file)?;
     let counts: Vec<_> = file
         .robots
         .iter()

@@ -17,6 +17,7 @@ use omnibus::pilot::Pilot;
 use omnibus::recording::Header;
 use omnibus::report::BackendName;
 use omnibus::run::DriveError;
+use omnibus::session::Group;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::{self, link::SimLink};
 use protocol::Limit;
@@ -282,6 +283,21 @@ pub fn abort_on_ctrl_c() -> anyhow::Result<Abort> {
     let shared = abort.clone();
     ctrlc::set_handler(move || shared.ask()).context("cannot watch for Ctrl-C")?;
     Ok(abort)
+}
+
+/// A configured group for the commissioning of one of its robots, and the abort that Ctrl-C asks
+/// for. It is watched for from the beginning, and a configuration that has begun is completed, so
+/// that all robots are configured or none.
+pub fn configured(
+    target: &Target,
+    file: &GroupFile,
+) -> anyhow::Result<(Group<Box<dyn Link>>, Abort)> {
+    let abort = abort_on_ctrl_c()?;
+    let mut group = Group::connect(target.command(file)?, file)?;
+    abort.check()?;
+    group.configure(true)?;
+    abort.check()?;
+    Ok((group, abort))
 }
 
 /// Says that a group ran slower than it was asked to, and because of whom.

@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use omnibus::commission::motors::{self, Settings, WHEELS};
-use omnibus::session::{Group, sdo};
+use omnibus::session::sdo;
 use protocol::{Address, OBJECTS, Value, address};
 use serde_json::json;
 
@@ -94,9 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         damping: arguments.damping,
         ..Settings::default()
     };
-    let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
-    session.configure(true)?;
-    let abort = super::abort_on_ctrl_c()?;
+    let (mut session, abort) = super::configured(&arguments.target, &group)?;
     let period_us = session.period_us();
     let wire = session.wire();
     let progress = Progress::endless(&format!("identifying the motors of node {node}"));

@@ -13,7 +13,10 @@ use serde_json::json;
 
 use super::output::Found;
 use super::param_text::{find, parse};
-use super::{Target, communication, json, output, param_file, print_json, print_line, print_note};
+use super::{
+    Target, abort_on_ctrl_c, communication, json, output, param_file, print_json, print_line,
+    print_note,
+};
 
 const EXAMPLES: &str = "Examples:
   omnibus param list wheel
@@ -358,6 +361,8 @@ fn load(file: &std::path::Path, at: &At) -> anyhow::Result<()> {
             at.node
         ));
     }
+    // From here on it is completed, whatever is pressed.
+    let _ = abort_on_ctrl_c()?;
     for (object, value) in &parameters.values {
         wire.write_checked(at.node, *object, *value)?;
     }

@@ -10,7 +10,6 @@ use omnibus::abort::Abort;
 use omnibus::commission::motors::WHEELS;
 use omnibus::commission::wheel_test::{Finding, Observed, test_wheels};
 use omnibus::error::MasterError;
-use omnibus::session::Group;
 use protocol::{Value, address};
 use serde_json::json;
 
@@ -84,10 +83,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
              --wheels-free"
         );
     }
-    let mut session = Group::connect(arguments.target.command(&group)?, &group)?;
-    session.configure(true)?;
+    let (mut session, abort) = super::configured(&arguments.target, &group)?;
     let period_us = session.period_us();
-    let abort = super::abort_on_ctrl_c()?;
     let progress = Progress::endless(&format!("turning the wheels of node {node}"));
     let mut look = |wheel| match arguments.ask {
         true => progress.aside(|| ask(wheel, &abort)),

@@ -145,7 +145,9 @@ pub fn turn_wheel<L: Link>(
     };
     let mut run = Run::new(wire, node, period_us);
     let status = run.whole(&settings, seen);
-    run.syncs(COAST_SYNCS)?;
+    if status != Err(MasterError::Aborted) {
+        run.syncs(COAST_SYNCS)?;
+    }
     // The next one who asks means all wheels.
     let all = run.wire.write(
         node,

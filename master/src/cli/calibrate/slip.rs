@@ -435,6 +435,8 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
     let from = undo_path(arguments, path);
     let record = UndoRecord::load(&from)?;
     let mut group = Group::connect(arguments.target.command(file)?, file)?;
+    // From here on it is completed, whatever is pressed.
+    let _ = abort_on_ctrl_c()?;
     group.command(NmtCommand::EnterPreOperational)?;
     for held in &record.robots {
         held.write(group.wire())?;
