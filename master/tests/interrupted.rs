@@ -8,22 +8,32 @@ use std::net::{Shutdown, TcpListener, TcpStream};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use canopen::{Frame, Micros};
 use common::{Served, omnibus, programs, root};
 use group::GroupFile;
 use kinematics::Pose;
+use omnibus::bus::link::{Link, LinkError};
 use omnibus::commission::motors::{Settings, identify_motors};
 use omnibus::commission::wheel_test::test_wheels;
 use omnibus::error::MasterError;
 use omnibus::session::Group;
 use omnibus::simulation::{link::SimLink, run::world};
-use protocol::{Fault, Kind, MemberState, address};
+use protocol::{Fault, Kind, MemberState, address, cob};
+
+fn file() -> GroupFile {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml");
+    GroupFile::load(path).unwrap()
+}
+
+fn simulated(file: &GroupFile) -> SimLink {
+    let world = world(file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
+    SimLink::new(world, "sim")
+}
 
 /// A configured group on a simulated bus.
 fn session() -> Group<SimLink> {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-2.toml");
-    let file = GroupFile::load(path).unwrap();
-    let world = world(&file, None, Pose::new(0.0, 0.0, 0.0)).unwrap();
-    let mut session = Group::connect(SimLink::new(world, "sim"), &file).unwrap();
+    let file = file();
+    let mut session = Group::connect(simulated(&file), &file).unwrap();
     session.configure(true).unwrap();
     session
 }
@@ -69,6 +79,51 @@ fn a_wheel_test() {
     let stopped = test_wheels(session.wire(), 2, period, &mut look, &mut stop_at(0.3));
     assert_eq!(stopped.unwrap_err(), MasterError::Aborted);
     assert_at_rest(&mut session, 0b1100);
+}
+
+/// A bus that loses every SYNC sent between 1.0 and 1.1 s after the first one.
+struct Loses<L> {
+    link: L,
+    began: Option<Micros>,
+}
+
+impl<L: Link> Link for Loses<L> {
+    fn now(&self) -> Micros {
+        self.link.now()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        if frame.id() == cob::SYNC {
+            let now = self.now();
+            let since = now.since(*self.began.get_or_insert(now)).0;
+            if (1_000_000..1_100_000).contains(&since) {
+                return Ok(());
+            }
+        }
+        self.link.send(frame)
+    }
+
+    fn receive(&mut self, until: Micros) -> Result<Option<(Micros, Frame)>, LinkError> {
+        self.link.receive(until)
+    }
+}
+
+#[test]
+fn a_fault_in_an_identification_is_named() {
+    let file = file();
+    let began = None;
+    let link = Loses {
+        link: simulated(&file),
+        began,
+    };
+    let mut session = Group::connect(link, &file).unwrap();
+    session.configure(true).unwrap();
+    let period = session.period_us();
+    let settings = Settings::default();
+    let ended = identify_motors(session.wire(), 2, period, &settings, &mut |_| Ok(()));
+    let text = ended.unwrap_err().to_string();
+    assert!(text.contains("fault SyncLost"), "{text}");
+    assert!(!text.contains("stopped by the master"), "{text}");
 }
 
 /// The simulator with fresh robots, and the address of its bus.

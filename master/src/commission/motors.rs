@@ -10,7 +10,7 @@
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
-use protocol::{Address, Kind, RobotReport, Value};
+use protocol::{Address, Code, Kind, RobotReport, Value};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
@@ -28,6 +28,8 @@ const TIME_LIMIT_US: u64 = 25_000_000;
 /// Status of object 0x2051:2.
 const RUNNING: u32 = 1;
 const DONE: u32 = 2;
+const STOPPED: u32 = 3;
+const FAULTED: u32 = 4;
 
 /// How far a run may go, and what is made of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,9 +95,8 @@ pub fn identify_motors<L: Link>(
     match run.whole(settings, seen)? {
         DONE => run.results(),
         status => {
-            let reason = reason(status, run.read(at::IDENTIFY_WHEEL)?);
-            let error = MasterError::Identification { node, reason };
-            Err(run.wire.blame(error))
+            let wheel = run.read(at::IDENTIFY_WHEEL)?;
+            Err(run.failure(status, wheel)?)
         }
     }
 }
@@ -162,9 +163,7 @@ pub fn turn_wheel<L: Link>(
     }
     let status = status?;
     if status != DONE && !(5..=10).contains(&status) {
-        let reason = reason(status, u32::from(wheel));
-        let error = MasterError::Identification { node, reason };
-        return Err(run.wire.blame(error));
+        return Err(run.failure(status, u32::from(wheel))?);
     }
     let speed = if status == DONE {
         let results = run.results()?;
@@ -201,8 +200,8 @@ pub fn accept<L: Link>(
 /// What a status says.
 fn reason(status: u32, wheel: u32) -> String {
     let why = match status {
-        3 => "stopped by the master",
-        4 => "a fault occurred; its code is in the member's status and history",
+        STOPPED => "stopped by the master",
+        FAULTED => "a fault occurred; its code is in the member's status and history",
         5 => "its time limit of 20 s expired",
         6 => {
             "a wheel exceeded the permitted rate by half; lower the rate, look for a slipping gear"
@@ -305,6 +304,20 @@ impl<'a, L: Link> Run<'a, L> {
                 return Ok(status);
             }
         }
+    }
+
+    /// Why a run failed. Where a fault ended it, that is the cause.
+    fn failure(&mut self, status: u32, wheel: u32) -> Result<MasterError, MasterError> {
+        let node = self.node;
+        let code = self.wire.read(node, at::STATUS_CODE, Kind::U16)?.to_bits();
+        let code = u16::try_from(code).ok().and_then(Code::from_code);
+        let reason = match (status, code) {
+            (STOPPED | FAULTED, Some(Code::Fault(_))) => code.map(|code| code.to_string()),
+            _ => None,
+        };
+        let reason = reason.unwrap_or_else(|| self::reason(status, wheel));
+        let error = MasterError::Identification { node, reason };
+        Ok(self.wire.blame(error))
     }
 
     fn read(&mut self, address: Address) -> Result<u32, MasterError> {
