@@ -11,9 +11,9 @@ use std::{env, fs};
 
 use boot::slots::{self, Slot};
 
-/// The boards: feature, and memory layout. The reference board's is at the top.
+/// The boards: feature, and memory layout; the reference board first.
 const BOARDS: [(&str, &str); 2] = [
-    ("board-nucleo-f446re", "memory.x"),
+    ("board-nucleo-f446re", "memory/nucleo_f446re.x"),
     ("board-robomaster-c", "memory/robomaster_c.x"),
 ];
 
@@ -26,10 +26,6 @@ fn main() {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
-    let selected = |feature: &str| {
-        let name = feature.to_uppercase().replace('-', "_");
-        env::var_os(format!("CARGO_FEATURE_{name}")).is_some()
-    };
     let boards: Vec<_> = BOARDS.iter().filter(|(name, _)| selected(name)).collect();
     let [(_, memory)] = boards[..] else {
         let names = BOARDS.map(|(name, _)| name).join(", ");
@@ -42,9 +38,9 @@ fn main() {
     };
     println!("cargo::rerun-if-changed={memory}");
 
-    // `link.x` includes `memory.x` from the search path.
+    // `link.x` includes `memory.x`, and that includes `board.x` from the search path.
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy(memory, out.join("memory.x")).expect("the layout can be copied to OUT_DIR");
+    fs::copy(memory, out.join("board.x")).expect("the layout can be copied to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
 
     let slot = if selected("slot-b") { Slot::B } else { Slot::A };
@@ -60,7 +56,14 @@ fn main() {
     }
 }
 
-/// The regions of flash that an image has a part in, and where the boot code is put.
+/// Whether a feature is selected.
+fn selected(feature: &str) -> bool {
+    let name = feature.to_uppercase().replace('-', "_");
+    env::var_os(format!("CARGO_FEATURE_{name}")).is_some()
+}
+
+/// The regions of flash that an image has a part in, where the boot code is put, and whether
+/// its wheels are turned by smart drives, for what reads an image.
 fn regions(slot: Slot) -> String {
     format!(
         "MEMORY
@@ -80,7 +83,11 @@ SECTIONS
         slots::MARK,
         slot.address(),
         slot.longest_image(),
-    )
+    ) + if selected("drives-c620") {
+        "_smart_drives = 1;\n"
+    } else {
+        "_smart_drives = 0;\n"
+    }
 }
 
 /// Builds the boot code, a program of its own for the same processor, as `boot.bin`.

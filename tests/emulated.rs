@@ -7,6 +7,7 @@ mod common;
 
 use canopen::Frame;
 use common::{Drive, quick_drive};
+use emulator::Port;
 use kinematics::{MemberKinematics, Mount};
 use omnibus::commission::motors;
 use omnibus::path::curve::Curve;
@@ -260,7 +261,7 @@ fn the_currents_of_all_sensors_are_added() {
     const SCALE: f32 = 160.0;
     const OFFSET: f32 = 0.5;
     /// Channels of PA7, PC4 and PC5, and the voltages there.
-    const PINS: [(usize, f64); 3] = [(7, 0.6), (14, 0.7), (15, 0.9)];
+    const PINS: [(Port, u8, f64); 3] = [(Port::A, 7, 0.6), (Port::C, 4, 0.7), (Port::C, 5, 0.9)];
     for (inputs, amperes) in [(1, 0.1 * SCALE), (2, 0.3 * SCALE), (3, 0.7 * SCALE)] {
         let group = common::group("single");
         let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
@@ -274,9 +275,9 @@ fn the_currents_of_all_sensors_are_added() {
         ] {
             session.wire().write(2, at, value).unwrap();
         }
-        for (channel, volts) in PINS {
+        for (port, pin, volts) in PINS {
             let board = session.link().world.board(2).unwrap();
-            board.set_analog(channel, volts);
+            board.set_analog(port, pin, volts);
         }
         session.start().unwrap();
         let value = session.wire().read(2, address::CURRENT, Kind::F32).unwrap();

@@ -74,7 +74,7 @@ impl Desk {
             board.set_input(port, pin, level);
         }
         // 12 V behind the divider.
-        board.set_analog(4, 12.0 / 11.0);
+        board.set_analog(Port::A, 4, 12.0 / 11.0);
         let mut desk = Self {
             board,
             bus,

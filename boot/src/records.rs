@@ -61,7 +61,7 @@ pub const BLANK: u32 = u32::MAX;
 /// How often an image on trial is started.
 pub const ATTEMPTS: u8 = 3;
 
-/// First word of the mark of the cable, which `memory.x` has too. The second word is blank until an
+/// First word of the mark of the cable, which `memory/` has too. The second word is blank until an
 /// update begins.
 pub const CABLE: u32 = u32::from_le_bytes(*b"OMCB");
 

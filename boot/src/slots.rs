@@ -1,4 +1,4 @@
-//! Where everything lies in flash: the only place that says it in Rust; `memory.x` is for the
+//! Where everything lies in flash: the only place that says it in Rust; `memory/` is for the
 //! linker.
 //!
 //! | sectors | address | length | |

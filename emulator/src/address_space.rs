@@ -18,7 +18,6 @@ use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::{self, Ram};
 use crate::soc::{DBGMCU, IrqLines, Soc};
 use crate::system::adc::VREFINT_CALIBRATION;
-use crate::system::flash;
 
 /// First address and size of system memory, where ST keeps the unique number, the flash size and
 /// calibrations.
@@ -189,7 +188,7 @@ impl MemOps for FlashWrites {
     }
 }
 
-/// Builds the address space of one board (RM0390 section 2.2.2).
+/// Builds the address space of one board (RM0390 section 2.2.2, RM0090 section 2.3).
 pub(crate) fn address_space(
     shared: &Arc<Shared>,
     flash: &Arc<RamStore>,
@@ -201,7 +200,7 @@ pub(crate) fn address_space(
         page_bits: 16,
         cover: 0x5000_0000,
     };
-    let space = AddressSpace::new("stm32f446", 32).with_dispatch(dispatch);
+    let space = AddressSpace::new("stm32f4", 32).with_dispatch(dispatch);
     let mut map = space.topology();
     // At 0 the flash appears again: the chip boots from it (section 2.3).
     for base in [0, FLASH_BASE] {
@@ -214,7 +213,7 @@ pub(crate) fn address_space(
     }
     let writes = Region::io(
         "flash programming",
-        flash::SIZE,
+        flash.len(),
         Arc::new(FlashWrites {
             shared: Arc::clone(shared),
         }),
@@ -224,8 +223,10 @@ pub(crate) fn address_space(
     map.map(ram_region, u64::from(RAM_BASE))?;
 
     let mut system = vec![0xFF; SYSTEM_MEMORY.1];
+    // A chip has a few MiB at most.
+    let flash_kib = (flash.len() / 1024) as u16;
     system[UID..UID + 12].copy_from_slice(&uid);
-    system[FLASH_SIZE_KIB..FLASH_SIZE_KIB + 2].copy_from_slice(&512_u16.to_le_bytes());
+    system[FLASH_SIZE_KIB..FLASH_SIZE_KIB + 2].copy_from_slice(&flash_kib.to_le_bytes());
     system[VREFIN_CAL..VREFIN_CAL + 2].copy_from_slice(&VREFINT_CALIBRATION.to_le_bytes());
     let system = Region::rom(
         "system memory",

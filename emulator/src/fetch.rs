@@ -14,8 +14,8 @@
 
 /// Bytes of a line as a power of two.
 const LINE: u32 = 4;
-/// Lines in the whole flash.
-const LINES: usize = (crate::system::flash::SIZE >> LINE) as usize;
+/// Lines in the largest flash.
+const LINES: usize = (crate::chip::LARGEST_FLASH >> LINE) as usize;
 
 /// Marks an instruction that spans two lines.
 pub(crate) const TWO_LINES: u32 = u32::MAX - 1;

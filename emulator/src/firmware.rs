@@ -13,9 +13,9 @@ use defmt_decoder::{Locations, Table};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
+use crate::chip::{Chip, F446};
 use crate::fast::Programmed;
 use crate::memory_map::FLASH_BASE;
-use crate::system::flash;
 
 /// Why an image cannot be loaded.
 #[derive(Debug, thiserror::Error)]
@@ -32,13 +32,22 @@ pub enum LoadError {
     #[error("not an ELF file for a 32-bit little-endian Arm: {0}")]
     NotArmElf(String),
     /// Bytes outside the flash.
-    #[error("{length} bytes at {address:#010x} are outside the flash (512 KiB at 0x08000000)")]
+    #[error(
+        "{length} bytes at {address:#010x} are outside the flash of an {} ({} KiB at 0x08000000)",
+        chip.name,
+        chip.flash_size() / 1024
+    )]
     OutsideFlash {
+        /// The chip that the image is for.
+        chip: &'static Chip,
         /// Where they should go.
         address: u32,
         /// How many.
         length: u32,
     },
+    /// The image is for a chip that is not emulated.
+    #[error("the image is for a chip with the device number {0:#x}, which is not emulated")]
+    UnknownChip(u32),
     /// Nothing at the start of flash: the linker script was missing.
     #[error("no vector table at 0x08000000: was the linker script used?")]
     NoVectorTable,
@@ -59,6 +68,7 @@ pub struct Symbol {
 }
 
 struct Image {
+    chip: &'static Chip,
     elf: Vec<u8>,
     code: Arc<Programmed>,
     functions: Vec<Symbol>,
@@ -103,7 +113,11 @@ impl Firmware {
         if file.architecture() != object::Architecture::Arm {
             return Err(LoadError::NotArmElf(format!("{:?}", file.architecture())));
         }
-        let mut flash = vec![0xFF; flash::SIZE as usize];
+        let chip = match chip_id(&file) {
+            Some(device) => Chip::with_device(device).ok_or(LoadError::UnknownChip(device))?,
+            None => &F446,
+        };
+        let mut flash = vec![0xFF; chip.flash_size() as usize];
         let mut vectors = false;
         for (address, data) in programmed(&elf)? {
             let start = address.wrapping_sub(FLASH_BASE) as usize;
@@ -112,6 +126,7 @@ impl Firmware {
                 .and_then(|end| flash.get_mut(start..end))
             else {
                 return Err(LoadError::OutsideFlash {
+                    chip,
                     address,
                     length: data.len() as u32,
                 });
@@ -153,6 +168,7 @@ impl Firmware {
         drop(file);
         Ok(Self {
             image: Arc::new(Image {
+                chip,
                 elf,
                 code: Arc::new(Programmed::new(flash)),
                 functions,
@@ -163,16 +179,18 @@ impl Firmware {
         })
     }
 
-    /// Loads a raw image: bytes from the start of flash on, without symbols, log or debug
-    /// information.
+    /// Loads a raw image for the STM32F446: bytes from the start of flash on, without symbols, log
+    /// or debug information.
     ///
     /// # Errors
     /// [`LoadError`] when the image is empty or larger than the flash.
     pub fn from_flash(image: &[u8]) -> Result<Self, LoadError> {
-        let mut flash = vec![0xFF; flash::SIZE as usize];
+        let chip = &F446;
+        let mut flash = vec![0xFF; chip.flash_size() as usize];
         let Some(place) = flash.get_mut(..image.len()) else {
             let length = image.len() as u32;
             return Err(LoadError::OutsideFlash {
+                chip,
                 address: FLASH_BASE,
                 length,
             });
@@ -183,6 +201,7 @@ impl Firmware {
         }
         Ok(Self {
             image: Arc::new(Image {
+                chip,
                 elf: Vec::new(),
                 code: Arc::new(Programmed::new(flash)),
                 functions: Vec::new(),
@@ -191,6 +210,12 @@ impl Firmware {
                 locations: Locations::new(),
             }),
         })
+    }
+
+    /// The chip that the image is for.
+    #[must_use]
+    pub fn chip(&self) -> &'static Chip {
+        self.image.chip
     }
 
     /// Content of the flash after programming.
@@ -273,6 +298,12 @@ impl Firmware {
         };
         addresses.iter().map(one).collect()
     }
+}
+
+/// The device number of the chip that an image is linked for, if it says so.
+fn chip_id(file: &ElfFile32<'_, object::LittleEndian>) -> Option<u32> {
+    let symbol = file.symbol_by_name("_chip_id")?;
+    Some(symbol.address() as u32)
 }
 
 /// What a programmer writes of an ELF file: bytes by address, in the order of the file.

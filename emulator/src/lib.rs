@@ -1,11 +1,12 @@
-//! An STM32F446 that runs the release firmware unmodified.
+//! An STM32F4 that runs the release firmware unmodified.
 //!
 //! The emulator loads and executes the same image, byte for byte, that is flashed into a robot. The
 //! processor core with its interrupt controller, system timer and cycle counter comes from
-//! [`rsemu`]; this crate models ST's peripherals from the reference manual RM0390 rev 6, one file
-//! per peripheral, each naming its sections. The crate has no knowledge of the firmware: a
-//! [`Board`] has pins, PWM outputs, encoder inputs, a CAN controller and a serial port, which the
-//! caller connects to a simulated world.
+//! [`rsemu`]; this crate models ST's peripherals from the reference manuals RM0390 rev 6 and RM0090
+//! rev 19, one file per peripheral, each naming its sections. Which chip a board has follows from
+//! its image, and what is particular to a chip is a value ([`chip`]). The crate has no knowledge of
+//! the firmware: a [`Board`] has pins, PWM outputs, encoder inputs, a CAN controller and a serial
+//! port, which the caller connects to a simulated world.
 //!
 //! Peripherals do no work per clock cycle. A counter is computed from the time at which it is read,
 //! and each peripheral reports the time of its next event; a core that sleeps skips straight to
@@ -21,11 +22,11 @@
 //! | RCC: clock tree with lock times, gating, resets, reset causes, CSS | 6 | LPENR has no effect |
 //! | PWR: over-drive, voltage scale, limits of HCLK, voltage detector, brown-out | 5 | stop and standby mode |
 //! | flash: wait states with prefetch and caches, keys, erase and program with their times, stall | 3 | stale cache lines; of the option bytes only the brown-out level has an effect |
-//! | GPIO A..H, alternate functions of the signals below | 7 | LCKR |
+//! | GPIO A..I, alternate functions of the signals below | 7 | LCKR |
 //! | EXTI, SYSCFG | 8, 10 | events (EMR is stored, without effect), memory remap |
 //! | TIM1..14: counting, preload, PWM, complementary outputs alone, encoder with input filters, break, lock | 17..20 | capture, other slave modes, DMA |
 //! | CAN1 and CAN2: modes, mailboxes, shared filters, FIFOs, time stamps, errors, bus-off, loop-back of CAN1 | 30 | TGT (no effect), loop-back of CAN2 (receives nothing) |
-//! | ADC1: one regular channel, once or continuously | 13 | ADC2 and 3, sequences, injected channels, DMA |
+//! | ADC1 to 3: one regular channel, once or continuously, injected ones after it | 13 | sequences, triggers, DMA |
 //! | USART2: eight data bits, baud rate, framing and overrun errors, idle line, DMA | 25 | other ports, parity, other lengths, noise, LIN, flow control |
 //! | DMA1: byte by byte between USART2 and RAM, once or circular | 9 | other requests, FIFO, double buffers |
 //! | IWDG with its oscillator's tolerance | 21 | WWDG |
@@ -55,6 +56,7 @@
 mod address_space;
 mod board;
 pub mod can;
+pub mod chip;
 pub mod clock;
 mod defect;
 mod fast;
@@ -73,6 +75,7 @@ pub mod waveform;
 
 pub use board::{Board, BoardConfig, CoreRegisters, ResetCause, SerialPort};
 pub use can::{CanError, CanFrame, CanId, CanPort, ErrorCounters};
+pub use chip::Chip;
 pub use defect::Defect;
 pub use firmware::{Firmware, LoadError, Symbol, programmed};
 pub use rtt::{Level, LogLine};

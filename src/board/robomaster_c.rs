@@ -1,6 +1,6 @@
 //! RoboMaster Development Board C (STM32F407IGH6, UFBGA176): clocks and pins.
 //!
-//! The image builds. It is neither emulated nor has it been run. A robot can drive with it by smart
+//! The image is emulated, and has not been run on hardware. A robot can drive with it by smart
 //! drives only, because no encoder is reachable (see below).
 //!
 //! | function | peripheral | pins |

@@ -9,7 +9,7 @@
 use core::ptr::{addr_of, read_volatile};
 
 unsafe extern "C" {
-    /// Lowest address of the stack, from `memory.x`.
+    /// Lowest address of the stack, from `memory/`.
     static _stack_end: u32;
     /// First address above the stack.
     static _stack_start: u32;

@@ -21,11 +21,12 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use rsemu::core::device::{Device, ResetKind};
 use rsemu::core::space::{AddressSpace, RamStore};
-use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+use rsemu::cpu::arm::v7m::ArmV7m;
 
 use crate::address_space::{Shared, address_space};
 use crate::can::port::Which;
 use crate::can::{Can, CanFrame, CanPort};
+use crate::chip::Chip;
 use crate::defect::Defect;
 use crate::fast::Fast;
 use crate::firmware::Firmware;
@@ -144,17 +145,18 @@ impl Board {
     /// When there is more than the flash can hold.
     #[must_use]
     pub fn with_flash(firmware: &Firmware, config: BoardConfig, content: &[u8]) -> Self {
-        let flash = Arc::new(RamStore::new(flash::SIZE));
+        let chip = firmware.chip();
+        let flash = Arc::new(RamStore::new(chip.flash_size()));
         flash
             .write_at(0, content)
             .expect("the content fits into the flash");
         let ram = Arc::new(Ram::new());
-        let soc = Soc::new(Arc::clone(&flash), Arc::clone(&ram), &config);
+        let soc = Soc::new(chip, Arc::clone(&flash), Arc::clone(&ram), &config);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
         let space =
             address_space(&shared, &flash, &ram, config.uid).expect("the address map is valid");
         // 16 priority levels (RM0390 section 10.1.1).
-        let cpu = Arc::new(ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(4)));
+        let cpu = Arc::new(ArmV7m::new(chip.core.with_priority_bits(4)));
         cpu.attach_space(Arc::new(space));
         shared.attach(&cpu);
         let log = Log::new(Arc::clone(&ram), firmware);
@@ -180,6 +182,12 @@ impl Board {
             debugger: debug::Debugger::default(),
             follow: None,
         }
+    }
+
+    /// The chip on the board: the one that its firmware is for.
+    #[must_use]
+    pub fn chip(&self) -> &'static Chip {
+        self.firmware.chip()
     }
 
     /// Runs until world time `t_ns`.
@@ -314,9 +322,10 @@ impl Board {
         self.shared.look(|soc| soc.flash.options())
     }
 
-    /// Connects an external input of ADC1 (0..=15) to a voltage. Until this is called it is at 0 V.
-    pub fn set_analog(&mut self, channel: usize, volts: f64) {
-        self.shared.look(|soc| soc.set_analog(channel, volts));
+    /// Connects a pin that the converters can measure to a voltage. Until this is called it is at 0
+    /// V.
+    pub fn set_analog(&mut self, port: Port, pin: u8, volts: f64) {
+        self.shared.look(|soc| soc.set_analog(port, pin, volts));
     }
 
     /// How a pin drives the wire to which it is connected.
@@ -480,7 +489,7 @@ impl Board {
     /// Never: the flash has this size.
     #[must_use]
     pub fn flash(&self) -> Vec<u8> {
-        let mut content = vec![0; flash::SIZE as usize];
+        let mut content = vec![0; self.flash.len() as usize];
         self.flash
             .read_at(0, &mut content)
             .expect("the flash has this size");

@@ -12,9 +12,9 @@ use rsemu::cpu::arm::v7m::isa::{Insn, decode, is_32bit};
 use super::Leave;
 use super::micro::Op;
 use super::translate::{PAGE, Place, translate};
+use crate::chip::LARGEST_FLASH;
 use crate::fetch;
 use crate::memory_map::FLASH_BASE;
-use crate::system::flash;
 
 /// A decoded instruction with its length in bytes.
 #[derive(Debug, Clone, Copy)]
@@ -36,8 +36,8 @@ pub(super) struct Slot {
 
 /// Halfwords of a page, a power of two so that an index needs no check.
 const HALVES: usize = PAGE / 2;
-/// Pages of the flash.
-const PAGES: usize = flash::SIZE as usize / PAGE;
+/// Pages of the largest flash.
+const PAGES: usize = LARGEST_FLASH as usize / PAGE;
 
 /// A page of code, by halfwords.
 pub(super) struct Page {
@@ -137,7 +137,9 @@ impl Code {
 fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Page>, Leave> {
     // An instruction may reach into the next page.
     let begin = number * PAGE;
-    let mut bytes = vec![0; (PAGE + 2).min(flash::SIZE as usize - begin)];
+    let left = (flash.len() as usize).checked_sub(begin);
+    let left = left.filter(|left| *left > 0).ok_or(Leave)?;
+    let mut bytes = vec![0; (PAGE + 2).min(left)];
     flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
     let address = FLASH_BASE + begin as u32;
     if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {

@@ -35,10 +35,10 @@ use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
+use crate::chip::LARGEST_FLASH;
 use crate::fetch::Fetch;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::Ram;
-use crate::system::flash;
 pub(crate) use code::Programmed;
 use code::{Code, Entry};
 
@@ -217,7 +217,7 @@ impl Core {
     /// Takes the registers over, unless the next step is the reference core's.
     fn enter(&mut self, cpu: &ArmV7m, shared: &Shared) -> bool {
         let regs = cpu.regs();
-        if !(FLASH_BASE..FLASH_BASE + flash::SIZE as u32).contains(&regs.r[15])
+        if !(FLASH_BASE..FLASH_BASE + LARGEST_FLASH as u32).contains(&regs.r[15])
             || regs.control & NPRIV != 0
             || regs.faultmask
             || regs.xpsr & xpsr::T == 0

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::board::BoardConfig;
+use crate::chip::F446;
 use crate::soc::Soc;
 use crate::{address_space, ram};
 
@@ -60,9 +61,9 @@ struct Machine {
 
 impl Machine {
     fn new(random: &mut Random) -> Self {
-        let flash = Arc::new(RamStore::new(flash::SIZE));
+        let flash = Arc::new(RamStore::new(F446.flash_size()));
         let mut at = 0;
-        while at < flash::SIZE {
+        while at < F446.flash_size() {
             // As many 32-bit instructions as 16-bit ones, and among them the FPU's more often than
             // by chance.
             let half = match random.of(5) {
@@ -87,6 +88,7 @@ impl Machine {
         }
         let shared = Arc::new(Shared::new(
             Soc::new(
+                &F446,
                 Arc::clone(&flash),
                 Arc::clone(&ram),
                 &BoardConfig {
@@ -155,7 +157,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         }
         regs.r[13] &= !3;
         regs.msp = regs.r[13];
-        regs.r[15] = FLASH_BASE + 4 * random.of(flash::SIZE as u32 / 4 - 2);
+        regs.r[15] = FLASH_BASE + 4 * random.of(F446.flash_size() as u32 / 4 - 2);
         regs.xpsr = xpsr::T | random.next() & (xpsr::N | xpsr::Z | xpsr::C | xpsr::V | xpsr::Q);
         if random.of(3) == 0 {
             // In an IT block: any condition, one to four instructions to come.

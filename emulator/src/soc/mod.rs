@@ -15,6 +15,7 @@ use rsemu::core::space::RamStore;
 
 use crate::board::BoardConfig;
 use crate::can::Can;
+use crate::chip::Chip;
 use crate::clock::Clock;
 use crate::defect::{Defect, Defects};
 use crate::ram::Ram;
@@ -26,8 +27,8 @@ use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
-use crate::system::map::{self, Entry, Gate, Unit};
-use crate::system::pins::{self, Route};
+use crate::system::map::{Entry, Gate, Unit};
+use crate::system::pins::Route;
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::usart::Usart;
@@ -47,15 +48,17 @@ pub(crate) type IrqLines = [u32; 4];
 /// All peripherals.
 #[derive(Debug)]
 pub(crate) struct Soc {
+    pub(crate) chip: &'static Chip,
     pub(crate) now: u64,
     pub(crate) clock: Clock,
     pub(crate) rcc: Rcc,
     pwr: Pwr,
     pub(crate) flash: Flash,
-    gpio: [Gpio; 8],
+    gpio: [Gpio; Port::ALL.len()],
     exti: Exti,
     iwdg: Iwdg,
-    pub(crate) adc: Adc,
+    /// ADC1 to ADC3.
+    adcs: [Adc; 3],
     /// TIM1..TIM14 at their numbers; index 0 is never addressed.
     timers: [Timer; 15],
     pub(crate) can: Can,
@@ -94,23 +97,29 @@ fn on_apb2(timer: usize) -> bool {
 }
 
 impl Soc {
-    pub(crate) fn new(array: Arc<RamStore>, ram: Arc<Ram>, config: &BoardConfig) -> Self {
+    pub(crate) fn new(
+        chip: &'static Chip,
+        array: Arc<RamStore>,
+        ram: Arc<Ram>,
+        config: &BoardConfig,
+    ) -> Self {
         let defects = Defects::new(&config.defects);
-        let mut flash = Flash::new(array);
+        let mut flash = Flash::new(chip, array);
         flash.set_options(config.option_bytes);
         flash.set_factor(defects.flash_factor());
-        let mut adc = Adc::default();
-        adc.set_internal_reference(defects.reference());
+        let mut adcs = [1, 2, 3].map(Adc::new);
+        adcs[0].set_internal_reference(defects.reference());
         Self {
+            chip,
             now: 0,
             clock: Clock::new(config.crystal_ppm),
-            rcc: Rcc::new(config.hse_hz),
-            pwr: Pwr::default(),
+            rcc: Rcc::new(&chip.clocks, config.hse_hz),
+            pwr: Pwr::new(&chip.power),
             flash,
             gpio: Port::ALL.map(Gpio::new),
             exti: Exti::default(),
             iwdg: Iwdg::new(config.lsi_hz),
-            adc,
+            adcs,
             timers: std::array::from_fn(|number| {
                 let mut timer = Timer::new(timer_kind(number));
                 if defects.has(Defect::InputFilters) {
@@ -124,8 +133,7 @@ impl Soc {
             dma1: Dma::default(),
             crc: Crc::default(),
             ram,
-            // STM32F446 revision A, DEV_ID 0x421.
-            dbgmcu: [0x1000_0421, 0, 0, 0],
+            dbgmcu: [chip.id_code, 0, 0, 0],
             irq: [0; 4],
             next_event: u64::MAX,
             stop: None,
@@ -146,7 +154,7 @@ impl Soc {
         self.exti.reset();
         self.exti.reset_syscfg();
         self.iwdg.reset();
-        self.adc.reset();
+        self.adcs.iter_mut().for_each(Adc::reset);
         self.timers.iter_mut().for_each(|timer| timer.reset(now));
         self.can.reset();
         self.can2.reset();
@@ -180,7 +188,7 @@ impl Soc {
                 >> shift)
                 & mask;
         }
-        let Some(entry) = map::find(aligned) else {
+        let Some(entry) = self.chip.peripheral(aligned) else {
             return self.unmodelled("nothing (reserved address)".to_owned(), address, None);
         };
         if let Some(value) = self.unclocked(entry, address, None) {
@@ -206,7 +214,7 @@ impl Soc {
             }
             return;
         }
-        let Some(entry) = map::find(aligned) else {
+        let Some(entry) = self.chip.peripheral(aligned) else {
             self.unmodelled(
                 "nothing (reserved address)".to_owned(),
                 address,
@@ -298,12 +306,14 @@ impl Soc {
             Unit::Exti => self.exti.read(offset).ok_or(""),
             Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
             Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
-            Unit::Adc => {
-                let analog = self.adc.pin(offset).is_some_and(|(port, pin)| {
-                    self.gpio.get(port).map(|gpio| gpio.mode(pin)) == Some(Mode::Analog)
-                });
-                self.adc.read(now_ps, offset, analog).ok_or("")
+            Unit::Adc(number) => {
+                let adc = &self.adcs[number - 1];
+                let analog = adc
+                    .pin(offset)
+                    .is_some_and(|(port, pin)| self.gpio[port as usize].mode(pin) == Mode::Analog);
+                adc.read(now_ps, offset, analog).ok_or("")
             }
+            Unit::AdcCommon => self.adcs[0].read_common(offset).ok_or(""),
             Unit::Other => Err(""),
         }
     }
@@ -362,7 +372,11 @@ impl Soc {
             Unit::Syscfg => self.exti.write_syscfg(offset, value).ok_or("memory remap"),
             Unit::Crc => self.crc.write(offset, value).ok_or(""),
             Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
-            Unit::Adc => self.adc.write(now_ps, offset, value),
+            Unit::Adc(number) => self.adcs[number - 1].write(now_ps, offset, value),
+            Unit::AdcCommon => {
+                let mut adcs = self.adcs.iter_mut();
+                adcs.try_for_each(|adc| adc.write_common(offset, value))
+            }
             Unit::Other => Err(""),
         }
     }
@@ -384,7 +398,7 @@ impl Soc {
 
     /// Resets what RCC holds in reset.
     fn apply_resets(&mut self) {
-        for entry in map::PERIPHERALS {
+        for entry in self.chip.all_peripherals() {
             if !self.rcc.in_reset(entry.gate) {
                 continue;
             }
@@ -401,7 +415,7 @@ impl Soc {
                 Unit::Dma1 => self.dma1.reset(),
                 Unit::Crc => self.crc.reset(),
                 Unit::Pwr => self.pwr.reset(),
-                Unit::Adc => self.adc.reset(),
+                Unit::Adc(number) => self.adcs[number - 1].reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
                 _ => {}
             }
@@ -423,7 +437,9 @@ impl Soc {
         self.can.set_ratio(hclk / clocks.pclk1.max(1));
         self.can2.set_ratio(hclk / clocks.pclk1.max(1));
         self.usart2.set_ratio(hclk / clocks.pclk1.max(1));
-        self.adc.set_clock(clocks.pclk2);
+        for adc in &mut self.adcs {
+            adc.set_clock(clocks.pclk2);
+        }
         if hclk != self.clock.hz() {
             self.clock.set_hz(self.now, hclk);
             self.check_clocks();
@@ -439,19 +455,22 @@ impl Soc {
                 (
                     clocks.hclk,
                     self.flash.max_hclk(self.pwr.vdd()),
-                    "HCLK with these flash wait states and this VDD (RM0390 table 6)",
+                    "HCLK with these flash wait states and this VDD",
                 ),
                 (
                     clocks.hclk,
                     self.pwr.max_hclk(now_ps),
-                    "HCLK with this voltage scale (RM0390 section 5.1.4)",
+                    "HCLK with this voltage scale",
                 ),
-                (clocks.pclk1, 45_000_000, "APB1 (RM0390 section 6.2)"),
-                (clocks.pclk2, 90_000_000, "APB2 (RM0390 section 6.2)"),
+                (clocks.pclk1, self.chip.clocks.apb1_hz, "APB1"),
+                (clocks.pclk2, self.chip.clocks.apb2_hz, "APB2"),
             ]
             .into_iter()
             .find(|(is, max, _)| is > max)
-            .map(|(is, max, what)| format!("{what}: {is} Hz, at most {max} Hz"))
+            .map(|(is, max, what)| {
+                let Chip { name, manual, .. } = self.chip;
+                format!("{what}: {is} Hz, at most {max} Hz on an {name} ({manual})")
+            })
         });
         if let Some(fault) = fault {
             self.stop.get_or_insert(StopKind::Clock(fault));
@@ -468,7 +487,7 @@ impl Soc {
             }
         }
         for timer in [1, 8] {
-            let level = pins::break_input(timer).any(|route| {
+            let level = self.chip.pins.break_input(timer).any(|route| {
                 self.connected(route) && self.gpio[route.port as usize].level(route.pin)
             });
             let level = level && !self.defects.has(Defect::BreakInput(timer));
@@ -485,8 +504,9 @@ impl Soc {
     }
 
     fn clocked(&self, unit: Unit) -> bool {
-        let gate = map::PERIPHERALS
-            .iter()
+        let gate = self
+            .chip
+            .all_peripherals()
             .find(|entry| entry.unit == unit)
             .map_or(Gate::None, |e| e.gate);
         self.rcc.enabled(gate)

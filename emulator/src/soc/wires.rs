@@ -39,17 +39,6 @@ impl Wires {
     }
 }
 
-/// The channel of ADC1 at a pin (data sheet DS10693 rev 10, table 10).
-fn analog_channel(port: Port, pin: u8) -> Option<usize> {
-    let pin = usize::from(pin);
-    match (port, pin) {
-        (Port::A, 0..=7) => Some(pin),
-        (Port::B, 0..=1) => Some(8 + pin),
-        (Port::C, 0..=5) => Some(10 + pin),
-        _ => None,
-    }
-}
-
 impl Soc {
     /// Connects two pins with a wire.
     pub(crate) fn connect(&mut self, one: (Port, u8), other: (Port, u8)) {
@@ -102,10 +91,8 @@ impl Soc {
         if gpio.idr() != before {
             self.pins_changed(port, before);
         }
-        if self.gpio[port as usize].mode(pin) == Mode::Analog
-            && let Some(channel) = analog_channel(port, pin)
-        {
-            self.set_analog(channel, if level == Some(true) { HIGH_V } else { 0.0 });
+        if self.gpio[port as usize].mode(pin) == Mode::Analog {
+            self.set_analog(port, pin, if level == Some(true) { HIGH_V } else { 0.0 });
         }
     }
 }
@@ -118,15 +105,15 @@ mod tests {
 
     use super::*;
     use crate::board::BoardConfig;
+    use crate::chip::F446;
     use crate::ram::Ram;
-    use crate::system::flash;
 
     const GPIOA: u32 = 0x4002_0000;
     const GPIOC: u32 = 0x4002_0800;
 
     fn soc(config: &BoardConfig) -> Soc {
-        let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, Arc::new(Ram::new()), config);
+        let store = Arc::new(RamStore::new(F446.flash_size()));
+        let mut soc = Soc::new(&F446, store, Arc::new(Ram::new()), config);
         soc.system_reset(0);
         soc.write(0x4002_3830, 4, 0b111);
         soc

@@ -8,7 +8,7 @@ use crate::stop::StopKind;
 use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};
 use crate::system::map::Unit;
-use crate::system::pins::{self, Route};
+use crate::system::pins::Route;
 use crate::system::rcc::HseFailure;
 use crate::timer::PwmState;
 use crate::trace::{Change, PWM_TIMERS, Trace};
@@ -48,7 +48,9 @@ impl Soc {
     pub(crate) fn set_vdd(&mut self, volts: f64) {
         let before = self.pwr.is_low();
         self.pwr.set_vdd(volts);
-        self.adc.set_reference(volts);
+        for adc in &mut self.adcs {
+            adc.set_reference(volts);
+        }
         self.detected(before);
         self.check_clocks();
         self.settle();
@@ -62,10 +64,12 @@ impl Soc {
         }
     }
 
-    /// Connects a voltage to an input of the ADC.
-    pub(crate) fn set_analog(&mut self, channel: usize, volts: f64) {
+    /// Connects a voltage to a pin that the converters can measure.
+    pub(crate) fn set_analog(&mut self, port: Port, pin: u8, volts: f64) {
         let now_ps = self.clock.local_ps(self.now);
-        self.adc.set_input(now_ps, channel, volts);
+        for adc in &mut self.adcs {
+            adc.set_pin(now_ps, port, pin, volts);
+        }
     }
 
     /// How a pin drives its wire.
@@ -82,16 +86,15 @@ impl Soc {
         let level = match gpio.mode(pin) {
             Mode::Alternate(af) => {
                 let route = Route { port, pin, af };
-                if let Some((timer, channel)) = pins::timer_at(port, pin, af) {
+                if let Some((timer, channel)) = self.chip.pins.timer_at(port, pin, af) {
                     self.timers[timer].sync(self.now);
                     self.timers[timer].level(channel - 1)
-                } else if let Some((timer, channel)) = pins::complementary_at(route) {
+                } else if let Some((timer, channel)) = self.chip.pins.complementary_at(route) {
                     self.timers[timer].sync(self.now);
                     self.timers[timer].complementary_level(channel - 1)
                 } else {
                     // Idle: recessive, or the level of a stop bit.
-                    let idle = [pins::CAN1_TX, pins::CAN2_TX, pins::USART2_TX].concat();
-                    idle.contains(&route).then_some(true)
+                    self.chip.pins.is_bus_output(route).then_some(true)
                 }
             }
             _ => return gpio.driven(pin),
@@ -110,7 +113,8 @@ impl Soc {
         }
         self.timers[timer].sync(self.now);
         let state = self.timers[timer].pwm(channel - 1, self.clock.hz());
-        let connected = pins::timer_channel(timer, channel).any(|route| self.connected(route));
+        let mut routes = self.chip.pins.timer_channel(timer, channel);
+        let connected = routes.any(|route| self.connected(route));
         if connected && self.timer_clocked(timer) {
             state
         } else {
@@ -124,8 +128,11 @@ impl Soc {
 
     /// Turns the encoder on a timer's first two channels.
     pub(crate) fn encoder_add(&mut self, timer: usize, edges: i32) {
-        let wired =
-            |channel| pins::timer_channel(timer, channel).any(|route| self.connected(route));
+        let pins = &self.chip.pins;
+        let wired = |channel| {
+            let mut routes = pins.timer_channel(timer, channel);
+            routes.any(|route| self.connected(route))
+        };
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
             self.trace_encoder(timer);
@@ -139,7 +146,7 @@ impl Soc {
         let Mode::Alternate(af) = gpio.mode(pin) else {
             return;
         };
-        if let Some((timer, channel @ (1 | 2))) = pins::timer_at(port, pin, af)
+        if let Some((timer, channel @ (1 | 2))) = self.chip.pins.timer_at(port, pin, af)
             && !self.defects.has(Defect::TimerInput(timer, channel))
             && self.timers[timer].set_input(self.now, channel - 1, gpio.level(pin))
         {
@@ -158,9 +165,10 @@ impl Soc {
 
     /// Whether a CAN controller has its pins.
     fn can_connected(&self, which: Which) -> bool {
+        let pins = &self.chip.pins;
         let (receive, transmit) = match which {
-            Which::First => (pins::CAN1_RX, pins::CAN1_TX),
-            Which::Second => (pins::CAN2_RX, pins::CAN2_TX),
+            Which::First => (pins.can1_receive, pins.can1_transmit),
+            Which::Second => (pins.can2_receive, pins.can2_transmit),
         };
         receive.iter().any(|route| self.connected(route))
             && transmit.iter().any(|route| self.connected(route))
@@ -198,7 +206,13 @@ impl Soc {
     /// Puts bytes on the line into USART2, one after the other, from a sender with this baud rate.
     /// Without its pin the port hears nothing.
     pub(crate) fn serial_arrive(&mut self, bytes: &[u8], baud: f64, stop: bool) {
-        if pins::USART2_RX.iter().any(|route| self.connected(route)) {
+        if self
+            .chip
+            .pins
+            .usart2_receive
+            .iter()
+            .any(|route| self.connected(route))
+        {
             let bit = self.clock.hz() as f64 * self.clock.rate() / baud;
             for byte in bytes {
                 self.usart2.arrive(self.now, *byte, bit, stop);
@@ -219,7 +233,13 @@ impl Soc {
     /// Takes the bytes that have left USART2 through its pin, with the cycle at which each ended.
     pub(crate) fn serial_sent(&mut self) -> Vec<(u64, u8)> {
         let sent = self.usart2.take_sent();
-        if pins::USART2_TX.iter().any(|route| self.connected(route)) {
+        if self
+            .chip
+            .pins
+            .usart2_transmit
+            .iter()
+            .any(|route| self.connected(route))
+        {
             sent
         } else {
             Vec::new()
@@ -245,7 +265,8 @@ impl Soc {
                 // its PWM.
                 let gate = match self.gpio[port as usize].mode(pin) {
                     Mode::Alternate(af) => {
-                        pins::complementary_at(Route { port, pin, af }).is_some()
+                        let route = Route { port, pin, af };
+                        self.chip.pins.complementary_at(route).is_some()
                     }
                     _ => false,
                 };
@@ -269,14 +290,47 @@ mod tests {
 
     use super::*;
     use crate::board::BoardConfig;
+    use crate::chip::{Chip, F407, F446};
     use crate::ram::Ram;
-    use crate::system::flash;
     use crate::system::map::irq;
+
+    fn soc(chip: &'static Chip) -> Soc {
+        let store = Arc::new(RamStore::new(chip.flash_size()));
+        Soc::new(chip, store, Arc::new(Ram::new()), &BoardConfig::default())
+    }
+
+    /// The pins of one chip are not the other's: CAN1 at PD0 and PD1, PWM at PE9.
+    #[test]
+    fn a_chip_has_its_own_pins() {
+        for (chip, has) in [(&F446, false), (&F407, true)] {
+            let mut soc = soc(chip);
+            soc.system_reset(0);
+            for (address, value) in [
+                (0x4002_3830, 0x18),    // GPIOD, GPIOE
+                (0x4002_3840, 1 << 25), // CAN1
+                (0x4002_3844, 1),       // TIM1
+                (0x4002_0C00, 0xA),     // PD0 and PD1
+                (0x4002_0C20, 0x99),    // are CAN1's
+                (0x4002_1000, 2 << 18), // PE9
+                (0x4002_1024, 1 << 4),  // is TIM1's
+                (0x4001_002C, 99),      // ARR
+                (0x4001_0034, 25),      // CCR1
+                (0x4001_0018, 0x60),    // PWM mode 1
+                (0x4001_0020, 1),
+                (0x4001_0044, 0x8000),
+                (0x4001_0000, 1),
+            ] {
+                soc.write(address, 4, value);
+            }
+            assert_eq!(soc.stop, None, "{chip:?}");
+            assert_eq!(soc.can_connected(Which::First), has, "{chip:?}");
+            assert_eq!(soc.pwm(1, 1).active, has, "{chip:?}");
+        }
+    }
 
     #[test]
     fn encoder_pins_reach_the_counter_through_the_filter() {
-        let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, Arc::new(Ram::new()), &BoardConfig::default());
+        let mut soc = soc(&F446);
         soc.system_reset(0);
         soc.trace = Some(Box::default());
         // TI1 is high before the pins are the timer's: no edge.
@@ -313,8 +367,7 @@ mod tests {
     /// without any write or event that would update the lines.
     #[test]
     fn reading_the_data_register_ends_its_request() {
-        let store = Arc::new(RamStore::new(flash::SIZE));
-        let mut soc = Soc::new(store, Arc::new(Ram::new()), &BoardConfig::default());
+        let mut soc = soc(&F446);
         soc.system_reset(0);
         for (address, value) in [
             (0x4002_3830, 1),       // GPIOA

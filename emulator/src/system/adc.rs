@@ -1,5 +1,5 @@
-//! ADC1 as a voltmeter (RM0390 rev 6, section 13): one regular channel, converted once or over and
-//! over, and injected channels after it.
+//! A converter as a voltmeter (RM0390 rev 6, section 13; RM0090 rev 19, section 13): one regular
+//! channel, converted once or over and over, and injected channels after it.
 //!
 //! | register | section | modelled |
 //! |---|---|---|
@@ -15,10 +15,12 @@
 //!
 //! A conversion takes the sampling time and 12 clocks (13.5), and converts the input at the end of
 //! sampling. The result is the input over the reference, rounded down to 12 bits. The reference is
-//! the supply of the chip, as on the NUCLEO board. Of the internal channels VREFINT is modelled.
-//! ADC2, ADC3 and the watchdog are not.
+//! the supply of the chip, as on the NUCLEO board. Of the internal channels VREFINT is modelled,
+//! which ADC1 alone has (13.10). The watchdog is not.
 
 use std::cell::Cell;
+
+use crate::system::gpio::Port;
 
 /// Reference voltage of the board, V, until another is set. At this one ST measures VREFINT.
 const VREF: f64 = 3.3;
@@ -67,9 +69,11 @@ struct Input {
     since_ps: u64,
 }
 
-/// ADC1.
+/// One of the converters, with its copy of the common register.
 #[derive(Debug, Clone, Default)]
 pub struct Adc {
+    /// 1 to 3.
+    number: usize,
     cr1: u32,
     cr2: u32,
     smpr: [u32; 2],
@@ -89,10 +93,39 @@ pub struct Adc {
     internal_offset: f64,
 }
 
+/// Offset of the common register from the first one of all three.
+const CCR: u32 = 4;
+
+/// The pin of an external channel (data sheets DS10693 rev 10, table 10, and DS8626 rev 9, table
+/// 7).
+fn pin_of(converter: usize, channel: u8) -> Option<(Port, u8)> {
+    use Port::{A, B, C, F};
+    Some(match (converter, channel) {
+        (3, 4..=7) => (F, channel + 2),
+        (3, 8) => (F, 10),
+        (3, 9) => (F, 3),
+        (3, 14..=15) => (F, channel - 10),
+        (_, 0..=7) => (A, channel),
+        (_, 8..=9) => (B, channel - 8),
+        (_, 10..=15) => (C, channel - 10),
+        _ => return None,
+    })
+}
+
 impl Adc {
+    /// A converter by its number, after reset.
+    #[must_use]
+    pub fn new(number: usize) -> Self {
+        Self {
+            number,
+            ..Self::default()
+        }
+    }
+
     /// Resets the registers; what is connected stays.
     pub fn reset(&mut self) {
         *self = Self {
+            number: self.number,
             inputs: self.inputs,
             reference_offset: self.reference_offset,
             internal_offset: self.internal_offset,
@@ -101,9 +134,11 @@ impl Adc {
         };
     }
 
-    /// Connects a voltage to an external channel.
-    pub fn set_input(&mut self, now_ps: u64, channel: usize, volts: f64) {
-        if let Some(input) = self.inputs.get_mut(channel) {
+    /// Connects a voltage to a pin.
+    pub fn set_pin(&mut self, now_ps: u64, port: Port, pin: u8, volts: f64) {
+        let number = self.number;
+        let channel = (0..16).find(|channel| pin_of(number, *channel) == Some((port, pin)));
+        if let Some(input) = channel.and_then(|at| self.inputs.get_mut(usize::from(at))) {
             *input = Input {
                 volts,
                 before: input.volts,
@@ -193,7 +228,7 @@ impl Adc {
         let channel = self.channel(place);
         let input = self.inputs.get(channel);
         let input = input.copied().unwrap_or_default();
-        let volts = if channel == VREFINT_CHANNEL {
+        let volts = if channel == VREFINT_CHANNEL && self.number == 1 {
             // Unconnected without TSVREFE.
             f64::from(u8::from(self.ccr & ccr::TSVREFE != 0)) * (VREFINT + self.internal_offset)
         } else if !analog {
@@ -216,16 +251,30 @@ impl Adc {
         (place <= self.injected()).then_some(place)
     }
 
-    /// The pin whose voltage the register at `offset` shows: port by number, and pin.
+    /// The pin whose voltage the register at `offset` shows.
     #[must_use]
-    pub fn pin(&self, offset: u32) -> Option<(usize, u8)> {
-        // Data sheet DS10693 rev 10, table 10: IN0..7 are PA0..7, IN8 and 9 PB0 and 1, IN10..15
-        // PC0..5.
-        match self.channel(self.place(offset)?) as u8 {
-            channel @ 0..=7 => Some((0, channel)),
-            channel @ 8..=9 => Some((1, channel - 8)),
-            channel @ 10..=15 => Some((2, channel - 10)),
-            _ => None,
+    pub fn pin(&self, offset: u32) -> Option<(Port, u8)> {
+        pin_of(self.number, self.channel(self.place(offset)?) as u8)
+    }
+
+    /// Reads a register that the converters share; `None` for what is not modelled.
+    #[must_use]
+    pub fn read_common(&self, offset: u32) -> Option<u32> {
+        (offset == CCR).then_some(self.ccr)
+    }
+
+    /// Tells the converter what is written to a register that they share.
+    ///
+    /// # Errors
+    /// In words.
+    pub fn write_common(&mut self, offset: u32, value: u32) -> Result<(), &'static str> {
+        match offset {
+            CCR if value & !(ccr::ADCPRE | ccr::TSVREFE) != 0 => Err("multi mode, battery channel"),
+            CCR => {
+                self.ccr = value;
+                Ok(())
+            }
+            _ => Err(""),
         }
     }
 
@@ -254,7 +303,6 @@ impl Adc {
                 self.seen.set(self.complete(now_ps));
                 self.result(now_ps, 0, analog)
             }
-            0x304 => self.ccr,
             _ => return None,
         })
     }
@@ -299,10 +347,6 @@ impl Adc {
             0x30 => self.sqr[1] = value,
             0x34 => self.sqr[2] = value,
             0x38 => self.jsqr = value,
-            0x304 if value & !(ccr::ADCPRE | ccr::TSVREFE) != 0 => {
-                return Err("multi mode, battery channel");
-            }
-            0x304 => self.ccr = value,
             _ => return Err(""),
         }
         Ok(())
@@ -315,10 +359,11 @@ mod tests {
 
     /// 22.5 MHz: 90 MHz by 4. 480 + 12 clocks are 21.87 us.
     fn running() -> Adc {
-        let mut adc = Adc::default();
+        let mut adc = Adc::new(1);
         adc.set_clock(90_000_000);
-        adc.set_input(0, 4, 1.65);
-        for (offset, value) in [(0x304, 1 << 16), (0x10, 7 << 12), (0x34, 4)] {
+        adc.set_pin(0, Port::A, 4, 1.65);
+        adc.write_common(CCR, 1 << 16).unwrap();
+        for (offset, value) in [(0x10, 7 << 12), (0x34, 4)] {
             adc.write(0, offset, value).unwrap();
         }
         let on = cr2::ADON | cr2::CONT;
@@ -348,7 +393,7 @@ mod tests {
     fn a_change_shows_with_the_next_sampling() {
         let mut adc = running();
         // The first sampling ends after 480 clocks, 21.3 us.
-        adc.set_input(21_500_000, 4, 3.3);
+        adc.set_pin(21_500_000, Port::A, 4, 3.3);
         assert_eq!(adc.read(21_900_000, 0x4C, true), Some(2048));
         assert_eq!(adc.read(43_800_000, 0x4C, true), Some(4095));
     }
@@ -366,8 +411,8 @@ mod tests {
         ] {
             adc.write(0, offset, value).unwrap();
         }
-        for (channel, volts) in [(7, 0.825), (14, 2.475), (15, 3.3)] {
-            adc.set_input(0, channel, volts);
+        for (port, pin, volts) in [(Port::A, 7, 0.825), (Port::C, 4, 2.475), (Port::C, 5, 3.3)] {
+            adc.set_pin(0, port, pin, volts);
         }
         let at = |ps, offset| adc.read(ps, offset, true).unwrap();
         assert_eq!([0x3C, 0x40, 0x44].map(|n| at(43_700_000, n)), [0; 3]);
@@ -375,8 +420,8 @@ mod tests {
         assert_eq!([0x3C, 0x40, 0x44].map(|n| at(last, n)), [1024, 3072, 4095]);
         assert_eq!((at(last, 0x48), at(last, 0x4C)), (0, 2048));
         let pins = [0x3C, 0x40, 0x44, 0x48, 0x4C].map(|n| adc.pin(n));
-        let (a7, c4, c5) = (Some((0, 7)), Some((2, 4)), Some((2, 5)));
-        assert_eq!(pins, [a7, c4, c5, None, Some((0, 4))]);
+        let [a7, c4, c5, a4] = [(Port::A, 7), (Port::C, 4), (Port::C, 5), (Port::A, 4)].map(Some);
+        assert_eq!(pins, [a7, c4, c5, None, a4]);
         // Read at 87.5 us, the regular channel has its second result 21.9 us later.
         assert_eq!(at(109_000_000, 0x00), sr::STRT);
         assert_eq!(at(109_500_000, 0x00), sr::EOC | sr::STRT);
@@ -385,10 +430,10 @@ mod tests {
     /// VREFINT stays what it is: at a lower reference it is more of it.
     #[test]
     fn the_internal_reference_shows_what_the_reference_is() {
-        let mut adc = Adc::default();
+        let mut adc = Adc::new(1);
         adc.set_clock(90_000_000);
+        adc.write_common(CCR, 1 << 16 | ccr::TSVREFE).unwrap();
         for (offset, value) in [
-            (0x304, 1 << 16 | ccr::TSVREFE),
             (0x0C, 7 << 21),
             (0x34, VREFINT_CHANNEL as u32),
             (0x08, cr2::ADON | cr2::CONT),
@@ -401,7 +446,7 @@ mod tests {
         adc.set_reference(3.0);
         // 1.21 / 3.0 x 4096.
         assert_eq!(at(&adc), 1652);
-        adc.write(0, 0x304, 1 << 16).unwrap();
+        adc.write_common(CCR, 1 << 16).unwrap();
         assert_eq!(at(&adc), 0, "not connected");
     }
 
@@ -411,6 +456,24 @@ mod tests {
         assert!(adc.write(0, 0x2C, 1 << 20).is_err());
         assert!(adc.write(0, 0x08, 1 << 8).is_err());
         assert!(adc.write(0, 0x04, 1 << 10).is_err(), "JAUTO without SCAN");
+        assert!(adc.write_common(CCR, 1 << 22).is_err(), "battery channel");
         assert_eq!(adc.read(0, 0x14, true), None);
+    }
+
+    /// DS8626 table 7: ADC3 has pins of port F, and no channel 17 (RM0090 13.10).
+    #[test]
+    fn adc3_has_pins_of_port_f_and_no_internal_reference() {
+        let mut adc = Adc::new(3);
+        adc.set_clock(84_000_000);
+        adc.set_pin(0, Port::F, 10, 1.65);
+        adc.write_common(CCR, 1 << 16 | ccr::TSVREFE).unwrap();
+        for (channel, pin, result) in [(8, Some((Port::F, 10)), 2048), (17, None, 0)] {
+            adc.write(0, 0x34, channel).unwrap();
+            for start in [0, cr2::SWSTART] {
+                adc.write(0, 0x08, cr2::ADON | cr2::CONT | start).unwrap();
+            }
+            assert_eq!(adc.pin(0x4C), pin);
+            assert_eq!(adc.read(25_000_000, 0x4C, true), Some(result));
+        }
     }
 }

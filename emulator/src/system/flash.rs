@@ -1,4 +1,5 @@
-//! Flash interface (RM0390 rev 6, section 3): wait states, key sequences, erase and program.
+//! Flash interface (RM0390 rev 6, section 3; RM0090 rev 19, section 3, with more sectors): wait
+//! states, key sequences, erase and program.
 //!
 //! The core reads the array directly as memory; this file handles the writes. An operation takes
 //! the data sheet's typical time (DS10693 rev 10, table 49). Because the chip has one bank, the
@@ -16,20 +17,15 @@ use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
-/// Bytes of flash.
-pub const SIZE: u64 = 512 * 1024;
+use crate::chip::Chip;
 
-/// First byte and length of each sector (3.3, table 5).
-pub const SECTORS: [(u64, u64); 8] = [
-    (0x0_0000, 0x4000),
-    (0x0_4000, 0x4000),
-    (0x0_8000, 0x4000),
-    (0x0_C000, 0x4000),
-    (0x1_0000, 0x1_0000),
-    (0x2_0000, 0x2_0000),
-    (0x4_0000, 0x2_0000),
-    (0x6_0000, 0x2_0000),
-];
+/// A sector: first byte, counted from the start of the flash, and length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub struct Sector {
+    pub start: u64,
+    pub length: u64,
+}
 
 const MS: u64 = 1_000_000_000; // ps
 /// Time to erase and program the option bytes: that of a sector of 16 KiB at 32 bits; the data
@@ -63,16 +59,10 @@ const CR_EOPIE: u32 = 1 << 24;
 const CR_ERRIE: u32 = 1 << 25;
 const CR_LOCK: u32 = 1 << 31;
 
-/// An erase under way.
-#[derive(Debug, Clone, Copy)]
-struct Erase {
-    start: u64,
-    length: u64,
-}
-
 /// The flash interface and its array.
 #[derive(Debug)]
 pub struct Flash {
+    chip: &'static Chip,
     array: Arc<RamStore>,
     acr: u32,
     cr: u32,
@@ -86,7 +76,7 @@ pub struct Flash {
     busy_until: u64,
     /// How many times as long as it should everything takes.
     factor: u64,
-    erase: Option<Erase>,
+    erase: Option<Sector>,
     /// Option bytes under way.
     option_write: Option<u32>,
     operations: Operations,
@@ -128,10 +118,11 @@ impl Operations {
 }
 
 impl Flash {
-    /// The interface to an array, after reset.
+    /// The interface of a chip to its array, after reset.
     #[must_use]
-    pub fn new(array: Arc<RamStore>) -> Self {
+    pub fn new(chip: &'static Chip, array: Arc<RamStore>) -> Self {
         Self {
+            chip,
             array,
             acr: 0,
             cr: CR_LOCK,
@@ -181,7 +172,7 @@ impl Flash {
         let Some(cuts) = &mut self.cuts else {
             return;
         };
-        let mut content = vec![0; SIZE as usize];
+        let mut content = vec![0; self.array.len() as usize];
         // The array has this size, and the part lies in it.
         let _ = self.array.read_at(0, &mut content);
         let to = content.iter_mut().skip(offset as usize);
@@ -206,7 +197,7 @@ impl Flash {
             optcr: self.options | OPTLOCK,
             operations: self.operations,
             cuts: self.cuts.take(),
-            ..Self::new(Arc::clone(&self.array))
+            ..Self::new(self.chip, Arc::clone(&self.array))
         };
     }
 
@@ -225,7 +216,7 @@ impl Flash {
                 let level_0 = |options: u32| options >> 8 & 0xFF == UNPROTECTED;
                 if level_0(options) && !level_0(self.options) {
                     // 3.6.3: giving up the protection erases the whole flash.
-                    let _ = self.array.fill(0, SIZE, 0xFF);
+                    let _ = self.array.fill(0, self.array.len(), 0xFF);
                 }
                 self.options = options;
                 self.optcr &= !OPTSTRT;
@@ -382,9 +373,10 @@ impl Flash {
         // voltage).
         let column = (value >> 8 & 3).min(2) as usize;
         let (start, length, ms) = if value & CR_MER != 0 {
-            (0, SIZE, [8_000, 5_500, 4_000][column])
+            (0, self.array.len(), self.chip.mass_erase_ms[column])
         } else {
-            let Some(&(start, length)) = SECTORS.get((value >> 3 & 0xF) as usize) else {
+            let sector = self.chip.sectors.get((value >> 3 & 0xF) as usize);
+            let Some(&Sector { start, length }) = sector else {
                 self.sr |= SR_OPERR;
                 return;
             };
@@ -401,7 +393,7 @@ impl Flash {
             let _ = self.array.fill(start, length / 2, 0xFF);
             return;
         }
-        self.erase = Some(Erase { start, length });
+        self.erase = Some(Sector { start, length });
         self.sr |= SR_BSY;
         self.busy_until = now_ps + ms * MS * self.factor;
     }
@@ -456,145 +448,4 @@ impl Flash {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn flash() -> (Flash, Arc<RamStore>) {
-        let array = Arc::new(RamStore::new(SIZE));
-        array.fill(0, SIZE, 0).unwrap();
-        (Flash::new(Arc::clone(&array)), array)
-    }
-
-    fn unlock(flash: &mut Flash) {
-        flash.write(0, 4, 0x4567_0123).unwrap();
-        flash.write(0, 4, 0xCDEF_89AB).unwrap();
-    }
-
-    fn byte(array: &RamStore, at: u64) -> u8 {
-        array.read_u8(at).unwrap()
-    }
-
-    const ERASE_SECTOR_1_X32: u32 = CR_SER | 1 << 3 | 2 << 8 | CR_STRT;
-
-    #[test]
-    fn option_bytes_are_programmed_behind_their_own_keys() {
-        let (mut flash, _) = flash();
-        flash.set_options(OPTIONS_FROM_FACTORY);
-        assert_eq!(flash.read(0, 0x14), Some(0x0FFF_AAED));
-        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT | OPTSTRT).unwrap();
-        assert_eq!(flash.busy_until(), None, "locked");
-        flash.write(0, 8, 0x0819_2A3B).unwrap();
-        flash.write(0, 8, 0x4C5D_6E7F).unwrap();
-        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT).unwrap();
-        flash.write(0, 0x14, OPTIONS_ON_A_ROBOT | OPTSTRT).unwrap();
-        let done = flash.busy_until().expect("it takes its time");
-        assert_eq!(flash.options(), OPTIONS_FROM_FACTORY);
-        assert_eq!(flash.read(done, 0x0C), Some(0));
-        assert_eq!(flash.options(), OPTIONS_ON_A_ROBOT);
-        assert_eq!(flash.brown_out().0, 2.83);
-    }
-
-    /// Programs these option bytes and waits for the end.
-    fn program_options(flash: &mut Flash, options: u32) {
-        flash.write(0, 8, 0x0819_2A3B).unwrap();
-        flash.write(0, 8, 0x4C5D_6E7F).unwrap();
-        flash.write(0, 0x14, options).unwrap();
-        flash.write(0, 0x14, options | OPTSTRT).unwrap();
-        if let Some(done) = flash.busy_until() {
-            flash.sync(done);
-        }
-    }
-
-    #[test]
-    fn power_that_fails_leaves_erased_option_bytes_and_giving_up_protection_erases_the_flash() {
-        let (mut flash, array) = flash();
-        flash.set_options(OPTIONS_FROM_FACTORY);
-        flash.cut_power_at(1);
-        program_options(&mut flash, OPTIONS_ON_A_ROBOT);
-        assert!(flash.power_is_cut());
-        assert_eq!(flash.options(), OPTIONS_ERASED);
-        assert_eq!(flash.brown_out().0, 1.68);
-        // Another level of the brown-out reset, and the protection as it is.
-        program_options(&mut flash, OPTIONS_ERASED & !0xC);
-        assert_eq!((flash.brown_out().0, byte(&array, 0)), (2.83, 0));
-        program_options(&mut flash, OPTIONS_ON_A_ROBOT);
-        assert_eq!(byte(&array, 0), 0xFF);
-    }
-
-    #[test]
-    fn erases_one_sector_in_its_time() {
-        let (mut flash, array) = flash();
-        unlock(&mut flash);
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        assert_eq!(flash.busy_until(), Some(250 * MS));
-        assert_eq!(flash.read(250 * MS - 1, 0x0C), Some(SR_BSY));
-        assert_eq!(flash.read(250 * MS, 0x0C), Some(0));
-        assert_eq!((byte(&array, 0x3FFF), byte(&array, 0x4000)), (0, 0xFF));
-        assert_eq!((byte(&array, 0x7FFF), byte(&array, 0x8000)), (0xFF, 0));
-    }
-
-    #[test]
-    fn programs_words_and_only_clears_bits() {
-        let (mut flash, array) = flash();
-        unlock(&mut flash);
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
-        flash.program(250 * MS, 0x4000, &[0x12, 0x34, 0x56, 0x78]);
-        flash.program(300 * MS, 0x4000, &[0xF0, 0xFF, 0xFF, 0xFF]);
-        assert_eq!(byte(&array, 0x4000), 0x10);
-        assert_eq!(byte(&array, 0x4003), 0x78);
-    }
-
-    #[test]
-    fn refuses_while_locked_busy_or_with_the_wrong_width() {
-        let (mut flash, array) = flash();
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        assert_eq!(flash.busy_until(), None, "locked");
-        unlock(&mut flash);
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
-        flash.program(250 * MS, 0x4000, &[0, 0]);
-        assert_eq!(flash.read(250 * MS, 0x0C), Some(SR_PGPERR));
-        assert_eq!(byte(&array, 0x4000), 0xFF);
-    }
-
-    #[test]
-    fn a_wrong_key_locks_until_reset() {
-        let (mut flash, _) = flash();
-        flash.write(0, 4, 1).unwrap();
-        unlock(&mut flash);
-        assert_ne!(flash.read(0, 0x10).unwrap() & CR_LOCK, 0);
-        flash.reset();
-        unlock(&mut flash);
-        assert_eq!(flash.read(0, 0x10).unwrap() & CR_LOCK, 0);
-    }
-
-    #[test]
-    fn the_power_fails_in_the_middle_of_the_operation_asked_for() {
-        let (mut flash, array) = flash();
-        flash.cut_power_at(2);
-        unlock(&mut flash);
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        flash.write(250 * MS, 0x10, CR_PG | 2 << 8).unwrap();
-        assert!(!flash.power_is_cut());
-        flash.program(250 * MS, 0x4000, &[0x12, 0x34, 0x56, 0x78]);
-        assert!(flash.power_is_cut());
-        let word = [0, 1, 2, 3].map(|at| byte(&array, 0x4000 + at));
-        assert_eq!(word, [0x12, 0x34, 0xFF, 0xFF]);
-        let once = FlashOperations {
-            programs: 1,
-            erases: 1,
-            options: 0,
-        };
-        assert_eq!(flash.operations(), once);
-    }
-
-    #[test]
-    fn a_reset_leaves_an_erase_half_done() {
-        let (mut flash, array) = flash();
-        unlock(&mut flash);
-        flash.write(0, 0x10, ERASE_SECTOR_1_X32).unwrap();
-        flash.reset();
-        assert_eq!((byte(&array, 0x5FFF), byte(&array, 0x6000)), (0xFF, 0));
-    }
-}
+mod tests;

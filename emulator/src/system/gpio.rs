@@ -16,11 +16,12 @@ pub enum Port {
     F,
     G,
     H,
+    I,
 }
 
 impl Port {
     /// All ports, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::A,
         Self::B,
         Self::C,
@@ -29,6 +30,7 @@ impl Port {
         Self::F,
         Self::G,
         Self::H,
+        Self::I,
     ];
 }
 

@@ -1,5 +1,6 @@
-//! The addresses of the peripherals (RM0390 rev 6, section 2.2.2, table 1) and their clock enable
-//! bits (sections 6.3.10 to 6.3.14).
+//! The addresses of the peripherals that all chips have (RM0390 rev 6, section 2.2.2, table 1;
+//! RM0090 rev 19, table 1) and their clock enable bits (RM0390 sections 6.3.10 to 6.3.14). Those of
+//! one chip alone are with that chip ([`crate::chip`]).
 //!
 //! The table also contains peripherals that are not modelled, so that a stop can name the one that
 //! was accessed.
@@ -21,6 +22,8 @@ pub enum Gate {
     Apb1(u32),
     /// APB2ENR, bit.
     Apb2(u32),
+    /// APB2ENR, any of these bits.
+    AnyOfApb2(u32),
 }
 
 /// What answers at an address.
@@ -46,8 +49,10 @@ pub enum Unit {
     Syscfg,
     /// IWDG.
     Iwdg,
-    /// ADC1 and what the three share.
-    Adc,
+    /// ADC1 to ADC3.
+    Adc(usize),
+    /// What the three share.
+    AdcCommon,
     /// USART2.
     Usart2,
     /// DMA1.
@@ -71,7 +76,8 @@ pub struct Entry {
     pub unit: Unit,
 }
 
-const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
+/// One row of a table.
+pub(crate) const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
     Entry {
         base,
         name,
@@ -80,14 +86,15 @@ const fn entry(base: u32, name: &'static str, gate: Gate, unit: Unit) -> Entry {
     }
 }
 
-use Gate::{Ahb1, Ahb2, Ahb3, Apb1, Apb2, None as Always};
+use Gate::{Ahb1, Ahb2, AnyOfApb2, Apb1, Apb2, None as Always};
 use Unit::{
-    Adc, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer, Usart2,
+    Adc, AdcCommon, Can1, Can2, Crc, Dma1, Exti, Flash, Gpio, Iwdg, Other, Pwr, Rcc, Syscfg, Timer,
+    Usart2,
 };
 
-/// All peripherals outside the core, by address. Each reaches up to the next, and at most
-/// [`LARGEST`] bytes.
-pub const PERIPHERALS: &[Entry] = &[
+/// The peripherals outside the core that all chips have, by address. Each reaches up to the next,
+/// and at most [`LARGEST`] bytes.
+pub const STM32F4: &[Entry] = &[
     entry(0x4000_0000, "TIM2", Apb1(0), Timer(2)),
     entry(0x4000_0400, "TIM3", Apb1(1), Timer(3)),
     entry(0x4000_0800, "TIM4", Apb1(2), Timer(4)),
@@ -102,7 +109,6 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4000_3000, "IWDG", Always, Iwdg),
     entry(0x4000_3800, "SPI2", Apb1(14), Other),
     entry(0x4000_3C00, "SPI3", Apb1(15), Other),
-    entry(0x4000_4000, "SPDIFRX", Apb1(16), Other),
     entry(0x4000_4400, "USART2", Apb1(17), Usart2),
     entry(0x4000_4800, "USART3", Apb1(18), Other),
     entry(0x4000_4C00, "UART4", Apb1(19), Other),
@@ -110,27 +116,25 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4000_5400, "I2C1", Apb1(21), Other),
     entry(0x4000_5800, "I2C2", Apb1(22), Other),
     entry(0x4000_5C00, "I2C3", Apb1(23), Other),
-    entry(0x4000_6000, "FMPI2C1", Apb1(24), Other),
     entry(0x4000_6400, "CAN1", Apb1(25), Can1),
     entry(0x4000_6800, "CAN2", Apb1(26), Can2),
-    entry(0x4000_6C00, "CEC", Apb1(27), Other),
     entry(0x4000_7000, "PWR", Apb1(28), Pwr),
     entry(0x4000_7400, "DAC", Apb1(29), Other),
     entry(0x4001_0000, "TIM1", Apb2(0), Timer(1)),
     entry(0x4001_0400, "TIM8", Apb2(1), Timer(8)),
     entry(0x4001_1000, "USART1", Apb2(4), Other),
     entry(0x4001_1400, "USART6", Apb2(5), Other),
-    entry(0x4001_2000, "ADC", Apb2(8), Adc),
+    entry(0x4001_2000, "ADC1", Apb2(8), Adc(1)),
+    entry(0x4001_2100, "ADC2", Apb2(9), Adc(2)),
+    entry(0x4001_2200, "ADC3", Apb2(10), Adc(3)),
+    entry(0x4001_2300, "ADC", AnyOfApb2(7 << 8), AdcCommon),
     entry(0x4001_2C00, "SDIO", Apb2(11), Other),
     entry(0x4001_3000, "SPI1", Apb2(12), Other),
-    entry(0x4001_3400, "SPI4", Apb2(13), Other),
     entry(0x4001_3800, "SYSCFG", Apb2(14), Syscfg),
     entry(0x4001_3C00, "EXTI", Always, Exti),
     entry(0x4001_4000, "TIM9", Apb2(16), Timer(9)),
     entry(0x4001_4400, "TIM10", Apb2(17), Timer(10)),
     entry(0x4001_4800, "TIM11", Apb2(18), Timer(11)),
-    entry(0x4001_5800, "SAI1", Apb2(22), Other),
-    entry(0x4001_5C00, "SAI2", Apb2(23), Other),
     entry(0x4002_0000, "GPIOA", Ahb1(0), Gpio(Port::A)),
     entry(0x4002_0400, "GPIOB", Ahb1(1), Gpio(Port::B)),
     entry(0x4002_0800, "GPIOC", Ahb1(2), Gpio(Port::C)),
@@ -148,27 +152,26 @@ pub const PERIPHERALS: &[Entry] = &[
     entry(0x4004_0000, "USB OTG HS", Ahb1(29), Other),
     entry(0x5000_0000, "USB OTG FS", Ahb2(7), Other),
     entry(0x5005_0000, "DCMI", Ahb2(0), Other),
-    entry(0xA000_0000, "FMC", Ahb3(0), Other),
-    entry(0xA000_1000, "QUADSPI", Ahb3(1), Other),
 ];
 
 /// Size of the largest register block (USB OTG), in bytes.
 pub const LARGEST: u32 = 0x4_0000;
 
-/// The peripheral at an address, if there is one.
+/// The peripheral of a table at an address, if there is one.
 #[must_use]
-pub fn find(address: u32) -> Option<&'static Entry> {
-    let next = PERIPHERALS.partition_point(|entry| entry.base <= address);
-    let entry = &PERIPHERALS[next.checked_sub(1)?];
+pub fn find(table: &'static [Entry], address: u32) -> Option<&'static Entry> {
+    let next = table.partition_point(|entry| entry.base <= address);
+    let entry = &table[next.checked_sub(1)?];
     let size = match entry.name {
         "USB OTG HS" | "USB OTG FS" => LARGEST,
-        "BKPSRAM" | "FMC" | "QUADSPI" => 0x1000,
+        "ETH" => 0x1400,
+        "BKPSRAM" | "FMC" | "FSMC" | "QUADSPI" => 0x1000,
         _ => 0x400,
     };
     (address - entry.base < size).then_some(entry)
 }
 
-/// Interrupt numbers (RM0390 rev 6, section 10.2, table 38).
+/// Interrupt numbers (RM0390 rev 6, section 10.2, table 38; the same in RM0090, table 61).
 pub mod irq {
     #![allow(missing_docs)]
     pub const PVD: u16 = 1;
@@ -202,23 +205,4 @@ pub mod irq {
     pub const CAN2_RX0: u16 = 64;
     pub const CAN2_RX1: u16 = 65;
     pub const CAN2_SCE: u16 = 66;
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_table_is_sorted_and_found() {
-        assert!(
-            PERIPHERALS
-                .windows(2)
-                .all(|pair| pair[0].base < pair[1].base)
-        );
-        assert_eq!(find(0x4000_6400).map(|e| e.name), Some("CAN1"));
-        assert_eq!(find(0x4002_3BFF).map(|e| e.name), Some("RCC"));
-        assert_eq!(find(0x5004_0000 - 1).map(|e| e.name), Some("USB OTG FS"));
-        assert!(find(0x4000_2400).is_none());
-        assert!(find(0x3FFF_FFFF).is_none());
-    }
 }

@@ -1,6 +1,8 @@
-//! Power control (RM0390 rev 6, section 5): voltage scaling and over-drive, without which the chip
-//! must not be clocked at 180 MHz, the write protection of the backup domain, and the programmable
-//! voltage detector (5.2.3).
+//! Power control (RM0390 rev 6, section 5; RM0090 rev 19, section 5): voltage scaling and, where
+//! the chip has it, over-drive, without which an STM32F446 must not be clocked at 180 MHz, the
+//! write protection of the backup domain, and the programmable voltage detector (5.2.3).
+
+use crate::chip::Power;
 
 /// Over-drive and its switch are ready within some 10 us each; the regulator's voltage follows in
 /// 40 us (data sheet DS10693 rev 10, table 23).
@@ -29,8 +31,9 @@ const PVD_LEVELS: [(f64, f64); 8] = [
 ];
 
 /// PWR.
-#[derive(Debug, Clone)]
-pub struct Pwr {
+#[derive(Clone)]
+pub(crate) struct Pwr {
+    chip: &'static Power,
     cr: u32,
     over_drive_at: Option<u64>,
     switched_at: Option<u64>,
@@ -39,19 +42,25 @@ pub struct Pwr {
     low: bool,
 }
 
-impl Default for Pwr {
-    fn default() -> Self {
+impl std::fmt::Debug for Pwr {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Pwr(CR {:#x}, {} V)", self.cr, self.vdd)
+    }
+}
+
+impl Pwr {
+    /// PWR of a chip after reset.
+    pub(crate) fn new(chip: &'static Power) -> Self {
         Self {
-            cr: 0xC000,
+            chip,
+            cr: chip.reset,
             over_drive_at: None,
             switched_at: None,
             vdd: NOMINAL_VDD,
             low: false,
         }
     }
-}
 
-impl Pwr {
     /// Reads a register at a local time in ps; `None` for an offset without one.
     #[must_use]
     pub fn read(&self, now_ps: u64, offset: u32) -> Option<u32> {
@@ -76,11 +85,12 @@ impl Pwr {
             0 => {
                 let set =
                     |on: bool, at: Option<u64>| on.then(|| at.unwrap_or(now_ps + OVER_DRIVE_PS));
-                self.over_drive_at = set(value & ODEN != 0, self.over_drive_at);
+                let over_drive = self.chip.over_drive && value & ODEN != 0;
+                self.over_drive_at = set(over_drive, self.over_drive_at);
                 // 5.1.4: the switch works only once over-drive is ready.
                 let ready = self.over_drive_at.is_some_and(|at| now_ps >= at);
                 self.switched_at = set(value & ODSWEN != 0 && ready, self.switched_at);
-                self.cr = value & 0x003F_FFF3;
+                self.cr = value & self.chip.writable;
                 self.compare();
                 Some(())
             }
@@ -93,7 +103,7 @@ impl Pwr {
     pub fn reset(&mut self) {
         *self = Self {
             vdd: self.vdd,
-            ..Self::default()
+            ..Self::new(self.chip)
         };
     }
 
@@ -126,26 +136,22 @@ impl Pwr {
         self.cr & 1 << 8 != 0
     }
 
-    /// The highest core clock in Hz that the voltage scale and over-drive allow (5.1.4, table 17).
+    /// The highest core clock in Hz that the voltage scale and over-drive allow.
     #[must_use]
     pub fn max_hclk(&self, now_ps: u64) -> u64 {
         let over_drive = self.switched_at.is_some_and(|at| now_ps >= at);
-        match (self.cr >> 14 & 3, over_drive) {
-            (3, true) => 180_000_000,
-            (3, false) | (2, true) => 168_000_000,
-            (2, false) => 144_000_000,
-            _ => 120_000_000,
-        }
+        self.chip.max_hclk[(self.cr >> 14 & 3) as usize][usize::from(over_drive)]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::{F407, F446};
 
     #[test]
     fn the_detector_has_hysteresis() {
-        let mut pwr = Pwr::default();
+        let mut pwr = Pwr::new(&F446.power);
         pwr.set_vdd(2.9);
         assert!(!pwr.is_low(), "off");
         pwr.write(0, 0, PVDE | 6 << 5).unwrap();
@@ -158,7 +164,7 @@ mod tests {
 
     #[test]
     fn over_drive_before_180_mhz() {
-        let mut pwr = Pwr::default();
+        let mut pwr = Pwr::new(&F446.power);
         assert_eq!(pwr.max_hclk(0), 168_000_000);
         pwr.write(0, 0, 0xC000 | ODEN | ODSWEN).unwrap();
         // The switch was asked for before over-drive was ready, so it is not in effect.
@@ -167,5 +173,20 @@ mod tests {
         pwr.write(OVER_DRIVE_PS, 0, 0xC000 | ODEN | ODSWEN).unwrap();
         assert_eq!(pwr.max_hclk(2 * OVER_DRIVE_PS), 180_000_000);
         assert_eq!(pwr.read(2 * OVER_DRIVE_PS, 4).unwrap() >> 16 & 3, 3);
+    }
+
+    /// RM0090 5.4.1: scale 1 after reset, and no over-drive to go beyond it.
+    #[test]
+    fn an_stm32f407_ends_at_168_mhz() {
+        let mut pwr = Pwr::new(&F407.power);
+        assert_eq!(pwr.max_hclk(0), 168_000_000);
+        for _ in 0..2 {
+            pwr.write(OVER_DRIVE_PS, 0, 0xC000 | ODEN | ODSWEN).unwrap();
+        }
+        assert_eq!(pwr.read(2 * OVER_DRIVE_PS, 0), Some(0x4000));
+        assert_eq!(pwr.read(2 * OVER_DRIVE_PS, 4).unwrap() >> 16, 0);
+        assert_eq!(pwr.max_hclk(2 * OVER_DRIVE_PS), 168_000_000);
+        pwr.write(0, 0, 0).unwrap();
+        assert_eq!(pwr.max_hclk(0), 144_000_000);
     }
 }

@@ -1,4 +1,5 @@
-//! Reset and clock control (RM0390 rev 6, section 6).
+//! Reset and clock control (RM0390 rev 6, section 6; RM0090 rev 19, section 7, is the same but for
+//! what [`crate::chip`] says).
 //!
 //! The model computes the state from the registers: an oscillator is ready after its start-up time,
 //! a PLL after its lock time and only when its source runs, and the frequencies of core, buses and
@@ -9,6 +10,7 @@
 //! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45)
 //! gives no typical value, its largest.
 
+use crate::chip;
 use crate::clock::HSI_HZ;
 use crate::system::map::Gate;
 
@@ -66,6 +68,7 @@ pub mod reg {
     pub const APB2ENR: u32 = 0x44;
     pub const BDCR: u32 = 0x70;
     pub const CSR: u32 = 0x74;
+    pub const DCKCFGR: u32 = 0x8C;
 }
 
 /// The frequencies that the registers ask for, in Hz by the board's own crystal.
@@ -117,8 +120,9 @@ pub enum HseFailure {
 }
 
 /// RCC.
-#[derive(Debug, Clone)]
-pub struct Rcc {
+#[derive(Clone)]
+pub(crate) struct Rcc {
+    chip: &'static chip::Clocks,
     hse_hz: u64,
     /// Whether there is a clock at the HSE input.
     hse_runs: bool,
@@ -139,11 +143,18 @@ pub struct Rcc {
     lse: Source,
 }
 
+impl std::fmt::Debug for Rcc {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Rcc(CR {:#x}, CFGR {:#x})", self.cr, self.cfgr)
+    }
+}
+
 impl Rcc {
-    /// RCC after power-on, on a board that feeds `hse_hz` into the HSE input.
+    /// RCC of a chip after power-on, on a board that feeds `hse_hz` into the HSE input.
     #[must_use]
-    pub fn new(hse_hz: u64) -> Self {
+    pub fn new(chip: &'static chip::Clocks, hse_hz: u64) -> Self {
         let mut rcc = Self {
+            chip,
             hse_hz,
             hse_runs: hse_hz != 0,
             hse_failed: false,
@@ -172,14 +183,9 @@ impl Rcc {
         self.cir = 0;
         self.hse_failed = false;
         self.banks = [0; 0x28];
-        self.banks[0x30 / 4] = 0x0010_0000;
-        self.banks[0x50 / 4] = 0x7E67_91FF;
-        self.banks[0x54 / 4] = 0x0000_00F1;
-        self.banks[0x58 / 4] = 0x0000_0003;
-        self.banks[0x60 / 4] = 0x3FFF_CFFF;
-        self.banks[0x64 / 4] = 0x00C7_7F33;
-        self.banks[0x84 / 4] = 0x2400_3010;
-        self.banks[0x88 / 4] = 0x2400_3010;
+        for &(offset, value) in self.chip.reset {
+            self.banks[offset / 4] = value;
+        }
         self.csr |= causes;
         self.hsi = Source { ready_at: Some(0) };
         self.hse = Source::default();
@@ -187,12 +193,6 @@ impl Rcc {
         // LSION is in CSR, which a system reset clears but for the causes (6.3.21).
         self.csr &= CAUSES;
         self.lsi = Source::default();
-    }
-
-    /// The reset causes, as in CSR.
-    #[must_use]
-    pub fn causes(&self) -> u32 {
-        self.csr & CAUSES
     }
 
     /// Whether a gate is open.
@@ -216,6 +216,7 @@ impl Rcc {
             Gate::Ahb3(bit) => (0x08, bit),
             Gate::Apb1(bit) => (0x10, bit),
             Gate::Apb2(bit) => (0x14, bit),
+            Gate::AnyOfApb2(bits) => return Some(self.banks[(bank + 0x14) / 4] & bits != 0),
         };
         Some(self.banks[(bank + offset) / 4] >> bit & 1 != 0)
     }
@@ -242,18 +243,27 @@ impl Rcc {
             reg::CIR => self.cir | if self.hse_failed { CSSF } else { 0 },
             reg::BDCR => self.bdcr | u32::from(self.lse.ready(now_ps)) << 1,
             reg::CSR => self.csr | u32::from(self.lsi.ready(now_ps)) << 1,
-            0x10..=0x18
-            | 0x20
-            | 0x24
-            | 0x30..=0x38
-            | 0x40
-            | 0x44
-            | 0x50..=0x58
-            | 0x60
-            | 0x64
-            | 0x80..=0x94 => self.banks[(offset / 4) as usize],
+            _ if self.has_bank(offset) => self.banks[(offset / 4) as usize],
+            reg::DCKCFGR => 0,
             _ => return None,
         })
+    }
+
+    /// Whether there is a register at an offset that keeps what is written.
+    fn has_bank(&self, offset: u32) -> bool {
+        matches!(
+            offset,
+            0x10..=0x18
+                | 0x20
+                | 0x24
+                | 0x30..=0x38
+                | 0x40
+                | 0x44
+                | 0x50..=0x58
+                | 0x60
+                | 0x64
+                | 0x80..=0x94
+        ) && offset <= self.chip.last
     }
 
     /// Writes a register at a local time in ps; `None` for an offset without one. `backup_access`
@@ -270,7 +280,7 @@ impl Rcc {
             reg::PLLCFGR => {
                 // 6.3.2: to be written only while the PLL is off.
                 if self.cr & 1 << 24 == 0 {
-                    self.pllcfgr = value & 0x7F43_7FFF;
+                    self.pllcfgr = value & self.chip.pllcfgr;
                 }
             }
             reg::CFGR => self.cfgr = value & 0xFFFF_FFF3 & !0x300,
@@ -296,25 +306,16 @@ impl Rcc {
                 self.csr = (self.csr & CAUSES) | (value & 1);
                 self.lsi.switch(value & 1 != 0, now_ps, LSI_START_PS);
             }
-            0x10..=0x18
-            | 0x20
-            | 0x24
-            | 0x30..=0x38
-            | 0x40
-            | 0x44
-            | 0x50..=0x58
-            | 0x60
-            | 0x64
-            | 0x80..=0x94 => {
-                self.banks[(offset / 4) as usize] = value;
-            }
+            _ if self.has_bank(offset) => self.banks[(offset / 4) as usize] = value,
+            // Reserved where a chip does not have it; the HAL clears its bits on every chip.
+            reg::DCKCFGR if value == 0 => {}
             _ => return None,
         }
         Some(())
     }
 
     fn write_cr(&mut self, now_ps: u64, value: u32) {
-        let mut value = value & 0x150D_00F9;
+        let mut value = value & self.chip.cr;
         // A clock that feeds the system cannot be switched off (6.3.1).
         match self.switched(now_ps) {
             0 => value |= 1,

@@ -34,7 +34,7 @@ pub fn board_with(firmware: &Firmware, config: BoardConfig) -> Board {
     for pin in 8..12 {
         board.set_input(Port::C, pin, true);
     }
-    board.set_analog(4, 24.0 / 11.0);
+    board.set_analog(Port::A, 4, 24.0 / 11.0);
     board
 }
 

@@ -1,5 +1,5 @@
 //! Writing flash, and the two sectors that belong to the parameters (RM0390 rev 6 section 3;
-//! `memory.x` has the map).
+//! `memory/` has the map).
 //!
 //! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased
 //! (16 KiB: 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10
@@ -18,7 +18,7 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::flash::vals::Psize;
 use robot::record_store::{Flash, StoreError};
 
-/// First sector of the two, and its address; `__parameters_start` in `memory.x`.
+/// First sector of the two, and its address; `__parameters_start` in `memory/`.
 const FIRST: u8 = 1;
 const ADDRESS: u32 = 0x0800_4000;
 

@@ -4,7 +4,7 @@
 //! Outputs first: drivers off, brake engaged, PWM off. Then a record for the next start and a line
 //! in the log. Then nothing: interrupts stay masked, the watchdog is no longer fed, and resets the
 //! chip. The robot comes back disabled. The HardFault entry resets the stack pointer before
-//! anything else, because the most likely fault is a stack that has run out (see `memory.x`), and a
+//! anything else, because the most likely fault is a stack that has run out (see `memory/`), and a
 //! handler that pushes onto it would lock the core up with outputs on.
 
 #![expect(

@@ -82,7 +82,7 @@ pub fn figures(elf: &Path, firmware: &Firmware) -> anyhow::Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// The image that ships is held to this; the linker's own limit (`memory.x`) is that of the largest
+/// The image that ships is held to this; the linker's own limit (`memory/`) is that of the largest
 /// image.
 const FLASH_LIMIT: f64 = 128.0 * 1024.0;
 /// The linker's own limit.

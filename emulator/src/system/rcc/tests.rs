@@ -1,12 +1,13 @@
 //! The clock tree against RM0390 rev 6, section 6.
 
 use super::*;
+use crate::chip::{F407, F446};
 
 const HSEON_BYP: u32 = HSEON | HSEBYP;
 
 /// 8 MHz / `m` x `n` / 2 as the system clock, APB1 by 4, APB2 by 2.
 fn running_from_pll(m: u32, n: u32) -> Rcc {
-    let mut rcc = Rcc::new(8_000_000);
+    let mut rcc = Rcc::new(&F446.clocks, 8_000_000);
     rcc.write(0, reg::CR, 0x83 | HSEON_BYP, false).unwrap();
     rcc.write(0, reg::PLLCFGR, 1 << 22 | n << 6 | m, false)
         .unwrap();
@@ -19,7 +20,7 @@ fn running_from_pll(m: u32, n: u32) -> Rcc {
 
 #[test]
 fn reset_values() {
-    let rcc = Rcc::new(8_000_000);
+    let rcc = Rcc::new(&F446.clocks, 8_000_000);
     assert_eq!(rcc.read(0, reg::CR), Some(0x83));
     assert_eq!(rcc.read(0, reg::PLLCFGR), Some(0x2400_3010));
     assert_eq!(rcc.read(0, reg::CSR), Some(0x0E00_0000));
@@ -44,7 +45,7 @@ fn the_tree_at_180_mhz() {
 
 #[test]
 fn a_pll_takes_its_time_to_lock() {
-    let mut rcc = Rcc::new(8_000_000);
+    let mut rcc = Rcc::new(&F446.clocks, 8_000_000);
     rcc.write(0, reg::CR, 0x83 | PLLON, false).unwrap();
     assert_eq!(rcc.read(PLL_LOCK_PS - 1, reg::CR).unwrap() & 1 << 25, 0);
     assert_ne!(rcc.read(PLL_LOCK_PS, reg::CR).unwrap() & 1 << 25, 0);
@@ -52,7 +53,7 @@ fn a_pll_takes_its_time_to_lock() {
 
 #[test]
 fn without_hse_the_pll_never_locks_and_the_switch_does_not_happen() {
-    let mut rcc = Rcc::new(0);
+    let mut rcc = Rcc::new(&F446.clocks, 0);
     rcc.write(0, reg::PLLCFGR, 1 << 22 | 180 << 6 | 4, false)
         .unwrap();
     rcc.write(0, reg::CR, 0x83 | HSEON_BYP | PLLON, false)
@@ -84,7 +85,7 @@ fn a_clock_that_stops_is_seen_with_css_only() {
 
 #[test]
 fn a_clock_that_begins_late_is_ready_late() {
-    let mut rcc = Rcc::new(8_000_000);
+    let mut rcc = Rcc::new(&F446.clocks, 8_000_000);
     assert_eq!(rcc.set_hse(0, false), HseFailure::None);
     rcc.write(0, reg::CR, 0x83 | HSEON_BYP, false).unwrap();
     assert_eq!(rcc.read(5 * US, reg::CR).unwrap() & 1 << 17, 0);
@@ -104,9 +105,20 @@ fn pll_limits() {
 
 #[test]
 fn causes_are_kept_until_removed() {
-    let mut rcc = Rcc::new(8_000_000);
+    let mut rcc = Rcc::new(&F446.clocks, 8_000_000);
     rcc.write(0, reg::CSR, RMVF, false).unwrap();
-    assert_eq!(rcc.causes(), 0);
+    assert_eq!(rcc.csr & CAUSES, 0);
     rcc.reset(cause::IWDG | cause::PIN);
-    assert_eq!(rcc.causes(), 0x2400_0000);
+    assert_eq!(rcc.csr & CAUSES, 0x2400_0000);
+}
+
+/// RM0090 7.3: the map of RCC ends with PLLI2SCFGR, and CR has no PLLSAI.
+#[test]
+fn an_stm32f407_has_two_plls() {
+    let mut rcc = Rcc::new(&F407.clocks, 12_000_000);
+    assert_eq!(rcc.read(0, 0x84), Some(0x2000_3000));
+    assert_eq!(rcc.read(0, 0x88), None);
+    assert_eq!(rcc.write(0, 0x8C, 1 << 24, false), None);
+    rcc.write(0, reg::CR, 0x83 | 1 << 28, false).unwrap();
+    assert_eq!(rcc.read(PLL_LOCK_PS, reg::CR), Some(0x83));
 }

@@ -1,24 +1,13 @@
-//! An emulated robot: the firmware's release image on an emulated NUCLEO-F446RE, wired as a real
-//! one.
+//! An emulated robot: the firmware's release image on an emulated board, wired as a real one.
 //!
 //! # Wiring
 //!
-//! | wheel | PWM | direction | encoder |
-//! |---|---|---|---|
-//! | front left | TIM1 CH1 | PC0 | TIM2 |
-//! | front right | TIM1 CH2 | PC1 | TIM3 |
-//! | rear left | TIM1 CH3 | PC2 | TIM4 |
-//! | rear right | TIM1 CH4 | PC3 | TIM5 |
-//!
-//! Driver enable PB0, brake release PB1 (high is released), emergency stop PB12 and PA6 (a closed
-//! contact pulls them low), driver fault PB13 (low is a fault), protective stop PC12 (low is
-//! closed), node switches PC8..PC11 (closed pulls low and is 1; node = 2 + value), supply PA4 (ADC
-//! input 4, divided by 11), motor current PA7. The opposites of the directions are PB2, PB4, PB5
-//! and PD2. The motor driver is the one the world has ([`crate::bridge`]); pull-downs hold every
-//! output low that the board does not drive.
-//!
-//! Encoder index front left PB10, front right PA12, rear left PB14, rear right PB15, high for a
-//! moment at each pulse.
+//! The board is the one that the image is for, and `wiring` has its pins. A closed contact of the
+//! emergency stop and of the protective stop pulls low, a driver's fault is low, a closed switch is
+//! 1 (node = 2 + value). The supply is divided by 11. The motor driver is the one the world has
+//! ([`crate::bridge`]); pull-downs hold every output low that the board does not drive. An
+//! encoder's index is high for a moment at each pulse. A board without switches gets its node-ID by
+//! LSS before the world begins.
 //!
 //! # Time
 //!
@@ -28,12 +17,16 @@
 //! event is due. It receives encoder counts in one sum when it next computes; the edges of an
 //! encoder whose wires are disturbed reach the pins one by one, each at its time.
 
+mod commission;
 mod robot;
+mod wiring;
 
-use canopen::Frame;
-use emulator::{Board, BoardConfig, CanId, Firmware, PinLevel, Port};
+use canopen::{Frame, NodeId};
+use emulator::{Board, BoardConfig, CanId, Firmware, PinLevel};
 use group::Driver;
 
+use self::commission::commissioned;
+use self::wiring::{Pin, Wiring};
 use super::LogLine;
 use crate::bridge::{self, Levels};
 use crate::bus::errors::{ErrorCounters, ErrorState};
@@ -45,36 +38,12 @@ use crate::smart_drive::DriveBus;
 /// The PWM timer, and the encoder timers of the wheels.
 const PWM_TIMER: usize = 1;
 const ENCODER_TIMERS: [usize; 4] = [2, 3, 4, 5];
-/// The encoders' wires A and B.
-const ENCODER_PINS: [[(Port, u8); 2]; 4] = [
-    [(Port::A, 15), (Port::B, 3)],
-    [(Port::C, 6), (Port::C, 7)],
-    [(Port::B, 6), (Port::B, 7)],
-    [(Port::A, 0), (Port::A, 1)],
-];
-/// The encoders' indexes.
-const INDEX_PINS: [(Port, u8); 4] = [(Port::B, 10), (Port::A, 12), (Port::B, 14), (Port::B, 15)];
 /// How long a counter stands still at an index, so that the program reads it there, ns: a few
 /// hundred instructions.
 const INDEX_NS: u64 = 3_000;
-/// The opposites of the directions.
-const INVERSE_PINS: [(Port, u8); 4] = [(Port::B, 2), (Port::B, 4), (Port::B, 5), (Port::D, 2)];
-/// Pins of port B.
-const DRIVER_ENABLE: u8 = 0;
-const BRAKE_RELEASE: u8 = 1;
-const EMERGENCY_STOP: u8 = 12;
-/// Pin of port A that is wired to it: the emergency stop cuts brake and driver enable there.
-const EMERGENCY_STOP_A: u8 = 6;
-/// ADC input of the supply, and its divider.
-const SUPPLY_INPUT: usize = 4;
-/// ADC inputs of the current sensors: PA7, PC4, PC5.
-const CURRENT_INPUTS: [usize; 3] = [7, 14, 15];
+/// Divider of the supply.
 pub(super) const SUPPLY_DIVIDER: f64 = 11.0;
-const DRIVER_FAULT: u8 = 13;
-/// Pin of port C.
-const PROTECTIVE_STOP: u8 = 12;
-/// Pins of port C: directions from 0, switches from here.
-const FIRST_SWITCH: u8 = 8;
+/// Node of a board with open switches, or without any.
 const FIRST_NODE: u8 = 2;
 /// How long after the processor last computed its outputs may still change by themselves, ns: a new
 /// duty takes effect at the end of a PWM period of 50 us.
@@ -84,6 +53,7 @@ const SETTLING_NS: u64 = 60_000;
 pub struct EmulatedRobot {
     node: u8,
     firmware: Firmware,
+    wiring: &'static Wiring,
     driver: Driver,
     config: BoardConfig,
     board: Board,
@@ -125,7 +95,7 @@ impl EmulatedRobot {
     /// A robot with this node and crystal error, just switched on.
     ///
     /// # Errors
-    /// When four switches cannot say the node.
+    /// When the board cannot have the node, or is not modelled.
     pub fn new(firmware: &Firmware, node: u8, crystal_ppm: f64) -> Result<Self, SimError> {
         let mut uid = *b"OMNIBUS-SIM\0";
         uid[11] = node;
@@ -143,18 +113,22 @@ impl EmulatedRobot {
         uid: [u8; 12],
         crystal_ppm: f64,
     ) -> Result<Self, SimError> {
-        if switches(node).is_none() {
+        let refused = |problem| SimError::Robot { node, problem };
+        let wiring = Wiring::of(firmware).map_err(refused)?;
+        if !wiring.switches.is_empty() && switches(node).is_none() {
             let problem = "four switches give nodes 2 to 17 only".to_owned();
-            return Err(SimError::Robot { node, problem });
+            return Err(refused(problem));
         }
         let config = BoardConfig {
             crystal_ppm,
             uid,
+            hse_hz: wiring.hse_hz,
             ..BoardConfig::default()
         };
         let mut robot = Self {
             node,
             firmware: firmware.clone(),
+            wiring,
             driver: Driver::default(),
             board: Board::new(firmware, config.clone()),
             config,
@@ -181,31 +155,46 @@ impl EmulatedRobot {
             errors: Default::default(),
         };
         robot.wire();
+        if wiring.switches.is_empty() && node != FIRST_NODE {
+            let id = NodeId::new(node).ok_or_else(|| refused("no node-ID".to_owned()))?;
+            let new = Board::new(firmware, robot.config.clone());
+            let flash = commissioned(std::mem::replace(&mut robot.board, new), id);
+            let flash = flash.map_err(refused)?;
+            robot.board = Board::with_flash(firmware, robot.config.clone(), &flash);
+            robot.wire();
+        }
         Ok(robot)
     }
 
     /// Connects everything outside to the board's pins.
     fn wire(&mut self) {
-        // Checked when it was built.
+        // Checked when it was built; a board without switches has none to close.
         let switches = switches(self.node).unwrap_or_default();
-        for bit in 0..4 {
+        for (bit, (port, pin)) in self.wiring.switches.iter().enumerate() {
             let open = switches >> bit & 1 == 0;
-            self.board.set_input(Port::C, FIRST_SWITCH + bit, open);
+            self.board.set_input(*port, *pin, open);
         }
+        self.wire_emergency_stop();
+        self.set_pin(self.wiring.driver_fault, !self.driver_fault);
+        self.set_pin(self.wiring.protective_stop, self.protective_stop);
+        let (port, pin) = self.wiring.supply;
         self.board
-            .set_input(Port::B, EMERGENCY_STOP, self.emergency_stop);
-        self.board
-            .set_input(Port::A, EMERGENCY_STOP_A, self.emergency_stop);
-        self.board
-            .set_analog(SUPPLY_INPUT, self.supply / SUPPLY_DIVIDER);
-        self.board
-            .set_input(Port::B, DRIVER_FAULT, !self.driver_fault);
-        self.board
-            .set_input(Port::C, PROTECTIVE_STOP, self.protective_stop);
-        for (pins, levels) in ENCODER_PINS.into_iter().zip(self.encoder_levels) {
+            .set_analog(port, pin, self.supply / SUPPLY_DIVIDER);
+        let encoders = self.wiring.encoders.into_iter().flatten();
+        for (pins, levels) in encoders.zip(self.encoder_levels) {
             for ((port, pin), level) in pins.into_iter().zip(levels) {
                 self.board.set_input(port, pin, level);
             }
+        }
+    }
+
+    fn set_pin(&mut self, (port, pin): Pin, high: bool) {
+        self.board.set_input(port, pin, high);
+    }
+
+    fn wire_emergency_stop(&mut self) {
+        for pin in self.wiring.emergency_stop {
+            self.set_pin(*pin, self.emergency_stop);
         }
     }
 
@@ -233,7 +222,8 @@ impl EmulatedRobot {
     }
 
     fn run(&mut self, time_ns: u64) -> Result<(), SimError> {
-        for (high, (port, pin)) in self.index_high.iter_mut().zip(INDEX_PINS) {
+        let index = self.wiring.index.into_iter().flatten();
+        for (high, (port, pin)) in self.index_high.iter_mut().zip(index) {
             if std::mem::take(high) {
                 self.board.set_input(port, pin, false);
             }
@@ -270,14 +260,14 @@ impl EmulatedRobot {
     /// Brings the counters to where they stood at the index pulses, raises the pins and lets the
     /// board see it.
     fn pulse(&mut self, time_ns: u64) -> Result<(), SimError> {
-        for wheel in 0..4 {
+        let pins = self.wiring.index.into_iter().flatten();
+        for (wheel, (port, pin)) in pins.enumerate() {
             let Some(ago) = self.pending_index[wheel].take() else {
                 continue;
             };
             let to_index = self.pending_counts[wheel] - ago;
             self.board.encoder_add(ENCODER_TIMERS[wheel], to_index);
             self.pending_counts[wheel] = ago;
-            let (port, pin) = INDEX_PINS[wheel];
             self.board.set_input(port, pin, true);
             self.index_high[wheel] = true;
         }
@@ -293,8 +283,9 @@ impl EmulatedRobot {
         let mut edges = std::mem::take(&mut self.pending_edges);
         for (wheel, edge) in edges.drain(..due) {
             self.advance(edge.at_ns.max(self.board_now_ns()))?;
-            let (port, pin) = ENCODER_PINS[wheel][edge.channel];
-            self.board.set_input(port, pin, edge.level);
+            if let Some(encoders) = self.wiring.encoders {
+                self.set_pin(encoders[wheel][edge.channel], edge.level);
+            }
         }
         self.pending_edges = edges;
         Ok(())
@@ -365,9 +356,9 @@ impl EmulatedRobot {
     }
 
     fn look_at_bridges(&mut self) {
-        let high = |port, pin| self.board.output(port, pin) == PinLevel::High;
-        let enabled = high(Port::B, DRIVER_ENABLE);
-        let brake_released = high(Port::B, BRAKE_RELEASE);
+        let high = |(port, pin): Pin| self.board.output(port, pin) == PinLevel::High;
+        let enabled = high(self.wiring.driver_enable);
+        let brake_released = high(self.wiring.brake_release);
         if let Some(bus) = &self.drive_bus {
             self.drives = bus.voltages(self.rates).map(|voltage| Bridge {
                 duty: voltage.unwrap_or(0.0),
@@ -377,13 +368,11 @@ impl EmulatedRobot {
             return;
         }
         self.drives = std::array::from_fn(|wheel| {
-            let (port, pin) = INVERSE_PINS[wheel];
             let levels = Levels {
                 enabled,
                 pwm: self.board.pwm(PWM_TIMER, wheel + 1).duty.into(),
-                // Four wheels: a u8 holds the pin.
-                direction: high(Port::C, wheel as u8),
-                inverse: high(port, pin),
+                direction: high(self.wiring.directions[wheel]),
+                inverse: self.wiring.inverse.is_some_and(|pins| high(pins[wheel])),
             };
             let output = bridge::output(self.driver, &levels);
             Bridge {

@@ -2,13 +2,10 @@
 
 use canopen::Frame;
 use canopen::bits::frame_bits;
-use emulator::{Board, CanError, CanFrame, Change, Port};
+use emulator::{Board, CanError, CanFrame, Change};
 use group::Driver;
 
-use super::{
-    CURRENT_INPUTS, DRIVER_FAULT, EMERGENCY_STOP, EMERGENCY_STOP_A, EmulatedRobot, PROTECTIVE_STOP,
-    PWM_TIMER, SETTLING_NS, SUPPLY_DIVIDER, SUPPLY_INPUT,
-};
+use super::{EmulatedRobot, PWM_TIMER, SETTLING_NS, SUPPLY_DIVIDER};
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::encoder::wires::Edge;
 use crate::error::SimError;
@@ -164,8 +161,7 @@ impl Robot for EmulatedRobot {
             return;
         }
         self.catch_up();
-        self.board.set_input(Port::B, EMERGENCY_STOP, pressed);
-        self.board.set_input(Port::A, EMERGENCY_STOP_A, pressed);
+        self.wire_emergency_stop();
         // The break input acts without the processor, which may be asleep or halted.
         self.look_at_bridges();
     }
@@ -174,7 +170,7 @@ impl Robot for EmulatedRobot {
         self.protective_stop = open;
         if self.powered {
             self.catch_up();
-            self.board.set_input(Port::C, PROTECTIVE_STOP, open);
+            self.set_pin(self.wiring.protective_stop, open);
         }
     }
 
@@ -182,7 +178,7 @@ impl Robot for EmulatedRobot {
         self.driver_fault = fault;
         if self.powered {
             self.catch_up();
-            self.board.set_input(Port::B, DRIVER_FAULT, !fault);
+            self.set_pin(self.wiring.driver_fault, !fault);
         }
     }
 
@@ -212,15 +208,16 @@ impl Robot for EmulatedRobot {
         self.supply = volts;
         if self.powered {
             self.catch_up();
-            self.board.set_analog(SUPPLY_INPUT, volts / SUPPLY_DIVIDER);
+            let (port, pin) = self.wiring.supply;
+            self.board.set_analog(port, pin, volts / SUPPLY_DIVIDER);
         }
     }
 
     fn set_current_inputs(&mut self, volts: [f64; 3]) {
         if self.powered {
             self.catch_up();
-            for (channel, volts) in CURRENT_INPUTS.into_iter().zip(volts) {
-                self.board.set_analog(channel, volts);
+            for ((port, pin), volts) in self.wiring.currents.iter().zip(volts) {
+                self.board.set_analog(*port, *pin, volts);
             }
         }
     }
