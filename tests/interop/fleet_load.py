@@ -3,7 +3,9 @@ each with an order of its own, for so many seconds of the clock on the wall.
 
     OMNIBUS_DOORS=target/release/omnibus python3 tests/interop/fleet_load.py [GROUPS [SECONDS]]
 
-Not a test: it prints figures, which depend on the machine (docs/performance.md has one run)."""
+Not a test: `cargo xtask bench --fleet` runs it. Figures depend on the machine (docs/performance.md has one run):
+messages and states a second of all groups, processor (per cent of a core) and memory (MB) of one group with its
+simulated robot, and the broker's share of a core."""
 
 import json
 import os
@@ -74,10 +76,10 @@ def main():
         passed = time.monotonic() - began
         lines = (heard.stdout.read() or "").splitlines()
         spent = sum(cpu(v) - b for v, b in zip(vehicles, before))
-        print(f"{GROUPS} groups, {passed:.0f} s: {len(lines) / passed:.0f} messages/s "
-              f"({sum(line.endswith('/state') for line in lines) / passed:.0f} states), "
-              f"{100 * spent / passed / GROUPS:.1f} % of a core and {memory(vehicles[0]):.0f} MB a group, simulated "
-              f"robot included; broker {100 * (cpu(broker) - broker_before) / passed:.1f} %")
+        print(json.dumps({
+            "messages": len(lines) / passed, "states": sum(line.endswith("/state") for line in lines) / passed,
+            "processor": 100 * spent / passed / GROUPS, "memory": sum(map(memory, vehicles)) / GROUPS,
+            "broker": 100 * (cpu(broker) - broker_before) / passed}))
         for process in [*vehicles, heard, broker]:
             process.send_signal(signal.SIGINT)
         for process in [*vehicles, heard, broker]:

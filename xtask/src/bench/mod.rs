@@ -4,13 +4,15 @@
 //! run the release image and counts; [`image`] inspects the image; [`bus`] measures the virtual
 //! bus; [`latency`] the time from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
 //! drives curves. All of it is emulated or exact arithmetic, so two runs give the same figures, and
-//! `--check` can hold them to their ceilings. Only [`host`] depends on the speed of this machine;
-//! it is measured on request and kept separate.
+//! `--check` can hold them to their ceilings. What depends on the speed of this machine is measured
+//! on request and kept separate: [`host`], [`features`] of the tool, and a [`fleet`] of groups.
 
 mod accuracy;
 mod bus;
 mod driving;
+mod features;
 mod figure;
+mod fleet;
 mod gateway;
 mod host;
 mod image;
@@ -53,6 +55,14 @@ pub struct Arguments {
     /// at most a minute.
     #[arg(long, conflicts_with_all = ["write_docs", "host", "image"])]
     kernels: bool,
+    /// Measures instead what the features `ros` and `vda5050` of the tool cost: crates, bytes, and
+    /// time to build. Builds the tool three times from nothing.
+    #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host", "image", "check"])]
+    features_cost: bool,
+    /// Measures instead what twenty groups under one fleet control cost (VDA 5050); needs mosquitto
+    /// and Python. Takes a minute.
+    #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host", "image", "check", "features_cost"])]
+    fleet: bool,
     /// Firmware image to measure; by default it is built.
     #[arg(long, value_name = "ELF")]
     image: Option<PathBuf>,
@@ -73,6 +83,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print(&figures);
         write_json(arguments.json.as_deref(), &figures, &[])?;
         return hold(arguments, &figures);
+    }
+    if arguments.features_cost || arguments.fleet {
+        let host = match arguments.fleet {
+            true => fleet::figures()?,
+            false => features::figures()?,
+        };
+        print(&host);
+        return write_json(arguments.json.as_deref(), &[], &host);
     }
     let elf = match &arguments.image {
         Some(path) => path.clone(),
