@@ -125,6 +125,7 @@ class Client:
         self.socket = connect(f"ws://{address}/ws", max_size=None, compression=None, **options)
         self.states = []
         self.refusals = []
+        self.events = []
         self.seat = None
         if token is not None:
             self.say(type="hello", token=token)
@@ -144,6 +145,8 @@ class Client:
                 self.states.append(message)
             elif message["type"] == "refused":
                 self.refusals.append(message["reason"])
+            elif message["type"] == "event":
+                self.events.append(message["text"])
             elif message["type"] == "seat":
                 self.seat = message
             if time.monotonic() > end + 1:

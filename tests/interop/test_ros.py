@@ -1,10 +1,13 @@
 """`omnibus ros` against CycloneDDS and the message definitions of rosbags."""
 
+import contextlib
 import json
 import math
 import os
 import pathlib
 import random
+import shlex
+import signal
 import socket
 import subprocess
 import sys
@@ -19,7 +22,10 @@ import ruamel.yaml
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ros_peer import ROOT, STORE, Node, Peer, Repeated, RosTest, stamped, taken, twist, udp_ports, until
+from page import Client
+from ros_peer import (
+    DOMAIN, ROOT, STORE, Node, Peer, Repeated, RosTest, Watcher, new, stamped, taken, twist, udp_ports, until,
+)
 
 STAMPED = "geometry_msgs/msg/TwistStamped"
 PLAIN = "geometry_msgs/msg/Twist"
@@ -72,6 +78,10 @@ class Drive(RosTest):
         enable = peer.service("enable", "SetBool")
         self.assertTrue(enable(False).success)
         watcher.says("tcc-2", "switched off")
+        self.assertTrue(enable(True).success)
+        watcher.says("tcc-2", "following")
+        for robot in (2, 3):
+            self.assertTrue(watcher.status(f"robot {robot}").message)
         self.assertEqual(node.end(), 0)
 
     def test_odometry_says_how_well_it_knows_and_what_tf_says(self):
@@ -183,6 +193,19 @@ class Links(RosTest):
         self.assertEqual(right_seen.look().newest["odom"].child_frame_id, "right/base_link")
         self.assertEqual(len(right_seen.newest["joints"].name), 12)
 
+    def test_domains_are_apart_and_tf_and_its_names_can_be_left_to_others(self):
+        _, _, watcher = self.started()
+        Node(self, "--start", "--no-tf", "--frame-prefix", "robot_", domain=DOMAIN + 1)
+        peer = Peer(domain=DOMAIN + 1)
+        seen, transforms = Watcher(peer), peer.reader("tf", "tf2_msgs/msg/TFMessage")
+        seen.says("tcc-2", "following")
+        with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(vx=0.2, frame="robot_base_link")):
+            until("motion in the other domain", lambda: seen.place[0] > 0.2)
+        odom = seen.newest["odom"]
+        self.assertEqual((odom.header.frame_id, odom.child_frame_id), ("robot_odom", "robot_base_link"))
+        self.assertFalse(taken(transforms))
+        self.assertLess(math.hypot(*watcher.place), 1e-3)
+
     def test_a_hundred_thousand_mutated_datagrams(self):
         node, peer, watcher = self.started()
         # Those that are the node's alone: CycloneDDS, in this process, does not survive every datagram, and of one
@@ -222,15 +245,32 @@ class Links(RosTest):
 class Bus(RosTest):
     """A bus that others reach, too: the simulated world in a process of its own."""
 
-    def world(self):
+    def world(self, *options):
         world = subprocess.Popen(
             [os.environ["OMNIBUS_SIM"], "serve", ROOT / "groups" / "tcc-2.toml", "--slcan-tcp", "127.0.0.1:0",
-             "--fault", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+             "--fault", "-", *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self.addCleanup(world.wait)
         self.addCleanup(world.stdout.close)
         self.addCleanup(world.stdin.close)
         self.addCleanup(world.kill)
         return world, f"slcan-tcp://{world.stdout.readline().split()[1]}"
+
+    @contextlib.contextmanager
+    def turning(self, peer, watcher):
+        """Turns the group. A machine that was too busy for SYNC stops the robots: then once more."""
+        writer, start = peer.writer("cmd_vel", STAMPED), peer.service("start")
+        for last in (False, False, False, True):
+            with Repeated(writer, lambda: stamped(omega=0.3)):
+                try:
+                    until("a turn", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2, 15)
+                except AssertionError:
+                    if last:
+                        raise
+                else:
+                    yield
+                    return
+            until("started again", lambda: start().success)
+            watcher.says("tcc-2", "following")
 
     def test_the_lowest_supply_is_the_battery_and_late_readers_get_the_model(self):
         world, bus = self.world()
@@ -261,8 +301,7 @@ class Bus(RosTest):
         _, peer, watcher = self.started(bus=bus)
         drive = [os.environ["OMNIBUS_DOORS"], "drive", "--vx", "0.1", "--for", "1", "--bus", bus, "--group",
                  ROOT / "groups" / "tcc-2.toml"]
-        with Repeated(peer.writer("cmd_vel", STAMPED), lambda: stamped(omega=0.3)):
-            until("a turn", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+        with self.turning(peer, watcher):
             refused = subprocess.run(drive, capture_output=True, text=True)
             self.assertNotEqual(refused.returncode, 0)
             self.assertIn("another master", refused.stderr)
@@ -270,6 +309,77 @@ class Bus(RosTest):
             forced = subprocess.Popen([*drive, "--force"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             self.addCleanup(forced.communicate)
             watcher.says("tcc-2", "another master")
+
+
+    def test_a_node_that_is_killed_leaves_a_group_that_stands(self):
+        world, bus = self.world("--pose-tcp", "127.0.0.1:0")
+        host, port = world.stdout.readline().split()[1].split(":")
+        node, peer, watcher = self.started(bus=bus)
+        with self.turning(peer, watcher), socket.create_connection((host, int(port))) as line:
+            poses = line.makefile()
+
+            def heading():
+                return json.loads(poses.readline())["group"]["heading"]
+
+            before = heading()
+            until("a true turn", lambda: heading() > before + 0.05)
+            node.process.kill()
+            # The commands go on, and nobody is there to follow them.
+            latest = [heading()]
+            until("the same heading a hundred times", lambda: latest.append(heading()) or (
+                len(latest) > 100 and max(latest[-100:]) - min(latest[-100:]) < 1e-6))
+            poses.close()
+        self.assertEqual(node.end(), -signal.SIGKILL)
+
+    def test_a_bus_that_is_gone_ends_the_program_with_its_own_exit_code(self):
+        world, bus = self.world()
+        node, peer, watcher = self.started(bus=bus)
+        with self.turning(peer, watcher):
+            world.kill()
+            until("the end", lambda: node.process.poll() is not None)
+        self.assertEqual(node.end(), 3, node.said)
+
+    def test_a_page_on_the_same_bus_takes_nothing_away_and_each_side_is_told_of_the_other(self):
+        _, bus = self.world()
+        group = ["--bus", bus, "--group", ROOT / "groups" / "tcc-2.toml"]
+        node, peer, watcher = self.started(bus=bus)
+        served = subprocess.Popen([os.environ["OMNIBUS_DOORS"], "serve", "--http", "127.0.0.1:0", "--json", *group],
+                                  stdout=subprocess.PIPE, text=True)
+        self.addCleanup(served.communicate)
+        self.addCleanup(served.send_signal, signal.SIGINT)
+        place = json.loads(served.stdout.readline())
+        page = Client(place["url"].split("/")[2], place["token"])
+        self.addCleanup(page.socket.close)
+        # The page wants the robots that a ROS driver has.
+        with self.turning(peer, watcher):
+            page.until("the other master", lambda: page.states and page.states[-1]["foreign"])
+            page.say(type="take")
+            page.say(type="start")
+            page.until("why not", lambda: any("another master" in event for event in page.events))
+            self.assertEqual(page.states[-1]["phase"], "idle")
+            watcher.says("tcc-2", "following")
+            until("it still turns", lambda: watcher.look().newest["odom"].twist.twist.angular.z > 0.2)
+        self.assertEqual(node.end(), 0)
+        # A ROS driver wants the robots that the page has.
+        page.until("no other master", lambda: not page.states[-1]["foreign"])
+        page.start()
+        node = Node(self, bus=bus)
+        peer = Peer()
+        watcher = Watcher(peer)
+        watcher.says("tcc-2", "another master commands the robots")
+        for service in ("start", "e_stop_trigger", "e_stop_reset"):
+            answer = peer.service(service)()
+            self.assertFalse(answer.success, service)
+            self.assertIn("another master", answer.message)
+        self.assertEqual(watcher.status("tcc-2").level, 2)
+        self.assertEqual(node.end(), 0)
+        page.hear(0.5)
+        self.assertEqual(page.states[-1]["phase"], "running")
+        # Taken by force, the robots are lost to the page, which is told.
+        taken_away = subprocess.Popen([os.environ["OMNIBUS_DOORS"], "drive", "--vx", "0.1", "--for", "1", "--force", *group],
+                                      stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.addCleanup(taken_away.wait)
+        page.until("told", lambda: any("took the robots" in event for event in page.events))
 
 
 class Network(RosTest):
@@ -293,9 +403,9 @@ class Network(RosTest):
                 "reader = ros_peer.Peer(domain=7).reader('odom', 'nav_msgs/msg/Odometry')\n"
                 "ros_peer.until('odom', lambda: ros_peer.taken(reader), 20)")
         peer = ["ip", "netns", "exec", there, sys.executable, "-B", "-c", code]
-        for peers, found in (("", False), ("10.77.0.2", True)):
-            with self.subTest(peers=peers):
-                node = Node(self, within=here, domain=7, ROS_LOCALHOST_ONLY="0", ROS_STATIC_PEERS=peers)
+        for peers, only, found in (("", "0", False), ("10.77.0.2", "0", True), ("10.77.0.2", "1", False)):
+            with self.subTest(peers=peers, only=only):
+                node = Node(self, within=here, domain=7, ROS_LOCALHOST_ONLY=only, ROS_STATIC_PEERS=peers)
                 heard = subprocess.run(peer, cwd=ROOT / "tests" / "interop", capture_output=True, text=True)
                 self.assertEqual(heard.returncode == 0, found, heard.stderr)
                 self.assertEqual(node.end(), 0, node.said)
@@ -429,6 +539,86 @@ class Files(unittest.TestCase):
         self.assertEqual(corners, {(x, y) for x in (1.102, -1.102) for y in (0.522, -0.522)})
         filtered = yaml.load(self.omnibus("group", "localization", "groups/tcc-2.toml"))
         self.assertEqual(len(filtered["ekf_filter_node"]["ros__parameters"]["odom0_config"]), 15)
+
+
+class Documented(RosTest):
+    """docs/ros.md, typed in its order. There is no ROS here: a line that begins with `ros2 service call` or `ros2 topic
+    pub` is understood by what stands in it, and sent by CycloneDDS. The other lines of `ros2` are not run."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        (self.folder / "groups").symlink_to(ROOT / "groups")
+        (self.folder / "my-group.toml").symlink_to(ROOT / "groups" / "tcc-2.toml")
+        programs = self.folder / "programs"
+        programs.mkdir()
+        (programs / "omnibus").symlink_to(os.environ["OMNIBUS_DOORS"])
+        (programs / "omnibus-sim").symlink_to(os.environ["OMNIBUS_SIM"])
+        self.variables = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(DOMAIN),
+                          "ROS_LOCALHOST_ONLY": "1", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+
+    def type(self, line):
+        process = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=self.folder, env=self.variables,
+                                   stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.addCleanup(process.communicate)
+        self.addCleanup(process.send_signal, signal.SIGINT)
+        return process
+
+    def call(self, peer, line):
+        _, _, _, name, of = shlex.split(line)
+        answer = peer.service(name.removeprefix("/"), of.removeprefix("std_srvs/srv/"))()
+        self.assertTrue(answer.success, answer.message)
+
+    def publish(self, peer, line):
+        program, topic, publish, _, rate, name, of, values = shlex.split(line)
+        self.assertEqual((program, topic, publish, rate), ("ros2", "topic", "pub", "20"))
+        message = filled(of, ruamel.yaml.YAML(typ="safe").load(values))
+        return Repeated(peer.writer(name.removeprefix("/"), of), lambda: message)
+
+    def test_the_commands_of_the_page_in_their_order(self):
+        page = (ROOT / "docs" / "ros.md").read_text()
+        blocks = [block.split("```")[0].splitlines() for block in page.split("```sh\n")[1:]]
+        build, (start, call, publish), (world, on_bus), nav2 = blocks
+        self.assertEqual(build[0], "cargo build --release -p omnibus-master --features ros")
+        self.assertEqual(build[1].split("#")[0].strip(), start)
+        node, peer = self.type(start), Peer()
+        watcher = Watcher(peer)
+        until("odom", lambda: "odom" in watcher.look().newest)
+        self.call(peer, call)
+        watcher.says("tcc-2", "following")
+        with self.publish(peer, publish):
+            until("to the left", lambda: watcher.place[1] > 0.2)
+        watcher.stands()
+        self.assertLess(abs(watcher.place[0]), 0.02)
+        node.send_signal(signal.SIGINT)
+        self.assertEqual(node.wait(60), 0)
+        # The port of the page may be taken here.
+        served = self.type(world.replace("7701", "0"))
+        address = served.stdout.readline().split()[1]
+        self.type(on_bus.replace("127.0.0.1:7701", address))
+        watcher = Watcher(peer)
+        until("odom of the other node", lambda: "odom" in watcher.look().newest)
+        self.call(peer, call)
+        watcher.says("tcc-2", "following")
+        # Files for Nav2: made here, and those that the lines of ROS name are there then.
+        ours = [line for line in nav2 if line.startswith("omnibus ")]
+        for line in ours:
+            subprocess.run(["bash", "-c", line], cwd=self.folder, env=self.variables, check=True)
+        self.assertEqual([line.split()[:2] for line in nav2[len(ours):]], [["ros2", "run"], ["ros2", "launch"]])
+        for line in nav2[len(ours):]:
+            file = self.folder / shlex.split(line)[-1].removeprefix("params_file:=")
+            if file.suffix == ".urdf":
+                self.assertEqual(ElementTree.parse(file).getroot().tag, "robot")
+            else:
+                self.assertIn("controller_server", ruamel.yaml.YAML(typ="safe").load(file.read_text()))
+
+
+def filled(name, values):
+    """A message of that type with these values, and zeros where nothing is given."""
+    kinds = dict(STORE.fielddefs[name][1])
+    return new(name, **{field: filled(kinds[field][1], value) if isinstance(value, dict) else value
+                        for field, value in values.items()})
 
 
 def at_random(name, dice):

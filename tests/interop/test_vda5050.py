@@ -213,6 +213,20 @@ class Fault(Vehicles):
         fleet.finished(SERIAL, "c")
 
 
+    def test_a_bus_that_is_gone_ends_the_program_with_its_own_exit_code_and_the_will_says_so(self):
+        broker = Broker(self)
+        fleet = Fleet(self, broker)
+        world, places = self.world("single.toml")
+        bus = [f"slcan-tcp://{places['slcan-tcp']}", "--group", str(ROOT / "groups" / "single.toml"), "--at", "0,0"]
+        process = self.vehicle(broker, bus, serial=SERIAL, ends=3)
+        fleet.state(SERIAL, lambda s: s["agvPosition"]["positionInitialized"])
+        fleet.order(SERIAL, order("x", [(0, 0), (4, 0)], maxSpeed=0.4))
+        fleet.state(SERIAL, lambda s: s["driving"])
+        world.kill()
+        fleet.message(SERIAL, "connection", lambda m: m["connectionState"] in ("OFFLINE", "CONNECTIONBROKEN"))
+        self.assertEqual(process.wait(PATIENCE), 3)
+
+
 class TwoVehicles(Vehicles):
     def test_two_groups_on_one_broker_are_kept_apart(self):
         broker = Broker(self)

@@ -93,7 +93,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             node::run(&settings, outgoing, on)
         },
     );
-    operate(pilot, &group, &options, &abort, body)?;
+    operate(pilot, &group, &options, &abort, body).map_err(|error| match error {
+        // By itself, because exit codes look for it.
+        RosError::Drive(error) => anyhow!(error),
+        other => anyhow!(other),
+    })?;
     if panicked.load(Ordering::Relaxed) {
         return Err(RosError::NodeLost.into());
     }

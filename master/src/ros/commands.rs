@@ -30,6 +30,9 @@ const NOTHING: f64 = 1e-6;
 /// Publishers that are kept in mind.
 const MOST: usize = 64;
 
+/// Why nothing can be done here.
+const FOREIGN: &str = "another master commands the robots";
+
 /// What commands are judged by.
 #[derive(Clone, Debug)]
 pub struct Rules {
@@ -65,6 +68,8 @@ pub struct Commands {
     latched: bool,
     /// Whether the session moves or may move the robots.
     active: bool,
+    /// Whether another master commands the robots.
+    foreign: bool,
     tally: Tally,
 }
 
@@ -99,6 +104,7 @@ impl Commands {
             others: Vec::new(),
             latched: false,
             active: false,
+            foreign: false,
             tally: Tally::default(),
         }
     }
@@ -273,6 +279,8 @@ impl Commands {
                     // Twice is at once: the robots leave OPERATIONAL, which cuts their drivers.
                     self.abort.ask();
                     self.abort.ask();
+                } else if self.foreign {
+                    return Err(format!("{FOREIGN}; stop them there"));
                 }
                 Ok("the drivers are cut; e_stop_reset starts the robots again")
             }
@@ -297,13 +305,17 @@ impl Commands {
                 "{mover} commands motion; it has to send zero or to pause first"
             ));
         }
+        if self.foreign {
+            return Err(format!("{FOREIGN}; end that program or its session first"));
+        }
         self.controls.succeed(self.own)?;
         self.controls.start(self.own)
     }
 
-    /// Whether the session may move the robots.
-    pub fn set_active(&mut self, active: bool) {
+    /// Whether the session may move the robots, and whether another master was heard.
+    pub fn set_session(&mut self, active: bool, foreign: bool) {
         self.active = active;
+        self.foreign = foreign;
     }
 
     /// Whether `e_stop_trigger` was called and `e_stop_reset` was not.

@@ -239,7 +239,7 @@ impl State {
         if !std::mem::replace(&mut self.started, true) {
             lock(&self.commands).handle(Incoming::Call(ros::node::Call::Start), now_ns());
         }
-        lock(&self.commands).set_active(now.phase != SessionState::Idle);
+        lock(&self.commands).set_session(now.phase != SessionState::Idle, now.foreign_master);
         if now.phase == SessionState::Running {
             self.own.failed = None;
         }
