@@ -8,16 +8,17 @@
 
 #![forbid(unsafe_code)]
 
+mod legend;
 pub mod page;
 mod picture;
 
-pub use picture::Sheet;
+pub use picture::{Placed, Sheet};
 use plotters::coord::Shift;
 use plotters::data::float::FloatPrettyPrinter;
-use plotters::element::DashedPathElement;
 pub use plotters::style::RGBColor;
 
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Ink of axes, text and the theory's line.
 const INK: RGBColor = RGBColor(45, 52, 62);
@@ -37,6 +38,11 @@ const SCALE: u32 = 8;
 /// Width of a line and of a band, in pixels.
 const LINE_WIDTH: u32 = 2;
 const BAND_WIDTH: u32 = 7;
+/// Width of the front of an outline, in pixels.
+const FRONT_WIDTH: u32 = 4;
+/// By how much a line is broader than the one above it, as drawn, and how many steps there are.
+const BROADER: u32 = 6;
+const MOST_BROADENED: usize = 3;
 /// How much of its colour a band has.
 const BAND_OPACITY: f64 = 0.22;
 
@@ -92,6 +98,27 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
+/// A closed outline with its name in the middle. Its first side is the front, drawn thicker.
+#[derive(Clone, Debug)]
+pub struct Outline {
+    /// Colour of its lines, and paler of its inside.
+    pub color: RGBColor,
+    /// Name.
+    pub label: String,
+    /// Corners in the units of the axes.
+    pub corners: Vec<(f64, f64)>,
+}
+
+impl Outline {
+    /// Its middle.
+    fn middle(&self) -> (f64, f64) {
+        let count = self.corners.len().max(1) as f64;
+        let corners = self.corners.iter();
+        let (x, y) = corners.fold((0.0, 0.0), |(x, y), corner| (x + corner.0, y + corner.1));
+        (x / count, y / count)
+    }
+}
+
 /// A chart as data.
 #[derive(Clone, Debug)]
 pub struct Chart {
@@ -107,8 +134,8 @@ pub struct Chart {
     pub equal_axes: bool,
     /// Lines, drawn in order.
     pub series: Vec<Series>,
-    /// Closed outlines drawn under the lines, with their fill.
-    pub outlines: Vec<(RGBColor, Vec<(f64, f64)>)>,
+    /// Outlines drawn under the lines.
+    pub outlines: Vec<Outline>,
 }
 
 /// Stretches of a picture across and down, in its units.
@@ -231,7 +258,7 @@ impl Chart {
     fn ranges(&self) -> ((f64, f64), (f64, f64)) {
         let all = || {
             let lines = self.series.iter().flat_map(|s| s.points.iter());
-            lines.chain(self.outlines.iter().flat_map(|(_, points)| points.iter()))
+            lines.chain(self.outlines.iter().flat_map(|outline| &outline.corners))
         };
         let (mut x, mut y) = (range(all().map(|p| p.0)), range(all().map(|p| p.1)));
         if self.equal_axes {
@@ -270,11 +297,15 @@ impl Chart {
         B::ErrorType: 'static,
     {
         picture::prepare_font();
-        let legend = alone || self.equal_axes;
-        let text = |size: i32| ("sans-serif", size * SCALE as i32).into_font().color(&INK);
         let ((x0, x1), (y0, y1)) = self.ranges();
         root.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(root)
+        // A map has empty corners; over a time axis a legend would hide the lines it explains.
+        let area = if alone && !self.equal_axes {
+            legend::below(root, &self.series)?
+        } else {
+            root.clone()
+        };
+        let mut chart = ChartBuilder::on(&area)
             .caption(&self.title, text(17))
             .margin(MARGIN * SCALE)
             .x_label_area_size(LABEL_AREA.0 * SCALE)
@@ -295,45 +326,47 @@ impl Chart {
             .x_label_formatter(&|x| tick(*x, x1 - x0))
             .y_label_formatter(&|y| tick(*y, y1 - y0))
             .draw()?;
-        for (color, points) in &self.outlines {
-            chart.draw_series([Polygon::new(points.clone(), color.mix(0.12).filled())])?;
-            let closed = points.iter().chain(points.first()).copied();
+        for outline in &self.outlines {
+            let Outline {
+                color,
+                label,
+                corners,
+            } = outline;
+            chart.draw_series([Polygon::new(corners.clone(), color.mix(0.12).filled())])?;
+            let closed = corners.iter().chain(corners.first()).copied();
             chart.draw_series(LineSeries::new(closed, color.mix(0.7).stroke_width(SCALE)))?;
+            let front = corners.iter().take(2).copied();
+            chart.draw_series(LineSeries::new(
+                front,
+                color.stroke_width(FRONT_WIDTH * SCALE),
+            ))?;
+            let centred = text(15).pos(Pos::new(HPos::Center, VPos::Center));
+            chart.draw_series([Text::new(label.clone(), outline.middle(), centred)])?;
         }
-        for series in &self.series {
-            let color = series.color.unwrap_or(INK);
-            let style = match series.stroke {
-                Stroke::Line => color.stroke_width(LINE_WIDTH * SCALE),
-                Stroke::Band => color.mix(BAND_OPACITY).stroke_width(BAND_WIDTH * SCALE),
-            };
+        for (n, series) in self.series.iter().enumerate() {
+            let after = self.series.iter().skip(n + 1);
+            let named = after.filter(|series| !series.label.is_empty());
+            let style = line_style(series, named.count());
             let points = thinned(&series.points);
-            let dashes = dashes(series).map(|(dash, gap, _)| {
-                let scaled = |pixels: i32| pixels * SCALE as i32;
-                (scaled(dash), scaled(gap))
-            });
-            let drawn = match dashes {
+            let drawn = match scaled_dashes(series) {
                 Some((dash, gap)) => {
                     chart.draw_series(DashedLineSeries::new(points, dash, gap, style))?
                 }
                 None => chart.draw_series(LineSeries::new(points, style))?,
             };
-            if legend && !series.label.is_empty() {
-                let length = 20 * SCALE as i32;
-                let (dash, gap) = dashes.unwrap_or((length, 1));
-                drawn.label(&series.label).legend(move |(x, y)| {
-                    DashedPathElement::new(vec![(x, y), (x + length, y)], dash, gap, style)
-                });
+            if self.equal_axes && !series.label.is_empty() {
+                drawn
+                    .label(&series.label)
+                    .legend(|at| legend::sample(series, at));
             }
         }
-        // A map has empty corners; over a time axis a legend would hide the lines it explains, so
-        // there the page puts it under the chart.
-        if legend && self.series.iter().any(|series| !series.label.is_empty()) {
+        if self.equal_axes && self.series.iter().any(|series| !series.label.is_empty()) {
             chart
                 .configure_series_labels()
                 .position(SeriesLabelPosition::UpperRight)
                 .background_style(WHITE.mix(0.85))
                 .border_style(GRID.stroke_width(SCALE))
-                .legend_area_size(26 * SCALE)
+                .legend_area_size(36 * SCALE)
                 .margin(8 * SCALE)
                 .label_font(text(13))
                 .draw()?;
@@ -342,6 +375,28 @@ impl Chart {
         root.present()?;
         Ok(plot)
     }
+}
+
+/// Text of so many pixels.
+fn text(size: i32) -> TextStyle<'static> {
+    ("sans-serif", size * SCALE as i32).into_font().color(&INK)
+}
+
+/// How a line is drawn over which `above` others are: broader, so that lines which coincide with it
+/// do not hide it.
+fn line_style(series: &Series, above: usize) -> ShapeStyle {
+    let color = series.color.unwrap_or(INK);
+    let above = u32::try_from(above.min(MOST_BROADENED)).unwrap_or(0);
+    match series.stroke {
+        Stroke::Line => color.stroke_width(LINE_WIDTH * SCALE + above * BROADER),
+        Stroke::Band => color.mix(BAND_OPACITY).stroke_width(BAND_WIDTH * SCALE),
+    }
+}
+
+/// Dashes and gaps of a series as they are drawn.
+fn scaled_dashes(series: &Series) -> Option<(i32, i32)> {
+    let scaled = |pixels: i32| pixels * SCALE as i32;
+    dashes(series).map(|(dash, gap, _)| (scaled(dash), scaled(gap)))
 }
 
 /// A number at an axis that spans so much. What is left of zero after adding up steps is zero,
@@ -414,6 +469,59 @@ mod tests {
         let (low, high) = axis(2.0);
         assert!(low == 0.0 && (high - 2.2).abs() < 1e-4, "{low} {high}");
         assert_eq!(axis(-2.0).1, 0.0);
+    }
+
+    /// A chart of wheels, whose lines coincide.
+    fn wheels() -> Chart {
+        let mut chart = chart(vec![]);
+        let names = ["front left", "front right", "rear left", "rear right"];
+        let series = names.iter().zip(PALETTE).map(|(name, color)| Series {
+            label: (*name).into(),
+            color: Some(color),
+            stroke: Stroke::Line,
+            points: vec![(0.0, 0.0), (1.0, 1.0)],
+        });
+        chart.series = series.collect();
+        chart
+    }
+
+    #[test]
+    fn a_legend_stands_below_the_plot_and_within_the_picture() {
+        let chart = wheels();
+        let (svg, (across, down)) = chart.svg(true).unwrap();
+        for (n, series) in chart.series.iter().enumerate() {
+            let before = svg.split(&series.label).next().unwrap();
+            let element = &before[before.rfind("<text").unwrap()..];
+            let number = |name: &str| {
+                let from = element.find(&format!(" {name}=\"")).unwrap() + name.len() + 3;
+                let digits = element[from..].split('"').next().unwrap();
+                digits.parse::<i32>().unwrap()
+            };
+            let (x, y) = (number("x"), number("y"));
+            assert!(y > down.end && y < 300 * SCALE as i32, "{}", series.label);
+            // Four of them do not fit beside each other here.
+            assert_eq!(
+                n == 3,
+                x < across.start + 100 * SCALE as i32 && n > 0,
+                "{x}"
+            );
+        }
+        assert!(!chart.svg(false).unwrap().0.contains("front left"));
+    }
+
+    #[test]
+    fn lines_that_coincide_differ_in_width() {
+        let chart = wheels();
+        let widths = (0..4).map(|n| line_style(&chart.series[n], 3 - n).stroke_width);
+        let widths: Vec<u32> = widths.collect();
+        assert!(widths.is_sorted_by(|a, b| a > b), "{widths:?}");
+        let svg = chart.to_svg().unwrap();
+        for width in widths {
+            assert!(
+                svg.contains(&format!("stroke-width=\"{width}\"")),
+                "{width}"
+            );
+        }
     }
 
     #[test]

@@ -31,11 +31,22 @@ pub(crate) fn prepare_font() {
     });
 }
 
+/// A chart at a place of a sheet: that of its upper left corner, in nominal pixels.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// From the left edge.
+    pub left: u32,
+    /// From the upper edge.
+    pub top: u32,
+    /// The chart.
+    pub chart: Chart,
+}
+
 /// Charts side by side and above each other in one picture.
 #[derive(Clone, Debug, Default)]
 pub struct Sheet {
-    /// Each with the place of its upper left corner, in nominal pixels.
-    pub charts: Vec<((u32, u32), Chart)>,
+    /// The charts.
+    pub charts: Vec<Placed>,
 }
 
 impl Sheet {
@@ -45,7 +56,7 @@ impl Sheet {
         let ends = self
             .charts
             .iter()
-            .map(|((x, y), chart)| (x + chart.size.0, y + chart.size.1));
+            .map(|at| (at.left + at.chart.size.0, at.top + at.chart.size.1));
         ends.fold((1, 1), |(w, h), (x, y)| (w.max(x), h.max(y)))
     }
 
@@ -59,9 +70,9 @@ impl Sheet {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
         );
-        for ((x, y), chart) in &self.charts {
+        for Placed { left, top, chart } in &self.charts {
             let (svg, _) = chart.svg(true)?;
-            out.push_str(&svg.replacen("<svg ", &format!("<svg x=\"{x}\" y=\"{y}\" "), 1));
+            out.push_str(&svg.replacen("<svg ", &format!("<svg x=\"{left}\" y=\"{top}\" "), 1));
         }
         out.push_str("</svg>\n");
         Ok(out)
@@ -75,11 +86,12 @@ impl Sheet {
         let (width, height) = self.size();
         let (width, height) = (width * ZOOM, height * ZOOM);
         let mut sheet = vec![255; width as usize * height as usize * 3];
-        for ((x, y), chart) in &self.charts {
+        for Placed { left, top, chart } in &self.charts {
             let pixels = chart.pixels()?;
             let row = (chart.size.0 * ZOOM) as usize * 3;
             for (n, line) in pixels.chunks_exact(row).enumerate() {
-                let at = ((*y * ZOOM) as usize + n) * width as usize * 3 + (*x * ZOOM) as usize * 3;
+                let at =
+                    ((top * ZOOM) as usize + n) * width as usize * 3 + (left * ZOOM) as usize * 3;
                 if let Some(place) = sheet.get_mut(at..at + row) {
                     place.copy_from_slice(line);
                 }
@@ -151,7 +163,18 @@ mod tests {
             outlines: vec![],
         };
         Sheet {
-            charts: vec![((0, 0), chart.clone()), ((200, 10), chart)],
+            charts: vec![
+                Placed {
+                    left: 0,
+                    top: 0,
+                    chart: chart.clone(),
+                },
+                Placed {
+                    left: 200,
+                    top: 10,
+                    chart,
+                },
+            ],
         }
     }
 

@@ -204,7 +204,7 @@ fn states(bus: &str) -> Vec<(String, String)> {
 
 /// Interrupts a command at moments spread evenly from its first line to its last but a tenth.
 fn at_any_moment(arguments: &[&str]) {
-    const MOMENTS: usize = 12;
+    const MOMENTS: usize = 8;
     let (served, bus) = serve();
     let whole = run(arguments, &bus, usize::MAX);
     assert_eq!(whole.code, Some(0));

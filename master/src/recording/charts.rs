@@ -1,6 +1,6 @@
 //! The charts of a recording.
 
-use chart::{Chart, PALETTE, RGBColor, Series, Sheet, Stroke};
+use chart::{Chart, Outline, PALETTE, Placed, RGBColor, Series, Sheet, Stroke};
 use kinematics::{Pose, Twist};
 
 use super::Recording;
@@ -102,9 +102,11 @@ pub fn map(recording: &Recording, rows: &[Snapshot]) -> Chart {
     let robots = group.iter().flat_map(|group| &group.robots);
     let places = [path.first(), path.last()].into_iter().flatten();
     let outlines = places.flat_map(|pose| {
-        robots
-            .clone()
-            .map(move |r| (GREY, corners(r, place(*pose))))
+        robots.clone().map(move |robot| Outline {
+            color: GREY,
+            label: robot.node.to_string(),
+            corners: corners(robot, place(*pose)),
+        })
     });
     Chart {
         title: "path of the group; robots where it began and ended".into(),
@@ -233,11 +235,11 @@ pub fn sheet(recording: &Recording) -> Sheet {
     charts.extend(velocities(&rows));
     charts.extend(health(&rows));
     charts.extend(nodes(&rows).iter().map(|node| wheel_rates(&rows, *node)));
-    let mut y = 0;
+    let (left, mut below) = (0, 0);
     let placed = charts.into_iter().map(|chart| {
-        let place = (0, y);
-        y += chart.size.1;
-        (place, chart)
+        let top = below;
+        below += chart.size.1;
+        Placed { left, top, chart }
     });
     Sheet {
         charts: placed.collect(),

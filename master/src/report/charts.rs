@@ -101,7 +101,7 @@ fn load(report: &Report, group: &Pose) -> Series {
         corners(&point, group)[0]
     };
     Series {
-        label: String::new(),
+        label: "load".into(),
         color: Some(PALETTE[5]),
         stroke: Stroke::Band,
         points: report.robots.iter().map(middle).collect(),
@@ -132,7 +132,11 @@ pub fn map(report: &Report) -> Chart {
     let outlines = start.map_or_else(Vec::new, |start| {
         let robots = report.robots.iter();
         robots
-            .map(|robot| (PALETTE[5], corners(robot, &start.group)))
+            .map(|robot| chart::Outline {
+                color: PALETTE[5],
+                label: robot.node.to_string(),
+                corners: corners(robot, &start.group),
+            })
             .collect()
     });
     Chart {

@@ -1,6 +1,6 @@
 //! A calibration as a picture: coefficients over speed with their 95 % intervals.
 
-use chart::{Chart, PALETTE, RGBColor, Series, Sheet, Stroke};
+use chart::{Chart, PALETTE, Placed, RGBColor, Series, Sheet, Stroke};
 
 use super::Calibration;
 use super::fit::Row;
@@ -31,10 +31,11 @@ pub fn sheet(calibration: &Calibration) -> Sheet {
         ];
         let turning = [("turning", found.yaw.clone())];
         let title = format!("nodes {nodes}: commanded over achieved");
-        let left = chart(&title, "speed / m/s", &straight);
-        let right = chart("turning", "rate / rad/s", &turning);
-        sheet.charts.push(((0, top), left));
-        sheet.charts.push(((SIZE.0, top), right));
+        let straight = chart(&title, "speed / m/s", &straight);
+        let turning = chart("turning", "rate / rad/s", &turning);
+        for (left, chart) in [(0, straight), (SIZE.0, turning)] {
+            sheet.charts.push(Placed { left, top, chart });
+        }
         top += SIZE.1;
     }
     sheet
@@ -109,9 +110,12 @@ pub fn so_far(seen: &[Measured]) -> Sheet {
         ),
     ] {
         if !series.is_empty() {
-            sheet
-                .charts
-                .push(((left, 0), framed(title, x_label, series)));
+            let chart = framed(title, x_label, series);
+            sheet.charts.push(Placed {
+                left,
+                top: 0,
+                chart,
+            });
         }
     }
     sheet
