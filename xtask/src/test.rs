@@ -1,5 +1,8 @@
 //! `cargo xtask test`: all tests, those that run the image included.
 
+use std::process::{Child, Stdio};
+
+use anyhow::Context as _;
 use omnibus::report::Scalar;
 
 use crate::{cargo, firmware};
@@ -18,9 +21,22 @@ const FIXED_TESTS: [&str; 6] = [
     "--tests",
 ];
 
+/// Starts the build of all tests. It runs beside the builds of the images, whose last parts use one
+/// core, and says nothing: the tests' own run repeats it and reports what does not compile.
+fn start_build() -> Option<Child> {
+    cargo::command()
+        .args(["test", "--quiet", "--workspace", "--no-run"])
+        .args(["--features", IMAGE_TESTS])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()
+}
+
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
 /// hand, and those of the control side in fixed point.
 pub fn run(rest: &[String]) -> anyhow::Result<()> {
+    let tests = rest.is_empty().then(start_build).flatten();
     let elf = firmware::build(Scalar::F32)?;
     // Each variant replaces the one before it in the same folder; a copy stays.
     let bench = firmware::build_bench()?.with_extension("bench");
@@ -32,6 +48,9 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
     let drives = firmware::build_for_drives()?.with_extension("drives");
     std::fs::copy(drives.with_extension(""), &drives)?;
     let fixed = firmware::build(Scalar::Fixed)?;
+    if let Some(mut build) = tests {
+        build.wait().context("the build of the tests")?;
+    }
     let mut command = cargo::command();
     command
         .args(["test", "--workspace", "--no-fail-fast"])

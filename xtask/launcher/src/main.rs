@@ -1,0 +1,107 @@
+//! What `cargo xtask` starts: it builds and runs the tasks, and builds the firmware at the same
+//! time for those tasks that need it.
+//!
+//! The last part of the firmware's build uses one core for half a minute. On a fresh clone it runs
+//! beside the build of the tasks, which takes longer, instead of after it. The two share no build
+//! folder, so neither waits for the other's lock. The firmware's build here says nothing and may
+//! fail: the task runs the same build again, finds it done, and reports what went wrong otherwise.
+
+use std::env;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+
+/// The tasks that begin with the release image of the reference board.
+const WITH_IMAGE: [&str; 6] = ["bench", "demo", "faults", "interop", "socketcan", "test"];
+
+/// Whether a command line leads to a build of the release image.
+fn needs_image(arguments: &[String]) -> bool {
+    let asks_for_help = arguments
+        .iter()
+        .any(|word| word == "--help" || word == "-h");
+    let is_native = arguments.iter().any(|word| word.ends_with("native"));
+    let task = arguments
+        .first()
+        .is_some_and(|task| WITH_IMAGE.contains(&task.as_str()));
+    task && !asks_for_help && !is_native
+}
+
+fn cargo(root: &Path) -> Command {
+    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(root);
+    command
+}
+
+/// Starts the build of the firmware, as `xtask/src/firmware.rs` runs it.
+fn start_firmware(root: &Path) -> Option<Child> {
+    cargo(root)
+        .args([
+            "build",
+            "--quiet",
+            "--release",
+            "--target",
+            "thumbv7em-none-eabihf",
+        ])
+        .args(["--package", "omnibus-firmware", "--bin", "omnibus-firmware"])
+        .env_remove("OMNIBUS_TICK_US")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()
+}
+
+fn main() -> ExitCode {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = here.ancestors().nth(2).unwrap_or(here);
+    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
+    let arguments: Vec<String> = env::args().skip(1).collect();
+
+    let firmware = needs_image(&arguments)
+        .then(|| start_firmware(root))
+        .flatten();
+    let mut tasks = cargo(root);
+    tasks.arg("run");
+    // The first build takes minutes, and shows how far it is.
+    if target
+        .join("debug")
+        .join(format!("xtask{}", env::consts::EXE_SUFFIX))
+        .exists()
+    {
+        tasks.arg("--quiet");
+    }
+    let status = tasks
+        .args(["--package", "xtask", "--"])
+        .args(&arguments)
+        .status();
+
+    // A task that ended early, say because of a wrong option, does not leave a build behind.
+    if let Some(mut build) = firmware {
+        let _ = build.kill();
+        let _ = build.wait();
+    }
+    match status {
+        Ok(status) => {
+            let code = status.code().and_then(|code| u8::try_from(code).ok());
+            code.map_or(ExitCode::FAILURE, ExitCode::from)
+        }
+        Err(error) => {
+            eprintln!("error: cannot start cargo: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asks(line: &str) -> bool {
+        needs_image(&line.split(' ').map(String::from).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn the_image_is_built_for_the_tasks_that_run_it() {
+        assert!(asks("demo") && asks("test") && asks("faults --pairs none"));
+        assert!(!asks("flash") && !asks("demo --help") && !asks("demo --backend native"));
+    }
+}
