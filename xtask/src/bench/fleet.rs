@@ -37,7 +37,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
             String::from_utf8_lossy(&output.stderr)
         );
     }
-    let said: Value = serde_json::from_slice(&output.stdout).context("fleet_load.py")?;
+    let printed: Value = serde_json::from_slice(&output.stdout).context("fleet_load.py")?;
     [
         ("messages", "1/s"),
         ("states", "1/s"),
@@ -47,7 +47,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
     ]
     .into_iter()
     .map(|(what, unit)| {
-        let value = said[what].as_f64().with_context(|| what.to_owned())?;
+        let value = printed[what].as_f64().with_context(|| what.to_owned())?;
         Ok(Figure::new(
             format!("host.fleet.{GROUPS}_groups.{what}"),
             value,
