@@ -11,6 +11,8 @@ pub enum Bound {
     AtLeast(f64),
     /// This, as closely as the second number says.
     Near(f64, f64),
+    /// No figure is promised.
+    Open,
 }
 
 impl Bound {
@@ -21,14 +23,16 @@ impl Bound {
             Self::AtMost(most) => measured <= most,
             Self::AtLeast(least) => measured >= least,
             Self::Near(value, by) => (measured - value).abs() <= by,
+            Self::Open => false,
         }
     }
 
     /// The promised number.
     #[must_use]
-    pub const fn value(self) -> f64 {
+    pub const fn value(self) -> Option<f64> {
         match self {
-            Self::AtMost(value) | Self::AtLeast(value) | Self::Near(value, _) => value,
+            Self::AtMost(value) | Self::AtLeast(value) | Self::Near(value, _) => Some(value),
+            Self::Open => None,
         }
     }
 }
@@ -38,7 +42,32 @@ impl std::fmt::Display for Bound {
         match self {
             Self::AtMost(value) => write!(f, "at most {value}"),
             Self::AtLeast(value) => write!(f, "at least {value}"),
+            Self::Near(value, by) if *by == 0.0 => write!(f, "{value}"),
             Self::Near(value, by) => write!(f, "{value} +- {by}"),
+            Self::Open => write!(f, "no figure"),
+        }
+    }
+}
+
+/// What became of a promise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The figure is as promised.
+    Kept,
+    /// It is not, or could not be measured.
+    Missed,
+    /// It was left out; the note says why.
+    NotTried,
+}
+
+impl Outcome {
+    /// The word in reports.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Kept => "kept",
+            Self::Missed => "missed",
+            Self::NotTried => "not tried",
         }
     }
 }
@@ -54,6 +83,10 @@ pub struct Check {
     pub measured: Option<f64>,
     /// Unit of both.
     pub unit: &'static str,
+    /// Whether it was measured at all.
+    pub tried: bool,
+    /// What the emulator, or the simulator, gives; none where that is not known.
+    pub expected: Option<f64>,
     /// Where the promise is made.
     pub source: String,
     /// What was done.
@@ -70,7 +103,17 @@ impl Check {
             .is_some_and(|measured| self.promised.holds(measured))
     }
 
-    /// The check as JSON.
+    /// What became of it.
+    #[must_use]
+    pub fn outcome(&self) -> Outcome {
+        match (self.tried, self.within()) {
+            (false, _) => Outcome::NotTried,
+            (true, true) => Outcome::Kept,
+            (true, false) => Outcome::Missed,
+        }
+    }
+
+    /// The check as JSON; `within` is null for what was not tried.
     #[must_use]
     pub fn json(&self) -> Value {
         json!({
@@ -79,7 +122,9 @@ impl Check {
             "bound": self.promised.to_string(),
             "measured": self.measured,
             "unit": self.unit,
-            "within": self.within(),
+            "within": self.tried.then(|| self.within()),
+            "outcome": self.outcome().word(),
+            "expected": self.expected,
             "source": self.source,
             "procedure": self.procedure,
             "note": self.note,
@@ -98,6 +143,8 @@ mod tests {
             promised: Bound::AtMost(1.0),
             measured: None,
             unit: "ms",
+            tried: true,
+            expected: None,
             source: String::new(),
             procedure: "",
             note: String::new(),
@@ -108,6 +155,25 @@ mod tests {
         check.measured = Some(1.01);
         assert!(!check.within());
         assert_eq!(check.json()["within"], false);
+        assert_eq!(check.outcome(), Outcome::Missed);
+    }
+
+    #[test]
+    fn what_was_not_tried_is_neither_kept_nor_missed() {
+        let check = Check {
+            name: "fault.13".into(),
+            promised: Bound::AtMost(300.0),
+            measured: None,
+            unit: "ms",
+            tried: false,
+            expected: None,
+            source: String::new(),
+            procedure: "",
+            note: "left out".into(),
+        };
+        assert_eq!(check.outcome(), Outcome::NotTried);
+        assert!(check.json()["within"].is_null());
+        assert_eq!(check.json()["outcome"], "not tried");
     }
 
     #[test]

@@ -10,9 +10,11 @@
 //! tests the procedure and the firmware, not the chip.
 
 pub mod bench;
+pub mod causes;
 pub mod check;
 #[cfg(feature = "emulated")]
 pub mod emulated;
+pub mod hardware;
 pub mod level_one;
 pub mod node;
 pub mod promise;
@@ -20,4 +22,4 @@ pub mod report;
 pub mod wires;
 
 pub use bench::{Bench, Image};
-pub use check::{Bound, Check};
+pub use check::{Bound, Check, Outcome};

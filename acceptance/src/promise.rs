@@ -5,12 +5,15 @@
 
 use anyhow::{Context as _, bail};
 
+use crate::causes;
+
 /// A document, as it was when this was built.
 #[derive(Clone, Copy)]
 pub struct Document {
     /// Path in the repository.
     pub path: &'static str,
-    text: &'static str,
+    /// Its text.
+    pub text: &'static str,
 }
 
 /// docs/safety.md.
@@ -84,17 +87,13 @@ pub fn number(document: Document, before: &str, after: &str) -> anyhow::Result<P
 /// # Errors
 /// When the table has no such row or no time in it.
 pub fn cause(number: u8) -> anyhow::Result<Promise> {
-    let row = SAFETY.text.lines().find_map(|line| {
-        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        (cells.get(1)?.parse() == Ok(number)).then_some(cells)
-    });
-    let row = row.with_context(|| format!("{} has no cause {number}", SAFETY.path))?;
-    let millis = row.get(5).and_then(|cell| cell.strip_suffix(" ms"));
+    let row = causes::of(number)?;
+    let millis = row.millis;
     let millis =
         millis.with_context(|| format!("cause {number} of {} has no time", SAFETY.path))?;
     Ok(Promise {
-        value: millis.parse()?,
-        source: format!("{}: cause {number}, {}", SAFETY.path, row[2]),
+        value: millis,
+        source: format!("{}: cause {number}, {}", SAFETY.path, row.cause),
     })
 }
 

@@ -7,7 +7,7 @@
 //! | [`monitor`] | what is heard of a group: snapshots, telemetry, rows, and the errors worked out from them |
 //! | [`path`] | what can be driven: curves by name or from a file, and how measured poses correct a drive |
 //! | [`run`] | one whole drive along a path, on any bus |
-//! | [`commission`] | finding, numbering, testing and calibrating robots |
+//! | [`commission`], [`accept`] | finding, numbering, testing, calibrating and accepting robots |
 //! | [`source`] | poses and yaw rates that come from outside as JSON lines |
 //! | [`recording`] | files of everything on a bus, and what is made of them |
 //! | [`mod@file`] | files that are never half a file |
@@ -20,6 +20,7 @@
 //! | `simulation` | a simulated world as a bus; the cargo feature of that name, on by default |
 
 pub mod abort;
+pub mod accept;
 #[cfg(all(feature = "server", feature = "recording"))]
 pub mod bridge;
 pub mod bus;

@@ -63,6 +63,8 @@ enum Command {
     WheelTest(cli::wheel_test::Arguments),
     /// Identifies the motors of one robot and sets its wheel loops.
     IdentifyMotors(cli::motors::Arguments),
+    /// Measures whether a group keeps what the documents promise, on stands or on the floor.
+    Accept(cli::accept::Arguments),
     /// Calculates the load of the bus.
     BusLoad(cli::bus_load::Arguments),
     /// Listens to a bus and records everything on it.
@@ -111,6 +113,7 @@ fn main() -> ExitCode {
         Command::Blink(arguments) => cli::wheel_test::blink(&arguments),
         Command::WheelTest(arguments) => cli::wheel_test::run(&arguments),
         Command::IdentifyMotors(arguments) => cli::motors::run(&arguments),
+        Command::Accept(arguments) => cli::accept::run(&arguments),
         Command::BusLoad(arguments) => cli::bus_load::run(&arguments),
         Command::Record(arguments) => cli::record::run(&arguments),
         Command::Convert(arguments) => cli::convert::run(&arguments),

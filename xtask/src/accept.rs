@@ -10,13 +10,16 @@ use std::process::ExitCode;
 use acceptance::emulated::mutation::MUTATIONS;
 use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options};
-use acceptance::report::{self, Subject};
+use acceptance::report::{self, Count, Subject};
 use anyhow::{Context as _, bail};
 use canopen::NodeId;
 use emulator::Firmware;
 use omnibus::report::Scalar;
 
 use crate::firmware;
+
+/// What an emulated board without defects measures, for comparison.
+const EMULATED: &str = include_str!("../../acceptance/emulated/level-1.json");
 
 /// A promise was not kept.
 const BROKEN: u8 = 6;
@@ -33,6 +36,9 @@ pub struct Arguments {
     /// Where to write the report as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Where to write the report as a page.
+    #[arg(long, value_name = "FILE.html")]
+    html: Option<PathBuf>,
     /// Image as shipped; by default it is built.
     #[arg(long, value_name = "PATH")]
     image: Option<PathBuf>,
@@ -56,24 +62,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let images = images(arguments)?;
     let mut bench = EmulatedBench::new(&images, mutation);
     let node = NodeId::new(NODE).context("the board has no node-ID")?;
-    let checks = level_one::run(&mut bench, node, &Options::SHORT)?;
+    let mut checks = level_one::run(&mut bench, node, &Options::SHORT)?;
+    let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
+    report::expect(&mut checks, &emulated);
 
     for check in &checks {
         println!("{}", report::line(check));
     }
-    let broken = checks.iter().filter(|check| !check.within()).count();
-    println!("\n{} promises, {broken} not kept", checks.len());
+    let count = Count::of(&checks);
+    println!("\n{count}");
+    let subject = Subject {
+        level: 1,
+        board: "NUCLEO-F446RE, emulated".to_owned(),
+        chip: "STM32F446RE, emulated, revision A".to_owned(),
+        versions: env!("CARGO_PKG_VERSION").to_owned(),
+        date: report::today(),
+        hardware: false,
+        mutation: mutation.map(|mutation| mutation.name.to_owned()),
+    };
     if let Some(path) = &arguments.json {
-        let subject = Subject {
-            board: "NUCLEO-F446RE, emulated".to_owned(),
-            chip: "STM32F446RE, emulated, revision A".to_owned(),
-            versions: env!("CARGO_PKG_VERSION").to_owned(),
-            hardware: false,
-            mutation: mutation.map(|mutation| mutation.name.to_owned()),
-        };
-        write(path, &report::json(&subject, &checks))?;
+        let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
+        write(path, &text)?;
     }
-    Ok(if broken > 0 {
+    if let Some(path) = &arguments.html {
+        write(path, &report::html(&subject, &checks))?;
+    }
+    Ok(if count.missed > 0 {
         ExitCode::from(BROKEN)
     } else {
         ExitCode::SUCCESS
@@ -102,11 +116,10 @@ fn images(arguments: &Arguments) -> anyhow::Result<Images> {
     })
 }
 
-fn write(path: &Path, value: &serde_json::Value) -> anyhow::Result<()> {
+fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make {}", folder.display()))?;
     }
-    let text = serde_json::to_string_pretty(value)? + "\n";
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -156,6 +156,8 @@ impl Session<'_> {
             promised: what.promised,
             measured,
             unit: what.unit,
+            tried: true,
+            expected: None,
             source: what.source,
             procedure: what.procedure,
             note,

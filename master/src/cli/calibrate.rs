@@ -8,7 +8,7 @@ use super::{Target, abort_on_ctrl_c, print_line};
 mod phase;
 mod progress;
 mod slip;
-mod tape;
+pub mod tape;
 
 const EXAMPLES: &str = "Examples:
   omnibus calibrate --bus sim:groups/tcc-2.toml

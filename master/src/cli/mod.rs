@@ -29,6 +29,7 @@ macro_rules! usage {
     };
 }
 
+pub mod accept;
 pub mod bridge;
 pub mod bus_load;
 pub mod calibrate;

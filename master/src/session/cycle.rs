@@ -34,7 +34,8 @@ impl<L: Link> Group<L> {
         self.wire.sync_counter() % SYNC_OVERFLOW + 1
     }
 
-    fn end_sync(&mut self) -> Result<(), MasterError> {
+    /// Leaves off with SYNC.
+    pub(super) fn end_sync(&mut self) -> Result<(), MasterError> {
         if self.paced {
             self.wire.link.pace(None);
             self.paced = false;
@@ -80,7 +81,6 @@ impl<L: Link> Group<L> {
 
     /// Sends the setpoint and sees the SYNC through.
     pub(crate) fn run_period(&mut self, twist: Twist) -> Result<(), MasterError> {
-        let sync_at = self.next_sync;
         self.sequence = self.sequence.wrapping_add(1);
         let frame = GroupTwist {
             twist,
@@ -89,6 +89,12 @@ impl<L: Link> Group<L> {
         };
         self.wire
             .send(&Frame::of(cob::GROUP_TWIST, frame.encode()))?;
+        self.finish_period(twist)
+    }
+
+    /// Sees the SYNC through.
+    pub(super) fn finish_period(&mut self, twist: Twist) -> Result<(), MasterError> {
+        let sync_at = self.next_sync;
         self.listen(sync_at)?;
         let judged = self.judge().map_err(|error| self.wire.blame(error));
         self.close_row();

@@ -39,6 +39,7 @@
 pub mod configure;
 mod cycle;
 pub mod follow;
+mod misbehave;
 mod receive;
 pub mod roller_index;
 pub mod sdo;

@@ -1,6 +1,6 @@
 //! A simulated world in this process: [`link`] makes a bus of it, [`run`] drives in it and measures
-//! what happened, [`contact`] prepares groups for its contact plant. All of it needs the cargo
-//! feature `simulation`.
+//! what happened, [`contact`] prepares groups for its contact plant, [`hand`] lays hands on its
+//! robots. All of it needs the cargo feature `simulation`.
 
 use std::path::Path;
 
@@ -11,6 +11,7 @@ use crate::run::DriveError;
 use link::SimLink;
 
 pub mod contact;
+pub mod hand;
 pub mod link;
 pub mod run;
 

@@ -1,10 +1,10 @@
 //! `cargo xtask faults`: injects every cause of a stop into emulated robots that run the release
 //! image, and compares their reaction with `docs/safety.md`.
 //!
-//! [`promise`] reads the page, [`causes`] injects the causes, [`measure`] drives and measures, and
-//! [`pairs`] does the same with two causes at a time. Every trial has its own world, so trials run
-//! in parallel. A broken promise is a failure, and so is a cause with a promised time but without a
-//! trial.
+//! [`acceptance::causes`] reads the page, [`causes`] injects the causes, [`measure`] drives and
+//! measures, and [`pairs`] does the same with two causes at a time. Every trial has its own world,
+//! so trials run in parallel. A broken promise is a failure, and so is a cause with a promised time
+//! but without a trial.
 
 mod causes;
 mod image;
@@ -12,7 +12,6 @@ mod measure;
 mod measured;
 mod pairs;
 mod power;
-mod promise;
 mod skew;
 
 use std::num::NonZeroUsize;
@@ -20,6 +19,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use acceptance::causes::{Promise, Slow};
 use anyhow::{Context as _, bail};
 use emulator::Firmware;
 use group::{GroupFile, StageKind};
@@ -32,7 +32,6 @@ use causes::{CASES, Case};
 use measure::Robots;
 use measured::Measured;
 use pairs::Pair;
-use promise::Promise;
 
 /// Options of `cargo xtask faults`.
 #[derive(clap::Args)]
@@ -113,8 +112,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let page = cargo::root().join("docs/safety.md");
     let page = std::fs::read_to_string(&page)
         .with_context(|| format!("cannot read {}", page.display()))?;
-    let promises = promise::read(&page)?;
-    let slow = promise::slow(&page)?;
+    let promises = acceptance::causes::read(&page)?;
+    let slow = acceptance::causes::slow(&page)?;
     let mut group = GroupFile::load(cargo::root().join(GROUP))?;
     for robot in &mut group.robots {
         robot.output.kind = arguments.output_stage.into();
@@ -260,7 +259,7 @@ impl TriedPair<'_> {
 fn try_pairs<'a>(
     arguments: &Arguments,
     threads: usize,
-    (promises, slow): (&'a [Promise], promise::Slow),
+    (promises, slow): (&'a [Promise], Slow),
     group: &GroupFile,
     firmware: &Firmware,
 ) -> Vec<TriedPair<'a>> {
@@ -470,7 +469,7 @@ mod tests {
 
     #[test]
     fn every_cause_of_the_page_is_promised_a_time_and_tried_or_tried_elsewhere() {
-        let promises = promise::read(include_str!("../../../docs/safety.md")).unwrap();
+        let promises = acceptance::causes::read(include_str!("../../../docs/safety.md")).unwrap();
         for promise in &promises {
             let number = promise.number;
             let tried = CASES.iter().any(|case| case.number == number);

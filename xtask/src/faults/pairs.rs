@@ -19,6 +19,7 @@
 //! return that the wheel does not become faster: [`Slow`]. On a wheel at rest the fault has no
 //! effect, and the robot is off at the end of the ramp.
 
+use acceptance::causes::{Promise, Slow};
 use group::GroupFile;
 use sim::test_master::TestMaster;
 
@@ -26,7 +27,6 @@ use protocol::Reaction;
 
 use super::causes::{CASES, Case, Procedure, SPEED, WATCHED};
 use super::measure::{self, Robots};
-use super::promise::{Promise, Slow};
 
 /// How long after the first the second appears, ms.
 pub const DELAYS_MS: [u64; 3] = [0, 20, 200];
@@ -271,7 +271,7 @@ impl Wheel {
 
 #[cfg(test)]
 mod tests {
-    use super::super::promise;
+    use acceptance::causes as promise;
     use protocol::address as at;
 
     /// A reversed encoder doubles what a wheel stays behind its reference. Half of the threshold is

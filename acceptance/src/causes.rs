@@ -1,4 +1,4 @@
-//! The promises of `docs/safety.md`: its table of causes, read so that the values exist only once.
+//! The table of causes in `docs/safety.md`, read so that its values exist only once.
 
 use anyhow::{Context as _, ensure};
 use protocol::Fault;
@@ -34,6 +34,9 @@ pub struct Slow {
 }
 
 /// Reads that from the line of a page that says `below N rad/s`.
+///
+/// # Errors
+/// When no line says that.
 pub fn slow(page: &str) -> anyhow::Result<Slow> {
     let found = page.lines().find_map(|line| {
         let mut cells = line.split('|').map(str::trim).skip(1);
@@ -50,6 +53,9 @@ pub fn slow(page: &str) -> anyhow::Result<Slow> {
 }
 
 /// The promises on a page, by number.
+///
+/// # Errors
+/// When the page has no such table, or a row cannot be read.
 pub fn read(page: &str) -> anyhow::Result<Vec<Promise>> {
     let cells = |line| str::split(line, '|').map(str::trim).collect::<Vec<_>>();
     let headed = |title: &str| {
@@ -114,13 +120,23 @@ fn row(
     })
 }
 
+/// The promise of one cause in `docs/safety.md`.
+///
+/// # Errors
+/// As [`read`], and when the table has no such row.
+pub fn of(number: u8) -> anyhow::Result<Promise> {
+    let all = read(crate::promise::SAFETY.text)?;
+    let found = all.into_iter().find(|promise| promise.number == number);
+    found.with_context(|| format!("docs/safety.md has no cause {number}"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn every_fault_of_the_protocol_has_its_row() {
-        let promises = read(include_str!("../../../docs/safety.md")).unwrap();
+        let promises = read(include_str!("../../docs/safety.md")).unwrap();
         let faults: Vec<Fault> = promises.iter().map(|promise| promise.fault).collect();
         for fault in Fault::ALL {
             assert!(faults.contains(fault), "{}", fault.name());

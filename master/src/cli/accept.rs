@@ -1,0 +1,421 @@
+//! `omnibus accept`: whether a group of robots keeps what the documents promise.
+//!
+//! Level 2 is for wheels off the floor, level 3 for the floor; level 1, a bare board, is `cargo
+//! xtask accept`. Robots on a real bus have a person for their hands, who is asked and may skip;
+//! simulated ones have the simulator's fault injection.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+use acceptance::report::{self, Count, Subject};
+use acceptance::{Check, Outcome};
+use anyhow::{Context as _, bail};
+use canopen::Micros;
+use group::GroupFile;
+use omnibus::abort::Abort;
+use omnibus::accept::floor::{Errors, Floor, level_three};
+use omnibus::accept::hand::{Hand, Prepared, Task};
+use omnibus::accept::{self, level_two};
+use omnibus::bus::address::BusAddress;
+use omnibus::bus::link::Link;
+use omnibus::error::MasterError;
+use omnibus::file;
+use omnibus::path::course::Course;
+use omnibus::path::curve::Curve;
+use omnibus::run::{self, Drive, DriveError, Feedback, Source};
+use omnibus::session::Group;
+use protocol::{Kind, address};
+
+use super::output::{Found, Progress};
+use super::{Target, print_line, print_note};
+
+const EXAMPLES: &str = "Examples:
+  omnibus accept --level 2 --wheels-free --bus sim:groups/tcc-2.toml
+  omnibus accept --level 2 --wheels-free --skip fault.14 --report target/accept --bus socketcan:can0 --group my-group.toml
+  omnibus accept --level 3 --bus sim:groups/tcc-2.toml
+  omnibus accept --level 3 --tape --bus socketcan:can0 --group my-group.toml
+
+Level 1, a bare board, is `cargo xtask accept`. docs/acceptance.md tells the whole story. Exits with code 6 if a
+promise was missed.";
+
+/// How long a question waits between two looks at the bus and at Ctrl-C.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long a bus is listened to meanwhile, µs.
+const LISTEN_US: u64 = 50_000;
+
+/// Steps in which the yaw rate of a turn is added up.
+const STEPS: f64 = 10_000.0;
+
+/// What emulated robots measure at level 2: `docs/acceptance.md` tells how it is made.
+const EMULATED: &str = include_str!("../../../acceptance/emulated/level-2.json");
+
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// 2: wheels off the floor; 3: on the floor.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=3))]
+    level: u8,
+    /// Confirms that the wheels of all robots are off the floor (level 2).
+    #[arg(long)]
+    wheels_free: bool,
+    /// Robot that hands are laid on; the first of the group file by default.
+    #[arg(long)]
+    node: Option<u8>,
+    /// Speed of the group at level 2, m/s.
+    #[arg(long, default_value_t = 0.3, value_parser = super::real::<f32>)]
+    speed: f32,
+    /// Leaves out checks whose names begin like this, such as fault.14, wheels or motors.3; it may
+    /// be given several times.
+    #[arg(long, value_name = "NAME")]
+    skip: Vec<String>,
+    /// How long something that was asked for may take, s.
+    #[arg(long, default_value_t = 60, value_name = "SECONDS",
+          value_parser = clap::value_parser!(u16).range(5..=600))]
+    patience: u16,
+    /// Source of poses at level 3: tcp://HOST:PORT (JSON lines). A simulated bus has its own.
+    #[arg(long, value_name = "SOURCE", conflicts_with = "tape")]
+    pose: Option<Source>,
+    /// Asks at level 3 for what a tape measure says.
+    #[arg(long)]
+    tape: bool,
+    /// Folder for report.html and report.json.
+    #[arg(long, value_name = "FOLDER")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// `omnibus accept`.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let group = arguments.target.group()?;
+    let mut checks = match arguments.level {
+        2 => on_stands(arguments, &group)?,
+        _ => on_the_floor(arguments, &group)?,
+    };
+    if arguments.level == 2 {
+        let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
+        report::expect(&mut checks.1, &emulated);
+    }
+    let (subject, checks) = checks;
+    if let Some(folder) = &arguments.report {
+        let named = |name: &str| folder.join(name);
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make {}", folder.display()))?;
+        let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
+        for (path, text) in [
+            (named("report.json"), text),
+            (named("report.html"), report::html(&subject, &checks)),
+        ] {
+            file::replace(&path, text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+    }
+    let count = Count::of(&checks);
+    if super::json() {
+        super::print_json(&report::json(&subject, &checks))?;
+    } else {
+        for check in &checks {
+            print_line(report::line(check))?;
+        }
+        print_line(format_args!("\n{count}"))?;
+    }
+    let missed = |check: &&Check| check.outcome() == Outcome::Missed;
+    if checks.iter().any(|check| missed(&check)) {
+        return Err(Found(format!("{}: {count}", group.name)).into());
+    }
+    Ok(())
+}
+
+/// What was tried.
+fn subject(arguments: &Arguments, group: &GroupFile, firmware: &str) -> Subject {
+    let simulated = matches!(arguments.target.bus, BusAddress::Sim(_));
+    let robots = group.robots.len();
+    let chip = match (simulated, arguments.target.backend.word()) {
+        (true, "native") => "native robots, without a chip",
+        (true, _) => "STM32F446RE, emulated",
+        (false, _) => "as the robots say",
+    };
+    Subject {
+        level: arguments.level,
+        board: format!("{}, {robots} robots", group.name),
+        chip: chip.to_owned(),
+        versions: format!("omnibus {}, firmware {firmware}", env!("CARGO_PKG_VERSION")),
+        date: report::today(),
+        hardware: !simulated,
+        mutation: None,
+    }
+}
+
+/// The firmware's version as a robot tells it.
+fn firmware<L: Link>(group: &mut Group<L>, node: u8) -> Result<String, MasterError> {
+    let version = group
+        .wire()
+        .read(node, address::FIRMWARE_VERSION, Kind::U32)?;
+    let [_, patch, minor, major] = version.to_bits().to_le_bytes();
+    Ok(format!("{major}.{minor}.{patch}"))
+}
+
+/// Level 2.
+fn on_stands(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subject, Vec<Check>)> {
+    let first = group.robots.first().map_or(0, |robot| robot.node);
+    let watched = arguments.node.unwrap_or(first);
+    if !group.robots.iter().any(|robot| robot.node == watched) {
+        bail!("--node {watched}: group '{}' has no such robot", group.name);
+    }
+    let limit = group.limits.linear_speed;
+    if !(arguments.speed >= 0.1 && arguments.speed <= limit) {
+        bail!(
+            "--speed: {} m/s is not between 0.1 and the group's limits.linear_speed, {limit} m/s",
+            arguments.speed
+        );
+    }
+    if !arguments.wheels_free {
+        usage!(
+            "the wheels of all robots of group '{}' will turn; lift them off the floor, then add \
+             --wheels-free",
+            group.name
+        );
+    }
+    let options = accept::Options {
+        watched,
+        speed: arguments.speed,
+        skip: arguments.skip.clone(),
+    };
+    let abort = super::abort_on_ctrl_c()?;
+    match &arguments.target.bus {
+        #[cfg(feature = "simulation")]
+        BusAddress::Sim(_) => {
+            let link = arguments.target.simulated(group)?;
+            let mut hand = omnibus::simulation::hand::Injection;
+            stand_by(
+                arguments,
+                Group::connect(link, group)?,
+                &mut hand,
+                &options,
+                abort,
+            )
+        }
+        _ => {
+            let link = arguments.target.command(group)?;
+            let mut person = Person {
+                answers: super::calibrate::tape::answers(),
+                abort: abort.clone(),
+                patience_us: u64::from(arguments.patience) * 1_000_000,
+            };
+            stand_by(
+                arguments,
+                Group::connect(link, group)?,
+                &mut person,
+                &options,
+                abort,
+            )
+        }
+    }
+}
+
+fn stand_by<L: Link, H: Hand<L>>(
+    arguments: &Arguments,
+    mut group: Group<L>,
+    hand: &mut H,
+    options: &accept::Options,
+    abort: Abort,
+) -> anyhow::Result<(Subject, Vec<Check>)> {
+    group.set_abort(abort);
+    let firmware = firmware(&mut group, options.watched)?;
+    let subject = subject(arguments, group.config(), &firmware);
+    let progress = Progress::endless("level 2");
+    let mut announce = |text: &str| progress.aside(|| print_note(text));
+    Ok((
+        subject,
+        level_two(&mut group, hand, options, &mut announce)?,
+    ))
+}
+
+/// A person, who is asked in the terminal.
+struct Person {
+    answers: Receiver<String>,
+    abort: Abort,
+    patience_us: u64,
+}
+
+impl Person {
+    /// A line from the terminal, while the bus goes on.
+    fn ask<L: Link>(&self, group: &mut Group<L>, question: &str) -> Result<String, MasterError> {
+        print_note(question);
+        loop {
+            match self.answers.recv_timeout(LOOK) {
+                Ok(line) => return Ok(line.trim().to_owned()),
+                Err(RecvTimeoutError::Timeout) => {
+                    let until = Micros(group.wire().now().0 + LISTEN_US);
+                    group.listen(until)?;
+                }
+                Err(RecvTimeoutError::Disconnected) => return Err(MasterError::NoAnswer),
+            }
+            self.abort.check()?;
+        }
+    }
+}
+
+impl<L: Link> Hand<L> for Person {
+    fn prepare(&mut self, group: &mut Group<L>, task: Task) -> Result<Prepared, MasterError> {
+        let question = format!(
+            "Soon you will be asked to {}. Enter: the wheels begin to turn; s: skip this",
+            task.request()
+        );
+        Ok(match self.ask(group, &question)?.as_str() {
+            "s" => Prepared::Skip("skipped by the person at the robot".to_owned()),
+            _ => Prepared::Ready,
+        })
+    }
+
+    fn act(&mut self, _: &mut Group<L>, task: Task) -> Option<Micros> {
+        let seconds = self.patience_us / 1_000_000;
+        print_note(format!("NOW, within {seconds} s: {}", task.request()));
+        None
+    }
+
+    fn undo(&mut self, group: &mut Group<L>, task: Task) -> Result<(), MasterError> {
+        let question = format!("The wheels stand. Please {}, then Enter", task.undoing());
+        self.ask(group, &question).map(drop)
+    }
+
+    fn patience_us(&self) -> u64 {
+        self.patience_us
+    }
+}
+
+/// Level 3.
+fn on_the_floor(arguments: &Arguments, group: &GroupFile) -> anyhow::Result<(Subject, Vec<Check>)> {
+    let simulated = matches!(arguments.target.bus, BusAddress::Sim(_));
+    if !simulated && !arguments.tape && !matches!(arguments.pose, Some(Source::Stream(_))) {
+        usage!(
+            "on a real floor give --tape or --pose tcp://HOST:PORT; the robots' own wheels do not \
+             see their slip"
+        );
+    }
+    if simulated && (arguments.tape || arguments.pose.is_some()) {
+        usage!("a simulated floor is measured by the simulator; leave out --tape and --pose");
+    }
+    if !simulated {
+        // Refuses a bus that another master commands.
+        drop(arguments.target.command(group)?);
+    }
+    let mut floor = Driver {
+        arguments,
+        group,
+        abort: super::abort_on_ctrl_c()?,
+        answers: arguments.tape.then(super::calibrate::tape::answers),
+    };
+    let mut announce = |text: &str| print_note(text);
+    let checks = level_three(&mut floor, &arguments.skip, &mut announce)?;
+    Ok((subject(arguments, group, "as built"), checks))
+}
+
+/// Drives curves on the floor, and measures.
+struct Driver<'a> {
+    arguments: &'a Arguments,
+    group: &'a GroupFile,
+    abort: Abort,
+    answers: Option<Receiver<String>>,
+}
+
+impl Driver<'_> {
+    fn plan(&self, curve: Curve, compensation: bool) -> Drive<'_> {
+        let source = self.arguments.pose.clone();
+        Drive {
+            group: self.group,
+            course: Course::of(curve),
+            feedback: source.map(|source| Feedback {
+                source,
+                law: omnibus::path::steering::Law::default(),
+                corrects: false,
+            }),
+            compensation,
+            elf: None,
+            candump: None,
+            log: None,
+            abort: self.abort.clone(),
+            record: None,
+            index_search: None,
+        }
+    }
+
+    /// Asks how far the group has come along a curve that ends elsewhere than it begins.
+    fn tape(&self, curve: Curve, answers: &Receiver<String>) -> Result<Errors, DriveError> {
+        let course = Course::of(curve);
+        let plan = course.plan()?;
+        let (from, to) = (plan.at(0.0).0, plan.at(plan.duration()).0);
+        let (asked, what) = match curve {
+            Curve::Forward => (f64::from(to.x - from.x), "m ahead"),
+            Curve::Lateral => (f64::from(to.y - from.y), "m to the left"),
+            Curve::Turn => {
+                let step = plan.duration() / STEPS;
+                let times = (0..STEPS as u32).map(|n| (f64::from(n) + 0.5) * step);
+                let radians: f64 = times.map(|t| f64::from(plan.at(t).1.omega) * step).sum();
+                (radians.to_degrees(), "degrees to the left")
+            }
+            _ => return Ok(Errors::default()),
+        };
+        print_note(format!(
+            "asked {asked:+.3} {what}; measured (Enter skips it):"
+        ));
+        let percent = loop {
+            let line = answers.recv().map_err(|_| MasterError::NoAnswer)?;
+            self.abort.check()?;
+            match line.trim().parse::<f64>() {
+                _ if line.trim().is_empty() => break None,
+                Ok(measured) if measured.is_finite() => {
+                    break Some(100.0 * (measured / asked - 1.0));
+                }
+                _ => print_note(format!("'{}' is no number; {what}:", line.trim())),
+            }
+        };
+        let mut errors = Errors::default();
+        match curve {
+            Curve::Forward => errors.ahead = percent,
+            Curve::Lateral => errors.aside = percent,
+            _ => errors.turned = percent,
+        }
+        Ok(errors)
+    }
+}
+
+impl Floor for Driver<'_> {
+    fn drive(&mut self, curve: Curve, compensation: bool) -> Result<Errors, DriveError> {
+        let mut drive = self.plan(curve, compensation);
+        let progress = Progress::new(&drive.course.name());
+        let report = &mut |share: f64, phase| progress.share(share, phase);
+        #[cfg(feature = "simulation")]
+        if let BusAddress::Sim(_) = &self.arguments.target.bus {
+            drive.elf = self.arguments.target.elf().ok().flatten();
+            let run = omnibus::simulation::run::simulated(&drive, report)?;
+            return Ok(Errors::of(&run));
+        }
+        drive.elf = None;
+        let link = omnibus::bus::open(&self.arguments.target.bus, self.group)?;
+        let (run, _) = run::measured(link, &drive, report)?;
+        drop(progress);
+        match &self.answers {
+            Some(answers) => self.tape(curve, answers),
+            None => Ok(Errors::of(&run)),
+        }
+    }
+
+    fn predict(&mut self, curve: Curve, compensation: bool) -> Result<Option<Errors>, DriveError> {
+        #[cfg(feature = "simulation")]
+        {
+            let drive = Drive {
+                feedback: None,
+                ..self.plan(curve, compensation)
+            };
+            let run = omnibus::simulation::run::simulated(&drive, &mut |_, _| {})?;
+            Ok(Some(Errors::of(&run)))
+        }
+        #[cfg(not(feature = "simulation"))]
+        {
+            let _ = (curve, compensation);
+            Ok(None)
+        }
+    }
+}
