@@ -136,11 +136,13 @@ fn serve() -> (Served, String) {
         .spawn();
     let mut served = Served(child.unwrap());
     let lines = BufReader::new(served.0.stdout.take().unwrap()).lines();
-    let said: Vec<String> = lines
+    let printed: Vec<String> = lines
         .map_while(Result::ok)
         .take_while(|line| !line.starts_with("serving"))
         .collect();
-    let address = said.iter().find_map(|line| line.strip_prefix("lockstep "));
+    let address = printed
+        .iter()
+        .find_map(|line| line.strip_prefix("lockstep "));
     (served, address.expect("an address").to_owned())
 }
 

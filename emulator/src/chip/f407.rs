@@ -4,7 +4,7 @@
 //! It differs from the STM32F446 in what this file says: 1 MiB of flash, 168 MHz without
 //! over-drive, ports up to I, and no PLLSAI.
 //!
-//! Beside what no chip has (the table of the [crate](crate)):
+//! Beside what no chip has (the table of the [crate]):
 //!
 //! | not modelled | RM0090 |
 //! |---|---|

@@ -1,6 +1,6 @@
 //! STM32F446RE (RM0390 rev 6, data sheet DS10693 rev 10): the chip of the reference board.
 //!
-//! Beside what no chip has (the table of the [crate](crate)):
+//! Beside what no chip has (the table of the [crate]):
 //!
 //! | not modelled | RM0390 |
 //! |---|---|
