@@ -28,6 +28,7 @@ pub mod leg;
 pub mod message;
 pub mod nurbs;
 mod order;
+mod relocation;
 pub mod time;
 mod validate;
 pub mod vehicle;

@@ -7,6 +7,7 @@ use kinematics::Pose;
 use crate::error::{ErrorKind, Refusal};
 use crate::leg::{self, Leg};
 use crate::message::order::{Edge, Node, NodePosition, Order};
+use crate::relocation::Relocation;
 
 /// An order, or what is left of it. It is kept until the next one.
 #[derive(Clone, Debug)]
@@ -23,6 +24,10 @@ pub struct Held {
     decision: Node,
     /// Where the base ends on the map.
     end: Pose<f64>,
+    /// Where the base ends after `initPosition` on its last node.
+    moved: Option<NodePosition>,
+    /// `initPosition` on nodes of the base that is not done yet, with the ways behind.
+    relocations: VecDeque<Relocation>,
     /// What the last message said, to recognise it.
     nodes_received: Vec<Node>,
     edges_received: Vec<Edge>,
@@ -49,6 +54,8 @@ impl Held {
             cancelled: false,
             decision: first.clone(),
             end: here,
+            moved: None,
+            relocations: VecDeque::new(),
             nodes_received: Vec::new(),
             edges_received: Vec::new(),
         };
@@ -57,7 +64,11 @@ impl Held {
         if let Some(position) = &first.node_position {
             legs.extend(leg::turn_at(here, position).filter(|_| edges.is_empty()));
         }
-        legs.extend(held.append(nodes, edges, tolerance)?);
+        let begins = Relocation::on(first)?.map(|relocation| Relocation {
+            first: true,
+            ..relocation
+        });
+        legs.extend(held.append(nodes, edges, tolerance, begins)?);
         Ok((held, legs))
     }
 
@@ -68,7 +79,35 @@ impl Held {
 
     /// Whether anything is left to be driven, or to be released.
     pub fn is_active(&self) -> bool {
-        !self.nodes.is_empty()
+        !self.nodes.is_empty() || !self.relocations.is_empty()
+    }
+
+    /// The map on which the base ends, where `initPosition` on a node says so.
+    pub fn map(&self) -> Option<&str> {
+        let last = self.relocations.back();
+        last.map(|relocation| relocation.place.map.as_str())
+    }
+
+    /// Identifiers and types of actions that wait for their nodes, those of the horizon too.
+    pub fn awaited(&self) -> Vec<(String, String)> {
+        let base = self.relocations.iter();
+        let horizon = self.nodes.iter().filter(|node| !node.released);
+        let horizon = horizon.flat_map(|node| &node.actions);
+        base.map(|relocation| relocation.action.clone())
+            .chain(horizon.map(|action| (action.action_id.clone(), action.action_type.clone())))
+            .collect()
+    }
+
+    /// Whether the order begins with `initPosition` that is not done yet.
+    pub fn begins_with_relocation(&self) -> bool {
+        let next = self.relocations.front();
+        next.is_some_and(|relocation| relocation.first)
+    }
+
+    /// What is to be done at this node, once.
+    pub fn relocate(&mut self, sequence: u32) -> Option<Relocation> {
+        let here = self.relocations.front()?.sequence == sequence;
+        here.then(|| self.relocations.pop_front()).flatten()
     }
 
     /// Goes on from the last released node (6.6.2). The horizon is replaced.
@@ -89,36 +128,57 @@ impl Held {
             .about("nodeId", &first.node_id));
         }
         let update = order.order_update_id;
-        let legs = self.append(order.nodes, order.edges, tolerance)?;
+        let legs = self.append(order.nodes, order.edges, tolerance, None)?;
         self.update = update;
         Ok(legs)
     }
 
-    /// Puts nodes and edges behind the base, of which the first node is already part.
+    /// Puts nodes and edges behind the base, of which the first node is already part. Gives what is
+    /// driven before any `initPosition`.
     fn append(
         &mut self,
         nodes: Vec<Node>,
         edges: Vec<Edge>,
         tolerance: f64,
+        begins: Option<Relocation>,
     ) -> Result<Vec<Leg>, Refusal> {
-        let (mut legs, mut at) = (Vec::new(), self.end);
+        let (mut legs, mut at, mut moved) = (Vec::new(), self.end, self.moved.clone());
         let mut decision = self.decision.clone();
+        let mut relocations: Vec<Relocation> = Vec::new();
+        if let Some(relocation) = begins {
+            at = relocation.place.pose;
+            moved = Some(relocation.place.position());
+            relocations.push(relocation);
+        }
         for (edge, pair) in edges.iter().zip(nodes.windows(2)) {
             let [before, after] = pair else { continue };
             if !edge.released {
                 // The horizon is checked as far as it can be without the way there.
                 continue;
             }
-            let driven = self.way(edge, before, after, at, tolerance)?;
+            let from = moved.take().or_else(|| before.node_position.clone());
+            let driven = self.way(edge, (before, from), after, at, tolerance)?;
             at = driven.last().and_then(Leg::end).unwrap_or(at);
-            legs.extend(driven);
+            match relocations.last_mut() {
+                Some(relocation) => relocation.legs.extend(driven),
+                None => legs.extend(driven),
+            }
             decision = after.clone();
+            if let Some(relocation) = Relocation::on(after)? {
+                at = relocation.place.pose;
+                moved = Some(relocation.place.position());
+                relocations.push(relocation);
+            }
         }
+        if let Some(before) = self.relocations.back_mut() {
+            before.legs.append(&mut legs);
+        }
+        self.relocations.extend(relocations);
         self.nodes.retain(|node| node.released);
         self.edges.retain(|edge| edge.released);
         self.nodes.extend(nodes.iter().skip(1).cloned());
         self.edges.extend(edges.iter().cloned());
-        (self.end, self.decision) = (at, decision);
+        (self.end, self.decision, self.moved) = (at, decision, moved);
         (self.nodes_received, self.edges_received) = (nodes, edges);
         Ok(legs)
     }
@@ -126,17 +186,19 @@ impl Held {
     fn way(
         &self,
         edge: &Edge,
-        before: &Node,
+        (before, from): (&Node, Option<NodePosition>),
         after: &Node,
         at: Pose<f64>,
         tolerance: f64,
     ) -> Result<Vec<Leg>, Refusal> {
-        let place = |node: &Node| -> Result<NodePosition, Refusal> {
+        let place = |node: &Node, found: Option<NodePosition>| -> Result<NodePosition, Refusal> {
             let sentence = || format!("node {} has no nodePosition", node.node_id);
-            let found = node.node_position.clone();
             found.ok_or_else(|| Refusal::new(ErrorKind::NoRoute, sentence()))
         };
-        let (from, to) = (place(before)?, place(after)?);
+        let (from, to) = (
+            place(before, from)?,
+            place(after, after.node_position.clone())?,
+        );
         leg::legs(edge, &from, &to, at, after.sequence_id, tolerance).map_err(|why| {
             Refusal::new(ErrorKind::NoRoute, format!("edge {}: {why}", edge.edge_id))
                 .about("edgeId", &edge.edge_id)
@@ -159,6 +221,7 @@ impl Held {
     pub fn cancel(&mut self) {
         self.nodes.clear();
         self.edges.clear();
+        self.relocations.clear();
         self.cancelled = true;
     }
 

@@ -8,6 +8,7 @@ use crate::configuration::Configuration;
 use crate::error::{ErrorKind, Refusal};
 use crate::message::order::{Edge, Node, NodePosition, Order};
 use crate::nurbs::Nurbs;
+use crate::relocation::Relocation;
 
 /// Most nodes of one message.
 pub const MOST_NODES: usize = 1_000;
@@ -15,7 +16,15 @@ pub const MOST_NODES: usize = 1_000;
 const ROUNDING: f64 = 1e-6;
 
 /// Checks a whole order.
-pub fn check(order: &Order, configuration: &Configuration, map: &str) -> Result<(), Refusal> {
+///
+/// `map` is the one on which the order begins; where it `continues` another, its first node was
+/// checked before, and what is to be done there is done or awaited already.
+pub fn check(
+    order: &Order,
+    configuration: &Configuration,
+    map: &str,
+    continues: bool,
+) -> Result<(), Refusal> {
     let about = |refusal: Refusal| {
         refusal
             .about("orderId", &order.order_id)
@@ -23,9 +32,13 @@ pub fn check(order: &Order, configuration: &Configuration, map: &str) -> Result<
     };
     addressed(order, configuration).map_err(about)?;
     graph(order, configuration.identity.version).map_err(about)?;
-    for node in &order.nodes {
+    let mut map = map.to_owned();
+    for node in order.nodes.iter().skip(usize::from(continues)) {
         let place = |refusal: Refusal| about(refusal.about("nodeId", &node.node_id));
-        check_node(node, map).map_err(place)?;
+        check_node(node, &map).map_err(place)?;
+        if let Some(relocation) = Relocation::on(node).map_err(place)? {
+            map = relocation.place.map;
+        }
     }
     for edge in &order.edges {
         let way = |refusal: Refusal| about(refusal.about("edgeId", &edge.edge_id));
@@ -181,7 +194,7 @@ fn check_node(node: &Node, map: &str) -> Result<(), Refusal> {
         )
         .about("mapId", &position.map_id));
     }
-    no_actions(&node.actions, "node", name)
+    Ok(())
 }
 
 fn check_position(name: &str, position: &NodePosition) -> Result<(), Refusal> {
@@ -254,24 +267,18 @@ fn check_edge(edge: &Edge, configuration: &Configuration) -> Result<(), Refusal>
         Nurbs::new(trajectory)
             .map_err(|why| malformed(format!("edge {name}: trajectory.{why}")))?;
     }
-    no_actions(&edge.actions, "edge", name)
+    no_actions(edge)
 }
 
-/// This vehicle has no action but instant ones.
-fn no_actions(
-    actions: &[crate::message::action::Action],
-    what: &str,
-    name: &str,
-) -> Result<(), Refusal> {
-    let Some(action) = actions.first() else {
+/// On edges this vehicle has no action.
+fn no_actions(edge: &Edge) -> Result<(), Refusal> {
+    let Some(action) = edge.actions.first() else {
         return Ok(());
     };
-    let kind = &action.action_type;
+    let (name, kind) = (&edge.edge_id, &action.action_type);
     Err(Refusal::new(
         ErrorKind::InvalidOrderAction,
-        format!(
-            "{what} {name}: action {kind}; this vehicle drives and has no actions on nodes and edges"
-        ),
+        format!("edge {name}: action {kind}; this vehicle drives and has no actions on edges"),
     )
     .about("actionId", &action.action_id)
     .about("actionType", kind))

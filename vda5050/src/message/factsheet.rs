@@ -114,7 +114,7 @@ fn limits(configuration: &Configuration, new: bool) -> Value {
     let (least, usual) = (0.0, configuration.state_interval_ms as f64 * 1e-3);
     let picture = configuration.visualization_interval_ms as f64 * 1e-3;
     let arrays = json!({"order.nodes": MOST_NODES, "order.edges": MOST_NODES - 1,
-        "node.actions": 0, "edge.actions": 0, "trajectory.controlPoints": MOST_POINTS,
+        "node.actions": 1, "edge.actions": 0, "trajectory.controlPoints": MOST_POINTS,
         "trajectory.knotVector": MOST_POINTS + crate::nurbs::HIGHEST_DEGREE + 1});
     let longest = crate::message::LONGEST;
     if new {
@@ -137,6 +137,10 @@ fn features(new: bool) -> Value {
     let actions: Vec<Value> = ACTIONS
         .iter()
         .map(|(kind, description, parameters)| {
+            let scopes = match *kind {
+                "initPosition" => json!(["INSTANT", "NODE"]),
+                _ => json!(["INSTANT"]),
+            };
             let kind = match *kind {
                 "initPosition" if new => "initializePosition",
                 kind => kind,
@@ -146,7 +150,7 @@ fn features(new: bool) -> Value {
                 .map(|(key, kind)| json!({"key": key, "valueDataType": kind}))
                 .collect();
             let mut action = json!({"actionType": kind, "actionDescription": description,
-                "actionScopes": ["INSTANT"], "actionParameters": parameters});
+                "actionScopes": scopes, "actionParameters": parameters});
             if let (true, Some(fields)) = (new, action.as_object_mut()) {
                 // 3.0.0's schema has these two as strings.
                 fields.insert("pauseAllowed".into(), json!("false"));

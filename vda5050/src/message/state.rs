@@ -11,6 +11,8 @@ use crate::message::order::{Edge, Node};
 /// How far an action is (6.11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActionStatus {
+    /// Its node is still ahead.
+    Waiting,
     /// It is being done.
     Running,
     /// It is done.
@@ -30,6 +32,8 @@ pub struct ActionState {
     pub status: ActionStatus,
     /// What came of it.
     pub result: Option<String>,
+    /// Whether it stands on a node of an order, and was not sent at once.
+    pub ordered: bool,
 }
 
 /// Who controls the vehicle (6.10.6).
@@ -118,16 +122,17 @@ impl State<'_> {
         set("driving", json!(self.driving));
         set("paused", json!(self.paused));
         set("newBaseRequest", json!(self.new_base_request));
-        let actions: Value = self
-            .actions
-            .iter()
-            .map(|action| action_state(action, version))
-            .collect();
+        let actions = |wanted: &dyn Fn(&ActionState) -> bool| -> Value {
+            let actions = self.actions.iter().filter(|action| wanted(action));
+            actions
+                .map(|action| action_state(action, version))
+                .collect()
+        };
         if new {
-            set("actionStates", json!([]));
-            set("instantActionStates", actions);
+            set("actionStates", actions(&|action| action.ordered));
+            set("instantActionStates", actions(&|action| !action.ordered));
         } else {
-            set("actionStates", actions);
+            set("actionStates", actions(&|_| true));
         }
         let charge = if self.supply_good { 80.0 } else { 20.0 };
         if new {
@@ -223,6 +228,7 @@ fn error(kind: &str, level: &str, sentence: &str, references: &[(String, String)
 
 fn action_state(action: &ActionState, version: Version) -> Value {
     let status = match action.status {
+        ActionStatus::Waiting => "WAITING",
         ActionStatus::Running => "RUNNING",
         ActionStatus::Finished => "FINISHED",
         ActionStatus::Failed => "FAILED",

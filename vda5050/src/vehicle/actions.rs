@@ -1,12 +1,13 @@
 //! Instant actions (6.8, 6.9): each is answered, also one that cannot be done.
 
-use kinematics::Pose;
 use serde_json::Value;
 
 use super::{MOST_REMEMBERED, Request, Vehicle};
 use crate::error::{ErrorKind, Refusal};
 use crate::message::action::{Action, InstantActions};
 use crate::message::state::{ActionState, ActionStatus};
+use crate::order::Held;
+use crate::relocation::Place;
 use crate::{Version, message};
 
 impl Vehicle {
@@ -27,14 +28,12 @@ impl Vehicle {
             }
             let done = self.act(action, now);
             let status = *done.as_ref().unwrap_or(&ActionStatus::Failed);
-            if self.actions.len() >= MOST_REMEMBERED {
-                self.actions.remove(0);
-            }
-            self.actions.push(ActionState {
+            self.remember(ActionState {
                 id: action.action_id.clone(),
                 kind: action.action_type.clone(),
                 status,
                 result: done.as_ref().err().map(|refusal| refusal.sentence.clone()),
+                ordered: false,
             });
             if let Err(refusal) = done {
                 self.refuse(refusal.about("actionId", &action.action_id));
@@ -65,7 +64,7 @@ impl Vehicle {
             }
             "clearInstantActions" if self.configuration.identity.version == Version::V3_0 => {
                 self.actions
-                    .retain(|action| action.status == ActionStatus::Running);
+                    .retain(|action| action.ordered || action.status == ActionStatus::Running);
                 Ok(ActionStatus::Finished)
             }
             other => Err(Refusal::new(
@@ -105,25 +104,71 @@ impl Vehicle {
                 "initPosition: an order is being executed; cancel it first".into(),
             ));
         }
-        let number = |key: &str| {
-            let value = action.parameter(key).and_then(Value::as_f64);
-            let value = value.filter(|value| value.abs() <= 1e6);
-            value.ok_or_else(|| wrong(format!("initPosition: {key} is missing or no number")))
-        };
-        let text = |key: &str| action.parameter(key).and_then(Value::as_str);
-        let pose = Pose::new(number("x")?, number("y")?, number("theta")?);
-        if pose.heading.abs() > std::f64::consts::PI + 1e-6 {
-            return Err(wrong(
-                "initPosition: theta must lie between -pi and pi".into(),
-            ));
-        }
-        let map = text("mapId").filter(|map| !map.is_empty());
-        let map = map.ok_or_else(|| wrong("initPosition: mapId is missing or no text".into()))?;
-        map.clone_into(&mut self.map);
-        self.last_node = (text("lastNodeId").unwrap_or_default().to_owned(), 0);
-        self.seen.pose = Some(pose);
-        self.requests.push(Request::SetPosition(pose));
+        let place = Place::of(action).map_err(wrong)?;
+        self.last_node = (place.last_node.clone().unwrap_or_default(), 0);
+        self.stands_at(place);
         Ok(ActionStatus::Finished)
+    }
+
+    fn stands_at(&mut self, place: Place) {
+        self.map = place.map;
+        self.seen.pose = Some(place.pose);
+        self.requests.push(Request::SetPosition(place.pose));
+    }
+
+    /// Remembers an action; the oldest that has ended goes for it.
+    fn remember(&mut self, action: ActionState) {
+        if self.actions.len() >= MOST_REMEMBERED {
+            let ended = |action: &ActionState| action.status != ActionStatus::Waiting;
+            let oldest = self.actions.iter().position(ended).unwrap_or(0);
+            self.actions.remove(oldest);
+        }
+        self.actions.push(action);
+    }
+
+    /// Shows the actions on nodes ahead, and forgets those that an update has taken away.
+    pub(super) fn await_actions(&mut self) {
+        let awaited = self.order.as_ref().map(Held::awaited).unwrap_or_default();
+        self.actions.retain(|action| {
+            action.status != ActionStatus::Waiting || awaited.iter().any(|(id, _)| *id == action.id)
+        });
+        for (id, kind) in awaited {
+            if self.actions.iter().all(|known| known.id != id) {
+                self.remember(ActionState {
+                    id,
+                    kind,
+                    status: ActionStatus::Waiting,
+                    result: None,
+                    ordered: true,
+                });
+            }
+        }
+    }
+
+    /// Does `initPosition` on the node where the vehicle has come to rest, and drives on.
+    pub(super) fn relocate(&mut self) {
+        if self.paused || self.seen.driving || !self.requests.is_empty() {
+            return;
+        }
+        let Some(order) = self.order.as_mut() else {
+            return;
+        };
+        if self.seen.interrupted && !order.begins_with_relocation() {
+            return;
+        }
+        let Some(relocation) = order.relocate(self.last_node.1) else {
+            return;
+        };
+        if let Some(name) = relocation.place.last_node.clone() {
+            self.last_node.0 = name;
+        }
+        self.stands_at(relocation.place);
+        self.drive(relocation.legs, relocation.first);
+        let (id, _) = relocation.action;
+        for action in self.actions.iter_mut().filter(|action| action.id == id) {
+            action.status = ActionStatus::Finished;
+        }
+        self.changed = true;
     }
 
     pub(super) fn is_cancelling(&self) -> bool {
@@ -135,6 +180,12 @@ impl Vehicle {
     pub(super) fn drop_order(&mut self) {
         if let Some(order) = &mut self.order {
             order.cancel();
+        }
+        for action in &mut self.actions {
+            if action.status == ActionStatus::Waiting {
+                action.status = ActionStatus::Failed;
+                action.result = Some("the order was cancelled".into());
+            }
         }
         self.changed = true;
     }

@@ -259,6 +259,7 @@ impl Vehicle {
                 self.changed = true;
             }
         }
+        self.relocate();
     }
 
     /// Sends the state when something has changed, or when it is time.

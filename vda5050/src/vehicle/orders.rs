@@ -18,6 +18,7 @@ impl Vehicle {
             Ok(false) => {}
             Ok(true) => {
                 self.refusals.clear();
+                self.await_actions();
                 self.changed = true;
             }
             Err(refusal) => self.refuse(refusal),
@@ -60,7 +61,9 @@ impl Vehicle {
         {
             return Ok(known);
         }
-        validate::check(&order, &self.configuration, &self.map).map_err(named)?;
+        let continued = held.filter(|held| held.id == order.order_id);
+        let map = continued.and_then(Held::map).unwrap_or(&self.map);
+        validate::check(&order, &self.configuration, map, continued.is_some()).map_err(named)?;
         self.check_available().map_err(named)?;
         let taken = match &self.order {
             Some(held) if held.id == order.order_id => self.extend(order),
@@ -168,7 +171,7 @@ impl Vehicle {
         Ok(())
     }
 
-    fn drive(&mut self, legs: Vec<Leg>, fresh: bool) {
+    pub(super) fn drive(&mut self, legs: Vec<Leg>, fresh: bool) {
         if !legs.is_empty() {
             self.requests.push(Request::Drive { legs, fresh });
         }
