@@ -45,4 +45,10 @@ pub trait Bench {
     /// # Errors
     /// When that fails.
     fn force_bus_off(&mut self) -> anyhow::Result<()>;
+
+    /// Whether [`Bench::power_cycle`] and [`Bench::force_bus_off`] return at the moment of what
+    /// they do, so that times can be measured from there. A person's do not.
+    fn hands_are_timed(&self) -> bool {
+        true
+    }
 }

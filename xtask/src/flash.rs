@@ -1,5 +1,6 @@
 //! Writing the firmware to a board: `probe-rs` does it, through the NUCLEO's own ST-LINK.
 
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::bail;
@@ -22,37 +23,81 @@ pub struct Arguments {
     log: bool,
 }
 
+/// A debug probe, by way of `probe-rs`.
+pub struct Probe {
+    /// Serial number, when several are connected.
+    serial: Option<String>,
+}
+
+impl Probe {
+    /// Looks whether `probe-rs` is there; the probe is looked for when it is needed.
+    ///
+    /// # Errors
+    /// When `probe-rs` is not installed.
+    pub fn new(serial: Option<String>) -> anyhow::Result<Self> {
+        let found = Command::new("probe-rs")
+            .arg("--version")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        if !found.is_ok_and(|status| status.success()) {
+            bail!(
+                "probe-rs is not installed. Install it with one of\n  \
+                 cargo install probe-rs-tools --locked\n  \
+                 curl -LsSf https://github.com/probe-rs/probe-rs/releases/latest/download/probe-rs-tools-installer.sh | sh\n\
+                 and, on Linux, its udev rules: https://probe.rs/docs/getting-started/probe-setup/"
+            );
+        }
+        Ok(Self { serial })
+    }
+
+    /// The arguments of `probe-rs` for one of its commands.
+    fn arguments(&self, command: &str) -> Vec<String> {
+        let mut arguments = [command, "--chip", CHIP].map(str::to_owned).to_vec();
+        if let Some(serial) = &self.serial {
+            arguments.extend(["--probe".to_owned(), serial.clone()]);
+        }
+        arguments
+    }
+
+    /// Writes an image and starts it.
+    ///
+    /// # Errors
+    /// When no probe is found, or the chip does not answer.
+    pub fn write(&self, elf: &Path) -> anyhow::Result<()> {
+        let mut download = Command::new("probe-rs");
+        cargo::run(download.args(self.arguments("download")).arg(elf))?;
+        cargo::run(Command::new("probe-rs").args(self.arguments("reset")))
+    }
+}
+
 /// Builds and flashes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let found = Command::new("probe-rs")
-        .arg("--version")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status();
-    if !found.is_ok_and(|status| status.success()) {
-        bail!(
-            "probe-rs is not installed. Install it with one of\n  \
-             cargo install probe-rs-tools --locked\n  \
-             curl -LsSf https://github.com/probe-rs/probe-rs/releases/latest/download/probe-rs-tools-installer.sh | sh\n\
-             and, on Linux, its udev rules: https://probe.rs/docs/getting-started/probe-setup/"
+    let probe = Probe::new(arguments.probe.clone())?;
+    let elf = firmware::build(Scalar::F32)?;
+    if !arguments.log {
+        return probe.write(&elf);
+    }
+    let mut command = Command::new("probe-rs");
+    cargo::run(command.args(probe.arguments("run")).arg(&elf))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn probe_rs_is_given_chip_and_probe() {
+        let probe = |serial: Option<&str>| Probe {
+            serial: serial.map(str::to_owned),
+        };
+        assert_eq!(
+            probe(None).arguments("download"),
+            ["download", "--chip", "STM32F446RETx"]
+        );
+        assert_eq!(
+            probe(Some("066B")).arguments("reset"),
+            ["reset", "--chip", "STM32F446RETx", "--probe", "066B"]
         );
     }
-    let elf = firmware::build(Scalar::F32)?;
-    let mut command = Command::new("probe-rs");
-    command
-        .arg(if arguments.log { "run" } else { "download" })
-        .args(["--chip", CHIP]);
-    if let Some(probe) = &arguments.probe {
-        command.args(["--probe", probe]);
-    }
-    cargo::run(command.arg(&elf))?;
-    if !arguments.log {
-        let mut reset = Command::new("probe-rs");
-        reset.args(["reset", "--chip", CHIP]);
-        if let Some(probe) = &arguments.probe {
-            reset.args(["--probe", probe]);
-        }
-        cargo::run(&mut reset)?;
-    }
-    Ok(())
 }

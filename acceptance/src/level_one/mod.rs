@@ -25,6 +25,9 @@ use crate::wires;
 /// The wheels, in their order.
 const WHEELS: [&str; 4] = ["front_left", "front_right", "rear_left", "rear_right"];
 
+/// Why a time from a person's deed is not tried.
+const BY_HAND: &str = "a person's hands are not timed";
+
 /// How long a board may take to its boot-up message before it counts as dead, us.
 const PATIENCE_US: u64 = 5_000_000;
 
@@ -162,6 +165,14 @@ impl Session<'_> {
             procedure: what.procedure,
             note,
         });
+    }
+
+    /// Records that a figure was left out.
+    fn leave_out(&mut self, what: What, reason: &str) {
+        self.check(what, Err(anyhow::anyhow!("{reason}")));
+        if let Some(check) = self.checks.last_mut() {
+            check.tried = false;
+        }
     }
 
     /// Resets the board by its own software.

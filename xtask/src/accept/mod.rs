@@ -1,12 +1,15 @@
-//! `cargo xtask accept`: level 1 of the acceptance of a board, on an emulated one.
+//! `cargo xtask accept`: level 1 of the acceptance of a board, a real or an emulated one.
 //!
 //! The procedure and its checks are the crate `acceptance`; this builds the two images, puts the
 //! board together and writes the report. It exits with 6 when a promise is not kept, so that a
 //! script can tell this from a procedure that could not be run.
 
+mod board;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use acceptance::Check;
 use acceptance::emulated::mutation::MUTATIONS;
 use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options};
@@ -14,12 +17,15 @@ use acceptance::report::{self, Count, Subject};
 use anyhow::{Context as _, bail};
 use canopen::NodeId;
 use emulator::Firmware;
+use omnibus::bus::address::BusAddress;
 use omnibus::report::Scalar;
 
 use crate::firmware;
+use crate::flash::Probe;
+use board::{BoardBench, Paths};
 
 /// What an emulated board without defects measures, for comparison.
-const EMULATED: &str = include_str!("../../acceptance/emulated/level-1.json");
+const EMULATED: &str = include_str!("../../../acceptance/emulated/level-1.json");
 
 /// A promise was not kept.
 const BROKEN: u8 = 6;
@@ -28,10 +34,20 @@ const BROKEN: u8 = 6;
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Tries an emulated board with virtual wires.
-    #[arg(long, required = true)]
+    #[arg(long, required_unless_present = "bus", conflicts_with = "bus")]
     emulated: bool,
+    /// Tries the board on this bus, as `--bus` of `omnibus` has it: slcan:DEVICE and so on.
+    #[arg(long, value_name = "BUS")]
+    bus: Option<BusAddress>,
+    /// Flashes the board with probe-rs, through the probe with this serial number or the only one;
+    /// a person is asked to do it otherwise.
+    #[arg(long, value_name = "SERIAL", num_args = 0..=1, requires = "bus")]
+    probe: Option<Option<String>>,
+    /// Node of the board, as its switches say.
+    #[arg(long, default_value_t = NODE, requires = "bus")]
+    node: u8,
     /// Gives the board the defect with this name; `list` prints all of them.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with = "bus")]
     mutate: Option<String>,
     /// Where to write the report as JSON.
     #[arg(long, value_name = "FILE")]
@@ -59,10 +75,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let mutation = mutation(arguments.mutate.as_deref())?;
-    let images = images(arguments)?;
-    let mut bench = EmulatedBench::new(&images, mutation);
-    let node = NodeId::new(NODE).context("the board has no node-ID")?;
-    let mut checks = level_one::run(&mut bench, node, &Options::SHORT)?;
+    let mut checks = match &arguments.bus {
+        Some(bus) => of_a_board(arguments, bus)?,
+        None => {
+            let images = images(arguments)?;
+            let mut bench = EmulatedBench::new(&images, mutation);
+            let node = NodeId::new(NODE).context("the board has no node-ID")?;
+            level_one::run(&mut bench, node, &Options::SHORT)?
+        }
+    };
     let emulated = serde_json::from_str(EMULATED).context("the emulated figures")?;
     report::expect(&mut checks, &emulated);
 
@@ -71,13 +92,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let count = Count::of(&checks);
     println!("\n{count}");
+    let hardware = arguments.bus.is_some();
+    let (board, chip) = match hardware {
+        true => ("NUCLEO-F446RE", "STM32F446RE, revision not read"),
+        false => (
+            "NUCLEO-F446RE, emulated",
+            "STM32F446RE, emulated, revision A",
+        ),
+    };
     let subject = Subject {
         level: 1,
-        board: "NUCLEO-F446RE, emulated".to_owned(),
-        chip: "STM32F446RE, emulated, revision A".to_owned(),
+        board: board.to_owned(),
+        chip: chip.to_owned(),
         versions: env!("CARGO_PKG_VERSION").to_owned(),
         date: report::today(),
-        hardware: false,
+        hardware,
         mutation: mutation.map(|mutation| mutation.name.to_owned()),
     };
     if let Some(path) = &arguments.json {
@@ -102,17 +131,48 @@ fn mutation(name: Option<&str>) -> anyhow::Result<Option<&'static Mutation>> {
     }
 }
 
+/// Level 1 of the board on a bus.
+fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Check>> {
+    let node = NodeId::new(arguments.node);
+    let node = node.with_context(|| format!("--node {}: give 1 to 127", arguments.node))?;
+    let probe = arguments.probe.clone().map(Probe::new).transpose()?;
+    let link = omnibus::bus::adapter::open(bus)?;
+    let mut bench = BoardBench {
+        link,
+        probe,
+        paths: paths(arguments)?,
+    };
+    level_one::run(&mut bench, node, &Options::FULL)
+}
+
+/// The images, built where none were given. Variants are built in one place, so what is built
+/// there is copied.
+fn paths(arguments: &Arguments) -> anyhow::Result<Paths> {
+    let self_test = match &arguments.self_test {
+        Some(path) => path.clone(),
+        None => {
+            let built = firmware::build_self_test()?;
+            let copy = built.with_extension("self-test");
+            std::fs::copy(&built, &copy)
+                .with_context(|| format!("cannot write {}", copy.display()))?;
+            copy
+        }
+    };
+    let shipped = match &arguments.image {
+        Some(path) => path.clone(),
+        None => firmware::build(Scalar::F32)?,
+    };
+    Ok(Paths { self_test, shipped })
+}
+
 fn images(arguments: &Arguments) -> anyhow::Result<Images> {
-    let load = |path: &Option<PathBuf>, build: &dyn Fn() -> anyhow::Result<PathBuf>| {
-        let path = match path {
-            Some(path) => path.clone(),
-            None => build()?,
-        };
-        Firmware::load(&path).with_context(|| format!("cannot use {}", path.display()))
+    let paths = paths(arguments)?;
+    let load = |path: &Path| {
+        Firmware::load(path).with_context(|| format!("cannot use {}", path.display()))
     };
     Ok(Images {
-        self_test: load(&arguments.self_test, &firmware::build_self_test)?,
-        shipped: load(&arguments.image, &|| firmware::build(Scalar::F32))?,
+        self_test: load(&paths.self_test)?,
+        shipped: load(&paths.shipped)?,
     })
 }
 

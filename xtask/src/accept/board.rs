@@ -1,0 +1,86 @@
+//! A real board as a bench: a bus of the master, a probe that flashes, and a person.
+//!
+//! The person switches power and shorts the bus when asked, so the moments of both are unknown
+//! here, and what would have to be timed from them is not tried. Without a probe the person flashes
+//! as well.
+
+use std::io::BufRead as _;
+use std::path::PathBuf;
+
+use acceptance::{Bench, Image};
+use anyhow::{Context as _, bail};
+use canopen::{Frame, Micros};
+use omnibus::bus::link::Link;
+
+use crate::flash::Probe;
+
+/// Where the images are.
+pub struct Paths {
+    /// Self-test.
+    pub self_test: PathBuf,
+    /// As shipped.
+    pub shipped: PathBuf,
+}
+
+/// A board at the end of a link.
+pub struct BoardBench {
+    /// The bus.
+    pub link: Box<dyn Link>,
+    /// What flashes; a person does without it.
+    pub probe: Option<Probe>,
+    /// What is flashed.
+    pub paths: Paths,
+}
+
+impl BoardBench {
+    /// Asks for something to be done, and waits for Enter.
+    fn ask(&mut self, request: &str) -> anyhow::Result<()> {
+        eprintln!("{request}, then press Enter");
+        let mut line = String::new();
+        if std::io::stdin().lock().read_line(&mut line)? == 0 {
+            bail!("there is nobody at the terminal to {request}");
+        }
+        Ok(())
+    }
+}
+
+impl Bench for BoardBench {
+    fn now_us(&self) -> u64 {
+        self.link.now().0
+    }
+
+    fn send(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        Ok(self.link.send(frame)?)
+    }
+
+    fn receive(&mut self, until_us: u64) -> anyhow::Result<Option<(u64, Frame)>> {
+        let received = self.link.receive(Micros(until_us))?;
+        Ok(received.map(|(at, frame)| (at.0, frame)))
+    }
+
+    fn flash(&mut self, image: Image) -> anyhow::Result<()> {
+        let path = match image {
+            Image::SelfTest => self.paths.self_test.clone(),
+            Image::Shipped => self.paths.shipped.clone(),
+        };
+        match &self.probe {
+            Some(probe) => probe.write(&path).context("cannot flash the board"),
+            None => self.ask(&format!(
+                "write {} into the board and reset it",
+                path.display()
+            )),
+        }
+    }
+
+    fn power_cycle(&mut self) -> anyhow::Result<()> {
+        self.ask("switch the board off, wait a second, switch it on")
+    }
+
+    fn force_bus_off(&mut self) -> anyhow::Result<()> {
+        self.ask("connect CAN high with CAN low for a second, take them apart again")
+    }
+
+    fn hands_are_timed(&self) -> bool {
+        false
+    }
+}
