@@ -25,6 +25,23 @@ const NODES: [u8; 3] = [2, 3, 4];
 /// How well a wheel follows a reference that falls, rad/s; the fastest turn with 7.
 const FOLLOWS: f64 = 0.15;
 
+/// The group whose robots are tried. With images for each kind of robot they are Board Cs with C620
+/// drives, and lighter: these drives give 20 A.
+fn tcc_3(backend: &Backend) -> GroupFile {
+    let mut file = common::group("tcc-3");
+    if matches!(backend, Backend::Images(_)) {
+        for robot in &mut file.robots {
+            robot.board = group::Board::RobomasterC;
+            robot.output.kind = group::StageKind::C620;
+            robot.output.largest_current = Some(20.0);
+            robot.motor.inertia = 0.2;
+            robot.encoder.counts_per_revolution = 8192.0;
+            robot.encoder.gear_ratio = 3591.0 / 187.0;
+        }
+    }
+    file
+}
+
 /// A group of three, configured, waiting for its start.
 fn configured(backend: &Backend, file: &GroupFile, more: &[(Address, f32)]) -> TestMaster {
     let options = Options {
@@ -56,7 +73,7 @@ fn start(master: &mut TestMaster, twist: Twist, millis: u64) {
 }
 
 fn moving(backend: &Backend, twist: Twist) -> TestMaster {
-    let file = common::group("tcc-3");
+    let file = tcc_3(backend);
     let mut master = configured(backend, &file, &[]);
     start(&mut master, twist, 600);
     assert!(master.all_are(MemberState::Moving));
@@ -107,7 +124,7 @@ fn rule_1_twist_is_latched_at_sync_and_published_with_its_sequence(backend: &Bac
 
 /// Robot 4's wheels can do half of what 1 m/s asks for.
 fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
-    let mut file = common::group("tcc-3");
+    let mut file = tcc_3(backend);
     file.robots[2].max_wheel_rate = 0.5 / RADIUS;
     let mut master = configured(backend, &file, &[]);
     start(&mut master, Twist::new(1.0, 0.0, 0.0), 100);
@@ -118,7 +135,7 @@ fn rule_1_permitted_scale_is_that_of_its_own_wheels(backend: &Backend) {
 }
 
 fn rule_2_twist_takes_effect_the_agreement_delay_after_its_sync(backend: &Backend) {
-    let file = common::group("tcc-3");
+    let file = tcc_3(backend);
     let mut master = configured(backend, &file, &[]);
     start(&mut master, Twist::default(), 100);
     master.run_to_phase(10, 5).unwrap();
@@ -141,7 +158,7 @@ fn rule_2_twist_takes_effect_the_agreement_delay_after_its_sync(backend: &Backen
 }
 
 fn rule_2_one_slow_member_slows_the_whole_body_and_the_body_keeps_its_shape(backend: &Backend) {
-    let mut file = common::group("tcc-3");
+    let mut file = tcc_3(backend);
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
     let mut master = configured(backend, &file, &[]);
     start(&mut master, FORWARD, 800);
@@ -288,7 +305,7 @@ fn rule_4_restart_needs_an_nmt_start(backend: &Backend) {
 
 /// One robot of three has another acceleration limit: nothing moves, and all say why.
 fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backend) {
-    let file = common::group("tcc-3");
+    let file = tcc_3(backend);
     let mut master = configured(backend, &file, &[]);
     let [low, high] = at::ACCELERATION.index.to_le_bytes();
     let [a, b, c, d] = 0.3_f32.to_le_bytes();
@@ -309,7 +326,7 @@ fn rule_3_a_member_that_would_do_something_else_stops_the_group(backend: &Backen
 /// The protective stop of one: it ramps down like all others, who hear of it by its emergency
 /// message.
 fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
-    let file = common::group("tcc-3");
+    let file = tcc_3(backend);
     let mut master = configured(backend, &file, &[]);
     let [low, high] = at::PROTECTIVE_STOP.index.to_le_bytes();
     let write = [0x2F, low, high, at::PROTECTIVE_STOP.sub, 1, 0, 0, 0];
@@ -350,7 +367,7 @@ fn rule_3_a_protective_stop_of_one_is_a_ramp_of_all(backend: &Backend) {
 fn a_bus_that_comes_apart_keeps_the_shape_within_three_millimetres(backend: &Backend) {
     let mut worst = 0.0_f64;
     for phase in [1, 4, 7, 9] {
-        let mut file = common::group("tcc-3");
+        let mut file = tcc_3(backend);
         file.simulation.rigid = false;
         let mut master = configured(backend, &file, &[]);
         start(&mut master, FORWARD, 600);
@@ -390,7 +407,7 @@ fn rule_4_restart_needs_a_new_sequence(backend: &Backend) {
 /// 0.097 m/s at most, and then the integral makes up for it, with P + K over I = 0.18 s. 30 N m
 /// hold the wheels until it has.
 fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend) {
-    let file = common::group("tcc-3");
+    let file = tcc_3(backend);
     let thresholds = [
         (at::STRAIN_LIMIT, 0.02),
         (at::STRAIN_FAULT, 0.15),
@@ -415,7 +432,7 @@ fn rule_5_disagreement_of_the_members_is_a_limit_then_a_fault(backend: &Backend)
 }
 
 fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backend) {
-    let mut file = common::group("tcc-3");
+    let mut file = tcc_3(backend);
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
     let mut master = configured(backend, &file, &[]);
     start(&mut master, FORWARD, 400);
@@ -435,7 +452,7 @@ fn rule_6_a_limit_moves_and_a_fault_is_latched_with_outputs_off(backend: &Backen
 /// `one_by_one` makes each of them a group of its own, which scales by its own wheels alone. The
 /// shape error in mm after 2 s.
 fn free_robots_with_a_slow_one(backend: &Backend, one_by_one: bool) -> f64 {
-    let mut file = common::group("tcc-3");
+    let mut file = tcc_3(backend);
     file.simulation.rigid = false;
     file.robots[2].max_wheel_rate = 0.3 / RADIUS;
     let mut master = configured(backend, &file, &[]);
@@ -475,7 +492,7 @@ fn rule_2_keeps_free_robots_in_shape_where_clipping_tears_the_load(backend: &Bac
 /// truth, and the truth against what was asked. Wheel rates travel in steps of 2 mrad/s, 0.44 % rms
 /// of 0.131 rad/s; the rest is the observer's.
 fn wheel_rates_are_known_and_kept_to_one_percent_at_a_crawl(backend: &Backend) {
-    let mut file = common::group("tcc-3");
+    let mut file = tcc_3(backend);
     for robot in &mut file.robots {
         robot.encoder.counts_per_revolution = 2048.0;
         robot.compensation = kinematics::VelocityCompensation::new(1.0, 1.0, 1.0).unwrap();
@@ -544,6 +561,10 @@ macro_rules! rules {
         }
     };
 }
+
+#[cfg(feature = "emulated")]
+#[path = "group_rules/board_c.rs"]
+mod board_c;
 
 rules! {
     rule_1_twist_is_latched_at_sync_and_published_with_its_sequence

@@ -2,8 +2,9 @@
 //! group with a robot that has bridges, names what is wrong with its drives in the promised time,
 //! and leaves them without current when it fails.
 //!
-//! `OMNIBUS_ELF_DRIVES` names that image and `OMNIBUS_ELF` the reference board's (`cargo xtask
-//! test` builds both). What a drive does is `sim::smart_drive`.
+//! `OMNIBUS_ELF_DRIVES` names that image, `OMNIBUS_ELF` the reference board's for bridges, and
+//! `OMNIBUS_ELF_BOARD_C` that of RoboMaster's Development Board C (`cargo xtask test` builds all).
+//! What a drive does is `sim::smart_drive`.
 
 mod common;
 
@@ -26,16 +27,44 @@ fn load(variable: &str) -> Firmware {
     Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-fn drives() -> Backend {
-    Backend::Emulator(load("OMNIBUS_ELF_DRIVES"))
+/// These tests with the image that a variable names.
+macro_rules! tests {
+    ($variable:literal, $($test:ident)*) => {
+        $(#[test] fn $test() { super::$test($variable); })*
+    };
 }
 
-fn link(group: &GroupFile) -> SimLink {
+mod reference {
+    tests! { "OMNIBUS_ELF_DRIVES",
+        it_drives_straight
+        a_crash_leaves_the_drives_without_current
+        a_robot_that_says_nothing_is_noticed_by_its_drives
+        a_fault_of_a_drive_is_named_in_time
+        a_start_is_refused_with_the_name_of_the_fault
+        the_other_kind_of_drive_is_refused_by_name
+    }
+}
+
+/// The board that has nothing but smart drives: a sample.
+mod board_c {
+    tests! { "OMNIBUS_ELF_BOARD_C",
+        it_drives_straight
+        a_crash_leaves_the_drives_without_current
+        a_robot_that_says_nothing_is_noticed_by_its_drives
+        a_fault_of_a_drive_is_named_in_time
+        a_start_is_refused_with_the_name_of_the_fault
+    }
+}
+
+fn link(group: &GroupFile, image: &str) -> SimLink {
     let options = Options {
         threads: 1,
         ..Options::default()
     };
-    SimLink::new(World::new(group, drives(), options).unwrap(), "test")
+    SimLink::new(
+        World::new(group, Backend::Emulator(load(image)), options).unwrap(),
+        "test",
+    )
 }
 
 /// A robot that drives at a twist.
@@ -53,8 +82,8 @@ fn driving<'a>(link: &'a mut SimLink, group: &'a GroupFile, vx: f32) -> Group<&'
 }
 
 /// The same, with a master that does not end when the robot stops.
-fn moving(group: &GroupFile) -> TestMaster {
-    let mut link = link(group);
+fn moving(group: &GroupFile, image: &str) -> TestMaster {
+    let mut link = link(group, image);
     let mut session = Group::connect(&mut link, group).unwrap();
     session.configure(false).unwrap();
     let mut master = TestMaster::new(link.world, group);
@@ -78,11 +107,10 @@ fn run_us(world: &mut World, us: u64) {
 
 /// 0.3 m/s over the radius is the rate of every wheel, in either direction, and a steady wheel
 /// takes the current of its friction: (0.15 + 0.002 w) N m over 0.3 N m/A.
-#[test]
-fn it_drives_straight() {
+fn it_drives_straight(image: &str) {
     let group = common::group("c620");
     for vx in [0.3_f32, -0.3] {
-        let mut link = link(&group);
+        let mut link = link(&group, image);
         let mut session = driving(&mut link, &group, vx);
         let robot = session.link().world.truth().robots[0];
         let want = f64::from(vx) / 0.076;
@@ -100,11 +128,10 @@ fn it_drives_straight() {
 
 /// A program that fails: its last words are no current, and then it is silent. Long before the
 /// drives would have noticed by themselves there is none.
-#[test]
-fn a_crash_leaves_the_drives_without_current() {
+fn a_crash_leaves_the_drives_without_current(image: &str) {
     for how in [Crash::Nowhere, Crash::Panic, Crash::StackOverflow] {
         let group = common::group("c620");
-        let mut link = link(&group);
+        let mut link = link(&group, image);
         let mut session = driving(&mut link, &group, 0.6);
         let world = &mut session.link().world;
         assert!(world.truth().robots[0].currents[0] > 0.3);
@@ -121,10 +148,9 @@ fn a_crash_leaves_the_drives_without_current() {
 }
 
 /// A halted core says no last words: the drives' own time-out, assumed to be 100 ms, counts.
-#[test]
-fn a_robot_that_says_nothing_is_noticed_by_its_drives() {
+fn a_robot_that_says_nothing_is_noticed_by_its_drives(image: &str) {
     let group = common::group("c620");
-    let mut link = link(&group);
+    let mut link = link(&group, image);
     let mut session = driving(&mut link, &group, 0.6);
     let world = &mut session.link().world;
     assert!(world.halt(0, true));
@@ -160,11 +186,10 @@ fn promised(fault: Fault) -> u64 {
 }
 
 /// Cut within the promise; a hot motor is not cut, its robot ramps and is named as fast.
-#[test]
-fn a_fault_of_a_drive_is_named_in_time() {
+fn a_fault_of_a_drive_is_named_in_time(image: &str) {
     let group = common::group("c620");
     for (change, fault) in IN_MOTION {
-        let mut master = moving(&group);
+        let mut master = moving(&group, image);
         master.world.set_smart_drive(0, 1, change);
         let live = |world: &World| world.truth().robots[0].brake_released;
         let cuts = fault.reaction() == protocol::Reaction::Cut;
@@ -180,11 +205,10 @@ fn a_fault_of_a_drive_is_named_in_time() {
 }
 
 /// A start is refused, and the fault names the cause.
-#[test]
-fn a_start_is_refused_with_the_name_of_the_fault() {
+fn a_start_is_refused_with_the_name_of_the_fault(image: &str) {
     let group = common::group("c620");
     for (change, fault) in AT_REST {
-        let mut link = link(&group);
+        let mut link = link(&group, image);
         link.world.set_smart_drive(0, 1, change);
         let mut session = Group::connect(&mut link, &group).unwrap();
         session.configure(false).unwrap();
@@ -198,10 +222,9 @@ fn a_start_is_refused_with_the_name_of_the_fault() {
 }
 
 /// An image for smart drives has no bridges, and says which object is wrong.
-#[test]
-fn the_other_kind_of_drive_is_refused_by_name() {
+fn the_other_kind_of_drive_is_refused_by_name(image: &str) {
     let file = common::group("c620");
-    let mut link = link(&file);
+    let mut link = link(&file, image);
     let mut session = Group::connect(&mut link, &file).unwrap();
     session.configure(false).unwrap();
     let wire = session.wire();
@@ -233,10 +256,7 @@ fn group_with(name: &str, smart: usize) -> GroupFile {
 }
 
 fn images() -> Backend {
-    Backend::Mixed {
-        bridges: load("OMNIBUS_ELF"),
-        drives: load("OMNIBUS_ELF_DRIVES"),
-    }
+    Backend::Images(vec![load("OMNIBUS_ELF"), load("OMNIBUS_ELF_DRIVES")])
 }
 
 /// The same robot with either kind of drive is at the same place all the time, at 1 m/s within what
@@ -271,4 +291,37 @@ fn a_mixed_group_carries_its_load_along_a_figure_eight() {
     });
     println!("{mixed} mm, {alike} mm alike");
     assert!(mixed < alike + 1.0, "{mixed} mm, {alike} mm alike");
+}
+
+/// One load on three robots of different kinds, as `cargo xtask demo --config mixed` drives it: a
+/// reference board with bridges, one with C620 drives, and Board C. Its shape is kept as by robots
+/// that are alike.
+#[test]
+fn three_kinds_of_robots_carry_one_load() {
+    let all = || ["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES", "OMNIBUS_ELF_BOARD_C"].map(load);
+    let mixed = common::group("mixed");
+    let mut alike = mixed.clone();
+    for robot in &mut alike.robots[1..] {
+        robot.board = mixed.robots[0].board;
+        robot.output = mixed.robots[0].output;
+        robot.encoder = mixed.robots[0].encoder;
+    }
+    let [alike, mixed] = [alike, mixed].map(|group| {
+        let backend = Backend::Images(all().to_vec());
+        let drive = common::quick_drive(&group, backend, Curve::FigureEight, true);
+        assert_eq!(drive.result, Ok(()));
+        drive.world.worst_shape_error_mm()
+    });
+    println!("{mixed} mm, {alike} mm alike");
+    assert!(mixed < alike + 1.0, "{mixed} mm, {alike} mm alike");
+}
+
+/// An image is found by board and drives; a robot that none is for is refused by name.
+#[test]
+fn a_robot_without_an_image_of_its_own_is_refused() {
+    let mixed = common::group("mixed");
+    let images = Backend::Images(["OMNIBUS_ELF", "OMNIBUS_ELF_DRIVES"].map(load).to_vec());
+    let refused = World::new(&mixed, images, Options::default()).err();
+    let refused = refused.map(|error| error.to_string()).unwrap_or_default();
+    assert!(refused.contains("RobomasterC"), "{refused}");
 }

@@ -1,8 +1,9 @@
 //! Parameters over a power loss: the release image on an emulated board, spoken to by SDO as a
 //! master would.
 //!
-//! `OMNIBUS_ELF` names the image (`cargo xtask test` builds it and says so). A power cycle is a new
-//! board with the flash of the old one; the power can fail in the middle of any flash operation.
+//! `OMNIBUS_ELF` names the image, and `OMNIBUS_ELF_BOARD_C` that of RoboMaster's Board C (`cargo
+//! xtask test` builds both and says so). A power cycle is a new board with the flash of the old
+//! one; the power can fail in the middle of any flash operation.
 
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Port, Stop, StopKind};
 use protocol::address::{self as at, history};
@@ -27,10 +28,43 @@ const RESTORE: Address = Address::new(0x1011, 1);
 /// CiA 301: "data cannot be transferred or stored because of the present device state".
 const DEVICE_STATE: u32 = 0x0800_0022;
 
-fn firmware() -> Firmware {
-    let path =
-        std::env::var("OMNIBUS_ELF").expect("OMNIBUS_ELF names the firmware's release image");
+fn firmware(variable: &str) -> Firmware {
+    let path = std::env::var(variable).unwrap_or_else(|_| panic!("{variable} names an image"));
     Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// These tests with the image that a variable names.
+macro_rules! tests {
+    ($variable:literal, $($test:ident)*) => {
+        $(#[test] fn $test() { super::$test(&super::firmware($variable)); })*
+    };
+}
+
+mod reference {
+    tests! { "OMNIBUS_ELF",
+        saved_parameters_are_back_after_a_power_cycle
+        nothing_is_stored_while_operational_or_without_the_signature
+        an_image_that_has_decayed_is_not_used
+        a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set
+        a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set
+        a_node_stored_by_lss_outlives_a_power_cycle
+        a_store_full_of_small_images_is_no_different
+        a_robot_with_the_store_of_the_version_before_has_its_parameters
+        three_hundred_random_saves_and_power_cuts
+        faults_outlive_a_power_cycle
+        a_power_cut_while_faults_are_written_costs_those_faults_only
+    }
+}
+
+/// The other board's: a sample, for its own sectors and clocks.
+mod board_c {
+    tests! { "OMNIBUS_ELF_BOARD_C",
+        saved_parameters_are_back_after_a_power_cycle
+        a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set
+        a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set
+        a_node_stored_by_lss_outlives_a_power_cycle
+        a_power_cut_while_faults_are_written_costs_those_faults_only
+    }
 }
 
 /// Values that differ from each other and from the defaults in every object: a parameter near the
@@ -99,11 +133,9 @@ fn with_first_set(firmware: &Firmware) -> Vec<u8> {
     robot.board.flash()
 }
 
-#[test]
-fn saved_parameters_are_back_after_a_power_cycle() {
-    let firmware = firmware();
-    let flash = with_first_set(&firmware);
-    let mut robot = Robot::power_on(&firmware, &flash);
+fn saved_parameters_are_back_after_a_power_cycle(firmware: &Firmware) {
+    let flash = with_first_set(firmware);
+    let mut robot = Robot::power_on(firmware, &flash);
     assert_eq!(robot.found(), Some(Set(1)));
     // What is not saved is gone, here by an NMT reset of the node.
     robot.set(Set(2));
@@ -114,14 +146,12 @@ fn saved_parameters_are_back_after_a_power_cycle() {
     robot.write(RESTORE, b"load").unwrap().unwrap();
     assert_eq!(robot.found(), Some(Set(1)));
     let flash = robot.board.flash();
-    assert_eq!(Robot::power_on(&firmware, &flash).found(), None);
+    assert_eq!(Robot::power_on(firmware, &flash).found(), None);
 }
 
-#[test]
-fn nothing_is_stored_while_operational_or_without_the_signature() {
-    let firmware = firmware();
-    let flash = with_first_set(&firmware);
-    let mut robot = Robot::power_on(&firmware, &flash);
+fn nothing_is_stored_while_operational_or_without_the_signature(firmware: &Firmware) {
+    let flash = with_first_set(firmware);
+    let mut robot = Robot::power_on(firmware, &flash);
     let before = robot.board.flash_operations();
     assert!(robot.write(SAVE, b"evas").unwrap().is_err());
     robot.send(0, &[1, 0]);
@@ -133,17 +163,15 @@ fn nothing_is_stored_while_operational_or_without_the_signature() {
 }
 
 /// Flash that has lost a bit of the only image.
-#[test]
-fn an_image_that_has_decayed_is_not_used() {
-    let firmware = firmware();
-    let mut flash = with_first_set(&firmware);
+fn an_image_that_has_decayed_is_not_used(firmware: &Firmware) {
+    let mut flash = with_first_set(firmware);
     let half_track = Set(1).values()[0].1.to_le_bytes();
     let place = flash[0x4000..0xC000]
         .windows(4)
         .position(|bytes| bytes == half_track)
         .expect("it is in the sectors of the parameters");
     flash[0x4000 + place] ^= 0x01;
-    let mut robot = Robot::power_on(&firmware, &flash);
+    let mut robot = Robot::power_on(firmware, &flash);
     assert_eq!(robot.found(), None, "nothing of it is used");
     let corrupt = u32::from(Fault::ParametersCorrupt.code());
     assert_eq!(robot.read(history::code(1)), corrupt);
@@ -151,7 +179,7 @@ fn an_image_that_has_decayed_is_not_used() {
     robot.set(Set(2));
     robot.save().unwrap();
     let flash = robot.board.flash();
-    assert_eq!(Robot::power_on(&firmware, &flash).found(), Some(Set(2)));
+    assert_eq!(Robot::power_on(firmware, &flash).found(), Some(Set(2)));
 }
 
 /// What the robot finds after each way to lose power in the save of the second set over `flash`,
@@ -225,21 +253,19 @@ fn operations(board: &Board) -> u64 {
     done.programs + done.erases
 }
 
-#[test]
-fn a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set() {
-    let firmware = firmware();
-    let flash = with_first_set(&firmware);
-    let (cuts, old) = cut_everywhere(&firmware, &flash);
+fn a_power_cut_in_any_operation_of_a_save_leaves_the_old_or_the_new_set(firmware: &Firmware) {
+    let flash = with_first_set(firmware);
+    let (cuts, old) = cut_everywhere(firmware, &flash);
     println!("{cuts} operations, {old} times the old set");
     assert!(old > 0 && cuts > 50);
 }
 
 /// The same for the save that finds its sector full, copies what is stored to the other one and
 /// erases.
-#[test]
-fn a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set() {
-    let firmware = firmware();
-    let mut robot = Robot::power_on(&firmware, &with_first_set(&firmware));
+fn a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_set(
+    firmware: &Firmware,
+) {
+    let mut robot = Robot::power_on(firmware, &with_first_set(firmware));
     let mut saves = 1;
     let flash = loop {
         let before = (robot.board.flash(), robot.board.flash_operations());
@@ -257,23 +283,21 @@ fn a_power_cut_in_any_operation_of_a_save_that_erases_leaves_the_old_or_the_new_
     assert_eq!(robot.read(at::SAVES), saves);
     let erases = robot.board.flash_operations().erases;
     assert!(robot.read(at::ERASES) > 0, "of {erases} since power-on");
-    let (cuts, old) = cut_everywhere(&firmware, &flash);
+    let (cuts, old) = cut_everywhere(firmware, &flash);
     println!("{cuts} operations, {old} times the old set; save {saves} is the first that erases");
     assert!(old > 0 && cuts > 100);
 }
 
 /// A node-ID given by LSS is stored, comes before the switches at the next power-on, and can be
 /// taken away again.
-#[test]
-fn a_node_stored_by_lss_outlives_a_power_cycle() {
-    let firmware = firmware();
-    let flash = with_first_set(&firmware);
-    let mut robot = Robot::power_on(&firmware, &flash);
+fn a_node_stored_by_lss_outlives_a_power_cycle(firmware: &Firmware) {
+    let flash = with_first_set(firmware);
+    let mut robot = Robot::power_on(firmware, &flash);
     robot.send(0x7E5, &[0x04, 1, 0, 0, 0, 0, 0, 0]);
     robot.send(0x7E5, &[0x11, 9, 0, 0, 0, 0, 0, 0]);
     robot.lss([0x17, 0, 0, 0, 0, 0, 0, 0]);
     let flash = robot.board.flash();
-    let mut robot = Robot::power_on_as(&firmware, &flash, 9);
+    let mut robot = Robot::power_on_as(firmware, &flash, 9);
     assert_eq!(robot.found(), Some(Set(1)));
     assert_eq!(robot.read(at::NODE_SWITCHES), 2);
     assert_eq!(robot.read(at::NODE_STORED), 9);
@@ -281,15 +305,13 @@ fn a_node_stored_by_lss_outlives_a_power_cycle() {
     robot.send(0x7E5, &[0x11, 0xFF, 0, 0, 0, 0, 0, 0]);
     robot.lss([0x17, 0, 0, 0, 0, 0, 0, 0]);
     let flash = robot.board.flash();
-    assert_eq!(Robot::power_on(&firmware, &flash).found(), Some(Set(1)));
+    assert_eq!(Robot::power_on(firmware, &flash).found(), Some(Set(1)));
 }
 
 /// Saves of the shortest image there is, more than fit into both sectors.
-#[test]
-fn a_store_full_of_small_images_is_no_different() {
-    let firmware = firmware();
-    let blank = Board::new(&firmware, BoardConfig::default()).flash();
-    let mut robot = Robot::power_on(&firmware, &blank);
+fn a_store_full_of_small_images_is_no_different(firmware: &Firmware) {
+    let blank = Board::new(firmware, BoardConfig::default()).flash();
+    let mut robot = Robot::power_on(firmware, &blank);
     let mut longest_ns = 0;
     for save in 1..=1_000 {
         let before = robot.board.now_ns();
@@ -301,15 +323,13 @@ fn a_store_full_of_small_images_is_no_different() {
     println!("longest save {} ms", longest_ns / 1_000_000);
     assert!(longest_ns < 1_000_000_000);
     let flash = robot.board.flash();
-    Robot::power_on(&firmware, &flash);
+    Robot::power_on(firmware, &flash);
 }
 
 /// Flashes as the version before left them (`robot/tests/data`), the last of them on a robot that
 /// did not start any more; the name of the set they hold.
-#[test]
-fn a_robot_with_the_store_of_the_version_before_has_its_parameters() {
-    let firmware = firmware();
-    let blank = Board::new(&firmware, BoardConfig::default()).flash();
+fn a_robot_with_the_store_of_the_version_before_has_its_parameters(firmware: &Firmware) {
+    let blank = Board::new(firmware, BoardConfig::default()).flash();
     let before: [(&[u8], Set); 5] = [
         (include_bytes!("../robot/tests/data/one-image.bin"), Set(1)),
         (
@@ -329,13 +349,13 @@ fn a_robot_with_the_store_of_the_version_before_has_its_parameters() {
     for (bytes, set) in before {
         let mut flash = blank.clone();
         flash[0x4000..][..bytes.len()].copy_from_slice(bytes);
-        let mut robot = Robot::power_on(&firmware, &flash);
+        let mut robot = Robot::power_on(firmware, &flash);
         assert_eq!(robot.found(), Some(set));
         assert_eq!(robot.board.flash_operations(), FlashOperations::default());
         let saves = robot.read(at::SAVES);
         robot.save().unwrap();
         let flash = robot.board.flash();
-        let mut robot = Robot::power_on(&firmware, &flash);
+        let mut robot = Robot::power_on(firmware, &flash);
         assert_eq!(robot.found(), Some(set));
         assert_eq!(robot.read(at::SAVES), saves + 1);
         assert_eq!(robot.board.resets(), 0);
@@ -352,12 +372,10 @@ fn random(state: &mut u64) -> u64 {
 
 /// Saves of images short and long, and power that fails in the middle of some: the robot always
 /// starts, within the same time, answers on the bus and has the set before or the new one.
-#[test]
-fn three_hundred_random_saves_and_power_cuts() {
-    let firmware = firmware();
+fn three_hundred_random_saves_and_power_cuts(firmware: &Firmware) {
     let mut state = 0x00C0_FFEE;
-    let mut flash = with_first_set(&firmware);
-    let mut robot = Robot::power_on(&firmware, &flash);
+    let mut flash = with_first_set(firmware);
+    let mut robot = Robot::power_on(firmware, &flash);
     let mut stored = Some(Set(1));
     let (mut cuts, mut slowest_ns) = (0, 0);
     for step in 0..300 {
@@ -387,7 +405,7 @@ fn three_hundred_random_saves_and_power_cuts() {
         if done.is_err() || random(&mut state).is_multiple_of(8) {
             cuts += u32::from(done.is_err());
             flash = robot.board.flash();
-            robot = Robot::power_on(&firmware, &flash);
+            robot = Robot::power_on(firmware, &flash);
             slowest_ns = slowest_ns.max(robot.board.now_ns());
             let found = robot.found();
             assert!(
@@ -407,11 +425,9 @@ fn three_hundred_random_saves_and_power_cuts() {
 
 /// A start that is refused is a fault: it is in flash a second after power-on, and nothing is
 /// before.
-#[test]
-fn faults_outlive_a_power_cycle() {
-    let firmware = firmware();
-    let blank = Board::new(&firmware, BoardConfig::default()).flash();
-    let mut robot = Robot::power_on(&firmware, &blank);
+fn faults_outlive_a_power_cycle(firmware: &Firmware) {
+    let blank = Board::new(firmware, BoardConfig::default()).flash();
+    let mut robot = Robot::power_on(firmware, &blank);
     robot.wait_ms(100);
     robot.send(0, &[1, 0]);
     robot.wait_ms(10);
@@ -425,7 +441,7 @@ fn faults_outlive_a_power_cycle() {
     assert_eq!(robot.read(at::UNSTORED_FAULTS), 0);
     let stored = robot.stored_faults();
 
-    let mut robot = Robot::power_on(&firmware, &robot.board.flash());
+    let mut robot = Robot::power_on(firmware, &robot.board.flash());
     assert_eq!(robot.stored_faults(), stored);
     let [fault] = stored[..] else {
         panic!("{stored:?}");
@@ -435,17 +451,15 @@ fn faults_outlive_a_power_cycle() {
     assert_eq!((fault.supply, fault.rates), (None, [0.0; 4]));
     assert_eq!(robot.read(at::START_NUMBER), 2);
     // A robot that is switched off within the second has not counted that start.
-    let mut robot = Robot::power_on(&firmware, &robot.board.flash());
+    let mut robot = Robot::power_on(firmware, &robot.board.flash());
     assert_eq!(robot.read(at::START_NUMBER), 2);
 }
 
 /// Every way to lose power while a start and a fault are written: a robot that boots, with the set
 /// it had.
-#[test]
-fn a_power_cut_while_faults_are_written_costs_those_faults_only() {
-    let firmware = firmware();
-    let flash = with_first_set(&firmware);
-    let mut robot = Robot::power_on(&firmware, &flash);
+fn a_power_cut_while_faults_are_written_costs_those_faults_only(firmware: &Firmware) {
+    let flash = with_first_set(firmware);
+    let mut robot = Robot::power_on(firmware, &flash);
     robot.set(Set(1));
     robot
         .write(at::HALF_TRACK, &0.0_f32.to_le_bytes())
@@ -460,7 +474,7 @@ fn a_power_cut_while_faults_are_written_costs_those_faults_only() {
     assert!(left.len() >= 3 + 11, "a start and a fault");
     let whole = robot.stored_faults();
     for (nth, flash) in left.iter().enumerate() {
-        let mut robot = Robot::power_on(&firmware, flash);
+        let mut robot = Robot::power_on(firmware, flash);
         assert_eq!(robot.found(), Some(Set(1)), "cut {nth}");
         let stored = robot.stored_faults();
         assert!(

@@ -37,8 +37,8 @@ mod whole;
 pub use check::Examination;
 pub use error::GroupError;
 pub use model::{
-    CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile, LAST_NODE,
-    Limits, Motor, OutputStage, Robot, Rollers, StageKind, Wheel,
+    Board, CompensationTable, ContactLag, Control, Encoder, FIRST_NODE, Feedforward, GroupFile,
+    LAST_NODE, Limits, Motor, OutputStage, Robot, Rollers, StageKind, Wheel,
 };
 pub use parameters::{
     Parameter, agreement_delay_us, compensation_set, member_mask, parameters, preview_us,

@@ -11,7 +11,7 @@ use kinematics::{
 
 use crate::check::{Checked, Checker, Range, Reported, Value, default};
 use crate::model::{
-    CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
+    Board, CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
 };
 use crate::schema::{self, At};
 
@@ -110,6 +110,7 @@ impl Checker<'_> {
         let wheels = self.wheels(&field, e, d);
         let rollers = self.known_rollers(&field, e, d);
         let output = self.output_stage(&field, e, d);
+        let board = e.board.as_ref().or(d.board.as_ref());
         let compensation = self.compensation(&field, e, d)?;
         let compensation_table = self.compensation_table(&field, e, d, &compensation);
         Ok(Robot {
@@ -121,6 +122,7 @@ impl Checker<'_> {
             compensation_table: compensation_table?,
             rollers: rollers?,
             max_wheel_rate,
+            board: board.map_or_else(Board::default, |board| *board.get_ref()),
             encoder,
             output,
             motor,

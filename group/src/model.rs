@@ -93,6 +93,8 @@ pub struct Robot {
     pub rollers: Option<Rollers>,
     /// Fastest wheel rate that may be asked for, rad/s.
     pub max_wheel_rate: f32,
+    /// Its board: which image it runs.
+    pub board: Board,
     /// The wheel's encoder.
     pub encoder: Encoder,
     /// The wheel's motor with its gear.
@@ -200,6 +202,17 @@ pub struct OutputStage {
     pub enable_wired: bool,
     /// Sensors of the motors' current, where there are any.
     pub current_sensor: Option<CurrentSensor>,
+}
+
+/// A board, with its number in image files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Board {
+    /// NUCLEO-F446RE, the reference board.
+    #[default]
+    NucleoF446re = 1,
+    /// RoboMaster Development Board C.
+    RobomasterC = 2,
 }
 
 /// What turns the wheels, and how a duty is put on the two inputs of a bridge, with the numbers of

@@ -8,7 +8,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::model::StageKind;
+use crate::model::{Board, StageKind};
 use crate::simulation::{Driver, EncoderFaultKind, WheelName};
 
 /// A value with its place in the text.
@@ -68,6 +68,7 @@ pub struct Defaults {
     pub wheel_radius: Option<At<f64>>,
     pub roller_angle_deg: Option<At<f64>>,
     pub max_wheel_rate: Option<At<f64>>,
+    pub board: Option<At<Board>>,
     pub rollers: Option<At<Rollers>>,
     #[serde(default)]
     pub compensation: Compensation,
@@ -114,6 +115,7 @@ pub struct Entry {
     pub wheel_radius: Option<At<f64>>,
     pub roller_angle_deg: Option<At<f64>>,
     pub max_wheel_rate: Option<At<f64>>,
+    pub board: Option<At<Board>>,
     pub rollers: Option<At<Rollers>>,
     #[serde(default)]
     pub compensation: Compensation,

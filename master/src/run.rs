@@ -44,7 +44,8 @@ pub struct Drive<'a> {
     pub feedback: Option<Feedback>,
     /// Whether members compensate for wheel slip.
     pub compensation: bool,
-    /// The firmware image for emulated robots; `None` for native ones.
+    /// The firmware image for emulated robots, or a folder with one for each kind of robot; `None`
+    /// for native ones.
     pub elf: Option<&'a Path>,
     /// Where to write every frame as a candump log.
     pub candump: Option<PathBuf>,

@@ -8,7 +8,7 @@
 //! | PWM front left, front right, rear left, rear right | TIM1 CH1..4 | PE9 PE11 PE13 PE14, the PWM header |
 //! | direction, same order; high rolls the base forward | GPIO | PC6 PI6 PI7 (PWM header), PF1 (I2C2) |
 //! | CAN of the group | CAN1 | PD0 receive, PD1 transmit |
-//! | smart drives, on a CAN of their own, with `drives-c620` | CAN2 | PB5 receive, PB6 transmit |
+//! | smart drives, on a CAN of their own | CAN2 | PB5 receive, PB6 transmit |
 //! | driver enable, high is enabled | TIM8 CH2N | PB14 (SPI2 MISO) |
 //! | holding brake, high is released | TIM8 CH3N | PB15 (SPI2 MOSI) |
 //! | emergency stop, normally closed to ground; high stops | TIM1 BKIN | PB12 (SPI2 CS) |
@@ -17,9 +17,8 @@
 //! | protective stop, normally closed to ground; high asks for standstill | GPIO | PB13 (SPI2 SCK) |
 //! | LED, green | GPIO | PH11 |
 //!
-//! With the feature `drives-c620` the wheels are turned by C620 or C610 drives on CAN2: PB5
-//! receives, PB6 transmits, through the board's own transceiver. Without it the image is for
-//! bridges, and the encoders are missing.
+//! The wheels are turned by C620 or C610 drives on CAN2, through the board's own transceiver: its
+//! feature selects `drives-c620`.
 //!
 //! # Limits
 //!
@@ -61,14 +60,10 @@ pub const WIRING: Wiring = Wiring {
         receive: pin("PD0"),
         transmit: pin("PD1"),
     },
-    drives: if cfg!(feature = "drives-c620") {
-        Some(Can {
-            receive: pin("PB5"),
-            transmit: pin("PB6"),
-        })
-    } else {
-        None
-    },
+    drives: Some(Can {
+        receive: pin("PB5"),
+        transmit: pin("PB6"),
+    }),
     driver_enable: pin("PB14"),
     brake_release: pin("PB15"),
     stop: pin("PB12"),

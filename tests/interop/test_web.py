@@ -17,7 +17,7 @@ FOLDER = pathlib.Path(os.environ["OMNIBUS_WEB"])
 NATIVE = pathlib.Path(os.environ["OMNIBUS_WEB_NATIVE"])
 CHOICES = {
     "table": dict(group="tcc-3", floor="table", phases=False, robots="native"),
-    "contact": dict(group="mixed", floor="contact", phases=True, robots="native"),
+    "contact": dict(group="sizes", floor="contact", phases=True, robots="native"),
     "emulated": dict(group="single", floor="table", phases=False, robots="emulated"),
 }
 speed = "(state && state.measured ? Math.hypot(state.measured[0], state.measured[1]) : 0)"

@@ -26,7 +26,7 @@ pub const GROUPS: [(&str, &str, &str, bool); 9] = [
     ("acc-2", "ACC-2: two at an angle, connected", ACC_2, true),
     ("auc-2", "AUC-2: two at an angle, free", ACC_2, false),
     ("single", "one robot", SINGLE, true),
-    ("mixed", "two of different size, connected", MIXED, true),
+    ("sizes", "two of different size, connected", SIZES, true),
 ];
 
 const TCC_3: &str = include_str!("../../groups/tcc-3.toml");
@@ -34,7 +34,7 @@ const TCC_2: &str = include_str!("../../groups/tcc-2.toml");
 const SCC_2: &str = include_str!("../../groups/scc-2.toml");
 const ACC_2: &str = include_str!("../../groups/acc-2.toml");
 const SINGLE: &str = include_str!("../../groups/single.toml");
-const MIXED: &str = include_str!("../../groups/mixed.toml");
+const SIZES: &str = include_str!("../../groups/sizes.toml");
 
 /// What a calibration on the contact floor gives.
 #[derive(Clone, Copy, Debug, PartialEq)]

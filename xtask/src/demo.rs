@@ -73,6 +73,13 @@ fn group_file(config: &str) -> PathBuf {
     }
 }
 
+/// Whether a group has robots that are no reference boards with bridges.
+fn is_mixed(group: &group::GroupFile) -> bool {
+    let reference = group::Board::default();
+    let mut robots = group.robots.iter();
+    robots.any(|robot| robot.board != reference || robot.output.kind.drive_current().is_some())
+}
+
 /// Builds, drives, reports.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.scalar == Scalar::Fixed && arguments.backend != BackendName::Emulator {
@@ -98,6 +105,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     };
     let elf = match arguments.backend {
+        BackendName::Emulator if is_mixed(&group) => {
+            if arguments.scalar == Scalar::Fixed {
+                anyhow::bail!(
+                    "--scalar fixed: only for robots that are all reference boards with bridges"
+                );
+            }
+            let images = cargo::target_folder().join("demo/images");
+            firmware::build_for_group(&group, &images)?;
+            Some(images)
+        }
         BackendName::Emulator => Some(firmware::build(arguments.scalar)?),
         BackendName::Native | BackendName::Robots => None,
     };

@@ -17,13 +17,50 @@ use crate::cargo;
 
 /// Start of the flash, where the core reads the boot code's vectors (RM0390 rev 6, 2.4).
 const FLASH_ORIGIN: u64 = slots::BOOT as u64;
-/// End of the STM32F446RE's 512 KiB of flash.
-const FLASH_END: u64 = FLASH_ORIGIN + 512 * 1024;
+/// End of the longest flash, the STM32F407IG's 1 MiB.
+const FLASH_END: u64 = FLASH_ORIGIN + 1024 * 1024;
 /// Name of the firmware's binary.
 const BINARY: &str = "omnibus-firmware";
 
-/// The features of the boards, the reference board first.
-const BOARDS: [&str; 2] = ["board-nucleo-f446re", "board-robomaster-c"];
+/// A board.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, clap::ValueEnum)]
+pub enum Board {
+    /// NUCLEO-F446RE, the reference board.
+    #[default]
+    NucleoF446re,
+    /// RoboMaster Development Board C.
+    RobomasterC,
+}
+
+impl Board {
+    /// All, the reference board first.
+    const ALL: [Self; 2] = [Self::NucleoF446re, Self::RobomasterC];
+
+    /// Its cargo feature.
+    const fn feature(self) -> &'static str {
+        match self {
+            Self::NucleoF446re => "board-nucleo-f446re",
+            Self::RobomasterC => "board-robomaster-c",
+        }
+    }
+
+    /// Its chip, as probe-rs names it.
+    pub const fn chip(self) -> &'static str {
+        match self {
+            Self::NucleoF446re => "STM32F446RETx",
+            Self::RobomasterC => "STM32F407IGHx",
+        }
+    }
+}
+
+impl From<group::Board> for Board {
+    fn from(board: group::Board) -> Self {
+        match board {
+            group::Board::NucleoF446re => Self::NucleoF446re,
+            group::Board::RobomasterC => Self::RobomasterC,
+        }
+    }
+}
 
 /// Builds the release image for the board and returns its path.
 pub fn build(scalar: Scalar) -> anyhow::Result<PathBuf> {
@@ -70,19 +107,58 @@ pub fn build_with_tick(period_us: u32) -> anyhow::Result<PathBuf> {
     })
 }
 
+/// Builds the release image for a board.
+pub fn build_for(board: Board) -> anyhow::Result<PathBuf> {
+    match board {
+        Board::NucleoF446re => build(Scalar::F32),
+        other => build_variant(|command| {
+            command.args(["--no-default-features", "--features", other.feature()]);
+        }),
+    }
+}
+
 /// Builds the release image for every board, which checks it.
 pub fn build_all_boards() -> anyhow::Result<()> {
-    build(Scalar::F32)?;
-    for board in &BOARDS[1..] {
-        build_variant(|command| {
-            command.args(["--no-default-features", "--features", board]);
-        })?;
+    for board in Board::ALL {
+        build_for(board)?;
     }
     build_for_drives()?;
     println!(
         "images with boot code and a vector table: {}",
-        BOARDS.join(", ")
+        Board::ALL.map(Board::feature).join(", ")
     );
+    Ok(())
+}
+
+/// Builds an image for each kind of robot in a group and puts them into a folder, which holds
+/// nothing else.
+pub fn build_for_group(group: &group::GroupFile, folder: &Path) -> anyhow::Result<()> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder)
+            .with_context(|| format!("cannot remove {}", folder.display()))?;
+    }
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot create {}", folder.display()))?;
+    for robot in &group.robots {
+        let board = Board::from(robot.board);
+        let smart = robot.output.kind.drive_current().is_some();
+        let drives = if smart { "drives" } else { "bridges" };
+        let to = folder.join(format!("{}-{drives}.elf", board.feature()));
+        if to.exists() {
+            continue;
+        }
+        let elf = match (board, smart) {
+            (Board::NucleoF446re, true) => build_for_drives()?,
+            (Board::RobomasterC, false) => {
+                bail!(
+                    "node {}: a robomaster-c drives by smart drives only",
+                    robot.node
+                )
+            }
+            (board, _) => build_for(board)?,
+        };
+        std::fs::copy(&elf, &to).with_context(|| format!("cannot write {}", to.display()))?;
+    }
     Ok(())
 }
 

@@ -1,20 +1,20 @@
-//! Writing the firmware to a board: `probe-rs` does it, through the NUCLEO's own ST-LINK.
+//! Writing the firmware to a board: `probe-rs` does it, through the NUCLEO's own ST-LINK or the
+//! probe at another board's connector.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::bail;
 
-use omnibus::report::Scalar;
-
+use crate::firmware::Board;
 use crate::{cargo, firmware};
-
-/// The chip of the reference board, as probe-rs names it.
-const CHIP: &str = "STM32F446RETx";
 
 /// Options of `cargo xtask flash`.
 #[derive(clap::Args)]
 pub struct Arguments {
+    /// Board that is connected.
+    #[arg(long, value_enum, default_value_t)]
+    board: Board,
     /// Serial number of the probe, when several are connected (`probe-rs list`).
     #[arg(long)]
     probe: Option<String>,
@@ -25,6 +25,7 @@ pub struct Arguments {
 
 /// A debug probe, by way of `probe-rs`.
 pub struct Probe {
+    board: Board,
     /// Serial number, when several are connected.
     serial: Option<String>,
 }
@@ -34,7 +35,7 @@ impl Probe {
     ///
     /// # Errors
     /// When `probe-rs` is not installed.
-    pub fn new(serial: Option<String>) -> anyhow::Result<Self> {
+    pub fn new(board: Board, serial: Option<String>) -> anyhow::Result<Self> {
         let found = Command::new("probe-rs")
             .arg("--version")
             .stdout(Stdio::null())
@@ -48,12 +49,14 @@ impl Probe {
                  and, on Linux, its udev rules: https://probe.rs/docs/getting-started/probe-setup/"
             );
         }
-        Ok(Self { serial })
+        Ok(Self { board, serial })
     }
 
     /// The arguments of `probe-rs` for one of its commands.
     fn arguments(&self, command: &str) -> Vec<String> {
-        let mut arguments = [command, "--chip", CHIP].map(str::to_owned).to_vec();
+        let mut arguments = [command, "--chip", self.board.chip()]
+            .map(str::to_owned)
+            .to_vec();
         if let Some(serial) = &self.serial {
             arguments.extend(["--probe".to_owned(), serial.clone()]);
         }
@@ -73,8 +76,8 @@ impl Probe {
 
 /// Builds and flashes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let probe = Probe::new(arguments.probe.clone())?;
-    let elf = firmware::build(Scalar::F32)?;
+    let probe = Probe::new(arguments.board, arguments.probe.clone())?;
+    let elf = firmware::build_for(arguments.board)?;
     if !arguments.log {
         return probe.write(&elf);
     }
@@ -88,16 +91,17 @@ mod tests {
 
     #[test]
     fn probe_rs_is_given_chip_and_probe() {
-        let probe = |serial: Option<&str>| Probe {
+        let probe = |board, serial: Option<&str>| Probe {
+            board,
             serial: serial.map(str::to_owned),
         };
         assert_eq!(
-            probe(None).arguments("download"),
+            probe(Board::NucleoF446re, None).arguments("download"),
             ["download", "--chip", "STM32F446RETx"]
         );
         assert_eq!(
-            probe(Some("066B")).arguments("reset"),
-            ["reset", "--chip", "STM32F446RETx", "--probe", "066B"]
+            probe(Board::RobomasterC, Some("066B")).arguments("reset"),
+            ["reset", "--chip", "STM32F407IGHx", "--probe", "066B"]
         );
     }
 }

@@ -40,6 +40,10 @@ enum Task {
     Demo(demo::Arguments),
     /// Runs all Rust tests of the workspace, including those that need the firmware image.
     Test {
+        /// Runs the system tests that a board has, with its image; for the reference board all
+        /// tests.
+        #[arg(long, value_enum, default_value_t)]
+        board: firmware::Board,
         /// Arguments for `cargo test`, after `--`.
         #[arg(last = true)]
         rest: Vec<String>,
@@ -82,6 +86,9 @@ enum Task {
         /// Where to write the figures as JSON.
         #[arg(long, value_name = "PATH")]
         json: Option<std::path::PathBuf>,
+        /// Board whose image is measured.
+        #[arg(long, value_enum, default_value_t, conflicts_with = "canopen")]
+        board: firmware::Board,
     },
     /// Measures the cost of the firmware: instructions, load, memory, bus, accuracy.
     Bench(bench::Arguments),
@@ -107,7 +114,7 @@ fn run(task: Task) -> anyhow::Result<ExitCode> {
     match task {
         Task::Accept(arguments) => return accept::run(&arguments),
         Task::Demo(arguments) => demo::run(&arguments),
-        Task::Test { rest } => test::run(&rest),
+        Task::Test { board, rest } => test::run(board, &rest),
         Task::Coverage { robots } => cargo::coverage(robots),
         Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),
@@ -119,7 +126,7 @@ fn run(task: Task) -> anyhow::Result<ExitCode> {
         Task::Fuzz { frames, seed, .. } => cargo::fuzz(frames, seed),
         Task::Profile(arguments) => bench::profile::run(&arguments),
         Task::Size { canopen: true, .. } => size_canopen::run(),
-        Task::Size { json, .. } => bench::size(json.as_deref()),
+        Task::Size { json, board, .. } => bench::size(board, json.as_deref()),
         Task::Bench(arguments) => bench::run(&arguments),
         Task::Flash(arguments) => flash::run(&arguments),
         Task::Release(arguments) => release::run(&arguments),

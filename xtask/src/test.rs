@@ -5,6 +5,7 @@ use std::process::{Child, Stdio};
 use anyhow::Context as _;
 use omnibus::report::Scalar;
 
+use crate::firmware::Board;
 use crate::{cargo, firmware};
 
 /// Switches on the tests that run the release image.
@@ -33,9 +34,32 @@ fn start_build() -> Option<Child> {
         .ok()
 }
 
+/// Runs the tests of a board: all of the workspace for the reference board.
+pub fn run(board: Board, rest: &[String]) -> anyhow::Result<()> {
+    match board {
+        Board::NucleoF446re => run_all(rest),
+        Board::RobomasterC => run_system(rest),
+    }
+}
+
+/// The tests of whole robots that have a part for Board C.
+const SYSTEM_TESTS: [&str; 3] = ["smart_drives", "group_rules", "storage"];
+
+/// Runs the parts of the system tests that are for Board C, with its image.
+fn run_system(rest: &[String]) -> anyhow::Result<()> {
+    let elf = firmware::build_for(Board::RobomasterC)?;
+    let mut command = cargo::command();
+    command.args(["test", "--no-fail-fast", "--features", "emulated"]);
+    for test in SYSTEM_TESTS {
+        command.args(["--test", test]);
+    }
+    command.args(["--", "board_c::"]).args(rest);
+    cargo::run(command.env("OMNIBUS_ELF_BOARD_C", elf))
+}
+
 /// Builds the firmware for both scalars, then runs all tests of the workspace with their paths at
 /// hand, and those of the control side in fixed point.
-pub fn run(rest: &[String]) -> anyhow::Result<()> {
+fn run_all(rest: &[String]) -> anyhow::Result<()> {
     let tests = rest.is_empty().then(start_build).flatten();
     let elf = firmware::build(Scalar::F32)?;
     // Each variant replaces the one before it in the same folder; a copy stays.
@@ -47,6 +71,8 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
     std::fs::copy(slot_b.with_extension(""), &slot_b)?;
     let drives = firmware::build_for_drives()?.with_extension("drives");
     std::fs::copy(drives.with_extension(""), &drives)?;
+    let board_c = firmware::build_for(Board::RobomasterC)?.with_extension("board-c");
+    std::fs::copy(board_c.with_extension(""), &board_c)?;
     let fixed = firmware::build(Scalar::Fixed)?;
     if let Some(mut build) = tests {
         build.wait().context("the build of the tests")?;
@@ -60,6 +86,7 @@ pub fn run(rest: &[String]) -> anyhow::Result<()> {
         .env("OMNIBUS_ELF_FIXED", fixed)
         .env("OMNIBUS_ELF_BENCH", bench)
         .env("OMNIBUS_ELF_DRIVES", drives)
+        .env("OMNIBUS_ELF_BOARD_C", board_c)
         .env("OMNIBUS_ELF_SELF_TEST", self_test)
         .env("OMNIBUS_ELF_SLOT_B", slot_b);
     cargo::run(&mut command)?;

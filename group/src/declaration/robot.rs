@@ -47,6 +47,12 @@ pub(super) const ROBOT: &[Field] = &[
     .somewhere()
     .object(at::WHEEL_RATE_MAX, 1.0),
     field(
+        "board",
+        Kind::Choice(&["nucleo-f446re", "robomaster-c"]),
+        "Its board, which says what image it runs; a simulated world picks it.",
+    )
+    .otherwise("nucleo-f446re"),
+    field(
         "encoder",
         Kind::Table(&[ENCODER]),
         "The encoder of each wheel.",

@@ -88,7 +88,7 @@ pub struct Target {
     /// Backend of the robots on a simulated bus.
     #[arg(long, help_heading = "Bus", value_enum, default_value_t = BackendName::Native)]
     pub backend: BackendName,
-    /// Firmware image for emulated robots.
+    /// Firmware image for emulated robots, or a folder with images (*.elf) for their boards.
     #[arg(long, help_heading = "Bus", value_name = "PATH", default_value = DEFAULT_ELF)]
     elf: PathBuf,
     /// Commands the robots even if another master is on the bus.
@@ -185,7 +185,7 @@ impl Target {
         if self.backend == BackendName::Native {
             return Ok(None);
         }
-        if !self.elf.is_file() {
+        if !self.elf.exists() {
             bail!(
                 "--elf {}: there is no such file; build the firmware with `cargo xtask size`",
                 self.elf.display()

@@ -16,7 +16,8 @@ pub mod link;
 pub mod run;
 
 /// A bus with freshly booted robots of `group`, which stands at the origin: native ones, or
-/// emulated ones that run the image at `elf`. `name` is what errors call the bus.
+/// emulated ones that run the image at `elf`, or of the images in that folder the one for their
+/// board and drives. `name` is what errors call the bus.
 ///
 /// # Errors
 /// When the image cannot be loaded or the world cannot be built.

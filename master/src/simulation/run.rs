@@ -91,13 +91,8 @@ pub(super) fn build(
 ) -> Result<World, DriveError> {
     let backend = match elf {
         None => Backend::Native,
-        Some(path) => {
-            let image = Firmware::load(path).map_err(|error| DriveError::Firmware {
-                path: path.display().to_string(),
-                problem: error.to_string(),
-            })?;
-            Backend::Emulator(image)
-        }
+        Some(path) if path.is_dir() => Backend::Images(images(path)?),
+        Some(path) => Backend::Emulator(image(path)?),
     };
     let options = Options {
         truth_period_ns,
@@ -105,6 +100,22 @@ pub(super) fn build(
         ..Options::default()
     };
     Ok(World::new(group, backend, options)?)
+}
+
+fn image(path: &Path) -> Result<Firmware, DriveError> {
+    Firmware::load(path).map_err(|error| DriveError::Firmware {
+        path: path.display().to_string(),
+        problem: error.to_string(),
+    })
+}
+
+/// The images in a folder: the files that end with `.elf`, in the order of their names.
+fn images(folder: &Path) -> Result<Vec<Firmware>, DriveError> {
+    let files = std::fs::read_dir(folder).map_err(|error| file_error(folder, &error))?;
+    let mut paths: Vec<_> = files.flatten().map(|file| file.path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "elf"));
+    paths.sort();
+    paths.iter().map(|path| image(path)).collect()
 }
 
 /// Drives and returns everything that is known about it. `progress` is called with the fraction

@@ -250,13 +250,8 @@ pub enum Backend {
     Native,
     /// This image, on an emulated processor each.
     Emulator(emulator::Firmware),
-    /// An image for robots with bridges and one for those with smart drives.
-    Mixed {
-        /// For bridges.
-        bridges: emulator::Firmware,
-        /// For smart drives.
-        drives: emulator::Firmware,
-    },
+    /// These images; a robot runs the one for its board and its drives.
+    Images(Vec<emulator::Firmware>),
 }
 
 impl Backend {
@@ -267,25 +262,36 @@ impl Backend {
     pub fn build(&self, node: u8, crystal_ppm: f64) -> Result<Box<dyn Robot>, SimError> {
         Ok(match self {
             Self::Native => Box::new(native::NativeRobot::new(node, crystal_ppm)?),
-            Self::Emulator(firmware)
-            | Self::Mixed {
-                bridges: firmware, ..
-            } => Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?),
+            Self::Emulator(firmware) => {
+                Box::new(emulated::EmulatedRobot::new(firmware, node, crystal_ppm)?)
+            }
+            Self::Images(_) => {
+                let problem = "which board it has is not known".to_owned();
+                return Err(SimError::Robot { node, problem });
+            }
         })
     }
 
-    /// The same with the image for the drives that a group file gives the robot.
+    /// The same with the image for the board and the drives that a group file gives the robot.
     ///
     /// # Errors
-    /// As [`Backend::build`].
+    /// As [`Backend::build`], and when no image is for this robot.
     pub fn build_for(
         &self,
         robot: &group::Robot,
         crystal_ppm: f64,
     ) -> Result<Box<dyn Robot>, SimError> {
         match self {
-            Self::Mixed { drives, .. } if robot.output.kind.drive_current().is_some() => {
-                Self::Emulator(drives.clone()).build(robot.node, crystal_ppm)
+            Self::Images(images) => {
+                let image = images.iter().find(|image| emulated::is_for(image, robot));
+                let image = image.ok_or_else(|| SimError::Robot {
+                    node: robot.node,
+                    problem: format!(
+                        "no image is for its board ({:?}) and drives ({:?})",
+                        robot.board, robot.output.kind
+                    ),
+                })?;
+                Self::Emulator(image.clone()).build(robot.node, crystal_ppm)
             }
             _ => self.build(robot.node, crystal_ppm),
         }

@@ -21,6 +21,7 @@ use omnibus::bus::address::BusAddress;
 use omnibus::report::Scalar;
 
 use crate::firmware;
+use crate::firmware::Board;
 use crate::flash::Probe;
 use board::{BoardBench, Paths};
 
@@ -135,7 +136,10 @@ fn mutation(name: Option<&str>) -> anyhow::Result<Option<&'static Mutation>> {
 fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Check>> {
     let node = NodeId::new(arguments.node);
     let node = node.with_context(|| format!("--node {}: give 1 to 127", arguments.node))?;
-    let probe = arguments.probe.clone().map(Probe::new).transpose()?;
+    let probe = arguments.probe.clone();
+    let probe = probe
+        .map(|serial| Probe::new(Board::default(), serial))
+        .transpose()?;
     let link = omnibus::bus::adapter::open(bus)?;
     let mut bench = BoardBench {
         link,

@@ -143,8 +143,8 @@ fn hold(arguments: &Arguments, figures: &[Figure]) -> anyhow::Result<()> {
 }
 
 /// Flash and RAM.
-pub fn size(json: Option<&Path>) -> anyhow::Result<()> {
-    let elf = firmware::build(Scalar::F32)?;
+pub fn size(board: firmware::Board, json: Option<&Path>) -> anyhow::Result<()> {
+    let elf = firmware::build_for(board)?;
     firmware::print_size(&elf)?;
     let figures = image::figures(&elf, &Firmware::load(&elf)?)?;
     print(&figures);

@@ -15,7 +15,7 @@ use crate::{cargo, interop};
 /// What is driven: name of the file, group, floor, robots.
 const DRIVES: [(&str, &str, Floor, Robots); 3] = [
     ("table", "tcc-3", Floor::Table, Robots::Native),
-    ("contact", "mixed", Floor::Contact, Robots::Native),
+    ("contact", "sizes", Floor::Contact, Robots::Native),
     ("emulated", "single", Floor::Table, Robots::Emulated),
 ];
 

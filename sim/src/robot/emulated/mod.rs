@@ -26,6 +26,7 @@ use emulator::{Board, BoardConfig, CanId, Firmware, PinLevel};
 use group::Driver;
 
 use self::commission::commissioned;
+pub(super) use self::wiring::is_for;
 use self::wiring::{Pin, Wiring};
 use super::LogLine;
 use crate::bridge::{self, Levels};

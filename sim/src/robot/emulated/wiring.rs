@@ -70,6 +70,13 @@ static ROBOMASTER_C: Wiring = Wiring {
     switches: &[],
 };
 
+/// Whether an image is for the board and the drives of a robot.
+pub(in crate::robot) fn is_for(image: &Firmware, robot: &group::Robot) -> bool {
+    let symbol = |name, default| image.variable(name).map_or(default, |found| found.address);
+    let smart = robot.output.kind.drive_current().is_some();
+    symbol("_board_id", 1) == robot.board as u32 && (symbol("_smart_drives", 0) != 0) == smart
+}
+
 impl Wiring {
     /// That of the board an image is for; an image that does not say it is for the reference board.
     pub(super) fn of(firmware: &Firmware) -> Result<&'static Self, String> {
