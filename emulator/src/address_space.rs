@@ -7,6 +7,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
+use rsemu::core::BusError;
 use rsemu::core::space::{
     AccessConstraints, AddressSpace, DispatchPolicy, Mapping, MemAttrs, MemOps, MemResult, Perms,
     RamStore, Region, RomStore, RomWrite,
@@ -42,6 +43,10 @@ pub(crate) struct Shared {
     pub(crate) flash_version: AtomicU64,
     /// What reading the flash costs: FLASH_ACR, or 0 where it is to cost nothing.
     pub(crate) flash_acr: AtomicU32,
+    /// The flash is being erased or programmed.
+    pub(crate) flash_busy: AtomicBool,
+    /// It has been read meanwhile, so the core waits for it.
+    pub(crate) flash_awaited: AtomicBool,
     flash_waits: bool,
     cpu: OnceLock<Weak<ArmV7m>>,
     nmi: AtomicBool,
@@ -63,6 +68,8 @@ impl Shared {
             lines_changed: AtomicBool::new(false),
             flash_version: AtomicU64::new(0),
             flash_acr: AtomicU32::new(0),
+            flash_busy: AtomicBool::new(false),
+            flash_awaited: AtomicBool::new(false),
             flash_waits,
             cpu: OnceLock::new(),
             nmi: AtomicBool::new(false),
@@ -94,7 +101,12 @@ impl Shared {
         let (hz, requests) = (soc.clock.hz(), soc.can.requests());
         let busy = soc.flash.busy_until().is_some();
         let result = f(&mut soc);
-        if busy || soc.flash.busy_until().is_some() {
+        let is_busy = soc.flash.busy_until().is_some();
+        self.flash_busy.store(is_busy, Relaxed);
+        if !is_busy {
+            self.flash_awaited.store(false, Relaxed);
+        }
+        if busy || is_busy {
             self.flash_version.fetch_add(1, Relaxed);
         }
         if self.flash_waits {
@@ -106,7 +118,7 @@ impl Shared {
             || soc.can.requests() != requests
             || soc.stop.is_some()
             || soc.reset_request != 0
-            || soc.flash.busy_until().is_some()
+            || is_busy
         {
             self.attention.store(true, Relaxed);
         }
@@ -170,6 +182,31 @@ impl MemOps for Window {
     }
 }
 
+/// Reads of the flash array by the reference core: instructions, vectors, constants.
+#[derive(Debug)]
+struct FlashReads {
+    array: Arc<RamStore>,
+    shared: Arc<Shared>,
+}
+
+impl MemOps for FlashReads {
+    fn read(&self, offset: u64, dst: &mut [u8], attrs: MemAttrs) -> MemResult {
+        if !attrs.debug && self.shared.flash_busy.load(Relaxed) {
+            self.shared.flash_awaited.store(true, Relaxed);
+        }
+        self.array.read_at(offset, dst)
+    }
+
+    fn write(&self, _: u64, _: &[u8], _: MemAttrs) -> MemResult {
+        // The mapping is for reading: stores go to `FlashWrites`.
+        Err(BusError::BadAccess)
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        AccessConstraints::ANY
+    }
+}
+
 /// Stores to the flash array.
 #[derive(Debug)]
 struct FlashWrites {
@@ -204,7 +241,11 @@ pub(crate) fn address_space(
     let mut map = space.topology();
     // At 0 the flash appears again: the chip boots from it (section 2.3).
     for base in [0, FLASH_BASE] {
-        let region = Region::ram("flash", Arc::clone(flash));
+        let reads = FlashReads {
+            array: Arc::clone(flash),
+            shared: Arc::clone(shared),
+        };
+        let region = Region::io("flash", flash::SIZE, Arc::new(reads));
         map.map_with(
             Mapping::new(region, u64::from(base))
                 .with_perms(Perms::RX)

@@ -25,6 +25,8 @@ const LOOK_CYCLES: u64 = 2_000;
 const EXC_RETURN_PSP: u32 = 1 << 2;
 /// Where xPSR lies in the frame of an exception.
 const STACKED_XPSR: u32 = 28;
+/// The first address that is not of the flash or its image at 0.
+const SRAM_FROM: u32 = 0x1000_0000;
 /// SCR: sleep means stop or standby mode.
 const SLEEPDEEP: u32 = 1 << 2;
 
@@ -76,8 +78,8 @@ impl Board {
             }
             let limit = target.min(next).min(self.next_log);
             match stall.filter(|until| *until > self.now) {
-                // The core fetches from the busy flash, so it waits, and interrupts wait too.
-                Some(until) if self.cpu.pc() < 0x1000_0000 => self.skip_to(limit.min(until)),
+                // The core reads the busy flash, so it waits, and interrupts wait too.
+                Some(until) if self.awaits_flash() => self.skip_to(limit.min(until)),
                 _ if self.halted || self.debugger.stopped => {
                     let stood = limit - self.now;
                     self.skip_to(limit);
@@ -91,6 +93,14 @@ impl Board {
         }
         self.drain_log();
         Ok(())
+    }
+
+    /// Whether the core needs the flash while that is busy: its next instruction lies there, or the
+    /// last one has read from there (a constant, the vector of an exception). The latter has its
+    /// value already and waits for it afterwards.
+    fn awaits_flash(&self) -> bool {
+        self.shared.flash_busy.load(Relaxed)
+            && (self.cpu.pc() < SRAM_FROM || self.shared.flash_awaited.load(Relaxed))
     }
 
     /// Steps the core until a cycle, or until something needs attention.
@@ -202,7 +212,7 @@ impl Board {
             // A core that slept before the step, and does after it, has executed nothing.
             let slept = asleep && self.cpu.pc() == pc;
             self.instructions += u64::from(!entered && !slept);
-            if self.now >= limit || self.shared.attention.load(Relaxed) {
+            if self.now >= limit || self.shared.attention.load(Relaxed) || self.awaits_flash() {
                 break;
             }
         }
@@ -223,7 +233,7 @@ impl Board {
             drowsy = asleep;
             let slept = asleep && self.cpu.pc() == pc;
             self.instructions += u64::from(!entered && !slept);
-            if self.now >= limit || self.shared.attention.load(Relaxed) {
+            if self.now >= limit || self.shared.attention.load(Relaxed) || self.awaits_flash() {
                 break;
             }
         }
@@ -260,7 +270,8 @@ impl Board {
                 };
                 profile.count(&self.firmware, at, cost, entered);
             }
-            if self.debugger.done(&self.ram) || self.shared.attention.load(Relaxed) {
+            let attention = self.shared.attention.load(Relaxed) || self.awaits_flash();
+            if self.debugger.done(&self.ram) || attention {
                 break;
             }
         }

@@ -2,9 +2,10 @@
 //! states, key sequences, erase and program.
 //!
 //! The core reads the array directly as memory; this file handles the writes. An operation takes
-//! the data sheet's typical time (DS10693 rev 10, table 49). Because the chip has one bank, the
-//! core cannot fetch from it during that time: the core stalls, interrupts wait, and only the
-//! watchdog keeps running. A reset in the middle of an erase leaves the first half of the sector
+//! the data sheet's typical time (DS10693 rev 10, table 49). Because the chip has one bank, nothing
+//! can be read from it during that time: a core that fetches an instruction, a vector or a constant
+//! there stalls, interrupts wait, and only the peripherals keep running. Code in RAM that reads
+//! nothing of the flash runs on. A reset in the middle of an erase leaves the first half of the sector
 //! erased and the rest unchanged, which is one of the possible outcomes of real flash.
 //!
 //! Operations are counted from power-on, and the power can be made to fail in the middle of any of

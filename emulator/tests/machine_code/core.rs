@@ -234,6 +234,42 @@ fn the_core_waits_while_its_flash_is_erased() {
     assert_eq!(board.read_word(0x0800_4000), Some(0xFFFF_FFFF));
 }
 
+/// What is in RAM runs on, until it reads from the flash.
+#[test]
+fn code_in_ram_goes_on_while_flash_is_erased_and_waits_for_a_constant_there() {
+    for (name, source, ms) in [
+        ("a peripheral", 0x4002_3C10, 0),
+        ("flash", 0x0800_0100, 250),
+    ] {
+        // LDR r1, [r0]; STR r1, [r2]; branch to itself. And STR r6, [r5]; BX r7.
+        let in_ram = 0x2000_0200;
+        let mut code = Code::default();
+        code.store(in_ram, 0x6011_6801);
+        code.store(in_ram + 4, 0xE7FE_E7FE);
+        code.store(in_ram + 8, 0x4738_602E);
+        code.store(0x4002_3C04, 0x4567_0123);
+        code.store(0x4002_3C04, 0xCDEF_89AB);
+        code.load(0, source);
+        code.load(2, RAM + 16);
+        code.load(4, in_ram + 9);
+        code.load(5, 0x4002_3C10);
+        code.load(6, 2 | 1 << 3 | 2 << 8 | 1 << 16); // sector 1, x32, start
+        code.load(7, in_ram + 1);
+        code.0.push(0x4720); // BX r4
+        for reference_core in [false, true] {
+            let mut board = code.board_on(reference_core, 0);
+            board
+                .run_until((ms.max(1) - 1) * 1_000_000 + 500_000)
+                .unwrap();
+            let stored = board.read_word(RAM + 16) != Some(0);
+            assert_eq!(stored, ms == 0, "{name}");
+            board.run_until((ms + 1) * 1_000_000).unwrap();
+            assert_ne!(board.read_word(RAM + 16), Some(0), "{name}");
+            assert_eq!(board.flash_operations().erases, 1);
+        }
+    }
+}
+
 #[test]
 fn a_watchdog_can_cut_an_erase_short() {
     let mut code = Code::default();
