@@ -2,7 +2,6 @@
 
 use omnibus_boot::header::{Board, Device, Header, HeaderError, LENGTH, Link, Refusal};
 use omnibus_boot::{Crypto, Slot, Software, key, public_key, sign};
-use proptest::prelude::*;
 
 const DEVICE: Device = Device {
     board: Board::NUCLEO_F446RE,
@@ -164,26 +163,66 @@ fn an_image_for_another_robot_or_below_the_security_counter_is_not_admitted() {
     assert_eq!(admit(|header| header.version = 0), Ok(()));
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(20_000))]
+/// A sequence of numbers, the same every time (Marsaglia, "Xorshift RNGs", 64 bits).
+struct Random(u64);
 
-    #[test]
-    fn any_bytes_are_read_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
-        prop_assert!(Header::parse(&bytes).is_err());
+impl Random {
+    fn below(&mut self, end: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 32) as usize % end
     }
 
-    /// What is read says the same when it is written, so no byte is without a meaning.
-    #[test]
-    fn a_changed_header_is_refused_or_read_to_the_last_byte(
-        changes in proptest::collection::vec((0..192_usize, any::<u8>()), 1..4),
-    ) {
-        let mut bytes = [0; LENGTH];
-        bytes[..192].copy_from_slice(&header().to_bytes());
-        for (at, byte) in changes {
-            bytes[at] = byte;
+    fn byte(&mut self) -> u8 {
+        self.below(256) as u8
+    }
+}
+
+/// A million headers: bits flipped, bytes and words replaced by their extremes, cut off, or random
+/// from the start. What is read says the same when it is written, so no byte is without a meaning;
+/// what is admitted is for this device; and nothing but the signed bytes has the signature.
+#[test]
+fn a_million_fuzzed_headers_are_refused_or_read_to_the_last_byte() {
+    let good = signed(&header());
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
+    let (mut read, mut admitted, mut checked) = (0, 0, 0);
+    for round in 0..1_000_000 {
+        let mut bytes = good.clone();
+        for _ in 0..=random.below(3) {
+            let at = random.below(LENGTH);
+            match random.below(4) {
+                0 => bytes[at] ^= 1 << random.below(8),
+                1 => bytes[at] = random.byte(),
+                2 => bytes[at / 4 * 4..][..4].fill([0, 0xFF][random.below(2)]),
+                _ => bytes[at] = bytes[at].wrapping_add(1),
+            }
         }
-        if let Ok(header) = Header::parse(&bytes) {
-            prop_assert_eq!(&header.to_bytes()[..], &bytes[..192]);
+        match random.below(16) {
+            0 => bytes.truncate(random.below(LENGTH + 1)),
+            1 => bytes.iter_mut().for_each(|byte| *byte = random.byte()),
+            2 => bytes.extend([0; 40]),
+            _ => {}
+        }
+        let Ok(found) = Header::parse(&bytes) else {
+            continue;
+        };
+        read += 1;
+        assert_eq!(found.to_bytes()[..], bytes[..192], "round {round}");
+        let fits = found.board == DEVICE.board
+            && found.hardware == DEVICE.hardware
+            && found.security_counter >= DEVICE.security_counter;
+        assert_eq!(found.admit(&DEVICE).is_ok(), fits, "round {round}");
+        admitted += u32::from(fits);
+        // The check of a signature takes as long as ten thousand headers.
+        if fits && bytes[..LENGTH] != good && admitted % 4_096 == 0 {
+            checked += 1;
+            assert!(
+                !Header::is_signed(&bytes[..LENGTH], &DEVELOPMENT),
+                "{round}"
+            );
         }
     }
+    println!("{read} read, {admitted} admitted, {checked} signatures checked");
+    assert!(read > 100_000 && admitted > 50_000 && checked > 10);
 }
