@@ -1,0 +1,113 @@
+//! An image file made of the two release images, as `cargo xtask release` makes it.
+
+use boot::header::{Board, Header, Link};
+use boot::{Crypto, Slot, Software, slots};
+use emulator::{Firmware, programmed};
+
+/// Version of the new image; the old one is what the robots were flashed with.
+pub const NEW: u32 = 0x7F00_0000;
+
+fn elf(variable: &str) -> Vec<u8> {
+    let path = std::env::var(variable)
+        .unwrap_or_else(|_| panic!("{variable} names a release image; cargo xtask test sets it"));
+    std::fs::read(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// Both links of the release image.
+pub struct File {
+    /// That for slot A, with the boot code.
+    pub firmware: Firmware,
+    a: Vec<u8>,
+    b: Vec<u8>,
+    cable: Vec<(u32, Vec<u8>)>,
+}
+
+impl File {
+    pub fn new() -> Self {
+        let [a, b] = ["OMNIBUS_ELF", "OMNIBUS_ELF_SLOT_B"].map(elf);
+        Self {
+            cable: programmed(&a).unwrap(),
+            a: image(&a, Slot::A),
+            b: image(&b, Slot::B),
+            firmware: Firmware::from_elf(a).unwrap(),
+        }
+    }
+
+    /// Puts code at the beginning of a function of the image for slot B.
+    pub fn replace(mut self, function: &str, code: &[u16]) -> Self {
+        let in_a_module = format!("::{function}");
+        let mut functions = self.firmware.functions().iter();
+        let found = functions.find(|one| one.name == function || one.name.contains(&in_a_module));
+        let address = found.expect("the function is in the image").address & !1;
+        // Both links have the same code in the same order.
+        let at = (address - Slot::A.address()) as usize;
+        assert_eq!(self.a[at..at + 4], self.b[at..at + 4], "{function}");
+        for (nth, half) in code.iter().enumerate() {
+            self.b[at + 2 * nth..][..2].copy_from_slice(&half.to_le_bytes());
+        }
+        self
+    }
+
+    /// The header and the image for slot B, signed with the development key; `change` may change
+    /// the header before.
+    pub fn download(&self, change: impl FnOnce(&mut Header)) -> Vec<u8> {
+        [&self.header(change)[..], &self.b].concat()
+    }
+
+    /// The same with the image for slot A.
+    pub fn download_a(&self) -> Vec<u8> {
+        [&self.header(|_| ())[..], &self.a].concat()
+    }
+
+    /// What a programmer writes: it erases the sectors that it writes to, from the first byte to the
+    /// end of the last one.
+    pub fn by_cable(&self) -> Vec<(u32, Vec<u8>)> {
+        let erased = [
+            (slots::BOOT, slots::BOOT_LENGTH),
+            (slots::MARK, 0x4000),
+            (Slot::A.address(), Slot::A.length()),
+        ];
+        let erased = erased.map(|(address, length)| (address, vec![0xFF; length as usize]));
+        erased.into_iter().chain(self.cable.clone()).collect()
+    }
+
+    fn header(&self, change: impl FnOnce(&mut Header)) -> Vec<u8> {
+        let mut header = Header {
+            board: Board::NUCLEO_F446RE,
+            hardware: boot::release::HARDWARE_REVISION,
+            wire_version: protocol::WIRE_VERSION,
+            version: NEW,
+            security_counter: boot::release::SECURITY_COUNTER,
+            a: link(&self.a),
+            b: link(&self.b),
+        };
+        change(&mut header);
+        let message = header.to_bytes();
+        let signature = boot::sign(&boot::key::DEVELOPMENT_PRIVATE, &message);
+        [&message[..], &signature].concat()
+    }
+}
+
+fn link(image: &[u8]) -> Link {
+    let software = Software::default();
+    let mut hash = software.begin();
+    software.update(&mut hash, image);
+    Link {
+        length: image.len() as u32,
+        hash: software.finish(hash),
+    }
+}
+
+/// The bytes of a slot in an ELF file, filled up to a word.
+fn image(elf: &[u8], slot: Slot) -> Vec<u8> {
+    let mut image = Vec::new();
+    for (address, part) in programmed(elf).unwrap() {
+        if slot.range().contains(&address) {
+            let start = (address - slot.address()) as usize;
+            let end = start + part.len();
+            image.resize(image.len().max(end.next_multiple_of(4)), 0xFF);
+            image[start..end].copy_from_slice(&part);
+        }
+    }
+    image
+}
