@@ -106,7 +106,7 @@ fn prepare() -> Parts {
     }
     let by_watchdog = board.reset_cause == ResetCause::Watchdog;
 
-    let updates = Updates::find();
+    let mut updates = Updates::find();
     let identity = Identity {
         reset_cause: board.reset_cause as u8,
         storage: true,

@@ -3,7 +3,8 @@
 //!
 //! Words are programmed as they come, between two frames. Everything else waits until the answers
 //! are in the CAN controller's mailboxes, which send them by themselves; then the watchdog gets the
-//! longer time that flash needs. A reset waits until the mailboxes are empty.
+//! longer time that flash needs. An erase and a reset wait until the mailboxes are empty; during an
+//! erase `board::can::away` answers.
 
 use boot::Slot;
 use boot::header::{Board as ImageBoard, Device};
@@ -38,9 +39,9 @@ impl Updates {
     }
 
     /// Tells the bus side what is known about both slots.
-    pub fn survey(&self, side: &mut BusSide) {
-        if let Some((flash, _)) = &self.0 {
-            side.survey(flash);
+    pub fn survey(&mut self, side: &mut BusSide) {
+        if let Some((flash, _)) = &mut self.0 {
+            side.survey(&flash.saying(None));
         }
     }
 
@@ -49,7 +50,7 @@ impl Updates {
         if side.update_job() == Some(Job::Program)
             && let Some((flash, boot)) = &mut self.0
         {
-            side.work_on_update(flash, boot);
+            side.work_on_update(&mut flash.saying(None), boot);
         }
     }
 
@@ -59,7 +60,12 @@ impl Updates {
         let (Some(job), Some((flash, boot))) = (side.update_job(), &mut self.0) else {
             return false;
         };
-        match patiently(|| side.work_on_update(flash, boot)) {
+        let stand_in = matches!(job, Job::Erase(_)).then(|| {
+            can.drain();
+            side.stand_in()
+        });
+        let mut flash = flash.saying(stand_in.flatten());
+        match patiently(|| side.work_on_update(&mut flash, boot)) {
             Ok(Done::GoOn) => {}
             Ok(Done::Reset) => {
                 can.drain();

@@ -23,8 +23,8 @@
 //!
 //! A word that was being written may have any bits, and read otherwise the next time. So a mark
 //! counts when it is not blank, but for confirmation, which is two words: the first has to be 0
-//! and the second not blank. An image that finds itself [confirmed but not settled](State) should
-//! write both again; the robot's does not do so yet.
+//! and the second not blank. An image that finds itself [confirmed but not settled](State) writes
+//! both again.
 //!
 //! # Limits
 //!

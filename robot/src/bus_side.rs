@@ -34,7 +34,7 @@ use crate::identity::Identity;
 use crate::parameters::Parameters;
 use crate::state::State;
 use crate::store::{IMAGE_MAX, Stored};
-use crate::update::{Done, Job};
+use crate::update::{Done, Job, StandIn};
 
 /// Longest time between two polls, us.
 const ALIVE_US: u64 = 10_000;
@@ -273,7 +273,7 @@ impl BusSide {
 
     /// Reads what is known about the slots of flash; at start, before anything else.
     pub fn survey(&mut self, flash: &impl Flash) {
-        self.robot.update.survey(flash);
+        self.robot.update.start(flash);
     }
 
     /// Whether an update is under way, and [`BusSide::update_job`] may say what to do.
@@ -294,6 +294,20 @@ impl BusSide {
     /// processor.
     pub fn work_on_update(&mut self, flash: &mut impl Flash, crypto: &impl Crypto) -> Done {
         self.robot.work_on_update(flash, crypto)
+    }
+
+    /// What is to be said for this robot while its program cannot run, in its present state.
+    #[must_use]
+    pub fn stand_in(&self) -> Option<StandIn> {
+        let node = self.device.node()?;
+        let heartbeat_ms = self.device.heartbeat_ms();
+        let (status, state) = (self.robot.update.flash_status(), self.device.state().code());
+        Some(StandIn::new(
+            node,
+            status.to_le_bytes(),
+            state,
+            heartbeat_ms,
+        ))
     }
 
     /// Before a frame, or what is due, is handled.

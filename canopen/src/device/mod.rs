@@ -164,6 +164,12 @@ impl Device {
         self.core.node
     }
 
+    /// The period of its heartbeat in ms, object 0x1017; 0 for none.
+    #[must_use]
+    pub const fn heartbeat_ms(&self) -> u16 {
+        self.core.heartbeat.period_ms
+    }
+
     /// What went wrong so far.
     #[must_use]
     pub const fn counters(&self) -> Counters {

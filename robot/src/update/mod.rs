@@ -5,8 +5,9 @@
 //! A client writes 0x1F51 = 0 and 3, then 0x1F50, then 0x1F51 = 1, and reads 0x1F57 in between (the
 //! dialect of CiA 302-3 that Zephyr's client speaks). What it asks for is judged at once and
 //! answered at once; what takes time is a [`Job`] that the platform does afterwards, when its
-//! answers are on the bus. Meanwhile 0x1F57 says busy. Each sector to erase is a job of its own, so
-//! a request that came while one was erased is answered before the next.
+//! answers are on the bus. Meanwhile 0x1F57 says busy; while a sector is erased, a [`StandIn`] does.
+//! Each sector to erase is a job of its own, so any other request that came while one was erased is
+//! answered before the next.
 //!
 //! A download begins with the header, which is kept in RAM. It is parsed, and compared with the
 //! robot and the announced length, as soon as it is there; nothing but these checks stands between
@@ -28,6 +29,7 @@
 //! The signature is checked at the end, not before the other slot is written: who may write on the
 //! bus can make the robot lose the image it would go back to, but not start another one.
 
+mod stand_in;
 mod work;
 
 use boot::header::{Device, Header, LENGTH, Refusal};
@@ -37,6 +39,7 @@ use canopen::{AbortCode, NmtState};
 use control::time::Micros;
 use heapless::Vec;
 
+pub use stand_in::StandIn;
 pub use work::{Done, Job};
 
 /// How long an image on trial has to hear SYNC and its master until it confirms itself, us.
@@ -181,8 +184,21 @@ impl Update {
         }
     }
 
-    /// Reads what is known about both slots; at start, and after every job that changes it.
-    pub fn survey(&mut self, flash: &impl Flash) {
+    /// Reads what is known about both slots, at start. A confirmation that a loss of power has cut
+    /// is written again, once: its second word might read otherwise the next time.
+    pub fn start(&mut self, flash: &impl Flash) {
+        self.survey(flash);
+        let state = self.running.map(|slot| State::read(flash, slot));
+        if let Some(State::Confirmed {
+            is_settled: false, ..
+        }) = state
+        {
+            self.ordered = Some(Job::Confirm);
+        }
+    }
+
+    /// Reads what is known about both slots, after every job that changes it.
+    fn survey(&mut self, flash: &impl Flash) {
         let Some(running) = self.running else {
             return;
         };

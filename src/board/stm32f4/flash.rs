@@ -3,7 +3,7 @@
 //!
 //! The chip has one bank: while a word is programmed (16 us, 100 us at most) or a sector erased
 //! (16 KiB: 250 ms typically, 500 ms at most at 32 bits parallelism, data sheet DS10693 rev 10
-//! table 49) it executes nothing. For that long no interrupt is served, and frames that do not fit
+//! table 49) it executes nothing that lies in flash; [`away`](super::can::away) is what does not. For that long no interrupt is served, and frames that do not fit
 //! into the CAN controller's FIFO are lost; during an erase the local time stands still. Between
 //! the operations interrupts are served, but no other task of the bus executor runs. So writing may
 //! be done only while the outputs are off, and the watchdog, which cannot be stopped, is given more
@@ -48,7 +48,9 @@ impl Flash for ParameterFlash {
     }
 
     fn erase(&mut self, at: u32) -> Result<(), StoreError> {
-        erase(FIRST + u8::from(at >= Self::SECTOR))
+        erase(FIRST + u8::from(at >= Self::SECTOR), &mut || {
+            pac::FLASH.cr().modify(|w| w.set_strt(true));
+        })
     }
 }
 
@@ -68,8 +70,9 @@ pub unsafe fn program(to: *mut u32, word: u32) -> Result<(), StoreError> {
     finish()
 }
 
-/// Erases a sector, which must have neither code nor constants of this program.
-pub fn erase(sector: u8) -> Result<(), StoreError> {
+/// Erases a sector, which must have neither code nor constants of this program. `start` sets STRT in
+/// FLASH_CR, from where the program waits for the end unless it is in RAM.
+pub fn erase(sector: u8, start: &mut dyn FnMut()) -> Result<(), StoreError> {
     unlock();
     pac::FLASH.cr().write(|w| {
         w.set_psize(Psize::PSIZE32);
@@ -80,7 +83,7 @@ pub fn erase(sector: u8) -> Result<(), StoreError> {
     // and the timer would be permanently half a period apart, and every alarm 33 ms off; the
     // time is therefore stopped.
     pac::TIM9.cr1().modify(|w| w.set_cen(false));
-    pac::FLASH.cr().modify(|w| w.set_strt(true));
+    start();
     let result = finish();
     pac::TIM9.cr1().modify(|w| w.set_cen(true));
     // 3.4.2: an erase does not update the data cache.

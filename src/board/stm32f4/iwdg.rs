@@ -26,11 +26,18 @@ const NORMAL: Setting = Setting {
     reload: 400 - 1,
 };
 
-/// 3000 counts of 32 LSI cycles: 3 s at 32 kHz, 2.04 s at 47 kHz. One save takes two erases at
-/// most, 500 ms each at 32 bits (DS10693 rev 10, table 49), and 600 words at 100 us.
+/// 4096 counts of 32 LSI cycles, the most that there are: 4.1 s at 32 kHz, 2.8 s at 47 kHz. Within
+/// that comes one erase of 128 KiB, 2 s at most at 32 bits, or one save: two erases of 16 KiB, 500 ms
+/// each, and 600 words at 100 us (DS10693 rev 10, table 49).
 const PATIENT: Setting = Setting {
     prescaler: Pr::DIVIDE_BY32,
-    reload: 3000 - 1,
+    reload: 4096 - 1,
+};
+const _: () = {
+    const FASTEST_KHZ: u32 = 47;
+    const LONGEST_ERASE_MS: u32 = 2_000;
+    let ms = (PATIENT.reload as u32 + 1) * 32 / FASTEST_KHZ;
+    assert!(ms >= LONGEST_ERASE_MS * 5 / 4, "an erase could be cut");
 };
 
 /// Longest wait for a setting to arrive, in steps of a microsecond: 2 ms, for what takes 294 us.

@@ -2,8 +2,8 @@
 //!
 //! Only the slot that is not running is erased or programmed, but for the words at the end of the
 //! running one that say what is known about it, and the mark of the cable. Erasing 128 KiB takes a
-//! second typically and two at most at 32 bits (DS10693 rev 10, table 49), during which the chip
-//! executes nothing; see `flash`.
+//! second typically and two at most at 32 bits (DS10693 rev 10, table 49), during which only code in
+//! RAM runs: `can::away` says what [`ProgramFlash::saying`] was given.
 //!
 //! Signatures and hashes are functions of the boot code, found by a table at a fixed address. A
 //! program without that table, or one that runs from neither slot, takes no update over the bus.
@@ -18,6 +18,9 @@ use boot::services::{ADDRESS, HASH_BYTES, HashMemory, MAGIC, Services};
 use boot::slots::{MARK, Slot};
 use boot::{Crypto, Flash, FlashError};
 
+use robot::update::StandIn;
+
+use super::can::away;
 use super::flash;
 
 /// Words of the mark of the cable.
@@ -26,6 +29,12 @@ const MARK_WORDS: u32 = 2;
 /// Both slots, for a program that runs from one of them.
 pub struct ProgramFlash {
     running: Slot,
+}
+
+/// Their flash, to be read and written.
+pub struct Slots {
+    running: Slot,
+    stand_in: Option<StandIn>,
 }
 
 /// The boot code's signatures and hashes.
@@ -52,11 +61,22 @@ impl ProgramFlash {
         Some((Self { running }, BootCode(services)))
     }
 
+    /// Their flash. Sectors are erased only with something to say meanwhile; the mailboxes have to
+    /// be empty then.
+    pub fn saying(&mut self, stand_in: Option<StandIn>) -> Slots {
+        Slots {
+            running: self.running,
+            stand_in,
+        }
+    }
+
     /// The slot that the program runs from.
     pub const fn running(&self) -> Slot {
         self.running
     }
+}
 
+impl Slots {
     fn may_program(&self, address: u32) -> bool {
         let running = self.running;
         address.is_multiple_of(4)
@@ -66,7 +86,7 @@ impl ProgramFlash {
     }
 }
 
-impl Flash for ProgramFlash {
+impl Flash for Slots {
     fn word(&self, address: u32) -> u32 {
         let is_mark = (MARK..MARK + 4 * MARK_WORDS).contains(&address);
         if !address.is_multiple_of(4) || !is_mark && Slot::containing(address).is_none() {
@@ -90,7 +110,10 @@ impl Flash for ProgramFlash {
         if !sectors.any(|(one, _)| one == sector) {
             return Err(FlashError);
         }
-        flash::erase(sector).map_err(|_| FlashError)
+        let Some(stand_in) = &self.stand_in else {
+            return Err(FlashError);
+        };
+        flash::erase(sector, &mut || away::erase(stand_in)).map_err(|_| FlashError)
     }
 }
 

@@ -4,6 +4,7 @@ mod bench;
 
 use std::vec;
 
+use boot::Flash;
 use boot::Slot;
 use boot::header::{Board, LENGTH};
 use boot::records::State;
@@ -375,4 +376,65 @@ fn an_update_needs_the_outputs_off() {
         ..Report::NONE
     });
     assert_eq!(bench.control(order::STOP), Err(0x0800_0022));
+}
+
+/// While a sector is erased, code that knows nothing of CANopen speaks for the robot.
+#[test]
+fn the_stand_in_says_what_the_robot_would_say() {
+    let mut bench = Bench::new();
+    bench.works = false;
+    bench.control(order::STOP).unwrap();
+    bench.control(order::CLEAR).unwrap();
+    let said = bench.bus.stand_in().unwrap();
+    assert_eq!(said.node, NodeId::new(NODE).unwrap());
+    bench.bus.on_frame(bench.now, &said.question);
+    assert_eq!(bench.bus.pop_frame(), Some(said.answer));
+    assert_eq!(said.answer.data()[4] & 1, 1, "busy");
+    let period = bench.read(protocol::Address::new(0x1017, 0));
+    assert_eq!(u32::from(said.heartbeat_ms), period);
+    let mut beats = 0;
+    for _ in 0..2 * period {
+        bench.now = bench.now + control::time::Micros(1_000);
+        bench.bus.poll(bench.now);
+        while let Some(frame) = bench.bus.pop_frame() {
+            assert_eq!(frame, said.heartbeat);
+            beats += 1;
+        }
+    }
+    assert_eq!(beats, 2);
+}
+
+/// The second word of a confirmation may read otherwise the next time, so it is written again.
+#[test]
+fn a_confirmation_that_was_cut_is_settled_at_the_next_start_and_once() {
+    let cut = || {
+        let mut bench = Bench::on_trial();
+        // Words 12 and 13 of what is known about the slot: one is whole, the power fails in the
+        // other.
+        let word = |nth: u32| Slot::B.tail() + 4 * nth;
+        bench.chip.program(word(12), 0).unwrap();
+        bench.chip.program(word(13), 0xFFFF_0000).unwrap();
+        bench.restart();
+        bench
+    };
+    let is_settled = |bench: &Bench| match State::read(&bench.chip, Slot::B) {
+        State::Confirmed { is_settled, .. } => is_settled,
+        other => panic!("{other:?}"),
+    };
+    let mut bench = cut();
+    assert!(!is_settled(&bench));
+    bench.jobs.clear();
+    bench.pass(100, false);
+    assert!(is_settled(&bench));
+    assert_eq!(bench.jobs, [Job::Confirm]);
+    bench.restart();
+    bench.pass(100, false);
+    assert_eq!(bench.jobs, [Job::Confirm], "it is settled");
+    // Flash that cannot be written is not tried again and again.
+    let mut bench = cut();
+    bench.jobs.clear();
+    bench.chip.left = Some(0);
+    bench.pass(100, false);
+    assert_eq!(bench.jobs, [Job::Confirm]);
+    assert!(!is_settled(&bench));
 }

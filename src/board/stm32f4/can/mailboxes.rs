@@ -21,20 +21,28 @@ pub(super) fn free() -> Option<u8> {
 /// Asks for a frame to be sent through a free mailbox.
 pub(super) fn request(mailbox: u8, frame: &Frame) {
     let mailbox = pac::CAN1.tx(usize::from(mailbox.min(2)));
+    let [tir, tdtr, tdlr, tdhr] = words_of(frame);
+    mailbox.tdtr().write_value(regs::Tdtr(tdtr));
+    mailbox.tdlr().write_value(regs::Tdlr(tdlr));
+    mailbox.tdhr().write_value(regs::Tdhr(tdhr));
+    mailbox.tir().write_value(regs::Tir(tir));
+}
+
+/// What the registers TIR, TDTR, TDLR and TDHR hold for a frame to be sent.
+#[inline(always)]
+pub(super) fn words_of(frame: &Frame) -> [u32; 4] {
     let [a, b, c, d, e, f, g, h] = *frame.padded();
-    mailbox.tdtr().write(|w| w.set_dlc(frame.len()));
-    mailbox
-        .tdlr()
-        .write_value(regs::Tdlr(u32::from_le_bytes([a, b, c, d])));
-    mailbox
-        .tdhr()
-        .write_value(regs::Tdhr(u32::from_le_bytes([e, f, g, h])));
-    mailbox.tir().write(|w| {
-        w.set_stid(frame.id());
-        w.set_ide(Ide::STANDARD);
-        w.set_rtr(Rtr::DATA);
-        w.set_txrq(true);
-    });
+    let mut tir = regs::Tir(0);
+    tir.set_stid(frame.id());
+    tir.set_ide(Ide::STANDARD);
+    tir.set_rtr(Rtr::DATA);
+    tir.set_txrq(true);
+    [
+        tir.0,
+        frame.len().into(),
+        u32::from_le_bytes([a, b, c, d]),
+        u32::from_le_bytes([e, f, g, h]),
+    ]
 }
 
 /// The frame in the registers of a mailbox.

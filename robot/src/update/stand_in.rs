@@ -1,0 +1,45 @@
+//! What is said for a robot while its program cannot run.
+//!
+//! A sector of the flash takes a second or two to erase, and the program that lies in that flash
+//! stands still. A few instructions in RAM can go on: they know nothing of CANopen, and say what
+//! the bus side has prepared here. A client that waits for the end of an erase asks one question
+//! (0x1F57, is it still busy?), and who watches the robot wants its heartbeat. Everything else that
+//! is meant for this robot waits.
+
+use canopen::{Frame, NodeId};
+use protocol::{address as at, cob};
+
+/// Prepared frames; see the [module](self).
+#[derive(Clone, Copy, Debug)]
+pub struct StandIn {
+    /// The robot.
+    pub node: NodeId,
+    /// The question: a frame with the same identifier and the same first four bytes.
+    pub question: Frame,
+    /// The answer to it, now and for as long as the erase lasts.
+    pub answer: Frame,
+    /// The heartbeat.
+    pub heartbeat: Frame,
+    /// Its period; 0 for none.
+    pub heartbeat_ms: u16,
+}
+
+impl StandIn {
+    /// For a robot with this status of its flash (0x1F57), NMT state and period of its heartbeat.
+    pub(crate) fn new(node: NodeId, status: [u8; 4], state: u8, heartbeat_ms: u16) -> Self {
+        // CiA 301, 7.2.4.3: upload of an object, and four bytes of it in the answer.
+        const ASK: u8 = 0x40;
+        const SAY: u8 = 0x43;
+        let [low, high] = at::FLASH_STATUS.index.to_le_bytes();
+        let sub = at::FLASH_STATUS.sub;
+        let [a, b, c, d] = status;
+        let number = node.get();
+        Self {
+            node,
+            question: Frame::of(cob::sdo_request(number), [ASK, low, high, sub, 0, 0, 0, 0]),
+            answer: Frame::of(cob::sdo_response(number), [SAY, low, high, sub, a, b, c, d]),
+            heartbeat: Frame::of(cob::heartbeat(number), [state]),
+            heartbeat_ms,
+        }
+    }
+}
