@@ -76,7 +76,7 @@ fn a_poll_is_answered_while_a_sector_is_erased() {
         let period_ms = u64::from(robot.read(HEARTBEAT).unwrap());
         robot.control(order::STOP).unwrap();
         robot.control(order::CLEAR).unwrap();
-        let (from, heard) = (robot.board.now_ns(), robot.heard.len());
+        let (from, before) = (robot.board.now_ns(), robot.received.len());
         assert_eq!(robot.ready(), Ok(0));
         let erased_ms = (robot.board.now_ns() - from) / MS;
         // DS10693 rev 10, table 49: a second for each of two sectors typically, and two at most.
@@ -84,7 +84,7 @@ fn a_poll_is_answered_while_a_sector_is_erased() {
         assert_eq!(robot.board.flash_operations().erases, 2);
         assert_eq!(robot.board.resets(), 0);
         let beat = Frame::of(cob::heartbeat(NODE), [0x7F]);
-        let beats = robot.heard[heard..].iter().filter(|(_, one)| *one == beat);
+        let beats = robot.received[before..].iter().filter(|(_, one)| *one == beat);
         let promised = erased_ms / period_ms;
         let beats = beats.count() as u64;
         assert!(
@@ -111,10 +111,10 @@ fn what_else_is_asked_while_a_sector_is_erased_is_answered_after_it() {
     // In the next sector: NMT stops the robot, which ends the update.
     robot.pass(100 * MS).unwrap();
     assert_eq!(robot.board.flash_operations().erases, 2);
-    robot.say(&Frame::of(cob::NMT, [2, NODE])).unwrap();
+    robot.send(&Frame::of(cob::NMT, [2, NODE])).unwrap();
     robot.pass(1_500 * MS).unwrap();
     let stopped = Frame::of(cob::heartbeat(NODE), [4]);
-    assert!(robot.heard.iter().any(|(_, frame)| *frame == stopped));
+    assert!(robot.received.iter().any(|(_, frame)| *frame == stopped));
 }
 
 /// Power lost in every erase, in every word of what is known about the slots, and in some of the

@@ -245,7 +245,7 @@ pub(crate) fn address_space(
             array: Arc::clone(flash),
             shared: Arc::clone(shared),
         };
-        let region = Region::io("flash", flash::SIZE, Arc::new(reads));
+        let region = Region::io("flash", flash.len(), Arc::new(reads));
         map.map_with(
             Mapping::new(region, u64::from(base))
                 .with_perms(Perms::RX)

@@ -51,7 +51,7 @@ impl Flash for Content {
 pub struct Robot {
     pub board: Board,
     /// What the robot has sent, with the time in ns.
-    pub heard: Vec<(u64, Frame)>,
+    pub received: Vec<(u64, Frame)>,
     /// How long the client waits for an answer, us.
     pub timeout_us: u64,
     /// The master speaks: its heartbeat and SYNC come every 10 ms.
@@ -79,7 +79,7 @@ impl Robot {
         }
         Self {
             board,
-            heard: Vec::new(),
+            received: Vec::new(),
             timeout_us: LONG_US,
             master: false,
             next_sync: 0,
@@ -105,12 +105,12 @@ impl Robot {
     }
 
     pub fn boots_within(&mut self, ns: u64) -> Result<bool, Failure> {
-        let before = self.heard.len();
+        let before = self.received.len();
         let end = self.board.now_ns() + ns;
         let boot_up = Frame::of(cob::heartbeat(NODE), [0]);
         while self.board.now_ns() < end {
             self.step(end)?;
-            if self.heard[before..]
+            if self.received[before..]
                 .iter()
                 .any(|(_, frame)| *frame == boot_up)
             {
@@ -136,8 +136,8 @@ impl Robot {
         if self.master {
             if now >= self.next_sync {
                 self.next_sync = now + 10 * MS;
-                self.say(&Frame::of(cob::MASTER_HEARTBEAT, [5]))?;
-                self.say(&Frame::of(cob::SYNC, []))?;
+                self.send(&Frame::of(cob::MASTER_HEARTBEAT, [5]))?;
+                self.send(&Frame::of(cob::SYNC, []))?;
             }
             until = until.min(self.next_sync);
         }
@@ -147,13 +147,13 @@ impl Robot {
             self.board.can().transmitted();
             let id = frame.standard_id().expect("a robot sends nothing else");
             let frame = Frame::new(id, frame.data()).unwrap();
-            self.heard.push((self.board.now_ns(), frame));
+            self.received.push((self.board.now_ns(), frame));
         }
         Ok(())
     }
 
     /// Sends a frame to the robot.
-    pub fn say(&mut self, frame: &Frame) -> Result<(), Failure> {
+    pub fn send(&mut self, frame: &Frame) -> Result<(), Failure> {
         power(self.board.run_until(self.board.now_ns() + FRAME_NS))?;
         let frame = CanFrame::new(frame.id(), frame.data()).unwrap();
         self.board.can().receive(&frame);
@@ -174,21 +174,21 @@ impl Robot {
         client: &mut SdoClient<'_>,
         mut frames: usize,
     ) -> Result<Vec<u8>, Failure> {
-        let mut seen = self.heard.len();
+        let mut seen = self.received.len();
         let outcome = loop {
             while frames > 0
                 && let Some(frame) = client.pop_frame()
             {
-                self.say(&frame)?;
+                self.send(&frame)?;
                 frames -= 1;
             }
             self.step(self.board.now_ns() + MS / 2)?;
             let now = self.now();
             let mut outcome = None;
-            for (_, frame) in &self.heard[seen..] {
+            for (_, frame) in &self.received[seen..] {
                 outcome = outcome.or(client.on_frame(now, frame));
             }
-            seen = self.heard.len();
+            seen = self.received.len();
             if let Some(outcome) = outcome.or_else(|| client.poll(now)) {
                 break outcome;
             }
@@ -199,7 +199,7 @@ impl Robot {
             Outcome::Failed(SdoError::Timeout) => {
                 // The client's word that it has given up.
                 while let Some(frame) = client.pop_frame() {
-                    self.say(&frame)?;
+                    self.send(&frame)?;
                 }
                 Err(Failure::Silent)
             }

@@ -29,7 +29,7 @@ impl StandIn {
     pub(crate) fn new(node: NodeId, status: [u8; 4], state: u8, heartbeat_ms: u16) -> Self {
         // CiA 301, 7.2.4.3: upload of an object, and four bytes of it in the answer.
         const ASK: u8 = 0x40;
-        const SAY: u8 = 0x43;
+        const UPLOADED: u8 = 0x43;
         let [low, high] = at::FLASH_STATUS.index.to_le_bytes();
         let sub = at::FLASH_STATUS.sub;
         let [a, b, c, d] = status;
@@ -37,7 +37,7 @@ impl StandIn {
         Self {
             node,
             question: Frame::of(cob::sdo_request(number), [ASK, low, high, sub, 0, 0, 0, 0]),
-            answer: Frame::of(cob::sdo_response(number), [SAY, low, high, sub, a, b, c, d]),
+            answer: Frame::of(cob::sdo_response(number), [UPLOADED, low, high, sub, a, b, c, d]),
             heartbeat: Frame::of(cob::heartbeat(number), [state]),
             heartbeat_ms,
         }

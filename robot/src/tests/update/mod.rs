@@ -385,19 +385,19 @@ fn the_stand_in_says_what_the_robot_would_say() {
     bench.works = false;
     bench.control(order::STOP).unwrap();
     bench.control(order::CLEAR).unwrap();
-    let said = bench.bus.stand_in().unwrap();
-    assert_eq!(said.node, NodeId::new(NODE).unwrap());
-    bench.bus.on_frame(bench.now, &said.question);
-    assert_eq!(bench.bus.pop_frame(), Some(said.answer));
-    assert_eq!(said.answer.data()[4] & 1, 1, "busy");
+    let stand_in = bench.bus.stand_in().unwrap();
+    assert_eq!(stand_in.node, NodeId::new(NODE).unwrap());
+    bench.bus.on_frame(bench.now, &stand_in.question);
+    assert_eq!(bench.bus.pop_frame(), Some(stand_in.answer));
+    assert_eq!(stand_in.answer.data()[4] & 1, 1, "busy");
     let period = bench.read(protocol::Address::new(0x1017, 0));
-    assert_eq!(u32::from(said.heartbeat_ms), period);
+    assert_eq!(u32::from(stand_in.heartbeat_ms), period);
     let mut beats = 0;
     for _ in 0..2 * period {
         bench.now = bench.now + control::time::Micros(1_000);
         bench.bus.poll(bench.now);
         while let Some(frame) = bench.bus.pop_frame() {
-            assert_eq!(frame, said.heartbeat);
+            assert_eq!(frame, stand_in.heartbeat);
             beats += 1;
         }
     }

@@ -34,7 +34,7 @@ use crate::board::{WIRING, now};
 use crate::wake;
 
 /// Frames that are kept; a client has one request under way.
-const KEPT: usize = 8;
+const ROOM: usize = 8;
 /// SysTick counts 24 bits: 93 ms at 180 MHz.
 const LONGEST_TICK_MS: u32 = 90;
 const _: () = assert!(LONGEST_TICK_MS * CYCLES_PER_MS < 1 << 24);
@@ -73,7 +73,7 @@ struct Away {
     every: u32,
     left: u32,
     /// Identifier, length, data.
-    kept: [(u16, u8, [u32; 2]); KEPT],
+    kept: [(u16, u8, [u32; 2]); ROOM],
     count: usize,
     lost: u32,
 }
@@ -117,7 +117,7 @@ pub fn erase(stand_in: &StandIn) {
         heartbeat: Outgoing::new(mailboxes[1], &stand_in.heartbeat),
         every,
         left: every,
-        kept: [(0, 0, [0; 2]); KEPT],
+        kept: [(0, 0, [0; 2]); ROOM],
         count: 0,
         lost: 0,
     };
