@@ -84,7 +84,9 @@ fn a_poll_is_answered_while_a_sector_is_erased() {
         assert_eq!(robot.board.flash_operations().erases, 2);
         assert_eq!(robot.board.resets(), 0);
         let beat = Frame::of(cob::heartbeat(NODE), [0x7F]);
-        let beats = robot.received[before..].iter().filter(|(_, one)| *one == beat);
+        let beats = robot.received[before..]
+            .iter()
+            .filter(|(_, one)| *one == beat);
         let promised = erased_ms / period_ms;
         let beats = beats.count() as u64;
         assert!(

@@ -101,18 +101,17 @@ class Update(unittest.TestCase):
     def test_in_blocks(self):
         self.update(3.0, block=True)
 
-    # While a sector is erased the robot does not answer yet.
-    @unittest.expectedFailure
     def test_segmented_with_the_time_out_of_west(self):
         self.update(1.0, block=False)
 
-    @unittest.expectedFailure
     def test_in_blocks_with_the_time_out_of_west(self):
         self.update(1.0, block=True)
 
-    @unittest.expectedFailure
     def test_in_blocks_with_the_default_time_out_of_python_canopen(self):
         self.update(0.3, block=True)
+
+    def test_segmented_with_the_default_time_out_of_python_canopen(self):
+        self.update(0.3, block=False)
 
 
 if __name__ == "__main__":

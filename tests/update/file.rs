@@ -59,8 +59,8 @@ impl File {
         [&self.header(|_| ())[..], &self.a].concat()
     }
 
-    /// What a programmer writes: it erases the sectors that it writes to, from the first byte to the
-    /// end of the last one.
+    /// What a programmer writes: it erases the sectors that it writes to, from the first byte to
+    /// the end of the last one.
     pub fn by_cable(&self) -> Vec<(u32, Vec<u8>)> {
         let erased = [
             (slots::BOOT, slots::BOOT_LENGTH),

@@ -5,8 +5,8 @@
 //! the data sheet's typical time (DS10693 rev 10, table 49). Because the chip has one bank, nothing
 //! can be read from it during that time: a core that fetches an instruction, a vector or a constant
 //! there stalls, interrupts wait, and only the peripherals keep running. Code in RAM that reads
-//! nothing of the flash runs on. A reset in the middle of an erase leaves the first half of the sector
-//! erased and the rest unchanged, which is one of the possible outcomes of real flash.
+//! nothing of the flash runs on. A reset in the middle of an erase leaves the first half of the
+//! sector erased and the rest unchanged, which is one of the possible outcomes of real flash.
 //!
 //! Operations are counted from power-on, and the power can be made to fail in the middle of any of
 //! them: an erase then ends as with a reset, and a program operation has written the lower half of

@@ -5,9 +5,9 @@
 //! A client writes 0x1F51 = 0 and 3, then 0x1F50, then 0x1F51 = 1, and reads 0x1F57 in between (the
 //! dialect of CiA 302-3 that Zephyr's client speaks). What it asks for is judged at once and
 //! answered at once; what takes time is a [`Job`] that the platform does afterwards, when its
-//! answers are on the bus. Meanwhile 0x1F57 says busy; while a sector is erased, a [`StandIn`] does.
-//! Each sector to erase is a job of its own, so any other request that came while one was erased is
-//! answered before the next.
+//! answers are on the bus. Meanwhile 0x1F57 says busy; while a sector is erased, a [`StandIn`]
+//! does. Each sector to erase is a job of its own, so any other request that came while one was
+//! erased is answered before the next.
 //!
 //! A download begins with the header, which is kept in RAM. It is parsed, and compared with the
 //! robot and the announced length, as soon as it is there; nothing but these checks stands between

@@ -37,7 +37,10 @@ impl StandIn {
         Self {
             node,
             question: Frame::of(cob::sdo_request(number), [ASK, low, high, sub, 0, 0, 0, 0]),
-            answer: Frame::of(cob::sdo_response(number), [UPLOADED, low, high, sub, a, b, c, d]),
+            answer: Frame::of(
+                cob::sdo_response(number),
+                [UPLOADED, low, high, sub, a, b, c, d],
+            ),
             heartbeat: Frame::of(cob::heartbeat(number), [state]),
             heartbeat_ms,
         }

@@ -70,8 +70,8 @@ pub unsafe fn program(to: *mut u32, word: u32) -> Result<(), StoreError> {
     finish()
 }
 
-/// Erases a sector, which must have neither code nor constants of this program. `start` sets STRT in
-/// FLASH_CR, from where the program waits for the end unless it is in RAM.
+/// Erases a sector, which must have neither code nor constants of this program. `start` sets STRT
+/// in FLASH_CR, from where the program waits for the end unless it is in RAM.
 pub fn erase(sector: u8, start: &mut dyn FnMut()) -> Result<(), StoreError> {
     unlock();
     pac::FLASH.cr().write(|w| {

@@ -27,8 +27,8 @@ const NORMAL: Setting = Setting {
 };
 
 /// 4096 counts of 32 LSI cycles, the most that there are: 4.1 s at 32 kHz, 2.8 s at 47 kHz. Within
-/// that comes one erase of 128 KiB, 2 s at most at 32 bits, or one save: two erases of 16 KiB, 500 ms
-/// each, and 600 words at 100 us (DS10693 rev 10, table 49).
+/// that comes one erase of 128 KiB, 2 s at most at 32 bits, or one save: two erases of 16 KiB, 500
+/// ms each, and 600 words at 100 us (DS10693 rev 10, table 49).
 const PATIENT: Setting = Setting {
     prescaler: Pr::DIVIDE_BY32,
     reload: 4096 - 1,

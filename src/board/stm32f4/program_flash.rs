@@ -2,8 +2,8 @@
 //!
 //! Only the slot that is not running is erased or programmed, but for the words at the end of the
 //! running one that say what is known about it, and the mark of the cable. Erasing 128 KiB takes a
-//! second typically and two at most at 32 bits (DS10693 rev 10, table 49), during which only code in
-//! RAM runs: `can::away` says what [`ProgramFlash::saying`] was given.
+//! second typically and two at most at 32 bits (DS10693 rev 10, table 49), during which only code
+//! in RAM runs: `can::away` says what [`ProgramFlash::saying`] was given.
 //!
 //! Signatures and hashes are functions of the boot code, found by a table at a fixed address. A
 //! program without that table, or one that runs from neither slot, takes no update over the bus.

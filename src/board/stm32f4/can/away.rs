@@ -148,8 +148,8 @@ fn in_ram(away: &mut Away) {
         w.set_strt(true);
     });
     cortex_m::asm::dsb();
-    // SAFETY: these registers exist on every Cortex-M4, and what is written changes nothing but what
-    // is pending.
+    // SAFETY: these registers exist on every Cortex-M4, and what is written changes nothing but
+    // what is pending.
     let (icsr, icpr) = unsafe { (&(*SCB::PTR).icsr, &(*NVIC::PTR).icpr) };
     while pac::FLASH.sr().read().bsy() {
         let outgoing = if icsr.read() & PENDSTSET != 0 {

@@ -41,8 +41,8 @@
 //! because a good frame may end a period of error passive before the bus task reads them.
 //!
 //! This file has what the bus task does with it; `start` brings it up, `cable` is the gateway's
-//! part, `mailboxes` is between frames and registers, `interrupts` takes frames in, [`away`] answers
-//! while the flash is erased.
+//! part, `mailboxes` is between frames and registers, `interrupts` takes frames in, [`away`]
+//! answers while the flash is erased.
 //!
 //! After bus-off the controller stays off the bus until [`Can::recover`] is called; when, is the
 //! caller's policy.
