@@ -3,8 +3,10 @@
 
 use std::{env, fs, path::PathBuf};
 
-/// What `memory.x` of the firmware leaves open, with the whole flash for this image. The linker
-/// finds that file first, because it runs in the root of the workspace.
+/// The layout of the reference board, which the firmware's `memory.x` includes as `board.x`. The
+/// linker finds `memory.x` first, because it runs in the root of the workspace.
+const BOARD: &str = "../memory/nucleo_f446re.x";
+/// What the layout leaves open, with the whole flash for this image.
 const SLOTS: &str = "MEMORY
 {
   FLASH : ORIGIN = 0x08000000, LENGTH = 512K
@@ -17,6 +19,8 @@ fn main() {
         return;
     }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    println!("cargo::rerun-if-changed={BOARD}");
+    fs::copy(BOARD, out.join("board.x")).expect("the layout can be copied to OUT_DIR");
     fs::write(out.join("slots.x"), SLOTS).expect("slots.x can be written to OUT_DIR");
     println!("cargo::rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x"] {
