@@ -7,7 +7,7 @@
 
 use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Port, Stop, StopKind};
 use protocol::address::{self as at, history};
-use protocol::compensation::{LENGTH_MAX, Tables};
+use protocol::compensation::{LENGTH_MAX, ObliqueRow, Row, Tables};
 use protocol::{Access, Address, ENTRIES, Fault, Kind, StoredFault};
 
 #[path = "storage/robot.rs"]
@@ -94,8 +94,14 @@ impl Set {
 
 /// A compensation set with all the rows it may have.
 fn longest_set() -> Vec<u8> {
-    let rows: Vec<(f32, f32)> = (1..=8_u8).map(|n| (f32::from(n) * 0.1, 1.05)).collect();
-    let oblique: Vec<(f32, f32, f32)> = rows.iter().map(|(s, c)| (*s, *c, *c)).collect();
+    let rows = (1..=8_u8).map(|n| Row::new(f32::from(n) * 0.1, 1.05));
+    let rows: Vec<Row> = rows.collect();
+    let oblique = rows.iter().map(|row| ObliqueRow {
+        speed: row.speed,
+        longitudinal: row.coefficient,
+        lateral: row.coefficient,
+    });
+    let oblique: Vec<ObliqueRow> = oblique.collect();
     let mut bytes = [0; LENGTH_MAX];
     let length = Tables {
         version: 20_261_121,

@@ -9,6 +9,8 @@ use kinematics::{
     AxisTable, DirectionalCompensation, FourWheelGeometry, Pose, VelocityCompensation,
 };
 
+use protocol::compensation::{ObliqueRow, Row};
+
 use crate::check::{Checked, Checker, Range, Reported, Value, default};
 use crate::model::{
     Board, CompensationTable, Control, Encoder, FIRST_NODE, LAST_NODE, Motor, Robot, Rollers, Wheel,
@@ -401,10 +403,10 @@ impl Checker<'_> {
             let remedy = "give a whole number, 0 to 4294967295, such as the date 20261121";
             self.refuse(&table.version, &format!("{path}.version"), &problem, remedy)
         })?;
-        let pairs = |key: &str, rows: &[At<[f64; 2]>]| -> Checked<Vec<(f32, f32)>> {
+        let pairs = |key: &str, rows: &[At<[f64; 2]>]| -> Checked<Vec<Row>> {
             let row = |[speed, coefficient]: [f64; 2]| (speed, [coefficient, coefficient]);
             let rows = self.rows(&format!("{path}.{key}"), rows, row)?;
-            Ok(rows.into_iter().map(|(speed, x, _)| (speed, x)).collect())
+            Ok(rows.into_iter().map(ObliqueRow::along).collect())
         };
         let longitudinal = pairs("longitudinal", &table.longitudinal)?;
         let lateral = pairs("lateral", &table.lateral)?;
@@ -413,8 +415,9 @@ impl Checker<'_> {
             (s, [x, y])
         })?;
 
-        let axis = |key: &str, rows: &[(f32, f32)], constant: f32| {
-            AxisTable::<ROWS>::filled(rows.iter().copied(), constant).map_err(|error| {
+        let axis = |key: &str, rows: &[Row], constant: f32| {
+            let pairs = rows.iter().map(|row| row.pair());
+            AxisTable::<ROWS>::filled(pairs, constant).map_err(|error| {
                 let problem = error.to_string();
                 self.refuse(raw, &format!("{path}.{key}"), &problem, "fix the rows")
             })
@@ -423,8 +426,8 @@ impl Checker<'_> {
         let aside = axis("lateral", &lateral, constant.lateral())?;
         let about = axis("yaw", &yaw, constant.yaw())?;
         if !oblique.is_empty() {
-            let x: Vec<_> = oblique.iter().map(|(speed, x, _)| (*speed, *x)).collect();
-            let y: Vec<_> = oblique.iter().map(|(speed, _, y)| (*speed, *y)).collect();
+            let x: Vec<_> = oblique.iter().map(|row| row.along()).collect();
+            let y: Vec<_> = oblique.iter().map(|row| row.across()).collect();
             let (x, y) = (axis("oblique", &x, 1.0)?, axis("oblique", &y, 1.0)?);
             DirectionalCompensation::new(ahead, aside, x, y, about).map_err(|error| {
                 let problem = error.to_string();
@@ -446,7 +449,7 @@ impl Checker<'_> {
         path: &str,
         rows: &[At<[f64; N]>],
         split: impl Fn([f64; N]) -> (f64, [f64; 2]),
-    ) -> Checked<Vec<(f32, f32, f32)>> {
+    ) -> Checked<Vec<ObliqueRow>> {
         if let Some(over) = rows.get(ROWS) {
             let problem = format!("has {} rows", rows.len());
             return Err(self.refuse(over, path, &problem, "keep at most 8"));
@@ -469,8 +472,12 @@ impl Checker<'_> {
                 let remedy = "give 0.5 to 1.9999; 1 is no compensation, 0 would delete the axis";
                 return Err(self.refuse(row, &path, &problem, remedy));
             }
-            let [x, y] = coefficients.map(|c| c as f32);
-            out.push((speed as f32, x, y));
+            let [longitudinal, lateral] = coefficients.map(|c| c as f32);
+            out.push(ObliqueRow {
+                speed: speed as f32,
+                longitudinal,
+                lateral,
+            });
         }
         Ok(out)
     }

@@ -5,6 +5,7 @@
 //! simulated world uses it.
 
 use kinematics::{FourWheelGeometry, Pose, VelocityCompensation};
+use protocol::compensation::{ObliqueRow, Row};
 
 use serde::Deserialize;
 
@@ -127,13 +128,13 @@ pub struct CompensationTable {
     /// table.
     pub version: u32,
     /// m/s, coefficient.
-    pub longitudinal: Vec<(f32, f32)>,
+    pub longitudinal: Vec<Row>,
     /// m/s, coefficient.
-    pub lateral: Vec<(f32, f32)>,
+    pub lateral: Vec<Row>,
     /// m/s, longitudinal and lateral coefficient at 45 degrees.
-    pub oblique: Vec<(f32, f32, f32)>,
+    pub oblique: Vec<ObliqueRow>,
     /// rad/s, coefficient.
-    pub yaw: Vec<(f32, f32)>,
+    pub yaw: Vec<Row>,
 }
 
 /// The rollers of a robot's wheels.

@@ -4,6 +4,7 @@ use std::f32::consts::{FRAC_PI_4, PI};
 
 use omnibus_group::{GroupFile, Plant, Tables};
 use protocol::Value;
+use protocol::compensation::Row;
 
 fn load(name: &str) -> GroupFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/");
@@ -153,11 +154,15 @@ fn a_compensation_table_is_the_robots_own_or_the_shared_one() {
     assert_eq!(first.compensation_table.version, 20_261_121);
     assert_eq!(
         first.compensation_table.lateral,
-        [(0.1, 1.141), (0.5, 1.157)]
+        [Row::new(0.1, 1.141), Row::new(0.5, 1.157)]
     );
     assert_eq!(second.compensation_table.version, 7);
     assert!(second.compensation_table.lateral.is_empty());
-    assert_eq!(second.compensation_table.oblique, [(0.3, 1.017, 1.0175)]);
+    let [oblique] = second.compensation_table.oblique[..] else {
+        panic!("one row");
+    };
+    assert_eq!(oblique.along(), Row::new(0.3, 1.017));
+    assert_eq!(oblique.across(), Row::new(0.3, 1.0175));
     // What the tables do not have stays.
     assert_eq!(second.compensation.lateral(), 1.033);
     let plain = GroupFile::parse("tcc-3.toml", &text).unwrap();

@@ -148,9 +148,9 @@ fn robots_that_face_differently_are_calibrated_bolted_together() {
     let file = holds(&group("acc-2"), &SPEEDS, MIXED);
     let table = &file.robots[1].compensation_table;
     for (rows, expected) in [(&table.longitudinal, 1.0022), (&table.lateral, 1.0345)] {
-        let (speed, coefficient) = rows[1];
-        assert!((speed * coefficient - 0.5).abs() < 1e-3);
-        assert!((coefficient - expected).abs() < 5e-4, "{rows:?}");
+        let row = rows[1];
+        assert!((row.speed * row.coefficient - 0.5).abs() < 1e-3);
+        assert!((row.coefficient - expected).abs() < 5e-4, "{rows:?}");
     }
     holds(&contact::on_contact(&group("acc-2"), 8), &SPEEDS, MIXED);
 }

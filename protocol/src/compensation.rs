@@ -95,6 +95,54 @@ impl core::fmt::Display for SetError {
 
 impl core::error::Error for SetError {}
 
+/// A row of a table over one axis.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Row {
+    /// Achieved speed, m/s or rad/s.
+    pub speed: f32,
+    /// Coefficient there.
+    pub coefficient: f32,
+}
+
+impl Row {
+    /// A row.
+    #[must_use]
+    pub const fn new(speed: f32, coefficient: f32) -> Self {
+        Self { speed, coefficient }
+    }
+
+    /// As [`kinematics::AxisTable`] takes it.
+    #[must_use]
+    pub const fn pair(self) -> (f32, f32) {
+        (self.speed, self.coefficient)
+    }
+}
+
+/// A row of the table at 45 degrees.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct ObliqueRow {
+    /// Achieved speed, m/s.
+    pub speed: f32,
+    /// Longitudinal coefficient there.
+    pub longitudinal: f32,
+    /// Lateral coefficient there.
+    pub lateral: f32,
+}
+
+impl ObliqueRow {
+    /// Its longitudinal part.
+    #[must_use]
+    pub const fn along(self) -> Row {
+        Row::new(self.speed, self.longitudinal)
+    }
+
+    /// Its lateral part.
+    #[must_use]
+    pub const fn across(self) -> Row {
+        Row::new(self.speed, self.lateral)
+    }
+}
+
 /// A set in its bytes, checked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CompensationSet<'a> {
@@ -161,25 +209,26 @@ impl<'a> CompensationSet<'a> {
     }
 
     /// Rows of the longitudinal table: speed in m/s, coefficient.
-    pub fn longitudinal(&self) -> impl Iterator<Item = (f32, f32)> + use<'a> {
+    pub fn longitudinal(&self) -> impl Iterator<Item = Row> + use<'a> {
         plain(self.longitudinal)
     }
 
     /// Rows of the lateral table.
-    pub fn lateral(&self) -> impl Iterator<Item = (f32, f32)> + use<'a> {
+    pub fn lateral(&self) -> impl Iterator<Item = Row> + use<'a> {
         plain(self.lateral)
     }
 
     /// Rows at 45 degrees: speed in m/s, longitudinal and lateral coefficient.
-    pub fn oblique(&self) -> impl Iterator<Item = (f32, f32, f32)> + use<'a> {
-        self.oblique.iter().map(|[a, b, c, d, e, f]| {
-            let x = coefficient([*c, *d]);
-            (speed([*a, *b]), x, coefficient([*e, *f]))
+    pub fn oblique(&self) -> impl Iterator<Item = ObliqueRow> + use<'a> {
+        self.oblique.iter().map(|[a, b, c, d, e, f]| ObliqueRow {
+            speed: speed([*a, *b]),
+            longitudinal: coefficient([*c, *d]),
+            lateral: coefficient([*e, *f]),
         })
     }
 
     /// Rows of the yaw table: rad/s, coefficient.
-    pub fn yaw(&self) -> impl Iterator<Item = (f32, f32)> + use<'a> {
+    pub fn yaw(&self) -> impl Iterator<Item = Row> + use<'a> {
         plain(self.yaw)
     }
 
@@ -199,13 +248,13 @@ pub struct Tables<'a> {
     /// Chosen by the writer.
     pub version: u32,
     /// Achieved speed in m/s, coefficient.
-    pub longitudinal: &'a [(f32, f32)],
+    pub longitudinal: &'a [Row],
     /// Achieved speed in m/s, coefficient.
-    pub lateral: &'a [(f32, f32)],
+    pub lateral: &'a [Row],
     /// Achieved speed in m/s, longitudinal and lateral coefficient at 45 degrees.
-    pub oblique: &'a [(f32, f32, f32)],
+    pub oblique: &'a [ObliqueRow],
     /// Achieved rate in rad/s, coefficient.
-    pub yaw: &'a [(f32, f32)],
+    pub yaw: &'a [Row],
 }
 
 impl Tables<'_> {
@@ -234,19 +283,19 @@ impl Tables<'_> {
             put(&[rows.ok_or(SetError::TooManyRows)?]);
         }
         for table in [self.longitudinal, self.lateral] {
-            for (speed, coefficient) in table {
-                put(&steps(*speed, SPEED_STEPS)?);
-                put(&steps(*coefficient, COEFFICIENT_STEPS)?);
+            for row in table {
+                put(&steps(row.speed, SPEED_STEPS)?);
+                put(&steps(row.coefficient, COEFFICIENT_STEPS)?);
             }
         }
-        for (speed, x, y) in self.oblique {
-            put(&steps(*speed, SPEED_STEPS)?);
-            put(&steps(*x, COEFFICIENT_STEPS)?);
-            put(&steps(*y, COEFFICIENT_STEPS)?);
+        for row in self.oblique {
+            put(&steps(row.speed, SPEED_STEPS)?);
+            put(&steps(row.longitudinal, COEFFICIENT_STEPS)?);
+            put(&steps(row.lateral, COEFFICIENT_STEPS)?);
         }
-        for (speed, coefficient) in self.yaw {
-            put(&steps(*speed, SPEED_STEPS)?);
-            put(&steps(*coefficient, COEFFICIENT_STEPS)?);
+        for row in self.yaw {
+            put(&steps(row.speed, SPEED_STEPS)?);
+            put(&steps(row.coefficient, COEFFICIENT_STEPS)?);
         }
         let crc = crc32(out.iter().take(length).skip(CRC).copied());
         if let Some(to) = out.first_chunk_mut() {
@@ -278,10 +327,10 @@ fn check(rows: impl Iterator<Item = ([u8; 2], [u8; 2])>) -> Result<(), SetError>
     Ok(())
 }
 
-fn plain(table: &[[u8; 4]]) -> impl Iterator<Item = (f32, f32)> + use<'_> {
+fn plain(table: &[[u8; 4]]) -> impl Iterator<Item = Row> + use<'_> {
     table
         .iter()
-        .map(|[a, b, c, d]| (speed([*a, *b]), coefficient([*c, *d])))
+        .map(|[a, b, c, d]| Row::new(speed([*a, *b]), coefficient([*c, *d])))
 }
 
 fn speed(bytes: [u8; 2]) -> f32 {
@@ -313,11 +362,23 @@ mod tests {
 
     const TABLES: Tables<'_> = Tables {
         version: 20_261_121,
-        longitudinal: &[(0.1, 1.022), (0.5, 1.027)],
-        lateral: &[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)],
-        oblique: &[(0.3, 1.017, 1.0175)],
+        longitudinal: &[Row::new(0.1, 1.022), Row::new(0.5, 1.027)],
+        lateral: &[
+            Row::new(0.1, 1.141),
+            Row::new(0.3, 1.151),
+            Row::new(0.5, 1.157),
+        ],
+        oblique: &[oblique(0.3, 1.017, 1.0175)],
         yaw: &[],
     };
+
+    const fn oblique(speed: f32, longitudinal: f32, lateral: f32) -> ObliqueRow {
+        ObliqueRow {
+            speed,
+            longitudinal,
+            lateral,
+        }
+    }
 
     fn encoded(tables: &Tables<'_>) -> Vec<u8> {
         let mut out = [0; LENGTH_MAX];
@@ -339,15 +400,17 @@ mod tests {
         let set = CompensationSet::decode(&bytes).unwrap();
         assert_eq!(set.version, 20_261_121);
         // Half a step of a speed and of a coefficient.
-        let near = |found: (f32, f32), want: (f32, f32)| {
-            (found.0 - want.0).abs() <= 0.5e-4 && (found.1 - want.1).abs() <= 0.5 / 32_768.0
+        let near = |found: Row, want: Row| {
+            (found.speed - want.speed).abs() <= 0.5e-4
+                && (found.coefficient - want.coefficient).abs() <= 0.5 / 32_768.0
         };
         for (found, want) in set.longitudinal().zip(TABLES.longitudinal) {
             assert!(near(found, *want), "{found:?}");
         }
         assert_eq!(set.lateral().count(), 3);
-        let (speed, x, y) = set.oblique().next().unwrap();
-        assert!(near((speed, x), (0.3, 1.017)) && near((speed, y), (0.3, 1.0175)));
+        let row = set.oblique().next().unwrap();
+        assert!(near(row.along(), Row::new(0.3, 1.017)));
+        assert!(near(row.across(), Row::new(0.3, 1.0175)));
         assert_eq!(set.yaw().count(), 0);
         assert!(!set.is_empty());
     }
@@ -356,7 +419,7 @@ mod tests {
     fn golden_bytes() {
         let bytes = encoded(&Tables {
             version: 0x0403_0201,
-            yaw: &[(0.5, 1.0)],
+            yaw: &[Row::new(0.5, 1.0)],
             ..Tables::default()
         });
         // 0.5 rad/s are 5000 steps, 1 is 0x8000. The CRC was worked out with Python's zlib.crc32.
@@ -424,29 +487,32 @@ mod tests {
 
     #[test]
     fn tables_that_make_no_set_are_refused() {
-        let refused = |tables: Tables<'_>| tables.encode(&mut [0; LENGTH_MAX]).unwrap_err();
-        let lateral = |rows| Tables {
-            lateral: rows,
-            ..Tables::default()
+        let refused = |lateral: &[Row]| {
+            let tables = Tables {
+                lateral,
+                ..Tables::default()
+            };
+            tables.encode(&mut [0; LENGTH_MAX]).unwrap_err()
         };
-        assert_eq!(refused(lateral(&[(0.1, 0.0)])), SetError::CoefficientTooLow);
+        assert_eq!(refused(&[Row::new(0.1, 0.0)]), SetError::CoefficientTooLow);
+        assert_eq!(refused(&[Row::new(0.1, -1.0)]), SetError::CoefficientTooLow);
+        assert_eq!(refused(&[Row::new(0.1, 2.0)]), SetError::OutOfRange);
+        assert_eq!(refused(&[Row::new(0.1, f32::NAN)]), SetError::OutOfRange);
+        assert_eq!(refused(&[Row::new(7.0, 1.0)]), SetError::OutOfRange);
+        assert_eq!(refused(&[Row::new(0.0, 1.0)]), SetError::Speed);
         assert_eq!(
-            refused(lateral(&[(0.1, -1.0)])),
-            SetError::CoefficientTooLow
+            refused(&[Row::new(0.2, 1.0), Row::new(0.2, 1.1)]),
+            SetError::Speed
         );
-        assert_eq!(refused(lateral(&[(0.1, 2.0)])), SetError::OutOfRange);
-        assert_eq!(refused(lateral(&[(0.1, f32::NAN)])), SetError::OutOfRange);
-        assert_eq!(refused(lateral(&[(7.0, 1.0)])), SetError::OutOfRange);
-        assert_eq!(refused(lateral(&[(0.0, 1.0)])), SetError::Speed);
-        assert_eq!(refused(lateral(&[(0.2, 1.0), (0.2, 1.1)])), SetError::Speed);
-        assert_eq!(refused(lateral(&[(0.1, 1.0); 9])), SetError::TooManyRows);
+        assert_eq!(refused(&[Row::new(0.1, 1.0); 9]), SetError::TooManyRows);
     }
 
     #[test]
     fn the_longest_set_has_the_stated_length() {
-        let row = |i: u8| (f32::from(i + 1) * 0.1, 1.1);
-        let rows: Vec<(f32, f32)> = (0..8).map(row).collect();
-        let oblique: Vec<(f32, f32, f32)> = rows.iter().map(|(s, c)| (*s, *c, *c)).collect();
+        let row = |i: u8| Row::new(f32::from(i + 1) * 0.1, 1.1);
+        let rows: Vec<Row> = (0..8).map(row).collect();
+        let oblique = |row: &Row| oblique(row.speed, row.coefficient, row.coefficient);
+        let oblique: Vec<ObliqueRow> = rows.iter().map(oblique).collect();
         let bytes = encoded(&Tables {
             version: u32::MAX,
             longitudinal: &rows,

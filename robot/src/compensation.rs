@@ -7,7 +7,7 @@ use kinematics::{
     AxisTable, CompensationError, DirectionalCompensation, GridCompensation, SpeedCompensation,
     VelocityCompensation,
 };
-use protocol::compensation::{CompensationSet, ROWS};
+use protocol::compensation::{CompensationSet, ROWS, Row};
 
 /// The compensation a set means; axes without rows have the constant.
 ///
@@ -21,9 +21,10 @@ pub(crate) fn compensation(
     if set.is_empty() {
         return Ok(GridCompensation::from(constant));
     }
-    let longitudinal = AxisTable::<ROWS>::filled(set.longitudinal(), constant.longitudinal())?;
-    let lateral = AxisTable::<ROWS>::filled(set.lateral(), constant.lateral())?;
-    let yaw = AxisTable::<ROWS>::filled(set.yaw(), constant.yaw())?;
+    let longitudinal =
+        AxisTable::<ROWS>::filled(set.longitudinal().map(Row::pair), constant.longitudinal())?;
+    let lateral = AxisTable::<ROWS>::filled(set.lateral().map(Row::pair), constant.lateral())?;
+    let yaw = AxisTable::<ROWS>::filled(set.yaw().map(Row::pair), constant.yaw())?;
     if set.oblique().next().is_none() {
         return Ok(GridCompensation::from(&SpeedCompensation {
             longitudinal,
@@ -31,8 +32,8 @@ pub(crate) fn compensation(
             yaw,
         }));
     }
-    let oblique_x = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, x, _)| (speed, x)), 1.0)?;
-    let oblique_y = AxisTable::<ROWS>::filled(set.oblique().map(|(speed, _, y)| (speed, y)), 1.0)?;
+    let oblique_x = AxisTable::<ROWS>::filled(set.oblique().map(|row| row.along().pair()), 1.0)?;
+    let oblique_y = AxisTable::<ROWS>::filled(set.oblique().map(|row| row.across().pair()), 1.0)?;
     let tables = DirectionalCompensation::new(longitudinal, lateral, oblique_x, oblique_y, yaw)?;
     Ok(GridCompensation::from(&tables))
 }
@@ -41,7 +42,7 @@ pub(crate) fn compensation(
 mod tests {
     use super::*;
     use kinematics::{Compensation as _, Twist};
-    use protocol::compensation::{LENGTH_MAX, Tables};
+    use protocol::compensation::{LENGTH_MAX, ObliqueRow, Tables};
 
     fn made(
         tables: &Tables<'_>,
@@ -58,8 +59,12 @@ mod tests {
     fn a_set_means_what_its_tables_mean() {
         let set = Tables {
             version: 1,
-            longitudinal: &[(0.1, 1.022), (0.5, 1.027)],
-            lateral: &[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)],
+            longitudinal: &[Row::new(0.1, 1.022), Row::new(0.5, 1.027)],
+            lateral: &[
+                Row::new(0.1, 1.141),
+                Row::new(0.3, 1.151),
+                Row::new(0.5, 1.157),
+            ],
             oblique: &[],
             yaw: &[],
         };
@@ -89,7 +94,11 @@ mod tests {
     #[test]
     fn oblique_rows_make_the_direction_count() {
         let tables = Tables {
-            oblique: &[(0.3, 1.017, 1.0175)],
+            oblique: &[ObliqueRow {
+                speed: 0.3,
+                longitudinal: 1.017,
+                lateral: 1.0175,
+            }],
             ..Tables::default()
         };
         let compensation = made(&tables, [1.0022, 1.0326, 1.0195]).unwrap();
@@ -103,9 +112,9 @@ mod tests {
     #[test]
     fn one_row_is_the_constant_case() {
         let one = Tables {
-            longitudinal: &[(0.3, 1.002)],
-            lateral: &[(0.3, 1.033)],
-            yaw: &[(0.3, 1.0195)],
+            longitudinal: &[Row::new(0.3, 1.002)],
+            lateral: &[Row::new(0.3, 1.033)],
+            yaw: &[Row::new(0.3, 1.0195)],
             ..Tables::default()
         };
         let from_table = made(&one, [1.0; 3]).unwrap();
@@ -120,7 +129,7 @@ mod tests {
     #[test]
     fn tables_that_cannot_be_inverted_are_refused() {
         let tables = Tables {
-            lateral: &[(0.3, 0.6), (0.31, 1.9)],
+            lateral: &[Row::new(0.3, 0.6), Row::new(0.31, 1.9)],
             ..Tables::default()
         };
         assert_eq!(made(&tables, [1.0; 3]), Err(CompensationError::TooSteep(1)));

@@ -7,7 +7,7 @@ use canopen::{NmtCommand, NodeId};
 use control::time::Micros;
 use kinematics::Twist;
 use protocol::address as at;
-use protocol::compensation::{EMPTY, LENGTH_MAX, Tables};
+use protocol::compensation::{EMPTY, LENGTH_MAX, Row, Tables};
 
 use super::world::World;
 use crate::{BusSide, IMAGE_MAX, Identity, Stored};
@@ -22,7 +22,11 @@ const STATE: u32 = 0x0800_0022;
 const TABLES: Tables<'_> = Tables {
     version: 20_261_121,
     longitudinal: &[],
-    lateral: &[(0.1, 1.141), (0.3, 1.151), (0.5, 1.157)],
+    lateral: &[
+        Row::new(0.1, 1.141),
+        Row::new(0.3, 1.151),
+        Row::new(0.5, 1.157),
+    ],
     oblique: &[],
     yaw: &[],
 };
@@ -93,7 +97,7 @@ fn a_set_is_taken_whole_or_not_at_all() {
     let mut flipped = good.clone();
     flipped[14] ^= 1;
     let steep = Tables {
-        lateral: &[(0.3, 0.6), (0.31, 1.9)],
+        lateral: &[Row::new(0.3, 0.6), Row::new(0.31, 1.9)],
         ..Tables::default()
     };
     let bad = [

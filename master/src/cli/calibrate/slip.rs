@@ -19,6 +19,7 @@ use omnibus::error::MasterError;
 use omnibus::session::Group;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::link::SimLink;
+use protocol::compensation;
 use serde_json::{Value, json};
 
 use super::progress::{self, Progress};
@@ -549,8 +550,16 @@ fn constants_json(calibration: &Calibration) -> Vec<Value> {
             .is_none()
             .then_some(&robot.compensation_table)
             .map(|table| {
-                json!({"longitudinal": table.longitudinal, "lateral": table.lateral,
-                "oblique": table.oblique, "yaw": table.yaw})
+                let rows = |rows: &[compensation::Row]| {
+                    rows.iter().map(|row| row.pair()).collect::<Vec<_>>()
+                };
+                let oblique = table.oblique.iter();
+                let oblique: Vec<_> = oblique
+                    .map(|row| [row.speed, row.longitudinal, row.lateral])
+                    .collect();
+                json!({"longitudinal": rows(&table.longitudinal),
+                    "lateral": rows(&table.lateral), "oblique": oblique,
+                    "yaw": rows(&table.yaw)})
             });
         json!({
             "node": robot.node,

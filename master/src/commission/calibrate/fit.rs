@@ -10,6 +10,7 @@
 use group::{CompensationTable, GroupFile};
 use kinematics::estimate::{Fit, Limits, Sample, fit, student_95};
 use kinematics::{AxisTable, DirectionalCompensation, VelocityCompensation};
+use protocol::compensation::{self, ObliqueRow};
 
 use super::CalibrateError;
 use super::manoeuvre::Way;
@@ -50,11 +51,13 @@ impl Row {
         self.speed / self.fit.coefficient
     }
 
-    /// The row of a table: achieved speed, coefficient.
+    /// The row of a robot's table.
     #[expect(clippy::cast_possible_truncation, reason = "a robot holds 16 bits")]
-    fn pair(&self) -> (f32, f32) {
-        let coefficient = self.fit.coefficient;
-        (self.achieved() as f32, coefficient as f32)
+    fn as_held(&self) -> compensation::Row {
+        compensation::Row {
+            speed: self.achieved() as f32,
+            coefficient: self.fit.coefficient as f32,
+        }
     }
 }
 
@@ -256,10 +259,14 @@ impl Found {
     /// The tables as a robot takes them.
     #[must_use]
     pub fn table(&self, version: u32) -> CompensationTable {
-        let pairs = |rows: &[Row]| rows.iter().map(Row::pair).collect();
+        let pairs = |rows: &[Row]| rows.iter().map(Row::as_held).collect();
         let oblique = self.oblique.iter().map(|[x, y]| {
-            let (speed, along) = x.pair();
-            (speed, along, y.pair().1)
+            let (along, across) = (x.as_held(), y.as_held());
+            ObliqueRow {
+                speed: along.speed,
+                longitudinal: along.coefficient,
+                lateral: across.coefficient,
+            }
         });
         CompensationTable {
             version,
@@ -323,21 +330,23 @@ impl Found {
     /// When they have no inverse, or coefficients no floor explains.
     pub fn check(&self) -> Result<(), CalibrateError> {
         let table = self.table(0);
-        let axis = |rows: &[(f32, f32)]| {
-            AxisTable::<ROWS>::filled(rows.iter().copied(), 1.0).map_err(unusable)
+        let axis = |rows: &[compensation::Row]| {
+            let pairs = rows.iter().map(|row| row.pair());
+            AxisTable::<ROWS>::filled(pairs, 1.0).map_err(unusable)
         };
         let (ahead, aside) = (axis(&table.longitudinal)?, axis(&table.lateral)?);
         let yaw = axis(&table.yaw)?;
         if !table.oblique.is_empty() {
-            let column = |n: usize| -> Vec<(f32, f32)> {
-                let rows = table.oblique.iter();
-                rows.map(|(speed, x, y)| (*speed, [*x, *y][n])).collect()
-            };
-            let (x, y) = (axis(&column(0))?, axis(&column(1))?);
+            let (along, across): (Vec<_>, Vec<_>) = table
+                .oblique
+                .iter()
+                .map(|row| (row.along(), row.across()))
+                .unzip();
+            let (x, y) = (axis(&along)?, axis(&across)?);
             DirectionalCompensation::new(ahead, aside, x, y, yaw).map_err(unusable)?;
         }
-        let mut bytes = [0; protocol::compensation::LENGTH_MAX];
-        let tables = protocol::compensation::Tables {
+        let mut bytes = [0; compensation::LENGTH_MAX];
+        let tables = compensation::Tables {
             version: 0,
             longitudinal: &table.longitudinal,
             lateral: &table.lateral,
@@ -445,9 +454,9 @@ mod tests {
         assert!(near(&found.oblique[0][0], OBLIQUE[0]), "{found:?}");
         assert!(near(&found.oblique[0][1], OBLIQUE[1]), "{found:?}");
         found.check().unwrap();
-        let (speed, coefficient) = found.table(7).lateral[0];
-        assert!((f64::from(speed) - 0.3 / ASIDE).abs() < 1e-6);
-        assert!((f64::from(coefficient) - ASIDE).abs() < 1e-6);
+        let row = found.table(7).lateral[0];
+        assert!((f64::from(row.speed) - 0.3 / ASIDE).abs() < 1e-6);
+        assert!((f64::from(row.coefficient) - ASIDE).abs() < 1e-6);
     }
 
     /// Robots 30 degrees apart, by hand: along their mean axis each moves at 15 degrees to itself,

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use group::{CompensationTable, ContactLag, GroupFile, Robot, Rollers};
 use kinematics::VelocityCompensation;
+use protocol::compensation::Row;
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
 
 use super::CalibrateError;
@@ -51,8 +52,11 @@ pub fn rounded(mut file: GroupFile) -> Result<GroupFile, CalibrateError> {
         VelocityCompensation::new(x, y, w)
             .map_err(|error| CalibrateError::Unusable(error.to_string()))
     };
-    let pair = |(speed, coefficient): &mut (f32, f32)| {
-        (*speed, *coefficient) = (single(*speed, SPEED), single(*coefficient, COEFFICIENT));
+    let round = |row: &mut Row| {
+        *row = Row::new(
+            single(row.speed, SPEED),
+            single(row.coefficient, COEFFICIENT),
+        );
     };
     for robot in &mut file.robots {
         if let Some(rollers) = &mut robot.rollers {
@@ -68,10 +72,12 @@ pub fn rounded(mut file: GroupFile) -> Result<GroupFile, CalibrateError> {
         robot.compensation = constant(&robot.compensation)?;
         let table = &mut robot.compensation_table;
         let axes = [&mut table.longitudinal, &mut table.lateral, &mut table.yaw];
-        axes.into_iter().flatten().for_each(pair);
-        for (speed, x, y) in &mut table.oblique {
-            *speed = single(*speed, SPEED);
-            (*x, *y) = (single(*x, COEFFICIENT), single(*y, COEFFICIENT));
+        axes.into_iter().flatten().for_each(round);
+        for row in &mut table.oblique {
+            row.speed = single(row.speed, SPEED);
+            for coefficient in [&mut row.longitudinal, &mut row.lateral] {
+                *coefficient = single(*coefficient, COEFFICIENT);
+            }
         }
     }
     Ok(file)
@@ -103,10 +109,11 @@ fn compensation(constant: &VelocityCompensation, table: &CompensationTable) -> T
         .decor_mut()
         .set_prefix("\n# Achieved speed (m/s, rad/s) and coefficient.\n");
     inner["version"] = value(i64::from(table.version));
-    let pairs = |rows_of: &[(f32, f32)]| rows(rows_of.iter().map(|(s, c)| [*s, *c]));
+    let pairs = |of: &[Row]| rows(of.iter().map(|row| [row.speed, row.coefficient]));
     inner["longitudinal"] = pairs(&table.longitudinal);
     inner["lateral"] = pairs(&table.lateral);
-    inner["oblique"] = rows(table.oblique.iter().map(|(s, x, y)| [*s, *x, *y]));
+    let oblique = table.oblique.iter();
+    inner["oblique"] = rows(oblique.map(|row| [row.speed, row.longitudinal, row.lateral]));
     inner["yaw"] = pairs(&table.yaw);
     out["table"] = Item::Table(inner);
     out
@@ -249,6 +256,7 @@ pub fn rewrite(path: &Path, wanted: &GroupFile) -> Result<String, CalibrateError
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::compensation::ObliqueRow;
 
     fn rewritten(name: &str, change: impl Fn(&mut GroupFile)) -> (String, String, GroupFile) {
         let source = format!("{}/../groups/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -266,10 +274,14 @@ mod tests {
     fn table(version: u32) -> CompensationTable {
         CompensationTable {
             version,
-            longitudinal: vec![(0.123_456, 1.012_345_6)],
-            lateral: vec![(0.1, 1.1), (0.4, 1.12)],
-            oblique: vec![(0.2, 1.03, 1.04)],
-            yaw: vec![(0.5, 1.02)],
+            longitudinal: vec![Row::new(0.123_456, 1.012_345_6)],
+            lateral: vec![Row::new(0.1, 1.1), Row::new(0.4, 1.12)],
+            oblique: vec![ObliqueRow {
+                speed: 0.2,
+                longitudinal: 1.03,
+                lateral: 1.04,
+            }],
+            yaw: vec![Row::new(0.5, 1.02)],
         }
     }
 
@@ -284,7 +296,7 @@ mod tests {
         });
         assert_eq!(
             wanted.robots[0].compensation_table.longitudinal,
-            [(0.1235, 1.01235)]
+            [Row::new(0.1235, 1.01235)]
         );
         let gone: Vec<_> = before.lines().filter(|l| !after.contains(l)).collect();
         assert!(

@@ -1,6 +1,7 @@
 //! What is written into the robots, and what speaks against it.
 
 use canopen::AbortCode;
+use protocol::compensation::Row;
 use protocol::{Address, address, cob};
 
 use super::file;
@@ -131,7 +132,7 @@ fn a_compensation_table_is_written_once() {
     let mut file = file();
     file.robots[1].compensation_table = group::CompensationTable {
         version: 20_261_121,
-        lateral: vec![(0.1, 1.141), (0.5, 1.157)],
+        lateral: vec![Row::new(0.1, 1.141), Row::new(0.5, 1.157)],
         ..Default::default()
     };
     let set = compensation_set(&file.robots[1], true).unwrap();
