@@ -1,5 +1,6 @@
 """`omnibus ros` against Fast DDS, by fast_peer.cpp: topics, and services as rmw_fastrtps maps them."""
 
+import itertools
 import math
 import os
 import socket
@@ -151,14 +152,25 @@ class TakenPorts(unittest.TestCase):
     """The port for data of a participant is taken, that for discovery beside it is free: what participants that start
     together can leave to each other."""
 
+    def is_free(self, port):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("0.0.0.0", port))
+            except OSError:
+                return False
+        return True
+
     def test_the_node_takes_ports_that_belong_together(self):
-        ports = 7400 + 250 * DOMAIN
-        for participant in range(2):
+        # Participants of other tests may still have some.
+        ports = (7400 + 250 * DOMAIN + 10 + 2 * participant for participant in itertools.count())
+        free = (port for port in ports if self.is_free(port) and self.is_free(port + 1))
+        for discovery in itertools.islice(free, 2):
             taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self.addCleanup(taken.close)
-            taken.bind(("0.0.0.0", ports + 11 + 2 * participant))
+            taken.bind(("0.0.0.0", discovery + 1))
+        discovery = next(free)
+        pair = {discovery, discovery + 1}
         node = Node(self)
-        pair = {ports + 10 + 4, ports + 11 + 4}
         until("the first ports of which both are free", lambda: pair <= udp_ports(node.process.pid))
         until("odom", FastPeer(self).reader("odom", "odom", ODOMETRY))
 

@@ -5,6 +5,7 @@ use omnibus::source::pose::PoseStream;
 
 use super::{Target, abort_on_ctrl_c, print_line};
 
+mod found;
 mod phase;
 mod progress;
 mod slip;

@@ -7,9 +7,8 @@ use canopen::NmtCommand;
 use group::GroupFile;
 use omnibus::bus::address::BusAddress;
 use omnibus::bus::link::Link;
-use omnibus::commission::calibrate::fit::Row;
 use omnibus::commission::calibrate::journal::Journal;
-use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings, Way};
+use omnibus::commission::calibrate::manoeuvre::{Manoeuvre, Settings};
 use omnibus::commission::calibrate::measure::{Body, Instrument};
 use omnibus::commission::calibrate::recorded_motions::{Source, YawRates};
 use omnibus::commission::calibrate::rollers::{self, RobotPhases};
@@ -19,11 +18,10 @@ use omnibus::error::MasterError;
 use omnibus::session::Group;
 #[cfg(feature = "simulation")]
 use omnibus::simulation::link::SimLink;
-use protocol::compensation;
 use serde_json::{Value, json};
 
 use super::progress::{self, Progress};
-use super::{Arguments, phase, tape};
+use super::{Arguments, found, phase, tape};
 use crate::cli::{abort_on_ctrl_c, json, print_json, print_line, print_note, real};
 
 /// Options of how the motions are driven and measured.
@@ -307,7 +305,7 @@ fn work<L: Link>(
         for found in &phases {
             phase::show(found)?;
         }
-        show(&calibration)?;
+        found::show(&calibration)?;
     }
     let rewritten = if written {
         write(arguments, &calibration, before, &mut group)?
@@ -315,12 +313,16 @@ fn work<L: Link>(
         false
     };
     if json() {
-        let outcomes: Vec<Value> = calibration.outcomes.iter().map(outcome_json).collect();
+        let outcomes: Vec<Value> = calibration
+            .outcomes
+            .iter()
+            .map(found::outcome_json)
+            .collect();
         let phases: Vec<Value> = phases.iter().map(phase::to_json).collect();
         let lag = &calibration.file.contact_lag;
         return print_json(&json!({
             "version": version, "outcomes": outcomes, "phases": phases,
-            "constants": constants_json(&calibration),
+            "constants": found::constants_json(&calibration),
             "hand_over_loss_s_per_m": calibration.file.hand_over_loss,
             "contact_lag_ms": {
                 "longitudinal": f64::from(lag.longitudinal) * 1e3,
@@ -469,138 +471,4 @@ fn undo(arguments: &Arguments, file: &GroupFile) -> anyhow::Result<()> {
         print_line(format!("{}: as it was", path.display()))?;
     }
     Ok(())
-}
-
-/// The coefficients with their names.
-fn coefficients(
-    outcome: &omnibus::commission::calibrate::Outcome,
-) -> Vec<(&'static str, Way, Row)> {
-    let found = &outcome.found;
-    let mut out = Vec::new();
-    out.extend(
-        found
-            .ahead
-            .iter()
-            .map(|row| ("longitudinal", Way::Ahead, *row)),
-    );
-    out.extend(found.aside.iter().map(|row| ("lateral", Way::Aside, *row)));
-    for [x, y] in &found.oblique {
-        out.push(("longitudinal", Way::Oblique, *x));
-        out.push(("lateral", Way::Oblique, *y));
-    }
-    out.extend(found.yaw.iter().map(|row| ("yaw", Way::Turn, *row)));
-    out
-}
-
-fn show(calibration: &Calibration) -> anyhow::Result<()> {
-    for outcome in &calibration.outcomes {
-        let nodes: Vec<_> = outcome.nodes.iter().map(u8::to_string).collect();
-        print_line(format!(
-            "Nodes {}, version {}",
-            nodes.join(", "),
-            calibration.version
-        ))?;
-        let mut table = crate::cli::output::table([
-            "motion",
-            "speed",
-            "axis",
-            "coefficient",
-            "95 %",
-            "residual",
-            "used",
-            "out",
-        ]);
-        for (axis, way, row) in coefficients(outcome) {
-            let half = (row.fit.interval.1 - row.fit.interval.0) / 2.0;
-            let milli = if way == Way::Turn { "mrad/s" } else { "mm/s" };
-            table.add_row([
-                way.name().to_owned(),
-                format!("{} {}", row.speed, way.unit()),
-                axis.to_owned(),
-                format!("{:.4}", row.fit.coefficient),
-                format!("± {half:.4}"),
-                format!("{:.2} {milli}", row.fit.residual * 1e3),
-                row.fit.used.to_string(),
-                row.fit.rejected.to_string(),
-            ]);
-        }
-        print_line(&table)?;
-        let left = outcome.left.iter();
-        let left: Vec<_> = left
-            .map(|left| format!("{} {:+.2} %", left.way.name(), left.error * 100.0))
-            .collect();
-        print_line(format!(
-            "Largest remaining error with these coefficients: {}.",
-            left.join(", ")
-        ))?;
-        if outcome.missed > 0 {
-            print_line(format!("{} motions were skipped.", outcome.missed))?;
-        }
-    }
-    print_line(format!("\n{}", group_file::lines(&calibration.file)))
-}
-
-/// What every robot computes with, as it was written.
-fn constants_json(calibration: &Calibration) -> Vec<Value> {
-    let robots = calibration.file.robots.iter();
-    let each = robots.map(|robot| {
-        let rollers = robot.rollers.as_ref();
-        let constant = rollers.map_or(&robot.compensation, |rollers| &rollers.compensation);
-        let table = rollers
-            .is_none()
-            .then_some(&robot.compensation_table)
-            .map(|table| {
-                let rows = |rows: &[compensation::Row]| {
-                    rows.iter().map(|row| row.pair()).collect::<Vec<_>>()
-                };
-                let oblique = table.oblique.iter();
-                let oblique: Vec<_> = oblique
-                    .map(|row| [row.speed, row.longitudinal, row.lateral])
-                    .collect();
-                json!({"longitudinal": rows(&table.longitudinal),
-                    "lateral": rows(&table.lateral), "oblique": oblique,
-                    "yaw": rows(&table.yaw)})
-            });
-        json!({
-            "node": robot.node,
-            "longitudinal": constant.longitudinal(),
-            "lateral": constant.lateral(),
-            "yaw": constant.yaw(),
-            "table": table,
-            "phases_deg": rollers.map(|r| r.phases.map(f32::to_degrees)),
-        })
-    });
-    each.collect()
-}
-
-fn outcome_json(outcome: &omnibus::commission::calibrate::Outcome) -> Value {
-    let rows: Vec<Value> = coefficients(outcome)
-        .into_iter()
-        .map(|(axis, way, row)| {
-            json!({
-                "motion": way.name(),
-                "speed": row.speed,
-                "unit": way.unit(),
-                "axis": axis,
-                "coefficient": row.fit.coefficient,
-                "low": row.fit.interval.0,
-                "high": row.fit.interval.1,
-                "residual": row.fit.residual,
-                "used": row.fit.used,
-                "rejected": row.fit.rejected,
-            })
-        })
-        .collect();
-    let left: Vec<Value> = outcome
-        .left
-        .iter()
-        .map(|left| {
-            json!({
-                "motion": left.way.name(),
-                "speed": left.speed,
-                "percent": left.error * 100.0,
-            })
-        })
-        .collect();
-    json!({"nodes": outcome.nodes, "coefficients": rows, "left": left, "missed": outcome.missed})
 }
