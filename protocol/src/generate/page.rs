@@ -61,9 +61,9 @@ end by one with error code 0.
 ";
 
 const OBJECT_NOTES: &str = "\
-Access: *const* never changes, *ro* is written by the robot only, *rw* at any time, *set* is a
-parameter: refused while OPERATIONAL (abort 0x08000022). **Required** parameters must be written
-before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too high),
+Access: *const* never changes, *ro* is written by the robot only, *wo* cannot be read, *rw* may be
+written at any time unless its line says when, *set* is a parameter: refused while OPERATIONAL
+(abort 0x08000022). **Required** parameters must be written before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too high),
 0x06090032 (too low) or 0x06090030 (not a number), and nothing changes. Sub-index 0 of a record
 reads its highest sub-index. What is read by SDO is what is at that moment; what is sent as a PDO is
 what was at its SYNC. The code of a robot that is not started (0x2110:5) is what speaks against a
@@ -130,9 +130,9 @@ pose (0x2112), counters and histories go on. A robot that moves ramps down with 
 The switches on the board give it, unless LSS has stored one, which comes first: 0x2001:4 shows the
 one, 0x2001:5 the other. A node given by LSS takes effect at the next reset; LSS `store` keeps it
 (nodes 2 to 17), LSS node 255 and `store` forgets it. Saving and restoring parameters leaves it
-alone. Both are refused (error 0xFF) while the robot is OPERATIONAL or not at rest, and when it was
-addressed together with other robots that it has heard. Configure bit timing (0x13) is answered with
-error 1: the bit rate is 1 Mbit/s.
+alone. LSS neither gives nor stores a node (error 0xFF) while the robot is OPERATIONAL or not at
+rest, and when it was addressed together with other robots that it has heard. Configure bit timing
+(0x13) is answered with error 1: the bit rate is 1 Mbit/s.
 
 Two robots with one number are a fault of both (0xFF1C, DuplicateNode): each hears an identifier
 that only it should send.
@@ -321,7 +321,8 @@ fn codes<W: Write>(out: &mut W) -> Result {
     writeln!(out, "## Limits\n")?;
     writeln!(
         out,
-        "Active but moving; they go away by themselves.\n\n| code | name | meaning |\n|---|---|---|"
+        "A limit stops nothing by itself: it says why the robot does less than it was asked, or may soon. It
+ends when its cause does.\n\n| code | name | meaning |\n|---|---|---|"
     )?;
     for limit in Limit::ALL {
         writeln!(
