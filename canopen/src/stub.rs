@@ -52,6 +52,12 @@ impl Device {
         self.config.node
     }
 
+    /// As configured.
+    #[must_use]
+    pub const fn heartbeat_ms(&self) -> u16 {
+        self.config.heartbeat_ms
+    }
+
     /// All of them.
     #[must_use]
     pub const fn function_codes(&self) -> u16 {
