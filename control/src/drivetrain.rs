@@ -20,7 +20,18 @@ use kinematics::{
     GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
+use crate::quantity::Angle;
 use crate::rollers::Rolling;
+
+/// The kinematics that take the tick's own numbers.
+#[cfg(feature = "fixed-point")]
+const fn raw(wheels: &Kinematics) -> &kinematics::MemberKinematics<fixed::types::I16F16> {
+    wheels.member()
+}
+#[cfg(not(feature = "fixed-point"))]
+const fn raw(wheels: &Kinematics) -> &Kinematics {
+    wheels
+}
 
 /// Wheels, mount and compensation of one robot.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -122,6 +133,13 @@ impl Drivetrain {
     #[inline]
     pub fn slip_residual(&self, rates: &WheelRates) -> f32 {
         self.wheels.slip_residual(rates)
+    }
+
+    /// What no rigid motion explains in these angles of the wheels.
+    #[inline]
+    pub(crate) fn unexplained(&self, turned: [Angle; 4]) -> Angle {
+        let turned = WheelRates::from(turned.map(Angle::scalar));
+        Angle::from_scalar(raw(&self.wheels).slip_residual(&turned))
     }
 
     /// The factors of a robot that stands.

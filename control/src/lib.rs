@@ -34,6 +34,7 @@ pub mod limiter;
 pub mod math;
 pub mod observer;
 pub mod output_stage;
+pub mod quantity;
 pub mod rollers;
 pub mod setpoint;
 mod silence;

@@ -28,13 +28,6 @@ pub fn sqrt(value: f32) -> f32 {
     }
 }
 
-/// The value, or zero where it is negative: three instructions, a comparison of floats takes six.
-#[inline(always)]
-pub(crate) const fn not_below_zero(value: f32) -> f32 {
-    let bits = value.to_bits().cast_signed();
-    f32::from_bits((bits & !(bits >> 31)).cast_unsigned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -29,26 +29,27 @@
 //!
 //! Cost: 31 instructions a wheel.
 
-use crate::math::not_below_zero;
+use crate::quantity::{Angle, Duration, Half, Rate, Time};
 
 /// A suspicion takes this time at the expected rate, s,
-const SUSPECTED_TIME: f32 = 0.010;
+const SUSPECTED_TIME: Time = Time::new(0.010);
 /// and as many counts.
 const SUSPECTED_COUNTS: f32 = 3.0;
 /// Certainty takes this time at the expected rate, s,
-const DEAD_TIME: f32 = 0.015;
+const DEAD_TIME: Time = Time::new(0.015);
 /// and this angle, rad: more than the play between motor and wheel,
 const DEAD_ANGLE: f32 = 0.05;
 /// and at least as many counts.
 const DEAD_COUNTS: f32 = 8.0;
 
 /// Counts that come in a bunch on an open input,
-const STRAY_COUNTS: f32 = 4.0;
+const STRAY_COUNTS: Duration = Duration::new(4.0);
 /// and a second.
 pub(crate) const STRAY_COUNTS_PER_SECOND: f32 = 20.0;
+const STRAY: Duration = Duration::new(STRAY_COUNTS_PER_SECOND);
 
 /// A wheel that is expected to be slower counts as at rest, rad/s.
-const STANDS: f32 = 0.02;
+const STANDS: Rate = Rate::new(0.02);
 
 /// State of an encoder.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -65,19 +66,19 @@ pub(crate) enum Trust {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Silence {
     /// rad a count.
-    step: f32,
+    step: Angle,
     /// Half of what the counts and the angle above are, rad.
-    suspected_angle: f32,
-    dead_angle: f32,
+    suspected_angle: Angle,
+    dead_angle: Angle,
     /// What is missed of the angle asked for is compared with it: the first of the two, or less
     /// than anything once the encoder is dead, which saves a test of the flag.
-    alarm: f32,
+    alarm: Angle,
     /// Of half the angle asked for, and of half the angle implied, rad.
-    missed_asked: f32,
-    missed_implied: f32,
+    missed_asked: Angle,
+    missed_implied: Angle,
     /// Net of the counts since the suspicion, rad, and how long that is, s.
-    counted: f32,
-    lasted: f32,
+    counted: Angle,
+    lasted: Duration,
     /// Latched until [`Silence::reset`].
     dead: bool,
 }
@@ -85,94 +86,97 @@ pub(crate) struct Silence {
 impl Silence {
     /// For an encoder whose count is `step` rad, positive. A disabled check never suspects the
     /// encoder.
-    pub(crate) const fn new(step: f32, listens: bool) -> Self {
+    pub(crate) fn new(step: f32, listens: bool) -> Self {
         let counts = DEAD_COUNTS * step;
         let suspected_angle = if listens {
-            0.5 * SUSPECTED_COUNTS * step
+            Angle::new(0.5 * SUSPECTED_COUNTS * step)
         } else {
-            f32::INFINITY
+            Angle::MAX
         };
         Self {
-            step,
+            step: Angle::new(step),
             suspected_angle,
             alarm: suspected_angle,
-            dead_angle: 0.5
-                * if counts > DEAD_ANGLE {
-                    counts
-                } else {
-                    DEAD_ANGLE
-                },
-            missed_asked: 0.0,
-            missed_implied: 0.0,
-            counted: 0.0,
-            lasted: 0.0,
+            dead_angle: Angle::new(0.5 * counts.max(DEAD_ANGLE)),
+            missed_asked: Angle::ZERO,
+            missed_implied: Angle::ZERO,
+            counted: Angle::ZERO,
+            lasted: Duration::ZERO,
             dead: false,
         }
     }
 
     /// Drops a suspicion, but no fault.
     pub(crate) fn forgive(&mut self) {
-        self.missed_asked = 0.0;
+        self.missed_asked = Angle::ZERO;
     }
 
     /// Clears its state.
     pub(crate) fn reset(&mut self) {
         self.dead = false;
         self.alarm = self.suspected_angle;
-        self.missed_asked = 0.0;
+        self.missed_asked = Angle::ZERO;
     }
 
     /// Evaluates one tick of `dt` s: the reference rate, rad/s, the angle that the other three
     /// wheels imply, and the angle of the encoder, rad.
     #[inline(always)]
-    pub(crate) fn update(&mut self, rate_ref: f32, implied: f32, turned: f32, dt: f32) -> Trust {
+    pub(crate) fn update(
+        &mut self,
+        rate_ref: Rate,
+        implied: Angle,
+        turned: Angle,
+        dt: Time,
+    ) -> Trust {
         // Along the reference everything is positive. Half of a difference costs less than the
         // difference of halves.
-        let half = if rate_ref < 0.0 { -0.5 } else { 0.5 };
+        let half = Half::along(rate_ref);
         let twice = turned + turned;
-        let missed = self.missed_implied + half * (implied - twice);
-        self.missed_implied = not_below_zero(missed);
+        let missed = self.missed_implied + half.of(implied - twice);
+        self.missed_implied = missed.not_below_zero();
         let before = self.missed_asked;
-        let missed = before + half * (rate_ref * dt - twice);
-        self.missed_asked = not_below_zero(missed);
+        let asked: Angle = rate_ref.times(dt);
+        let missed = before + half.of(asked - twice);
+        self.missed_asked = missed.not_below_zero();
         if missed > self.alarm {
             if before <= self.suspected_angle {
                 // Not the counts of this tick, in which the encoder may have stopped. Counts
                 // against the reference come from a live encoder.
-                self.counted = -not_below_zero(half * twice);
-                self.lasted = 0.0;
+                self.counted = -half.of(twice).not_below_zero();
+                self.lasted = Duration::ZERO;
             }
-            return self.suspect(rate_ref.abs(), half * twice, dt);
+            return self.suspect(rate_ref.abs(), half.of(twice), dt);
         }
         Trust::Full
     }
 
     #[cold]
     #[inline(never)]
-    fn suspect(&mut self, asked: f32, counted: f32, dt: f32) -> Trust {
+    fn suspect(&mut self, asked: Rate, counted: Angle, dt: Time) -> Trust {
         if self.dead {
             return Trust::None;
         }
         if asked < STANDS {
-            self.missed_asked = 0.0;
+            self.missed_asked = Angle::ZERO;
             return Trust::Full;
         }
         self.counted += counted;
-        self.lasted += dt;
+        self.lasted += dt.to();
         let missed = self.missed_asked.min(self.missed_implied);
-        let half = 0.5 * asked;
-        if missed <= self.suspected_angle + half * SUSPECTED_TIME {
+        let half = asked.half();
+        if missed <= self.suspected_angle + half.times(SUSPECTED_TIME) {
             return Trust::Full;
         }
-        let stray = self.step * (STRAY_COUNTS + STRAY_COUNTS_PER_SECOND * self.lasted);
-        if self.counted.abs() > stray {
+        // In counts.
+        let stray = STRAY_COUNTS + self.lasted.times(STRAY);
+        if self.counted.abs() > self.step.times(stray) {
             // The encoder is alive but the wheel does not follow: this is not a fault of the
             // encoder.
             return Trust::Full;
         }
-        self.dead = missed > self.dead_angle + half * DEAD_TIME;
+        self.dead = missed > self.dead_angle + half.times(DEAD_TIME);
         if self.dead {
-            self.alarm = f32::NEG_INFINITY;
+            self.alarm = Angle::MIN;
             Trust::None
         } else {
             Trust::Suspected
@@ -188,11 +192,22 @@ mod tests {
     /// 4096 counts a turn.
     const STEP: f32 = core::f32::consts::TAU / 4096.0;
 
+    /// One tick, in rad/s, rad and s.
+    fn update(silence: &mut Silence, rate: f32, implied: f32, turned: f32, dt: f32) -> Trust {
+        silence.update(
+            Rate::new(rate),
+            Angle::new(implied),
+            Angle::new(turned),
+            Time::new(dt),
+        )
+    }
+
     /// Milliseconds until an encoder is known dead that counts `turned(ms)` rad while `rate` is
     /// expected.
     fn dead_after(rate: f32, turned: impl Fn(u32) -> f32) -> Option<u32> {
         let mut silence = Silence::new(STEP, true);
-        (1..=5_000).find(|tick| silence.update(rate, rate * DT, turned(*tick), DT) == Trust::None)
+        (1..=5_000)
+            .find(|tick| update(&mut silence, rate, rate * DT, turned(*tick), DT) == Trust::None)
     }
 
     /// What a wheel that turns at `rate` counts in the tick that ends at `ms`, rad.
@@ -205,7 +220,7 @@ mod tests {
     #[test]
     fn silence_is_certain_after_the_time_of_the_closed_form() {
         for rate in [0.131, 0.33, 0.66, 1.97, 3.94, -3.94, 15.0_f32] {
-            let want = 1e3 * (DEAD_TIME + DEAD_ANGLE / rate.abs());
+            let want = 1e3 * (DEAD_TIME.to_f32() + DEAD_ANGLE / rate.abs());
             let took = dead_after(rate, |_| 0.0).unwrap();
             assert!((took as f32 - want).abs() <= 1.5, "{took} ms, not {want}");
         }
@@ -219,9 +234,9 @@ mod tests {
         let (rate, dt) = (3.94, DT);
         for share in [0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.9] {
             let mut silence = Silence::new(FINE, true);
-            silence.update(rate, rate * dt, share * rate * dt, dt);
+            update(&mut silence, rate, rate * dt, share * rate * dt, dt);
             let wanted = (1..=1_000)
-                .find(|_| silence.update(rate, rate * dt, 0.0, dt) == Trust::None)
+                .find(|_| update(&mut silence, rate, rate * dt, 0.0, dt) == Trust::None)
                 .unwrap();
             assert!(wanted <= 29, "{share}: {wanted} ms");
         }
@@ -274,7 +289,7 @@ mod tests {
     fn nothing_is_expected_of_a_wheel_whose_neighbours_stand() {
         let mut silence = Silence::new(STEP, true);
         for _ in 0..5_000 {
-            assert_eq!(silence.update(2.0, 0.0, 0.0, DT), Trust::Full);
+            assert_eq!(update(&mut silence, 2.0, 0.0, 0.0, DT), Trust::Full);
         }
     }
 
@@ -285,13 +300,13 @@ mod tests {
         let mut silence = Silence::new(STEP, true);
         let (rate, long) = (4.0, 0.022);
         for _ in 0..100 {
-            let trust = silence.update(rate, rate * DT, rate * DT, DT);
+            let trust = update(&mut silence, rate, rate * DT, rate * DT, DT);
             assert_eq!(trust, Trust::Full);
         }
-        let trust = silence.update(rate, rate * long, -rate * long, long);
+        let trust = update(&mut silence, rate, rate * long, -rate * long, long);
         assert_eq!(trust, Trust::Full);
         for _ in 0..20 {
-            let trust = silence.update(rate, rate * DT, -rate * DT, DT);
+            let trust = update(&mut silence, rate, rate * DT, -rate * DT, DT);
             assert_eq!(trust, Trust::Full);
         }
     }

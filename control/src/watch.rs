@@ -29,6 +29,7 @@ use crate::time::Micros;
 use protocol::Fault;
 
 use crate::configuration::{Configuration, WheelConfiguration};
+use crate::quantity::{Rate, Time, Voltage};
 use crate::silence::STRAY_COUNTS_PER_SECOND;
 use crate::wheel::{Gains, WheelMeasurement};
 
@@ -46,7 +47,7 @@ const SLOWED: f32 = 0.2;
 const UNSLOWED: f32 = 0.9;
 
 /// A wheel this close to its reference is healthy, rad/s.
-const WELL: f32 = 0.02;
+const WELL: Rate = Rate::new(0.02);
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Suspicion {
@@ -63,8 +64,8 @@ struct Suspicion {
 
 impl Suspicion {
     fn add(&mut self, measured: WheelMeasurement, voltage: f32, gains: &Gains, dt: f32) {
-        let rate = measured.rate.abs();
-        self.travel += measured.turned;
+        let rate = measured.rate.to_f32().abs();
+        self.travel += measured.turned.to_f32();
         self.fastest = self.fastest.max(rate);
         if gains.acceleration > 0.0 {
             let against = voltage.abs() + gains.static_friction + gains.speed * rate;
@@ -84,7 +85,7 @@ impl Suspicion {
 struct Tick {
     now: Micros,
     /// Since the last tick, s.
-    dt: f32,
+    dt: Time,
     whole: bool,
 }
 
@@ -92,9 +93,9 @@ struct Tick {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Watch {
     gains: Gains,
-    blocked_rate: f32,
+    blocked_rate: Rate,
     /// Voltage that certainly turns a free wheel.
-    effort: f32,
+    effort: Voltage,
     /// Two counts, rad: one may come from vibration at an edge.
     nothing: f32,
     /// Rate that an open input may count, rad/s.
@@ -113,8 +114,10 @@ impl Watch {
         let short_s = (time_us / INVERTED_DIVISOR) as f32 * 1e-6;
         Self {
             gains: wheel.gains,
-            blocked_rate,
-            effort: 1.5 * wheel.gains.static_friction + 0.1 * wheel.gains.speed * blocked_rate,
+            blocked_rate: Rate::new(blocked_rate),
+            effort: Voltage::new(
+                1.5 * wheel.gains.static_friction + 0.1 * wheel.gains.speed * blocked_rate,
+            ),
             nothing: 2.0 * wheel.step.abs(),
             stray: STRAY_COUNTS_PER_SECOND * wheel.step.abs(),
             against: 0.25 * blocked_rate * short_s,
@@ -149,25 +152,33 @@ impl Watch {
     #[inline]
     pub(crate) fn update(
         &mut self,
-        rate_ref: f32,
+        rate_ref: Rate,
         measured: WheelMeasurement,
-        voltage: f32,
+        voltage: Voltage,
         now: Micros,
-        dt: f32,
+        dt: Time,
     ) {
         let behind = (rate_ref - measured.rate).abs();
         let whole = behind > self.blocked_rate;
-        let suspicious = whole || behind > 0.5 * rate_ref.abs() + WELL;
+        let suspicious = whole || behind > rate_ref.abs().half() + WELL;
         if !suspicious || voltage.abs() < self.effort {
             self.suspicion = None;
-        } else if self.blocked_rate > 0.0 {
+        } else if self.blocked_rate > Rate::ZERO {
             self.suspect(rate_ref, measured, voltage, Tick { now, dt, whole });
         }
     }
 
     #[cold]
-    fn suspect(&mut self, rate_ref: f32, measured: WheelMeasurement, voltage: f32, tick: Tick) {
+    fn suspect(
+        &mut self,
+        rate_ref: Rate,
+        measured: WheelMeasurement,
+        voltage: Voltage,
+        tick: Tick,
+    ) {
         let stands = rate_ref.abs() < WELL;
+        let (rate_ref, voltage) = (rate_ref.to_f32(), voltage.to_f32());
+        let rate = measured.rate.to_f32().abs();
         // A weak suspicion at standstill may have come from the estimate, which still lagged behind
         // a push.
         let weak = |known: Suspicion| known.whole.is_none();
@@ -185,7 +196,7 @@ impl Watch {
         if tick.whole {
             suspicion.whole.get_or_insert(tick.now);
         }
-        suspicion.add(measured, voltage, &self.gains, tick.dt);
+        suspicion.add(measured, voltage, &self.gains, tick.dt.to_f32());
         let suspicion = *suspicion;
         let lasted_us = tick.now.since(suspicion.since).0;
         let whole_us = suspicion.whole.map(|since| tick.now.since(since).0);
@@ -200,7 +211,7 @@ impl Watch {
             direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
         };
         let goes_back = whole_us.is_some_and(|us| us >= short_us) && against(rate_ref);
-        let runs = suspicion.runs(measured.rate.abs());
+        let runs = suspicion.runs(rate);
         let reversed = lasted_us >= short_us && against(voltage) && (goes_back || runs);
         let found = if reversed {
             Fault::EncoderInverted

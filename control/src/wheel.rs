@@ -18,13 +18,19 @@
 //!
 //! Cost: about 45 instructions for one wheel.
 
+use crate::quantity::{
+    Acceleration, AccelerationGain, Angle, AngleGain, Integral, Large, Rate, RateGain, Ratio, Time,
+    Voltage,
+};
 use crate::silence::Trust;
 
 /// Below this rate (rad/s) the static friction term fades out, so that a reference that jitters
 /// around zero does not make the motor buzz. A wheel that barely turns, as two of four do in
 /// oblique motion, still has to turn: the rate is ten steps of the setpoint (0.1 mm/s at a radius
 /// of 0.15 m), not more.
-const FRICTION_FADE: f32 = 0.01;
+const FRICTION_FADE: Rate = Rate::new(0.01);
+/// One over it, s/rad.
+const PER_FADE: RateGain = RateGain::new(100.0);
 
 /// Motor and loop of one wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -45,27 +51,27 @@ pub struct Gains {
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelReference {
     /// rad/s.
-    pub rate: f32,
+    pub rate: Rate,
     /// rad/s^2.
-    pub acceleration: f32,
+    pub acceleration: Acceleration,
 }
 
 /// Measurement of a wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelMeasurement {
     /// The estimated rate, rad/s.
-    pub rate: f32,
+    pub rate: Rate,
     /// Angle that the encoder counted since the last tick, rad.
-    pub turned: f32,
+    pub turned: Angle,
 }
 
 /// Bounds of a loop in a tick.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Available {
     /// Largest voltage, V.
-    pub voltage: f32,
+    pub voltage: Voltage,
     /// Time since the last tick, s.
-    pub dt: f32,
+    pub dt: Time,
 }
 
 /// The limit of a wheel's voltage that applies.
@@ -80,11 +86,16 @@ pub struct Held {
 /// The loop around one wheel.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct WheelLoop {
-    gains: Gains,
+    static_friction: Voltage,
+    speed: RateGain,
+    acceleration: AccelerationGain,
+    proportional: RateGain,
+    rising: AngleGain,
     /// Largest voltage beyond the back EMF, V.
-    torque: f32,
-    unwind: f32,
-    integral: f32,
+    torque: Voltage,
+    /// 1/s.
+    unwind: Large,
+    integral: Integral,
 }
 
 impl WheelLoop {
@@ -92,14 +103,18 @@ impl WheelLoop {
     #[must_use]
     pub fn new(gains: Gains, torque: f32) -> Self {
         Self {
-            gains,
-            torque,
+            static_friction: Voltage::new(gains.static_friction),
+            speed: RateGain::new(gains.speed),
+            acceleration: AccelerationGain::new(gains.acceleration),
+            proportional: RateGain::new(gains.proportional),
+            rising: AngleGain::new(gains.integral),
+            torque: Voltage::new(torque),
             unwind: if gains.proportional > 0.0 {
-                gains.integral / gains.proportional
+                Large::new(gains.integral / gains.proportional)
             } else {
-                0.0
+                Large::ZERO
             },
-            integral: 0.0,
+            integral: Integral::ZERO,
         }
     }
 
@@ -110,61 +125,68 @@ impl WheelLoop {
     pub fn update(
         &mut self,
         reference: WheelReference,
-        rate: f32,
+        rate: Rate,
         tick: Available,
         held: &mut Held,
-    ) -> f32 {
+    ) -> Voltage {
         let error = reference.rate - rate;
-        let wanted = self.feedforward(reference) + self.gains.proportional * error + self.integral;
-        let effort = wanted - self.gains.speed * rate;
+        let wanted =
+            self.feedforward(reference) + self.proportional.times(error) + self.integral.voltage();
+        let effort = wanted - self.speed.times(rate);
         if wanted.abs() <= tick.voltage && effort.abs() <= self.torque {
-            self.integral += self.gains.integral * error * tick.dt;
+            self.rise(error, tick.dt);
             return wanted;
         }
         self.hold(wanted, reference.rate, rate, tick, held)
     }
 
+    /// Lets the integral part follow an error.
+    #[inline(always)]
+    fn rise(&mut self, error: Rate, dt: Time) {
+        self.integral.add(self.rising, error.times(dt));
+    }
+
     /// What the motor needs by its model, V.
     #[inline]
-    fn feedforward(&self, reference: WheelReference) -> f32 {
-        let gains = &self.gains;
+    fn feedforward(&self, reference: WheelReference) -> Voltage {
         // Compared, not clamped: `clamp` on this target is two calls.
-        let sign = if reference.rate > FRICTION_FADE {
-            1.0
+        let friction = if reference.rate > FRICTION_FADE {
+            self.static_friction
         } else if reference.rate < -FRICTION_FADE {
-            -1.0
+            -self.static_friction
         } else {
-            reference.rate * (1.0 / FRICTION_FADE)
+            let share: Ratio = reference.rate.times(PER_FADE);
+            self.static_friction.times(share)
         };
-        gains.static_friction * sign
-            + gains.speed * reference.rate
-            + gains.acceleration * reference.acceleration
+        friction
+            + self.speed.times(reference.rate)
+            + self.acceleration.times(reference.acceleration)
     }
 
     /// More is wanted than the torque bound or the supply allows.
     #[cold]
     fn hold(
         &mut self,
-        wanted: f32,
-        rate_ref: f32,
-        rate: f32,
+        wanted: Voltage,
+        rate_ref: Rate,
+        rate: Rate,
         tick: Available,
         held: &mut Held,
-    ) -> f32 {
+    ) -> Voltage {
         let given = self.bound(wanted, rate, tick.voltage, held);
         let (excess, error) = (wanted - given, rate_ref - rate);
-        if excess * error <= 0.0 {
-            self.integral += self.gains.integral * error * tick.dt;
-        } else if excess * self.integral > 0.0 {
-            self.integral -= self.unwind * excess * tick.dt;
+        if !excess.agrees(error) {
+            self.rise(error, tick.dt);
+        } else if excess.agrees(self.integral.voltage()) {
+            self.integral.unwind(excess, self.unwind.times(tick.dt));
         }
         given
     }
 
     /// The part of a voltage that the torque bound leaves for a wheel at `rate`, and then the
     /// supply.
-    fn bound(&self, wanted: f32, rate: f32, available: f32, held: &mut Held) -> f32 {
-        let emf = self.gains.speed * rate;
+    fn bound(&self, wanted: Voltage, rate: Rate, available: Voltage, held: &mut Held) -> Voltage {
+        let emf: Voltage = self.speed.times(rate);
         let eased = wanted.max(emf - self.torque).min(emf + self.torque);
         let given = eased.max(-available).min(available);
         held.supply |= given != eased;
@@ -181,25 +203,32 @@ impl WheelLoop {
     pub(crate) fn doubt(
         &mut self,
         reference: WheelReference,
-        rate: f32,
+        rate: Rate,
         trust: Trust,
         tick: Available,
         held: &mut Held,
-    ) -> f32 {
-        let friction = self.gains.static_friction;
+    ) -> Voltage {
+        let friction = self.static_friction;
         let correction = match trust {
             Trust::Full | Trust::Suspected => {
                 let error = reference.rate - rate;
-                let half = 0.5 * friction;
-                let push = (self.gains.proportional * error).max(-half).min(half);
-                if (self.integral + push) * error.signum() < friction {
-                    self.integral += self.gains.integral * error * tick.dt;
+                let half = friction.half();
+                let push: Voltage = self.proportional.times(error);
+                let push = push.max(-half).min(half);
+                let correction = self.integral.voltage() + push;
+                let along = if error < Rate::ZERO {
+                    -correction
+                } else {
+                    correction
+                };
+                if along < friction {
+                    self.rise(error, tick.dt);
                 }
-                self.integral + push
+                self.integral.voltage() + push
             }
             Trust::None => {
-                self.integral = 0.0;
-                0.0
+                self.integral = Integral::ZERO;
+                Voltage::ZERO
             }
         };
         let wanted = self.feedforward(reference) + correction;
@@ -208,7 +237,7 @@ impl WheelLoop {
 
     /// Forgets the past.
     pub fn reset(&mut self) {
-        self.integral = 0.0;
+        self.integral = Integral::ZERO;
     }
 }
 
@@ -217,6 +246,12 @@ mod tests {
     use super::*;
 
     const DT: f32 = 1e-3;
+    /// Digits of a sum of a few volts, V; in fixed point half a step of 2^-15 for each term.
+    const EXACT: f32 = if cfg!(feature = "fixed-point") {
+        0.5 * 4.0 / 32_768.0
+    } else {
+        1e-6
+    };
     const GAINS: Gains = Gains {
         static_friction: 0.6,
         speed: 1.2,
@@ -226,7 +261,31 @@ mod tests {
     };
 
     fn at(voltage: f32) -> Available {
-        Available { voltage, dt: DT }
+        Available {
+            voltage: Voltage::new(voltage),
+            dt: Time::new(DT),
+        }
+    }
+
+    /// Reference at this rate, rad/s, and acceleration, rad/s^2.
+    fn reference(rate: f32, acceleration: f32) -> WheelReference {
+        WheelReference {
+            rate: Rate::new(rate),
+            acceleration: Acceleration::new(acceleration),
+        }
+    }
+
+    /// The loop's voltage at this rate, rad/s, in V.
+    fn given(
+        wheel: &mut WheelLoop,
+        reference: WheelReference,
+        rate: f32,
+        tick: Available,
+        held: &mut Held,
+    ) -> f32 {
+        wheel
+            .update(reference, Rate::new(rate), tick, held)
+            .to_f32()
     }
 
     /// A torque bound that is never met, V.
@@ -258,15 +317,9 @@ mod tests {
     fn ramp(t: f32) -> WheelReference {
         // Up to 6 rad/s at 6 rad/s^2.
         if t < 1.0 {
-            WheelReference {
-                rate: 6.0 * t,
-                acceleration: 6.0,
-            }
+            reference(6.0 * t, 6.0)
         } else {
-            WheelReference {
-                rate: 6.0,
-                acceleration: 0.0,
-            }
+            reference(6.0, 0.0)
         }
     }
 
@@ -288,10 +341,10 @@ mod tests {
         for tick in 0..2000_i16 {
             let reference = ramp(f32::from(tick) * DT);
             let mut held = Held::default();
-            let voltage = wheel.update(reference, motor.rate, at(24.0), &mut held);
+            let voltage = given(&mut wheel, reference, motor.rate, at(24.0), &mut held);
             assert_eq!(held, Held::default());
             motor.step(voltage);
-            worst = worst.max((reference.rate - motor.rate).abs());
+            worst = worst.max((reference.rate.to_f32() - motor.rate).abs());
         }
         // The fade-in of the friction term, and one tick of delay.
         assert!(worst < 0.06, "error {worst}");
@@ -305,7 +358,8 @@ mod tests {
             mismatch: 1.3,
         };
         for tick in 0..3000_i16 {
-            let voltage = wheel.update(
+            let voltage = given(
+                &mut wheel,
                 ramp(f32::from(tick) * DT),
                 motor.rate,
                 at(24.0),
@@ -326,20 +380,22 @@ mod tests {
                 rate: 0.0,
                 mismatch: 1.0,
             };
-            let constant = |rate| WheelReference {
-                rate,
-                acceleration: 0.0,
-            };
+            let constant = |rate| reference(rate, 0.0);
             for _ in 0..ticks {
                 let mut held = Held::default();
-                let voltage = wheel.update(constant(30.0), motor.rate, at(12.0), &mut held);
+                let voltage = given(&mut wheel, constant(30.0), motor.rate, at(12.0), &mut held);
                 assert!(voltage.abs() <= 12.0 && held.supply);
                 motor.step(voltage);
             }
             let mut rates = std::vec::Vec::new();
             for _ in 0..1000 {
-                let voltage =
-                    wheel.update(constant(4.0), motor.rate, at(12.0), &mut Held::default());
+                let voltage = given(
+                    &mut wheel,
+                    constant(4.0),
+                    motor.rate,
+                    at(12.0),
+                    &mut Held::default(),
+                );
                 motor.step(voltage);
                 rates.push(motor.rate);
             }
@@ -356,40 +412,37 @@ mod tests {
     fn standing_still_needs_no_voltage() {
         let mut wheel = WheelLoop::new(GAINS, PLENTY);
         let mut held = Held::default();
-        let given = wheel.update(WheelReference::default(), 0.0, at(24.0), &mut held);
-        assert_eq!((given, held), (0.0, Held::default()));
+        let voltage = given(
+            &mut wheel,
+            WheelReference::default(),
+            0.0,
+            at(24.0),
+            &mut held,
+        );
+        assert_eq!((voltage, held), (0.0, Held::default()));
     }
 
     #[test]
     fn the_sign_of_every_term_is_forward_positive() {
         let mut wheel = WheelLoop::new(GAINS, PLENTY);
-        let reference = WheelReference {
-            rate: 2.0,
-            acceleration: 3.0,
-        };
-        let voltage = wheel.update(reference, 1.5, at(24.0), &mut Held::default());
+        let forward = reference(2.0, 3.0);
+        let voltage = given(&mut wheel, forward, 1.5, at(24.0), &mut Held::default());
         // 0.6 + 1.2*2 + 0.12*3 + 2*0.5.
-        assert!((voltage - 4.36).abs() < 1e-6);
+        assert!((voltage - 4.36).abs() < EXACT);
         let mut wheel = WheelLoop::new(GAINS, PLENTY);
-        let backward = WheelReference {
-            rate: -2.0,
-            acceleration: -3.0,
-        };
-        let voltage = wheel.update(backward, -1.5, at(24.0), &mut Held::default());
-        assert!((voltage + 4.36).abs() < 1e-6);
+        let backward = reference(-2.0, -3.0);
+        let voltage = given(&mut wheel, backward, -1.5, at(24.0), &mut Held::default());
+        assert!((voltage + 4.36).abs() < EXACT);
     }
 
     #[test]
     fn a_stalled_wheel_gets_the_bound_and_no_more_however_long() {
         // 6 V beyond the back EMF: 20 A into 0.3 ohm.
         let mut wheel = WheelLoop::new(GAINS, 6.0);
-        let reference = WheelReference {
-            rate: 4.0,
-            acceleration: 0.0,
-        };
+        let reference = self::reference(4.0, 0.0);
         for _ in 0..2_000 {
             let mut held = Held::default();
-            let voltage = wheel.update(reference, 0.0, at(24.0), &mut held);
+            let voltage = given(&mut wheel, reference, 0.0, at(24.0), &mut held);
             assert!(voltage <= 6.0);
             assert!(held.torque == (voltage == 6.0) && !held.supply);
         }
@@ -400,7 +453,13 @@ mod tests {
         };
         let mut fastest = 0.0_f32;
         for _ in 0..1_000 {
-            let voltage = wheel.update(reference, motor.rate, at(24.0), &mut Held::default());
+            let voltage = given(
+                &mut wheel,
+                reference,
+                motor.rate,
+                at(24.0),
+                &mut Held::default(),
+            );
             motor.step(voltage);
             fastest = fastest.max(motor.rate);
         }
@@ -412,27 +471,34 @@ mod tests {
     fn plugging_is_bounded_too() {
         let mut wheel = WheelLoop::new(GAINS, 6.0);
         let mut held = Held::default();
-        let voltage = wheel.update(WheelReference::default(), 10.0, at(24.0), &mut held);
+        let voltage = given(
+            &mut wheel,
+            WheelReference::default(),
+            10.0,
+            at(24.0),
+            &mut held,
+        );
         // The back EMF is 12 V; the loop alone would give -20 V, 107 A into 0.3 ohm.
-        assert!((voltage - 6.0).abs() < 1e-5 && held.torque);
+        assert!((voltage - 6.0).abs() < EXACT && held.torque);
     }
 
     #[test]
     fn an_encoder_in_doubt_adds_no_more_than_the_friction() {
         let mut wheel = WheelLoop::new(GAINS, 6.0);
-        let reference = WheelReference {
-            rate: 2.0,
-            acceleration: 0.0,
-        };
+        let reference = self::reference(2.0, 0.0);
         // 0.6 + 1.2*2 and once more 0.6, and what the integral gains in a tick, 20*2 mV; then the
         // feedforward alone.
         let (mut most, mut held) = (0.0_f32, Held::default());
         for _ in 0..1_000 {
-            let voltage = wheel.doubt(reference, 0.0, Trust::Suspected, at(24.0), &mut held);
+            let voltage = wheel
+                .doubt(reference, Rate::ZERO, Trust::Suspected, at(24.0), &mut held)
+                .to_f32();
             most = most.max(voltage);
         }
-        assert!(most > 3.6 - 1e-5 && most < 3.64 + 1e-5, "{most}");
-        let voltage = wheel.doubt(reference, 0.0, Trust::None, at(24.0), &mut held);
-        assert!((voltage - 3.0).abs() < 1e-6);
+        assert!(most > 3.6 - EXACT && most < 3.64 + EXACT, "{most}");
+        let voltage = wheel
+            .doubt(reference, Rate::ZERO, Trust::None, at(24.0), &mut held)
+            .to_f32();
+        assert!((voltage - 3.0).abs() < EXACT);
     }
 }

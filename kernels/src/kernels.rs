@@ -2,6 +2,7 @@
 
 use core::hint::black_box;
 
+use control::quantity::{Acceleration, Rate, Time, Voltage};
 use control::wheel::{Available, Gains, Held, WheelLoop, WheelReference};
 use fixed::types::I16F16;
 use kinematics::arithmetic::sin_cos;
@@ -43,10 +44,10 @@ fn forward_odometry(k: &MemberKinematics, angles: &WheelRates, odometry: &mut Od
 }
 
 #[inline(never)]
-fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: f32, out: &mut f32) {
+fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: Rate, out: &mut Voltage) {
     let tick = Available {
-        voltage: 24.0,
-        dt: 1e-3,
+        voltage: Voltage::new(24.0),
+        dt: Time::from_micros(1_000),
     };
     *out = wheel.update(*reference, rate, tick, &mut Held::default());
 }
@@ -192,7 +193,7 @@ fn calls() -> Option<()> {
     let mut spread = Spread(1);
     for _ in 0..INPUTS {
         let twist = black_box(spread.twist());
-        let (mut rates, mut back, mut voltage) = (WheelRates::ZERO, Twist::ZERO, 0.0);
+        let (mut rates, mut back, mut voltage) = (WheelRates::ZERO, Twist::ZERO, Voltage::ZERO);
         let (mut coefficients, mut circle) = ([0.0; 3], (0.0, 0.0));
         nothing(&k, &twist, black_box(&mut rates));
         inverse_desaturated(&k, &twist, black_box(&mut rates));
@@ -202,10 +203,10 @@ fn calls() -> Option<()> {
         let angles = black_box(WheelRates::from(angles.map(|rate| rate * 1e-3)));
         forward_odometry(&k, &angles, black_box(&mut odometry));
         let reference = black_box(WheelReference {
-            rate: rates.front_left,
-            acceleration: 20.0 * spread.next(),
+            rate: Rate::new(rates.front_left),
+            acceleration: Acceleration::new(20.0 * spread.next()),
         });
-        let rate = black_box(rates.front_left + 0.2 * spread.next());
+        let rate = black_box(Rate::new(rates.front_left + 0.2 * spread.next()));
         wheel_loop(
             black_box(&mut wheel),
             &reference,

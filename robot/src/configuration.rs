@@ -10,6 +10,7 @@ use control::current::CurrentConfiguration;
 use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
 use control::output_stage::OutputStage;
+use control::quantity::{AccelerationGain, Angle};
 use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
 use control::smart_drive::{DriveConfiguration, frames};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
@@ -74,6 +75,7 @@ pub fn build(
     check_stop(parameters, &drivetrain)?;
     check_counts(parameters)?;
     check_gains(parameters)?;
+    check_quantities(parameters)?;
     check_supply(parameters)?;
     check_torque(parameters)?;
     let output_stage = output_stage(parameters, output_stages)?;
@@ -494,6 +496,21 @@ fn check_gains(parameters: &Parameters) -> Result<(), ConfigurationError> {
         ];
         if gains.into_iter().all(|gain| real(gain) == 0.0) {
             return Err(ConfigurationError::Inconsistent(motor::proportional(wheel)));
+        }
+    }
+    Ok(())
+}
+
+/// The control tick has numbers for all of these. In single precision it has them for whatever the
+/// table accepts (docs/numbers.md).
+fn check_quantities(parameters: &Parameters) -> Result<(), ConfigurationError> {
+    for wheel in 0..4 {
+        if !AccelerationGain::holds(parameters.real(motor::acceleration(wheel))) {
+            return Err(ConfigurationError::Inconsistent(motor::acceleration(wheel)));
+        }
+        let counts = encoder_counts(parameters, wheel) * parameters.real(at::GEAR_RATIO);
+        if !Angle::holds(core::f32::consts::TAU / counts) {
+            return Err(ConfigurationError::Inconsistent(at::GEAR_RATIO));
         }
     }
     Ok(())

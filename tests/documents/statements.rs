@@ -159,7 +159,7 @@ const STATEMENTS: &[Statement] = &[
         WHEELS,
         "missed 15 ms and 0.05 rad",
         SILENCE,
-        "DEAD_TIME: f32 = 0.015",
+        "DEAD_TIME: Time = Time::new(0.015)",
     ),
     says(
         WHEELS,
@@ -171,7 +171,7 @@ const STATEMENTS: &[Statement] = &[
         WHEELS,
         "after 10 ms and three missing counts",
         SILENCE,
-        "SUSPECTED_TIME: f32 = 0.010",
+        "SUSPECTED_TIME: Time = Time::new(0.010)",
     ),
     says(
         WHEELS,

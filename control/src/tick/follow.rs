@@ -4,9 +4,10 @@ use kinematics::WheelRates;
 use protocol::Limit;
 
 use super::grant::settled;
-use super::motion::{Motion, RESIDUAL_SCALE};
+use super::motion::Motion;
 use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs, Report};
+use crate::quantity::{Acceleration, Angle, Rate, Voltage};
 use crate::rollers::Rollers;
 use crate::setpoint::Input;
 use crate::wheel::{Held, WheelMeasurement, WheelReference};
@@ -28,7 +29,7 @@ impl Supervision {
         &mut self,
         motion: &mut Motion,
         command: &Command,
-        turned: [f32; 4],
+        turned: [Angle; 4],
         tick: &Tick,
     ) -> Outputs {
         let times = motion.configuration.brake;
@@ -97,7 +98,9 @@ impl Motion {
         } else {
             (Input::default(), &self.configuration.ramp)
         };
-        let limited = self.limiter.step(input.twist, input.slope, tick.dt, limits);
+        let limited = self
+            .limiter
+            .step(input.twist, input.slope, tick.dt.to_f32(), limits);
         if mode != Mode::Follow {
             // The next setpoint begins from here.
             self.interpolator
@@ -114,22 +117,20 @@ impl Motion {
     fn drive<D: WheelDrive>(
         &mut self,
         report: &mut Report,
-        turned: [f32; 4],
+        turned: [Angle; 4],
         tick: &Tick,
     ) -> Drive {
-        self.refer(report, tick.dt);
+        self.refer(report, tick.dt.to_f32());
         // Unrolled: a fifth fewer instructions than a loop.
         let [a, b, c, d] = &mut self.wheels;
         let signs = [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign];
-        let references: [f32; 4] = report.rates_ref.into();
-        let rates: [f32; 4] = report.rates.into();
+        let references = <[f32; 4]>::from(report.rates_ref).map(Rate::new);
+        let [oa, ob, oc, od] = [&a.observer, &b.observer, &c.observer, &d.observer];
+        let rates = [oa.rate(), ob.rate(), oc.rate(), od.rate()];
         let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
         let [seen_a, seen_b, seen_c, seen_d] = pairs(rates, turned, measurement);
         // From the counts, not from the rates: a wheel that stops is detected in the same tick.
-        let residual = self
-            .configuration
-            .drivetrain
-            .slip_residual(&turned.map(scaled).into());
+        let residual = self.configuration.drivetrain.unexplained(turned);
         let mut held = Held::default();
         let a = a.drive(ref_a, seen_a, residual, tick, &mut held);
         let b = b.drive(ref_b, seen_b, residual, tick, &mut held);
@@ -140,9 +141,9 @@ impl Motion {
             voltages = self.pause(voltages);
         }
         let wanted = Wanted {
-            voltages,
+            voltages: voltages.map(Voltage::to_f32),
             signs,
-            rates,
+            rates: report.rates.into(),
             supply: tick.supply,
         };
         Drive {
@@ -161,7 +162,7 @@ impl Motion {
 
     /// No voltage for one tick where its sign changes: for bridges that need it.
     #[cold]
-    fn pause(&mut self, mut voltages: [f32; 4]) -> [f32; 4] {
+    fn pause(&mut self, mut voltages: [Voltage; 4]) -> [Voltage; 4] {
         for (wheel, voltage) in self.wheels.iter_mut().zip(&mut voltages) {
             *voltage = wheel.pause(*voltage);
         }
@@ -184,36 +185,31 @@ impl Motion {
             let asked = drivetrain.member_twist(next, &self.factors);
             let next = wheels.inverse(asked, &ahead);
             report.rates_ref = now;
-            self.accelerations = per_second(&now, &next, dt);
+            self.accelerations = per_second(&now, &next, dt).map(Acceleration::new);
         } else {
             report.rates_ref = drivetrain.asked(velocity, &self.factors);
             let acceleration = self.limiter.acceleration();
-            self.accelerations = drivetrain.asked(acceleration, &self.factors).into();
+            let accelerations = drivetrain.asked(acceleration, &self.factors);
+            self.accelerations = <[f32; 4]>::from(accelerations).map(Acceleration::new);
         }
     }
 }
 
 /// Combines two values of every wheel into one.
 #[inline(always)]
-fn pairs<T>(first: [f32; 4], second: [f32; 4], make: fn(f32, f32) -> T) -> [T; 4] {
+fn pairs<A, B, T>(first: [A; 4], second: [B; 4], make: fn(A, B) -> T) -> [T; 4] {
     let [a, b, c, d] = first;
     let [e, f, g, h] = second;
     [make(a, e), make(b, f), make(c, g), make(d, h)]
 }
 
-/// The smallest angle of one tick that fixed point resolves; as a rate it has more digits.
 #[inline(always)]
-fn scaled(turned: f32) -> f32 {
-    turned * RESIDUAL_SCALE
-}
-
-#[inline(always)]
-const fn reference(rate: f32, acceleration: f32) -> WheelReference {
+const fn reference(rate: Rate, acceleration: Acceleration) -> WheelReference {
     WheelReference { rate, acceleration }
 }
 
 #[inline(always)]
-const fn measurement(rate: f32, turned: f32) -> WheelMeasurement {
+const fn measurement(rate: Rate, turned: Angle) -> WheelMeasurement {
     WheelMeasurement { rate, turned }
 }
 

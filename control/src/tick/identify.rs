@@ -8,6 +8,7 @@ use super::grant::settled;
 use super::motion::Motion;
 use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs};
+use crate::quantity::Angle;
 use crate::time::TICK_US;
 use crate::wheel_drive::{Wanted, WheelDrive};
 
@@ -20,7 +21,7 @@ impl Supervision {
         &mut self,
         motion: &mut Motion,
         command: &Command,
-        turned: [f32; 4],
+        turned: [Angle; 4],
         tick: &Tick,
     ) -> Outputs {
         let mode = self.report.mode;
@@ -28,7 +29,12 @@ impl Supervision {
         self.report.twist_ref = Twist::ZERO;
         self.report.rates_ref = WheelRates::ZERO;
         motion.rest(command.update);
-        let voltage = self.identification_voltage(motion, command, turned, tick.dt);
+        let voltage = self.identification_voltage(
+            motion,
+            command,
+            turned.map(Angle::to_f32),
+            tick.dt.to_f32(),
+        );
         let ramps = mode == Mode::Ramp && !self.report.standstill;
         let (limiter, rates) = (&motion.limiter, &self.report.rates);
         if mode == Mode::Off || ramps && settled(&mut self.settling, limiter, rates, tick.now) {

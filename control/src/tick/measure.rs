@@ -4,16 +4,17 @@ use kinematics::WheelRates;
 
 use super::motion::{Motion, Wheel};
 use crate::interface::{Inputs, Report};
+use crate::quantity::{Angle, Time};
 
 impl Motion {
     /// Angle by which each wheel turned, rad, a whole number of counts.
     #[inline]
-    fn turned(&self, previous: &[u16; 4], counts: &[u16; 4]) -> [f32; 4] {
+    fn turned(&self, previous: &[u16; 4], counts: &[u16; 4]) -> [Angle; 4] {
         let [a, b, c, d] = &self.wheels;
         let [pa, pb, pc, pd] = *previous;
         let [na, nb, nc, nd] = *counts;
         let one = |wheel: &Wheel, from: u16, to: u16| {
-            f32::from(to.wrapping_sub(from).cast_signed()) * wheel.step
+            wheel.step.turned(to.wrapping_sub(from).cast_signed())
         };
         [
             one(a, pa, na),
@@ -29,9 +30,9 @@ impl Motion {
         &mut self,
         previous: &[u16; 4],
         inputs: &Inputs,
-        dt: f32,
+        dt: Time,
         report: &mut Report,
-    ) -> [f32; 4] {
+    ) -> [Angle; 4] {
         let turned = self.turned(previous, &inputs.encoder_counts);
         let mut rates = [0.0; 4];
         for (((wheel, turned), acceleration), rate) in self
@@ -41,10 +42,15 @@ impl Motion {
             .zip(self.accelerations)
             .zip(&mut rates)
         {
-            *rate = wheel.observer.update(turned, acceleration, dt);
+            *rate = wheel.observer.update(turned, acceleration, dt).to_f32();
         }
         report.rates = WheelRates::from(rates);
-        self.locate(previous, inputs, &WheelRates::from(turned), report);
+        self.locate(
+            previous,
+            inputs,
+            &WheelRates::from(turned.map(Angle::to_f32)),
+            report,
+        );
         turned
     }
 

@@ -24,6 +24,7 @@ use crate::brake::Brake;
 use crate::configuration::Configuration;
 use crate::current::Current;
 use crate::interface::{Command, Inputs, Mode, Outputs, Report};
+use crate::quantity::{Time, Voltage};
 use crate::rollers::{RollerState, Rollers};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
@@ -42,14 +43,14 @@ const OVERDUE_US: u32 = 20_000;
 #[derive(Clone, Copy)]
 struct Tick {
     now: Micros,
-    /// Time since the last tick, s, bounded so that the observer stays stable after a long pause.
-    dt: f32,
+    /// Time since the last tick, bounded so that the observer stays stable after a long pause.
+    dt: Time,
     /// The same without the bound, us.
     elapsed_us: u32,
     /// Voltage at full duty, V.
     supply: f32,
     /// Voltage at the largest duty, V.
-    available: f32,
+    available: Voltage,
 }
 
 /// The control side of one robot.
@@ -219,12 +220,13 @@ impl Supervision {
                 self.report.obstacle = Some(Fault::OverCurrent);
             }
         }
+        let bounded_us = elapsed_us.clamp(TICK_US / 4, OVERDUE_US);
         Tick {
             now,
-            dt: elapsed_us.clamp(TICK_US / 4, OVERDUE_US) as f32 * 1e-6,
+            dt: Time::from_micros(bounded_us),
             elapsed_us,
             supply,
-            available: supply * bounds.duty_max,
+            available: Voltage::new(supply * bounds.duty_max),
         }
     }
 

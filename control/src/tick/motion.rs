@@ -8,6 +8,7 @@ use crate::configuration::Configuration;
 use crate::drivetrain::Factors;
 use crate::limiter::Limiter;
 use crate::observer::Observer;
+use crate::quantity::{Acceleration, Angle, Count, Ratio, Voltage};
 use crate::rollers::Rollers;
 use crate::setpoint::Interpolator;
 use crate::silence::{Silence, Trust};
@@ -18,23 +19,16 @@ use crate::wheel::{Available, Held, WheelLoop, WheelMeasurement, WheelReference}
 /// rad/s.
 const LEAST_RESIDUAL: f32 = 0.1;
 
-/// Factor of the angles for the computation of the slip residual.
-pub(super) const RESIDUAL_SCALE: f32 = if cfg!(feature = "fixed-point") {
-    1024.0
-} else {
-    1.0
-};
-
 /// One wheel's measurement and loop.
 #[derive(Clone, Copy)]
 pub(super) struct Wheel {
-    pub(super) step: f32,
+    pub(super) step: Count,
     pub(super) motor_sign: f32,
-    /// Its error for a slip residual of 1, if it alone were wrong, over [`RESIDUAL_SCALE`]; 0 for a
-    /// wheel that the residual does not identify.
-    pub(super) odd: f32,
+    /// Its error for a slip residual of 1, if it alone were wrong; 0 for a wheel that the residual
+    /// does not identify.
+    pub(super) odd: Ratio,
     /// Voltage at the last tick, V, where it pauses.
-    pub(super) given: f32,
+    pub(super) given: Voltage,
     pub(super) observer: Observer,
     pub(super) wheel_loop: WheelLoop,
     pub(super) silence: Silence,
@@ -53,13 +47,13 @@ impl Wheel {
         let watches = configuration.thresholds.blocked_rate > 0.0;
         let listens = watches && residual.abs() > LEAST_RESIDUAL;
         Self {
-            step: wheel.step,
+            step: Count::new(wheel.step),
             motor_sign: wheel.motor_sign,
-            given: 0.0,
+            given: Voltage::ZERO,
             odd: if listens {
-                1.0 / (residual * RESIDUAL_SCALE)
+                Ratio::new(1.0 / residual)
             } else {
-                0.0
+                Ratio::ZERO
             },
             observer: Observer::new(wheel.step.abs(), configuration.observer_bandwidth),
             wheel_loop: WheelLoop::new(wheel.gains, wheel.torque),
@@ -74,12 +68,12 @@ impl Wheel {
         &mut self,
         reference: WheelReference,
         measured: WheelMeasurement,
-        residual: f32,
+        residual: Angle,
         tick: &Tick,
         held: &mut Held,
-    ) -> f32 {
+    ) -> Voltage {
         let (rate, turned) = (measured.rate, measured.turned);
-        let implied = turned - residual * self.odd;
+        let implied = turned - residual.times(self.odd);
         let trust = self
             .silence
             .update(reference.rate, implied, turned, tick.dt);
@@ -102,9 +96,9 @@ impl Wheel {
     }
 
     /// The same voltage, or none for one tick where its sign changes.
-    pub(super) fn pause(&mut self, voltage: f32) -> f32 {
-        let turns = voltage * self.given < 0.0;
-        self.given = if turns { 0.0 } else { voltage };
+    pub(super) fn pause(&mut self, voltage: Voltage) -> Voltage {
+        let turns = voltage.agrees(-self.given);
+        self.given = if turns { Voltage::ZERO } else { voltage };
         self.given
     }
 }
@@ -115,7 +109,7 @@ impl Wheel {
 #[repr(C)]
 pub(super) struct Motion {
     /// The wheels' reference acceleration at the last tick, rad/s^2.
-    pub(super) accelerations: [f32; 4],
+    pub(super) accelerations: [Acceleration; 4],
     pub(super) limiter: Limiter,
     pub(super) factors: Factors,
     pub(super) interpolator: Interpolator,
@@ -133,7 +127,7 @@ impl Motion {
             interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
             limiter: Limiter::default(),
             odometry: Odometry::new(),
-            accelerations: [0.0; 4],
+            accelerations: [Acceleration::ZERO; 4],
             wheels: [
                 Wheel::new(configuration, 0),
                 Wheel::new(configuration, 1),
@@ -167,7 +161,7 @@ impl Motion {
     /// Loops and reference at rest.
     pub(super) fn rest(&mut self, update: u16) {
         self.limiter.reset();
-        self.accelerations = [0.0; 4];
+        self.accelerations = [Acceleration::ZERO; 4];
         self.interpolator.restart(Twist::ZERO, update);
         for wheel in &mut self.wheels {
             wheel.wheel_loop.reset();

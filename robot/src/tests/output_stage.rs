@@ -469,3 +469,36 @@ fn smart_drives_are_refused_without_what_they_need() {
         assert_eq!(status, Ok(blamed.packed() << 8 | 2), "{changed:?}");
     }
 }
+
+/// Fixed point has less room than the object dictionary (docs/numbers.md); what does not fit is
+/// refused by name. Single precision takes all of it.
+#[test]
+fn what_the_tick_has_no_numbers_for_is_refused_by_name() {
+    let refused = |address: Address| {
+        let code = address.packed() << 8 | 2;
+        if cfg!(feature = "fixed-point") {
+            code
+        } else {
+            0
+        }
+    };
+    for wheel in 0..4 {
+        let gain = motor::acceleration(wheel);
+        for (value, status) in [(7.9, 0), (8.0, refused(gain)), (50.0, refused(gain))] {
+            let mut world = world_with(&[(gain, Value::F32(value))]);
+            assert_eq!(
+                world.read(2, at::CONFIGURATION_STATUS),
+                Ok(status),
+                "{value}"
+            );
+        }
+    }
+    // 16 counts a turn of a shaft that turns once in fifty of the wheel: 20 rad.
+    let coarse = [
+        (at::ENCODER_COUNTS, Value::F32(16.0)),
+        (at::GEAR_RATIO, Value::F32(0.02)),
+    ];
+    let mut world = world_with(&coarse);
+    let status = world.read(2, at::CONFIGURATION_STATUS);
+    assert_eq!(status, Ok(refused(at::GEAR_RATIO)));
+}

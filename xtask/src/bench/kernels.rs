@@ -6,11 +6,17 @@ use std::process::Stdio;
 use anyhow::{Context as _, bail, ensure};
 use emulator::{Board, BoardConfig, Firmware};
 
+use omnibus::report::Scalar;
+
 use super::figure::Figure;
 use crate::cargo;
 
-/// A core with a floating-point unit, and one without.
-const TARGETS: [(&str, &str); 2] = [(cargo::TARGET, "m4f"), ("thumbv7m-none-eabi", "m3")];
+/// A core with a floating-point unit, and one without, which runs the tick in either arithmetic.
+const TARGETS: [(&str, Scalar, &str); 3] = [
+    (cargo::TARGET, Scalar::F32, "m4f"),
+    ("thumbv7m-none-eabi", Scalar::F32, "m3"),
+    ("thumbv7m-none-eabi", Scalar::Fixed, "m3_fixed"),
+];
 
 /// Function, name of the figure, budget and ceiling on the M4F, best peer.
 type Kernel = (
@@ -81,8 +87,8 @@ const TIME_NS: u64 = 2_000_000_000;
 /// Builds the image for both cores, runs it, counts.
 pub fn figures() -> anyhow::Result<Vec<Figure>> {
     let mut figures = Vec::new();
-    for (target, core) in TARGETS {
-        let firmware = Firmware::load(build(target)?)?;
+    for (target, scalar, core) in TARGETS {
+        let firmware = Firmware::load(build(target, scalar)?)?;
         let mut board = Board::new(&firmware, BoardConfig::default());
         board.start_profile();
         let address = |name: &str| {
@@ -148,7 +154,7 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
     Ok(figures)
 }
 
-fn build(target: &str) -> anyhow::Result<PathBuf> {
+fn build(target: &str, scalar: Scalar) -> anyhow::Result<PathBuf> {
     let mut command = cargo::command();
     let status = command
         .args([
@@ -159,6 +165,10 @@ fn build(target: &str) -> anyhow::Result<PathBuf> {
             "omnibus-kernels",
         ])
         .args(["--target", target])
+        .args(match scalar {
+            Scalar::F32 => [].as_slice(),
+            Scalar::Fixed => &["--features", "fixed-point"],
+        })
         .stdout(Stdio::null())
         .status()
         .context("cannot start cargo")?;

@@ -1,0 +1,329 @@
+//! Quantities in 32-bit fixed point: an integer and a number of fractional bits that is a constant.
+//!
+//! Products are exact in 64 bits, rounded to the nearest once, and saturated once. With 32
+//! fractional bits less than both factors together, the result is the upper word of the product and
+//! always fits: the quantities of this crate are scaled so that most products are of this kind.
+
+use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
+
+use fixed::types::I16F16;
+
+use super::{Angle, AngleGain, Time, Voltage};
+
+/// A number with that many fractional bits.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
+#[repr(transparent)]
+pub struct Quantity<const FRACTION: u32>(i32);
+
+impl<const FRACTION: u32> Quantity<FRACTION> {
+    /// Nothing.
+    pub const ZERO: Self = Self(0);
+    /// The largest.
+    pub const MAX: Self = Self(i32::MAX);
+    /// The smallest.
+    pub const MIN: Self = Self(i32::MIN);
+
+    /// Whether this value is within the range.
+    #[must_use]
+    pub const fn holds(value: f32) -> bool {
+        value.abs() * const { (1_u64 << FRACTION) as f32 } < const { (1_u32 << 31) as f32 }
+    }
+
+    /// The nearest to a float; the ends for what lies beyond, zero for a NaN.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
+    pub const fn new(value: f32) -> Self {
+        let steps = value * const { (1_u64 << FRACTION) as f32 };
+        // Beyond this a float has no digits behind the step, and a half would round it.
+        let half = if steps.abs() < const { (1_u32 << 22) as f32 } {
+            0.5_f32.copysign(steps)
+        } else {
+            0.0
+        };
+        Self((steps + half) as i32)
+    }
+
+    /// As a float, to the 24 bits that it has.
+    #[must_use]
+    pub const fn to_f32(self) -> f32 {
+        self.0 as f32 * const { 1.0 / (1_u64 << FRACTION) as f32 }
+    }
+
+    /// The number as the kinematics take it. They are linear and leave its scale as it is.
+    #[must_use]
+    #[inline(always)]
+    pub const fn scalar(self) -> I16F16 {
+        I16F16::from_bits(self.0)
+    }
+
+    /// The number as the kinematics give it.
+    #[must_use]
+    #[inline(always)]
+    pub const fn from_scalar(value: I16F16) -> Self {
+        Self(value.to_bits())
+    }
+
+    /// The magnitude.
+    #[must_use]
+    #[inline(always)]
+    pub const fn abs(self) -> Self {
+        Self(self.0.saturating_abs())
+    }
+
+    /// Half of it.
+    #[must_use]
+    #[inline(always)]
+    pub const fn half(self) -> Self {
+        Self(self.0 >> 1)
+    }
+
+    /// The larger one.
+    #[must_use]
+    #[inline(always)]
+    pub const fn max(self, other: Self) -> Self {
+        Self(if self.0 > other.0 { self.0 } else { other.0 })
+    }
+
+    /// The smaller one.
+    #[must_use]
+    #[inline(always)]
+    pub const fn min(self, other: Self) -> Self {
+        Self(if self.0 < other.0 { self.0 } else { other.0 })
+    }
+
+    /// The value, or zero where it is negative.
+    #[must_use]
+    #[inline(always)]
+    pub const fn not_below_zero(self) -> Self {
+        Self(self.0 & !(self.0 >> 31))
+    }
+
+    /// Whether both are positive or both negative.
+    #[must_use]
+    #[inline(always)]
+    pub const fn agrees<const OTHER: u32>(self, other: Quantity<OTHER>) -> bool {
+        self.0 != 0 && other.0 != 0 && (self.0 ^ other.0) >= 0
+    }
+
+    /// The product, to the nearest.
+    #[must_use]
+    #[inline(always)]
+    pub const fn times<const OTHER: u32, const RESULT: u32>(
+        self,
+        other: Quantity<OTHER>,
+    ) -> Quantity<RESULT> {
+        let shift = const { FRACTION + OTHER - RESULT };
+        Quantity(narrow(self.0 as i64 * other.0 as i64, shift))
+    }
+
+    /// The same in another resolution.
+    #[must_use]
+    #[inline(always)]
+    pub const fn to<const RESULT: u32>(self) -> Quantity<RESULT> {
+        if const { RESULT > FRACTION } {
+            let shift = const { RESULT.saturating_sub(FRACTION) };
+            let (most, least) = (i32::MAX >> shift, i32::MIN >> shift);
+            let within = if self.0 > most {
+                most
+            } else if self.0 < least {
+                least
+            } else {
+                self.0
+            };
+            Quantity(within << shift)
+        } else {
+            Quantity(self.0 >> const { FRACTION.saturating_sub(RESULT) })
+        }
+    }
+}
+
+/// A product with `shift` fractional bits less, 1 to 62, to the nearest.
+///
+/// What does not fit is saturated by its upper word, which a Cortex-M does in one instruction; the
+/// lower one is left as it is, so a saturated number lies within `2^(32 - shift)` steps of the end.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the halves of a word, or known to fit"
+)]
+#[inline(always)]
+const fn narrow(product: i64, shift: u32) -> i32 {
+    // The magnitude of a product is at most 2^62.
+    let rounded = product.wrapping_add(1 << (shift - 1));
+    if shift >= 32 {
+        return (rounded >> shift) as i32;
+    }
+    let most = (1_i32 << (shift - 1)) - 1;
+    let high = (rounded >> 32) as i32;
+    let high = if high > most {
+        most
+    } else if high < -most - 1 {
+        -most - 1
+    } else {
+        high
+    };
+    let low = (rounded as u32) >> shift;
+    (high << (32 - shift)) | low.cast_signed()
+}
+
+impl<const FRACTION: u32> Add for Quantity<FRACTION> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(self.0.saturating_add(other.0))
+    }
+}
+
+impl<const FRACTION: u32> Sub for Quantity<FRACTION> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(self.0.saturating_sub(other.0))
+    }
+}
+
+impl<const FRACTION: u32> Neg for Quantity<FRACTION> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.saturating_neg())
+    }
+}
+
+impl<const FRACTION: u32> AddAssign for Quantity<FRACTION> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<const FRACTION: u32> SubAssign for Quantity<FRACTION> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl Time {
+    /// So many microseconds, at most 31 250.
+    #[must_use]
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "compared before")]
+    pub const fn from_micros(micros: u32) -> Self {
+        /// Steps of a microsecond, with 16 more fractional bits.
+        const STEPS: u64 = (1 << (36 + 16)) / 1_000_000;
+        if micros >= 31_250 {
+            return Self::MAX;
+        }
+        Self(((micros as u64 * STEPS) >> 16) as i32)
+    }
+}
+
+/// Half of a number, with the sign of another.
+#[derive(Clone, Copy)]
+pub struct Half(i32);
+
+impl Half {
+    /// Positive along this number.
+    #[must_use]
+    #[inline(always)]
+    pub const fn along<const FRACTION: u32>(direction: Quantity<FRACTION>) -> Self {
+        Self(direction.0 >> 31)
+    }
+
+    /// Half of this number along the other.
+    #[must_use]
+    #[inline(always)]
+    pub const fn of<const FRACTION: u32>(self, value: Quantity<FRACTION>) -> Quantity<FRACTION> {
+        // The half fits with either sign.
+        Quantity(((value.0 >> 1) ^ self.0).wrapping_sub(self.0))
+    }
+}
+
+/// The angle of an encoder's count, rad, with its sign: 31 bits, however small it is, because an
+/// error here is one of the scale of all distances.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Count {
+    mantissa: i32,
+    /// Fractional bits of the mantissa beyond those of an [`Angle`].
+    shift: u32,
+}
+
+impl Count {
+    /// For this angle, rad; at least 2^-30 and at most 8.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
+    pub fn new(step: f32) -> Self {
+        let mut steps = step * const { (1_u64 << 27) as f32 };
+        let mut shift = 0;
+        while steps.abs() < const { (1_u64 << 30) as f32 } && shift < 30 {
+            steps *= 2.0;
+            shift += 1;
+        }
+        Self {
+            mantissa: steps as i32,
+            shift,
+        }
+    }
+
+    /// The angle of so many counts, to the nearest.
+    #[must_use]
+    #[inline(always)]
+    pub fn turned(self, counts: i16) -> Angle {
+        let wide = i64::from(self.mantissa).wrapping_mul(i64::from(counts));
+        let rounded = wide.wrapping_add((1 << self.shift) >> 1) >> self.shift;
+        Quantity(saturate(rounded))
+    }
+}
+
+#[inline(always)]
+fn saturate(wide: i64) -> i32 {
+    i32::try_from(wide).unwrap_or(if wide < 0 { i32::MIN } else { i32::MAX })
+}
+
+/// A voltage that grows by a gain times the angle by which a wheel is behind.
+///
+/// It keeps the whole products, so that nothing is lost of the smallest error.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Integral(i64);
+
+impl Integral {
+    /// Nothing.
+    pub const ZERO: Self = Self(0);
+
+    /// The voltage: the upper word.
+    #[must_use]
+    #[inline(always)]
+    pub const fn voltage(self) -> Voltage {
+        Quantity((self.0 >> 32) as i32)
+    }
+
+    /// Adds a gain times an angle.
+    #[inline(always)]
+    pub const fn add(&mut self, gain: AngleGain, angle: Angle) {
+        self.0 = self.0.saturating_add(gain.0 as i64 * angle.0 as i64);
+    }
+
+    /// Subtracts a part of a voltage: `share` is between 0 and 1.
+    #[inline(always)]
+    pub const fn unwind(&mut self, excess: Voltage, share: super::Ratio) {
+        // 15 and 27 fractional bits, of 47.
+        let part = excess.0 as i64 * share.0 as i64;
+        self.0 = self.0.saturating_sub(part.saturating_mul(1 << 5));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_integral_has_the_bits_of_its_products() {
+        let mut integral = Integral::ZERO;
+        integral.add(Quantity::new(1.0), Quantity::new(1.0));
+        assert_eq!(integral.0, 1 << 47);
+        assert_eq!(integral.voltage(), Quantity::new(1.0));
+        integral.unwind(Quantity::new(2.0), Quantity::new(0.25));
+        assert_eq!(integral.voltage(), Quantity::new(0.5));
+    }
+}

@@ -1,0 +1,247 @@
+//! Bounds of the arithmetic against `f64`, in either representation.
+
+use super::*;
+use crate::wheel::{Available, Gains, Held, WheelLoop, WheelReference};
+
+/// Numbers from -1 to 1, the same ones every time (Numerical Recipes' generator).
+struct Spread(u32);
+
+impl Spread {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.0 >> 8) as f32 / 8_388_608.0 - 1.0
+    }
+
+    /// From a thousandth of `most` to all of it, each decade alike, with either sign.
+    fn of(&mut self, most: f32) -> f32 {
+        let size = 10_f32.powf(-1.5 + 1.5 * self.next());
+        (most * size).copysign(self.next())
+    }
+}
+
+/// A step of a number of this magnitude.
+fn step<const FRACTION: u32>(magnitude: f64) -> f64 {
+    if cfg!(feature = "fixed-point") {
+        2.0_f64.powi(-(FRACTION as i32))
+    } else {
+        magnitude * f64::from(f32::EPSILON)
+    }
+}
+
+fn product<const A: u32, const B: u32, const C: u32>(most: (f32, f32)) {
+    let mut spread = Spread(A + B);
+    for _ in 0..10_000 {
+        let a = Quantity::<A>::new(spread.of(most.0));
+        let b = Quantity::<B>::new(spread.of(most.1));
+        let exact = exact(a) * exact(b);
+        let found: Quantity<C> = a.times(b);
+        let off = (self::exact(found) - exact).abs();
+        // Half a step; the test reads a quantity exactly.
+        assert!(
+            off <= 0.5 * step::<C>(exact.abs()),
+            "{a:?} {b:?}: {found:?}"
+        );
+    }
+}
+
+/// The value, exactly.
+fn exact<const FRACTION: u32>(value: Quantity<FRACTION>) -> f64 {
+    // The part that a float has, and what it has not.
+    let near = value.to_f32();
+    if near.is_infinite() {
+        return near.into();
+    }
+    let rest = value - Quantity::new(near);
+    f64::from(near) + f64::from(rest.to_f32())
+}
+
+#[test]
+fn products_are_off_by_half_a_step() {
+    // As the tick multiplies, up to the ends of the ranges that docs/numbers.md derives.
+    product::<23, 36, 27>((250.0, 0.02)); // rate, time
+    product::<19, 36, 23>((4_000.0, 0.02)); // acceleration, time
+    product::<23, 24, 15>((250.0, 100.0)); // rate, gain
+    product::<19, 28, 15>((4_000.0, 7.9)); // acceleration, gain
+    product::<23, 10, 22>((250.0, 2.0)); // rate, counts in a radian
+    product::<22, 36, 27>((400.0, 0.02)); // bandwidth, time
+    product::<27, 27, 27>((3.9, 3.9)); // angle, share
+    product::<27, 22, 23>((0.5, 400.0)); // angle, bandwidth
+}
+
+#[test]
+fn what_does_not_fit_stays_at_the_end() {
+    let (most, least) = (Rate::MAX, Rate::MIN);
+    assert_eq!(most + most, most);
+    assert_eq!(least - most, least);
+    assert_eq!(least + least, least);
+    assert!(-least >= Rate::new(255.9) && least.abs() >= Rate::new(255.9));
+    for (a, b, sign) in [(most, most, 1.0), (most, least, -1.0), (least, least, 1.0)] {
+        // Shifted by 14: it would take 32 integer bits.
+        let found: Quantity<32> = a.times(b);
+        assert!(exact(found) * sign >= 0.499, "{found:?}");
+    }
+    let infinite = [f32::INFINITY, f32::NEG_INFINITY].map(Rate::new);
+    assert_eq!(infinite, [most, least]);
+    let wide: Quantity<30> = Rate::new(100.0).to();
+    assert!(exact(wide) >= 1.999);
+    let wide: Quantity<30> = Rate::new(-100.0).to();
+    assert!(exact(wide) <= -1.999);
+}
+
+#[test]
+fn conversions_are_off_by_half_a_step() {
+    let mut spread = Spread(3);
+    for _ in 0..10_000 {
+        let value = spread.of(255.0);
+        let found = Rate::new(value);
+        let off = (exact(found) - f64::from(value)).abs();
+        assert!(
+            off <= 0.5 * step::<23>(f64::from(value.abs())),
+            "{value}: {found:?}"
+        );
+        let back: Quantity<19> = found.to();
+        assert!(
+            (exact(back) - exact(found)).abs() <= step::<19>(0.0),
+            "{found:?}"
+        );
+    }
+    for micros in 250..=20_000_u16 {
+        let time = exact(Time::from_micros(micros.into()));
+        let off = (time / (f64::from(micros) * 1e-6) - 1.0).abs();
+        assert!(off < 2e-7, "{micros} us: {time} s");
+    }
+}
+
+/// From the finest encoder that fits to the coarsest: what counts add up to over an hour.
+#[test]
+fn counts_keep_their_scale() {
+    let mut step = 2e-7_f32;
+    while step < 1.0 {
+        for sign in [1.0, -1.0] {
+            let count = Count::new(sign * step);
+            // A hundred rad/s, in a tick.
+            let most = (0.1 / step).clamp(1.0, 32_000.0) as i16;
+            for counts in [1, -1, most / 3, most, -most] {
+                let turned = exact(count.turned(counts));
+                let wanted = f64::from(counts) * f64::from(sign * step);
+                // Half a step of an angle, and the mantissa's own.
+                let bound = 0.5 * self::step::<27>(wanted.abs()) + wanted.abs() * 1e-9;
+                assert!((turned - wanted).abs() <= bound, "{counts} of {step}");
+            }
+        }
+        step *= 1.7;
+    }
+}
+
+#[test]
+fn signs_agree_only_where_both_have_one() {
+    let [one, none] = [Rate::new(1.0), Rate::ZERO];
+    assert!(one.agrees(one) && (-one).agrees(-one));
+    assert!(!one.agrees(-one) && !one.agrees(none) && !none.agrees(none));
+    assert!(!none.agrees(-one));
+}
+
+#[test]
+fn half_along_has_the_sign_of_the_direction() {
+    let value = Angle::new(0.5);
+    assert_eq!(Half::along(Rate::new(3.0)).of(value), Angle::new(0.25));
+    assert_eq!(Half::along(Rate::ZERO).of(value), Angle::new(0.25));
+    assert_eq!(Half::along(Rate::new(-3.0)).of(value), Angle::new(-0.25));
+    assert_eq!(Angle::new(-0.5).not_below_zero(), Angle::ZERO);
+    assert_eq!(value.not_below_zero(), value);
+}
+
+/// The loop of a wheel against `f64`, with gains over all that a configuration accepts.
+#[test]
+fn a_wheel_loop_is_off_by_what_its_numbers_are() {
+    let mut spread = Spread(7);
+    for _ in 0..20_000 {
+        let mut gain = |most: f32| spread.of(most).abs();
+        let gains = Gains {
+            static_friction: gain(50.0),
+            speed: gain(100.0),
+            acceleration: gain(7.9),
+            proportional: gain(100.0),
+            integral: gain(2_000.0),
+        };
+        let [w, seen] = [spread.of(65.0), spread.of(65.0)];
+        let reference = WheelReference {
+            rate: Rate::new(w),
+            acceleration: Acceleration::new(spread.of(2_000.0)),
+        };
+        let a = reference.acceleration.to_f32();
+        if w.abs() < 0.02 {
+            continue;
+        }
+        let mut wheel = WheelLoop::new(gains, 60_000.0);
+        let plenty = Available {
+            voltage: Voltage::new(60_000.0),
+            dt: Time::from_micros(1_000),
+        };
+        let given = wheel.update(reference, Rate::new(seen), plenty, &mut Held::default());
+        let wide = |value: f32| f64::from(value);
+        let terms = [
+            wide(gains.static_friction).copysign(wide(w)),
+            wide(gains.speed) * wide(w),
+            wide(gains.acceleration) * wide(a),
+            wide(gains.proportional) * (wide(w) - wide(seen)),
+        ];
+        let wanted: f64 = terms.iter().sum();
+        let size: f64 = terms.iter().map(|term| term.abs()).sum();
+        let bound = if cfg!(feature = "fixed-point") {
+            // Half a step of each term; of each rate and gain half a step, times the other.
+            let rates = 2.0_f64.powi(-24) * wide(gains.speed + 2.0 * gains.proportional);
+            let gained = 2.0_f64.powi(-25) * wide(w.abs() + (w - seen).abs());
+            let accelerated =
+                2.0_f64.powi(-20) * wide(gains.acceleration) + 2.0_f64.powi(-29) * wide(a.abs());
+            0.5 * 4.0 / 32_768.0 + rates + gained + accelerated
+        } else {
+            4.0 * wide(f32::EPSILON) * size
+        };
+        let off = (exact(given) - wanted).abs();
+        assert!(off <= bound, "{gains:?} {w} {a} {seen}: {off} of {bound}");
+    }
+}
+
+/// Rows of the table: name, fractional bits, range, resolution.
+#[test]
+fn the_table_of_the_documents_is_this_one() {
+    fn bits<const FRACTION: u32>(_: Quantity<FRACTION>) -> u32 {
+        FRACTION
+    }
+    macro_rules! names {
+        ($($name:ident),*) => { [$((stringify!($name), bits($name::ZERO))),*] };
+    }
+    let page = include_str!("../../../docs/numbers.md");
+    let rows: std::vec::Vec<std::vec::Vec<&str>> = page
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .map(|line| line.split('|').map(str::trim).collect())
+        .collect();
+    let names = names![
+        Rate,
+        Angle,
+        Acceleration,
+        Time,
+        Duration,
+        Voltage,
+        RateGain,
+        AccelerationGain,
+        AngleGain,
+        Bandwidth,
+        Ratio,
+        Large
+    ];
+    assert_eq!(rows.len(), names.len());
+    for (name, bits) in names {
+        let tick = std::format!("`{name}`");
+        let row = rows.iter().find(|row| row[1] == tick).expect(name);
+        assert_eq!(row[3].parse(), Ok(bits), "{name}");
+        let near = |text: &str, value: f64| {
+            let written: f64 = text.parse().expect(name);
+            (written / value - 1.0).abs() < 0.05
+        };
+        assert!(near(row[4], 2.0_f64.powi(31 - bits as i32)), "{name}");
+        assert!(near(row[5], 2.0_f64.powi(-(bits as i32))), "{name}");
+    }
+}
