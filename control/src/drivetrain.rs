@@ -20,7 +20,7 @@ use kinematics::{
     GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
-use crate::quantity::Angle;
+use crate::quantity::Quantity;
 use crate::rollers::Rolling;
 
 /// The kinematics that take the tick's own numbers.
@@ -128,6 +128,39 @@ impl Drivetrain {
         self.compensation.is_constant()
     }
 
+    /// Rates or accelerations of the wheels for a twist of the group or its derivative.
+    #[inline]
+    pub(crate) fn wheels<const FRACTION: u32>(
+        &self,
+        group: Twist,
+        factors: &Factors,
+    ) -> [Quantity<FRACTION>; 4] {
+        let member = self.member_twist(group, factors);
+        let scalar = |value| Quantity::<FRACTION>::new(value).scalar();
+        let wheels: [_; 4] = raw(&self.wheels)
+            .inverse(Twist {
+                vx: scalar(member.vx),
+                vy: scalar(member.vy),
+                omega: scalar(member.omega),
+            })
+            .into();
+        wheels.map(Quantity::from_scalar)
+    }
+
+    /// What the wheels are asked for, a twist of the robot in its own frame, when they turn at
+    /// these rates or by these angles.
+    #[inline]
+    pub(crate) fn forward<const FRACTION: u32>(&self, wheels: [Quantity<FRACTION>; 4]) -> Twist {
+        let wheels = WheelRates::from(wheels.map(Quantity::scalar));
+        let twist = raw(&self.wheels).forward(&wheels);
+        let single = |value| Quantity::<FRACTION>::from_scalar(value).to_f32();
+        Twist {
+            vx: single(twist.vx),
+            vy: single(twist.vy),
+            omega: single(twist.omega),
+        }
+    }
+
     /// What no rigid motion explains in these wheel rates, rad/s.
     #[must_use]
     #[inline]
@@ -135,11 +168,14 @@ impl Drivetrain {
         self.wheels.slip_residual(rates)
     }
 
-    /// What no rigid motion explains in these angles of the wheels.
+    /// What no rigid motion explains in these rates or angles of the wheels.
     #[inline]
-    pub(crate) fn unexplained(&self, turned: [Angle; 4]) -> Angle {
-        let turned = WheelRates::from(turned.map(Angle::scalar));
-        Angle::from_scalar(raw(&self.wheels).slip_residual(&turned))
+    pub(crate) fn unexplained<const FRACTION: u32>(
+        &self,
+        wheels: [Quantity<FRACTION>; 4],
+    ) -> Quantity<FRACTION> {
+        let wheels = WheelRates::from(wheels.map(Quantity::scalar));
+        Quantity::from_scalar(raw(&self.wheels).slip_residual(&wheels))
     }
 
     /// The factors of a robot that stands.
@@ -168,20 +204,6 @@ impl Drivetrain {
         factors.reference_next = !factors.reference_next;
     }
 
-    /// Wheel rates (or accelerations) for a twist of the group (or its derivative).
-    #[must_use]
-    #[inline]
-    pub fn asked(&self, group: Twist, factors: &Factors) -> WheelRates {
-        self.rates(group, &factors.asked)
-    }
-
-    /// The group's twist that these wheel rates mean.
-    #[must_use]
-    #[inline]
-    pub fn achieved(&self, rates: &WheelRates, factors: &Factors) -> Twist {
-        self.group_twist(self.wheels.forward(rates), factors)
-    }
-
     /// What the wheels are asked for, a twist of the robot in its own frame, for a twist of the
     /// group.
     #[inline]
@@ -193,14 +215,6 @@ impl Drivetrain {
     #[inline]
     pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist {
         self.mount.to_group(times(asked, &factors.achieved))
-    }
-
-    /// The displacement of the group (m, m, rad, its own frame) that these wheel-angle increments
-    /// (rad) mean.
-    #[must_use]
-    #[inline]
-    pub fn displacement(&self, increments: &WheelRates, factors: &Factors) -> Twist {
-        self.group_twist(self.wheels.displacement(increments), factors)
     }
 
     fn at(&self, group: Twist) -> Coefficients {
@@ -226,6 +240,7 @@ fn times(twist: Twist, [x, y, w]: &Coefficients) -> Twist {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::{Angle, Rate};
     use kinematics::{AxisTable, FourWheelGeometry, Pose, SpeedCompensation};
 
     fn drivetrain(compensation: GridCompensation) -> Drivetrain {
@@ -272,16 +287,21 @@ mod tests {
             let mut factors = drivetrain.factors();
             let mut back = Twist::ZERO;
             for _ in 0..=ticks {
-                let rates = drivetrain.asked(twist, &factors);
-                back = drivetrain.achieved(&rates, &factors);
+                let rates: [Rate; 4] = drivetrain.wheels(twist, &factors);
+                back = drivetrain.group_twist(drivetrain.forward(rates), &factors);
                 drivetrain.renew(&mut factors, twist, back);
             }
             same(back, twist);
             let rates = drivetrain.inverse(twist);
-            same(drivetrain.achieved(&rates, &factors), twist);
+            let seen = <[f32; 4]>::from(rates).map(Rate::new);
+            same(
+                drivetrain.group_twist(drivetrain.forward(seen), &factors),
+                twist,
+            );
             let angles: [f32; 4] = rates.into();
-            let moved = WheelRates::from(angles.map(|rate| rate * 1e-3));
-            same(drivetrain.displacement(&moved, &factors) * 1e3, twist);
+            let moved = angles.map(|rate| Angle::new(rate * 1e-3));
+            let moved = drivetrain.group_twist(drivetrain.forward(moved), &factors);
+            same(moved * 1e3, twist);
         }
     }
 }

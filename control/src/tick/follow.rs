@@ -120,11 +120,10 @@ impl Motion {
         turned: [Angle; 4],
         tick: &Tick,
     ) -> Drive {
-        self.refer(report, tick.dt.to_f32());
+        let references = self.refer(report, tick.dt.to_f32());
         // Unrolled: a fifth fewer instructions than a loop.
         let [a, b, c, d] = &mut self.wheels;
         let signs = [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign];
-        let references = <[f32; 4]>::from(report.rates_ref).map(Rate::new);
         let [oa, ob, oc, od] = [&a.observer, &b.observer, &c.observer, &d.observer];
         let rates = [oa.rate(), ob.rate(), oc.rate(), od.rate()];
         let [ref_a, ref_b, ref_c, ref_d] = pairs(references, self.accelerations, reference);
@@ -171,7 +170,7 @@ impl Motion {
 
     /// The wheels' references, from the group's twist and acceleration.
     #[inline]
-    fn refer(&mut self, report: &mut Report, dt: f32) {
+    fn refer(&mut self, report: &mut Report, dt: f32) -> [Rate; 4] {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
         drivetrain.renew(&mut self.factors, velocity, report.measured);
         if let Some(rollers) = &self.rollers {
@@ -185,12 +184,14 @@ impl Motion {
             let asked = drivetrain.member_twist(next, &self.factors);
             let next = wheels.inverse(asked, &ahead);
             report.rates_ref = now;
+            let rates = <[f32; 4]>::from(now).map(Rate::new);
             self.accelerations = per_second(&now, &next, dt).map(Acceleration::new);
+            rates
         } else {
-            report.rates_ref = drivetrain.asked(velocity, &self.factors);
-            let acceleration = self.limiter.acceleration();
-            let accelerations = drivetrain.asked(acceleration, &self.factors);
-            self.accelerations = <[f32; 4]>::from(accelerations).map(Acceleration::new);
+            let rates = drivetrain.wheels(velocity, &self.factors);
+            self.accelerations = drivetrain.wheels(self.limiter.acceleration(), &self.factors);
+            report.rates_ref = rates.map(Rate::to_f32).into();
+            rates
         }
     }
 }

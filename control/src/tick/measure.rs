@@ -4,7 +4,7 @@ use kinematics::WheelRates;
 
 use super::motion::{Motion, Wheel};
 use crate::interface::{Inputs, Report};
-use crate::quantity::{Angle, Time};
+use crate::quantity::{Angle, Rate, Time};
 
 impl Motion {
     /// Angle by which each wheel turned, rad, a whole number of counts.
@@ -34,7 +34,7 @@ impl Motion {
         report: &mut Report,
     ) -> [Angle; 4] {
         let turned = self.turned(previous, &inputs.encoder_counts);
-        let mut rates = [0.0; 4];
+        let mut rates = [Rate::ZERO; 4];
         for (((wheel, turned), acceleration), rate) in self
             .wheels
             .iter_mut()
@@ -42,15 +42,10 @@ impl Motion {
             .zip(self.accelerations)
             .zip(&mut rates)
         {
-            *rate = wheel.observer.update(turned, acceleration, dt).to_f32();
+            *rate = wheel.observer.update(turned, acceleration, dt);
         }
-        report.rates = WheelRates::from(rates);
-        self.locate(
-            previous,
-            inputs,
-            &WheelRates::from(turned.map(Angle::to_f32)),
-            report,
-        );
+        report.rates = WheelRates::from(rates.map(Rate::to_f32));
+        self.locate(previous, inputs, rates, turned, report);
         turned
     }
 
@@ -60,26 +55,27 @@ impl Motion {
         &mut self,
         previous: &[u16; 4],
         inputs: &Inputs,
-        turned: &WheelRates,
+        rates: [Rate; 4],
+        turned: [Angle; 4],
         report: &mut Report,
     ) {
         let (drivetrain, factors) = (&self.configuration.drivetrain, &self.factors);
-        let rates = &report.rates;
         // Whole counts, not filtered rates: no motion is lost at any speed.
         let moved = if let Some(rollers) = &mut self.rollers {
             let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
             let wheels = rollers.kinematics();
-            let (asked, residual) = wheels.measure(rates, rollers.secants());
+            let (asked, residual) = wheels.measure(&report.rates, rollers.secants());
             report.measured = drivetrain.group_twist(asked, factors);
             report.slip_residual = residual;
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
-            drivetrain.group_twist(wheels.displacement(turned, &middle), factors)
+            let turned = WheelRates::from(turned.map(Angle::to_f32));
+            drivetrain.group_twist(wheels.displacement(&turned, &middle), factors)
         } else {
-            report.measured = drivetrain.achieved(rates, factors);
-            report.slip_residual = drivetrain.slip_residual(rates);
-            drivetrain.displacement(turned, factors)
+            report.measured = drivetrain.group_twist(drivetrain.forward(rates), factors);
+            report.slip_residual = drivetrain.unexplained(rates).to_f32();
+            drivetrain.group_twist(drivetrain.forward(turned), factors)
         };
         self.odometry.update(moved, 1.0);
         report.pose = self.odometry.pose();
