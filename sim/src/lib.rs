@@ -28,8 +28,6 @@
 //! - [`paper`]: the source paper's experiments, compared with its own numbers.
 //! - [`fault`]: faults to inject at given times, as text and as a schedule.
 //! - [`endpoint`]: the bus for other programs.
-#![forbid(unsafe_code)]
-
 pub mod battery;
 pub mod bridge;
 pub mod bus;

@@ -88,5 +88,7 @@ fn study(plant: OnPlant) -> anyhow::Result<Vec<Figure>> {
             figures.push(speed(name("4000_robots"), factor, REAL_TIME));
         }
     }
+    let together = scale::largest_on_all_threads(plant)?;
+    figures.push(speed(name("4000_robots.all_cores"), together, REAL_TIME));
     Ok(figures)
 }

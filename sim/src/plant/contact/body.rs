@@ -8,7 +8,8 @@
 use group::{Patch, Payload};
 use kinematics::Pose;
 
-use super::wheel::{Push, Wheel};
+use super::four::Four;
+use super::wheel::{Push, Pushes, Stand, Wheels};
 use super::{Contact, GRAVITY, Part};
 use crate::error::SimError;
 
@@ -19,15 +20,20 @@ const HALVINGS: usize = 30;
 /// Robots that move as one.
 #[derive(Debug, Clone)]
 pub(super) struct Body {
-    wheels: Vec<Wheel>,
+    robots: Vec<Wheels>,
     /// Mass twice, and inertia about the centre of mass.
     inertia: [f64; 3],
     /// Centre of mass and heading in the world.
     pose: Pose<f64>,
     /// World frame.
     velocity: [f64; 3],
-    /// Of every roller on the floor, along its axle and across.
-    pushes: Vec<[Push; 2]>,
+    /// In the last step: for each robot what its first rollers did, and its second where it stood
+    /// on such.
+    pushes: Vec<Pushes>,
+    /// Which of them are whose.
+    owners: Vec<usize>,
+    /// Velocity at its end, in the frame of `pushes`.
+    settled: [f64; 3],
     friction: f64,
     floor: Vec<Patch>,
     /// The centre of mass in the frame the members' places are given in.
@@ -52,18 +58,20 @@ impl Body {
         let mut inertia = payload.map_or(0.0, |p| {
             p.mass * ((p.x - centre.0).powi(2) + (p.y - centre.1).powi(2))
         });
-        let mut wheels = Vec::with_capacity(4 * parts.len());
+        let mut robots = Vec::with_capacity(parts.len());
         for part in parts {
             let (w, h) = (part.geometry.half_track(), part.geometry.half_wheelbase());
             let (x, y) = (part.place.x - centre.0, part.place.y - centre.1);
             // An even rectangle of 2 w by 2 h about its middle, and that middle about the centre.
             inertia += contact.mass * ((w * w + h * h) / 3.0 + x * x + y * y);
-            wheels.extend(Wheel::of(contact, part, (x, y)));
+            robots.push(Wheels::of(contact, part, (x, y)));
         }
-        share_load(&mut wheels, mass * GRAVITY)?;
+        share_load(&mut robots, mass * GRAVITY)?;
         Ok(Self {
-            pushes: Vec::with_capacity(2 * wheels.len()),
-            wheels,
+            pushes: Vec::with_capacity(2 * robots.len()),
+            owners: Vec::with_capacity(2 * robots.len()),
+            settled: [0.0; 3],
+            robots,
             inertia: [mass, mass, inertia],
             pose: frame.compose(Pose::new(centre.0, centre.1, 0.0)),
             velocity: [0.0; 3],
@@ -86,11 +94,13 @@ impl Body {
 
     /// What the floor does to a robot's wheels, N·m.
     pub fn floor_torques(&self, robot: usize) -> [f64; 4] {
-        let mut torques = [0.0; 4];
-        for wheel in self.wheels.iter().filter(|wheel| wheel.robot == robot) {
-            torques[wheel.index] = wheel.floor_torque;
-        }
-        torques
+        let own = self.pushes.iter().zip(&self.owners);
+        own.filter(|(_, owner)| **owner == robot)
+            .flat_map(|(pushes, _)| pushes)
+            .fold(Four::ZERO, |torques, push| {
+                torques + push.lever * push.force(self.settled)
+            })
+            .0
     }
 
     /// See [`velocity`](Self::velocity).
@@ -98,21 +108,26 @@ impl Body {
         self.velocity = velocity;
     }
 
-    /// Advances by `dt` in which the wheels turned by `turned` from `angles`.
-    pub fn step(&mut self, dt: f64, angles: &[[f64; 4]], turned: &[[f64; 4]]) {
+    /// Advances by `dt` in which the wheels turned by `turned` and the robots stood so.
+    #[inline(always)]
+    pub fn step(&mut self, dt: f64, stands: &[Stand], turned: &[[f64; 4]]) {
         let (sin, cos) = libm::sincos(self.pose.heading + 0.5 * dt * self.velocity[2]);
         self.pushes.clear();
-        for wheel in &mut self.wheels {
-            let moved = turned[wheel.robot][wheel.index];
-            let angle = angles[wheel.robot][wheel.index] + 0.5 * moved;
+        self.owners.clear();
+        for wheels in &mut self.robots {
             let friction = if self.floor.is_empty() {
-                self.friction
+                Four::all(self.friction)
             } else {
-                let x = self.pose.x + cos * wheel.x - sin * wheel.y;
-                let y = self.pose.y + sin * wheel.x + cos * wheel.y;
-                friction_at(&self.floor, x, y).unwrap_or(self.friction)
+                Four::from_fn(|n| {
+                    let x = self.pose.x + cos * wheels.x.0[n] - sin * wheels.y.0[n];
+                    let y = self.pose.y + sin * wheels.x.0[n] + cos * wheels.y.0[n];
+                    friction_at(&self.floor, x, y).unwrap_or(self.friction)
+                })
             };
-            wheel.stand(angle, moved / dt, friction, dt, &mut self.pushes);
+            let rates = Four(turned[wheels.robot]) * (1.0 / dt);
+            let stand = &stands[wheels.robot];
+            wheels.stand(stand, rates, friction, dt, &mut self.pushes);
+            self.owners.resize(self.pushes.len(), wheels.robot);
         }
         let [vx, vy, omega] = self.velocity;
         let before = [cos * vx + sin * vy, cos * vy - sin * vx, omega];
@@ -121,18 +136,11 @@ impl Body {
             self.inertia.map(|m| m / dt),
             before,
         );
-        let mut forces = self.pushes.iter().map(|[_, across]| across.force(after));
-        for wheel in &mut self.wheels {
-            wheel.turn_rollers(forces.by_ref(), dt);
-        }
         let mut pushes = self.pushes.iter();
-        for wheel in &mut self.wheels {
-            let own = pushes.by_ref().take(wheel.feet_down());
-            wheel.floor_torque = own
-                .flatten()
-                .map(|push| push.lever * push.force(after))
-                .sum();
+        for wheels in &mut self.robots {
+            wheels.turn_rollers(&stands[wheels.robot], &mut pushes, after, dt);
         }
+        self.settled = after;
         let [vx, vy, omega] = after;
         self.velocity = [cos * vx - sin * vy, sin * vx + cos * vy, omega];
         self.pose.x += dt * self.velocity[0];
@@ -149,20 +157,25 @@ fn friction_at(floor: &[Patch], x: f64, y: f64) -> Option<f64> {
 
 /// Shares a weight whose centre is the origin among wheels as equal springs under a rigid body do:
 /// `a + b x + c y` each.
-fn share_load(wheels: &mut [Wheel], weight: f64) -> Result<(), SimError> {
+fn share_load(robots: &mut [Wheels], weight: f64) -> Result<(), SimError> {
     let mut sums = [[0.0; 3]; 3];
-    for wheel in wheels.iter() {
-        let row = [1.0, wheel.x, wheel.y];
+    for wheels in robots.iter() {
+        let row = [Four::ONE, wheels.x, wheels.y];
         for (sums, a) in sums.iter_mut().zip(row) {
             for (sum, b) in sums.iter_mut().zip(row) {
-                *sum += a * b;
+                *sum += (a * b).sum();
             }
         }
     }
     let [a, b, c] = solve(sums, [weight, 0.0, 0.0]);
-    for wheel in wheels {
-        wheel.load = a + b * wheel.x + c * wheel.y;
-        if wheel.load.is_nan() || wheel.load <= 0.0 {
+    for wheels in robots {
+        wheels.load = Four::all(a) + wheels.x * b + wheels.y * c;
+        if wheels
+            .load
+            .0
+            .iter()
+            .any(|load| load.is_nan() || *load <= 0.0)
+        {
             return Err(SimError::Plant {
                 problem: "simulation.payload: tips the group over; put it between the wheels, or \
                           make it lighter"
@@ -174,6 +187,7 @@ fn share_load(wheels: &mut [Wheel], weight: f64) -> Result<(), SimError> {
 }
 
 /// The velocity at which momentum and friction agree; `inertia` is over the step's length.
+#[inline(always)]
 fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
     let mut v = before;
     let mut cost = None;
@@ -182,7 +196,11 @@ fn settle(pushes: &[Push], inertia: [f64; 3], before: [f64; 3]) -> [f64; 3] {
         let step = solve(curvature, gradient);
         let mut part = 1.0;
         let mut next = along(v, step, part);
-        if pushes.iter().all(|push| push.state(v) == push.state(next)) {
+        let mut alike = true;
+        for push in pushes {
+            alike &= push.as_limited(v, next);
+        }
+        if alike {
             // All the way on one quadratic piece: this is its minimum.
             return next;
         }
@@ -210,19 +228,36 @@ fn along(v: [f64; 3], step: [f64; 3], part: f64) -> [f64; 3] {
 }
 
 impl Push {
-    fn slip(&self, v: [f64; 3]) -> f64 {
+    /// Force without limit.
+    #[inline(always)]
+    fn wanted(&self, v: [f64; 3]) -> Four {
+        self.stiffness * self.slip(v)
+    }
+
+    #[inline(always)]
+    fn slip(&self, v: [f64; 3]) -> Four {
         self.row[0] * v[0] + self.row[1] * v[1] + self.row[2] * v[2] - self.rest
     }
 
     /// What the body pushes the floor with, N.
-    fn force(&self, v: [f64; 3]) -> f64 {
-        (self.stiffness * self.slip(v)).clamp(-self.limit, self.limit)
+    #[inline(always)]
+    pub fn force(&self, v: [f64; 3]) -> Four {
+        self.held(self.wanted(v))
     }
 
-    /// -1 or 1 when friction is at its limit, else 0.
-    fn state(&self, v: [f64; 3]) -> i8 {
-        let force = self.stiffness * self.slip(v);
-        i8::from(force > self.limit) - i8::from(force < -self.limit)
+    #[inline(always)]
+    fn held(&self, wanted: Four) -> Four {
+        wanted.max(-self.limit).min(self.limit)
+    }
+
+    /// Whether friction is below its limit, or at which of the two it is, alike at two velocities.
+    #[inline(always)]
+    fn as_limited(&self, a: [f64; 3], b: [f64; 3]) -> bool {
+        let (a, b, limit) = (self.wanted(a).0, self.wanted(b).0, self.limit.0);
+        let alike = |n: usize| {
+            ((a[n] > limit[n]) == (b[n] > limit[n])) & ((a[n] < -limit[n]) == (b[n] < -limit[n]))
+        };
+        alike(0) & alike(1) & alike(2) & alike(3)
     }
 }
 
@@ -231,63 +266,60 @@ fn value(pushes: &[Push], inertia: [f64; 3], before: [f64; 3], v: [f64; 3]) -> f
     let momentum: f64 = (0..3)
         .map(|k| 0.5 * inertia[k] * (v[k] - before[k]).powi(2))
         .sum();
-    pushes.iter().fold(momentum, |sum, push| {
+    let friction = pushes.iter().fold(Four::ZERO, |sum, push| {
         let slip = push.slip(v).abs();
+        let excess = push.stiffness * slip - push.limit;
         let knee = push.limit / push.stiffness;
-        sum + if slip <= knee {
-            0.5 * push.stiffness * slip * slip
-        } else {
-            push.limit * (slip - 0.5 * knee)
-        }
-    })
+        sum + excess.where_positive(
+            push.limit * (slip - knee * 0.5),
+            push.stiffness * slip * slip * 0.5,
+        )
+    });
+    momentum + friction.sum()
 }
 
 /// Its first and second derivatives; of the second what is on and below the diagonal.
+#[inline(always)]
 fn derivatives(
     pushes: &[Push],
     inertia: [f64; 3],
     before: [f64; 3],
     v: [f64; 3],
 ) -> ([f64; 3], [[f64; 3]; 3]) {
-    let mut gradient: [f64; 3] = std::array::from_fn(|k| inertia[k] * (v[k] - before[k]));
-    let mut curvature = [
-        [inertia[0], 0.0, 0.0],
-        [0.0, inertia[1], 0.0],
-        [0.0, 0.0, inertia[2]],
-    ];
+    let mut gradient = [Four::ZERO; 3];
+    let mut curvature = [[Four::ZERO; 3]; 3];
     for push in pushes {
-        let force = push.stiffness * push.slip(v);
-        let row = push.row;
-        let held = force.clamp(-push.limit, push.limit);
-        for k in 0..3 {
-            gradient[k] += row[k] * held;
-        }
-        if force.abs() <= push.limit {
-            for k in 0..3 {
-                let scaled = push.stiffness * row[k];
-                for other in 0..=k {
-                    curvature[k][other] += scaled * row[other];
-                }
+        let force = push.wanted(v);
+        let held = push.held(force);
+        let stiffness = (force.abs() - push.limit).where_positive(Four::ZERO, push.stiffness);
+        for (k, curvature) in curvature.iter_mut().enumerate() {
+            gradient[k] = gradient[k] + push.row[k] * held;
+            let scaled = stiffness * push.row[k];
+            for (sum, row) in curvature.iter_mut().zip(push.row).take(k + 1) {
+                *sum = *sum + scaled * row;
             }
         }
+    }
+    let gradient = std::array::from_fn(|k| inertia[k] * (v[k] - before[k]) + gradient[k].sum());
+    let mut curvature = curvature.map(|row| row.map(Four::sum));
+    for k in 0..3 {
+        curvature[k][k] += inertia[k];
     }
     (gradient, curvature)
 }
 
-/// Solves a symmetric positive definite system by Cholesky's method, from what is on and below the
-/// diagonal.
+/// Solves a symmetric positive definite system from what is on and below the diagonal, by
+/// Cholesky's method without square roots: `L D L^T`.
 fn solve(a: [[f64; 3]; 3], b: [f64; 3]) -> [f64; 3] {
-    let l00 = a[0][0].sqrt();
-    let (l10, l20) = (a[1][0] / l00, a[2][0] / l00);
-    let l11 = (a[1][1] - l10 * l10).sqrt();
-    let l21 = (a[2][1] - l20 * l10) / l11;
-    let l22 = (a[2][2] - l20 * l20 - l21 * l21).sqrt();
-    let y0 = b[0] / l00;
-    let y1 = (b[1] - l10 * y0) / l11;
-    let y2 = (b[2] - l20 * y0 - l21 * y1) / l22;
-    let x2 = y2 / l22;
-    let x1 = (y1 - l21 * x2) / l11;
-    [(y0 - l10 * x1 - l20 * x2) / l00, x1, x2]
+    let d0 = 1.0 / a[0][0];
+    let (l10, l20) = (a[1][0] * d0, a[2][0] * d0);
+    let d1 = 1.0 / (a[1][1] - l10 * a[1][0]);
+    let l21 = (a[2][1] - l20 * a[1][0]) * d1;
+    let d2 = 1.0 / (a[2][2] - l20 * a[2][0] - l21 * (a[2][1] - l20 * a[1][0]));
+    let y1 = b[1] - l10 * b[0];
+    let x2 = (b[2] - l20 * b[0] - l21 * y1) * d2;
+    let x1 = y1 * d1 - l21 * x2;
+    [b[0] * d0 - l10 * x1 - l20 * x2, x1, x2]
 }
 
 #[cfg(test)]
@@ -310,16 +342,20 @@ mod tests {
     /// below it, with 90 N s/m against 10, it gives 0.9.
     #[test]
     fn a_contact_gives_its_limit_and_no_more() {
+        let only = |value: f64| Four([0.0, value, 0.0, 0.0]);
         let push = Push {
-            row: [1.0, 0.0, 0.0],
-            rest: 1.0,
-            lever: 0.0,
-            limit: 3.0,
-            stiffness: 90.0,
+            row: [only(1.0), Four::ZERO, Four::ZERO],
+            rest: only(1.0),
+            lever: Four::ZERO,
+            limit: only(3.0),
+            stiffness: only(90.0),
         };
         let v = settle(&[push], [10.0, 10.0, 1.0], [0.0; 3]);
         assert!((v[0] - 0.3).abs() < 1e-12, "{v:?}");
-        let strong = Push { limit: 1e3, ..push };
+        let strong = Push {
+            limit: only(1e3),
+            ..push
+        };
         let v = settle(&[strong], [10.0, 10.0, 1.0], [0.0; 3]);
         assert!((v[0] - 0.9).abs() < 1e-12, "{v:?}");
     }

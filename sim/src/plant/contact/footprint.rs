@@ -7,14 +7,16 @@
 
 use std::f64::consts::TAU;
 
-/// The part of a wheel's rim that touches the floor.
+use super::four::Four;
+
+/// The parts of the rims of a robot's wheels that touch the floor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint {
-    rollers: i64,
-    /// Angle from one roller to the next, and how far the wheel has rolled on past a roller's
+    rollers: f64,
+    /// Angle from one roller to the next, and how far each wheel has rolled on past a roller's
     /// middle at angle 0, rad.
     pitch: f64,
-    phase: f64,
+    phase: Four,
     /// From its middle to its ends, rad.
     half: f64,
     /// Sine and cosine of the pitch, and tangent and secant where a roller ends.
@@ -22,29 +24,29 @@ pub(super) struct Footprint {
     end: (f64, f64),
 }
 
-/// A roller on the floor.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A roller on the floor under each wheel.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Foot {
     /// Which one, from 0.
-    pub roller: usize,
+    pub roller: [u8; 4],
     /// Cosine of the angle by which the wheel has rolled on past its middle.
-    pub tilt: f64,
+    pub tilt: Four,
     /// Tangent and secant of the same angle, but not past its end: that is where it still touches.
-    pub tan: f64,
-    pub secant: f64,
+    pub tan: Four,
+    pub secant: Four,
     /// Part of the wheel's load.
-    pub share: f64,
+    pub share: Four,
 }
 
 impl Footprint {
-    /// A wheel whose radius is less by the part `settling` under load.
-    pub fn new(rollers: u8, phase: f64, settling: f64) -> Self {
+    /// Wheels whose radius is less by the part `settling` under load.
+    pub fn new(rollers: u8, phases: [f64; 4], settling: f64) -> Self {
         let pitch = TAU / f64::from(rollers);
         let (sin, cos) = libm::sincos(0.5 * pitch);
         Self {
             rollers: rollers.into(),
             pitch,
-            phase,
+            phase: Four(phases),
             // A wheel on three rollers would have no wheel under it.
             half: libm::acos(1.0 - settling).min(0.5 * pitch),
             turn: libm::sincos(pitch),
@@ -52,51 +54,57 @@ impl Footprint {
         }
     }
 
-    /// On what the wheel stands at this angle: the roller at its lowest place, and the one that
-    /// shares the load with it.
-    // Inlined, because its result is read back wider than it is written, which stalls.
-    #[inline]
-    pub fn feet(&self, angle: f64) -> (Foot, Option<Foot>) {
-        let place = (angle + self.phase) / self.pitch + 0.5;
+    /// On what the wheels stand at these angles: the rollers at their lowest places, and those that
+    /// share the load with them, if one of the wheels stands on two. The other wheels' share is
+    /// then 0.
+    #[inline(always)]
+    pub fn feet(&self, angles: Four) -> (Foot, Option<Foot>) {
+        let pitch = Four::all(self.pitch);
+        let half = Four::all(0.5);
+        let place = (angles + self.phase) / pitch + half;
         let number = place.floor();
-        let phi = (place - number - 0.5) * self.pitch;
-        let (sin, cos) = libm::sincos(phi);
-        let secant = 1.0 / cos;
-        let beyond = self.share_beyond(0.5 * self.pitch - phi.abs());
+        let phi = (place - number - half) * pitch;
+        let (sin, cos) = phi.sin_cos();
+        let secant = Four::ONE / cos;
+        let beyond = self.share_beyond(pitch * half - phi.abs());
         let first = Foot {
             roller: self.roller(number),
             tilt: cos,
             tan: sin * secant,
             secant,
-            share: 1.0 - beyond,
+            share: Four::ONE - beyond,
         };
-        let other = (beyond > 0.0).then(|| {
-            let next = phi.signum();
+        let mut other = None;
+        if beyond.any_positive() {
+            let next = phi.map(f64::signum);
             let (tan, secant) = self.end;
-            Foot {
-                roller: self.roller(number + next),
+            other = Some(Foot {
+                roller: self.roller(beyond.where_positive(number + next, number)),
                 tilt: cos * self.turn.1 + next * sin * self.turn.0,
                 tan: -next * tan,
-                secant,
+                secant: Four::all(secant),
                 share: beyond,
-            }
-        });
+            });
+        }
         (first, other)
     }
 
-    fn roller(&self, number: f64) -> usize {
-        (number as i64).rem_euclid(self.rollers) as usize
+    #[inline(always)]
+    fn roller(&self, number: Four) -> [u8; 4] {
+        let rollers = Four::all(self.rollers);
+        (number - (number / rollers).floor() * rollers)
+            .0
+            .map(|number| number as u8)
     }
 
     /// Part of the load that presses further than an angle from the middle: with the parabola `3/4
     /// (1 - x^2)`, x from -1 to 1 between the ends, it is `1/2 - 3/4 (x - x^3/3)`.
-    fn share_beyond(&self, angle: f64) -> f64 {
-        if angle < self.half {
-            let x = angle / self.half;
-            0.5 - 0.75 * (x - x.powi(3) / 3.0)
-        } else {
-            0.0
-        }
+    #[inline(always)]
+    fn share_beyond(&self, angle: Four) -> Four {
+        let half = Four::all(self.half);
+        let x = angle / half;
+        let share = Four::all(0.5) - (x - x * x * x * (1.0 / 3.0)) * 0.75;
+        (half - angle).where_positive(share, Four::ZERO)
     }
 }
 
@@ -106,14 +114,38 @@ mod tests {
 
     use super::*;
 
+    /// A wheel's part of what carries the four.
+    #[derive(Debug, PartialEq)]
+    struct One {
+        roller: u8,
+        tilt: f64,
+        tan: f64,
+        secant: f64,
+        share: f64,
+    }
+
+    /// On what one wheel stands; the others of the robot stand elsewhere.
+    fn one(footprint: &Footprint, angle: f64) -> (One, Option<One>) {
+        let angles = Four([angle + 0.1, angle - 0.3, angle, angle + 1.0]);
+        let (first, other) = footprint.feet(angles);
+        let of = |foot: Foot| One {
+            roller: foot.roller[2],
+            tilt: foot.tilt.0[2],
+            tan: foot.tan.0[2],
+            secant: foot.secant.0[2],
+            share: foot.share.0[2],
+        };
+        (of(first), other.map(of).filter(|foot| foot.share > 0.0))
+    }
+
     /// A radius that is 0.22 % less: the chord ends where the cosine is.
     const SETTLING: f64 = 0.0022;
 
     #[test]
     fn a_wheel_that_does_not_settle_stands_on_one_roller() {
-        let footprint = Footprint::new(8, 0.0, 0.0);
+        let footprint = Footprint::new(8, [0.0; 4], 0.0);
         for degrees in -180..180 {
-            let (foot, other) = footprint.feet(f64::from(degrees).to_radians());
+            let (foot, other) = one(&footprint, f64::from(degrees).to_radians());
             assert_eq!(other, None);
             assert!((foot.share - 1.0).abs() < f64::EPSILON);
             assert!(foot.tilt >= (PI / 8.0).cos() - 1e-12);
@@ -124,13 +156,13 @@ mod tests {
     /// acos(1 - settling) from it.
     #[test]
     fn the_load_goes_over_while_the_edge_passes_below() {
-        let footprint = Footprint::new(8, 0.0, SETTLING);
+        let footprint = Footprint::new(8, [0.0; 4], SETTLING);
         let half = (1.0 - SETTLING).acos();
         let edge = PI / 8.0;
-        let share = |angle: f64, roller: usize| {
-            let (first, other) = footprint.feet(angle);
+        let share = |angle: f64, roller: u8| {
+            let (first, other) = one(&footprint, angle);
             let feet = [Some(first), other];
-            let of = |foot: &Foot| (foot.roller == roller).then_some(foot.share);
+            let of = |foot: &One| (foot.roller == roller).then_some(foot.share);
             feet.iter().flatten().find_map(of).unwrap_or(0.0)
         };
         for way in [1.0, -1.0] {
@@ -151,12 +183,12 @@ mod tests {
     /// a pitch apart.
     #[test]
     fn two_rollers_carry_the_whole_load() {
-        let footprint = Footprint::new(12, 0.1, SETTLING);
+        let footprint = Footprint::new(12, [0.1; 4], SETTLING);
         let pitch = TAU / 12.0;
         let mut twice = 0;
         for step in 0..10_000 {
             let angle = f64::from(step) * 1e-3 - 5.0;
-            let (first, other) = footprint.feet(angle);
+            let (first, other) = one(&footprint, angle);
             let Some(other) = other else { continue };
             twice += 1;
             assert!((first.share + other.share - 1.0).abs() < 1e-12);

@@ -37,6 +37,7 @@
 
 mod body;
 mod footprint;
+mod four;
 mod roller;
 mod wheel;
 
@@ -51,6 +52,8 @@ use super::table::members;
 use crate::error::SimError;
 use crate::random::Random;
 use body::Body;
+use four::Four;
+use wheel::{Stand, Underside};
 
 const GRAVITY: f64 = 9.81;
 
@@ -138,6 +141,9 @@ impl Contact {
 pub struct ContactPlant {
     formation: Formation,
     wheel_inertia: Option<f64>,
+    /// Of every robot, and how it stood in the last step.
+    undersides: Vec<Underside>,
+    stands: Vec<Stand>,
     /// The load with all robots, when they are connected.
     joined: Option<Body>,
     /// Every robot for itself: what it does when free, and what its wheels would do when not.
@@ -190,7 +196,10 @@ impl ContactPlant {
             .simulation
             .rigid
             .then(|| Body::new(&contact, &parts, payload, floor, start));
+        let undersides = parts.iter().map(|part| Underside::new(&contact, part));
         Ok(Self {
+            undersides: undersides.collect(),
+            stands: Vec::with_capacity(parts.len()),
             wheel_inertia: contact.wheel_inertia,
             single: single.collect::<Result<_, _>>()?,
             joined: joined.transpose()?,
@@ -221,16 +230,43 @@ impl ContactPlant {
     }
 }
 
+impl ContactPlant {
+    /// Lets the wheels turn and the bodies move, with vectors of four where the processor has them.
+    /// The results are the same with and without: every operation is IEEE 754's.
+    fn turn(&mut self, dt: f64, turned: &[[f64; 4]]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            #[target_feature(enable = "avx2")]
+            fn turn_avx2(plant: &mut ContactPlant, dt: f64, turned: &[[f64; 4]]) {
+                plant.turn_wheels(dt, turned);
+            }
+            #[expect(unsafe_code, reason = "the processor was asked for the feature")]
+            // SAFETY: the only requirement is that the processor has AVX2.
+            unsafe {
+                turn_avx2(self, dt, turned);
+            }
+            return;
+        }
+        self.turn_wheels(dt, turned);
+    }
+
+    #[inline(always)]
+    fn turn_wheels(&mut self, dt: f64, turned: &[[f64; 4]]) {
+        self.stands.clear();
+        for (robot, underside) in self.undersides.iter().enumerate() {
+            let (before, turned) = (Four(self.angles[robot]), Four(turned[robot]));
+            self.angles[robot] = (before + turned).0;
+            self.stands.push(underside.stand(before + turned * 0.5));
+        }
+        for body in self.joined.iter_mut().chain(&mut self.single) {
+            body.step(dt, &self.stands, turned);
+        }
+    }
+}
+
 impl Plant for ContactPlant {
     fn step(&mut self, dt: f64, turned: &[[f64; 4]]) -> Result<(), SimError> {
-        for body in self.joined.iter_mut().chain(&mut self.single) {
-            body.step(dt, &self.angles, turned);
-        }
-        for (angles, turned) in self.angles.iter_mut().zip(turned) {
-            for (angle, turned) in angles.iter_mut().zip(turned) {
-                *angle += turned;
-            }
-        }
+        self.turn(dt, turned);
         for (pose, body) in self.alone.iter_mut().zip(&self.single) {
             *pose = body.frame();
         }
@@ -290,4 +326,31 @@ pub fn phases(group: &GroupFile, contact: &Contact) -> Vec<[f64; 4]> {
 pub fn mean_lateral_ratio(rollers: u8) -> f64 {
     let half = PI / f64::from(rollers);
     libm::sin(half) / half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Robots at different places on different rollers, with and without vector instructions.
+    #[test]
+    fn vectors_change_no_bit() {
+        let mut group = GroupFile::load("../groups/tcc-3.toml").unwrap();
+        group.simulation.contact.scattered = true;
+        let contact = Contact::of(&group, 8);
+        let start = Pose::new(0.3, -0.2, 0.1);
+        let mut plant = ContactPlant::new(&group, contact, start).unwrap();
+        let mut plain = ContactPlant::new(&group, contact, start).unwrap();
+        let turned = [[0.004, 0.005, 0.006, 0.0055]; 3];
+        for _ in 0..2_000 {
+            plant.turn(1e-3, &turned);
+            plain.turn_wheels(1e-3, &turned);
+        }
+        let all = plant.joined.iter().chain(&plant.single);
+        for (body, plain) in all.zip(plain.joined.iter().chain(&plain.single)) {
+            let bits = |body: &Body| body.velocity().map(f64::to_bits);
+            assert_eq!(bits(body), bits(plain));
+            assert!(body.velocity()[0].abs() > 0.1, "{:?}", body.velocity());
+        }
+    }
 }

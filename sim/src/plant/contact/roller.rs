@@ -1,4 +1,4 @@
-//! The rollers of one wheel, as bodies that turn about their own axles.
+//! The rollers of wheels, as bodies that turn about their own axles.
 //!
 //! A roller that carries the wheel rolls along with the floor. It resists in proportion to how
 //! fast, and it has inertia: one that comes down hardly turns, and friction has to bring it up to
@@ -12,24 +12,36 @@ use kinematics::FourWheelGeometry;
 
 use super::Contact;
 use super::footprint::Foot;
+use super::four::Four;
 
 /// Thinnest place of a barrel over its thickest: with few rollers a true one would end in a point.
 const THINNEST: f64 = 0.1;
 /// Intervals of Simpson's rule over half a barrel.
 const INTERVALS: u32 = 64;
 
-/// The rollers of a wheel. Their rates are positive when the surface on the floor goes where
-/// friction across the axle pushes.
+/// The rollers of a robot's wheels. Their rates are positive when the surface on the floor goes
+/// where friction across the axle pushes.
 #[derive(Debug, Clone)]
 pub(super) struct Rollers {
     shape: Barrel,
     /// Moment of inertia of one about its axle, kg m^2.
     inertia: f64,
-    each: Vec<Roller>,
-    /// Those on the floor.
-    down: Option<(usize, Option<usize>)>,
+    /// By number, then by wheel.
+    each: Vec<[Roller; 4]>,
+    /// Those on the floor under each wheel; the same twice where it stands on one.
+    down: Option<[[u8; 2]; 4]>,
     /// Since the beginning, s.
     now: f64,
+}
+
+/// Where the roller on the floor under each wheel touches it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grip {
+    /// Which one, and its radius there, m.
+    pub roller: [u8; 4],
+    pub radius: Four,
+    /// Part of the wheel's load.
+    pub share: Four,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -42,13 +54,33 @@ struct Roller {
 
 /// Such a shape that the wheel is round.
 #[derive(Debug, Clone, Copy)]
-struct Barrel {
+pub(super) struct Barrel {
     /// Radius of the wheel, and of its rollers' axles at their middles, m.
     wheel: f64,
     axle: f64,
 }
 
 impl Barrel {
+    pub fn new(contact: &Contact, geometry: &FourWheelGeometry<f64>) -> Self {
+        let wheel = geometry.wheel_radius();
+        Self {
+            wheel,
+            axle: wheel * (1.0 - contact.roller_ratio),
+        }
+    }
+
+    /// Where the floor touches rollers on which wheels stand.
+    #[inline(always)]
+    pub fn grip(self, foot: &Foot) -> Grip {
+        let thinnest = THINNEST * (self.wheel - self.axle);
+        let radius = Four::all(self.wheel) - foot.secant * self.axle;
+        Grip {
+            roller: foot.roller,
+            radius: radius.max(Four::all(thinnest)),
+            share: foot.share,
+        }
+    }
+
     /// Radius where it touches the floor when the wheel has turned from the barrel's middle by an
     /// angle of this secant, m.
     fn radius(self, secant: f64) -> f64 {
@@ -79,78 +111,88 @@ impl Barrel {
 impl Rollers {
     /// All of them at rest.
     pub fn new(contact: &Contact, geometry: &FourWheelGeometry<f64>) -> Self {
-        let wheel = geometry.wheel_radius();
-        let shape = Barrel {
-            wheel,
-            axle: wheel * (1.0 - contact.roller_ratio),
-        };
+        let shape = Barrel::new(contact, geometry);
         let half_pitch = PI / f64::from(contact.rollers);
         let sin_roller = libm::sin(geometry.roller_angle());
+        let at_rest = Roller {
+            rate: 0.0,
+            left: Some(0.0),
+        };
         Self {
             shape,
             inertia: shape.inertia(contact.roller_density, sin_roller, half_pitch),
-            each: vec![
-                Roller {
-                    rate: 0.0,
-                    left: Some(0.0)
-                };
-                usize::from(contact.rollers)
-            ],
+            each: vec![[at_rest; 4]; usize::from(contact.rollers)],
             down: None,
             now: 0.0,
         }
     }
 
-    /// From now on one or two are `down` on the floor. An axle resists with `drag`, as a force at
-    /// the floor under all of the wheel's load, N s/m; in the air as much.
-    pub fn stand_on(&mut self, down: (usize, Option<usize>), drag: f64) {
-        if self.down == Some(down) {
-            return;
+    /// From now on one or two under each wheel are `down` on the floor. An axle resists with
+    /// `drag`, as a force at the floor under all of a wheel's load, N s/m; in the air as much.
+    #[inline(always)]
+    pub fn stand_on(&mut self, down: [[u8; 2]; 4], drag: Four) {
+        if self.down != Some(down) {
+            self.change(down, drag);
         }
+    }
+
+    #[inline(never)]
+    fn change(&mut self, down: [[u8; 2]; 4], drag: Four) {
         self.down = Some(down);
         let middle = self.shape.radius(1.0);
-        for (number, roller) in self.each.iter_mut().enumerate() {
-            let down = number == down.0 || Some(number) == down.1;
-            match roller.left {
-                None if !down => roller.left = Some(self.now),
-                Some(left) if down => {
-                    if self.inertia > 0.0 {
-                        let slowing = drag * middle * middle / self.inertia;
-                        roller.rate *= libm::exp(slowing * (left - self.now));
+        for (number, rollers) in self.each.iter_mut().enumerate() {
+            for ((roller, down), drag) in rollers.iter_mut().zip(down).zip(drag.0) {
+                let down = down.into_iter().any(|down| usize::from(down) == number);
+                match roller.left {
+                    None if !down => roller.left = Some(self.now),
+                    Some(left) if down => {
+                        if self.inertia > 0.0 {
+                            let slowing = drag * middle * middle / self.inertia;
+                            roller.rate *= libm::exp(slowing * (left - self.now));
+                        }
+                        roller.left = None;
                     }
-                    roller.left = None;
+                    _ => {}
                 }
-                _ => {}
             }
         }
     }
 
-    /// Velocity across the axle of a roller on the floor at which that does not push it in the next
-    /// `dt`, m/s, and force over the difference from that velocity, N s/m, when friction creeps
-    /// with `grip`.
-    pub fn resistance(&self, foot: &Foot, grip: f64, drag: f64, dt: f64) -> (f64, f64) {
-        let radius = self.shape.radius(foot.secant);
-        let over = dt * radius * radius;
-        // As much inertia as drag and inertia together are in this step, kg m^2.
-        let resists = self.inertia + drag * foot.share * over;
-        if resists > 0.0 {
-            let surface = self.each[foot.roller].rate * radius;
-            (
-                surface * self.inertia / resists,
-                grip * resists / (grip * over + resists),
-            )
-        } else {
-            (0.0, 0.0)
-        }
+    #[inline(always)]
+    fn rates(&self, grip: &Grip) -> Four {
+        Four::from_fn(|wheel| self.each[usize::from(grip.roller[wheel])][wheel].rate)
     }
 
-    /// Turns a roller on the floor for `dt` by the floor's force, N.
-    pub fn turn(&mut self, foot: &Foot, force: f64, drag: f64, dt: f64) {
+    /// Velocity across the axle of rollers on the floor at which that does not push them in the
+    /// next `dt`, m/s, and force over the difference from that velocity, N s/m, when friction
+    /// creeps with `stiffness`.
+    #[inline(always)]
+    pub fn resistance(&self, grip: &Grip, stiffness: Four, drag: Four, dt: f64) -> (Four, Four) {
+        let over = grip.radius * grip.radius * dt;
+        // As much inertia as drag and inertia together are in this step, kg m^2.
+        let resists = Four::all(self.inertia) + drag * grip.share * over;
+        let surface = self.rates(grip) * grip.radius;
+        let rest = surface * self.inertia / resists;
+        let resistance = stiffness * resists / (stiffness * over + resists);
+        (
+            resists.where_positive(rest, Four::ZERO),
+            resists.where_positive(resistance, Four::ZERO),
+        )
+    }
+
+    /// Turns rollers on the floor for `dt` by the floor's forces, N.
+    #[inline(always)]
+    pub fn turn(&mut self, grip: &Grip, force: Four, drag: Four, dt: f64) {
         if self.inertia > 0.0 {
-            let radius = self.shape.radius(foot.secant);
-            let resists = self.inertia + drag * foot.share * dt * radius * radius;
-            let rate = &mut self.each[foot.roller].rate;
-            *rate = (self.inertia * *rate + force * radius * dt) / resists;
+            let resists =
+                Four::all(self.inertia) + drag * grip.share * grip.radius * grip.radius * dt;
+            let momentum = self.rates(grip) * self.inertia + force * grip.radius * dt;
+            let rates = momentum / resists;
+            for wheel in 0..4 {
+                if grip.share.0[wheel] > 0.0 {
+                    self.each[usize::from(grip.roller[wheel])][wheel].rate = rates.0[wheel];
+                }
+            }
         }
     }
 
@@ -175,34 +217,36 @@ mod tests {
         Rollers::new(&contact, &geometry)
     }
 
-    /// The whole wheel on one roller.
-    fn on(roller: usize, phi: f64) -> Foot {
-        Foot {
-            roller,
-            tilt: libm::cos(phi),
-            tan: libm::tan(phi),
-            secant: 1.0 / libm::cos(phi),
-            share: 1.0,
-        }
+    /// Wheels each on one roller.
+    fn on(roller: u8, phi: f64) -> Grip {
+        let barrel = rollers(Contact::default()).shape;
+        barrel.grip(&Foot {
+            roller: [roller; 4],
+            tilt: Four::all(libm::cos(phi)),
+            tan: Four::all(libm::tan(phi)),
+            secant: Four::all(1.0 / libm::cos(phi)),
+            share: Four::ONE,
+        })
     }
 
     /// Puts a roller down and lets the floor go by at `speed` under it for `seconds`; the sum of
     /// the floor's impulses, N s.
-    fn spin_up(rollers: &mut Rollers, foot: &Foot, speed: f64, drag: f64, seconds: f64) -> f64 {
-        rollers.stand_on((foot.roller, None), drag);
-        let mut impulse = 0.0;
+    fn spin_up(rollers: &mut Rollers, on: &Grip, speed: f64, drag: f64, seconds: f64) -> f64 {
+        let drag = Four::all(drag);
+        rollers.stand_on(on.roller.map(|number| [number; 2]), drag);
+        let mut impulse = Four::ZERO;
         for _ in 0..(seconds / DT).round() as u32 {
-            let (rest, stiffness) = rollers.resistance(foot, GRIP, drag, DT);
-            let force = stiffness * (speed - rest);
-            rollers.turn(foot, force, drag, DT);
+            let (rest, stiffness) = rollers.resistance(on, Four::all(GRIP), drag, DT);
+            let force = stiffness * (Four::all(speed) - rest);
+            rollers.turn(on, force, drag, DT);
             rollers.pass(DT);
-            impulse += force * DT;
+            impulse = impulse + force * DT;
         }
-        impulse
+        impulse.0[2]
     }
 
-    fn surface(rollers: &Rollers, foot: &Foot) -> f64 {
-        rollers.each[foot.roller].rate * rollers.shape.radius(foot.secant)
+    fn surface(rollers: &Rollers, on: &Grip) -> f64 {
+        (rollers.rates(on) * on.radius).0[2]
     }
 
     /// With 128 rollers half a pitch is 1.4 degrees and a barrel is thinner at its ends by `0.1189
@@ -275,8 +319,8 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let drag = 12.0;
         for share in [1.0, 0.25] {
-            let foot = Foot {
-                share,
+            let foot = Grip {
+                share: Four::all(share),
                 ..on(0, 0.0)
             };
             spin_up(&mut rollers, &foot, 0.7, drag, 0.1);
@@ -294,18 +338,18 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let foot = on(0, edge);
         spin_up(&mut rollers, &foot, 0.7, 0.0, 0.02);
-        let rate = rollers.each[0].rate;
-        rollers.stand_on((1, None), drag);
-        rollers.stand_on((0, None), drag);
-        assert!((rollers.each[0].rate - rate).abs() < 1e-12);
+        let rate = rollers.each[0][2].rate;
+        rollers.stand_on([[1; 2]; 4], Four::all(drag));
+        rollers.stand_on([[0; 2]; 4], Four::all(drag));
+        assert!((rollers.each[0][2].rate - rate).abs() < 1e-12);
         let impulse = spin_up(&mut rollers, &foot, 0.7, 0.0, DT);
         assert!(impulse.abs() < 1e-9, "{impulse}");
         // 50 ms on the next one, then back; the radius that the axle's drag acts with is that of
         // the middle.
         spin_up(&mut rollers, &on(1, edge), 0.7, drag, 0.05);
-        rollers.stand_on((0, None), drag);
+        rollers.stand_on([[0; 2]; 4], Four::all(drag));
         let expected = rate * (-drag * 0.0335 * 0.0335 * 0.05 / rollers.inertia).exp();
-        let left = rollers.each[0].rate;
+        let left = rollers.each[0][2].rate;
         assert!((left / expected - 1.0).abs() < 1e-9, "{left} {expected}");
         assert!(expected < 0.5 * rate);
     }
@@ -316,7 +360,7 @@ mod tests {
         let mut rollers = rollers(Contact::default());
         let feet = [on(3, PI / 8.0), on(4, -PI / 8.0)];
         spin_up(&mut rollers, &feet[0], 0.7, 0.0, 0.02);
-        rollers.stand_on((3, Some(4)), 12.0);
+        rollers.stand_on([[3, 4]; 4], Four::all(12.0));
         rollers.pass(0.05);
         for (foot, expected) in feet.iter().zip([0.7, 0.0]) {
             assert!((surface(&rollers, foot) - expected).abs() < 1e-9);

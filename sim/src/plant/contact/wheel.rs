@@ -1,177 +1,234 @@
-//! One wheel as a contact of a body: where the floor can push it, and how hard.
+//! The wheels of a robot as contacts of a body: where the floor can push it, and how hard.
 
 use kinematics::FourWheelGeometry;
 
 use super::footprint::{Foot, Footprint};
-use super::roller::Rollers;
+use super::four::Four;
+use super::roller::{Barrel, Grip, Rollers};
 use super::{Contact, Part};
 
-/// A wheel. Directions and places are in the body's frame, from its centre of mass.
+/// The wheels of a robot as the floor sees them from below. Directions are in the robot's frame.
 #[derive(Debug, Clone)]
-pub(super) struct Wheel {
+pub(super) struct Underside {
+    footprint: Footprint,
+    barrel: Barrel,
+    sin_roller: f64,
+    /// With the sign of the wheel's hand: the roller's axle to the left, level.
+    left: Four,
+    /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's
+    /// tilt, m.
+    wander: Four,
+}
+
+/// How a robot stands on its wheels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stand {
+    first: Touch,
+    /// The second roller of those wheels that stand on two.
+    other: Option<Touch>,
+    /// Which rollers each wheel stands on; the same twice where it is one.
+    down: [[u8; 2]; 4],
+}
+
+/// A roller under each wheel, and where it touches the floor.
+#[derive(Debug, Clone, Copy)]
+struct Touch {
+    grip: Grip,
+    /// Direction of its axle over the floor.
+    ahead: Four,
+    left: Four,
+    /// How far along the wheel's axle, m.
+    along: Four,
+}
+
+/// The wheels of a robot that is a part of a body. Directions and places are in the body's frame,
+/// from its centre of mass.
+#[derive(Debug, Clone)]
+pub(super) struct Wheels {
     pub robot: usize,
-    pub index: usize,
-    /// Hub, m.
-    pub x: f64,
-    pub y: f64,
+    /// Hubs, m.
+    pub x: Four,
+    pub y: Four,
     /// Direction of the robot: sine and cosine.
     sin: f64,
     cos: f64,
-    /// +1 on the diagonal front left to rear right, -1 on the other.
-    hand: f64,
-    sin_roller: f64,
-    cos_roller: f64,
     /// Rolling radius, settled, m.
     radius: f64,
-    /// By how much the contact wanders along the wheel's axle, over the tangent of the roller's
-    /// tilt, m.
-    wander: f64,
     /// Slip velocity at which friction is fully developed, m/s.
     creep: f64,
-    /// Force across the roller's axle over load and velocity, s/m.
+    /// Force across a roller's axle over load and velocity, s/m.
     damping: f64,
-    /// What it carries, N.
-    pub load: f64,
-    footprint: Footprint,
-    feet: (Foot, Option<Foot>),
+    /// What they carry, N.
+    pub load: Four,
     rollers: Rollers,
-    /// What turns with it, kg m^2, if its rate is not its motor's alone.
+    /// What turns with a wheel, kg m^2, if its rate is not its motor's alone.
     inertia: Option<f64>,
-    /// What the floor did to it in the last step, N·m.
-    pub floor_torque: f64,
 }
 
-/// One direction in which the floor pushes a body through a wheel.
+/// A direction in which the floor pushes a body through each wheel of a robot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Push {
     /// Direction, and moment arm about the centre of mass.
-    pub row: [f64; 3],
+    pub row: [Four; 3],
     /// Velocity along it at which the contact would rest, m/s.
-    pub rest: f64,
+    pub rest: Four,
     /// Over what lever the force turns the wheel, m.
-    pub lever: f64,
-    /// Largest force, N.
-    pub limit: f64,
+    pub lever: Four,
+    /// Largest force, N; 0 where there is no contact.
+    pub limit: Four,
     /// Force over slip velocity below the limit, N s/m.
-    pub stiffness: f64,
+    pub stiffness: Four,
 }
+
+/// What the floor can do at a roller under each wheel: along its axle, and across.
+pub(super) type Pushes = [Push; 2];
 
 /// Stiffest contact, N s/m: what wheels that contradict each other fight about is shared by it.
 const STIFFEST: f64 = 4e9;
 
-/// Wheels of a robot: ahead, left, hand.
-const CORNERS: [(f64, f64, f64); 4] = [
-    (1.0, 1.0, 1.0),
-    (1.0, -1.0, -1.0),
-    (-1.0, 1.0, -1.0),
-    (-1.0, -1.0, 1.0),
-];
+/// Where the wheels of a robot are, ahead and to the left, and on which diagonal: +1 from front
+/// left to rear right.
+const AHEAD: [f64; 4] = [1.0, 1.0, -1.0, -1.0];
+const LEFT: [f64; 4] = [1.0, -1.0, 1.0, -1.0];
+const HAND: Four = Four([1.0, -1.0, -1.0, 1.0]);
 
-impl Wheel {
+impl Underside {
+    pub fn new(contact: &Contact, part: &Part) -> Self {
+        let geometry: &FourWheelGeometry<f64> = &part.geometry;
+        let (sin_roller, cos_roller) = libm::sincos(geometry.roller_angle());
+        let axle = geometry.wheel_radius() * (1.0 - contact.roller_ratio);
+        Self {
+            footprint: Footprint::new(contact.rollers, part.phases, contact.settling),
+            barrel: Barrel::new(contact, geometry),
+            sin_roller,
+            left: -HAND * cos_roller,
+            wander: -HAND * (axle * cos_roller / sin_roller),
+        }
+    }
+
+    /// How the robot stands on wheels with these angles.
+    #[inline(always)]
+    pub fn stand(&self, angles: Four) -> Stand {
+        let (first, other) = self.footprint.feet(angles);
+        let seconds = other.map_or(first.roller, |other| other.roller);
+        Stand {
+            down: std::array::from_fn(|wheel| [first.roller[wheel], seconds[wheel]]),
+            first: self.touch(&first),
+            other: other.map(|foot| self.touch(&foot)),
+        }
+    }
+
+    #[inline(always)]
+    fn touch(&self, foot: &Foot) -> Touch {
+        // The roller's axle over the floor.
+        let (ahead, left) = (foot.tilt * self.sin_roller, self.left);
+        let shorter = Four::ONE / (ahead * ahead + left * left).sqrt();
+        Touch {
+            grip: self.barrel.grip(foot),
+            ahead: ahead * shorter,
+            left: left * shorter,
+            along: self.wander * foot.tan,
+        }
+    }
+}
+
+impl Stand {
+    /// Rollers that carry the wheels: the first of each, and the second where there is one.
+    #[inline(always)]
+    fn touches(&self) -> impl Iterator<Item = &Touch> {
+        std::iter::once(&self.first).chain(&self.other)
+    }
+}
+
+impl Wheels {
     /// The wheels of a robot whose centre is at (`x`, `y`) from the body's centre of mass; no load
     /// yet.
-    pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> [Self; 4] {
+    pub fn of(contact: &Contact, part: &Part, (x, y): (f64, f64)) -> Self {
         let geometry: &FourWheelGeometry<f64> = &part.geometry;
         let (sin, cos) = libm::sincos(part.place.heading);
-        let r = geometry.wheel_radius();
-        let (sin_roller, cos_roller) = libm::sincos(geometry.roller_angle());
-        std::array::from_fn(|index| {
-            let footprint = Footprint::new(contact.rollers, part.phases[index], contact.settling);
-            let (ahead, left, hand) = CORNERS[index];
-            let (ahead, left) = (
-                ahead * geometry.half_wheelbase(),
-                left * geometry.half_track(),
-            );
-            Self {
-                robot: part.robot,
-                index,
-                x: x + cos * ahead - sin * left,
-                y: y + sin * ahead + cos * left,
-                sin,
-                cos,
-                hand,
-                sin_roller,
-                cos_roller,
-                radius: r * (1.0 - contact.settling),
-                wander: -hand * r * (1.0 - contact.roller_ratio) * cos_roller / sin_roller,
-                creep: contact.creep,
-                damping: contact.roller_damping,
-                load: 0.0,
-                feet: footprint.feet(0.0),
-                footprint,
-                rollers: Rollers::new(contact, geometry),
-                inertia: contact.wheel_inertia,
-                floor_torque: 0.0,
-            }
-        })
+        let (h, w) = (geometry.half_wheelbase(), geometry.half_track());
+        let (ahead, left) = (AHEAD.map(|side| side * h), LEFT.map(|side| side * w));
+        Self {
+            robot: part.robot,
+            x: Four::from_fn(|wheel| x + cos * ahead[wheel] - sin * left[wheel]),
+            y: Four::from_fn(|wheel| y + sin * ahead[wheel] + cos * left[wheel]),
+            sin,
+            cos,
+            radius: geometry.wheel_radius() * (1.0 - contact.settling),
+            creep: contact.creep,
+            damping: contact.roller_damping,
+            load: Four::ZERO,
+            rollers: Rollers::new(contact, geometry),
+            inertia: contact.wheel_inertia,
+        }
     }
 
-    /// Puts the wheel at this angle, turning at `rate`, and adds to `pushes` what the floor can do
-    /// to it in the next `dt`: along the axle of a roller that carries it and across, and the same
-    /// again where two do.
+    /// Stands on these rollers with wheels that turn at `rates`, and adds to `pushes` what the
+    /// floor can do to them in the next `dt`.
+    #[inline(always)]
     pub fn stand(
         &mut self,
-        angle: f64,
-        rate: f64,
-        friction: f64,
+        stand: &Stand,
+        rates: Four,
+        friction: Four,
         dt: f64,
-        pushes: &mut Vec<[Push; 2]>,
+        pushes: &mut Vec<Pushes>,
     ) {
-        let (first, other) = self.footprint.feet(angle);
-        let down = (first.roller, other.map(|foot| foot.roller));
-        self.rollers.stand_on(down, self.damping * self.load);
-        pushes.push(self.pushes(&first, rate, friction, dt));
-        if let Some(other) = &other {
-            pushes.push(self.pushes(other, rate, friction, dt));
+        self.rollers.stand_on(stand.down, self.load * self.damping);
+        for touch in stand.touches() {
+            pushes.push(self.pushes(touch, rates, friction, dt));
         }
-        self.feet = (first, other);
     }
 
-    fn pushes(&self, foot: &Foot, rate: f64, friction: f64, dt: f64) -> [Push; 2] {
-        // The roller's axle over the floor, in the robot's frame: ahead, left.
-        let (ahead, left) = (self.sin_roller * foot.tilt, -self.hand * self.cos_roller);
-        let shorter = 1.0 / (ahead * ahead + left * left).sqrt();
-        let (ahead, left) = (ahead * shorter, left * shorter);
-        let wander = self.wander * foot.tan;
-        let (x, y) = (self.x - self.sin * wander, self.y + self.cos * wander);
-        let limit = friction * self.load * foot.share;
-        let push = |ahead: f64, left: f64, rest: f64, stiffness: f64| {
-            let dx = self.cos * ahead - self.sin * left;
-            let dy = self.sin * ahead + self.cos * left;
-            let lever = self.radius * ahead;
-            // By what the wheel gives way to a newton in this step, as far as it stands on this
-            // foot.
-            let gives = self
-                .inertia
-                .map_or(0.0, |inertia| lever * lever * dt / (inertia * foot.share));
+    #[inline(always)]
+    fn pushes(&self, touch: &Touch, rates: Four, friction: Four, dt: f64) -> Pushes {
+        let Touch {
+            grip, ahead, left, ..
+        } = *touch;
+        let x = self.x - touch.along * self.sin;
+        let y = self.y + touch.along * self.cos;
+        let limit = friction * self.load * grip.share;
+        let push = |ahead: Four, left: Four, rest: Four, stiffness: Four| {
+            let dx = ahead * self.cos - left * self.sin;
+            let dy = ahead * self.sin + left * self.cos;
+            let lever = ahead * self.radius;
+            // By what a wheel gives way to a newton in this step, as far as it stands on this
+            // roller.
+            let stiffness = self.inertia.map_or(stiffness, |inertia| {
+                let gives = lever * lever * dt / (grip.share * inertia);
+                stiffness / (Four::ONE + stiffness * gives)
+            });
             Push {
                 row: [dx, dy, x * dy - y * dx],
-                rest: rate * lever + rest,
+                rest: rates * lever + rest,
                 lever,
                 limit,
-                stiffness: stiffness / (1.0 + stiffness * gives),
+                stiffness: grip.share.where_positive(stiffness, Four::ZERO),
             }
         };
-        let grip = (limit / self.creep).min(STIFFEST);
-        let drag = self.damping * self.load;
-        let (rest, resistance) = self.rollers.resistance(foot, grip, drag, dt);
+        let creeping = (limit / Four::all(self.creep)).min(Four::all(STIFFEST));
+        let drag = self.load * self.damping;
+        let (rest, resistance) = self.rollers.resistance(&grip, creeping, drag, dt);
         [
-            push(ahead, left, 0.0, grip),
+            push(ahead, left, Four::ZERO, creeping),
             push(-left, ahead, rest, resistance),
         ]
     }
 
-    /// Rollers that carry it.
-    pub fn feet_down(&self) -> usize {
-        1 + usize::from(self.feet.1.is_some())
-    }
-
-    /// Turns the rollers on the floor for `dt`, each by what the floor did across its axle, N.
-    pub fn turn_rollers(&mut self, forces: impl Iterator<Item = f64>, dt: f64) {
-        let drag = self.damping * self.load;
-        let (first, other) = &self.feet;
-        for (foot, force) in std::iter::once(first).chain(other).zip(forces) {
-            self.rollers.turn(foot, force, drag, dt);
+    /// Turns the rollers on the floor for `dt` by what the floor did to each: the next of `pushes`
+    /// at this velocity of the body.
+    #[inline(always)]
+    pub fn turn_rollers<'a>(
+        &mut self,
+        stand: &Stand,
+        pushes: &mut impl Iterator<Item = &'a Pushes>,
+        velocity: [f64; 3],
+        dt: f64,
+    ) {
+        let drag = self.load * self.damping;
+        for (touch, [_, across]) in stand.touches().zip(pushes) {
+            let force = across.force(velocity);
+            self.rollers.turn(&touch.grip, force, drag, dt);
         }
         self.rollers.pass(dt);
     }
