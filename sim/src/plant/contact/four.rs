@@ -11,8 +11,8 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 #[repr(C, align(32))]
 pub(super) struct Four(pub [f64; 4]);
 
-/// Taylor's terms of the sine from `x^3`, and of the cosine from `x^2`: below half a turn to either
-/// side, what follows is less than 2e-18.
+/// Taylor's terms of the sine from `x^3`, and of the cosine from `x^2`: within a quarter turn to
+/// either side, what follows is less than 2e-18.
 const SINE: [f64; 10] = reciprocals_of_factorials(3);
 const COSINE: [f64; 11] = reciprocals_of_factorials(2);
 

@@ -332,7 +332,8 @@ pub fn mean_lateral_ratio(rollers: u8) -> f64 {
 mod tests {
     use super::*;
 
-    /// Robots at different places on different rollers, with and without vector instructions.
+    /// Robots at different places on different rollers, with and without vector instructions; on a
+    /// processor that has none this compares nothing.
     #[test]
     fn vectors_change_no_bit() {
         let mut group = GroupFile::load("../groups/tcc-3.toml").unwrap();
