@@ -70,9 +70,17 @@ fn pilot() -> Arc<Pilot> {
     Arc::new(Pilot::launch(open, file()))
 }
 
-/// Drives until the group moves, then does `then`, in the node's place. Returns how all ended, and
-/// whether the group stood, with its drivers off, before the bus ended.
-fn driven_until_it(then: impl FnOnce() + Send + 'static) -> (Result<(), RosError>, bool) {
+/// How a drive ended.
+struct End {
+    result: Result<(), RosError>,
+    /// Whether the group stood, with its drivers off, before the bus ended.
+    stood: bool,
+    /// How long it moved, s of the bus.
+    moved_for: f64,
+}
+
+/// Drives until the group moves, then does `then`, in the node's place.
+fn driven_until_it(then: impl FnOnce() + Send + 'static) -> End {
     let pilot = pilot();
     let telemetry = pilot.telemetry();
     let body: NodeBody = Box::new(move |mut outgoing, on| {
@@ -92,35 +100,62 @@ fn driven_until_it(then: impl FnOnce() + Send + 'static) -> (Result<(), RosError
             let _: Reply = on(command(0.2));
         }
     });
-    let ended = operate(pilot, &file(), &options(), &Abort::default(), body);
-    let (mut moved, mut idle) = (false, false);
+    let result = operate(pilot, &file(), &options(), &Abort::default(), body);
+    let (mut moving, mut idle) = (None, false);
     for item in telemetry {
         match item {
             Telemetry::Snapshot(now) => {
-                moved |= now.measured.is_some_and(|twist| twist.vx > 0.1);
-                idle = moved && now.phase == SessionState::Idle;
+                if now.measured.is_some_and(|twist| twist.vx > 0.1) {
+                    let (first, _) = moving.unwrap_or((now.t, now.t));
+                    moving = Some((first, now.t));
+                }
+                idle = moving.is_some() && now.phase == SessionState::Idle;
             }
             Telemetry::Event(event) => {
-                idle |= moved && event.what == EventKind::SessionState(SessionState::Idle);
+                let is_idle = event.what == EventKind::SessionState(SessionState::Idle);
+                idle |= moving.is_some() && is_idle;
             }
             Telemetry::Frame(_) => {}
         }
     }
-    (ended, moved && idle)
+    let (first, last) = moving.expect("the group has moved");
+    End {
+        result,
+        stood: idle,
+        moved_for: last - first,
+    }
 }
 
 #[test]
 fn a_node_that_panics_ends_the_motion_and_the_program() {
-    let (ended, stood) = driven_until_it(|| panic!("as the library does"));
-    assert!(matches!(ended, Err(RosError::NodeLost)), "{ended:?}");
+    let End { result, stood, .. } = driven_until_it(|| panic!("as the library does"));
+    assert!(matches!(result, Err(RosError::NodeLost)), "{result:?}");
     assert!(stood, "the group was ramped down and switched off");
 }
 
 #[test]
 fn a_node_that_ends_by_itself_is_a_failure_too() {
-    let (ended, stood) = driven_until_it(|| ());
-    assert!(matches!(ended, Err(RosError::NodeLost)), "{ended:?}");
+    let End { result, stood, .. } = driven_until_it(|| ());
+    assert!(matches!(result, Err(RosError::NodeLost)), "{result:?}");
     assert!(stood);
+}
+
+/// The last velocity expires after 0.25 s and the ramp from 0.2 m/s takes less than that; the
+/// program needs 5 s to see that nothing is taken any more.
+#[test]
+fn a_node_that_hangs_moves_nothing_for_longer_than_a_velocity_is_good_for() {
+    let End {
+        result,
+        stood,
+        moved_for,
+    } = driven_until_it(|| {
+        loop {
+            std::thread::park();
+        }
+    });
+    assert!(matches!(result, Err(RosError::NodeLost)), "{result:?}");
+    assert!(stood);
+    assert!(moved_for < 2.0, "it moved for {moved_for} s");
 }
 
 #[test]

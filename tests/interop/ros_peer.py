@@ -201,13 +201,14 @@ class Repeated:
     """Publishes at 20 Hz until it is left; `twist` may change meanwhile."""
 
     def __init__(self, writer, make):
-        self.writer, self.make = writer, make
+        self.writer, self.make, self.count = writer, make, 0
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)
 
     def run(self):
         while not self.over.wait(0.05):
             self.writer.write(self.make())
+            self.count += 1
 
     def __enter__(self):
         self.thread.start()
@@ -274,11 +275,17 @@ class Watcher:
         self.newest = {}
         self.count = dict.fromkeys(self.readers, 0)
 
+    def news(self, name):
+        """What has come on a topic since the last look."""
+        news = taken(self.readers[name])
+        for one in news:
+            self.newest[name] = one
+            self.count[name] += 1
+        return news
+
     def look(self):
-        for name, reader in self.readers.items():
-            for one in taken(reader):
-                self.newest[name] = one
-                self.count[name] += 1
+        for name in self.readers:
+            self.news(name)
         return self
 
     @property

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use canopen::Frame;
 use futures::channel::mpsc::{Receiver, Sender, channel};
@@ -34,6 +34,12 @@ const TICK: Duration = Duration::from_millis(50);
 const REPORT: f64 = 1.0;
 /// A node that takes no message for so long hangs, in s.
 const HANGS: f64 = 5.0;
+/// How long a node may take to end.
+const ENDS: Duration = Duration::from_secs(5);
+/// The program may grow by so much, kB. A node needs some 20 MB. RustDDS 0.15.1 lists every message
+/// that another writer says to have; one datagram that says 2^40 makes it take all the memory there
+/// is.
+const MOST_MEMORY: u64 = 256 << 10;
 
 /// What robots are asked for that they do not send by themselves.
 const ASKED: [Address; 2] = [address::SUPPLY, address::CURRENT];
@@ -62,9 +68,15 @@ pub enum RosError {
     /// The node.
     #[error(transparent)]
     Node(#[from] NodeError),
-    /// The node's thread has ended by itself.
+    /// The node's thread has ended by itself, or does not end.
     #[error("the ROS 2 node has failed; the robots were ramped down and switched off")]
     NodeLost,
+    /// The library takes more and more memory.
+    #[error(
+        "the ROS 2 library took more than 256 MB, as after a damaged message; the robots were \
+         ramped down and switched off; start the program again"
+    )]
+    Memory,
 }
 
 /// What the node's thread runs: its messages to publish, and where to go with what it receives.
@@ -89,6 +101,15 @@ impl Drop for Guard {
 fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     u64::try_from(since.unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Memory of this program, kB; `None` where it cannot be read.
+fn memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.split_whitespace().next()?.parse().ok()
 }
 
 /// A thread that panicked has not left them half changed.
@@ -159,16 +180,26 @@ pub fn operate(
         };
         state.run(&stream, &its_over, &ask);
     });
-    while !abort.is_asked() && !over.load(Ordering::Relaxed) && !pilot.is_over() {
+    let most = memory().map(|now| now + MOST_MEMORY);
+    let mut grown = false;
+    while !abort.is_asked() && !over.load(Ordering::Relaxed) && !pilot.is_over() && !grown {
         std::thread::sleep(TICK);
+        grown = memory() > most;
     }
     let asked = abort.is_asked() || pilot.is_over();
     let flown = Pilot::finish_shared(pilot);
     // The telemetry has ended with the pilot, and with its thread the node's messages.
     let _ = telling.join();
     flown?;
-    if !asked && !node.is_finished() {
-        // It hangs: waiting for it would be for ever.
+    if grown {
+        return Err(RosError::Memory);
+    }
+    // One that hangs would be waited for for ever.
+    let began = Instant::now();
+    while !node.is_finished() && began.elapsed() < ENDS {
+        std::thread::sleep(TICK);
+    }
+    if !node.is_finished() {
         return Err(RosError::NodeLost);
     }
     match node.join() {

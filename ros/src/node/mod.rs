@@ -9,7 +9,8 @@
 //!
 //! Limits: the library holds many panics, in threads of its own too. The thread of [`run`] and the
 //! library therefore never share a thread with what keeps a group safe, and a caller must take
-//! their end for that of the node. There are no parameter services.
+//! their end for that of the node. One of those threads may also hang: [`run`] ends with an error
+//! when the library has had no room for any message for [`HANGS`]. There are no parameter services.
 
 pub mod environment;
 mod graph;
@@ -17,6 +18,7 @@ mod peers;
 mod ports;
 
 use std::pin::Pin;
+use std::time::{Duration, Instant};
 
 use futures::channel::mpsc::Receiver;
 use futures::stream::{Stream, StreamExt as _, iter, select};
@@ -37,6 +39,8 @@ use crate::message::{
 
 /// Messages kept for readers that ask again.
 const DEPTH: usize = 10;
+/// A library that has had no room for so long does not send any more.
+const HANGS: Duration = Duration::from_secs(3);
 
 /// What the node is to be.
 #[derive(Clone, Debug)]
@@ -441,6 +445,7 @@ impl Served {
         // The two sides take turns, so nothing waits behind what is published.
         let incoming = select(pin(commands), pin(select(calls, pin(participants))));
         let mut events = select(pin(incoming), pin(outgoing));
+        let mut full_since: Option<Instant> = None;
         futures::executor::block_on(async {
             while let Some(event) = events.next().await {
                 match event {
@@ -448,7 +453,11 @@ impl Served {
                     Event::Publish(message) => {
                         // Once a second suffices for who is there.
                         let looks = matches!(message, Outgoing::Diagnostics(_));
-                        topics.publish(message);
+                        if topics.publish(message) {
+                            full_since = None;
+                        } else if full_since.get_or_insert_with(Instant::now).elapsed() > HANGS {
+                            return Err(NodeError("the library sends nothing any more".into()));
+                        }
                         if looks {
                             graph.look(on);
                         }
