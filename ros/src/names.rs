@@ -50,7 +50,27 @@ pub fn namespace(text: &str) -> Result<String, String> {
     if trimmed.is_empty() {
         return Ok("/".into());
     }
-    for token in trimmed.split('/') {
+    levels(trimmed)?;
+    Ok(format!("/{trimmed}"))
+}
+
+/// A prefix of frames as it was given: nothing, or names as in a namespace and what separates the
+/// last of them from the frame. tf2 has no frame that begins with a slash.
+///
+/// # Errors
+/// With the reason when it is none.
+pub fn frame_prefix(text: &str) -> Result<String, String> {
+    if text.starts_with('/') {
+        return Err("frames of tf2 do not begin with a slash; leave it out".into());
+    }
+    if !text.is_empty() {
+        levels(text.trim_end_matches(['/', '_']))?;
+    }
+    Ok(text.into())
+}
+
+fn levels(text: &str) -> Result<(), String> {
+    for token in text.split('/') {
         let begins = token
             .chars()
             .next()
@@ -58,10 +78,40 @@ pub fn namespace(text: &str) -> Result<String, String> {
         let fits = token.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         if !begins || !fits || token.contains("__") {
             return Err(format!(
-                "the namespace {text}: `{token}` is not a name of letters, digits and single \
-                 underscores that begins with a letter"
+                "`{token}` is not a name of letters, digits and single underscores that begins \
+                 with a letter"
             ));
         }
     }
-    Ok(format!("/{trimmed}"))
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn namespaces_have_one_slash_in_front_and_none_behind() {
+        for (text, is) in [
+            ("", "/"),
+            ("/", "/"),
+            ("left", "/left"),
+            ("/a/_b1/", "/a/_b1"),
+        ] {
+            assert_eq!(namespace(text).as_deref(), Ok(is));
+        }
+        for text in ["9x", "a//b", "a b", "a__b", "a-b", "~"] {
+            assert!(namespace(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn prefixes_of_frames_are_taken_as_they_are_or_refused() {
+        for text in ["", "left/", "robot_", "a/b/", "left"] {
+            assert_eq!(frame_prefix(text).as_deref(), Ok(text));
+        }
+        for text in ["/left/", "a b", "a//b/", "9x", "/", "_"] {
+            assert!(frame_prefix(text).is_err(), "{text}");
+        }
+    }
 }

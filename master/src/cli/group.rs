@@ -110,7 +110,7 @@ struct RosFile {
     /// The file.
     file: PathBuf,
     /// Prefix of the frames odom and base_link, as that of `omnibus ros`.
-    #[arg(long, value_name = "PREFIX", default_value = "")]
+    #[arg(long, value_name = "PREFIX", default_value = "", value_parser = ros::names::frame_prefix)]
     frame_prefix: String,
 }
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use omnibus::ros::{Options, RosError, operate};
-use ros::names::{Frames, namespace};
+use ros::names::{Frames, frame_prefix, namespace};
 use ros::node::environment::{Environment, Reach, Services};
 use ros::node::{self, Settings};
 
@@ -34,10 +34,10 @@ pub struct Arguments {
     target: Target,
     /// Namespace of the node and its topics. It also is the prefix of frames, unless --frame-prefix
     /// gives another one.
-    #[arg(long, value_name = "NAME", default_value = "/")]
+    #[arg(long, value_name = "NAME", default_value = "/", value_parser = namespace)]
     namespace: String,
     /// Prefix of the frames odom and base_link.
-    #[arg(long, value_name = "PREFIX")]
+    #[arg(long, value_name = "PREFIX", value_parser = frame_prefix)]
     frame_prefix: Option<String>,
     /// Whether cmd_vel is geometry_msgs/TwistStamped (true) or geometry_msgs/Twist (false).
     #[arg(long, value_name = "BOOL", default_value_t = true, action = clap::ArgAction::Set)]
@@ -120,9 +120,7 @@ fn settings(
             arguments.rate
         );
     }
-    let namespace = namespace(&arguments.namespace)
-        .map_err(|error| anyhow!(error))
-        .context("--namespace")?;
+    let namespace = arguments.namespace.clone();
     let mut environment =
         Environment::read(|name| std::env::var(name).ok()).map_err(|error| anyhow!(error))?;
     match arguments.rmw {

@@ -16,7 +16,7 @@ use omnibus::vda5050::driver::Localised;
 use omnibus::vda5050::{operate, physics};
 
 use super::follow::place;
-use super::{Target, print_note};
+use super::{Target, Usage, print_note};
 
 const EXAMPLES: &str = "Examples:
   omnibus vda5050 --broker mqtt://127.0.0.1 --at 0,0 --bus sim:groups/tcc-3.toml
@@ -102,7 +102,7 @@ impl Arguments {
             manufacturer: self.manufacturer.clone(),
             serial: self.serial.clone().unwrap_or_else(|| group.name.clone()),
         };
-        identity.check().map_err(anyhow::Error::msg)?;
+        identity.check().map_err(Usage)?;
         #[expect(clippy::cast_possible_truncation, reason = "at most a minute")]
         #[expect(clippy::cast_sign_loss, reason = "checked above")]
         let ms = |seconds: f64| (seconds * 1e3).round() as u64;
@@ -118,12 +118,13 @@ impl Arguments {
     }
 
     fn access(&self) -> anyhow::Result<Access> {
-        let read = |path: &PathBuf| {
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+        let read = |option: &str, path: &PathBuf| {
+            std::fs::read(path)
+                .with_context(|| format!("{option} {}: it cannot be read", path.display()))
         };
         let user = match (&self.user, &self.password_file) {
             (Some(user), Some(path)) => {
-                let text = String::from_utf8(read(path)?);
+                let text = String::from_utf8(read("--password-file", path)?);
                 let text = text.with_context(|| {
                     format!("--password-file {}: it is no text", path.display())
                 })?;
@@ -133,7 +134,11 @@ impl Arguments {
         };
         Ok(Access {
             address: self.broker.clone(),
-            authority: self.ca.as_ref().map(read).transpose()?,
+            authority: self
+                .ca
+                .as_ref()
+                .map(|path| read("--ca", path))
+                .transpose()?,
             user,
         })
     }
@@ -169,7 +174,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let access = arguments.access()?;
     let localised = arguments.localised()?;
     let identity = configuration.identity.clone();
-    let broker = Broker::connect(&access, &identity).map_err(anyhow::Error::msg)?;
+    let broker = Broker::connect(&access, &identity).map_err(Usage)?;
     let abort = super::abort_on_ctrl_c()?;
     let pilot = Arc::new(target.pilot(&group)?);
     print_note(format_args!(

@@ -16,6 +16,9 @@ use rumqttc::{
     TlsConfiguration, Transport,
 };
 
+use rustls::pki_types::CertificateDer;
+use rustls::pki_types::pem::PemObject as _;
+
 use super::{delivery, unix_ms};
 
 /// Heartbeat with the broker (6.14).
@@ -105,7 +108,7 @@ impl Broker {
     /// Begins to connect, and goes on for as long as this exists.
     ///
     /// # Errors
-    /// When TLS is asked for without what it needs.
+    /// When TLS is asked for without what it needs; names the option.
     pub fn connect(access: &Access, identity: &Identity) -> Result<Self, String> {
         let Address { tls, host, port } = &access.address;
         // One broker may have several groups, and each keeps its session.
@@ -130,6 +133,9 @@ impl Broker {
             let ca = ca.ok_or(
                 "--broker mqtts://: give --ca FILE.pem, the certificate of who signed the broker's",
             )?;
+            if !CertificateDer::pem_slice_iter(&ca).any(|one| one.is_ok()) {
+                return Err("--ca: there is no certificate in the file; give one in PEM".into());
+            }
             // Another part of the program may have chosen the same already.
             let _ = rustls::crypto::ring::default_provider().install_default();
             options.set_transport(Transport::Tls(TlsConfiguration::Simple {
