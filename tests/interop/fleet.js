@@ -23,6 +23,8 @@ const handler = {
         tell("node", { order: context.order.orderId, node: node.nodeId, sequence: node.sequenceId }),
     onEdgeTraversed: (edge, _start, _end, context) =>
         tell("edge", { order: context.order.orderId, edge: edge.edgeId }),
+    onActionStateChanged: (state, error, action) =>
+        tell("action", { id: action.actionId, status: state.actionStatus, error: error || null }),
 };
 const actions = {
     onActionStateChanged: (state, error, action) =>

@@ -3,7 +3,7 @@ each with an order of its own, for so many seconds of the clock on the wall.
 
     OMNIBUS_DOORS=target/release/omnibus python3 tests/interop/fleet_load.py [GROUPS [SECONDS]]
 
-Not a test: `cargo xtask bench --fleet` runs it. Figures depend on the machine (docs/vda5050.md has one run):
+Not a test: `cargo xtask bench --fleet` runs it. Figures depend on the machine (docs/performance.md has one run):
 messages and states a second of all groups, processor (per cent of a core) and memory (MB) of one group with its
 simulated robot, and the broker's share of a core."""
 

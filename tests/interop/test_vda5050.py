@@ -6,7 +6,6 @@ import json
 import math
 import os
 import pathlib
-import shlex
 import signal
 import subprocess
 import tempfile
@@ -159,6 +158,118 @@ class OneVehicle(Vehicles):
         self.assertEqual(len(sheet["agvGeometry"]["wheelDefinitions"]), 12)
         self.fleet.instant(SERIAL, "stateRequest", "s")
         self.fleet.finished(SERIAL, "s")
+
+
+    def test_a_turn_on_the_spot_is_an_edge_between_two_nodes_of_one_place(self):
+        # And one where nothing is to be done, which is a node to be reported all the same.
+        turn = order("turn", [(0, 0), (0, 0), (0, 0), (0, 1)])
+        turn["nodes"][1]["nodePosition"]["theta"] = math.pi / 2
+        self.fleet.order(SERIAL, turn)
+        self.assertEqual([self.fleet.wait("node")["node"] for _ in range(4)], ["n0", "n1", "n2", "n3"])
+        done = self.fleet.wait("processed")
+        self.assertEqual((done["error"], done["cancelled"], done["active"]), (None, False, False))
+        self.near(self.fleet.state(SERIAL, idle), 0, 1, math.pi / 2)
+        # What was turned in place did not leave it.
+        shown = [e["message"]["agvPosition"] for e in self.fleet.seen
+                 if e["event"] == "raw" and e["topic"] == "visualization"]
+        turning = [at for at in shown if 0.1 < at["theta"] < 1.4]
+        self.assertGreater(len(turning), 2)
+        for at in turning:
+            self.assertLess(math.hypot(at["x"], at["y"]), 0.03, at)
+
+
+class Relocated(Vehicles):
+    """A vehicle that is told where it is: at once, and on a node, as behind the door of a lift."""
+
+    PLACE = {"x": 10.0, "y": -2.0, "theta": math.pi / 2, "mapId": "hall", "lastNodeId": "dock"}
+    CELLAR = {"x": 1.0, "y": 5.0, "theta": 0.0, "mapId": "cellar"}
+
+    def setUp(self):
+        self.broker = Broker(self)
+        self.fleet = Fleet(self, self.broker)
+        # Without --at wheels know no place.
+        bus = [f"sim:{ROOT / 'groups' / 'tcc-2.toml'}", "--visualization-interval", "0.1"]
+        self.vehicle(self.broker, bus, serial=SERIAL)
+
+    def lift(self, name, theta=0.0):
+        """Up in the hall to (10, -1), there the door, and on in the cellar from (1, 5) to (2, 5)."""
+        through = order(name, [(10, -2), (10, -1), (2, 5)])
+        through["nodes"][2]["nodePosition"]["mapId"] = "cellar"
+        listed = [{"key": key, "value": value} for key, value in (self.CELLAR | {"theta": theta}).items()]
+        through["nodes"][1]["actions"] = [
+            {"actionId": f"{name}-door", "actionType": "initPosition", "blockingType": "HARD", "actionParameters": listed}]
+        return through
+
+    def test_at_once_and_then_on_a_node_of_an_order(self):
+        fleet = self.fleet
+        lost = fleet.message(SERIAL, "state")
+        self.assertFalse(lost.get("agvPosition", {}).get("positionInitialized", False))
+        fleet.order(SERIAL, order("early", [(0, 0), (1, 0)]))
+        error = fleet.wait("processed")["error"]
+        self.assertEqual(error["errorType"], "noRouteError")
+        self.assertIn("send initPosition", error["errorDescription"])
+        # What is no place is refused by the parameter's name.
+        fleet.instant(SERIAL, "initPosition", "half", x=10.0, y=-2.0, mapId="hall")
+        half = fleet.state(SERIAL, lambda s: any(a["actionId"] == "half" for a in s["actionStates"]))
+        self.assertEqual(half["actionStates"][-1]["actionStatus"], "FAILED")
+        self.assertIn("theta", json.dumps(half["errors"]))
+        fleet.instant(SERIAL, "initPosition", "here", **self.PLACE)
+        placed = fleet.finished(SERIAL, "here")
+        at = position(placed)
+        self.assertEqual((at["mapId"], placed["lastNodeId"], at["positionInitialized"]), ("hall", "dock", True))
+        self.assertLess(math.hypot(at["x"] - 10, at["y"] + 2), 1e-6, at)
+        # An order through the door: the fleet control sees its action wait and end.
+        fleet.order(SERIAL, self.lift("lift"))
+        fleet.wait("action", lambda e: (e["id"], e["status"]) == ("lift-door", "WAITING"))
+        fleet.wait("action", lambda e: (e["id"], e["status"]) == ("lift-door", "FINISHED"))
+        done = fleet.wait("processed")
+        self.assertEqual((done["error"], done["cancelled"], done["active"]), (None, False, False))
+        end = fleet.state(SERIAL, lambda s: s["orderId"] == "lift" and idle(s))
+        at = position(end)
+        self.assertEqual((at["mapId"], end["lastNodeId"], end["errors"]), ("cellar", "n2", []))
+        self.assertLess(math.hypot(at["x"] - 2, at["y"] - 5), 0.03, at)
+        self.assertLess(abs(at["theta"]), 0.03, at)
+        # It stood at the door on the one map and on the other, and drove a metre ahead on each.
+        shown = [e["message"] for e in fleet.seen if e["event"] == "raw" and e["topic"] == "visualization"]
+        for name, along, across, start in [("hall", "y", "x", -2), ("cellar", "x", "y", 1)]:
+            moving = [m for m in shown if m["agvPosition"]["mapId"] == name and m.get("velocity", {}).get("vx", 0) > 0.05]
+            self.assertGreater(len(moving), 2, name)
+            for message in moving:
+                at = message["agvPosition"]
+                self.assertLess(abs(at[across] - {"hall": 10, "cellar": 5}[name]), 0.03, at)
+                self.assertTrue(start - 0.03 < at[along] < start + 1.03, at)
+                self.assertLess(abs(message["velocity"]["vy"]), 0.05, message)
+        # Nodes in the hall are on another map now, and while an order is executed the place is not changed.
+        fleet.order(SERIAL, order("back", [(10, -1), (10, -2)]))
+        self.assertIn("hall", fleet.wait("processed")["error"]["errorDescription"])
+        away = order("away", [(2, 5), (4, 5)], maxSpeed=0.3)
+        for node in away["nodes"]:
+            node["nodePosition"]["mapId"] = "cellar"
+        fleet.order(SERIAL, away)
+        fleet.state(SERIAL, lambda s: s["driving"])
+        fleet.instant(SERIAL, "initPosition", "no", **self.PLACE)
+        refused = fleet.state(SERIAL, lambda s: any(a["actionId"] == "no" for a in s["actionStates"]))
+        self.assertIn("cancel it first", json.dumps(refused["errors"]))
+        self.assertEqual(position(refused)["mapId"], "cellar")
+        fleet.instant(SERIAL, "cancelOrder", "c")
+        fleet.finished(SERIAL, "c")
+
+    def test_a_door_that_is_never_reached_fails_with_its_order_and_an_unusable_one_is_refused(self):
+        fleet = self.fleet
+        fleet.message(SERIAL, "state")
+        fleet.instant(SERIAL, "initPosition", "here", **self.PLACE)
+        fleet.finished(SERIAL, "here")
+        fleet.order(SERIAL, self.lift("turned", theta=7.0))
+        error = fleet.wait("processed")["error"]
+        self.assertEqual(error["errorType"], "orderError")
+        self.assertIn("between -pi and pi", error["errorDescription"])
+        fleet.order(SERIAL, self.lift("lift"))
+        fleet.state(SERIAL, lambda s: s["driving"])
+        fleet.instant(SERIAL, "cancelOrder", "c")
+        stands = fleet.finished(SERIAL, "c")
+        doors = [a for a in stands["actionStates"] if a["actionId"] == "lift-door"]
+        self.assertEqual([a["actionStatus"] for a in doors], ["FAILED"])
+        self.assertEqual(position(stands)["mapId"], "hall")
 
 
 class Line(Vehicles):
@@ -330,14 +441,20 @@ class Documented(Vehicles):
         page = (ROOT / "docs" / "vda5050.md").read_text()
         section = page.split("## From zero to an order")[1].split("\n## ")[0]
         blocks = [block.split("```")[0].splitlines() for block in section.split("```sh\n")[1:]]
-        build, (start, drive), (watch,), (send,) = blocks
+        build, (start, drive), (watch,), (send,), (pause, resume) = blocks
         self.assertEqual(build, ["cargo build --release -p omnibus-master --features vda5050"])
         port = str(free_port())
 
+        programs = tempfile.TemporaryDirectory()
+        self.addCleanup(programs.cleanup)
+        for name, program in (("omnibus", os.environ["OMNIBUS_DOORS"]), ("mosquitto", MOSQUITTO)):
+            pathlib.Path(programs.name, name).symlink_to(program)
+        variables = os.environ | {"PATH": f"{programs.name}:{os.environ['PATH']}"}
+
         def run(line):
-            words = [port if word == "1883" else word.replace(":1883", f":{port}") for word in shlex.split(line)]
-            words[0] = {"omnibus": os.environ["OMNIBUS_DOORS"], "mosquitto": MOSQUITTO}.get(words[0], words[0])
-            process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            line = line.replace("1883", port)
+            process = subprocess.Popen(["bash", "-c", line if "|" in line else f"exec {line}"], cwd=ROOT, env=variables,
+                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             self.addCleanup(process.stdout.close)
             self.addCleanup(process.stderr.close)
             self.addCleanup(process.wait, PATIENCE)
@@ -351,7 +468,11 @@ class Documented(Vehicles):
         states = (json.loads(line.split(" ", 1)[1]) for line in watched.stdout)
         next(state for state in states if state["agvPosition"]["positionInitialized"])
         self.assertEqual(run(send).wait(PATIENCE), 0)
-        ahead, last = [], None
+        next(state for state in states if state["driving"])
+        self.assertEqual(run(pause).wait(PATIENCE), 0)
+        next(state for state in states if state["paused"] and not state["driving"])
+        self.assertEqual(run(resume).wait(PATIENCE), 0)
+        ahead, last = [["corner", "dock"]], None
         while last is None or not (last["lastNodeId"] == "dock" and idle(last)):
             last = next(states)
             if last["orderId"] == "first" and (not ahead or ahead[-1] != remaining(last)):
