@@ -22,13 +22,17 @@ use defmt::unwrap;
 use embassy_executor::Spawner;
 use embassy_time::{Duration, Timer};
 use protocol::self_test::{
-    CLOCK, ENCODER, FAIL, HALT, LEVELS, METERS, NAME, OUTPUTS, PANIC, PIN, RESET, STOP, WATCHED,
-    WAVE,
+    BITS, CLOCK, ENCODER, FAIL, FLASH, HALT, LEVELS, METERS, NAME, OTHERS, OUTPUTS, OWN, PANIC,
+    PIN, RESET, STOP, WATCHED, WAVE,
 };
+use robot::record_store::Flash as _;
 
 use crate::board::pin::{Pin, Pull};
-use crate::board::probe::{self, Signals, Wave};
-use crate::board::{Board, Encoders, Meters, Outputs, calibrate_meters, executors, now, reset};
+use crate::board::probe::{self, Bits, Signals, Wave};
+use crate::board::{
+    Board, Encoders, Meters, Outputs, ParameterFlash, calibrate_meters, executors, now, patiently,
+    reset,
+};
 use crate::gateway::Gateway;
 use crate::wake;
 
@@ -52,6 +56,20 @@ struct Bench {
     low: [u32; WATCHED],
     signals: Signals,
     failure: Option<u8>,
+    flash: ParameterFlash,
+    flash_times: FlashTimes,
+    bits: Bits,
+    /// Whose frame is to be looked at.
+    listens_to: Option<u8>,
+}
+
+/// Raw times of the flash, clocks of the core.
+#[derive(Clone, Copy, Default)]
+struct FlashTimes {
+    erase: u32,
+    word: u32,
+    /// Words that read back wrong, and operations that failed.
+    wrong: u16,
 }
 
 /// Runs the self-test.
@@ -110,6 +128,10 @@ async fn bench(board: Board) {
             noisy: false,
         },
         failure: None,
+        flash: board.flash,
+        flash_times: FlashTimes::default(),
+        bits: Bits::default(),
+        listens_to: None,
     };
     let mut waiting: Option<Frame> = None;
     loop {
@@ -125,6 +147,16 @@ async fn bench(board: Board) {
             && (can.try_send(&frame) || gateway.goes_on_without(&mut can))
         {
             waiting = next(&mut device, &mut gateway);
+        }
+        match bench.listens_to.take_if(|_| waiting.is_none()) {
+            // The answer has just been given to the controller.
+            Some(OWN) => bench.bits = probe::bits(),
+            Some(_) => {
+                Timer::after(ANSWER).await;
+                watchdog.feed();
+                bench.bits = probe::bits();
+            }
+            None => {}
         }
         if let Some(failure) = bench.failure {
             Timer::after(ANSWER).await;
@@ -258,6 +290,26 @@ impl Bench {
         Ok(())
     }
 
+    /// Erases the sectors of the parameters, programs words, erases again. This forgets what was
+    /// stored; the self-test itself stores nothing.
+    fn try_flash(&mut self, words: u32) {
+        let mut times = FlashTimes::default();
+        let flash = &mut self.flash;
+        let patient = patiently(|| {
+            times.erase(flash, 0);
+            times.erase(flash, ParameterFlash::SECTOR);
+            for word in 0..words {
+                let (at, value) = (word * 4, word.wrapping_mul(0x9E37_79B9));
+                let (took, done) = probe::clocks(|| flash.program(at, value));
+                times.word = times.word.max(took);
+                times.wrong += u16::from(done.is_err() || flash.word(at) != value);
+            }
+            times.erase(flash, 0);
+        });
+        times.wrong += u16::from(patient.is_err());
+        self.flash_times = times;
+    }
+
     /// What is read, and its length in bytes.
     fn value(&self, index: u16, sub: u8) -> Option<(u32, usize)> {
         let at = usize::from(sub);
@@ -272,9 +324,26 @@ impl Bench {
             (METERS, 2..=4) => (millivolts(self.meters.currents()[at - 2]), 2),
             (CLOCK, 1) => (now().0 as u32, 4),
             (CLOCK, 2) => (probe::core_hz(), 4),
+            (CLOCK, 3) => (u32::from(probe::over_drive()), 1),
+            (FLASH, 2) => (self.flash_times.erase, 4),
+            (FLASH, 3) => (self.flash_times.word, 4),
+            (FLASH, 4) => (u32::from(self.flash_times.wrong), 2),
+            (BITS, 2) => (self.bits.total, 4),
+            (BITS, 3) => (self.bits.off, 4),
+            (BITS, 4) => (u32::from(self.bits.bits), 1),
+            (BITS, 5) => (u32::from(self.bits.edges), 1),
             (FAIL, 2) => (u32::from(self.reset_cause), 1),
             _ => return None,
         })
+    }
+}
+
+impl FlashTimes {
+    /// Erases the sector that begins here.
+    fn erase(&mut self, flash: &mut ParameterFlash, at: u32) {
+        let (took, done) = probe::clocks(|| flash.erase(at));
+        self.erase = self.erase.max(took);
+        self.wrong += u16::from(done.is_err() || flash.word(at) != u32::MAX);
     }
 }
 
@@ -303,6 +372,17 @@ impl Application for Bench {
             }
             (STOP, _) => self.stop(sub, exactly(1, data)?),
             (ENCODER, _) => self.turn(sub, data),
+            (FLASH, 1) => {
+                self.try_flash(exactly(1, data)?);
+                Ok(())
+            }
+            (BITS, 1) => match exactly(1, data)? as u8 {
+                whose @ (OWN | OTHERS) => {
+                    self.listens_to = Some(whose);
+                    Ok(())
+                }
+                _ => Err(AbortCode::InvalidValue),
+            },
             (FAIL, 1) => match exactly(1, data)? as u8 {
                 failure @ (HALT | PANIC | RESET) => {
                     self.failure = Some(failure);

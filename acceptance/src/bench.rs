@@ -11,6 +11,21 @@ pub enum Image {
     Shipped,
 }
 
+/// Access to the board's memory while its program runs.
+pub trait Debugger {
+    /// Reads words, of RAM or of a peripheral.
+    ///
+    /// # Errors
+    /// When the debugger does not reach the board.
+    fn read(&mut self, address: u32, words: usize) -> anyhow::Result<Vec<u32>>;
+
+    /// Writes a peripheral's register.
+    ///
+    /// # Errors
+    /// As [`Debugger::read`].
+    fn write(&mut self, address: u32, word: u32) -> anyhow::Result<()>;
+}
+
 /// A board on a bus. Times are those of the master's clock, in us.
 pub trait Bench {
     /// The present.
@@ -45,6 +60,11 @@ pub trait Bench {
     /// # Errors
     /// When that fails.
     fn force_bus_off(&mut self) -> anyhow::Result<()>;
+
+    /// The debugger, if there is one. The program goes on meanwhile.
+    fn debugger(&mut self) -> Option<&mut dyn Debugger> {
+        None
+    }
 
     /// Whether [`Bench::power_cycle`] and [`Bench::force_bus_off`] return at the moment of what
     /// they do, so that times can be measured from there. A person's do not.

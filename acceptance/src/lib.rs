@@ -17,9 +17,10 @@ pub mod emulated;
 pub mod hardware;
 pub mod level_one;
 pub mod node;
+pub mod picture;
 pub mod promise;
 pub mod report;
 pub mod wires;
 
-pub use bench::{Bench, Image};
+pub use bench::{Bench, Debugger, Image};
 pub use check::{Bound, Check, Outcome};

@@ -110,7 +110,7 @@ impl Shared {
             self.flash_version.fetch_add(1, Relaxed);
         }
         if self.flash_waits {
-            self.flash_acr.store(soc.flash.acr(), Relaxed);
+            self.flash_acr.store(soc.flash_access(), Relaxed);
         }
         let before = self.next_event.swap(soc.next_event, Relaxed);
         if soc.next_event < before

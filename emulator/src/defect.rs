@@ -27,6 +27,16 @@ pub enum Defect {
     InputFilters,
     /// Programming and erasing flash takes this times as long.
     FlashSlow(u64),
+    /// Programming a word of flash takes this times as long; erasing does not.
+    ProgramSlow(u64),
+    /// The caches and the prefetch buffer of the flash have no effect.
+    Caches,
+    /// Over-drive comes on, and goes off by itself 100 ms later.
+    OverDrive,
+    /// A bit that the CAN controller sends lasts this times as long as its registers say.
+    BitTime(f64),
+    /// The transmit error counter of CAN1 stays at 0.
+    ErrorCounter,
     /// The chip's own voltage reference is this times as high.
     Reference(f64),
 }
@@ -63,6 +73,23 @@ impl Defects {
             Defect::FlashSlow(times) => Some(times),
             _ => None,
         })
+    }
+
+    /// How many times as long programming takes.
+    pub(crate) fn program_factor(&self) -> u64 {
+        self.factor(|defect| match *defect {
+            Defect::ProgramSlow(times) => Some(times),
+            _ => None,
+        })
+    }
+
+    /// How many times as long a bit that is sent lasts.
+    pub(crate) fn bit_time(&self) -> f64 {
+        let found = self.0.iter().find_map(|defect| match *defect {
+            Defect::BitTime(times) => Some(times),
+            _ => None,
+        });
+        found.unwrap_or(1.0)
     }
 
     /// How many times as high the voltage reference is.

@@ -28,6 +28,13 @@
 //! | [`METERS`]:1 to 4 | U16 | ro | supply input, current inputs, mV at the pin |
 //! | [`CLOCK`]:1 | U32 | ro | time since the start, us |
 //! | [`CLOCK`]:2 | U32 | ro | clocks of the core in a second |
+//! | [`CLOCK`]:3 | U8 | ro | over-drive: ready 1, switched 2, the voltage's scale reached 4 |
+//! | [`FLASH`]:1 | U8 | wo | erases the parameters' two sectors, programs so many words, erases them again |
+//! | [`FLASH`]:2, :3 | U32 | ro | the longest erase of a sector, word to program, clocks of the core |
+//! | [`FLASH`]:4 | U16 | ro | words that read back wrong, and operations that failed |
+//! | [`BITS`]:1 | U8 | wo | looks at the input of CAN: [`OWN`] at the answer to this, [`OTHERS`] at the first frame after it |
+//! | [`BITS`]:2, :3 | U32 | ro | clocks of the core from the first edge to the last, largest distance of an edge from a whole number of bits after the first |
+//! | [`BITS`]:4, :5 | U8 | ro | bits between first and last edge, number of edges |
 //! | [`FAIL`]:1 | U8 | wo | after the answer: [`HALT`], [`PANIC`] or [`RESET`] |
 //! | [`FAIL`]:2 | U8 | ro | cause of the last reset, as object 0x2001:3 |
 
@@ -50,8 +57,20 @@ pub const ENCODER: u16 = 0x5E06;
 pub const METERS: u16 = 0x5E07;
 /// Clocks.
 pub const CLOCK: u16 = 0x5E08;
+/// Raw times of the flash.
+pub const FLASH: u16 = 0x5E0A;
+/// Bit times on the bus.
+pub const BITS: u16 = 0x5E0B;
 /// Failures of the program.
 pub const FAIL: u16 = 0x5E09;
+
+/// Over-drive is ready, switched on, and the voltage as it should be.
+pub const OVER_DRIVE: u8 = 7;
+
+/// The frame that the board sends.
+pub const OWN: u8 = 1;
+/// A frame of another node.
+pub const OTHERS: u8 = 2;
 
 /// Stops the core with interrupts masked.
 pub const HALT: u8 = 1;

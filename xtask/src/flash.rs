@@ -63,6 +63,31 @@ impl Probe {
         arguments
     }
 
+    /// Reads words while the program runs.
+    ///
+    /// # Errors
+    /// As [`Probe::write`].
+    pub fn read(&self, address: u32, words: usize) -> anyhow::Result<Vec<u32>> {
+        let mut read = Command::new("probe-rs");
+        read.args(self.arguments("read"));
+        read.args(["b32", &format!("{address:#x}"), &words.to_string()]);
+        let output = read.stderr(Stdio::inherit()).output()?;
+        if !output.status.success() {
+            bail!("probe-rs cannot read {words} words at {address:#010x}");
+        }
+        words_of(&String::from_utf8_lossy(&output.stdout), words)
+    }
+
+    /// Writes a word while the program runs.
+    ///
+    /// # Errors
+    /// As [`Probe::write`].
+    pub fn poke(&self, address: u32, word: u32) -> anyhow::Result<()> {
+        let mut write = Command::new("probe-rs");
+        write.args(self.arguments("write"));
+        cargo::run(write.args(["b32", &format!("{address:#x}"), &format!("{word:#x}")]))
+    }
+
     /// Writes an image and starts it.
     ///
     /// # Errors
@@ -71,6 +96,18 @@ impl Probe {
         let mut download = Command::new("probe-rs");
         cargo::run(download.args(self.arguments("download")).arg(elf))?;
         cargo::run(Command::new("probe-rs").args(self.arguments("reset")))
+    }
+}
+
+/// The words that `probe-rs read` prints: hexadecimal, separated by spaces or lines.
+fn words_of(text: &str, words: usize) -> anyhow::Result<Vec<u32>> {
+    let read: Result<Vec<u32>, _> = text
+        .split_whitespace()
+        .map(|word| u32::from_str_radix(word.trim_start_matches("0x"), 16))
+        .collect();
+    match read {
+        Ok(read) if read.len() == words => Ok(read),
+        _ => bail!("probe-rs printed something else than {words} words: {text:.80}"),
     }
 }
 

@@ -6,7 +6,7 @@ pub mod mutation;
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, Firmware, Port};
 
-use crate::bench::{Bench, Image};
+use crate::bench::{Bench, Debugger, Image};
 use crate::wires::{WIRES, Wire};
 pub use mutation::Mutation;
 
@@ -31,13 +31,37 @@ pub struct EmulatedBench<'a> {
     images: &'a Images,
     config: BoardConfig,
     wires: Vec<Wire>,
-    /// Every so many frames of the board is damaged on the wire.
-    damaged_every: Option<u32>,
+    /// What is wrong outside the chip.
+    faults: Faults,
     sent: u32,
     image: Image,
     board: Board,
     /// World time at which the board was switched on.
     on_ns: u64,
+}
+
+/// What is wrong outside the chip, or in what its program does.
+#[derive(Debug, Clone, Copy)]
+pub struct Faults {
+    /// Every so many frames of the board is damaged on the wire.
+    pub damaged_every: Option<u32>,
+    /// How long the bits of the other node are, over what they should be.
+    pub bit_time_of_others: f64,
+    /// A word that a stray write of the shipped program changes.
+    pub stray_write: Option<u32>,
+    /// The number of the start is lost in a power cycle, with all that is stored.
+    pub forgets: bool,
+}
+
+impl Default for Faults {
+    fn default() -> Self {
+        Self {
+            damaged_every: None,
+            bit_time_of_others: 1.0,
+            stray_write: None,
+            forgets: false,
+        }
+    }
 }
 
 fn port(pin: u8) -> (Port, u8) {
@@ -49,23 +73,23 @@ impl<'a> EmulatedBench<'a> {
     #[must_use]
     pub fn new(images: &'a Images, mutation: Option<&Mutation>) -> Self {
         let mut config = BoardConfig::default();
-        let mut damaged_every = None;
+        let mut faults = Faults::default();
         if let Some(mutation) = mutation {
-            mutation.apply(&mut config, &mut damaged_every);
+            mutation.apply(&mut config, &mut faults);
         }
-        Self::with_wires(images, config, damaged_every, WIRES.to_vec())
+        Self::with_wires(images, config, faults, WIRES.to_vec())
     }
 
     /// A board without defects and with these wires.
     #[must_use]
     pub fn wired(images: &'a Images, wires: Vec<Wire>) -> Self {
-        Self::with_wires(images, BoardConfig::default(), None, wires)
+        Self::with_wires(images, BoardConfig::default(), Faults::default(), wires)
     }
 
     fn with_wires(
         images: &'a Images,
         config: BoardConfig,
-        damaged_every: Option<u32>,
+        faults: Faults,
         wires: Vec<Wire>,
     ) -> Self {
         let board = Board::new(&images.self_test, config.clone());
@@ -73,7 +97,7 @@ impl<'a> EmulatedBench<'a> {
             images,
             config,
             wires,
-            damaged_every,
+            faults,
             sent: 0,
             image: Image::SelfTest,
             board,
@@ -134,7 +158,14 @@ impl<'a> EmulatedBench<'a> {
             let end = self.now_ns() + u64::from(frame.bits()) * BIT_NS;
             self.run(end)?;
             self.sent += 1;
+            if let Some(address) = self.faults.stray_write
+                && self.image == Image::Shipped
+            {
+                let written = self.board.write_ram(address, &[0; 4]);
+                anyhow::ensure!(written.is_some(), "there is no RAM at {address:#010x}");
+            }
             if self
+                .faults
                 .damaged_every
                 .is_some_and(|every| self.sent.is_multiple_of(every))
             {
@@ -155,6 +186,26 @@ fn from_emulator(frame: &CanFrame) -> Option<Frame> {
     Frame::new(frame.standard_id()?, frame.data())
 }
 
+impl Debugger for EmulatedBench<'_> {
+    fn read(&mut self, address: u32, words: usize) -> anyhow::Result<Vec<u32>> {
+        const PERIPHERALS: u32 = 0x4000_0000;
+        let of = |place: usize| {
+            let address = address + 4 * place as u32;
+            match address {
+                PERIPHERALS.. => Some(self.board.read_register(address)),
+                _ => self.board.read_word(address),
+            }
+        };
+        let read: Option<Vec<u32>> = (0..words).map(of).collect();
+        read.ok_or_else(|| anyhow::anyhow!("there is no memory at {address:#010x}"))
+    }
+
+    fn write(&mut self, address: u32, word: u32) -> anyhow::Result<()> {
+        self.board.write_register(address, word);
+        Ok(())
+    }
+}
+
 impl Bench for EmulatedBench<'_> {
     fn now_us(&self) -> u64 {
         self.now_ns() / US
@@ -163,6 +214,8 @@ impl Bench for EmulatedBench<'_> {
     fn send(&mut self, frame: &Frame) -> anyhow::Result<()> {
         if let Some(frame) = to_emulator(frame) {
             let end = self.now_ns() + u64::from(frame.bits()) * BIT_NS;
+            let bit_time = self.faults.bit_time_of_others;
+            self.board.can().arrives(&frame, bit_time);
             self.run(end)?;
             self.board.can().receive(&frame);
         }
@@ -186,8 +239,13 @@ impl Bench for EmulatedBench<'_> {
 
     fn power_cycle(&mut self) -> anyhow::Result<()> {
         let content = self.board.flash();
-        self.switch_on(Some(&content));
+        let kept = (!self.faults.forgets).then_some(&content[..]);
+        self.switch_on(kept);
         Ok(())
+    }
+
+    fn debugger(&mut self) -> Option<&mut dyn Debugger> {
+        Some(self)
     }
 
     fn force_bus_off(&mut self) -> anyhow::Result<()> {

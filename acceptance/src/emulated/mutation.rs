@@ -2,6 +2,8 @@
 
 use emulator::{BoardConfig, Defect, PinLevel, Port};
 
+use super::Faults;
+
 /// A board with one defect.
 #[derive(Debug, Clone, Copy)]
 pub struct Mutation {
@@ -22,16 +24,25 @@ enum Change {
     Watchdog(u64),
     /// Every so many frames of the board is damaged.
     Damaged(u32),
+    /// Length of the other node's bits, over what it should be.
+    BitTimeOfOthers(f64),
+    /// The program writes to this word.
+    StrayWrite(u32),
+    /// What is stored is lost with the power.
+    Forgets,
 }
 
 impl Mutation {
     /// Changes what a board is made from.
-    pub fn apply(&self, config: &mut BoardConfig, damaged_every: &mut Option<u32>) {
+    pub fn apply(&self, config: &mut BoardConfig, faults: &mut Faults) {
         match self.change {
             Change::Defect(defect) => config.defects.push(defect),
             Change::Crystal(ppm) => config.crystal_ppm = ppm,
             Change::Watchdog(hz) => config.lsi_hz = hz,
-            Change::Damaged(every) => *damaged_every = Some(every),
+            Change::Damaged(every) => faults.damaged_every = Some(every),
+            Change::BitTimeOfOthers(times) => faults.bit_time_of_others = times,
+            Change::StrayWrite(address) => faults.stray_write = Some(address),
+            Change::Forgets => faults.forgets = true,
         }
     }
 
@@ -167,6 +178,66 @@ pub const MUTATIONS: &[Mutation] = &[
         what: "the crystal is 500 ppm fast",
         caught_by: "clock.crystal",
         change: Change::Crystal(500.0),
+    },
+    defect(
+        "words-slow",
+        "programming a word takes seven times as long",
+        "flash.word",
+        Defect::ProgramSlow(7),
+    ),
+    defect(
+        "saves-slow",
+        "programming a word takes three times as long",
+        "flash.program",
+        Defect::ProgramSlow(3),
+    ),
+    defect(
+        "erase-slow",
+        "flash takes three times as long",
+        "flash.sector",
+        Defect::FlashSlow(3),
+    ),
+    defect(
+        "over-drive-lost",
+        "over-drive goes off by itself",
+        "clock.over_drive",
+        Defect::OverDrive,
+    ),
+    defect(
+        "bits-long",
+        "the board's bits on the bus are 1 % too long",
+        "can.bit_time.own",
+        Defect::BitTime(1.01),
+    ),
+    Mutation {
+        name: "bits-of-others-short",
+        what: "the other node's bits on the bus are 1 % too short",
+        caught_by: "can.bit_time.others",
+        change: Change::BitTimeOfOthers(0.99),
+    },
+    defect(
+        "error-counter-stuck",
+        "the transmit error counter does not count",
+        "can.bus_off",
+        Defect::ErrorCounter,
+    ),
+    defect(
+        "caches-dead",
+        "the flash is read without caches",
+        "load.at_rest",
+        Defect::Caches,
+    ),
+    Mutation {
+        name: "stack-deep",
+        what: "something writes 24 KiB down the stack",
+        caught_by: "stack.high_water",
+        change: Change::StrayWrite(0x2000_2000),
+    },
+    Mutation {
+        name: "starts-forgotten",
+        what: "what is stored is lost with the power",
+        caught_by: "start.counted",
+        change: Change::Forgets,
     },
     Mutation {
         name: "transmit-errors",

@@ -1,7 +1,7 @@
 //! The board's clocks: crystal and watchdog oscillator.
 
 use anyhow::{Context as _, ensure};
-use protocol::self_test::{CLOCK, FAIL, HALT, PANIC, RESET};
+use protocol::self_test::{CLOCK, FAIL, HALT, OVER_DRIVE, PANIC, RESET};
 
 use super::{PATIENCE_US, Session, What, at_most};
 use crate::check::Bound;
@@ -32,6 +32,15 @@ impl Session<'_> {
             procedure: "the board's time is asked for twice",
         };
         self.check(what, Ok(ppm));
+        let flags = self.node.read(CLOCK, 3)?;
+        let what = What {
+            name: "clock.over_drive".to_owned(),
+            promised: Bound::Near(f64::from(OVER_DRIVE), 0.0),
+            unit: "flags",
+            source: "docs/acceptance.md: a core at 180 MHz needs over-drive".to_owned(),
+            procedure: "ready 1, switched 2 and the voltage's scale 4, once the clocks were compared",
+        };
+        self.check(what, Ok(flags.into()));
         Ok(())
     }
 

@@ -8,6 +8,7 @@ mod bus;
 mod clocks;
 mod encoders;
 mod outputs;
+mod running;
 mod stops;
 mod storage;
 mod wiring;
@@ -58,6 +59,8 @@ pub struct Options {
     pub frames: u32,
     /// Cold starts.
     pub starts: u32,
+    /// Time over which the load is measured, s.
+    pub load_s: u64,
     /// What is tried.
     pub parts: Parts,
 }
@@ -80,6 +83,7 @@ impl Options {
         saves: 200,
         frames: 1_000_000,
         starts: 20,
+        load_s: 5,
         parts: Parts::All,
     };
     /// For an emulated board, which is the same each time.
@@ -88,6 +92,7 @@ impl Options {
         saves: 200,
         frames: 2_000,
         starts: 3,
+        load_s: 1,
         parts: Parts::All,
     };
 }
@@ -111,10 +116,13 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
             session.supply()?;
         }
         session.clocks()?;
+        session.bit_times()?;
+        session.raw_flash()?;
         session.failures()?;
     }
     if options.parts != Parts::SelfTest {
         session.storage()?;
+        session.running()?;
         session.bus()?;
     }
     Ok(session.checks)

@@ -2,6 +2,7 @@
 
 use anyhow::Context as _;
 use protocol::ENTRIES;
+use protocol::self_test::{CLOCK, FLASH};
 
 use super::{BY_HAND, PATIENCE_US, Session, What, at_most};
 use crate::bench::Image;
@@ -17,6 +18,11 @@ const CHANGED: (u16, u8) = (0x2027, 4);
 const START: (u16, u8) = (0x2129, 1);
 const COUNTED_US: u64 = 1_500_000;
 
+/// The words around the longest erase of a sector in docs/safety.md.
+const ERASE: (&str, &str) = ("a quarter of a second where a sector is erased (", "s");
+/// Words that are programmed one by one.
+const WORDS: u8 = 250;
+
 impl Session<'_> {
     /// Checks starts and saves.
     pub(super) fn storage(&mut self) -> anyhow::Result<()> {
@@ -25,6 +31,34 @@ impl Session<'_> {
         at.context("the shipped image sends no boot-up message")?;
         self.saves()?;
         self.starts()
+    }
+
+    /// Times single operations of the flash, with the self-test image.
+    pub(super) fn raw_flash(&mut self) -> anyhow::Result<()> {
+        let per_us = f64::from(self.node.read(CLOCK, 2)?) / 1e6;
+        self.node.write(FLASH, 1, &[WORDS])?;
+        let erase_ms = f64::from(self.node.read(FLASH, 2)?) / per_us / 1000.0;
+        let word_us = f64::from(self.node.read(FLASH, 3)?) / per_us;
+        let wrong = self.node.read(FLASH, 4)?;
+        let mut erase = promise::number(SAFETY, ERASE.0, ERASE.1)?;
+        erase.value *= 1000.0;
+        let word = promise::number(ACCEPTANCE, "A word of flash is programmed within", "us")?;
+        let procedure = "the longest of three erases of a sector of 16 KiB, by the core's counter";
+        self.check(
+            at_most("flash.sector", erase, "ms", procedure),
+            Ok(erase_ms),
+        );
+        let procedure = "the longest of 250 words, by the core's counter";
+        self.check(at_most("flash.word", word, "us", procedure), Ok(word_us));
+        let what = What {
+            name: "flash.words_wrong".to_owned(),
+            promised: Bound::Near(0.0, 0.0),
+            unit: "words",
+            source: "docs/acceptance.md: what is programmed is read back".to_owned(),
+            procedure: "words that read back wrong, and operations that failed",
+        };
+        self.check(what, Ok(wrong.into()));
+        Ok(())
     }
 
     /// Saves parameters many times.
@@ -54,11 +88,7 @@ impl Session<'_> {
         };
         self.check(what, Ok(refused));
         let program = promise::number(ACCEPTANCE, "All parameters are saved within", "ms")?;
-        let erase = promise::number(
-            SAFETY,
-            "a quarter of a second where a sector is erased (",
-            "s",
-        )?;
+        let erase = promise::number(SAFETY, ERASE.0, ERASE.1)?;
         let mut erase_ms = erase;
         erase_ms.value *= 1000.0;
         let none = "no save was answered";

@@ -116,6 +116,18 @@ impl Board {
         self.debugger.leaving = Some(self.cpu.pc());
     }
 
+    /// Writes RAM, as a program that has gone astray may; `None` where there is none.
+    pub fn write_ram(&mut self, address: u32, bytes: &[u8]) -> Option<()> {
+        let at = u64::from(address.checked_sub(RAM_BASE)?);
+        self.ram.write_at(at, bytes).ok()
+    }
+
+    /// Reads a peripheral's register, as a debugger would.
+    #[must_use]
+    pub fn read_register(&self, address: u32) -> u32 {
+        self.shared.with(|soc| soc.read(address, 4))
+    }
+
     /// Writes a word to a peripheral's register, as a program that has gone astray may.
     pub fn write_register(&mut self, address: u32, value: u32) {
         self.shared.with(|soc| soc.write(address, 4, value));

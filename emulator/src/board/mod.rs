@@ -370,6 +370,10 @@ impl Board {
         SerialPort { board: self }
     }
 
+    pub(crate) fn look<T>(&self, f: impl FnOnce(&mut Soc) -> T) -> T {
+        self.shared.look(f)
+    }
+
     pub(crate) fn with_can<T>(&self, which: Which, f: impl FnOnce(&mut Can, u64) -> T) -> T {
         self.shared.with(|soc| {
             let now = soc.now;

@@ -79,7 +79,7 @@ impl Board {
             let limit = target.min(next).min(self.next_log);
             match stall.filter(|until| *until > self.now) {
                 // The core reads the busy flash, so it waits, and interrupts wait too.
-                Some(until) if self.awaits_flash() => self.skip_to(limit.min(until)),
+                Some(until) if self.awaits_flash() => self.stall_to(limit.min(until)),
                 _ if self.halted || self.debugger.stopped => {
                     let stood = limit - self.now;
                     self.skip_to(limit);
@@ -378,7 +378,15 @@ impl Board {
         }
         self.slept += span;
         self.skip_to(self.now + span);
+        self.shared.look(|soc| soc.slept(span));
         Ok(())
+    }
+
+    /// The core waits for the flash; its cycle counter goes on.
+    fn stall_to(&mut self, cycle: u64) {
+        let span = cycle.saturating_sub(self.now);
+        self.cpu.with_sys(|sys| sys.tick_cyccnt(span));
+        self.skip_to(cycle);
     }
 
     fn skip_to(&mut self, cycle: u64) {

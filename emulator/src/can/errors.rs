@@ -42,6 +42,8 @@ pub(super) struct Errors {
     recovers_at: Option<u64>,
     /// Bus-off, and software has asked for initialisation mode: recovery starts when it leaves it.
     software: bool,
+    /// A defect: the transmit error counter does not count.
+    stuck: bool,
     cycles_per_bit: u64,
 }
 
@@ -113,7 +115,7 @@ impl Errors {
             // An error-passive node alone on the bus stays on it: a missing acknowledge counts no
             // further.
             if !(error == CanError::Acknowledge && errors.passive()) {
-                errors.tec += 8;
+                errors.tec += if errors.stuck { 0 } else { 8 };
             }
         })
     }
@@ -159,12 +161,26 @@ impl Errors {
     pub(super) fn reset_counters(&mut self) {
         *self = Self {
             lec: self.lec,
+            stuck: self.stuck,
             ..Self::default()
         };
+    }
+
+    /// After a reset; a defect stays.
+    pub(super) fn reset(self) -> Self {
+        Self {
+            stuck: self.stuck,
+            ..Self::default()
+        }
     }
 }
 
 impl Can {
+    /// Makes the transmit error counter stay at 0.
+    pub(crate) fn stop_error_counter(&mut self) {
+        self.errors.stuck = true;
+    }
+
     /// A frame of another node was received with an error.
     pub fn receive_error(&mut self, error: CanError) {
         if self.on_bus() {

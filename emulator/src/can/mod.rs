@@ -136,6 +136,7 @@ impl Can {
     pub fn reset(&mut self) {
         *self = Self {
             ratio: self.ratio,
+            errors: self.errors.reset(),
             ..Self::default()
         };
     }
@@ -159,7 +160,7 @@ impl Can {
         (1 + seg1) as f32 / (1 + seg1 + seg2) as f32
     }
 
-    fn cycles_per_bit(&self) -> u64 {
+    pub(crate) fn cycles_per_bit(&self) -> u64 {
         self.clocks_per_bit() * self.ratio
     }
 

@@ -60,7 +60,20 @@ impl CanPort<'_> {
     /// be aborted.
     pub fn begin(&mut self) -> Option<CanFrame> {
         self.bit_rate()?;
-        self.board.with_can(self.which, |can, now| can.begin(now))
+        let frame = self.board.with_can(self.which, |can, now| can.begin(now))?;
+        if self.which == Which::First {
+            self.board.look(|soc| soc.sends(frame));
+        }
+        Some(frame)
+    }
+
+    /// Another node begins to send a frame, whose bits last this times as long as they should. This
+    /// is only for programs that look at the input's level; the frame comes with
+    /// [`receive`](Self::receive).
+    pub fn arrives(&mut self, frame: &CanFrame, bit_time: f64) {
+        if self.which == Which::First {
+            self.board.look(|soc| soc.arrives(*frame, bit_time));
+        }
     }
 
     /// The frame went out and was acknowledged.

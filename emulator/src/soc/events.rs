@@ -30,6 +30,16 @@ impl Soc {
         self.settle();
     }
 
+    /// The core has slept for some cycles up to now: timers with a clock only while it is awake
+    /// (RM0390 6.3.14) were stopped.
+    pub(crate) fn slept(&mut self, cycles: u64) {
+        for number in 1..self.timers.len() {
+            if self.rcc.stops_asleep(number) {
+                self.timers[number].stood(cycles);
+            }
+        }
+    }
+
     /// Whether a watchdog is running that will reset the chip.
     pub(crate) fn watchdog_running(&self) -> bool {
         self.iwdg.expires_at().is_some()

@@ -5,6 +5,7 @@
 //! lines and the time of the next event are recomputed; this is cheap compared with the instruction
 //! that wrote, and no change can be missed.
 
+mod bus;
 mod events;
 mod wires;
 mod world;
@@ -74,12 +75,17 @@ pub(crate) struct Soc {
     pub(crate) next_event: u64,
     pub(crate) stop: Option<StopKind>,
     wires: wires::Wires,
+    /// The frame that is on the bus of CAN1.
+    on_the_bus: Option<bus::OnTheBus>,
     defects: Defects,
     /// Record of the outputs, while one is made.
     pub(crate) trace: Option<Box<Trace>>,
     /// A reset that a peripheral asks for, as bits of RCC_CSR.
     pub(crate) reset_request: u32,
 }
+
+/// The input register of a port.
+const IDR: u32 = 0x10;
 
 fn timer_kind(number: usize) -> Kind {
     match number {
@@ -106,15 +112,23 @@ impl Soc {
         let defects = Defects::new(&config.defects);
         let mut flash = Flash::new(chip, array);
         flash.set_options(config.option_bytes);
-        flash.set_factor(defects.flash_factor());
+        flash.set_factors(defects.flash_factor(), defects.program_factor());
         let mut adcs = [1, 2, 3].map(Adc::new);
         adcs[0].set_internal_reference(defects.reference());
+        let mut pwr = Pwr::new(&chip.power);
+        if defects.has(Defect::OverDrive) {
+            pwr.lose_over_drive();
+        }
+        let mut can = Can::default();
+        if defects.has(Defect::ErrorCounter) {
+            can.stop_error_counter();
+        }
         Self {
             chip,
             now: 0,
             clock: Clock::new(config.crystal_ppm),
             rcc: Rcc::new(&chip.clocks, config.hse_hz),
-            pwr: Pwr::new(&chip.power),
+            pwr,
             flash,
             gpio: Port::ALL.map(Gpio::new),
             exti: Exti::default(),
@@ -127,7 +141,7 @@ impl Soc {
                 }
                 timer
             }),
-            can: Can::default(),
+            can,
             can2: Can::default(),
             usart2: Usart::new(),
             dma1: Dma::default(),
@@ -138,6 +152,7 @@ impl Soc {
             next_event: u64::MAX,
             stop: None,
             wires: wires::Wires::default(),
+            on_the_bus: None,
             defects,
             trace: None,
             reset_request: 0,
@@ -284,7 +299,12 @@ impl Soc {
                 .map_err(|error| error.0),
             Unit::Gpio(port) => {
                 self.follow_wires();
-                self.gpio[port as usize].read(offset).ok_or("")
+                let levels = self.gpio[port as usize].read(offset).ok_or("")?;
+                Ok(if offset == IDR {
+                    self.with_the_bus(port, levels)
+                } else {
+                    levels
+                })
             }
             Unit::Can1 => self.can.read(now, offset).ok_or(""),
             Unit::Can2 if offset < FILTERS => self.can2.read(now, offset).ok_or(""),

@@ -188,6 +188,13 @@ impl Soc {
         Some(((pclk1 + clocks / 2) / clocks) as u32)
     }
 
+    /// How the flash is read: wait states, prefetch and caches that work.
+    pub(crate) fn flash_access(&self) -> u32 {
+        const PREFETCH_AND_CACHES: u32 = 7 << 8;
+        let dead = self.defects.has(Defect::Caches);
+        self.flash.acr() & !if dead { PREFETCH_AND_CACHES } else { 0 }
+    }
+
     /// A frame of another node has arrived complete.
     pub(crate) fn can_receive(&mut self, which: Which, frame: &CanFrame, bits: u32) {
         if !self.can_connected(which) {

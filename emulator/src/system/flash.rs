@@ -77,6 +77,8 @@ pub struct Flash {
     busy_until: u64,
     /// How many times as long as it should everything takes.
     factor: u64,
+    /// How many times as long, on top of that, a word takes.
+    program_factor: u64,
     erase: Option<Sector>,
     /// Option bytes under way.
     option_write: Option<u32>,
@@ -135,6 +137,7 @@ impl Flash {
             locked_out: false,
             busy_until: 0,
             factor: 1,
+            program_factor: 1,
             erase: None,
             option_write: None,
             operations: Operations::default(),
@@ -143,8 +146,9 @@ impl Flash {
     }
 
     /// Makes programming and erasing take so many times as long.
-    pub fn set_factor(&mut self, times: u64) {
+    pub fn set_factors(&mut self, times: u64, program: u64) {
         self.factor = times;
+        self.program_factor = program;
     }
 
     /// How much has been done since power-on.
@@ -198,6 +202,8 @@ impl Flash {
             optcr: self.options | OPTLOCK,
             operations: self.operations,
             cuts: self.cuts.take(),
+            factor: self.factor,
+            program_factor: self.program_factor,
             ..Self::new(self.chip, Arc::clone(&self.array))
         };
     }
@@ -429,7 +435,7 @@ impl Flash {
                 let _ = self.array.write_at(offset, old);
             }
             self.sr |= SR_BSY;
-            self.busy_until = now_ps + PROGRAM_PS * self.factor;
+            self.busy_until = now_ps + PROGRAM_PS * self.factor * self.program_factor;
         }
     }
 

@@ -8,6 +8,9 @@ use crate::chip::Power;
 /// 40 us (data sheet DS10693 rev 10, table 23).
 const OVER_DRIVE_PS: u64 = 10_000_000;
 
+/// When over-drive that is lost goes off.
+const LOST_PS: u64 = 100_000_000_000;
+
 /// Supply of the chip on the board, V.
 pub const NOMINAL_VDD: f64 = 3.3;
 
@@ -37,6 +40,8 @@ pub(crate) struct Pwr {
     cr: u32,
     over_drive_at: Option<u64>,
     switched_at: Option<u64>,
+    /// A defect: over-drive goes off by itself.
+    loses: bool,
     /// V, and whether the detector finds that too little.
     vdd: f64,
     low: bool,
@@ -56,6 +61,7 @@ impl Pwr {
             cr: chip.reset,
             over_drive_at: None,
             switched_at: None,
+            loses: false,
             vdd: NOMINAL_VDD,
             low: false,
         }
@@ -67,7 +73,10 @@ impl Pwr {
         match offset {
             0 => Some(self.cr),
             4 => {
-                let ready = |at: Option<u64>| u32::from(at.is_some_and(|at| now_ps >= at));
+                let until = |at: u64| if self.loses { at + LOST_PS } else { u64::MAX };
+                let ready = |at: Option<u64>| {
+                    u32::from(at.is_some_and(|at| (at..until(at)).contains(&now_ps)))
+                };
                 // VOSRDY (14) is modelled as always reached: the scale is written before the clock
                 // is raised.
                 let low = if self.is_low() { PVDO } else { 0 };
@@ -103,8 +112,14 @@ impl Pwr {
     pub fn reset(&mut self) {
         *self = Self {
             vdd: self.vdd,
+            loses: self.loses,
             ..Self::new(self.chip)
         };
+    }
+
+    /// Makes over-drive go off by itself 100 ms after it is on.
+    pub fn lose_over_drive(&mut self) {
+        self.loses = true;
     }
 
     /// Sets the chip's supply, V.

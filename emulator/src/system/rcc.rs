@@ -266,6 +266,18 @@ impl Rcc {
         ) && offset <= self.chip.last
     }
 
+    /// Whether a timer on APB1 has a clock, but none while the core sleeps (APB1LPENR). Those on
+    /// APB2 are not modelled to stop.
+    #[must_use]
+    pub fn stops_asleep(&self, timer: usize) -> bool {
+        let bit = match timer {
+            2..=7 => timer - 2,
+            12..=14 => timer - 6,
+            _ => return false,
+        };
+        self.banks[0x40 / 4] & !self.banks[0x60 / 4] & 1 << bit != 0
+    }
+
     /// Writes a register at a local time in ps; `None` for an offset without one. `backup_access`
     /// is PWR_CR.DBP.
     pub fn write(

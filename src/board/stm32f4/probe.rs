@@ -12,6 +12,7 @@
 #![expect(unsafe_code, reason = "the cycle counter is a peripheral of the core")]
 
 use cortex_m::peripheral::DWT;
+use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 use protocol::self_test::{NEVER, WATCHED};
 
@@ -24,6 +25,12 @@ const PERIODS: u8 = 8;
 const WAVE_US: u32 = 3_000;
 /// How long pins are watched after a stop, us.
 const STOP_US: u32 = 2_000;
+/// How long a frame is waited for, us.
+const FRAME_US: u32 = 15_000;
+/// Bits without an edge after which a frame is over: more than five are only after its end.
+const IDLE_BITS: u32 = 8;
+/// Bits that are looked at: start, identifier, control and eight bytes of data are 83.
+const BITS: u32 = 80;
 
 /// A wave at a pin; durations in clocks of the core.
 #[derive(Clone, Copy, Default)]
@@ -42,6 +49,13 @@ pub fn start() {
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
+}
+
+/// Does something, and counts the clocks of the core meanwhile.
+pub fn clocks<T>(what: impl FnOnce() -> T) -> (u32, T) {
+    let from = DWT::cycle_count();
+    let done = what();
+    (DWT::cycle_count().wrapping_sub(from), done)
 }
 
 /// Clocks of the core in a second.
@@ -226,6 +240,65 @@ fn edge_in_a_pulse((moves, edge): (Pin, u32), (stands, level): (Pin, bool)) {
     standing.write_value(there);
     moving.write_value(Bsrr(edge));
     standing.write_value(back);
+}
+
+/// The edges of a frame at the input of CAN.
+#[derive(Clone, Copy, Default)]
+pub struct Bits {
+    /// Clocks from the first edge to the last.
+    pub total: u32,
+    /// Largest distance of an edge from a whole number of bits after the first, clocks.
+    pub off: u32,
+    /// Bits between the first edge and the last.
+    pub bits: u8,
+    /// Edges.
+    pub edges: u8,
+}
+
+/// Looks at the next frame on the bus, up to the bits of its data: what follows them, another node
+/// acknowledges in its own time. Without a frame in time nothing is returned.
+#[inline(never)]
+pub fn bits() -> Bits {
+    let pin = WIRING.can.receive;
+    let bit = WIRING.clocks.cycles_per_us();
+    let mut bits = Bits::default();
+    cortex_m::interrupt::free(|_| {
+        let begin = DWT::cycle_count();
+        // A frame that has begun already shows at its next edge.
+        let mut level = pin.is_high();
+        let (mut first, mut number) = (0, 0);
+        let mut last = begin;
+        loop {
+            let (high, now) = (pin.is_high(), DWT::cycle_count());
+            if high != level {
+                if bits.edges == 0 {
+                    first = now;
+                }
+                if bits.edges > 0 {
+                    // Counted from edge to edge, so that bits of another length add up.
+                    number += (now.wrapping_sub(last) + bit / 2) / bit;
+                }
+                (level, last) = (high, now);
+                bits.total = now.wrapping_sub(first);
+                bits.off = bits.off.max(bits.total.abs_diff(number * bit));
+                bits.bits = number as u8;
+                bits.edges += 1;
+            }
+            let limit = if bits.edges == 0 { FRAME_US } else { IDLE_BITS };
+            let is_over = bits.edges > 0 && now.wrapping_sub(first) > BITS * bit;
+            if is_over || now.wrapping_sub(last) > limit * bit {
+                break;
+            }
+        }
+    });
+    bits
+}
+
+/// Whether over-drive and the voltage's scale are as the clock needs them (RM0390 5.4.2): ready,
+/// switched, scale, from bit 0.
+pub fn over_drive() -> u8 {
+    let status = pac::PWR.csr1().read();
+    u8::from(status.odrdy()) | u8::from(status.odswrdy()) << 1 | u8::from(status.vosrdy()) << 2
 }
 
 /// Stops the program for good; the watchdog resets the chip.

@@ -7,7 +7,7 @@
 use std::io::BufRead as _;
 use std::path::PathBuf;
 
-use acceptance::{Bench, Image};
+use acceptance::{Bench, Debugger, Image};
 use anyhow::{Context as _, bail};
 use canopen::{Frame, Micros};
 use omnibus::bus::link::Link;
@@ -41,6 +41,16 @@ impl BoardBench {
             bail!("there is nobody at the terminal to {request}");
         }
         Ok(())
+    }
+}
+
+impl Debugger for Probe {
+    fn read(&mut self, address: u32, words: usize) -> anyhow::Result<Vec<u32>> {
+        Probe::read(self, address, words)
+    }
+
+    fn write(&mut self, address: u32, word: u32) -> anyhow::Result<()> {
+        self.poke(address, word)
     }
 }
 
@@ -78,6 +88,11 @@ impl Bench for BoardBench {
 
     fn force_bus_off(&mut self) -> anyhow::Result<()> {
         self.ask("connect CAN high with CAN low for a second, take them apart again")
+    }
+
+    fn debugger(&mut self) -> Option<&mut dyn Debugger> {
+        let probe = self.probe.as_mut()?;
+        Some(probe)
     }
 
     fn hands_are_timed(&self) -> bool {

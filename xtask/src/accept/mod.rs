@@ -13,6 +13,7 @@ use acceptance::Check;
 use acceptance::emulated::mutation::MUTATIONS;
 use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options};
+use acceptance::picture;
 use acceptance::report::{self, Count, Subject};
 use anyhow::{Context as _, bail};
 use canopen::NodeId;
@@ -35,8 +36,11 @@ const BROKEN: u8 = 6;
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Tries an emulated board with virtual wires.
-    #[arg(long, required_unless_present = "bus", conflicts_with = "bus")]
+    #[arg(long, required_unless_present_any = ["bus", "wiring"], conflicts_with = "bus")]
     emulated: bool,
+    /// Writes a picture of the jumper wires and measures nothing.
+    #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["bus", "emulated"])]
+    wiring: Option<PathBuf>,
     /// Tries the board on this bus, as `--bus` of `omnibus` has it: slcan:DEVICE and so on.
     #[arg(long, value_name = "BUS")]
     bus: Option<BusAddress>,
@@ -74,6 +78,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             );
         }
         return Ok(ExitCode::SUCCESS);
+    }
+    if let Some(path) = &arguments.wiring {
+        return write(path, &picture::svg()).map(|()| ExitCode::SUCCESS);
     }
     let mutation = mutation(arguments.mutate.as_deref())?;
     let mut checks = match &arguments.bus {
