@@ -250,7 +250,7 @@ pub struct Count {
 }
 
 impl Count {
-    /// For this angle, rad; at least 2^-30 and at most 8.
+    /// For this angle, rad: at least 2^-30, and less than the 16 that an [`Angle`] can hold.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
     pub fn new(step: f32) -> Self {

@@ -301,6 +301,14 @@ pub fn configured(
     Ok((group, abort))
 }
 
+/// Says how punctual SYNC was on a bus in real time, and how to permit real-time priority where
+/// that would have helped.
+pub fn note_punctuality(group: &Group<impl Link>) {
+    if let Some(sync) = group.punctuality().filter(|sync| sync.count > 0) {
+        print_note(sync);
+    }
+}
+
 /// Says that a group ran slower than it was asked to, and because of whom.
 pub fn print_slowdown(slowed: Option<Slowdown>, group: &GroupFile) {
     let Some(Slowdown {

@@ -96,10 +96,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let (mut session, abort) = super::configured(&arguments.target, &group)?;
     let period_us = session.period_us();
-    let wire = session.wire();
     let progress = Progress::endless(&format!("identifying the motors of node {node}"));
-    let motors = motors::identify_motors(wire, node, period_us, &settings, &mut |_| abort.check())?;
+    let wire = session.wire();
+    let found = motors::identify_motors(wire, node, period_us, &settings, &mut |_| abort.check());
     drop(progress);
+    super::note_punctuality(&session);
+    let motors = found?;
+    let wire = session.wire();
     if arguments.accept {
         motors::accept(wire, node, &motors)?;
     }

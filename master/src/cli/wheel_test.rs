@@ -91,8 +91,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         false => Ok(None),
     };
     let wire = session.wire();
-    let findings = test_wheels(wire, node, period_us, &mut look, &mut |_| abort.check())?;
+    let tested = test_wheels(wire, node, period_us, &mut look, &mut |_| abort.check());
     drop(progress);
+    super::note_punctuality(&session);
+    let findings = tested?;
     let wrong = findings.iter().filter(|f| f.problem.is_some()).count();
     if super::json() {
         let wheels: Vec<_> = findings.iter().map(finding_json).collect();

@@ -1,18 +1,17 @@
-//! Finding out what a robot's motors need: the robot measures, this asks it to and reads what came
-//! of it.
+//! Identification of a robot's motors: the robot measures; this module starts it and reads the
+//! results.
 //!
-//! One robot, started alone, with SYNC and heartbeat but no setpoints; the others stay in
-//! PRE-OPERATIONAL. The permission to move (object 0x2050:1) is a declaration by whoever calls:
-//! wheels off the floor, or nobody and nothing within the way they may roll. It is taken back at
-//! the end, however that comes, and the robot is left in PRE-OPERATIONAL at rest. What was found
-//! takes effect only by [`accept`], and survives a power cycle only by
-//! [`Wire::save`].
+//! One robot is started alone, with SYNC and heartbeat but no setpoints; the others stay in
+//! PRE-OPERATIONAL. By the permission to move (object 0x2050:1) the caller declares that the wheels
+//! are off the floor, or that the distance they may roll is clear. It is withdrawn at the end,
+//! however the run ends, and the robot is left in PRE-OPERATIONAL at rest. The results take effect
+//! only by [`accept`], and survive a power cycle only by [`Wire::save`].
 
 use canopen::{Micros, NmtCommand, NmtTarget, NodeId, client};
 use protocol::address::{self as at, identified, motor};
 use protocol::{Address, Code, Kind, RobotReport, Value};
 
-use crate::bus::link::Link;
+use crate::bus::link::{Link, Schedule};
 use crate::bus::wire::Wire;
 use crate::error::MasterError;
 use protocol::timing::SYNC_OVERFLOW;
@@ -228,12 +227,13 @@ fn reason(status: u32, wheel: u32) -> String {
     }
 }
 
-struct Run<'a, L> {
+struct Run<'a, L: Link> {
     wire: &'a mut Wire<L>,
     node: u8,
     period_us: u64,
     next_sync: Micros,
-    counter: u8,
+    /// Whether the link sends SYNC by itself; `None` before the first.
+    paced: Option<bool>,
     /// Where the wheels are by the rates they report, and the farthest they have been, rad.
     ways: [f32; 4],
     farthest: [f32; 4],
@@ -246,7 +246,7 @@ impl<'a, L: Link> Run<'a, L> {
             wire,
             node,
             period_us,
-            counter: 0,
+            paced: None,
             ways: [0.0; 4],
             farthest: [0.0; 4],
         }
@@ -361,8 +361,10 @@ impl<'a, L: Link> Run<'a, L> {
         }
     }
 
-    /// So many periods of SYNC.
+    /// So many periods of SYNC. Where the link has a thread for SYNC, that goes on until the run
+    /// ends, so that neither a question to the robot nor a busy computer holds a SYNC up.
     fn syncs(&mut self, count: u32) -> Result<(), MasterError> {
+        let paced = self.begin_sync();
         for _ in 0..count {
             while let Some((_, frame)) = self.wire.next(self.next_sync)? {
                 let report = RobotReport::decode(frame.id(), frame.data());
@@ -372,10 +374,43 @@ impl<'a, L: Link> Run<'a, L> {
                     self.follow(report.rates.into());
                 }
             }
-            self.counter = self.counter % SYNC_OVERFLOW + 1;
-            self.wire.send(&client::sync(Some(self.counter)))?;
-            self.next_sync = Micros((self.wire.now().0 / self.period_us + 1) * self.period_us);
+            if !paced {
+                let sync = client::sync(Some(self.next_counter()));
+                self.wire.send(&sync)?;
+            }
+            self.next_sync = self.next_period();
         }
         Ok(())
+    }
+
+    /// Begins with SYNC where that has not happened; whether the link sends it.
+    fn begin_sync(&mut self) -> bool {
+        if let Some(paced) = self.paced {
+            return paced;
+        }
+        self.next_sync = self.next_period();
+        let schedule = Schedule {
+            first: self.next_sync,
+            period_us: self.period_us,
+            counter: self.next_counter(),
+            overflow: SYNC_OVERFLOW,
+        };
+        *self.paced.insert(self.wire.link.pace(Some(schedule)))
+    }
+
+    fn next_period(&self) -> Micros {
+        Micros((self.wire.now().0 / self.period_us + 1) * self.period_us)
+    }
+
+    fn next_counter(&self) -> u8 {
+        self.wire.sync_counter() % SYNC_OVERFLOW + 1
+    }
+}
+
+impl<L: Link> Drop for Run<'_, L> {
+    fn drop(&mut self) {
+        if self.paced == Some(true) {
+            self.wire.link.pace(None);
+        }
     }
 }
