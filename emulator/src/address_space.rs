@@ -15,17 +15,11 @@ use rsemu::core::space::{
 use rsemu::core::value::Width;
 use rsemu::cpu::arm::v7m::ArmV7m;
 
+use crate::chip::{Chip, SystemMemory};
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
-use crate::ram::{self, Ram};
+use crate::ram::Ram;
 use crate::soc::{DBGMCU, IrqLines, Soc};
 use crate::system::adc::VREFINT_CALIBRATION;
-
-/// First address and size of system memory, where ST keeps the unique number, the flash size and
-/// calibrations.
-const SYSTEM_MEMORY: (u32, usize) = (0x1FFF_0000, 0x8000);
-const UID: usize = 0x7A10;
-const FLASH_SIZE_KIB: usize = 0x7A22;
-const VREFIN_CAL: usize = 0x7A2A;
 
 /// What the core and the peripherals share.
 #[derive(Debug)]
@@ -220,13 +214,17 @@ impl MemOps for FlashWrites {
     }
 
     fn write(&self, offset: u64, src: &[u8], _: MemAttrs) -> MemResult {
-        self.shared.with(|soc| soc.program_flash(offset, src));
-        Ok(())
+        if self.shared.with(|soc| soc.program_flash(offset, src)) {
+            Ok(())
+        } else {
+            Err(BusError::BadAccess)
+        }
     }
 }
 
 /// Builds the address space of one board (RM0390 section 2.2.2, RM0090 section 2.3).
 pub(crate) fn address_space(
+    chip: &Chip,
     shared: &Arc<Shared>,
     flash: &Arc<RamStore>,
     ram: &Arc<Ram>,
@@ -237,7 +235,7 @@ pub(crate) fn address_space(
         page_bits: 16,
         cover: 0x5000_0000,
     };
-    let space = AddressSpace::new("stm32f4", 32).with_dispatch(dispatch);
+    let space = AddressSpace::new("stm32", 32).with_dispatch(dispatch);
     let mut map = space.topology();
     // At 0 the flash appears again: the chip boots from it (section 2.3).
     for base in [0, FLASH_BASE] {
@@ -260,21 +258,34 @@ pub(crate) fn address_space(
         }),
     );
     map.map_with(Mapping::new(writes, u64::from(FLASH_BASE)).with_perms(Perms::WRITE))?;
-    let ram_region = Region::io("ram", ram::SIZE, Arc::clone(ram) as Arc<dyn MemOps>);
+    let ram_region = Region::io(
+        "ram",
+        u64::from(ram.size()),
+        Arc::clone(ram) as Arc<dyn MemOps>,
+    );
     map.map(ram_region, u64::from(RAM_BASE))?;
 
-    let mut system = vec![0xFF; SYSTEM_MEMORY.1];
+    let SystemMemory {
+        base,
+        length,
+        uid: at_uid,
+        flash_kib: at_flash_kib,
+        vrefin_cal,
+    } = chip.system_memory;
+    let mut system = vec![0xFF; length];
     // A chip has a few MiB at most.
     let flash_kib = (flash.len() / 1024) as u16;
-    system[UID..UID + 12].copy_from_slice(&uid);
-    system[FLASH_SIZE_KIB..FLASH_SIZE_KIB + 2].copy_from_slice(&flash_kib.to_le_bytes());
-    system[VREFIN_CAL..VREFIN_CAL + 2].copy_from_slice(&VREFINT_CALIBRATION.to_le_bytes());
+    system[at_uid..at_uid + 12].copy_from_slice(&uid);
+    system[at_flash_kib..at_flash_kib + 2].copy_from_slice(&flash_kib.to_le_bytes());
+    if let Some(at) = vrefin_cal {
+        system[at..at + 2].copy_from_slice(&VREFINT_CALIBRATION.to_le_bytes());
+    }
     let system = Region::rom(
         "system memory",
         Arc::new(RomStore::new(system)),
         RomWrite::Fault,
     );
-    map.map(system, u64::from(SYSTEM_MEMORY.0))?;
+    map.map(system, u64::from(base))?;
 
     for (name, base, length) in [
         ("APB and AHB1", 0x4000_0000, 0x0200_0000),

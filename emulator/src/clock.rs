@@ -10,10 +10,6 @@
 //! The internal oscillators are assumed to have the error of the crystal, except for the LSI of the
 //! watchdog, which has its own tolerance and frequency.
 
-/// Core clock frequency after reset: the internal oscillator HSI, 16 MHz (RM0390 rev 6, section
-/// 6.2.2).
-pub const HSI_HZ: u64 = 16_000_000;
-
 const PS_PER_S: u128 = 1_000_000_000_000;
 
 /// Maps core cycles to local time and local time to the world's time.
@@ -28,15 +24,15 @@ pub struct Clock {
 
 impl Clock {
     /// A clock at power-on, at the world's time zero, with a crystal that runs fast by
-    /// `crystal_ppm`.
+    /// `crystal_ppm` and the core at `hz`, which is the internal oscillator's frequency.
     #[must_use]
-    pub fn new(crystal_ppm: f64) -> Self {
+    pub fn new(crystal_ppm: f64, hz: u64) -> Self {
         Self {
             // Half a million ppm either way is far beyond anything that oscillates.
             error_e12: (crystal_ppm.clamp(-5e5, 5e5) * 1e6).round() as i64,
             segment_cycle: 0,
             segment_ps: 0,
-            hz: HSI_HZ,
+            hz,
         }
     }
 
@@ -107,9 +103,11 @@ impl Clock {
 mod tests {
     use super::*;
 
+    const HSI_HZ: u64 = 16_000_000;
+
     #[test]
     fn counts_whole_cycles_without_drift() {
-        let mut clock = Clock::new(0.0);
+        let mut clock = Clock::new(0.0, HSI_HZ);
         clock.set_hz(16_000, 180_000_000); // after 1 ms of HSI
         assert_eq!(clock.world_ns(16_000), 1_000_000);
         // One hour at 180 MHz later: 180e6 x 3600 cycles.
@@ -122,8 +120,8 @@ mod tests {
 
     #[test]
     fn a_fast_crystal_counts_more_cycles_in_the_same_world_time() {
-        let fast = Clock::new(50.0);
-        let slow = Clock::new(-50.0);
+        let fast = Clock::new(50.0, HSI_HZ);
+        let slow = Clock::new(-50.0, HSI_HZ);
         // 1 s at 16 MHz +- 50 ppm is 16 000 000 +- 800 cycles.
         assert_eq!(fast.cycle_at_world(1_000_000_000), 16_000_800);
         assert_eq!(slow.cycle_at_world(1_000_000_000), 15_999_200);
@@ -133,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_clock_switch_keeps_the_past() {
-        let mut clock = Clock::new(0.0);
+        let mut clock = Clock::new(0.0, HSI_HZ);
         clock.set_hz(1_600, 8_000_000); // at 100 us
         clock.set_hz(2_400, 180_000_000); // 800 cycles of 125 ns: at 200 us
         assert_eq!(clock.world_ns(2_400), 200_000);

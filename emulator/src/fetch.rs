@@ -7,22 +7,34 @@
 //! instruction cache of 64 lines, which replaces the least recently used one. Constants that the
 //! program reads from flash have a separate cache of 8 lines.
 //!
+//! An STM32F1 (PM0075 section 3.1) reads lines of 64 bits, at most with two wait states, and has
+//! the prefetch alone. Its two buffers are the line in use and the next one.
+//!
 //! The model is simpler than the chip: instructions and constants do not wait for each other at the
 //! array, a useless prefetch does not delay the next read, and the core's own queue of fetched
 //! halfwords hides no wait. The caches are always consistent with the flash: the model does not
 //! detect a program that fails to clear them after an erase.
 
-/// Bytes of a line as a power of two.
-const LINE: u32 = 4;
-/// Lines in the largest flash.
-const LINES: usize = (crate::chip::LARGEST_FLASH >> LINE) as usize;
+use crate::chip::Family;
+
+/// Lines in the largest flash of all chips that have the caches: of 128 bits.
+const LINES: usize = (crate::chip::LARGEST_FLASH >> 4) as usize;
 
 /// Marks an instruction that spans two lines.
 pub(crate) const TWO_LINES: u32 = u32::MAX - 1;
 
+/// Bytes of a line of a chip's flash as a power of two: the STM32F1 reads 64 bits at a time.
+pub(crate) fn line_bits(family: Family) -> u32 {
+    match family {
+        Family::F1 => 3,
+        Family::F4 => 4,
+    }
+}
+
 /// The line that an instruction is in, or [`TWO_LINES`].
-pub(crate) fn line_of(offset: u32, length: u32) -> u32 {
-    let (first, last) = (offset >> LINE, (offset + length - 1) >> LINE);
+#[inline(always)]
+pub(crate) fn line_of(offset: u32, length: u32, bits: u32) -> u32 {
+    let (first, last) = (offset >> bits, (offset + length - 1) >> bits);
     if first == last { first } else { TWO_LINES }
 }
 
@@ -115,6 +127,8 @@ impl<const N: usize> Cache<N> {
 /// The flash interface's reading side. Addresses are offsets into the flash, times are core cycles.
 #[derive(Debug)]
 pub(crate) struct Fetch {
+    /// Bytes of a line as a power of two.
+    bits: u32,
     acr: u32,
     /// Version of the flash's content that the caches hold.
     version: u64,
@@ -132,8 +146,9 @@ pub(crate) struct Fetch {
 
 impl Fetch {
     /// As after a reset: no wait states, nothing enabled.
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(family: Family) -> Self {
         Self {
+            bits: line_bits(family),
             acr: 0,
             version: 0,
             wait_states: 0,
@@ -175,7 +190,7 @@ impl Fetch {
     /// Cycles that the core waits for an instruction of `length` bytes.
     #[inline]
     pub(crate) fn instruction(&mut self, offset: u32, length: u32, now: u64) -> u64 {
-        if line_of(offset, length) == self.line {
+        if line_of(offset, length, self.bits) == self.line {
             0
         } else {
             self.lines(offset, length, now)
@@ -188,7 +203,10 @@ impl Fetch {
         if self.wait_states == 0 {
             return 0;
         }
-        let (first, last) = (offset >> LINE, offset.wrapping_add(length - 1) >> LINE);
+        let (first, last) = (
+            offset >> self.bits,
+            offset.wrapping_add(length - 1) >> self.bits,
+        );
         let mut waited = 0;
         if first != self.line {
             waited = self.enter(first, now);
@@ -233,10 +251,11 @@ impl Fetch {
     /// Cycles that the core waits for a constant.
     #[inline]
     pub(crate) fn constant(&mut self, offset: u32) -> u64 {
-        if self.wait_states == 0 || self.data.hit(offset >> LINE) {
+        let line = offset >> self.bits;
+        if self.wait_states == 0 || self.data.hit(line) {
             return 0;
         }
-        self.data.insert(offset >> LINE);
+        self.data.insert(line);
         self.waited += self.wait_states;
         self.wait_states
     }
@@ -249,7 +268,7 @@ mod tests {
     const WAIT_STATES: u32 = 5;
 
     fn fetch(enabled: u32) -> Fetch {
-        let mut fetch = Fetch::new();
+        let mut fetch = Fetch::new(Family::F4);
         fetch.configure(WAIT_STATES | enabled, 0);
         fetch
     }
@@ -305,6 +324,17 @@ mod tests {
     #[test]
     fn an_instruction_across_two_lines_needs_both() {
         assert_eq!(fetch(0).instruction(14, 4, 0), 10);
+    }
+
+    #[test]
+    fn an_stm32f1_reads_64_bits_at_a_time_and_has_no_caches() {
+        let mut fetch = Fetch::new(Family::F1);
+        fetch.configure(2 | PRFTEN, 0);
+        // A read takes 3 cycles, four short instructions 4: only the first line is waited for.
+        assert_eq!(straight(&mut fetch, 0, 2, 40), 2);
+        // Two long ones take 2: each of the nine further lines is 1 late.
+        assert_eq!(straight(&mut fetch, 0x400, 4, 20), 2 + 9);
+        assert_eq!([0, 0, 8].map(|at| fetch.constant(at)), [2; 3]);
     }
 
     #[test]

@@ -170,7 +170,7 @@ impl Firmware {
             image: Arc::new(Image {
                 chip,
                 elf,
-                code: Arc::new(Programmed::new(flash)),
+                code: Arc::new(Programmed::new(chip, flash)),
                 functions,
                 variables,
                 table,
@@ -185,7 +185,14 @@ impl Firmware {
     /// # Errors
     /// [`LoadError`] when the image is empty or larger than the flash.
     pub fn from_flash(image: &[u8]) -> Result<Self, LoadError> {
-        let chip = &F446;
+        Self::for_chip(&F446, image)
+    }
+
+    /// The same for any chip.
+    ///
+    /// # Errors
+    /// As [`Firmware::from_flash`].
+    pub fn for_chip(chip: &'static Chip, image: &[u8]) -> Result<Self, LoadError> {
         let mut flash = vec![0xFF; chip.flash_size() as usize];
         let Some(place) = flash.get_mut(..image.len()) else {
             let length = image.len() as u32;
@@ -203,7 +210,7 @@ impl Firmware {
             image: Arc::new(Image {
                 chip,
                 elf: Vec::new(),
-                code: Arc::new(Programmed::new(flash)),
+                code: Arc::new(Programmed::new(chip, flash)),
                 functions: Vec::new(),
                 variables: HashMap::new(),
                 table: None,

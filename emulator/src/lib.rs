@@ -1,9 +1,10 @@
-//! An STM32F4 that runs the release firmware unmodified.
+//! An STM32F4 or STM32F103 that runs the release firmware unmodified.
 //!
 //! The emulator loads and executes the same image, byte for byte, that is flashed into a robot. The
 //! processor core with its interrupt controller, system timer and cycle counter comes from
 //! [`rsemu`]; this crate models ST's peripherals from the reference manuals RM0390 rev 6 and RM0090
-//! rev 19, one file per peripheral, each naming its sections. Which chip a board has follows from
+//! rev 19, for the STM32F1's registers RM0008 rev 21, one file per peripheral, each naming its
+//! sections. Which chip a board has follows from
 //! its image, and what is particular to a chip is a value ([`chip`]). The crate has no knowledge of
 //! the firmware: a [`Board`] has pins, PWM outputs, encoder inputs, a CAN controller and a serial
 //! port, which the caller connects to a simulated world.

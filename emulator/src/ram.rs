@@ -11,28 +11,37 @@ use rsemu::core::BusError;
 use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult};
 use rsemu::core::value::Width;
 
-/// Bytes of RAM: SRAM1 of 112 KiB and SRAM2 of 16 KiB behind it (RM0390 section 2.2.3).
-pub(crate) const SIZE: u64 = 128 * 1024;
-/// A power of two, so that an index needs no check.
-const WORDS: usize = SIZE as usize / 4;
+use crate::chip::Chip;
+
+/// Words of the largest RAM of all chips: SRAM1 of 112 KiB and SRAM2 of 16 KiB behind it (RM0390
+/// section 2.2.3). A power of two, so that an index needs no check.
+const WORDS: usize = 128 * 1024 / 4;
 
 /// See the [module](self).
 pub(crate) struct Ram {
     words: Box<[AtomicU32; WORDS]>,
+    size: u32,
 }
 
 impl std::fmt::Debug for Ram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Ram({SIZE} bytes)")
+        write!(f, "Ram({} bytes)", self.size)
     }
 }
 
 impl Ram {
-    /// RAM that holds zeros.
-    pub(crate) fn new() -> Self {
+    /// RAM of a chip that holds zeros.
+    pub(crate) fn new(chip: &Chip) -> Self {
         Self {
+            size: chip.ram,
             words: Box::new([const { AtomicU32::new(0) }; WORDS]),
         }
+    }
+
+    /// Bytes.
+    #[inline(always)]
+    pub(crate) fn size(&self) -> u32 {
+        self.size
     }
 
     #[inline(always)]
@@ -57,7 +66,7 @@ impl Ram {
     #[inline(always)]
     pub(crate) fn read_aligned(&self, offset: u32, width: Width) -> Option<u32> {
         let bytes = width.bytes() as u32;
-        if offset >= SIZE as u32 || offset & (bytes - 1) != 0 {
+        if offset >= self.size || offset & (bytes - 1) != 0 {
             return None;
         }
         let word = self.at(offset).load(Relaxed);
@@ -73,7 +82,7 @@ impl Ram {
     #[inline(always)]
     pub(crate) fn write_aligned(&self, offset: u32, width: Width, value: u32) -> Option<()> {
         let bytes = width.bytes() as u32;
-        if offset >= SIZE as u32 || offset & (bytes - 1) != 0 {
+        if offset >= self.size || offset & (bytes - 1) != 0 {
             return None;
         }
         let cell = self.at(offset);
@@ -113,16 +122,16 @@ impl Ram {
     }
 
     /// Whether a span lies in the RAM, and if so where it begins.
-    fn span(offset: u64, length: usize) -> MemResult<u32> {
+    fn span(&self, offset: u64, length: usize) -> MemResult<u32> {
         match offset.checked_add(length as u64) {
-            Some(end) if end <= SIZE => Ok(offset as u32),
+            Some(end) if end <= u64::from(self.size) => Ok(offset as u32),
             _ => Err(BusError::BadAccess),
         }
     }
 
     /// Reads bytes.
     pub(crate) fn read_at(&self, offset: u64, to: &mut [u8]) -> MemResult {
-        let begin = Self::span(offset, to.len())?;
+        let begin = self.span(offset, to.len())?;
         for (at, byte) in (begin..).zip(to) {
             *byte = (self.at(at).load(Relaxed) >> (8 * (at & 3))) as u8;
         }
@@ -131,7 +140,7 @@ impl Ram {
 
     /// Writes bytes.
     pub(crate) fn write_at(&self, offset: u64, from: &[u8]) -> MemResult {
-        let begin = Self::span(offset, from.len())?;
+        let begin = self.span(offset, from.len())?;
         for (at, byte) in (begin..).zip(from) {
             let (cell, shift) = (self.at(at), 8 * (at & 3));
             let word = cell.load(Relaxed) & !(0xFF << shift) | u32::from(*byte) << shift;
@@ -159,6 +168,7 @@ impl MemOps for Ram {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::F103;
 
     /// Every width at every offset of two words, beside bytes in a row.
     #[test]
@@ -166,7 +176,7 @@ mod tests {
         for width in [Width::U8, Width::U16, Width::U32] {
             let length = width.bytes() as usize;
             for offset in 0..5_u32 {
-                let ram = Ram::new();
+                let ram = Ram::new(&F103);
                 let mut expected = *b"abcdefghij";
                 ram.write_at(0, &expected).unwrap();
                 let at = offset as usize;
@@ -184,7 +194,7 @@ mod tests {
 
     #[test]
     fn nothing_is_beyond_the_end() {
-        let (ram, end) = (Ram::new(), SIZE as u32);
+        let (ram, end) = (Ram::new(&F103), 48 << 10);
         assert_eq!(ram.read(end - 4, Width::U32), Some(0));
         for at in [end - 3, end, u32::MAX] {
             assert_eq!(ram.read(at, Width::U32), None);

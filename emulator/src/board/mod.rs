@@ -150,11 +150,11 @@ impl Board {
         flash
             .write_at(0, content)
             .expect("the content fits into the flash");
-        let ram = Arc::new(Ram::new());
+        let ram = Arc::new(Ram::new(chip));
         let soc = Soc::new(chip, Arc::clone(&flash), Arc::clone(&ram), &config);
         let shared = Arc::new(Shared::new(soc, !config.ideal_flash));
-        let space =
-            address_space(&shared, &flash, &ram, config.uid).expect("the address map is valid");
+        let space = address_space(chip, &shared, &flash, &ram, config.uid)
+            .expect("the address map is valid");
         // 16 priority levels (RM0390 section 10.1.1).
         let cpu = Arc::new(ArmV7m::new(chip.core.with_priority_bits(4)));
         cpu.attach_space(Arc::new(space));

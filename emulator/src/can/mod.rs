@@ -132,11 +132,21 @@ impl Default for Can {
 }
 
 impl Can {
+    /// A controller with so many filter banks, after reset.
+    #[must_use]
+    pub fn with_banks(count: usize) -> Self {
+        Self {
+            filters: receive::Filters::with_banks(count),
+            ..Self::default()
+        }
+    }
+
     /// Resets the controller.
     pub fn reset(&mut self) {
         *self = Self {
             ratio: self.ratio,
             errors: self.errors.reset(),
+            filters: self.filters.after_reset(),
             ..Self::default()
         };
     }

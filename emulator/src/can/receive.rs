@@ -81,6 +81,8 @@ pub(super) struct Filters {
     to_fifo_1: u32,
     active: u32,
     banks: [[u32; 2]; 28],
+    /// How many of them there are.
+    count: usize,
 }
 
 impl Default for Filters {
@@ -92,13 +94,36 @@ impl Default for Filters {
             to_fifo_1: 0,
             active: 0,
             banks: [[0; 2]; 28],
+            count: 28,
         }
     }
 }
 
-const BANKS: u32 = 0x0FFF_FFFF;
-
 impl Filters {
+    /// With so many banks.
+    pub(super) fn with_banks(count: usize) -> Self {
+        Self {
+            count,
+            ..Self::default()
+        }
+    }
+
+    /// The same after a reset.
+    pub(super) fn after_reset(&self) -> Self {
+        Self::with_banks(self.count)
+    }
+
+    /// The bits of the banks.
+    fn all(&self) -> u32 {
+        (1 << self.count) - 1
+    }
+
+    /// The bank whose register is at an offset.
+    fn bank_at(&self, offset: u32) -> Option<usize> {
+        let bank = (offset.checked_sub(0x240)? / 8) as usize;
+        (bank < self.count).then_some(bank)
+    }
+
     pub(super) fn read(&self, offset: u32) -> Option<u32> {
         Some(match offset {
             0x200 => self.fmr,
@@ -106,28 +131,30 @@ impl Filters {
             0x20C => self.wide,
             0x214 => self.to_fifo_1,
             0x21C => self.active,
-            0x240..=0x31C => self.banks[((offset - 0x240) / 8) as usize][(offset / 4 % 2) as usize],
-            _ => return None,
+            _ => self.banks[self.bank_at(offset)?][(offset / 4 % 2) as usize],
         })
     }
 
     pub(super) fn write(&mut self, offset: u32, value: u32) -> Option<()> {
         let init = self.fmr & FINIT != 0;
         match offset {
-            0x200 => self.fmr = (value & 0x3F01) | (self.fmr & !0x3F01),
+            // CAN2SB is reserved where there is no CAN2, with the reset value 14.
+            0x200 => {
+                let writable = if self.count < 28 { 1 } else { 0x3F01 };
+                self.fmr = (value & writable) | (self.fmr & !writable);
+            }
             // 30.9.4: mode, scale and assignment change only in filter initialisation mode.
-            0x204 if init => self.list_mode = value & BANKS,
-            0x20C if init => self.wide = value & BANKS,
-            0x214 if init => self.to_fifo_1 = value & BANKS,
+            0x204 if init => self.list_mode = value & self.all(),
+            0x20C if init => self.wide = value & self.all(),
+            0x214 if init => self.to_fifo_1 = value & self.all(),
             0x204 | 0x20C | 0x214 => {}
-            0x21C => self.active = value & BANKS,
-            0x240..=0x31C => {
-                let bank = (offset - 0x240) / 8;
+            0x21C => self.active = value & self.all(),
+            _ => {
+                let bank = self.bank_at(offset)?;
                 if init || self.active >> bank & 1 == 0 {
-                    self.banks[bank as usize][(offset / 4 % 2) as usize] = value;
+                    self.banks[bank][(offset / 4 % 2) as usize] = value;
                 }
             }
-            _ => return None,
         }
         Some(())
     }

@@ -14,7 +14,7 @@
 
 use rsemu::cpu::arm::v7m::Config;
 
-use super::{Chip, Clocks, Power, sectors};
+use super::{Chip, Clocks, F4_DETECTOR, Family, Power, SystemMemory, sectors};
 use crate::system::flash::Sector;
 use crate::system::gpio::Port;
 use crate::system::map::{self, Entry, Gate, Unit, entry};
@@ -35,15 +35,20 @@ const PERIPHERALS: &[Entry] = &[
 /// See the [module](self).
 pub static F407: Chip = Chip {
     name: "STM32F407IG",
+    family: Family::F4,
     manual: "RM0090",
     // Revision Y (38.6.1).
     id_code: 0x100F_0413,
     sectors: &SECTORS,
     // DS8626 table 41.
     mass_erase_ms: [16_000, 11_000, 8_000],
+    ram: 128 << 10,
+    system_memory: SystemMemory::F4,
     peripherals: [map::STM32F4, PERIPHERALS],
     pins: pins::F407,
     clocks: Clocks {
+        family: Family::F4,
+        hsi_hz: 16_000_000,
         apb1_hz: 42_000_000,
         apb2_hz: 84_000_000,
         cr: 0x050D_00F9,
@@ -65,6 +70,7 @@ pub static F407: Chip = Chip {
         writable: 0x43F3,
         over_drive: false,
         max_hclk: [[144_000_000; 2], [168_000_000; 2], [0; 2], [0; 2]],
+        detector: F4_DETECTOR,
     },
     core: Config::CORTEX_M4F,
 };

@@ -9,7 +9,7 @@
 
 use rsemu::cpu::arm::v7m::Config;
 
-use super::{Chip, Clocks, Power, sectors};
+use super::{Chip, Clocks, F4_DETECTOR, Family, Power, SystemMemory, sectors};
 use crate::system::flash::Sector;
 use crate::system::map::{self, Entry, Gate, Unit, entry};
 use crate::system::pins;
@@ -31,15 +31,20 @@ const PERIPHERALS: &[Entry] = &[
 /// See the [module](self).
 pub static F446: Chip = Chip {
     name: "STM32F446RE",
+    family: Family::F4,
     manual: "RM0390",
     // Revision A (33.6.1).
     id_code: 0x1000_0421,
     sectors: &SECTORS,
     // DS10693 table 49.
     mass_erase_ms: [8_000, 5_500, 4_000],
+    ram: 128 << 10,
+    system_memory: SystemMemory::F4,
     peripherals: [map::STM32F4, PERIPHERALS],
     pins: pins::F446,
     clocks: Clocks {
+        family: Family::F4,
+        hsi_hz: 16_000_000,
         apb1_hz: 45_000_000,
         apb2_hz: 90_000_000,
         cr: 0x150D_00F9,
@@ -67,6 +72,7 @@ pub static F446: Chip = Chip {
             [144_000_000, 168_000_000],
             [168_000_000, 180_000_000],
         ],
+        detector: F4_DETECTOR,
     },
     core: Config::CORTEX_M4F,
 };

@@ -7,15 +7,15 @@
 //!
 //! # Another chip
 //!
-//! One of the STM32F4 family needs a file beside [`F446`]'s, a line in [`ALL`], and the rows of its
-//! pins and peripherals. A chip of another family (STM32F1) has other registers for GPIO, RCC and
-//! flash: each is a [`Unit`](crate::system::map::Unit) of its own in the chip's table of
-//! peripherals, with a model of its own behind it. A core without FPU is [`Chip::core`]; a RAM
-//! of another size also needs the bounds in `ram.rs`.
+//! One of a family that is here needs a file beside [`F446`]'s, a line in [`ALL`], and the rows of
+//! its pins and peripherals. Another [`Family`] has other registers for the same peripherals: they
+//! are a second view of one state, in a file `f1.rs` below the peripheral's own.
 
+mod f103;
 mod f407;
 mod f446;
 
+pub use f103::F103;
 pub use f407::F407;
 pub use f446::F446;
 
@@ -26,15 +26,26 @@ use crate::system::map::Entry;
 use crate::system::pins::Pins;
 
 /// All chips.
-pub static ALL: [&Chip; 2] = [&F446, &F407];
+pub static ALL: [&Chip; 3] = [&F446, &F407, &F103];
 
 /// Bytes of the largest flash of all chips.
 pub(crate) const LARGEST_FLASH: u64 = 1024 * 1024;
+
+/// Whose registers a chip has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// STM32F1.
+    F1,
+    /// STM32F4.
+    F4,
+}
 
 /// One microcontroller.
 pub struct Chip {
     /// Part number.
     pub name: &'static str,
+    /// Its family.
+    pub family: Family,
     /// The reference manual that its values are from.
     pub manual: &'static str,
     /// DBGMCU_IDCODE: device and revision.
@@ -43,6 +54,10 @@ pub struct Chip {
     pub sectors: &'static [Sector],
     /// Time to erase all of it at parallelism x8, x16 and x32, ms.
     pub mass_erase_ms: [u64; 3],
+    /// Bytes of RAM in one piece from 0x2000_0000 on.
+    pub ram: u32,
+    /// What ST has programmed.
+    pub(crate) system_memory: SystemMemory,
     /// Tables of the peripherals, each sorted by address.
     pub(crate) peripherals: [&'static [Entry]; 2],
     /// Which pin carries what.
@@ -55,8 +70,32 @@ pub struct Chip {
     pub(crate) core: Config,
 }
 
+/// System memory: where it is, and the places in it that a program reads.
+pub(crate) struct SystemMemory {
+    pub(crate) base: u32,
+    pub(crate) length: usize,
+    /// Unique number, size of the flash in KiB, and where the chip has it VREFIN_CAL.
+    pub(crate) uid: usize,
+    pub(crate) flash_kib: usize,
+    pub(crate) vrefin_cal: Option<usize>,
+}
+
+impl SystemMemory {
+    /// That of an STM32F4 (RM0390 sections 2.3 and 34; RM0090 sections 2.4 and 39).
+    pub(crate) const F4: Self = Self {
+        base: 0x1FFF_0000,
+        length: 0x8000,
+        uid: 0x7A10,
+        flash_kib: 0x7A22,
+        vrefin_cal: Some(0x7A2A),
+    };
+}
+
 /// What differs in RCC.
 pub(crate) struct Clocks {
+    pub(crate) family: Family,
+    /// The internal oscillator, which runs after a reset, Hz.
+    pub(crate) hsi_hz: u64,
     /// Largest frequencies of APB1 and APB2, Hz.
     pub(crate) apb1_hz: u64,
     pub(crate) apb2_hz: u64,
@@ -78,6 +117,8 @@ pub(crate) struct Power {
     pub(crate) over_drive: bool,
     /// Highest core clock, Hz, by the field VOS, without and with over-drive.
     pub(crate) max_hclk: [[u64; 2]; 4],
+    /// Thresholds of the voltage detector by PLS for a falling and a rising VDD, typical, mV.
+    pub(crate) detector: [(f64, f64); 8],
 }
 
 impl Chip {
@@ -116,6 +157,18 @@ impl std::fmt::Debug for Chip {
         f.write_str(self.name)
     }
 }
+
+/// Thresholds of the STM32F4's voltage detector (DS10693 rev 10, table 24), for all of them.
+const F4_DETECTOR: [(f64, f64); 8] = [
+    (2040.0, 2140.0),
+    (2190.0, 2300.0),
+    (2350.0, 2450.0),
+    (2510.0, 2600.0),
+    (2660.0, 2760.0),
+    (2820.0, 2930.0),
+    (2930.0, 3030.0),
+    (3030.0, 3140.0),
+];
 
 /// Sectors of an STM32F4: four of 16 KiB, one of 64 KiB, and all others of 128 KiB.
 const fn sectors<const N: usize>() -> [Sector; N] {
@@ -160,6 +213,7 @@ mod tests {
     fn sectors_and_sizes_are_those_of_the_manuals() {
         assert_eq!((F446.flash_size(), F446.sectors.len()), (512 << 10, 8));
         assert_eq!((F407.flash_size(), F407.sectors.len()), (1024 << 10, 12));
+        assert_eq!((F103.flash_size(), F103.sectors.len()), (256 << 10, 128));
         let starts = [4, 5, 6, 11].map(|number: usize| F407.sectors[number].start);
         assert_eq!(starts, [0x1_0000, 0x2_0000, 0x4_0000, 0xE_0000]);
         assert!(ALL.iter().all(|chip| chip.flash_size() <= LARGEST_FLASH));
@@ -174,6 +228,10 @@ mod tests {
         assert_eq!(
             Chip::with_device(0x413).map(|chip| chip.name),
             Some(F407.name)
+        );
+        assert_eq!(
+            Chip::with_device(0x414).map(|chip| chip.name),
+            Some(F103.name)
         );
         assert!(Chip::with_device(0).is_none());
         let name = |chip: &Chip, at| chip.peripheral(at).map(|entry| entry.name);

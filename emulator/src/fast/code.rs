@@ -7,12 +7,12 @@
 use std::sync::{Arc, OnceLock};
 
 use rsemu::core::space::RamStore;
-use rsemu::cpu::arm::v7m::isa::{Insn, decode, is_32bit};
+use rsemu::cpu::arm::v7m::isa::{ExtendOp, Insn, decode, is_32bit};
 
 use super::Leave;
 use super::micro::Op;
 use super::translate::{PAGE, Place, translate};
-use crate::chip::LARGEST_FLASH;
+use crate::chip::{Chip, LARGEST_FLASH};
 use crate::fetch;
 use crate::memory_map::FLASH_BASE;
 
@@ -44,7 +44,7 @@ pub(super) struct Page {
     slots: Box<[Slot; HALVES]>,
     /// What the instructions are in an IT block.
     in_it: Box<[Op; HALVES]>,
-    /// None where the flash ends in the middle of an instruction.
+    /// None where the flash ends in the middle of an instruction, and for one that the core lacks.
     entries: Box<[Option<Entry>; HALVES]>,
 }
 
@@ -67,17 +67,23 @@ impl Page {
 
 /// An image with what has been decoded of it.
 pub(crate) struct Programmed {
+    chip: &'static Chip,
     content: Vec<u8>,
     pages: [OnceLock<Arc<Page>>; PAGES],
 }
 
 impl Programmed {
     /// The content of the whole flash.
-    pub(crate) fn new(content: Vec<u8>) -> Self {
+    pub(crate) fn new(chip: &'static Chip, content: Vec<u8>) -> Self {
         Self {
+            chip,
             content,
             pages: [const { OnceLock::new() }; PAGES],
         }
+    }
+
+    pub(crate) fn chip(&self) -> &'static Chip {
+        self.chip
     }
 
     pub(crate) fn content(&self) -> &[u8] {
@@ -143,13 +149,14 @@ fn decoded(image: &Programmed, number: usize, flash: &RamStore) -> Result<Arc<Pa
     flash.read_at(begin as u64, &mut bytes).map_err(|_| Leave)?;
     let address = FLASH_BASE + begin as u32;
     if image.content.get(begin..begin + bytes.len()) == Some(&bytes[..]) {
-        let page = image.pages[number].get_or_init(|| Arc::new(decode_page(address, &bytes)));
+        let page =
+            image.pages[number].get_or_init(|| Arc::new(decode_page(image.chip, address, &bytes)));
         return Ok(Arc::clone(page));
     }
-    Ok(Arc::new(decode_page(address, &bytes)))
+    Ok(Arc::new(decode_page(image.chip, address, &bytes)))
 }
 
-fn decode_page(address: u32, bytes: &[u8]) -> Page {
+fn decode_page(chip: &Chip, address: u32, bytes: &[u8]) -> Page {
     let half = |at: usize| Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     let entry = |index: usize| {
         let first = half(2 * index)?;
@@ -159,9 +166,13 @@ fn decode_page(address: u32, bytes: &[u8]) -> Page {
             (0, 2)
         };
         let insn = decode(first, second);
+        if !chip.core.ext.dsp && is_dsp(&insn) {
+            return None;
+        }
         Some(Entry { insn, length })
     };
     let entries: Box<[Option<Entry>; HALVES]> = boxed(entry);
+    let line_bits = fetch::line_bits(chip.family);
     let op = |index: usize, in_it| match entries[index] {
         // After an instruction that is not a micro-operation the page is looked up again.
         Some(Entry { insn, length }) if 2 * index + (length as usize) < PAGE => {
@@ -181,13 +192,25 @@ fn decode_page(address: u32, bytes: &[u8]) -> Page {
         Slot {
             op: op(index, false),
             next: address.wrapping_add(length),
-            line: fetch::line_of(address - FLASH_BASE, length),
+            line: fetch::line_of(address - FLASH_BASE, length, line_bits),
         }
     };
     Page {
         slots: boxed(slot),
         in_it: boxed(|index| op(index, true)),
         entries,
+    }
+}
+
+/// Whether an instruction that the fast path executes belongs to the DSP extension, which a
+/// Cortex-M3 lacks (ARMv7-M ARM, A1.2 and table A4-10): the extensions that also add, or that
+/// take two bytes.
+fn is_dsp(insn: &Insn) -> bool {
+    match insn {
+        Insn::Extend { op, rn, .. } => {
+            matches!(op, ExtendOp::Sxtb16 | ExtendOp::Uxtb16) || *rn != 15
+        }
+        _ => false,
     }
 }
 

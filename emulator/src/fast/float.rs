@@ -340,7 +340,7 @@ impl Core {
         at: u32,
         count: u32,
     ) -> Done {
-        let Some(offset) = Self::in_ram(at, count) else {
+        let Some(offset) = Self::in_ram(memory.ram, at, count) else {
             // Loads from flash: words() lets nothing else pass.
             self.words(memory, at, count, load)?;
             for index in 0..count {

@@ -35,7 +35,7 @@ use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
-use crate::chip::LARGEST_FLASH;
+use crate::chip::{Family, LARGEST_FLASH};
 use crate::fetch::Fetch;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::Ram;
@@ -116,9 +116,10 @@ struct Core {
 
 impl Fast {
     pub(crate) fn new(image: Arc<Programmed>) -> Self {
+        let family = image.chip().family;
         Self {
             code: Code::new(image),
-            core: Core::new(),
+            core: Core::new(family),
         }
     }
 
@@ -182,7 +183,7 @@ impl Fast {
 }
 
 impl Core {
-    fn new() -> Self {
+    fn new(family: Family) -> Self {
         Self {
             r: [0; 16],
             psr: 0,
@@ -192,7 +193,7 @@ impl Core {
             v: 0,
             it: 0,
             primask: false,
-            fetch: Fetch::new(),
+            fetch: Fetch::new(family),
             fpu: Fpu::new(),
             fp_usable: false,
             fp_loaded: false,

@@ -14,7 +14,6 @@ use super::micro::Op;
 use super::translate::PAGE;
 use super::{Core, Done, Leave, Memory, advanced, exchangeable};
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
-use crate::ram;
 
 /// The page of an address.
 const PAGE_OF: u32 = !(PAGE as u32 - 1);
@@ -415,7 +414,7 @@ impl Core {
                     let at = self.get(n).wrapping_add_signed(i32::from(by));
                     let offset = at.wrapping_sub(RAM_BASE);
                     let (low, high) = (self.get(t), self.get(t2));
-                    if offset & 3 != 0 || offset > ram::SIZE as u32 - 8 {
+                    if offset & 3 != 0 || offset > memory.ram.size() - 8 {
                         leave!();
                     }
                     let _ = memory.ram.write_aligned(offset, Width::U32, low);

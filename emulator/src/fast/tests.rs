@@ -4,10 +4,10 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::address_space;
 use crate::board::BoardConfig;
 use crate::chip::F446;
 use crate::soc::Soc;
-use crate::{address_space, ram};
 
 /// A small generator of even quality and fixed seed (xorshift64*).
 struct Random(u64);
@@ -82,8 +82,8 @@ impl Machine {
                 at += 2;
             }
         }
-        let ram = Arc::new(Ram::new());
-        for at in (0..ram::SIZE as u32).step_by(4) {
+        let ram = Arc::new(Ram::new(&F446));
+        for at in (0..ram.size()).step_by(4) {
             ram.write(at, Width::U32, random.next()).unwrap();
         }
         let shared = Arc::new(Shared::new(
@@ -98,7 +98,7 @@ impl Machine {
             ),
             true,
         ));
-        let space = address_space::address_space(&shared, &flash, &ram, [0; 12]).unwrap();
+        let space = address_space::address_space(&F446, &shared, &flash, &ram, [0; 12]).unwrap();
         let cpu = Arc::new(ArmV7m::new(rsemu::cpu::arm::v7m::Config::CORTEX_M4F));
         cpu.attach_space(Arc::new(space));
         cpu.step(); // the reset sequence
@@ -145,7 +145,7 @@ fn compare(seed: u64, rounds: u32) -> u32 {
         flash: &machine.flash,
         shared,
     };
-    let mut fast = Fast::new(Arc::new(Programmed::new(Vec::new())));
+    let mut fast = Fast::new(Arc::new(Programmed::new(&F446, Vec::new())));
     let mut instructions = 0;
     for _ in 0..rounds {
         let mut regs = Regs {

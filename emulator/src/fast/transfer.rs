@@ -4,7 +4,7 @@ use rsemu::core::value::Width;
 
 use super::{Core, Done, Leave, Memory, exchangeable};
 use crate::memory_map::RAM_BASE;
-use crate::ram;
+use crate::ram::Ram;
 
 impl Core {
     /// Whether `count` words can be transferred at an address: aligned, in RAM or (for loads)
@@ -21,9 +21,9 @@ impl Core {
 
     /// Whether `count` words lie in RAM; and if so, the offset of the first.
     #[inline]
-    pub(super) fn in_ram(at: u32, count: u32) -> Option<u32> {
+    pub(super) fn in_ram(ram: &Ram, at: u32, count: u32) -> Option<u32> {
         let offset = at.wrapping_sub(RAM_BASE);
-        (offset & 3 == 0 && offset <= ram::SIZE as u32 - 4 * count).then_some(offset)
+        (offset & 3 == 0 && offset <= ram.size() - 4 * count).then_some(offset)
     }
 
     pub(super) fn multiple(
@@ -49,7 +49,7 @@ impl Core {
         } else {
             base.wrapping_add(4 * count)
         };
-        let in_ram = Self::in_ram(start, count);
+        let in_ram = Self::in_ram(memory.ram, start, count);
         if in_ram.is_none() {
             self.words(memory, start, count, load)?;
         }

@@ -54,7 +54,7 @@ impl Soc {
     pub(super) fn with_the_bus(&mut self, port: Port, levels: u32) -> u32 {
         let pins = self.chip.pins.can1_receive.iter();
         let here = pins
-            .filter(|route| route.port == port && self.connected(route))
+            .filter(|route| route.port == port && self.receives(route))
             .fold(0, |mask, route| mask | 1 << route.pin);
         if here == 0 {
             return levels;

@@ -1,6 +1,7 @@
 //! Events that are due, DMA, and interrupt lines of the chip.
 
 use super::Soc;
+use crate::chip::Family;
 use crate::system::map::irq;
 use crate::system::rcc::cause;
 use crate::timer::Timer;
@@ -10,13 +11,23 @@ impl Soc {
     /// name were stopped (33.16.4 and 33.16.5).
     pub(crate) fn stood(&mut self, cycles: u64) {
         const IWDG: u32 = 1 << 12;
-        let [_, _, apb1, apb2] = self.dbgmcu;
-        if apb1 & IWDG != 0 {
+        // RM0008 31.16.3.
+        const F1_IWDG: u32 = 1 << 8;
+        let [_, cr, apb1, apb2] = self.dbgmcu;
+        let family = self.chip.family;
+        let frozen = match family {
+            Family::F1 => cr & F1_IWDG,
+            Family::F4 => apb1 & IWDG,
+        };
+        if frozen != 0 {
             let ps = self.now_ps() - self.clock.local_ps(self.now - cycles);
             self.iwdg.stood(ps);
         }
         for number in 1..self.timers.len() {
             let frozen = match number {
+                1..=4 if family == Family::F1 => cr >> (9 + number),
+                5..=7 if family == Family::F1 => cr >> (13 + number),
+                8 if family == Family::F1 => cr >> 17,
                 1 => apb2,
                 8 => apb2 >> 1,
                 9..=11 => apb2 >> (16 + number - 9),

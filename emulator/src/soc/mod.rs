@@ -7,6 +7,7 @@
 
 mod bus;
 mod events;
+mod pins;
 mod wires;
 mod world;
 
@@ -16,20 +17,20 @@ use rsemu::core::space::RamStore;
 
 use crate::board::BoardConfig;
 use crate::can::Can;
-use crate::chip::Chip;
+use crate::chip::{Chip, Family};
 use crate::clock::Clock;
 use crate::defect::{Defect, Defects};
 use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;
+use crate::system::afio::Afio;
 use crate::system::crc::Crc;
 use crate::system::dma::Dma;
 use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
-use crate::system::map::{Entry, Gate, Unit};
-use crate::system::pins::Route;
+use crate::system::map::{Entry, Unit};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::usart::Usart;
@@ -57,6 +58,7 @@ pub(crate) struct Soc {
     pub(crate) flash: Flash,
     gpio: [Gpio; Port::ALL.len()],
     exti: Exti,
+    afio: Afio,
     iwdg: Iwdg,
     /// ADC1 to ADC3.
     adcs: [Adc; 3],
@@ -84,11 +86,9 @@ pub(crate) struct Soc {
     pub(crate) reset_request: u32,
 }
 
-/// The input register of a port.
-const IDR: u32 = 0x10;
-
-fn timer_kind(number: usize) -> Kind {
+fn timer_kind(family: Family, number: usize) -> Kind {
     match number {
+        2 | 5 if family == Family::F1 => Kind::GENERAL_16,
         1 | 8 => Kind::ADVANCED,
         2 | 5 => Kind::GENERAL_32,
         3 | 4 => Kind::GENERAL_16,
@@ -113,29 +113,33 @@ impl Soc {
         let mut flash = Flash::new(chip, array);
         flash.set_options(config.option_bytes);
         flash.set_factors(defects.flash_factor(), defects.program_factor());
-        let mut adcs = [1, 2, 3].map(Adc::new);
+        let mut adcs = [1, 2, 3].map(|number| Adc::new(chip.family, number));
         adcs[0].set_internal_reference(defects.reference());
         let mut pwr = Pwr::new(&chip.power);
         if defects.has(Defect::OverDrive) {
             pwr.lose_over_drive();
         }
-        let mut can = Can::default();
+        let mut can = match chip.family {
+            Family::F1 => Can::with_banks(14),
+            Family::F4 => Can::default(),
+        };
         if defects.has(Defect::ErrorCounter) {
             can.stop_error_counter();
         }
         Self {
             chip,
             now: 0,
-            clock: Clock::new(config.crystal_ppm),
+            clock: Clock::new(config.crystal_ppm, chip.clocks.hsi_hz),
             rcc: Rcc::new(&chip.clocks, config.hse_hz),
             pwr,
             flash,
-            gpio: Port::ALL.map(Gpio::new),
+            gpio: Port::ALL.map(|port| Gpio::new(chip.family, port)),
             exti: Exti::default(),
+            afio: Afio::default(),
             iwdg: Iwdg::new(config.lsi_hz),
             adcs,
             timers: std::array::from_fn(|number| {
-                let mut timer = Timer::new(timer_kind(number));
+                let mut timer = Timer::new(timer_kind(chip.family, number));
                 if defects.has(Defect::InputFilters) {
                     timer.remove_filters();
                 }
@@ -168,6 +172,7 @@ impl Soc {
         self.gpio.iter_mut().for_each(Gpio::reset);
         self.exti.reset();
         self.exti.reset_syscfg();
+        self.afio = Afio::default();
         self.iwdg.reset();
         self.adcs.iter_mut().for_each(Adc::reset);
         self.timers.iter_mut().for_each(|timer| timer.reset(now));
@@ -212,7 +217,7 @@ impl Soc {
         let offset = aligned - entry.base;
         match self.read_word(entry.unit, offset) {
             Ok(word) => (word >> shift) & mask,
-            Err(what) => self.unmodelled(describe(entry, offset, what), address, None),
+            Err(what) => self.unmodelled(self.describe(entry, offset, what), address, None),
         }
     }
 
@@ -260,7 +265,7 @@ impl Soc {
             }
         };
         if let Err(what) = word.and_then(|word| self.write_word(entry.unit, offset, word)) {
-            self.unmodelled(describe(entry, offset, what), address, Some(value));
+            self.unmodelled(self.describe(entry, offset, what), address, Some(value));
         }
         self.follow_wires();
         self.settle();
@@ -282,13 +287,38 @@ impl Soc {
         {
             return None;
         }
-        let what = describe(entry, (address & !3) - entry.base, "");
+        let what = self.describe(entry, (address & !3) - entry.base, "");
         self.stop.get_or_insert(StopKind::Unclocked {
             what,
             address,
             written,
         });
         Some(0)
+    }
+
+    /// A register by its name.
+    fn describe(&self, entry: &Entry, offset: u32, what: &str) -> String {
+        let register = match entry.unit {
+            Unit::Timer(_) => Timer::register_name(offset),
+            Unit::Gpio(port) => self.gpio[port as usize].register_name(offset),
+            Unit::Can1 | Unit::Can2 => Can::register_name(offset),
+            Unit::Rcc => self.rcc.register_name(offset),
+            Unit::Usart2 => Usart::register_name(offset),
+            Unit::Dma1 => Dma::register_name(offset),
+            Unit::Crc => Crc::register_name(offset),
+            Unit::Flash => self.flash.register_name(offset),
+            _ => "",
+        };
+        let register = if register.is_empty() {
+            format!("+{offset:#x}")
+        } else {
+            register.to_owned()
+        };
+        if what.is_empty() {
+            format!("{}_{register}", entry.name)
+        } else {
+            format!("{}_{register}: {what}", entry.name)
+        }
     }
 
     fn read_word(&mut self, unit: Unit, offset: u32) -> Result<u32, &'static str> {
@@ -300,7 +330,11 @@ impl Soc {
             Unit::Gpio(port) => {
                 self.follow_wires();
                 let levels = self.gpio[port as usize].read(offset).ok_or("")?;
-                Ok(if offset == IDR {
+                let idr = match self.chip.family {
+                    Family::F1 => 0x08,
+                    Family::F4 => 0x10,
+                };
+                Ok(if offset == idr {
                     self.with_the_bus(port, levels)
                 } else {
                     levels
@@ -325,6 +359,8 @@ impl Soc {
             Unit::Flash => self.flash.read(now_ps, offset).ok_or(""),
             Unit::Exti => self.exti.read(offset).ok_or(""),
             Unit::Syscfg => self.exti.read_syscfg(offset).ok_or(""),
+            Unit::Afio if (8..=0x14).contains(&offset) => self.exti.read_syscfg(offset).ok_or(""),
+            Unit::Afio => self.afio.read(offset).ok_or(""),
             Unit::Iwdg => self.iwdg.read(now_ps, offset).ok_or(""),
             Unit::Adc(number) => {
                 let adc = &self.adcs[number - 1];
@@ -348,7 +384,7 @@ impl Soc {
                 let before = self.gpio[port as usize].idr();
                 self.gpio[port as usize].write(offset, value).ok_or("")?;
                 self.pins_changed(port, before);
-                if Gpio::connects(offset) {
+                if self.gpio[port as usize].connects(offset) {
                     (0..16).for_each(|pin| self.timer_input(port, pin));
                 }
                 Ok(())
@@ -370,7 +406,7 @@ impl Soc {
                 self.rcc
                     .write(now_ps, offset, value, self.pwr.backup_access())
                     .ok_or("")?;
-                if (0x10..0x28).contains(&offset) {
+                if self.rcc.resets(offset) {
                     self.apply_resets();
                 }
                 self.apply_clocks();
@@ -390,6 +426,14 @@ impl Soc {
             }
             Unit::Exti => self.exti.write(offset, value).ok_or(""),
             Unit::Syscfg => self.exti.write_syscfg(offset, value).ok_or("memory remap"),
+            Unit::Afio if (8..=0x14).contains(&offset) => {
+                self.exti.write_syscfg(offset, value).ok_or("")
+            }
+            Unit::Afio => {
+                self.afio.write(offset, value).ok_or("")?;
+                self.remapped();
+                Ok(())
+            }
             Unit::Crc => self.crc.write(offset, value).ok_or(""),
             Unit::Iwdg => self.iwdg.write(now_ps, offset, value).ok_or(""),
             Unit::Adc(number) => self.adcs[number - 1].write(now_ps, offset, value),
@@ -401,12 +445,13 @@ impl Soc {
         }
     }
 
-    /// A store to the flash array.
-    pub(crate) fn program_flash(&mut self, offset: u64, data: &[u8]) {
+    /// A store to the flash array; false for a bus error.
+    pub(crate) fn program_flash(&mut self, offset: u64, data: &[u8]) -> bool {
         let now_ps = self.now_ps();
-        self.flash.program(now_ps, offset, data);
+        let accepted = self.flash.program(now_ps, offset, data);
         self.check_power();
         self.settle();
+        accepted
     }
 
     /// Stops when the power has failed in a flash operation.
@@ -437,6 +482,11 @@ impl Soc {
                 Unit::Pwr => self.pwr.reset(),
                 Unit::Adc(number) => self.adcs[number - 1].reset(),
                 Unit::Syscfg => self.exti.reset_syscfg(),
+                Unit::Afio => {
+                    self.exti.reset_syscfg();
+                    self.afio = Afio::default();
+                    self.remapped();
+                }
                 _ => {}
             }
         }
@@ -458,7 +508,7 @@ impl Soc {
         self.can2.set_ratio(hclk / clocks.pclk1.max(1));
         self.usart2.set_ratio(hclk / clocks.pclk1.max(1));
         for adc in &mut self.adcs {
-            adc.set_clock(clocks.pclk2);
+            adc.set_clock(self.rcc.adc_source(clocks.pclk2));
         }
         if hclk != self.clock.hz() {
             self.clock.set_hz(self.now, hclk);
@@ -496,67 +546,8 @@ impl Soc {
             self.stop.get_or_insert(StopKind::Clock(fault));
         }
     }
-
-    /// Processes a change of a pin: edges for EXTI, the encoder and the break inputs.
-    fn pins_changed(&mut self, port: Port, before: u32) {
-        let after = self.gpio[port as usize].idr();
-        for pin in 0..16 {
-            if (before ^ after) >> pin & 1 != 0 {
-                self.exti.edge(port, pin, after >> pin & 1 != 0);
-                self.timer_input(port, pin);
-            }
-        }
-        for timer in [1, 8] {
-            let level = self.chip.pins.break_input(timer).any(|route| {
-                self.connected(route) && self.gpio[route.port as usize].level(route.pin)
-            });
-            let level = level && !self.defects.has(Defect::BreakInput(timer));
-            self.timers[timer].set_break_input(self.now, level);
-        }
-    }
-
-    fn connected(&self, route: &Route) -> bool {
-        self.gpio[route.port as usize].mode(route.pin) == Mode::Alternate(route.af)
-    }
-
-    fn timer_clocked(&self, number: usize) -> bool {
-        self.clocked(Unit::Timer(number))
-    }
-
-    fn clocked(&self, unit: Unit) -> bool {
-        let gate = self
-            .chip
-            .all_peripherals()
-            .find(|entry| entry.unit == unit)
-            .map_or(Gate::None, |e| e.gate);
-        self.rcc.enabled(gate)
-    }
 }
 
 fn on_ahb(entry: &Entry) -> bool {
     entry.base >= 0x4002_0000
-}
-
-fn describe(entry: &Entry, offset: u32, what: &str) -> String {
-    let register = match entry.unit {
-        Unit::Timer(_) => Timer::register_name(offset),
-        Unit::Gpio(_) => Gpio::register_name(offset),
-        Unit::Can1 | Unit::Can2 => Can::register_name(offset),
-        Unit::Rcc => Rcc::register_name(offset),
-        Unit::Usart2 => Usart::register_name(offset),
-        Unit::Dma1 => Dma::register_name(offset),
-        Unit::Crc => Crc::register_name(offset),
-        Unit::Flash => Flash::register_name(offset),
-        _ => "",
-    };
-    let register = if register.is_empty() {
-        format!("+{offset:#x}")
-    } else {
-        register.to_owned()
-    };
-    if what.is_empty() {
-        format!("{}_{register}", entry.name)
-    } else {
-        format!("{}_{register}: {what}", entry.name)
-    }
 }

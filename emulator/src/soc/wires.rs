@@ -113,7 +113,7 @@ mod tests {
 
     fn soc(config: &BoardConfig) -> Soc {
         let store = Arc::new(RamStore::new(F446.flash_size()));
-        let mut soc = Soc::new(&F446, store, Arc::new(Ram::new()), config);
+        let mut soc = Soc::new(&F446, store, Arc::new(Ram::new(&F446)), config);
         soc.system_reset(0);
         soc.write(0x4002_3830, 4, 0b111);
         soc

@@ -3,12 +3,12 @@
 use super::Soc;
 use crate::can::CanFrame;
 use crate::can::port::Which;
+use crate::chip::Family;
 use crate::defect::Defect;
 use crate::stop::StopKind;
 use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};
 use crate::system::map::Unit;
-use crate::system::pins::Route;
 use crate::system::rcc::HseFailure;
 use crate::timer::PwmState;
 use crate::trace::{Change, PWM_TIMERS, Trace};
@@ -84,19 +84,31 @@ impl Soc {
         let gpio = &self.gpio[port as usize];
         let open_drain = gpio.open_drain(pin);
         let level = match gpio.mode(pin) {
-            Mode::Alternate(af) => {
-                let route = Route { port, pin, af };
-                if let Some((timer, channel)) = self.chip.pins.timer_at(port, pin, af) {
-                    self.timers[timer].sync(self.now);
-                    self.timers[timer].level(channel - 1)
-                } else if let Some((timer, channel)) = self.chip.pins.complementary_at(route) {
-                    self.timers[timer].sync(self.now);
-                    self.timers[timer].complementary_level(channel - 1)
-                } else {
-                    // Idle: recessive, or the level of a stop bit.
-                    self.chip.pins.is_bus_output(route).then_some(true)
+            Mode::Alternate(_) => {
+                let pins = &self.chip.pins;
+                let (mut level, mut taken) = (None, false);
+                // An STM32F1's pin can be two timers': the one that has its output on drives it.
+                for &(timer, channel, ref route) in pins.channels_at(port, pin) {
+                    if self.connected(route) {
+                        self.timers[timer].sync(self.now);
+                        level = level.or(self.timers[timer].level(channel - 1));
+                        taken = true;
+                    }
                 }
+                if level.is_none()
+                    && let Some((timer, channel)) = self.complementary(port, pin)
+                {
+                    self.timers[timer].sync(self.now);
+                    level = self.timers[timer].complementary_level(channel - 1);
+                    taken = true;
+                }
+                // Idle: recessive, or the level of a stop bit.
+                let mut bus = pins
+                    .bus_outputs()
+                    .filter(|to| (to.port, to.pin) == (port, pin));
+                level.or((!taken && bus.any(|route| self.connected(route))).then_some(true))
             }
+            _ if self.debug_has(port, pin) => None,
             _ => return gpio.driven(pin),
         };
         match level {
@@ -131,7 +143,7 @@ impl Soc {
         let pins = &self.chip.pins;
         let wired = |channel| {
             let mut routes = pins.timer_channel(timer, channel);
-            routes.any(|route| self.connected(route))
+            routes.any(|route| self.receives(route))
         };
         if (1..=14).contains(&timer) && wired(1) && wired(2) && self.timer_clocked(timer) {
             self.timers[timer].encoder_add(self.now, edges);
@@ -142,16 +154,35 @@ impl Soc {
 
     /// Passes the level of a pin to the timer of which it is an input.
     pub(super) fn timer_input(&mut self, port: Port, pin: u8) {
-        let gpio = &self.gpio[port as usize];
-        let Mode::Alternate(af) = gpio.mode(pin) else {
-            return;
-        };
-        if let Some((timer, channel @ (1 | 2))) = self.chip.pins.timer_at(port, pin, af)
-            && !self.defects.has(Defect::TimerInput(timer, channel))
-            && self.timers[timer].set_input(self.now, channel - 1, gpio.level(pin))
-        {
-            self.trace_encoder(timer);
+        let level = self.gpio[port as usize].level(pin);
+        for &(timer, channel, ref route) in self.chip.pins.channels_at(port, pin) {
+            if matches!(channel, 1 | 2)
+                && self.receives(route)
+                && !self.defects.has(Defect::TimerInput(timer, channel))
+                && self.timers[timer].set_input(self.now, channel - 1, level)
+            {
+                self.trace_encoder(timer);
+            }
         }
+    }
+
+    /// The complementary output that a pin carries.
+    fn complementary(&self, port: Port, pin: u8) -> Option<(usize, usize)> {
+        let mut rows = self.chip.pins.complementary_at(port, pin);
+        let row = rows.find(|row| {
+            let (timer, channel, route) = row;
+            // TIM1 and TIM8 of an STM32F1 can share one: it is the one that has it on.
+            self.connected(route)
+                && (self.chip.family == Family::F4
+                    || self.timers[*timer]
+                        .complementary_level(channel - 1)
+                        .is_some())
+        })?;
+        Some((row.0, row.1))
+    }
+
+    fn debug_has(&self, port: Port, pin: u8) -> bool {
+        self.chip.family == Family::F1 && self.afio.debug_has(port, pin)
     }
 
     /// Records the value of an encoder's counter.
@@ -170,7 +201,7 @@ impl Soc {
             Which::First => (pins.can1_receive, pins.can1_transmit),
             Which::Second => (pins.can2_receive, pins.can2_transmit),
         };
-        receive.iter().any(|route| self.connected(route))
+        receive.iter().any(|route| self.receives(route))
             && transmit.iter().any(|route| self.connected(route))
     }
 
@@ -211,14 +242,14 @@ impl Soc {
     }
 
     /// Puts bytes on the line into USART2, one after the other, from a sender with this baud rate.
-    /// Without its pin the port hears nothing.
+    /// Without its pin the port receives nothing.
     pub(crate) fn serial_arrive(&mut self, bytes: &[u8], baud: f64, stop: bool) {
         if self
             .chip
             .pins
             .usart2_receive
             .iter()
-            .any(|route| self.connected(route))
+            .any(|route| self.receives(route))
         {
             let bit = self.clock.hz() as f64 * self.clock.rate() / baud;
             for byte in bytes {
@@ -271,10 +302,7 @@ impl Soc {
                 // A complementary output on its own is a gate, high or low; a timer's channel is
                 // its PWM.
                 let gate = match self.gpio[port as usize].mode(pin) {
-                    Mode::Alternate(af) => {
-                        let route = Route { port, pin, af };
-                        self.chip.pins.complementary_at(route).is_some()
-                    }
+                    Mode::Alternate(_) => self.complementary(port, pin).is_some(),
                     _ => false,
                 };
                 let level = if gate {
@@ -303,7 +331,12 @@ mod tests {
 
     fn soc(chip: &'static Chip) -> Soc {
         let store = Arc::new(RamStore::new(chip.flash_size()));
-        Soc::new(chip, store, Arc::new(Ram::new()), &BoardConfig::default())
+        Soc::new(
+            chip,
+            store,
+            Arc::new(Ram::new(chip)),
+            &BoardConfig::default(),
+        )
     }
 
     /// The pins of one chip are not the other's: CAN1 at PD0 and PD1, PWM at PE9.

@@ -20,7 +20,10 @@
 
 use std::cell::Cell;
 
+use crate::chip::Family;
 use crate::system::gpio::Port;
+
+mod f1;
 
 /// Reference voltage of the board, V, until another is set. At this one ST measures VREFINT.
 const VREF: f64 = 3.3;
@@ -31,10 +34,10 @@ const VREFINT_CHANNEL: usize = 17;
 /// VREFIN_CAL (the same): what the converter makes of VREFINT at [`VREF`].
 pub const VREFINT_CALIBRATION: u16 = (VREFINT / VREF * STEPS) as u16;
 const STEPS: f64 = 4096.0;
-/// Clocks of a 12-bit conversion after sampling (13.5).
-const CONVERSION: u64 = 12;
-/// Sampling times by SMP, ADC clocks (13.13.4).
-const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+/// Half clocks of a 12-bit conversion after sampling (13.5).
+const CONVERSION: u64 = 24;
+/// Sampling times by SMP, half ADC clocks (13.13.4).
+const SAMPLING: [u64; 8] = [6, 30, 56, 112, 168, 224, 288, 960];
 /// Dividers of PCLK2 by ADCPRE (13.13.16).
 const DIVIDERS: [u64; 4] = [2, 4, 6, 8];
 /// Fastest clock by the data sheet, Hz.
@@ -70,10 +73,11 @@ struct Input {
 }
 
 /// One of the converters, with its copy of the common register.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Adc {
     /// 1 to 3.
     number: usize,
+    family: Family,
     cr1: u32,
     cr2: u32,
     smpr: [u32; 2],
@@ -81,6 +85,8 @@ pub struct Adc {
     jsqr: u32,
     ccr: u32,
     pclk2: u64,
+    /// Local time at which a calibration ends, ps.
+    calibrated: u64,
     /// Local time at which the first conversion began, ps.
     started: Option<u64>,
     /// Conversions whose result has been read, or whose EOC was cleared.
@@ -115,22 +121,35 @@ fn pin_of(converter: usize, channel: u8) -> Option<(Port, u8)> {
 impl Adc {
     /// A converter by its number, after reset.
     #[must_use]
-    pub fn new(number: usize) -> Self {
+    pub fn new(family: Family, number: usize) -> Self {
         Self {
             number,
-            ..Self::default()
+            family,
+            cr1: 0,
+            cr2: 0,
+            smpr: [0; 2],
+            sqr: [0; 3],
+            jsqr: 0,
+            ccr: 0,
+            pclk2: 0,
+            calibrated: 0,
+            started: None,
+            seen: Cell::new(0),
+            strt: false,
+            inputs: [Input::default(); 16],
+            reference_offset: 0.0,
+            internal_offset: 0.0,
         }
     }
 
     /// Resets the registers; what is connected stays.
     pub fn reset(&mut self) {
         *self = Self {
-            number: self.number,
             inputs: self.inputs,
             reference_offset: self.reference_offset,
             internal_offset: self.internal_offset,
             pclk2: self.pclk2,
-            ..Self::default()
+            ..Self::new(self.family, self.number)
         };
     }
 
@@ -157,14 +176,21 @@ impl Adc {
         self.internal_offset = VREFINT * (times - 1.0);
     }
 
-    /// Takes over the bus clock.
+    /// Takes over the clock that it divides.
     pub fn set_clock(&mut self, pclk2: u64) {
         self.pclk2 = pclk2;
     }
 
+    /// What the clock is divided by here; the STM32F1 does that in RCC.
+    fn divider(&self) -> u64 {
+        match self.family {
+            Family::F1 => 1,
+            Family::F4 => DIVIDERS[(self.ccr >> 16 & 3) as usize],
+        }
+    }
+
     fn clock_ps(&self) -> u64 {
-        let divider = DIVIDERS[(self.ccr >> 16 & 3) as usize];
-        1_000_000_000_000 * divider / self.pclk2.max(1)
+        1_000_000_000_000 * self.divider() / self.pclk2.max(1)
     }
 
     /// How many injected channels follow the regular one.
@@ -193,10 +219,13 @@ impl Adc {
             Some(place) => self.smpr[0] >> (3 * place),
             None => self.smpr[1] >> (3 * channel),
         } & 7;
-        let sampling = SAMPLING[smp as usize];
+        let (sampling, conversion) = match self.family {
+            Family::F1 => (f1::SAMPLING[smp as usize], f1::CONVERSION),
+            Family::F4 => (SAMPLING[smp as usize], CONVERSION),
+        };
         (
-            sampling * self.clock_ps(),
-            (sampling + CONVERSION) * self.clock_ps(),
+            sampling * self.clock_ps() / 2,
+            (sampling + conversion) * self.clock_ps() / 2,
         )
     }
 
@@ -230,7 +259,7 @@ impl Adc {
         let input = input.copied().unwrap_or_default();
         let volts = if channel == VREFINT_CHANNEL && self.number == 1 {
             // Unconnected without TSVREFE.
-            f64::from(u8::from(self.ccr & ccr::TSVREFE != 0)) * (VREFINT + self.internal_offset)
+            f64::from(u8::from(self.internal_is_on())) * (self.internal() + self.internal_offset)
         } else if !analog {
             0.0
         } else if sampled < input.since_ps {
@@ -240,6 +269,21 @@ impl Adc {
         };
         let reference = VREF + self.reference_offset;
         (volts / reference * STEPS).clamp(0.0, STEPS - 1.0) as u32
+    }
+
+    /// Whether the internal channels are connected, and VREFINT in V.
+    fn internal_is_on(&self) -> bool {
+        match self.family {
+            Family::F1 => self.cr2 & f1::TSVREFE != 0,
+            Family::F4 => self.ccr & ccr::TSVREFE != 0,
+        }
+    }
+
+    fn internal(&self) -> f64 {
+        match self.family {
+            Family::F1 => f1::VREFINT,
+            Family::F4 => VREFINT,
+        }
     }
 
     /// The place whose result this register holds.
@@ -288,6 +332,7 @@ impl Adc {
                 (u32::from(done) * sr::EOC) | (u32::from(self.strt) * sr::STRT)
             }
             0x04 => self.cr1,
+            0x08 if self.family == Family::F1 => self.read_cr2_f1(now_ps),
             0x08 => self.cr2,
             0x0C => self.smpr[0],
             0x10 => self.smpr[1],
@@ -307,6 +352,12 @@ impl Adc {
         })
     }
 
+    fn start(&mut self, now_ps: u64) {
+        self.started = Some(now_ps);
+        self.seen.set(0);
+        self.strt = true;
+    }
+
     /// Writes a register; an error says what is not modelled.
     ///
     /// # Errors
@@ -324,6 +375,7 @@ impl Adc {
                 return Err("anything but 12 bits without interrupts");
             }
             0x04 => self.cr1 = value,
+            0x08 if self.family == Family::F1 => self.write_cr2_f1(now_ps, value)?,
             0x08 => {
                 if value & !(cr2::ADON | cr2::CONT | cr2::SWSTART) != 0 {
                     return Err("triggers, DMA, alignment to the left");
@@ -332,12 +384,10 @@ impl Adc {
                 if value & cr2::ADON == 0 {
                     self.started = None;
                 } else if value & cr2::SWSTART != 0 {
-                    if self.pclk2 / DIVIDERS[(self.ccr >> 16 & 3) as usize] > MAX_HZ {
+                    if self.pclk2 / self.divider() > MAX_HZ {
                         return Err("a clock above 36 MHz (DS10693)");
                     }
-                    self.started = Some(now_ps);
-                    self.seen.set(0);
-                    self.strt = true;
+                    self.start(now_ps);
                 }
             }
             0x0C => self.smpr[0] = value,
@@ -359,7 +409,7 @@ mod tests {
 
     /// 22.5 MHz: 90 MHz by 4. 480 + 12 clocks are 21.87 us.
     fn running() -> Adc {
-        let mut adc = Adc::new(1);
+        let mut adc = Adc::new(Family::F4, 1);
         adc.set_clock(90_000_000);
         adc.set_pin(0, Port::A, 4, 1.65);
         adc.write_common(CCR, 1 << 16).unwrap();
@@ -430,7 +480,7 @@ mod tests {
     /// VREFINT stays what it is: at a lower reference it is more of it.
     #[test]
     fn the_internal_reference_shows_what_the_reference_is() {
-        let mut adc = Adc::new(1);
+        let mut adc = Adc::new(Family::F4, 1);
         adc.set_clock(90_000_000);
         adc.write_common(CCR, 1 << 16 | ccr::TSVREFE).unwrap();
         for (offset, value) in [
@@ -463,7 +513,7 @@ mod tests {
     /// DS8626 table 7: ADC3 has pins of port F, and no channel 17 (RM0090 13.10).
     #[test]
     fn adc3_has_pins_of_port_f_and_no_internal_reference() {
-        let mut adc = Adc::new(3);
+        let mut adc = Adc::new(Family::F4, 3);
         adc.set_clock(84_000_000);
         adc.set_pin(0, Port::F, 10, 1.65);
         adc.write_common(CCR, 1 << 16 | ccr::TSVREFE).unwrap();

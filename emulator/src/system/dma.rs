@@ -293,7 +293,7 @@ mod tests {
         ] {
             dma.write(STREAM_5 + register, value).unwrap();
         }
-        (dma, Ram::new())
+        (dma, Ram::new(&crate::chip::F446))
     }
 
     /// HISR: the flags of stream 5 begin at bit 6.

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
-use crate::chip::Chip;
+use crate::chip::{Chip, Family};
 
 /// A sector: first byte, counted from the start of the flash, and length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +52,8 @@ pub const OPTIONS_ON_A_ROBOT: u32 = 0x0FFF_AAE0;
 pub const OPTIONS_ERASED: u32 = 0x0FFF_FFEC;
 /// The value of RDP, bits 8 to 15, for no read protection (3.6.3).
 const UNPROTECTED: u32 = 0xAA;
+/// ACR: prefetch.
+const PRFTEN: u32 = 1 << 8;
 const CR_PG: u32 = 1;
 const CR_SER: u32 = 1 << 1;
 const CR_MER: u32 = 1 << 2;
@@ -66,6 +68,8 @@ pub struct Flash {
     chip: &'static Chip,
     array: Arc<RamStore>,
     acr: u32,
+    /// Where an STM32F1 erases: AR.
+    address: u32,
     cr: u32,
     sr: u32,
     optcr: u32,
@@ -127,7 +131,12 @@ impl Flash {
         Self {
             chip,
             array,
-            acr: 0,
+            // PM0075 3.1: the prefetch of an STM32F1 is on.
+            acr: match chip.family {
+                Family::F1 => PRFTEN,
+                Family::F4 => 0,
+            },
+            address: 0,
             cr: CR_LOCK,
             sr: 0,
             optcr: OPTIONS_ON_A_ROBOT | OPTLOCK,
@@ -213,7 +222,7 @@ impl Flash {
         if self.sr & SR_BSY != 0 && now_ps >= self.busy_until {
             self.sr &= !SR_BSY;
             self.cr &= !CR_STRT;
-            if self.cr & CR_EOPIE != 0 {
+            if self.cr & CR_EOPIE != 0 || self.chip.family == Family::F1 {
                 self.sr |= SR_EOP;
             }
             if let Some(erase) = self.erase.take() {
@@ -260,6 +269,8 @@ impl Flash {
     #[must_use]
     pub fn max_hclk(&self, vdd: f64) -> u64 {
         let step = match vdd {
+            // PM0075 3.1, at any supply.
+            _ if self.chip.family == Family::F1 => 24_000_000,
             2.7.. => 30_000_000,
             2.4.. => 24_000_000,
             2.1.. => 22_000_000,
@@ -285,6 +296,8 @@ impl Flash {
     #[must_use]
     pub fn brown_out(&self) -> (f64, f64) {
         match self.options >> 2 & 3 {
+            // DS5792 rev 13, table 12: power-down reset alone.
+            _ if self.chip.family == Family::F1 => (1.88, 1.92),
             0 => (2.83, 2.92),
             1 => (2.50, 2.59),
             2 => (2.19, 2.29),
@@ -295,6 +308,9 @@ impl Flash {
     /// Reads a register; `None` for an offset without one.
     pub fn read(&mut self, now_ps: u64, offset: u32) -> Option<u32> {
         self.sync(now_ps);
+        if self.chip.family == Family::F1 {
+            return self.read_f1(offset);
+        }
         Some(match offset {
             0x00 => self.acr,
             0x04 | 0x08 => 0,
@@ -308,6 +324,9 @@ impl Flash {
     /// Writes a register; `None` for an offset without one.
     pub fn write(&mut self, now_ps: u64, offset: u32, value: u32) -> Option<()> {
         self.sync(now_ps);
+        if self.chip.family == Family::F1 {
+            return self.write_f1(now_ps, offset, value);
+        }
         match offset {
             0x00 => self.acr = value & 0x1F0F,
             0x04 => self.write_key(value),
@@ -394,21 +413,30 @@ impl Flash {
             };
             (start, length, times[column])
         };
+        self.erase(now_ps, Sector { start, length }, ms);
+    }
+
+    /// Begins to erase.
+    fn erase(&mut self, now_ps: u64, sector: Sector, ms: u64) {
+        let Sector { start, length } = sector;
         self.operations.done.erases += 1;
         self.record_cut(start, &vec![0xFF; length as usize / 2]);
         if self.operations.fails() {
             let _ = self.array.fill(start, length / 2, 0xFF);
             return;
         }
-        self.erase = Some(Sector { start, length });
+        self.erase = Some(sector);
         self.sr |= SR_BSY;
         self.busy_until = now_ps + ms * MS * self.factor;
     }
 
     /// A write to the array at an offset. Bits can only be cleared; what is not allowed sets an
-    /// error flag and leaves the array alone (3.5.4).
-    pub fn program(&mut self, now_ps: u64, offset: u64, data: &[u8]) {
+    /// error flag and leaves the array alone (3.5.4). False for a bus error.
+    pub fn program(&mut self, now_ps: u64, offset: u64, data: &[u8]) -> bool {
         self.sync(now_ps);
+        if self.chip.family == Family::F1 {
+            return self.program_f1(now_ps, offset, data);
+        }
         let width = 1_usize << (self.cr >> 8 & 3);
         if self.cr & CR_LOCK != 0 {
             self.sr |= SR_WRPERR;
@@ -417,31 +445,40 @@ impl Flash {
         } else if data.len() != width {
             self.sr |= SR_PGPERR;
         } else {
-            let mut old = [0xFF_u8; 8];
-            let old = &mut old[..data.len()];
-            let _ = self.array.read_at(offset, old);
-            self.operations.done.programs += 1;
-            let half: Vec<u8> = old
-                .iter()
-                .zip(data)
-                .take(data.len() / 2)
-                .map(|(old, new)| old & new)
-                .collect();
-            self.record_cut(offset, &half);
-            if self.operations.fails() {
-                let _ = self.array.write_at(offset, &half);
-            } else {
-                old.iter_mut().zip(data).for_each(|(old, new)| *old &= new);
-                let _ = self.array.write_at(offset, old);
-            }
-            self.sr |= SR_BSY;
-            self.busy_until = now_ps + PROGRAM_PS * self.factor * self.program_factor;
+            self.clear_bits(now_ps, offset, data, PROGRAM_PS);
         }
+        true
+    }
+
+    /// Begins to program: clears the bits that are clear in `data`.
+    fn clear_bits(&mut self, now_ps: u64, offset: u64, data: &[u8], ps: u64) {
+        let mut old = [0xFF_u8; 8];
+        let old = &mut old[..data.len()];
+        let _ = self.array.read_at(offset, old);
+        self.operations.done.programs += 1;
+        let half: Vec<u8> = old
+            .iter()
+            .zip(data)
+            .take(data.len() / 2)
+            .map(|(old, new)| old & new)
+            .collect();
+        self.record_cut(offset, &half);
+        if self.operations.fails() {
+            let _ = self.array.write_at(offset, &half);
+        } else {
+            old.iter_mut().zip(data).for_each(|(old, new)| *old &= new);
+            let _ = self.array.write_at(offset, old);
+        }
+        self.sr |= SR_BSY;
+        self.busy_until = now_ps + ps * self.factor * self.program_factor;
     }
 
     /// Name of the register at an offset.
     #[must_use]
-    pub fn register_name(offset: u32) -> &'static str {
+    pub fn register_name(&self, offset: u32) -> &'static str {
+        if self.chip.family == Family::F1 {
+            return f1::register_name(offset);
+        }
         match offset {
             0x00 => "ACR",
             0x04 => "KEYR",
@@ -454,5 +491,6 @@ impl Flash {
     }
 }
 
+mod f1;
 #[cfg(test)]
 mod tests;

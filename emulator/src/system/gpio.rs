@@ -4,6 +4,10 @@
 //! register or, in alternate-function mode, a peripheral. The peripheral provides the level that it
 //! drives; this file only determines which peripheral has the pin.
 
+mod f1;
+
+use crate::chip::Family;
+
 /// A GPIO port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[allow(missing_docs)]
@@ -63,6 +67,7 @@ pub enum Mode {
 #[derive(Debug, Clone)]
 pub struct Gpio {
     port: Port,
+    family: Family,
     moder: u32,
     otyper: u32,
     ospeedr: u32,
@@ -79,14 +84,16 @@ impl Gpio {
     /// A port after reset, with nothing connected. Ports A and B wake up with the debug pins
     /// switched (7.4).
     #[must_use]
-    pub fn new(port: Port) -> Self {
+    pub fn new(family: Family, port: Port) -> Self {
         let (moder, ospeedr, pupdr) = match port {
+            _ if family == Family::F1 => (0, 0, 0),
             Port::A => (0xA800_0000, 0x0C00_0000, 0x6400_0000),
             Port::B => (0x0000_0280, 0x0000_00C0, 0x0000_0100),
             _ => (0, 0, 0),
         };
         Self {
             port,
+            family,
             moder,
             otyper: 0,
             ospeedr,
@@ -102,7 +109,7 @@ impl Gpio {
     /// Resets the port; what is connected stays.
     pub fn reset(&mut self) {
         let (external, connected) = (self.external, self.connected);
-        *self = Self::new(self.port);
+        *self = Self::new(self.family, self.port);
         self.external = external;
         self.connected = connected;
     }
@@ -145,10 +152,13 @@ impl Gpio {
         }
     }
 
-    /// Whether the register at an offset connects pins to peripherals: MODER, AFRL, AFRH.
+    /// Whether the register at an offset connects pins to peripherals: MODER, AFRL, AFRH; CRL, CRH.
     #[must_use]
-    pub fn connects(offset: u32) -> bool {
-        matches!(offset, 0x00 | 0x20 | 0x24)
+    pub fn connects(&self, offset: u32) -> bool {
+        match self.family {
+            Family::F1 => matches!(offset, 0x00 | 0x04),
+            Family::F4 => matches!(offset, 0x00 | 0x20 | 0x24),
+        }
     }
 
     /// What the output register does to a pin; [`PinLevel::Floating`] in any mode but output.
@@ -192,6 +202,9 @@ impl Gpio {
     /// Reads a register; `None` for an offset without one.
     #[must_use]
     pub fn read(&self, offset: u32) -> Option<u32> {
+        if self.family == Family::F1 {
+            return self.read_f1(offset);
+        }
         Some(match offset {
             0x00 => self.moder,
             0x04 => self.otyper,
@@ -210,6 +223,9 @@ impl Gpio {
     /// Writes a register; `None` for an offset without one, or the lock register, which is not
     /// modelled.
     pub fn write(&mut self, offset: u32, value: u32) -> Option<()> {
+        if self.family == Family::F1 {
+            return self.write_f1(offset, value);
+        }
         match offset {
             0x00 => self.moder = value,
             0x04 => self.otyper = value & 0xFFFF,
@@ -228,7 +244,10 @@ impl Gpio {
 
     /// Name of the register at an offset.
     #[must_use]
-    pub fn register_name(offset: u32) -> &'static str {
+    pub fn register_name(&self, offset: u32) -> &'static str {
+        if self.family == Family::F1 {
+            return f1::register_name(offset);
+        }
         match offset {
             0x00 => "MODER",
             0x04 => "OTYPER",
@@ -251,14 +270,14 @@ mod tests {
 
     #[test]
     fn reset_values_keep_the_debug_port() {
-        assert_eq!(Gpio::new(Port::A).read(0), Some(0xA800_0000));
-        assert_eq!(Gpio::new(Port::A).mode(13), Mode::Alternate(0));
-        assert_eq!(Gpio::new(Port::B).mode(4), Mode::Alternate(0));
+        assert_eq!(Gpio::new(Family::F4, Port::A).read(0), Some(0xA800_0000));
+        assert_eq!(Gpio::new(Family::F4, Port::A).mode(13), Mode::Alternate(0));
+        assert_eq!(Gpio::new(Family::F4, Port::B).mode(4), Mode::Alternate(0));
     }
 
     #[test]
     fn an_output_register_without_output_mode_drives_nothing() {
-        let mut gpio = Gpio::new(Port::C);
+        let mut gpio = Gpio::new(Family::F4, Port::C);
         gpio.write(0x18, 1).unwrap();
         assert_eq!(gpio.driven(0), PinLevel::Floating);
         gpio.write(0x00, 1).unwrap();
@@ -269,14 +288,14 @@ mod tests {
 
     #[test]
     fn set_wins_over_reset() {
-        let mut gpio = Gpio::new(Port::C);
+        let mut gpio = Gpio::new(Family::F4, Port::C);
         gpio.write(0x18, 0x0001_0001).unwrap();
         assert_eq!(gpio.read(0x14), Some(1));
     }
 
     #[test]
     fn pulls_decide_what_an_open_input_reads() {
-        let mut gpio = Gpio::new(Port::C);
+        let mut gpio = Gpio::new(Family::F4, Port::C);
         gpio.write(0x0C, 0b10_01).unwrap();
         assert_eq!(gpio.idr() & 3, 0b01);
         gpio.set_external(0, false);
@@ -286,7 +305,7 @@ mod tests {
 
     #[test]
     fn open_drain_only_pulls_down() {
-        let mut gpio = Gpio::new(Port::C);
+        let mut gpio = Gpio::new(Family::F4, Port::C);
         gpio.write(0x00, 1).unwrap();
         gpio.write(0x04, 1).unwrap();
         assert_eq!(gpio.driven(0), PinLevel::Low);
@@ -298,7 +317,7 @@ mod tests {
 
     #[test]
     fn an_analog_pin_reads_zero() {
-        let mut gpio = Gpio::new(Port::C);
+        let mut gpio = Gpio::new(Family::F4, Port::C);
         gpio.set_external(0, true);
         gpio.write(0x00, 3).unwrap();
         assert_eq!(gpio.idr() & 1, 0);

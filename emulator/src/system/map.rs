@@ -47,6 +47,8 @@ pub enum Unit {
     Exti,
     /// SYSCFG.
     Syscfg,
+    /// AFIO.
+    Afio,
     /// IWDG.
     Iwdg,
     /// ADC1 to ADC3.

@@ -2,6 +2,7 @@
 //! DMA, serial port, CRC unit.
 
 pub mod adc;
+pub mod afio;
 pub mod crc;
 pub(crate) mod dma;
 pub mod exti;

@@ -1,17 +1,19 @@
 //! Which pin carries which signal in which alternate function, for the signals that are modelled:
 //! data sheet DS10693 rev 10, table 11, as far as the pins exist on the 64-pin package; DS8626 rev
-//! 9, table 9, for the package with 176 pins. What both chips have is in tables of its own.
+//! 9, table 9, for the package with 176 pins. What both chips have is in tables of its own. RM0008
+//! rev 21, tables 38 to 52, for the STM32F103 in its package with 64 pins.
 
+use crate::system::afio::{self, when};
 use crate::system::gpio::Port;
 
-/// A pin with the alternate function that connects it.
+/// A pin with what connects it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Route {
     /// Port.
     pub port: Port,
     /// Pin, 0..=15.
     pub pin: u8,
-    /// Alternate function.
+    /// Alternate function; on an STM32F1 the remap ([`crate::system::afio`]).
     pub af: u8,
 }
 
@@ -22,7 +24,7 @@ const fn route(port: Port, pin: u8, af: u8) -> Route {
 use Port::{A, B, C, D, E, F, H, I};
 
 /// A timer or its break input, with a channel from 1 or 0, and a pin that can carry it.
-type Row = (usize, usize, Route);
+pub(crate) type Row = (usize, usize, Route);
 
 /// The pins of one chip: what all have, and what it has alone.
 #[derive(Debug, Clone, Copy)]
@@ -190,6 +192,83 @@ pub(crate) const F407: Pins = Pins {
     usart2_transmit: &[route(A, 2, 7), route(D, 5, 7)],
 };
 
+/// Channels that a remap of an STM32F103 gives to a pin: the values of the field of AFIO_MAPR.
+const F103_CHANNELS: &[Row] = &[
+    (1, 1, route(A, 8, when(afio::TIM1, 0b0011))),
+    (1, 2, route(A, 9, when(afio::TIM1, 0b0011))),
+    (1, 3, route(A, 10, when(afio::TIM1, 0b0011))),
+    (1, 4, route(A, 11, when(afio::TIM1, 0b0011))),
+    (2, 1, route(A, 0, when(afio::TIM2, 0b0101))),
+    (2, 1, route(A, 15, when(afio::TIM2, 0b1010))),
+    (2, 2, route(A, 1, when(afio::TIM2, 0b0101))),
+    (2, 2, route(B, 3, when(afio::TIM2, 0b1010))),
+    (2, 3, route(A, 2, when(afio::TIM2, 0b0011))),
+    (2, 3, route(B, 10, when(afio::TIM2, 0b1100))),
+    (2, 4, route(A, 3, when(afio::TIM2, 0b0011))),
+    (2, 4, route(B, 11, when(afio::TIM2, 0b1100))),
+    (3, 1, route(A, 6, when(afio::TIM3, 0b0001))),
+    (3, 1, route(B, 4, when(afio::TIM3, 0b0100))),
+    (3, 1, route(C, 6, when(afio::TIM3, 0b1000))),
+    (3, 2, route(A, 7, when(afio::TIM3, 0b0001))),
+    (3, 2, route(B, 5, when(afio::TIM3, 0b0100))),
+    (3, 2, route(C, 7, when(afio::TIM3, 0b1000))),
+    (3, 3, route(B, 0, when(afio::TIM3, 0b0101))),
+    (3, 3, route(C, 8, when(afio::TIM3, 0b1000))),
+    (3, 4, route(B, 1, when(afio::TIM3, 0b0101))),
+    (3, 4, route(C, 9, when(afio::TIM3, 0b1000))),
+    (4, 1, route(B, 6, when(afio::TIM4, 0b01))),
+    (4, 2, route(B, 7, when(afio::TIM4, 0b01))),
+    (4, 3, route(B, 8, when(afio::TIM4, 0b01))),
+    (4, 4, route(B, 9, when(afio::TIM4, 0b01))),
+    (5, 1, route(A, 0, when(afio::ALWAYS, 1))),
+    (5, 2, route(A, 1, when(afio::ALWAYS, 1))),
+    (5, 3, route(A, 2, when(afio::ALWAYS, 1))),
+    (5, 4, route(A, 3, when(afio::ALWAYS, 1))),
+    (8, 1, route(C, 6, when(afio::ALWAYS, 1))),
+    (8, 2, route(C, 7, when(afio::ALWAYS, 1))),
+    (8, 3, route(C, 8, when(afio::ALWAYS, 1))),
+    (8, 4, route(C, 9, when(afio::ALWAYS, 1))),
+];
+
+/// RM0008.
+pub(crate) const F103: Pins = Pins {
+    channels: [F103_CHANNELS, &[]],
+    complementary: [
+        &[
+            (1, 1, route(B, 13, when(afio::TIM1, 0b0001))),
+            (1, 2, route(B, 14, when(afio::TIM1, 0b0001))),
+            (1, 3, route(B, 15, when(afio::TIM1, 0b0001))),
+            (1, 1, route(A, 7, when(afio::TIM1, 0b0010))),
+            (1, 2, route(B, 0, when(afio::TIM1, 0b0010))),
+            (1, 3, route(B, 1, when(afio::TIM1, 0b0010))),
+            (8, 1, route(A, 7, when(afio::ALWAYS, 1))),
+            (8, 2, route(B, 0, when(afio::ALWAYS, 1))),
+            (8, 3, route(B, 1, when(afio::ALWAYS, 1))),
+        ],
+        &[],
+    ],
+    breaks: [
+        &[
+            (1, 0, route(B, 12, when(afio::TIM1, 0b0001))),
+            (1, 0, route(A, 6, when(afio::TIM1, 0b0010))),
+            (8, 0, route(A, 6, when(afio::ALWAYS, 1))),
+        ],
+        &[],
+    ],
+    can1_receive: &[
+        route(A, 11, when(afio::CAN, 0b0001)),
+        route(B, 8, when(afio::CAN, 0b0100)),
+    ],
+    can1_transmit: &[
+        route(A, 12, when(afio::CAN, 0b0001)),
+        route(B, 9, when(afio::CAN, 0b0100)),
+    ],
+    can2_receive: &[],
+    can2_transmit: &[],
+    usart2_receive: &[route(A, 3, when(afio::USART2, 0b01))],
+    usart2_transmit: &[route(A, 2, when(afio::USART2, 0b01))],
+};
+
 impl Pins {
     /// Pins that can carry channel 1..=4 of a timer.
     pub(crate) fn timer_channel(
@@ -202,9 +281,13 @@ impl Pins {
             .map(|row| &row.2)
     }
 
-    /// The timer and channel (from 1) whose complementary output this is.
-    pub(crate) fn complementary_at(&self, route: Route) -> Option<(usize, usize)> {
-        at(self.complementary, route)
+    /// Complementary outputs (timer, channel from 1) that a pin can carry.
+    pub(crate) fn complementary_at(
+        &self,
+        port: Port,
+        pin: u8,
+    ) -> impl Iterator<Item = &'static Row> {
+        at(self.complementary, port, pin)
     }
 
     /// Pins that can carry the break input of TIM1 or TIM8.
@@ -213,23 +296,22 @@ impl Pins {
         rows.filter(move |row| row.0 == timer).map(|row| &row.2)
     }
 
-    /// The timer channel (timer, channel from 1) that an alternate function connects to a pin.
-    pub(crate) fn timer_at(&self, port: Port, pin: u8, af: u8) -> Option<(usize, usize)> {
-        at(self.channels, Route { port, pin, af })
+    /// Channels of timers (timer, channel from 1) that a pin can carry.
+    pub(crate) fn channels_at(&self, port: Port, pin: u8) -> impl Iterator<Item = &'static Row> {
+        at(self.channels, port, pin)
     }
 
-    /// Whether this is an output of CAN1, CAN2 or USART2.
-    pub(crate) fn is_bus_output(&self, route: Route) -> bool {
+    /// Outputs of CAN1, CAN2 and USART2.
+    pub(crate) fn bus_outputs(&self) -> impl Iterator<Item = &'static Route> {
         [self.can1_transmit, self.can2_transmit, self.usart2_transmit]
             .into_iter()
-            .any(|routes| routes.contains(&route))
+            .flatten()
     }
 }
 
-fn at(tables: [&'static [Row]; 2], route: Route) -> Option<(usize, usize)> {
-    let mut rows = tables.into_iter().flatten();
-    let row = rows.find(|row| row.2 == route)?;
-    Some((row.0, row.1))
+fn at(tables: [&'static [Row]; 2], port: Port, pin: u8) -> impl Iterator<Item = &'static Row> {
+    let rows = tables.into_iter().flatten();
+    rows.filter(move |row| row.2.port == port && row.2.pin == pin)
 }
 
 #[cfg(test)]
@@ -246,10 +328,29 @@ mod tests {
                 assert!(other.is_none(), "{one:?}, {other:?}");
             }
         }
-        assert_eq!(F446.timer_at(Port::A, 8, 1), Some((1, 1)));
-        assert_eq!(F446.timer_at(Port::A, 8, 2), None);
-        assert_eq!(F407.timer_at(Port::E, 14, 1), Some((1, 4)));
-        assert_eq!(F446.timer_at(Port::E, 14, 1), None);
-        assert_eq!(F407.timer_at(Port::B, 8, 1), None, "the STM32F446's alone");
+        let channels = |pins: Pins, port, pin| {
+            let rows = pins.channels_at(port, pin);
+            rows.map(|row| (row.0, row.1, row.2.af)).collect::<Vec<_>>()
+        };
+        assert_eq!(channels(F446, Port::A, 8), [(1, 1, 1)]);
+        assert_eq!(channels(F407, Port::E, 14), [(1, 4, 1)]);
+        assert_eq!(channels(F446, Port::E, 14), []);
+        assert_eq!(channels(F446, Port::B, 8).len(), 3);
+        assert_eq!(channels(F407, Port::B, 8).len(), 2);
+    }
+
+    /// The remaps of one timer never give a channel to two pins, or to none.
+    #[test]
+    fn every_remap_of_an_stm32f103_has_one_pin_for_each_channel() {
+        // What the package with 64 pins lacks: port E, and all but three of port D.
+        for (timer, remaps) in [(1, 0b0011), (2, 0b1111), (3, 0b1101), (4, 0b01), (8, 1)] {
+            for value in (0..4).filter(|value| remaps >> value & 1 != 0) {
+                for channel in 1..=4 {
+                    let pins = F103.timer_channel(timer, channel);
+                    let count = pins.filter(|route| route.af >> value & 1 != 0).count();
+                    assert_eq!(count, 1, "TIM{timer} remap {value} channel {channel}");
+                }
+            }
+        }
     }
 }

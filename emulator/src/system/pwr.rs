@@ -20,18 +20,8 @@ const ODSWEN: u32 = 1 << 17;
 const PVDE: u32 = 1 << 4;
 /// Its output in CSR: VDD is below the threshold.
 const PVDO: u32 = 1 << 2;
-/// Thresholds by PLS for a falling and a rising VDD, typical, mV (data sheet DS10693 rev 10, table
-/// 24).
-const PVD_LEVELS: [(f64, f64); 8] = [
-    (2040.0, 2140.0),
-    (2190.0, 2300.0),
-    (2350.0, 2450.0),
-    (2510.0, 2600.0),
-    (2660.0, 2760.0),
-    (2820.0, 2930.0),
-    (2930.0, 3030.0),
-    (3030.0, 3140.0),
-];
+/// VOS, where a chip has it.
+const VOS: u32 = 1 << 14;
 
 /// PWR.
 #[derive(Clone)]
@@ -80,9 +70,8 @@ impl Pwr {
                 // VOSRDY (14) is modelled as always reached: the scale is written before the clock
                 // is raised.
                 let low = if self.is_low() { PVDO } else { 0 };
-                Some(
-                    low | 1 << 14 | ready(self.over_drive_at) << 16 | ready(self.switched_at) << 17,
-                )
+                let scale = self.chip.writable & VOS;
+                Some(low | scale | ready(self.over_drive_at) << 16 | ready(self.switched_at) << 17)
             }
             _ => None,
         }
@@ -135,7 +124,7 @@ impl Pwr {
     }
 
     fn compare(&mut self) {
-        let (falling, rising) = PVD_LEVELS[(self.cr >> 5 & 7) as usize];
+        let (falling, rising) = self.chip.detector[(self.cr >> 5 & 7) as usize];
         self.low = self.vdd * 1e3 < if self.low { rising } else { falling };
     }
 

@@ -10,8 +10,7 @@
 //! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45)
 //! gives no typical value, its largest.
 
-use crate::chip;
-use crate::clock::HSI_HZ;
+use crate::chip::{self, Family};
 use crate::system::map::Gate;
 
 const US: u64 = 1_000_000; // ps
@@ -164,7 +163,10 @@ impl Rcc {
             cir: 0,
             banks: [0; 0x28],
             bdcr: 0,
-            csr: cause::BOR | cause::PIN | cause::POR,
+            csr: match chip.family {
+                Family::F1 => cause::PIN | cause::POR,
+                Family::F4 => cause::BOR | cause::PIN | cause::POR,
+            },
             hsi: Source { ready_at: Some(0) },
             hse: Source::default(),
             plls: [Source::default(); 3],
@@ -224,7 +226,7 @@ impl Rcc {
     /// Reads a register at a local time in ps; `None` for an offset without one.
     #[must_use]
     pub fn read(&self, now_ps: u64, offset: u32) -> Option<u32> {
-        Some(match offset {
+        Some(match self.place(offset)? {
             reg::CR => {
                 let mut value = self.cr;
                 for (source, bit) in [
@@ -243,7 +245,7 @@ impl Rcc {
             reg::CIR => self.cir | if self.hse_failed { CSSF } else { 0 },
             reg::BDCR => self.bdcr | u32::from(self.lse.ready(now_ps)) << 1,
             reg::CSR => self.csr | u32::from(self.lsi.ready(now_ps)) << 1,
-            _ if self.has_bank(offset) => self.banks[(offset / 4) as usize],
+            offset if self.has_bank(offset) => self.banks[(offset / 4) as usize],
             reg::DCKCFGR => 0,
             _ => return None,
         })
@@ -271,6 +273,8 @@ impl Rcc {
     #[must_use]
     pub fn stops_asleep(&self, timer: usize) -> bool {
         let bit = match timer {
+            // An STM32F1 has no such register.
+            _ if self.chip.family == Family::F1 => return false,
             2..=7 => timer - 2,
             12..=14 => timer - 6,
             _ => return false,
@@ -287,7 +291,7 @@ impl Rcc {
         value: u32,
         backup_access: bool,
     ) -> Option<()> {
-        match offset {
+        match self.place(offset)? {
             reg::CR => self.write_cr(now_ps, value),
             reg::PLLCFGR => {
                 // 6.3.2: to be written only while the PLL is off.
@@ -295,6 +299,7 @@ impl Rcc {
                     self.pllcfgr = value & self.chip.pllcfgr;
                 }
             }
+            reg::CFGR if self.chip.family == Family::F1 => self.write_cfgr_f1(value),
             reg::CFGR => self.cfgr = value & 0xFFFF_FFF3 & !0x300,
             reg::CIR => {
                 self.cir = value & 0x7F00;
@@ -318,7 +323,7 @@ impl Rcc {
                 self.csr = (self.csr & CAUSES) | (value & 1);
                 self.lsi.switch(value & 1 != 0, now_ps, LSI_START_PS);
             }
-            _ if self.has_bank(offset) => self.banks[(offset / 4) as usize] = value,
+            offset if self.has_bank(offset) => self.banks[(offset / 4) as usize] = value,
             // Reserved where a chip does not have it; the HAL clears its bits on every chip.
             reg::DCKCFGR if value == 0 => {}
             _ => return None,
@@ -345,7 +350,7 @@ impl Rcc {
         let delay = if value & HSEBYP != 0 { 0 } else { HSE_START_PS };
         self.hse
             .switch(value & HSEON != 0 && self.hse_runs, now_ps, delay);
-        let fed = if self.pllcfgr & 1 << 22 != 0 {
+        let fed = if self.pll_takes_hse() {
             self.hse
         } else {
             self.hsi
@@ -367,14 +372,14 @@ impl Rcc {
         let fails = !runs && self.hse.ready(now_ps);
         let feeds = match self.switched(now_ps) {
             1 => true,
-            2 => self.pllcfgr & PLLSRC != 0,
+            2 => self.pll_takes_hse(),
             _ => false,
         };
         self.hse_runs = runs;
         let seen = fails && self.cr & CSSON != 0;
         if seen {
             self.cr &= !HSEON;
-            if self.pllcfgr & PLLSRC != 0 {
+            if self.pll_takes_hse() {
                 self.cr &= !PLLON;
             }
             if feeds {
@@ -407,18 +412,29 @@ impl Rcc {
         }
     }
 
+    /// Whether the PLLs' source is HSE.
+    fn pll_takes_hse(&self) -> bool {
+        match self.chip.family {
+            Family::F1 => self.cfgr & f1::PLLSRC != 0,
+            Family::F4 => self.pllcfgr & PLLSRC != 0,
+        }
+    }
+
     /// Input frequency of the PLLs in Hz.
     fn pll_source(&self) -> u64 {
-        if self.pllcfgr & 1 << 22 != 0 {
+        if self.pll_takes_hse() {
             self.hse_hz
         } else {
-            HSI_HZ
+            self.chip.hsi_hz
         }
     }
 
     /// Frequency of the main PLL's output P in Hz (6.3.2).
     #[must_use]
     pub fn pll_p(&self) -> u64 {
+        if self.chip.family == Family::F1 {
+            return self.pll_f1().1;
+        }
         let m = u64::from(self.pllcfgr & 0x3F).max(1);
         let n = u64::from(self.pllcfgr >> 6 & 0x1FF);
         let p = 2 * (u64::from(self.pllcfgr >> 16 & 3) + 1);
@@ -430,6 +446,9 @@ impl Rcc {
     pub fn pll_fault(&self, now_ps: u64) -> Option<String> {
         if self.switched(now_ps) != 2 {
             return None;
+        }
+        if self.chip.family == Family::F1 {
+            return self.pll_fault_f1();
         }
         let m = u64::from(self.pllcfgr & 0x3F);
         let n = u64::from(self.pllcfgr >> 6 & 0x1FF);
@@ -453,7 +472,7 @@ impl Rcc {
         let sysclk = match self.switched(now_ps) {
             1 => self.hse_hz,
             2 => self.pll_p(),
-            _ => HSI_HZ,
+            _ => self.chip.hsi_hz,
         };
         let hclk = sysclk
             / match self.cfgr >> 4 & 0xF {
@@ -462,7 +481,13 @@ impl Rcc {
                 _ => 1,
             };
         let divider = |ppre: u32| if ppre < 4 { 1 } else { 1 << (ppre - 3) };
-        let (d1, d2) = (divider(self.cfgr >> 10 & 7), divider(self.cfgr >> 13 & 7));
+        // PPRE1; PPRE2 is behind it.
+        let ppre = match self.chip.family {
+            Family::F1 => 8,
+            Family::F4 => 10,
+        };
+        let field = |at: u32| divider(self.cfgr >> at & 7);
+        let (d1, d2) = (field(ppre), field(ppre + 3));
         // 6.2: timers run at twice the bus clock when it is divided; with TIMPRE at four times, up
         // to HCLK.
         let timpre = self.banks[0x8C / 4] >> 24 & 1 != 0;
@@ -481,10 +506,34 @@ impl Rcc {
         }
     }
 
+    /// The clock that the converters divide, Hz: PCLK2, on an STM32F1 behind ADCPRE.
+    #[must_use]
+    pub fn adc_source(&self, pclk2: u64) -> u64 {
+        match self.chip.family {
+            Family::F1 => self.adc_f1(pclk2),
+            Family::F4 => pclk2,
+        }
+    }
+
+    /// Where an STM32F4 has the register that is at this offset.
+    fn place(&self, offset: u32) -> Option<u32> {
+        match self.chip.family {
+            Family::F1 => f1::place(offset),
+            Family::F4 => Some(offset),
+        }
+    }
+
+    /// Whether the register at an offset holds peripherals in reset.
+    #[must_use]
+    pub fn resets(&self, offset: u32) -> bool {
+        self.place(offset)
+            .is_some_and(|offset| (0x10..0x28).contains(&offset))
+    }
+
     /// Name of the register at an offset.
     #[must_use]
-    pub fn register_name(offset: u32) -> &'static str {
-        match offset {
+    pub fn register_name(&self, offset: u32) -> &'static str {
+        match self.place(offset).unwrap_or(u32::MAX) {
             reg::CR => "CR",
             reg::PLLCFGR => "PLLCFGR",
             reg::CFGR => "CFGR",
@@ -499,5 +548,6 @@ impl Rcc {
     }
 }
 
+mod f1;
 #[cfg(test)]
 mod tests;

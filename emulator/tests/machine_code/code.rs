@@ -82,6 +82,11 @@ impl Code {
     /// The image: initial stack pointer, reset at the first instruction, everything else at
     /// `handler`.
     pub fn image(&self, handler: u32) -> Firmware {
+        Firmware::from_flash(&self.bytes(handler)).unwrap()
+    }
+
+    /// The content of the flash.
+    pub fn bytes(&self, handler: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
         for index in 0..0x80 {
             let word = match index {
@@ -94,7 +99,7 @@ impl Code {
         for half in &self.0 {
             bytes.extend_from_slice(&half.to_le_bytes());
         }
-        Firmware::from_flash(&bytes).unwrap()
+        bytes
     }
 
     /// A board on which only the reference core executes, or the fast path as well.

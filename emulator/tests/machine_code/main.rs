@@ -6,4 +6,5 @@
 mod blocks;
 mod code;
 mod core;
+mod f103;
 mod peripherals;
