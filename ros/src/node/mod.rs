@@ -13,6 +13,8 @@
 //! when the library has had no room for any message for [`HANGS`]. There are no parameter services.
 
 pub mod environment;
+#[cfg(target_os = "linux")]
+mod filter;
 mod graph;
 mod peers;
 mod ports;
@@ -199,6 +201,13 @@ pub fn run(
     on: &mut dyn FnMut(Incoming) -> Reply,
 ) -> Result<(), NodeError> {
     let context = context(&settings.environment)?;
+    #[cfg(target_os = "linux")]
+    if let Err(error) = filter::guard(settings.environment.domain) {
+        // The node does its work without it.
+        on(Incoming::Unreadable(format!(
+            "the kernel does not keep damaged datagrams away: {error}"
+        )));
+    }
     let _relay = peers::Relay::start(&settings.environment, &context)?;
     let name = NodeName::new(&settings.namespace, &settings.name);
     let name = name.map_err(|error| refused("the node's name")(&error))?;

@@ -14,7 +14,7 @@
 //!
 //! Limits: ports are looked up in `/proc`. Where there is none, the first participant is taken.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::fs;
 use std::io;
 use std::net::{Ipv4Addr, UdpSocket};
@@ -42,6 +42,12 @@ const fn data(domain: u16, number: u16) -> u16 {
     announcements(domain) + 11 + 2 * number
 }
 
+/// Whether a port is one of that domain.
+#[cfg(target_os = "linux")]
+pub(super) const fn is_of(domain: u16, port: u16) -> bool {
+    port >= announcements(domain) && port - announcements(domain) < 250
+}
+
 /// Makes a participant.
 ///
 /// # Errors
@@ -55,7 +61,7 @@ pub(super) fn participant(environment: &Environment) -> Result<DomainParticipant
         let participant = build(environment)?;
         let number = participant.participant_id();
         match own() {
-            Ok(own) if !own.contains(&data(domain, number)) => {}
+            Ok(own) if own.iter().all(|(_, port)| *port != data(domain, number)) => {}
             Ok(_) | Err(_) => return Ok(participant),
         }
         drop(participant);
@@ -79,15 +85,8 @@ fn build(environment: &Environment) -> Result<DomainParticipant, NodeError> {
         .map_err(|error| refused("the network")(&format_args!("{error:?}")))
 }
 
-/// The UDP ports of this process.
-fn own() -> io::Result<HashSet<u16>> {
-    let mut sockets = HashSet::new();
-    for descriptor in fs::read_dir("/proc/self/fd")? {
-        // One that was closed meanwhile is none of ours.
-        if let Ok(target) = fs::read_link(descriptor?.path()) {
-            sockets.insert(target.to_string_lossy().into_owned());
-        }
-    }
+/// The UDP sockets of this process: descriptor and port.
+pub(super) fn own() -> io::Result<Vec<(i32, u16)>> {
     let table = fs::read_to_string("/proc/self/net/udp")?;
     let of_line = |line: &str| {
         // The local address comes second, in hexadecimal digits, the inode tenth (proc(5)).
@@ -95,9 +94,21 @@ fn own() -> io::Result<HashSet<u16>> {
         let (_, port) = fields.nth(1)?.split_once(':')?;
         let inode = fields.nth(7)?;
         let port = u16::from_str_radix(port, 16).ok()?;
-        sockets
-            .contains(&format!("socket:[{inode}]"))
-            .then_some(port)
+        Some((format!("socket:[{inode}]"), port))
     };
-    Ok(table.lines().skip(1).filter_map(of_line).collect())
+    let ports: HashMap<String, u16> = table.lines().skip(1).filter_map(of_line).collect();
+    let mut own = Vec::new();
+    for descriptor in fs::read_dir("/proc/self/fd")? {
+        let descriptor = descriptor?;
+        // One that was closed meanwhile is none of ours.
+        let Ok(target) = fs::read_link(descriptor.path()) else {
+            continue;
+        };
+        let number = descriptor.file_name().to_string_lossy().parse();
+        let port = ports.get(target.to_string_lossy().as_ref());
+        if let (Ok(number), Some(port)) = (number, port) {
+            own.push((number, *port));
+        }
+    }
+    Ok(own)
 }
