@@ -45,6 +45,16 @@ pub struct MotorLimits {
     pub constant: f32,
 }
 
+impl MotorLimits {
+    /// The voltage at a motor at rest at which it takes its largest current, V; no bound where that
+    /// is not known.
+    #[must_use]
+    pub fn at_rest(&self) -> f32 {
+        let voltage = self.resistance * self.current;
+        if voltage > 0.0 { voltage } else { f32::MAX }
+    }
+}
+
 /// One tick of all wheels, as the loops leave it.
 #[derive(Clone, Copy)]
 pub struct Wanted {

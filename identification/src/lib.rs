@@ -25,9 +25,10 @@
 //! # Limits
 //!
 //! An identification takes at most [`Identification::TIME_LIMIT`] seconds and half of the nominal
-//! supply, and stays within the rate and travel in [`Bounds`]. A wheel that does not move at a
-//! quarter of the nominal supply ends it, because its encoder may be dead. Every failure is a
-//! [`Stopped`], and every end leaves the motors without voltage.
+//! supply, and stays within the rate and travel in [`Bounds`]. A motor at rest gets no more than
+//! what its largest current takes there. A wheel that does not move at that, or at a quarter of the
+//! nominal supply, ends it, because its encoder may be dead. Every failure is a [`Stopped`], and
+//! every end leaves the motors without voltage.
 //!
 //! Cost: about 150 instructions a tick, and no more room than four times twenty numbers.
 
@@ -204,6 +205,7 @@ pub struct Identification {
     stage_time: f32,
     standing: f32,
     voltage: f32,
+    /// Until the ramp is over the largest that it may be.
     step_voltage: f32,
     ticks: u16,
     /// Voltage of this window, weighted upwards and downwards; upwards of the last one.
@@ -217,9 +219,10 @@ impl Identification {
     /// Longest run, s.
     pub const TIME_LIMIT: f32 = 20.0;
 
-    /// Begins with the robot at rest: with this nominal supply, V, and a tick of this period, us.
+    /// Begins with the robot at rest: with this nominal supply, V, at most this voltage at a motor
+    /// at rest, V, and a tick of this period, us.
     #[must_use]
-    pub fn new(bounds: Bounds, nominal: f32, tick_us: u32) -> Self {
+    pub fn new(bounds: Bounds, nominal: f32, largest_step: f32, tick_us: u32) -> Self {
         Self {
             half_ticks: u16::try_from(WINDOW_US / tick_us.max(1)).unwrap_or(u16::MAX),
             bounds,
@@ -229,7 +232,7 @@ impl Identification {
             stage_time: 0.0,
             standing: 0.0,
             voltage: 0.0,
-            step_voltage: 0.0,
+            step_voltage: largest_step,
             ticks: 0,
             rising: 0.0,
             falling: 0.0,
@@ -265,7 +268,7 @@ impl Identification {
                     if let Some(wheel) = self.wheels.iter().enumerate().position(few) {
                         return failed(Stopped::DoesNotMove, wheel);
                     }
-                    self.step_voltage = self.voltage;
+                    self.step_voltage = self.step_voltage.min(self.voltage);
                     self.enter(Stage::CoastToStep, 0.0);
                 }
             }
@@ -367,7 +370,8 @@ impl Identification {
         if self.elapsed > Self::TIME_LIMIT {
             return Some((Stopped::TimedOut, None));
         }
-        let must_turn = self.stage == Stage::Ramp && self.voltage > BREAKAWAY_SHARE * self.nominal;
+        let breaks_away = (BREAKAWAY_SHARE * self.nominal).min(self.step_voltage);
+        let must_turn = self.stage == Stage::Ramp && self.voltage > breaks_away;
         for ((number, wheel), rate) in (0_u8..).zip(&self.wheels).zip(rates) {
             let drives = self.bounds.drives(usize::from(number));
             let why = if drives && self.stage == Stage::Ramp && wheel.travel < -TURNED {

@@ -5,6 +5,8 @@ use super::*;
 const DT: f64 = 1e-3;
 const TICK_US: u32 = 1_000;
 const NOMINAL: f32 = 24.0;
+/// What a motor at rest may get, V.
+const AT_REST: f32 = 5.0;
 const BOUNDS: Bounds = Bounds {
     rate: 5.0,
     travel: 12.0,
@@ -36,6 +38,9 @@ impl Motor {
     }
 
     fn step(&mut self, voltage: f64) {
+        if self.rate == 0.0 {
+            assert!(voltage.abs() < f64::from(AT_REST) + 0.01, "{voltage} V");
+        }
         if self.rate == 0.0 && voltage.abs() <= self.breakaway {
             return;
         }
@@ -62,7 +67,7 @@ impl Motor {
 /// Runs with these motors; the encoders have `counts` a revolution and see a vibration of `noise`
 /// rad.
 fn run(mut motors: [Motor; 4], bounds: Bounds, counts: f64, noise: f64) -> (Outcome, [f64; 2]) {
-    let mut run = Identification::new(bounds, NOMINAL, TICK_US);
+    let mut run = Identification::new(bounds, NOMINAL, AT_REST, TICK_US);
     let step = core::f64::consts::TAU / counts;
     let mut seen = [0_i64; 4];
     let mut random = 1_u64;
@@ -193,7 +198,7 @@ fn a_wheel_that_does_not_turn_is_named() {
 
 #[test]
 fn a_wheel_that_turns_backwards_is_named() {
-    let mut run = Identification::new(BOUNDS, NOMINAL, TICK_US);
+    let mut run = Identification::new(BOUNDS, NOMINAL, AT_REST, TICK_US);
     let turned = [0.01, 0.01, 0.01, -0.01];
     let outcome = (0..20).find_map(|_| match run.tick(turned, [0.0; 4], 1e-3) {
         Step::Voltage(_) | Step::Ended => None,
@@ -204,7 +209,7 @@ fn a_wheel_that_turns_backwards_is_named() {
 
 #[test]
 fn a_wheel_that_runs_away_is_named() {
-    let mut run = Identification::new(BOUNDS, NOMINAL, TICK_US);
+    let mut run = Identification::new(BOUNDS, NOMINAL, AT_REST, TICK_US);
     let outcome = run.tick([0.0; 4], [0.0, 7.6, 0.0, 0.0], 1e-3);
     let expected = Err((Stopped::TooFast, Some(1)));
     assert_eq!(outcome, Step::Finished(expected));
@@ -222,6 +227,7 @@ fn it_times_out() {
             wheels: 0,
         },
         NOMINAL,
+        AT_REST,
         TICK_US,
     );
     let mut ticks = 0_u32;

@@ -53,7 +53,8 @@ impl Supervision {
                 }
             }),
             signs: [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign],
-            rates: self.report.rates.into(),
+            // Not the observer's, which lag in an acceleration that no reference announces.
+            rates: turned.map(|turned| turned.to_f32() / tick.dt.to_f32()),
             supply,
         };
         Outputs {
@@ -72,9 +73,10 @@ impl Supervision {
         dt: f32,
     ) -> f32 {
         let nominal = motion.configuration.supply.nominal;
-        let run = self
-            .identification
-            .get_or_insert_with(|| Identification::new(command.bounds, nominal, TICK_US));
+        let run = self.identification.get_or_insert_with(|| {
+            let motors = &motion.configuration.motors;
+            Identification::new(command.bounds, nominal, motors.at_rest(), TICK_US)
+        });
         if self.report.mode == Mode::Identify {
             return match run.tick(turned, self.report.rates.into(), dt) {
                 Step::Voltage(voltage) => voltage,
