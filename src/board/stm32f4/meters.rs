@@ -7,8 +7,8 @@
 //!
 //! The converter's reference is the chip's supply, and a regulator gives 3.3 V within per cents
 //! only. So ADC1 converts the chip's own reference, VREFINT, as well, and [`calibrate`] compares
-//! the result with the one ST took at 3.3 V. ADC2 and ADC3 have no such channel; there the supply
-//! counts as 3.3 V.
+//! the result with the one ST took at 3.3 V. ADC2 and ADC3 have no such channel: where they have
+//! the inputs, ADC1 converts nothing else.
 
 #![expect(
     unsafe_code,
@@ -46,17 +46,23 @@ const REFERENCE_AT: Option<usize> = match WIRING.converter {
     _ => None,
 };
 
+/// ADC1, which alone has VREFINT.
+const ADC1: Adc = converter(1);
+
 /// DS10693 rev 10, table 74, and DS8626, table 67: the converter's clock is 36 MHz at most.
 const LARGEST_CLOCK_HZ: u32 = 36_000_000;
 
 /// The converter's registers.
-const ADC: Adc = {
-    assert!(WIRING.converter >= 1 && WIRING.converter <= 3);
+const ADC: Adc = converter(WIRING.converter);
+
+/// The registers of a converter, 1 to 3.
+const fn converter(number: usize) -> Adc {
+    assert!(number >= 1 && number <= 3);
     // RM0390 rev 6, table 1 and 13.13.17: ADC1 is here, and the others behind it.
-    let address = 0x4001_2000 + 0x100 * (WIRING.converter - 1);
+    let address = 0x4001_2000 + 0x100 * (number - 1);
     // SAFETY: the registers of one of the three converters.
     unsafe { Adc::from_ptr(address as *mut ()) }
-};
+}
 
 /// The converter, running.
 pub struct Meters(());
@@ -113,6 +119,9 @@ impl Meters {
         // DS10693, table 74: it is stable after 3 us.
         cortex_m::asm::delay(3 * WIRING.clocks.cycles_per_us());
         ADC.cr2().modify(|w| w.set_swstart(true));
+        if REFERENCE_AT.is_none() {
+            convert_reference();
+        }
         Self(())
     }
 
@@ -127,18 +136,32 @@ impl Meters {
     }
 }
 
+/// Starts ADC1 for VREFINT alone, over and over.
+fn convert_reference() {
+    const SAMPLING: u32 = 0b111 << (3 * (VREFINT_CHANNEL - 10)); // 480 clocks
+    pac::RCC.apb2enr().modify(|w| w.set_adc1en(true));
+    ADC1.smpr1().write(|w| w.0 = SAMPLING);
+    ADC1.sqr3().write(|w| w.set_sq(0, VREFINT_CHANNEL));
+    ADC1.cr2().write(|w| {
+        w.set_adon(true);
+        w.set_cont(true);
+    });
+    cortex_m::asm::delay(3 * WIRING.clocks.cycles_per_us());
+    ADC1.cr2().modify(|w| w.set_swstart(true));
+}
+
 fn volts(steps: u16) -> f32 {
     f32::from(steps) * f32::from_bits(STEP.load(Ordering::Relaxed))
 }
 
 /// Compares the converter's reference with the chip's own. Call it from time to time.
 pub fn calibrate() {
-    let Some(place) = REFERENCE_AT else {
-        return;
-    };
     // SAFETY: a half-word of system memory, which can always be read.
     let at_reference = f32::from(unsafe { VREFIN_CAL.read_volatile() });
-    let now = f32::from(ADC.jdr(place).read().jdata());
+    let now = f32::from(match REFERENCE_AT {
+        Some(place) => ADC.jdr(place).read().jdata(),
+        None => ADC1.dr().read().data(),
+    });
     let reference = REFERENCE * at_reference / now;
     // The chip is made for 3.6 V at most, and below 2.9 V nothing runs here; else there is no
     // calibration, or no conversion yet.
