@@ -4,6 +4,8 @@
 //! and says so). Both are driven by the same master over the same kind of bus.
 
 mod common;
+#[path = "emulated/robots.rs"]
+mod robots;
 
 use canopen::Frame;
 use common::{Drive, quick_drive};
@@ -15,6 +17,7 @@ use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
 use protocol::address::{self, history};
 use protocol::{Fault, Kind, Value, cob};
+use robots::{BOARD_C, REFERENCE, Robots};
 use sim::bus::disturb::Share;
 use sim::bus::errors::ErrorState;
 use sim::robot::{Robot, emulated::EmulatedRobot};
@@ -37,6 +40,38 @@ const SCALAR_SHARE: f64 = 5e-4;
 
 fn image() -> emulator::Firmware {
     named_image("OMNIBUS_ELF")
+}
+
+/// These tests with these robots.
+macro_rules! tests {
+    ($robots:ident: $($test:ident)*) => {
+        $(#[test] fn $test() { super::$test(&super::$robots); })*
+    };
+}
+
+mod reference {
+    tests! { REFERENCE:
+        emulated_robots_do_not_notice_threads
+        wheels_follow_the_figure_eight_within_one_percent_of_their_peak
+        the_led_tells_the_cause_from_what_follows
+        the_supply_is_measured_whatever_the_chips_supply_is
+        a_spell_of_error_passive_during_an_nmt_start_is_announced
+        motors_are_identified_over_the_bus
+        robots_that_are_one_node_notice_it
+    }
+}
+
+/// The other board: what is not about bridges, encoder pins and current sensors.
+mod board_c {
+    tests! { BOARD_C:
+        emulated_robots_do_not_notice_threads
+        wheels_follow_the_figure_eight_within_one_percent_of_their_peak
+        the_led_tells_the_cause_from_what_follows
+        the_supply_is_measured_whatever_the_chips_supply_is
+        a_spell_of_error_passive_during_an_nmt_start_is_announced
+        motors_are_identified_over_the_bus
+        robots_that_are_one_node_notice_it
+    }
 }
 
 /// The image a variable of the environment names.
@@ -131,10 +166,9 @@ fn fixed_point_and_f32_agree() {
 
 /// The same bytes at the same times, and the same bridges, on one thread and on two, of robots that
 /// drive.
-#[test]
-fn emulated_robots_do_not_notice_threads() {
-    let image = image();
-    let group = common::group("tcc-2");
+fn emulated_robots_do_not_notice_threads(robots: &Robots) {
+    let image = robots.image();
+    let group = robots.group("tcc-2");
     let plan = Curve::Circle.plan(true);
     let digest = |threads| {
         let options = Options {
@@ -157,16 +191,15 @@ fn emulated_robots_do_not_notice_threads() {
 
 /// The paper's figure-eight, its first seconds with the peak of all wheel rates in them, wheel by
 /// wheel.
-#[test]
-fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
-    let group = common::group("tcc-3");
+fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak(robots: &Robots) {
+    let group = robots.group("tcc-3");
     let plan = Curve::FigureEight.plan(true);
     let options = Options {
         truth_period_ns: u64::from(group.sync_period_us) * 1_000,
         start: plan.start(),
         ..Options::default()
     };
-    let world = World::new(&group, Backend::Emulator(image()), options).unwrap();
+    let world = World::new(&group, robots.backend(), options).unwrap();
     let mut link = SimLink::new(world, "test");
     let members: Vec<MemberKinematics> = group
         .robots
@@ -182,9 +215,9 @@ fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
     session.start().unwrap();
     session
         .follow(&plan, &mut |link, instant| {
-            let robots = link.world.truth().robots;
+            let seen = link.world.truth().robots;
             let body = instant.twist.to_world(-instant.pose.heading);
-            for (robot, member) in robots.iter().zip(&members) {
+            for (robot, member) in seen.iter().zip(&members) {
                 let wanted: [f32; 4] = member.inverse(body).into();
                 let rates: [f64; 4] = robot.wheel_rates.into();
                 for (wanted, rate) in wanted.map(f64::from).into_iter().zip(rates) {
@@ -290,16 +323,16 @@ fn the_currents_of_all_sensors_are_added() {
     }
 }
 
-/// Flashes of the LED of a robot (PA5) over so many milliseconds: for how long it is on and then
+/// Flashes of the LED of a robot over so many milliseconds: for how long it is on and then
 /// off, in tens of milliseconds. What has begun before and what has not ended is left out.
-fn flashes(world: &mut World, node: u8, millis: u64) -> Vec<(u32, u32)> {
+fn flashes(world: &mut World, node: u8, (port, pin): (Port, u8), millis: u64) -> Vec<(u32, u32)> {
     let mut spells: Vec<(bool, u32)> = Vec::new();
     for _ in 0..millis / 10 {
         world
             .run_until(canopen::Micros(world.now().0 + 10_000))
             .unwrap();
         let board = world.board(node).unwrap();
-        let is_on = board.output(emulator::Port::A, 5) == emulator::PinLevel::High;
+        let is_on = board.output(port, pin) == emulator::PinLevel::High;
         match spells.last_mut() {
             Some((was_on, length)) if *was_on == is_on => *length += 1,
             _ => spells.push((is_on, 1)),
@@ -313,14 +346,13 @@ fn flashes(world: &mut World, node: u8, millis: u64) -> Vec<(u32, u32)> {
 
 /// The LED tells a robot's own fault from one that follows from another robot's
 /// (docs/bring-up.md): three flashes, or a second on; two are an emergency stop.
-#[test]
-fn the_led_tells_the_cause_from_what_follows() {
+fn the_led_tells_the_cause_from_what_follows(robots: &Robots) {
     const FLASH: (u32, u32) = (20, 20);
     const LAST: (u32, u32) = (20, 100);
     const LONG: (u32, u32) = (100, 20);
     for (is_stop, own) in [(false, &[FLASH, FLASH, LAST][..]), (true, &[FLASH, LAST])] {
-        let group = common::group("tcc-2");
-        let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+        let group = robots.group("tcc-2");
+        let world = World::new(&group, robots.backend(), Options::default()).unwrap();
         let mut link = SimLink::new(world, "test");
         let mut session = Group::connect(&mut link, &group).unwrap();
         session.configure(true).unwrap();
@@ -346,9 +378,9 @@ fn the_led_tells_the_cause_from_what_follows() {
                     .clone()
                     .all(|(a, b)| a.0.abs_diff(b.0) <= 1 && a.1.abs_diff(b.1) <= 1)
         };
-        let found = flashes(world, group.robots[0].node, 5_000);
+        let found = flashes(world, group.robots[0].node, robots.led, 5_000);
         assert!(near(&found, &[LONG]), "follows: {found:?}");
-        let found = flashes(world, group.robots[1].node, 6_000);
+        let found = flashes(world, group.robots[1].node, robots.led, 6_000);
         let begin = found.iter().position(|flash| flash.1.abs_diff(LAST.1) <= 1);
         let after = begin.map_or(&[][..], |at| &found[at + 1..]);
         assert!(near(after, own), "its own: {found:?}");
@@ -358,13 +390,12 @@ fn the_led_tells_the_cause_from_what_follows() {
 /// The converter's reference is the chip's supply, and a regulator's is 3.3 V within some per cent.
 /// The chip measures it by its VREFINT. Rounding: one step of 1501 in the calibration and in the
 /// reading of VREFINT, one of 2500 in the supply's own: 0.18 %.
-#[test]
-fn the_supply_is_measured_whatever_the_chips_supply_is() {
+fn the_supply_is_measured_whatever_the_chips_supply_is(robots: &Robots) {
     const VOLTS: f32 = 24.0;
     const ROUNDING: f32 = 1.8e-3;
     for vdd in [3.2, 3.3, 3.4] {
-        let group = common::group("single");
-        let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+        let group = robots.group("single");
+        let world = World::new(&group, robots.backend(), Options::default()).unwrap();
         let mut link = SimLink::new(world, "test");
         let mut session = Group::connect(&mut link, &group).unwrap();
         session.configure(true).unwrap();
@@ -431,10 +462,9 @@ fn the_bridges_switch_at_the_frequency_asked_for() {
 
 /// A spell of error passive that begins and ends while the bus task is at work on something else,
 /// here on the configuration at an NMT start, is announced as well.
-#[test]
-fn a_spell_of_error_passive_during_an_nmt_start_is_announced() {
-    let group = common::group("single");
-    let world = World::new(&group, Backend::Emulator(image()), Options::default()).unwrap();
+fn a_spell_of_error_passive_during_an_nmt_start_is_announced(robots: &Robots) {
+    let group = robots.group("single");
+    let world = World::new(&group, robots.backend(), Options::default()).unwrap();
     let mut link = SimLink::new(world, "test");
     let mut session = Group::connect(&mut link, &group).unwrap();
     session.configure(true).unwrap();
@@ -483,14 +513,13 @@ fn a_spell_of_error_passive_during_an_nmt_start_is_announced() {
 }
 
 /// The release image finds the constants of the simulated motors, and gains that drive them.
-#[test]
-fn motors_are_identified_over_the_bus() {
-    let group = common::group("tcc-3");
+fn motors_are_identified_over_the_bus(robots: &Robots) {
+    let group = robots.group("tcc-3");
     let options = Options {
         truth_period_ns: 0,
         ..Options::default()
     };
-    let world = World::new(&group, Backend::Emulator(image()), options).unwrap();
+    let world = World::new(&group, robots.backend(), options).unwrap();
     let mut link = SimLink::new(world, "test");
     let mut session = Group::connect(&mut link, &group).unwrap();
     session.configure(true).unwrap();
@@ -521,22 +550,21 @@ fn motors_are_identified_over_the_bus() {
 
 /// Two boards whose switches are set alike, switched on together with a third. Their boot-up frames
 /// are the same bits; their first heartbeats come at different times, by the chips' unique numbers.
-#[test]
-fn robots_that_are_one_node_notice_it() {
-    let group = common::group("tcc-3");
-    let image = image();
+fn robots_that_are_one_node_notice_it(robots: &Robots) {
+    let group = robots.group("tcc-3");
+    let image = robots.image();
     let boards = [
         (2, b"OMNIBUS-DBL1"),
         (3, b"OMNIBUS-DBL2"),
         (3, b"OMNIBUS-DBL3"),
     ];
-    let robots = boards
+    let built = boards
         .into_iter()
         .map(|(node, uid)| EmulatedRobot::with_uid(&image, node, *uid, 0.0).unwrap())
         .map(|robot| Box::new(robot) as Box<dyn Robot>);
     let options = Options::default();
     let plant = sim::plant::build(&group, options.start).unwrap();
-    let mut world = World::with_parts(&group, robots.collect(), plant, options).unwrap();
+    let mut world = World::with_parts(&group, built.collect(), plant, options).unwrap();
     world.run_until(canopen::Micros(400_000)).unwrap();
     let frames: Vec<_> = std::iter::from_fn(|| world.take_received(sim::MASTER)).collect();
     let codes = |node| {

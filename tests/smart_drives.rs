@@ -10,7 +10,7 @@ mod common;
 
 use canopen::Micros;
 use emulator::Firmware;
-use group::{GroupFile, StageKind};
+use group::GroupFile;
 use kinematics::Twist;
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
@@ -248,9 +248,7 @@ fn group_with(name: &str, smart: usize) -> GroupFile {
         robot.motor.inertia = 0.2;
     }
     for robot in group.robots.iter_mut().rev().take(smart) {
-        robot.output.kind = StageKind::C620;
-        robot.encoder.counts_per_revolution = 8192.0;
-        robot.encoder.gear_ratio = 3591.0 / 187.0;
+        common::fit_smart_drives(robot);
     }
     group
 }

@@ -5,7 +5,7 @@
 //! xtask test` builds both and says so). A power cycle is a new board with the flash of the old
 //! one; the power can fail in the middle of any flash operation.
 
-use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Port, Stop, StopKind};
+use emulator::{Board, BoardConfig, CanFrame, Firmware, FlashOperations, Stop, StopKind};
 use protocol::address::{self as at, history};
 use protocol::compensation::{LENGTH_MAX, ObliqueRow, Row, Tables};
 use protocol::{Access, Address, ENTRIES, Fault, Kind, StoredFault};

@@ -16,10 +16,21 @@ pub struct Promise {
     pub reaction: String,
     /// Longest time to the beginning of the reaction, ms; not every row promises one.
     pub millis: Option<f64>,
+    /// The same where smart drives turn the wheels, if that is another time, ms.
+    pub smart_millis: Option<f64>,
     /// Largest rate of any wheel after the cause, over what was asked before it.
     pub wheel_rate: Option<f64>,
     /// Longest way of the body from the cause to rest, m.
     pub way: Option<f64>,
+}
+
+impl Promise {
+    /// Longest time to the beginning of the reaction with or without smart drives, ms.
+    #[must_use]
+    pub fn millis_with(&self, smart_drives: bool) -> Option<f64> {
+        let other = self.smart_millis.filter(|_| smart_drives);
+        other.or(self.millis)
+    }
 }
 
 /// What is promised of a reversed encoder where its wheel is slow already.
@@ -97,11 +108,14 @@ fn row(
     let fault =
         Fault::from_code(value).context("a row has a code that the protocol does not have")?;
     ensure!(fault.name() == name, "{value:#06x} is {}", fault.name());
-    let time = cell(5)?;
-    let millis = match time.strip_suffix(" ms") {
-        Some(number) => Some(number.parse()?),
-        None => None,
-    };
+    let (mut millis, mut smart_millis) = (None, None);
+    for time in cell(5)?.split("; ") {
+        if let Some(number) = time.strip_suffix(" ms with smart drives") {
+            smart_millis = Some(number.parse()?);
+        } else if let Some(number) = time.strip_suffix(" ms") {
+            millis = Some(number.parse()?);
+        }
+    }
     let with_unit = |place: Option<usize>, unit: &str| -> anyhow::Result<Option<f64>> {
         let text = place.map_or(Ok(""), cell)?;
         let number = text.strip_suffix(unit).filter(|number| !number.is_empty());
@@ -117,6 +131,7 @@ fn row(
         fault,
         reaction: cell(4)?.to_owned(),
         millis,
+        smart_millis,
     })
 }
 
@@ -143,6 +158,19 @@ mod tests {
         }
         let stop = promises.iter().find(|p| p.number == 15).unwrap();
         assert_eq!((stop.fault, stop.millis), (Fault::EmergencyStop, Some(1.0)));
+    }
+
+    #[test]
+    fn smart_drives_may_have_a_time_of_their_own() {
+        let times = |text: &str| {
+            let row = format!("| 20 | - | 0xFF14 WatchdogReset | - | {text} | |");
+            let promise = &read(&row).unwrap()[0];
+            [false, true].map(|smart| promise.millis_with(smart))
+        };
+        assert_eq!(times("94 ms"), [Some(94.0); 2]);
+        assert_eq!(times("2 ms with smart drives"), [None, Some(2.0)]);
+        let both = times("94 ms; 101 ms with smart drives");
+        assert_eq!(both, [Some(94.0), Some(101.0)]);
     }
 
     #[test]

@@ -93,7 +93,6 @@ struct Transfer {
 struct Winding {
     constant: f64,
     resistance: f64,
-    supply: f64,
     gear: f64,
 }
 
@@ -141,7 +140,6 @@ impl DriveBus {
             winding: Winding {
                 constant: motor.constant.into(),
                 resistance: motor.resistance.into(),
-                supply: motor.supply.into(),
                 gear: robot.encoder.gear_ratio.into(),
             },
             step: largest / full_scale,
@@ -180,21 +178,20 @@ impl DriveBus {
         }
     }
 
-    /// The voltages over the supply that the motors get at these rates, rad/s; `None` where there
-    /// is no current: then it does not matter what the motor is connected to.
+    /// The voltages over the supply, V, that the motors get at these rates, rad/s; `None` where
+    /// there is no current or no supply: then it does not matter what the motor is connected to.
     #[must_use]
-    pub fn voltages(&self, rates: [f64; 4]) -> [Option<f64>; 4] {
+    pub fn voltages(&self, rates: [f64; 4], supply: f64) -> [Option<f64>; 4] {
         let Winding {
             constant,
             resistance,
-            supply,
             ..
         } = self.winding;
         let currents = self.currents();
         std::array::from_fn(|wheel| {
             let voltage = resistance * currents[wheel] + constant * rates[wheel];
             let share = (voltage / supply).clamp(-1.0, 1.0);
-            (currents[wheel] != 0.0).then_some(share)
+            (currents[wheel] != 0.0 && supply > 0.0).then_some(share)
         })
     }
 
@@ -336,7 +333,7 @@ mod tests {
                 bus.command(&[a, b, 0, 0, 0, 0, 0, 0]);
             }
             bus.now_ns += 100_000;
-            let [share, ..] = bus.voltages([motor.rate(); 4]);
+            let [share, ..] = bus.voltages([motor.rate(); 4], motor.supply());
             let bridge = Bridge {
                 duty: share.unwrap_or(0.0),
                 enabled: share.is_some(),
@@ -359,6 +356,14 @@ mod tests {
         let rate = rate_after(&mut bus, &mut motor, 5.0, 0.4);
         let expected = 0.3 * 5.0 / 0.035 * 0.4;
         assert!((rate / expected - 1.0).abs() < 1e-3, "{rate} {expected}");
+        // Whatever the supply is, if it suffices.
+        motor.set_supply(17.0);
+        let faster = rate_after(&mut bus, &mut motor, 5.0, 0.4);
+        assert!(
+            (faster / expected - 2.0).abs() < 2e-3,
+            "{faster} {expected}"
+        );
+        motor.set_supply(24.0);
         // The supply ends it: at 24 V / 0.3 V s/rad nothing is left for a current.
         let rate = rate_after(&mut bus, &mut motor, 5.0, 4.0);
         assert!((rate - 80.0).abs() < 0.1, "{rate}");
@@ -377,7 +382,7 @@ mod tests {
         assert_eq!(bus.currents(), [0.0; 4], "nobody has commanded anything");
         bus.command(&[0x20; 8]);
         bus.change(0, DriveChange::Power(false));
-        assert_eq!(bus.voltages([1.0; 4])[0], None);
+        assert_eq!(bus.voltages([1.0; 4], 24.0)[0], None);
     }
 
     /// A turn is 8192, modulo; at 600 rpm, 81.92 counts in a millisecond more than it was turned

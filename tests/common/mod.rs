@@ -16,6 +16,15 @@ pub fn group(name: &str) -> GroupFile {
     GroupFile::load(path).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// Gives a robot C620 drives with M3508 motors' encoders in place of bridges, as strong as those
+/// are.
+pub fn fit_smart_drives(robot: &mut group::Robot) {
+    robot.output.kind = group::StageKind::C620;
+    robot.output.largest_current = Some(20.0);
+    robot.encoder.counts_per_revolution = 8192.0;
+    robot.encoder.gear_ratio = 3591.0 / 187.0;
+}
+
 /// What a drive left behind.
 pub struct Drive {
     /// The world after it.

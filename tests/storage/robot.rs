@@ -17,19 +17,7 @@ impl Robot {
 
     /// The same of a robot that boots as another node than the switches say.
     pub fn power_on_as(firmware: &Firmware, flash: &[u8], node: u16) -> Self {
-        let is_board_c = firmware.chip().name == "STM32F407IG";
-        let config = BoardConfig {
-            hse_hz: if is_board_c { 12_000_000 } else { 8_000_000 },
-            ..BoardConfig::default()
-        };
-        let mut board = Board::with_flash(firmware, config, flash);
-        board.set_input(Port::B, 12, false);
-        let (port, pin) = if is_board_c {
-            (Port::F, 0)
-        } else {
-            (Port::B, 13)
-        };
-        board.set_input(port, pin, true);
+        let board = sim::robot::emulated::ready_board(firmware, flash).unwrap();
         let sent = Vec::new();
         let mut robot = Self { board, sent, node };
         let boot_up = 0x700 + node;

@@ -117,6 +117,15 @@ pub fn build_for(board: Board) -> anyhow::Result<PathBuf> {
     }
 }
 
+impl From<Board> for group::Board {
+    fn from(board: Board) -> Self {
+        match board {
+            Board::NucleoF446re => Self::NucleoF446re,
+            Board::RobomasterC => Self::RobomasterC,
+        }
+    }
+}
+
 /// Builds the release image for every board, which checks it.
 pub fn build_all_boards() -> anyhow::Result<()> {
     for board in Board::ALL {
@@ -128,6 +137,15 @@ pub fn build_all_boards() -> anyhow::Result<()> {
         Board::ALL.map(Board::feature).join(", ")
     );
     Ok(())
+}
+
+/// Builds the release image for a board whose wheels are turned by smart drives or by bridges.
+pub fn build_with(board: Board, smart: bool) -> anyhow::Result<PathBuf> {
+    match (board, smart) {
+        (Board::NucleoF446re, true) => build_for_drives(),
+        (Board::RobomasterC, false) => bail!("a robomaster-c drives by smart drives only"),
+        (board, _) => build_for(board),
+    }
 }
 
 /// Builds an image for each kind of robot in a group and puts them into a folder, which holds
@@ -147,16 +165,7 @@ pub fn build_for_group(group: &group::GroupFile, folder: &Path) -> anyhow::Resul
         if to.exists() {
             continue;
         }
-        let elf = match (board, smart) {
-            (Board::NucleoF446re, true) => build_for_drives()?,
-            (Board::RobomasterC, false) => {
-                bail!(
-                    "node {}: a robomaster-c drives by smart drives only",
-                    robot.node
-                )
-            }
-            (board, _) => build_for(board)?,
-        };
+        let elf = build_with(board, smart).with_context(|| format!("node {}", robot.node))?;
         std::fs::copy(&elf, &to).with_context(|| format!("cannot write {}", to.display()))?;
     }
     Ok(())

@@ -7,6 +7,7 @@
 use canopen::Frame;
 use kinematics::Twist;
 use protocol::{Fault, address as at, cob};
+use sim::smart_drive::DriveChange;
 use sim::test_master::TestMaster;
 use sim::{Crash, EncoderState, SimError};
 
@@ -61,6 +62,28 @@ impl Procedure {
     }
 }
 
+/// What turns the wheels of the robots that a cause can happen to.
+#[derive(Clone, Copy)]
+pub enum Drives {
+    /// Whatever does.
+    Any,
+    /// Bridges.
+    Bridges,
+    /// Smart drives.
+    Smart,
+}
+
+impl Drives {
+    /// Whether robots with or without smart drives are among them.
+    pub const fn concern(self, smart: bool) -> bool {
+        match self {
+            Self::Any => true,
+            Self::Bridges => !smart,
+            Self::Smart => smart,
+        }
+    }
+}
+
 /// One trial.
 #[derive(Clone, Copy)]
 pub struct Case {
@@ -80,6 +103,8 @@ pub struct Case {
     pub millis: Option<f64>,
     /// The largest wheel rate over what was asked at this speed, if not that of the page's table.
     pub wheel_rate: Option<f64>,
+    /// The robots that it can happen to.
+    pub drives: Drives,
     /// Not for a pair with another.
     pub alone: bool,
     /// What is done before the start.
@@ -97,8 +122,26 @@ impl Case {
             speed: SPEED,
             millis: None,
             wheel_rate: None,
+            drives: Drives::Any,
             alone: false,
             prepare: None,
+        }
+    }
+
+    /// The same, where bridges turn the wheels: of their encoders, drivers or current sensors.
+    const fn of_bridges(self) -> Self {
+        Self {
+            drives: Drives::Bridges,
+            ..self
+        }
+    }
+
+    /// The same, where smart drives turn the wheels.
+    const fn of_smart_drives(self) -> Self {
+        Self {
+            drives: Drives::Smart,
+            alone: true,
+            ..self
         }
     }
 }
@@ -134,8 +177,24 @@ const fn slow_reversed(variant: &'static str, speed: f32, millis: f64, rate: f64
         speed,
         millis: Some(millis),
         wheel_rate: Some(rate),
-        ..now(12, variant, reversed)
+        ..now(12, variant, reversed).of_bridges()
     }
+}
+
+/// The identifiers of another wheel's smart drive and of none.
+const OTHER_DRIVE: u8 = 4;
+const NO_WHEEL: u8 = 7;
+/// A degree more than a motor behind a smart drive may have by default.
+const HOT: u8 = 81;
+
+/// Something happens to the smart drive of the wheel, in motion.
+const fn on_drive(number: u8, variant: &'static str, appear: fn(&mut TestMaster)) -> Case {
+    now(number, variant, appear).of_smart_drives()
+}
+
+/// The smart drive of the wheel is changed.
+fn change_drive(master: &mut TestMaster, change: DriveChange) {
+    master.world.set_smart_drive(WATCHED, WHEEL, change);
 }
 
 /// The current sensor of cause 32: A/V, and V at no current.
@@ -164,13 +223,15 @@ pub const CASES: &[Case] = &[
     now(10, "", |master| master.world.overrun(WATCHED)),
     now(11, "", |master| {
         master.world.set_encoder(WATCHED, WHEEL, EncoderState::Dead);
-    }),
+    })
+    .of_bridges(),
     // The same with so many stray counts a second, and slowly: what the page's text promises.
     Case {
         alone: true,
         ..now(11, "15 stray counts a second", |master| {
             dead_and_noisy(master, 15.0)
         })
+        .of_bridges()
     },
     Case {
         alone: true,
@@ -178,6 +239,7 @@ pub const CASES: &[Case] = &[
         ..now(11, "0.3 m/s, 15 stray counts a second", |master| {
             dead_and_noisy(master, 15.0);
         })
+        .of_bridges()
     },
     Case {
         alone: true,
@@ -186,8 +248,9 @@ pub const CASES: &[Case] = &[
         ..now(11, "0.1 m/s, 15 stray counts a second", |master| {
             dead_and_noisy(master, 15.0);
         })
+        .of_bridges()
     },
-    now(12, "", reversed),
+    now(12, "", reversed).of_bridges(),
     // At a crawl: what the second table of the page promises, 0.66, 0.2 and 0.1 rad/s.
     slow_reversed("0.1 m/s", 0.1, 90.0, 2.0),
     slow_reversed("0.031 m/s", 0.031, 90.0, 2.0),
@@ -203,6 +266,7 @@ pub const CASES: &[Case] = &[
         ..now(14, "trips at a current", |master| {
             master.world.set_driver_trip(WATCHED, Some(TRIPS_AT));
         })
+        .of_bridges()
     },
     now(15, "", |master| {
         master.world.set_emergency_stop(WATCHED, true)
@@ -215,6 +279,7 @@ pub const CASES: &[Case] = &[
             master.world.halt(WATCHED, true);
             master.world.set_emergency_stop(WATCHED, true);
         })
+        .of_bridges()
     },
     Case {
         settles_ms: SUPPLY_SETTLES_MS,
@@ -222,7 +287,12 @@ pub const CASES: &[Case] = &[
             master.world.set_supply(WATCHED, LOW_SUPPLY)
         })
     },
-    after(17, "", late),
+    after(17, "", late).of_bridges(),
+    // What the drives reported meanwhile is lost, and with it the angles of the wheels.
+    Case {
+        announced: Some(Fault::DriveSilent),
+        ..after(17, "", late).of_smart_drives()
+    },
     after(18, "loops for ever", |master| crash(master, Crash::Loop)),
     now(19, "HardFault", |master| {
         _ = master.world.crash(WATCHED, Crash::Nowhere);
@@ -251,6 +321,7 @@ pub const CASES: &[Case] = &[
             let (scale, _) = CURRENT_SENSOR;
             master.world.set_current_sensor(WATCHED, Some((scale, 3.3)));
         })
+        .of_bridges()
     },
     Case {
         prepare: Some(connect_protective_stop),
@@ -270,6 +341,28 @@ pub const CASES: &[Case] = &[
             board.set_vdd(3.3);
         });
     }),
+    on_drive(35, "", |master| {
+        change_drive(master, DriveChange::Temperature(HOT))
+    }),
+    on_drive(36, "", |master| {
+        change_drive(master, DriveChange::Power(false))
+    }),
+    // It hears no command any more: its own time-out counts, the robot's others have no current at
+    // once (tests/smart_drives.rs).
+    Case {
+        millis: Some(100.0),
+        ..on_drive(37, "in motion, that drive itself", |master| {
+            change_drive(master, DriveChange::Identifier(NO_WHEEL));
+        })
+    },
+    // It is silent under its own identifier before it has doubled the other.
+    Case {
+        announced: Some(Fault::DriveSilent),
+        millis: Some(5.0),
+        ..on_drive(38, "in motion", |master| {
+            change_drive(master, DriveChange::Identifier(OTHER_DRIVE));
+        })
+    },
 ];
 
 /// Rows of the page of which nothing is tried here, because they promise no time, and where they
@@ -280,10 +373,6 @@ pub const ELSEWHERE: &[(u8, &str)] = &[
     (24, "a threshold: robot/src/tests/safety.rs"),
     (25, "a threshold: tests/group_rules.rs"),
     (34, "refuses a start: robot/src/tests/interlock.rs"),
-    (35, "a smart drive: tests/smart_drives.rs"),
-    (36, "a smart drive: tests/smart_drives.rs"),
-    (37, "a smart drive: tests/smart_drives.rs"),
-    (38, "a smart drive, before a start: tests/smart_drives.rs"),
 ];
 
 /// Does something to the watched robot's board.

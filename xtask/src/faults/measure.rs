@@ -66,13 +66,16 @@ impl Robots<'_> {
     }
 }
 
-/// Measures one cause, whose reaction must be of this kind and which must be announced so.
+/// Measures one cause, whose reaction must be that of the announced fault.
+///
+/// A brake that engages slows wheels with smart drives before their current is gone, so a fall of
+/// their duty says nothing of a cut.
 pub fn measure(
     group: &GroupFile,
     firmware: &Firmware,
     case: &Case,
     announced: Fault,
-    reaction: Reaction,
+    smart: bool,
 ) -> anyhow::Result<Measured> {
     if let Procedure::Stored(procedure) = case.procedure {
         return procedure(firmware);
@@ -90,8 +93,8 @@ pub fn measure(
     let announced_before = master.emergencies(node).count();
     case.procedure.appear(&mut master)?;
     let began = master.world.now().0;
-    let cuts = reaction == Reaction::Cut;
-    if case.settles_ms > 0 && cuts {
+    let cuts = announced.reaction() == Reaction::Cut;
+    if cuts && (smart || case.settles_ms > 0) {
         // A cut is seen whatever the duty does.
         before = f64::NEG_INFINITY;
     } else if case.settles_ms > 0 {

@@ -23,10 +23,10 @@ use acceptance::causes::{Promise, Slow};
 use anyhow::{Context as _, bail};
 use emulator::Firmware;
 use group::{GroupFile, StageKind};
-use omnibus::report::Scalar;
 use protocol::Reaction;
 use serde_json::json;
 
+use crate::firmware::Board;
 use crate::{cargo, firmware};
 use causes::{CASES, Case};
 use measure::Robots;
@@ -43,15 +43,20 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER")]
     only: Option<u8>,
     /// Pairs of causes to test: all of them with native robots and those that cut with the image,
-    /// only those that cut, or none.
-    #[arg(long, value_enum, default_value = "cuts")]
-    pairs: Pairs,
+    /// only those that cut, which is the default, or none. Not with smart drives, which native
+    /// robots do not have.
+    #[arg(long, value_enum)]
+    pairs: Option<Pairs>,
     /// Number of tests that run in parallel; by default the number of processors.
     #[arg(long, value_name = "NUMBER")]
     jobs: Option<NonZeroUsize>,
-    /// Kind of the robots' motor drivers, as `motor.output_stage` of group files.
-    #[arg(long, value_enum, default_value = "pwm-direction")]
-    output_stage: Stage,
+    /// Board of the robots.
+    #[arg(long, value_enum, default_value = "nucleo-f446re")]
+    board: Board,
+    /// Kind of the robots' motor drivers, as `motor.output_stage` of group files; by default
+    /// c620 with a board that drives by smart drives only, pwm-direction otherwise.
+    #[arg(long, value_enum)]
+    output_stage: Option<Stage>,
     /// Firmware image to test; by default it is built.
     #[arg(long, value_name = "PATH")]
     image: Option<PathBuf>,
@@ -68,7 +73,7 @@ enum Pairs {
     None,
 }
 
-/// Kinds of motor drivers that the reference board drives.
+/// Kinds of motor drivers.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Stage {
     /// PWM and direction.
@@ -77,6 +82,8 @@ enum Stage {
     InInSlow,
     /// Half of the period high is no voltage.
     LockedAntiphase,
+    /// RoboMaster C620 drives on a CAN bus of their own.
+    C620,
 }
 
 impl From<Stage> for StageKind {
@@ -85,6 +92,7 @@ impl From<Stage> for StageKind {
             Stage::PwmDirection => Self::PwmDirection,
             Stage::InInSlow => Self::InInSlow,
             Stage::LockedAntiphase => Self::LockedAntiphase,
+            Stage::C620 => Self::C620,
         }
     }
 }
@@ -115,13 +123,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let promises = acceptance::causes::read(&page)?;
     let slow = acceptance::causes::slow(&page)?;
     let mut group = GroupFile::load(cargo::root().join(GROUP))?;
+    let stage = arguments.stage();
+    let smart = matches!(stage, Stage::C620);
+    let pairs = match arguments.pairs {
+        None | Some(Pairs::None) if smart => Pairs::None,
+        Some(_) if smart => bail!("smart drives: pairs need native robots, use --pairs none"),
+        pairs => pairs.unwrap_or(Pairs::Cuts),
+    };
     for robot in &mut group.robots {
-        robot.output.kind = arguments.output_stage.into();
+        robot.board = arguments.board.into();
+        robot.output.kind = stage.into();
         robot.output.enable_wired = true;
+        if smart {
+            fit_drives(robot);
+        }
     }
     let image = match &arguments.image {
         Some(path) => path.clone(),
-        None => firmware::build(Scalar::F32)?,
+        None => firmware::build_with(arguments.board, smart)?,
     };
     let firmware = Firmware::load(image)?;
     let threads = match arguments.jobs {
@@ -129,21 +148,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
 
-    let jobs = jobs(&promises, arguments.only)?;
+    let jobs = jobs(&promises, arguments.only, smart)?;
     let (lines, skew) = std::thread::scope(|scope| {
         // The longest trial beside the others. A duty changes the PWM of the other kinds by fewer
         // steps, so that too few ticks show when it does.
         let all = arguments.only.is_none();
-        let skew = (all && matches!(arguments.output_stage, Stage::PwmDirection))
+        let skew = (all && matches!(stage, Stage::PwmDirection))
             .then(|| scope.spawn(|| skew::measure(&group, &firmware)));
         let lines = side_by_side(threads, &jobs, |(promise, case)| Line {
             promise: Promise {
-                millis: case.millis.or(promise.millis),
+                millis: case.millis.or(promise.millis_with(smart)),
                 wheel_rate: case.wheel_rate.or(promise.wheel_rate),
                 ..(*promise).clone()
             },
             variant: case.variant,
-            outcome: tried(&group, &firmware, promise, case),
+            outcome: tried(&group, &firmware, promise, case, smart),
         });
         (lines, skew.map(std::thread::ScopedJoinHandle::join))
     });
@@ -173,7 +192,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             skew.changes
         );
     }
-    let tried = try_pairs(arguments, threads, (&promises, slow), &group, &firmware);
+    let only = arguments.only;
+    let tried = try_pairs(pairs, only, threads, (&promises, slow), &group, &firmware);
     print_pairs(&tried);
     if let Some(path) = &arguments.json {
         let all: Vec<_> = lines.iter().map(to_json).collect();
@@ -202,12 +222,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 type Job<'a> = (&'a Promise, &'static Case);
 
+impl Arguments {
+    /// Kind of the robots' motor drivers.
+    fn stage(&self) -> Stage {
+        self.output_stage.unwrap_or(match self.board {
+            Board::NucleoF446re => Stage::PwmDirection,
+            Board::RobomasterC => Stage::C620,
+        })
+    }
+}
+
+/// A robot gets C620 drives, with the encoder and the current of M3508 motors behind their gear.
+fn fit_drives(robot: &mut group::Robot) {
+    robot.encoder.counts_per_revolution = 8192.0;
+    robot.encoder.gear_ratio = 3591.0 / 187.0;
+    robot.output.largest_current = Some(20.0);
+}
+
 /// What is to be tried, by number.
-fn jobs(promises: &[Promise], only: Option<u8>) -> anyhow::Result<Vec<Job<'_>>> {
+fn jobs(promises: &[Promise], only: Option<u8>, smart: bool) -> anyhow::Result<Vec<Job<'_>>> {
     let wanted = |number: u8| only.is_none_or(|only| only == number);
     CASES
         .iter()
-        .filter(|case| wanted(case.number))
+        .filter(|case| wanted(case.number) && case.drives.concern(smart))
         .map(|case| {
             let number = case.number;
             let promise = promises.iter().find(|promise| promise.number == number);
@@ -217,25 +254,30 @@ fn jobs(promises: &[Promise], only: Option<u8>) -> anyhow::Result<Vec<Job<'_>>> 
         .collect()
 }
 
-fn tried(group: &GroupFile, firmware: &Firmware, promise: &Promise, case: &Case) -> Outcome {
-    let fault = promise.fault;
-    let announced = case.announced.unwrap_or(fault);
+fn tried(
+    group: &GroupFile,
+    firmware: &Firmware,
+    promise: &Promise,
+    case: &Case,
+    smart: bool,
+) -> Outcome {
+    let announced = case.announced.unwrap_or(promise.fault);
     let holds = |measured: &Measured| {
         // A cut is one of drivers and brake together.
-        let time = match fault.reaction() {
+        let time = match announced.reaction() {
             Reaction::Ramp => measured.reaction_ms,
             Reaction::Cut => measured.reaction_ms.max(measured.rest_ms),
         };
         let within = |measured: Option<f64>, promised: Option<f64>| {
             measured.zip(promised).is_none_or(|(m, p)| m <= p)
         };
-        let millis = case.millis.or(promise.millis);
+        let millis = case.millis.or(promise.millis_with(smart));
         let wheel_rate = case.wheel_rate.or(promise.wheel_rate);
         millis.is_some_and(|promised| time <= promised)
             && within(measured.wheel_rate, wheel_rate)
             && within(measured.way, promise.way)
     };
-    match measure::measure(group, firmware, case, announced, fault.reaction()) {
+    match measure::measure(group, firmware, case, announced, smart) {
         Ok(measured) if holds(&measured) => Outcome::Held(measured),
         Ok(measured) => Outcome::Missed(measured),
         Err(error) => Outcome::Failed(format!("{error:#}")),
@@ -257,17 +299,17 @@ impl TriedPair<'_> {
 
 /// Tries the pairs that are asked for.
 fn try_pairs<'a>(
-    arguments: &Arguments,
+    which: Pairs,
+    only: Option<u8>,
     threads: usize,
     (promises, slow): (&'a [Promise], Slow),
     group: &GroupFile,
     firmware: &Firmware,
 ) -> Vec<TriedPair<'a>> {
-    let which = arguments.pairs;
     if which == Pairs::None {
         return Vec::new();
     }
-    let concerned = |pair: &Pair<'_>| arguments.only.is_none_or(|only| pair.concerns(only));
+    let concerned = |pair: &Pair<'_>| only.is_none_or(|only| pair.concerns(only));
     let jobs = pairs::all(promises).into_iter().filter(concerned);
     let mut jobs: Vec<_> = jobs
         .flat_map(|pair| [(pair, true), (pair, false)])
@@ -474,7 +516,8 @@ mod tests {
             let number = promise.number;
             let tried = CASES.iter().any(|case| case.number == number);
             let elsewhere = causes::ELSEWHERE.iter().any(|(row, _)| *row == number);
-            assert_eq!(promise.millis.is_some(), tried, "{number}");
+            let promised = promise.millis_with(true).is_some();
+            assert_eq!(promised, tried, "{number}");
             assert_ne!(tried, elsewhere, "{number}");
         }
     }

@@ -77,7 +77,8 @@ pub fn all(promises: &[Promise]) -> Vec<Pair<'_>> {
     };
     let causes: Vec<_> = CASES
         .iter()
-        .filter(|case| !case.alone && !matches!(case.procedure, Procedure::Stored(_)))
+        .filter(|case| !case.alone && case.drives.concern(false))
+        .filter(|case| !matches!(case.procedure, Procedure::Stored(_)))
         .filter_map(promised)
         .collect();
     let mut pairs = Vec::new();

@@ -9,6 +9,7 @@
 use anyhow::{Context as _, bail, ensure};
 use emulator::{Board, BoardConfig, CanFrame, Firmware, PinLevel, Port, StopKind};
 use protocol::{Address, Fault, address as at, cob};
+use sim::robot::emulated::{outputs, ready_board};
 
 use super::image;
 use super::measured::Measured;
@@ -34,20 +35,19 @@ const CUTS: usize = 8;
 /// One board and what it has sent.
 struct Robot {
     board: Board,
+    /// Driver enable and brake release.
+    outputs: [(Port, u8); 2],
     sent: Vec<(u64, CanFrame)>,
 }
 
 impl Robot {
-    fn power_on(firmware: &Firmware, flash: &[u8]) -> Self {
-        let mut board = Board::with_flash(firmware, BoardConfig::default(), flash);
-        // Emergency stop released on both pins, no driver fault; the switches are open: node 2.
-        board.set_input(Port::B, 12, false);
-        board.set_input(Port::A, 6, false);
-        board.set_input(Port::B, 13, true);
-        Self {
+    fn power_on(firmware: &Firmware, flash: &[u8]) -> anyhow::Result<Self> {
+        let board = ready_board(firmware, flash).map_err(anyhow::Error::msg)?;
+        Ok(Self {
             board,
+            outputs: outputs(firmware).map_err(anyhow::Error::msg)?,
             sent: Vec::new(),
-        }
+        })
     }
 
     /// Runs until a time, or until a frame with this identifier has been sent.
@@ -72,8 +72,8 @@ impl Robot {
     /// Whether drivers are on or the brake is released: a pin that floats is pulled down on the
     /// board.
     fn is_live(&self) -> bool {
-        [0, 1]
-            .map(|pin| self.board.output(Port::B, pin))
+        self.outputs
+            .map(|(port, pin)| self.board.output(port, pin))
             .contains(&PinLevel::High)
     }
 
@@ -156,7 +156,7 @@ fn measured(at_ns: u64) -> Measured {
 /// A flash in which a first set has been saved.
 fn with_first_set(firmware: &Firmware) -> anyhow::Result<Vec<u8>> {
     let blank = Board::new(firmware, BoardConfig::default()).flash();
-    let mut robot = Robot::power_on(firmware, &blank);
+    let mut robot = Robot::power_on(firmware, &blank)?;
     robot.run(UP_NS, None)?;
     robot.save(FIRST)?;
     Ok(robot.board.flash())
@@ -165,14 +165,14 @@ fn with_first_set(firmware: &Firmware) -> anyhow::Result<Vec<u8>> {
 /// Cause 21: the power fails in the middle of saving a second set.
 pub fn interrupted(firmware: &Firmware) -> anyhow::Result<Measured> {
     let flash = with_first_set(firmware)?;
-    let mut whole = Robot::power_on(firmware, &flash);
+    let mut whole = Robot::power_on(firmware, &flash)?;
     whole.run(UP_NS, None)?;
     whole.save(SECOND)?;
     let done = whole.board.flash_operations();
     let mut worst = 0;
     let mut found = [0, 0];
     for cut in (1..=done.programs + done.erases).step_by(CUTS) {
-        let mut robot = Robot::power_on(firmware, &flash);
+        let mut robot = Robot::power_on(firmware, &flash)?;
         robot.run(UP_NS, None)?;
         robot.board.cut_power_at_flash_operation(cut);
         match robot.save(SECOND) {
@@ -182,7 +182,7 @@ pub fn interrupted(firmware: &Firmware) -> anyhow::Result<Measured> {
             },
             Ok(()) => bail!("operation {cut} does not happen"),
         }
-        let mut robot = Robot::power_on(firmware, &robot.board.flash());
+        let mut robot = Robot::power_on(firmware, &robot.board.flash())?;
         worst = worst.max(robot.stays_off()?);
         match robot.half_track()? {
             FIRST => found[0] += 1,
@@ -199,7 +199,7 @@ pub fn corrupt(firmware: &Firmware) -> anyhow::Result<Measured> {
     let mut flash = with_first_set(firmware)?;
     let sectors = flash.get_mut(SECTORS).context("no flash")?;
     sectors.copy_from_slice(&image::sectors(&image::with(at::HALF_TRACK, TOO_MUCH))?);
-    let mut robot = Robot::power_on(firmware, &flash);
+    let mut robot = Robot::power_on(firmware, &flash)?;
     robot.stays_off()?;
     let [low, high] = at::HALF_TRACK.index.to_le_bytes();
     let named = [0, low, high, at::HALF_TRACK.sub, 0];

@@ -27,6 +27,7 @@ use group::Driver;
 
 use self::commission::commissioned;
 pub(super) use self::wiring::is_for;
+pub use self::wiring::outputs;
 use self::wiring::{Pin, Wiring};
 use super::LogLine;
 use crate::bridge::{self, Levels};
@@ -90,6 +91,26 @@ pub struct EmulatedRobot {
     rates: [f64; 4],
     /// As of the last read; no read is needed while there have been no errors.
     errors: (ErrorState, ErrorCounters),
+}
+
+/// A board of its own with this in its flash, just switched on and without a robot about it:
+/// emergency stop released, no driver fault, switches open, which is node 2.
+///
+/// # Errors
+/// When the board is not modelled.
+pub fn ready_board(firmware: &Firmware, flash: &[u8]) -> Result<Board, String> {
+    let wiring = Wiring::of(firmware)?;
+    let config = BoardConfig {
+        hse_hz: wiring.hse_hz,
+        ..BoardConfig::default()
+    };
+    let mut board = Board::with_flash(firmware, config, flash);
+    for (port, pin) in wiring.emergency_stop {
+        board.set_input(*port, *pin, false);
+    }
+    let (port, pin) = wiring.driver_fault;
+    board.set_input(port, pin, true);
+    Ok(board)
 }
 
 impl EmulatedRobot {
@@ -361,7 +382,7 @@ impl EmulatedRobot {
         let enabled = high(self.wiring.driver_enable);
         let brake_released = high(self.wiring.brake_release);
         if let Some(bus) = &self.drive_bus {
-            self.drives = bus.voltages(self.rates).map(|voltage| Bridge {
+            self.drives = bus.voltages(self.rates, self.supply).map(|voltage| Bridge {
                 duty: voltage.unwrap_or(0.0),
                 enabled: voltage.is_some(),
                 brake_released,

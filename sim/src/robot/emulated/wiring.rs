@@ -5,7 +5,7 @@
 use emulator::{Firmware, Port};
 
 /// A pin.
-pub(super) type Pin = (Port, u8);
+pub type Pin = (Port, u8);
 
 /// The pins of one board. Wheels are in the order front left, front right, rear left, rear right.
 #[derive(Debug)]
@@ -75,6 +75,15 @@ pub(in crate::robot) fn is_for(image: &Firmware, robot: &group::Robot) -> bool {
     let symbol = |name, default| image.variable(name).map_or(default, |found| found.address);
     let smart = robot.output.kind.drive_current().is_some();
     symbol("_board_id", 1) == robot.board as u32 && (symbol("_smart_drives", 0) != 0) == smart
+}
+
+/// Driver enable and brake release of the board that an image is for.
+///
+/// # Errors
+/// When the board is not modelled.
+pub fn outputs(firmware: &Firmware) -> Result<[Pin; 2], String> {
+    let wiring = Wiring::of(firmware)?;
+    Ok([wiring.driver_enable, wiring.brake_release])
 }
 
 impl Wiring {
