@@ -35,7 +35,7 @@ pub mod socket_can;
 pub mod socketcand;
 mod stream;
 #[cfg(unix)]
-mod terminal;
+pub mod terminal;
 
 use std::io;
 

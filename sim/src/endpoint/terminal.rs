@@ -22,7 +22,7 @@ const TERMINALS: &str = "/dev/pts";
 
 /// The terminal and its link.
 #[derive(Debug)]
-pub(super) struct Terminal {
+pub struct Terminal {
     path: PathBuf,
     terminal: PathBuf,
     pipe: Pipe<File>,

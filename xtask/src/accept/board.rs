@@ -1,8 +1,9 @@
-//! A real board as a bench: a bus of the master, a probe that flashes, and a person.
+//! A real board as a bench: a bus of the master, and hands.
 //!
-//! The person switches power and shorts the bus when asked, so the moments of both are unknown
-//! here, and what would have to be timed from them is not tried. Without a probe the person flashes
-//! as well.
+//! The hands are a person who switches power and shorts the bus when asked, so the moments of both
+//! are unknown here, and what would have to be timed from them is not tried. A probe flashes, and
+//! reads memory; without one the person flashes as well. Behind an emulated adapter the hands are
+//! its own ([`super::adapter`]).
 
 use std::io::BufRead as _;
 use std::path::PathBuf;
@@ -15,6 +16,7 @@ use omnibus::bus::link::Link;
 use crate::flash::Probe;
 
 /// Where the images are.
+#[derive(Clone)]
 pub struct Paths {
     /// Self-test.
     pub self_test: PathBuf,
@@ -22,17 +24,38 @@ pub struct Paths {
     pub shipped: PathBuf,
 }
 
+/// What is done to a board beside its bus, as in [`Bench`].
+pub trait Hands {
+    /// Writes an image into the board and starts it.
+    fn flash(&mut self, image: Image) -> anyhow::Result<()>;
+
+    /// Switches the board off and on.
+    fn power_cycle(&mut self) -> anyhow::Result<()>;
+
+    /// Shorts the bus for a second.
+    fn short_the_bus(&mut self) -> anyhow::Result<()>;
+
+    /// The debugger, if there is one.
+    fn debugger(&mut self) -> Option<&mut dyn Debugger>;
+}
+
 /// A board at the end of a link.
 pub struct BoardBench {
     /// The bus.
     pub link: Box<dyn Link>,
+    /// Who does the rest.
+    pub hands: Box<dyn Hands>,
+}
+
+/// Somebody at the terminal, with a probe or without.
+pub struct Person {
     /// What flashes; a person does without it.
     pub probe: Option<Probe>,
     /// What is flashed.
     pub paths: Paths,
 }
 
-impl BoardBench {
+impl Person {
     /// Asks for something to be done, and waits for Enter.
     fn ask(&mut self, request: &str) -> anyhow::Result<()> {
         eprintln!("{request}, then press Enter");
@@ -41,6 +64,35 @@ impl BoardBench {
             bail!("there is nobody at the terminal to {request}");
         }
         Ok(())
+    }
+}
+
+impl Hands for Person {
+    fn flash(&mut self, image: Image) -> anyhow::Result<()> {
+        let path = match image {
+            Image::SelfTest => self.paths.self_test.clone(),
+            Image::Shipped => self.paths.shipped.clone(),
+        };
+        match &self.probe {
+            Some(probe) => probe.write(&path).context("cannot flash the board"),
+            None => self.ask(&format!(
+                "write {} into the board and reset it",
+                path.display()
+            )),
+        }
+    }
+
+    fn power_cycle(&mut self) -> anyhow::Result<()> {
+        self.ask("switch the board off, wait a second, switch it on")
+    }
+
+    fn short_the_bus(&mut self) -> anyhow::Result<()> {
+        self.ask("connect CAN high with CAN low for a second, take them apart again")
+    }
+
+    fn debugger(&mut self) -> Option<&mut dyn Debugger> {
+        let probe = self.probe.as_mut()?;
+        Some(probe)
     }
 }
 
@@ -69,30 +121,19 @@ impl Bench for BoardBench {
     }
 
     fn flash(&mut self, image: Image) -> anyhow::Result<()> {
-        let path = match image {
-            Image::SelfTest => self.paths.self_test.clone(),
-            Image::Shipped => self.paths.shipped.clone(),
-        };
-        match &self.probe {
-            Some(probe) => probe.write(&path).context("cannot flash the board"),
-            None => self.ask(&format!(
-                "write {} into the board and reset it",
-                path.display()
-            )),
-        }
+        self.hands.flash(image)
     }
 
     fn power_cycle(&mut self) -> anyhow::Result<()> {
-        self.ask("switch the board off, wait a second, switch it on")
+        self.hands.power_cycle()
     }
 
     fn force_bus_off(&mut self) -> anyhow::Result<()> {
-        self.ask("connect CAN high with CAN low for a second, take them apart again")
+        self.hands.short_the_bus()
     }
 
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {
-        let probe = self.probe.as_mut()?;
-        Some(probe)
+        self.hands.debugger()
     }
 
     fn hands_are_timed(&self) -> bool {

@@ -4,6 +4,8 @@
 //! board together and writes the report. It exits with 6 when a promise is not kept, so that a
 //! script can tell this from a procedure that could not be run.
 
+#[cfg(unix)]
+mod adapter;
 mod board;
 
 use std::path::{Path, PathBuf};
@@ -24,10 +26,22 @@ use omnibus::report::Scalar;
 use crate::firmware;
 use crate::firmware::Board;
 use crate::flash::Probe;
-use board::{BoardBench, Paths};
+use board::{BoardBench, Paths, Person};
 
 /// What an emulated board without defects measures, for comparison.
 const EMULATED: &str = include_str!("../../../acceptance/emulated/level-1.json");
+
+/// Checks that compare the board's time with the master's. An emulated board that has to keep up
+/// with this computer's clock falls behind it, above all while its flash changes.
+#[cfg(unix)]
+const BY_THE_MASTERS_CLOCK: [&str; 6] = [
+    "clock.crystal",
+    "clock.watchdog",
+    "watchdog.halt",
+    "watchdog.panic",
+    "flash.program",
+    "flash.erase",
+];
 
 /// A promise was not kept.
 const BROKEN: u8 = 6;
@@ -38,6 +52,11 @@ pub struct Arguments {
     /// Tries an emulated board with virtual wires.
     #[arg(long, required_unless_present_any = ["bus", "wiring"], conflicts_with = "bus")]
     emulated: bool,
+    /// Puts the emulated board behind an emulated serial adapter, in real time: the way to a real
+    /// board, tried without one.
+    #[cfg(unix)]
+    #[arg(long, requires = "emulated")]
+    serial: bool,
     /// Writes a picture of the jumper wires and measures nothing.
     #[arg(long, value_name = "FILE.svg", conflicts_with_all = ["bus", "emulated"])]
     wiring: Option<PathBuf>,
@@ -85,6 +104,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mutation = mutation(arguments.mutate.as_deref())?;
     let mut checks = match &arguments.bus {
         Some(bus) => of_a_board(arguments, bus)?,
+        #[cfg(unix)]
+        None if arguments.serial => behind_an_adapter(arguments, mutation)?,
         None => {
             let images = images(arguments)?;
             let mut bench = EmulatedBench::new(&images, mutation);
@@ -148,12 +169,33 @@ fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Che
         .map(|serial| Probe::new(Board::default(), serial))
         .transpose()?;
     let link = omnibus::bus::adapter::open(bus)?;
-    let mut bench = BoardBench {
-        link,
-        probe,
-        paths: paths(arguments)?,
-    };
+    let paths = paths(arguments)?;
+    let hands = Box::new(Person { probe, paths });
+    let mut bench = BoardBench { link, hands };
     level_one::run(&mut bench, node, &Options::FULL)
+}
+
+/// Level 1 of an emulated board behind an emulated serial adapter.
+#[cfg(unix)]
+fn behind_an_adapter(
+    arguments: &Arguments,
+    mutation: Option<&'static Mutation>,
+) -> anyhow::Result<Vec<Check>> {
+    let adapter = adapter::Adapter::start(images(arguments)?, mutation)?;
+    let address = format!("slcan:{}", adapter.path().display());
+    eprintln!("the emulated board is at --bus {address}");
+    let link = omnibus::bus::adapter::open(&address.parse()?)?;
+    let hands = Box::new(adapter);
+    let mut bench = BoardBench { link, hands };
+    let node = NodeId::new(NODE).context("the board has no node-ID")?;
+    let mut checks = level_one::run(&mut bench, node, &Options::SHORT)?;
+    for check in &mut checks {
+        if BY_THE_MASTERS_CLOCK.contains(&check.name.as_str()) {
+            check.tried = false;
+            check.note = "an emulated board is as late as this computer is busy".to_owned();
+        }
+    }
+    Ok(checks)
 }
 
 /// The images, built where none were given. Variants are built in one place, so what is built
