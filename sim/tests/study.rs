@@ -110,10 +110,10 @@ fn a_command_without_a_reader_ends_without_a_word() {
         .spawn()
         .and_then(std::process::Child::wait_with_output)
         .unwrap();
-    let said = String::from_utf8_lossy(&ended.stderr);
+    let errors = String::from_utf8_lossy(&ended.stderr);
     assert!(
-        ended.status.success() && said.is_empty(),
-        "{} {said}",
+        ended.status.success() && errors.is_empty(),
+        "{} {errors}",
         ended.status
     );
 }
