@@ -21,7 +21,7 @@ pub use f446::F446;
 
 use rsemu::cpu::arm::v7m::Config;
 
-use crate::system::flash::Sector;
+use crate::family::Family;
 use crate::system::map::Entry;
 use crate::system::pins::Pins;
 
@@ -31,13 +31,12 @@ pub static ALL: [&Chip; 3] = [&F446, &F407, &F103];
 /// Bytes of the largest flash of all chips.
 pub(crate) const LARGEST_FLASH: u64 = 1024 * 1024;
 
-/// Whose registers a chip has.
+/// A sector: first byte, counted from the start of the flash, and length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Family {
-    /// STM32F1.
-    F1,
-    /// STM32F4.
-    F4,
+#[allow(missing_docs)]
+pub struct Sector {
+    pub start: u64,
+    pub length: u64,
 }
 
 /// One microcontroller.

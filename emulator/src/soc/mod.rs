@@ -17,9 +17,10 @@ use rsemu::core::space::RamStore;
 
 use crate::board::BoardConfig;
 use crate::can::Can;
-use crate::chip::{Chip, Family};
+use crate::chip::Chip;
 use crate::clock::Clock;
 use crate::defect::{Defect, Defects};
+use crate::family::Family;
 use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;

@@ -1,8 +1,8 @@
 //! Which peripheral has which pin, and what a change of a pin does.
 
 use super::Soc;
-use crate::chip::Family;
 use crate::defect::Defect;
+use crate::family::Family;
 use crate::system::gpio::{Mode, Port};
 use crate::system::map::{Gate, Unit};
 use crate::system::pins::Route;
@@ -61,7 +61,7 @@ impl Soc {
 
     /// Whether an STM32F1's remaps give a pin to a signal.
     fn selected(&self, route: &Route) -> bool {
-        self.afio.selects(route) && !self.afio.debug_has(route.port, route.pin)
+        self.afio.selects(route.af) && !self.afio.debug_has(route.port, route.pin)
     }
 
     pub(super) fn timer_clocked(&self, number: usize) -> bool {
