@@ -22,7 +22,7 @@ pub use f446::F446;
 use rsemu::cpu::arm::v7m::Config;
 
 use crate::family::Family;
-use crate::system::map::Entry;
+use crate::system::map::{Entry, Gate, Unit};
 use crate::system::pins::Pins;
 
 /// All chips.
@@ -148,6 +148,12 @@ impl Chip {
     /// All peripherals.
     pub(crate) fn all_peripherals(&self) -> impl Iterator<Item = &'static Entry> {
         self.peripherals.into_iter().flatten()
+    }
+
+    /// What gates the clock of a unit.
+    pub(crate) fn gate(&self, unit: Unit) -> Gate {
+        let found = self.all_peripherals().find(|entry| entry.unit == unit);
+        found.map_or(Gate::None, |entry| entry.gate)
     }
 }
 

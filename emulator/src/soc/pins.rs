@@ -4,7 +4,7 @@ use super::Soc;
 use crate::defect::Defect;
 use crate::family::Family;
 use crate::system::gpio::{Mode, Port};
-use crate::system::map::{Gate, Unit};
+use crate::system::map::Unit;
 use crate::system::pins::Route;
 
 impl Soc {
@@ -65,15 +65,10 @@ impl Soc {
     }
 
     pub(super) fn timer_clocked(&self, number: usize) -> bool {
-        self.clocked(Unit::Timer(number))
+        self.rcc.enabled(self.places.timer_gates[number])
     }
 
     pub(super) fn clocked(&self, unit: Unit) -> bool {
-        let gate = self
-            .chip
-            .all_peripherals()
-            .find(|entry| entry.unit == unit)
-            .map_or(Gate::None, |e| e.gate);
-        self.rcc.enabled(gate)
+        self.rcc.enabled(self.chip.gate(unit))
     }
 }
