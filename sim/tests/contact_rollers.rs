@@ -435,8 +435,8 @@ fn lost_to_inertia(contact: Contact, speed: f64, turns: usize) -> f64 {
     last(without) - last(contact)
 }
 
-/// Where the motion leads that has the least slip along the axles of the carrying rollers: m, m, rad
-/// in the frame in which even wheel rates have come to their speed, `seconds` later.
+/// Where the motion leads that has the least slip along the axles of the carrying rollers, some
+/// seconds after even wheel rates have come to their speed: m, m, rad from there.
 fn without_slip(contact: &Contact, phases: [f64; 4], twist: [f64; 3], seconds: f64) -> [f64; 3] {
     const FINE: f64 = 4.0 * DT;
     let robot = FourWheelGeometry::new(0.37, 0.35, R, PI / 4.0).unwrap();
@@ -471,8 +471,9 @@ fn without_slip(contact: &Contact, phases: [f64; 4], twist: [f64; 3], seconds: f
 }
 
 /// At random phases, sideways, at 45 degrees and along a circle with the front outwards: eight
-/// seconds lead to where settled wheels without slip lead, but for half a per cent of the way and of
-/// the turn, and half a degree. `tests/interop/test_mujoco.py` asks the same of rollers that are bodies.
+/// seconds lead to where settled wheels without slip lead, but for half a per cent of the way and
+/// of the turn, and half a degree. `tests/interop/test_mujoco.py` asks the same of rollers that are
+/// bodies.
 #[test]
 fn random_phases_lead_where_wheels_without_slip_lead() {
     const SECONDS: f64 = 8.0;
