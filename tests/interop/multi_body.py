@@ -105,12 +105,26 @@ def phases(seed):
     return list(zip(off, robot["confidence_deg"]))
 
 
-def travelled(world, twist):
-    """What share of a twist (m/s, m/s, rad/s) the plant makes of it with even wheels."""
+def world(options):
+    """A robot in a world of its own, in this process."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    import mujoco_plant
+
+    robot = ROBOT | {"rigid_group": 0, "x": 0.0, "y": 0.0, "heading": 0.0}
+    return mujoco_plant.World(mujoco_plant.parse(options), [robot])
+
+
+def even_rates(twist):
+    """Of ideal wheels for m/s, m/s, rad/s."""
     x, y, turn = twist
     turn_rim = (ROBOT["half_track"] + ROBOT["half_wheelbase"]) * turn
     rims = [x - y - turn_rim, x + y + turn_rim, x + y - turn_rim, x - y + turn_rim]
-    rates = [rim / ROBOT["wheel_radius"] for rim in rims]
+    return [rim / ROBOT["wheel_radius"] for rim in rims]
+
+
+def travelled(world, twist):
+    """What share of a twist (m/s, m/s, rad/s) the plant makes of it with even wheels."""
+    (x, y, turn), rates = twist, even_rates(twist)
     for k in range(round(1 / DT)):
         pose = world.step(DT, [[rate * k * DT for rate in rates]])["pose"][0]
     reached, steps = 0.0, round(PASSAGES * math.tau / ROLLERS / abs(rates[0]) / DT)
@@ -126,9 +140,6 @@ def travelled(world, twist):
 
 def coefficients(seed):
     """Errors and half intervals of a robot's five coefficients, per cent: as `master/tests/coverage.rs` asks for."""
-    sys.path.insert(0, str(ROOT / "examples"))
-    import mujoco_plant
-
     options = variation(seed)
     with Plant(options, seed) as plant:
         slip = ["--speeds", "0.25,0.5", "--rates", "0.5", "--without", OBLIQUE]
@@ -137,8 +148,7 @@ def coefficients(seed):
     for row in found:
         axis = ["ahead", "sideways", "turning"].index(row["motion"])
         twist = [row["speed"] if n == axis else 0.0 for n in range(3)]
-        robot = ROBOT | {"rigid_group": 0, "x": 0.0, "y": 0.0, "heading": 0.0}
-        truth = 1 / travelled(mujoco_plant.World(mujoco_plant.parse(options), [robot]), twist)
+        truth = 1 / travelled(world(options), twist)
         out.append((100 * (row["coefficient"] - truth), 50 * (row["high"] - row["low"])))
     return out
 

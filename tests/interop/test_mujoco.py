@@ -11,12 +11,51 @@ import sys
 import unittest
 
 import multi_body
+import numpy
+
+sys.path.insert(0, str(multi_body.ROOT / "examples"))
+import mujoco_plant  # noqa: E402
 
 # Half wheelbase over its sum with the half track, of the robot of groups/single.toml.
 SHARE = 0.350 / (0.350 + 0.370)
 CURVES = ["lateral", "oblique", "turn"]
 # Of 24 independent intervals of 95 % fewer hold once in 160 times.
 HOLD = 20
+
+
+# Of a wheel, and from its axle to the rollers', m.
+RADIUS = multi_body.ROBOT["wheel_radius"]
+AXLE = RADIUS - 0.0335
+
+
+def without_slip(phases, turned, dt, fine=5):
+    """Poses of the motion that has the least slip along the axles of the carrying rollers, 45 degrees at eight a wheel,
+    for wheel rates at every `dt`."""
+    pose, angles, poses = [0.0, 0.0, 0.0], [0.0] * 4, []
+    corners = [(ahead * 0.350, left * 0.370, side) for ahead, left, side in mujoco_plant.CORNERS]
+    for rates in turned:
+        for _ in range(fine):
+            rows, rims = [], []
+            for wheel, (x, y, side) in enumerate(corners):
+                step = rates[wheel] * dt / fine
+                sweep = math.remainder(angles[wheel] + 0.5 * step + phases[wheel], math.tau / 8)
+                angles[wheel] += step
+                ahead, left = math.cos(sweep), side
+                y += AXLE * math.tan(sweep) * side
+                length = math.hypot(ahead, left)
+                rows.append([ahead / length, left / length, (x * left - y * ahead) / length])
+                rims.append(ahead / length * RADIUS * step)
+            dx, dy, turn = numpy.linalg.lstsq(numpy.array(rows), numpy.array(rims), rcond=None)[0]
+            cos, sin = math.cos(pose[2] + 0.5 * turn), math.sin(pose[2] + 0.5 * turn)
+            pose = [pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy, pose[2] + turn]
+        poses.append(pose)
+    return poses
+
+
+def since(start, end):
+    """A pose in the frame of an earlier one."""
+    dx, dy, (cos, sin) = end[0] - start[0], end[1] - start[1], (math.cos(start[2]), math.sin(start[2]))
+    return cos * dx + sin * dy, cos * dy - sin * dx, end[2] - start[2]
 
 
 class MuJoCo(unittest.TestCase):
@@ -66,14 +105,9 @@ class MuJoCo(unittest.TestCase):
 
     def test_rollers_that_turn_on_lose_nothing_by_speed(self):
         """With even wheels at 0.25 and 1 m/s sideways. A hand-over loss of 0.0013 s/m would be 0.1 points."""
-        sys.path.insert(0, str(multi_body.ROOT / "examples"))
-        import mujoco_plant
-
-        robot = multi_body.ROBOT | {"rigid_group": 0, "x": 0.0, "y": 0.0, "heading": 0.0}
-        options = mujoco_plant.parse(["--balls", "81", "--seed", "3"])
         lost = []
         for speed in [0.25, 1.0]:
-            world, rate = mujoco_plant.World(options, [robot]), speed / robot["wheel_radius"]
+            world, rate = multi_body.world(["--balls", "81", "--seed", "3"]), speed / RADIUS
             # A ramp of a second, a turn of the wheels, then whole turns of them.
             turn = math.tau / rate
             parts, poses = [(1.0, 0.5), (turn, 1.0), (2 * turn, 1.0)], []
@@ -87,6 +121,31 @@ class MuJoCo(unittest.TestCase):
             lost.append(100 * (1 - math.hypot(to_x - x, to_y - y) / (2 * turn * speed)))
         print(f"sideways, even wheels: {lost} % lost at 0.25 and 1 m/s")
         self.assertAlmostEqual(lost[0], lost[1], delta=0.06)
+
+    def test_random_phases_lead_where_wheels_without_slip_lead(self):
+        """As `sim/tests/contact_rollers.rs` asks of the contact plant, eight seconds after a ramp of one, within half a
+        per cent and half a degree: sideways and along a circle with the front outwards. At 45 degrees, where two wheels
+        stand on whatever points of their rollers they came to stand on, only how far."""
+        seconds, dt, circle = 8, 0.01, 1.35 * math.pi / 5
+        for name, twist in [
+            ("sideways", (0, 0.5, 0)),
+            ("at 45 degrees", (0.5 / math.sqrt(2), 0.5 / math.sqrt(2), 0)),
+            ("circle", (0, -circle, math.pi / 5)),
+        ]:
+            world, rates = multi_body.world(["--balls", "81", "--seed", "101"]), multi_body.even_rates(twist)
+            turned = [[rate * min(1, (k + 0.5) * dt) for rate in rates] for k in range(round((1 + seconds) / dt))]
+            seen = [world.step(dt, [four])["pose"][0] for four in turned]
+            least = without_slip(world.phases[0], turned, dt)
+            ramp = round(1 / dt)
+            (x, y, turn), (least_x, least_y, least_turn) = (since(all[ramp - 1], all[-1]) for all in (seen, least))
+            percent = 100 / (seconds * math.hypot(*twist[:2]))
+            off, longer = math.hypot(x - least_x, y - least_y), math.hypot(x, y) - math.hypot(least_x, least_y)
+            degrees = math.degrees(turn - least_turn)
+            print(f"{name}: off by {percent * off:.2f} % of the way, longer by {percent * longer:+.2f} %, {degrees:+.2f}°")
+            self.assertLess(abs(percent * longer), 0.5)
+            if name != "at 45 degrees":
+                self.assertLess(percent * off, 0.5)
+                self.assertLess(abs(degrees), max(0.5, 0.005 * math.degrees(seconds * twist[2])))
 
     def test_ten_rollers_by_poses(self):
         self.check(10, 11)
