@@ -147,5 +147,14 @@ class MuJoCo(unittest.TestCase):
                 self.assertLess(percent * off, 0.5)
                 self.assertLess(abs(degrees), max(0.5, 0.005 * math.degrees(seconds * twist[2])))
 
+    def test_closed_loop_on_a_smooth_floor_with_rollers_at_another_angle(self):
+        """As `master/tests/adaptation.rs` asks on the contact plant, with both at once and nothing calibrated."""
+        plant = self.plant("--balls", "81", "--seed", "3", "--friction", "0.2", "--roller-angle", "46")
+        text = plant.omnibus("follow", "figure-eight", "--pose", "truth", "--compensation", "off", "--json")
+        feedback = json.loads(text)["feedback"]
+        print(feedback)
+        self.assertLess(feedback["rms_mm"], 10)
+        self.assertLess(feedback["rms_mm"], feedback["rms_mm_without"] / 2)
+
     def test_ten_rollers_by_poses(self):
         self.check(10, 11)
