@@ -247,9 +247,9 @@ fn a_start_is_refused_with_the_name_of_the_fault(image: &str) {
 
 /// Every way in which a robot in motion comes to a stop, with what does it and how long a drive may
 /// have current after it, ms: after a cut what naming it and one command take; after a ramp what
-/// 0.6 m/s at 2.4 m/s2 and the jerk take, the silence that begins it and the brake. A drive that has
-/// taken another identifier hears no command: its own time-out counts.
-const STOPS: [(&str, fn(&mut TestMaster), u64); 10] = [
+/// 0.6 m/s at 2.4 m/s2 and the jerk take, the silence that begins it and the brake. A drive that
+/// has taken another identifier hears no command: its own time-out counts.
+const STOPS: [(&str, Stop, u64); 10] = [
     ("emergency stop", |m| m.world.set_emergency_stop(0, true), 3),
     ("driver fault", |m| m.world.set_driver_fault(0, true), 3),
     (
@@ -289,6 +289,8 @@ const STOPS: [(&str, fn(&mut TestMaster), u64); 10] = [
         RAMP,
     ),
 ];
+
+type Stop = fn(&mut TestMaster);
 
 const RAMP: u64 = 900;
 const TIME_OUT: u64 = sim::smart_drive::TIME_OUT_NS / 1_000_000 + 3;
@@ -344,8 +346,8 @@ fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
     );
 }
 
-/// Two drives with each other's identifiers: the robot sees nothing wrong, an eye does, and the test
-/// of the wheels says what the group file's key has to be. With that key all is well.
+/// Two drives with each other's identifiers: the robot sees nothing wrong, an eye does, and the
+/// test of the wheels says what the group file's key has to be. With that key all is well.
 fn the_wheel_test_finds_exchanged_drives(image: &str) {
     let mut group = common::group("c620");
     for (identifiers, wrong) in [([1, 2, 3, 4], 2), ([1, 4, 3, 2], 0)] {
