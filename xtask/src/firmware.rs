@@ -154,13 +154,15 @@ fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
         .args(features)
         .output()
         .context("cannot start cargo")?;
-    let said = String::from_utf8_lossy(&output.stderr);
+    let messages = String::from_utf8_lossy(&output.stderr);
     let listed = Board::ALL
         .iter()
-        .all(|board| said.contains(board.feature()));
+        .all(|board| messages.contains(board.feature()));
     ensure!(
-        !output.status.success() && said.contains(error) && (listed || !error.contains("boards")),
-        "{features:?} does not end in the firmware's error \"{error}\", but with: {said}"
+        !output.status.success()
+            && messages.contains(error)
+            && (listed || !error.contains("boards")),
+        "{features:?} does not end in the firmware's error \"{error}\", but with: {messages}"
     );
     Ok(())
 }
