@@ -127,7 +127,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Has a multi-body simulation say how many of a calibration's intervals hold.
 pub fn coverage(robots: u32, first: u32) -> anyhow::Result<()> {
-    let python = interop::python()?;
+    let python = python()?;
     cargo::run(cargo::command().args(["build", "--package=omnibus-master", "--bin=omnibus"]))?;
     for what in ["phases", "coefficients"] {
         let mut asks = Command::new(&python);
