@@ -218,6 +218,17 @@ impl Bench {
     }
 
     pub fn transfer(&mut self, client: &mut SdoClient<'_>) -> Result<Vec<u8>, u32> {
+        self.transfer_beside(client, &[], 0)
+    }
+
+    /// The same; after so many of the client's frames come those of another client.
+    pub fn transfer_beside(
+        &mut self,
+        client: &mut SdoClient<'_>,
+        others: &[Frame],
+        after: usize,
+    ) -> Result<Vec<u8>, u32> {
+        let mut sent = 0;
         let outcome = loop {
             self.now = self.now + Micros(100);
             if let Some(frame) = self.bus.pop_frame() {
@@ -228,6 +239,12 @@ impl Bench {
             }
             let frame = client.pop_frame().expect("one of the two has to speak");
             self.bus.on_frame(self.now, &frame);
+            sent += 1;
+            if sent == after {
+                for other in others {
+                    self.bus.on_frame(self.now, other);
+                }
+            }
             // Only while the bus is quiet, as the bus task does it.
             if self.bus.update_job() == Some(Job::Program) {
                 self.work();
