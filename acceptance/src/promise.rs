@@ -3,9 +3,7 @@
 //! A promise is found by the words around its number. A document that no longer has these words is
 //! an error, and so is one in which they stand beside several numbers.
 
-use anyhow::{Context as _, bail};
-
-use crate::causes;
+use anyhow::bail;
 
 /// A document, as it was when this was built.
 #[derive(Clone, Copy)]
@@ -82,21 +80,6 @@ pub fn number(document: Document, before: &str, after: &str) -> anyhow::Result<P
     }
 }
 
-/// The time of a cause in the table of docs/safety.md, ms.
-///
-/// # Errors
-/// When the table has no such row or no time in it.
-pub fn cause(number: u8) -> anyhow::Result<Promise> {
-    let row = causes::of(number)?;
-    let millis = row.millis;
-    let millis =
-        millis.with_context(|| format!("cause {number} of {} has no time", SAFETY.path))?;
-    Ok(Promise {
-        value: millis,
-        source: format!("{}: cause {number}, {}", SAFETY.path, row.cause),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,12 +102,5 @@ mod tests {
             error.to_string(),
             "page does not say 'after ... ms' any more"
         );
-    }
-
-    #[test]
-    fn the_emergency_stop_has_its_time() {
-        assert_eq!(cause(15).unwrap().value, 1.0);
-        assert!(cause(23).is_err(), "no time is promised");
-        assert!(cause(250).is_err());
     }
 }
