@@ -87,9 +87,14 @@ pub fn build_self_test() -> anyhow::Result<PathBuf> {
 }
 
 /// Builds the image for the second slot, which has no boot code.
-pub fn build_slot_b() -> anyhow::Result<PathBuf> {
+pub fn build_slot_b(board: Board, smart: bool) -> anyhow::Result<PathBuf> {
+    let drives = match board {
+        Board::NucleoF446re if smart => ",drives-c620",
+        Board::NucleoF446re | Board::RobomasterC => "",
+    };
     build_variant(|command| {
-        command.args(["--features", "slot-b"]);
+        let features = format!("{},slot-b{drives}", board.feature());
+        command.args(["--no-default-features", "--features", &features]);
     })
 }
 

@@ -154,12 +154,14 @@ pub struct Bench {
     pub resets: usize,
     /// The platform does its jobs.
     pub works: bool,
+    /// The image of parameters, which an update leaves alone; empty for none.
+    pub stored: Vec<u8>,
 }
 
 pub const NODE: u8 = 2;
 
 /// A program that the boot code has started from this slot.
-fn side(chip: &Chip, slot: Slot, now: Micros) -> BusSide {
+fn side(chip: &Chip, slot: Slot, now: Micros, stored: &[u8]) -> BusSide {
     let mut bus = BusSide::new(Identity {
         storage: true,
         slot: Some(slot),
@@ -172,7 +174,11 @@ fn side(chip: &Chip, slot: Slot, now: Micros) -> BusSide {
     });
     bus.survey(chip);
     let memory = Box::leak(Box::new([0; IMAGE_MAX]));
-    bus.load(now, memory, Stored::Nothing);
+    let stored = match stored {
+        [] => Stored::Nothing,
+        image => Stored::Image(image),
+    };
+    bus.load(now, memory, stored);
     bus.poll(now);
     while bus.pop_frame().is_some() {}
     bus
@@ -182,12 +188,13 @@ impl Bench {
     pub fn new() -> Self {
         let chip = Chip::new();
         Self {
-            bus: side(&chip, Slot::A, Micros(1)),
+            bus: side(&chip, Slot::A, Micros(1), &[]),
             chip,
             now: Micros(1_000),
             jobs: Vec::new(),
             resets: 0,
             works: true,
+            stored: Vec::new(),
         }
     }
 
@@ -214,10 +221,21 @@ impl Bench {
             boot::records::count_attempt(&mut self.chip, first.slot).unwrap();
         }
         self.now = Micros(1_000);
-        self.bus = side(&self.chip, first.slot, self.now);
+        self.bus = side(&self.chip, first.slot, self.now, &self.stored);
     }
 
     pub fn transfer(&mut self, client: &mut SdoClient<'_>) -> Result<Vec<u8>, u32> {
+        self.transfer_beside(client, &[], 0)
+    }
+
+    /// The same; after so many of the client's frames come those of another client.
+    pub fn transfer_beside(
+        &mut self,
+        client: &mut SdoClient<'_>,
+        others: &[Frame],
+        after: usize,
+    ) -> Result<Vec<u8>, u32> {
+        let mut sent = 0;
         let outcome = loop {
             self.now = self.now + Micros(100);
             if let Some(frame) = self.bus.pop_frame() {
@@ -228,6 +246,12 @@ impl Bench {
             }
             let frame = client.pop_frame().expect("one of the two has to speak");
             self.bus.on_frame(self.now, &frame);
+            sent += 1;
+            if sent == after {
+                for other in others {
+                    self.bus.on_frame(self.now, other);
+                }
+            }
             // Only while the bus is quiet, as the bus task does it.
             if self.bus.update_job() == Some(Job::Program) {
                 self.work();

@@ -1,6 +1,8 @@
 //! An update over the bus, from the client's first request to the reset, and what is refused.
 
 mod bench;
+mod parameters;
+mod second_client;
 
 use std::vec;
 
