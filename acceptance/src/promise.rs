@@ -3,7 +3,7 @@
 //! A promise is found by the words around its number. A document that no longer has these words is
 //! an error, and so is one in which they stand beside several numbers.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 
 /// A document, as it was when this was built.
 #[derive(Clone, Copy)]
@@ -80,6 +80,36 @@ pub fn number(document: Document, before: &str, after: &str) -> anyhow::Result<P
     }
 }
 
+/// What a figure of docs/performance.md is held to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// What it should be at most.
+    Budget,
+    /// What a run of the bench fails beyond.
+    Ceiling,
+}
+
+/// The budget or the ceiling of a figure of docs/performance.md, in the unit of its row.
+///
+/// # Errors
+/// When the page has no such row, or no number there.
+pub fn figure(name: &str, column: Column) -> anyhow::Result<Promise> {
+    let (cell, word) = match column {
+        Column::Budget => (4, "budget"),
+        Column::Ceiling => (5, "ceiling"),
+    };
+    let row = PERFORMANCE.text.lines().find_map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        (cells.get(1) == Some(&format!("`{name}`").as_str())).then(|| cells.get(cell).copied())
+    });
+    let text = row.flatten().unwrap_or("");
+    let value = text.parse();
+    Ok(Promise {
+        value: value.with_context(|| format!("{} has no {word} of {name}", PERFORMANCE.path))?,
+        source: format!("{}: {word} of {name}", PERFORMANCE.path),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,5 +132,14 @@ mod tests {
             error.to_string(),
             "page does not say 'after ... ms' any more"
         );
+    }
+
+    #[test]
+    fn a_figure_has_its_budget_and_its_ceiling() {
+        assert_eq!(figure("skew.worst", Column::Budget).unwrap().value, 10.0);
+        let load = figure("load", Column::Ceiling).unwrap();
+        assert!((4.0..5.0).contains(&load.value), "{load:?}");
+        assert!(figure("load.bus_side", Column::Ceiling).is_err());
+        assert!(figure("skew", Column::Budget).is_err());
     }
 }

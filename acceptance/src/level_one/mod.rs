@@ -6,9 +6,11 @@
 
 mod bus;
 mod clocks;
+mod driving;
 mod encoders;
 mod outputs;
 mod running;
+mod skew;
 mod stops;
 mod storage;
 mod wiring;
@@ -61,6 +63,10 @@ pub struct Options {
     pub starts: u32,
     /// Time over which the load is measured, s.
     pub load_s: u64,
+    /// The same while the board drives, s.
+    pub drive_s: u64,
+    /// Time over which two boards are compared, s.
+    pub skew_s: u64,
     /// What is tried.
     pub parts: Parts,
 }
@@ -68,12 +74,14 @@ pub struct Options {
 /// Parts of level 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
-    /// Both.
+    /// All of them.
     All,
     /// What the self-test image measures.
     SelfTest,
     /// What the shipped image does.
     Shipped,
+    /// What two boards do.
+    Second,
 }
 
 impl Options {
@@ -84,6 +92,8 @@ impl Options {
         frames: 1_000_000,
         starts: 20,
         load_s: 5,
+        drive_s: 60,
+        skew_s: 60,
         parts: Parts::All,
     };
     /// For an emulated board, which is the same each time.
@@ -93,6 +103,8 @@ impl Options {
         frames: 2_000,
         starts: 3,
         load_s: 1,
+        drive_s: 2,
+        skew_s: 60,
         parts: Parts::All,
     };
 }
@@ -107,7 +119,8 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
         options,
         checks: Vec::new(),
     };
-    if options.parts != Parts::Shipped {
+    let has = |part| options.parts == Parts::All || options.parts == part;
+    if has(Parts::SelfTest) {
         session.start()?;
         if session.wires()? {
             session.outputs()?;
@@ -120,10 +133,18 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
         session.raw_flash()?;
         session.failures()?;
     }
-    if options.parts != Parts::SelfTest {
+    if has(Parts::Shipped) {
+        // The shipped program drives, and these lines are inputs and outputs of its own.
+        session
+            .node
+            .bench
+            .take_out(&[wires::ENABLE, wires::BRAKE])?;
         session.storage()?;
         session.running()?;
         session.bus()?;
+    }
+    if has(Parts::Second) {
+        session.skew()?;
     }
     Ok(session.checks)
 }

@@ -67,6 +67,9 @@ pub struct Arguments {
     /// a person is asked to do it otherwise.
     #[arg(long, value_name = "SERIAL", num_args = 0..=1, requires = "bus")]
     probe: Option<Option<String>>,
+    /// There is a second board, whose outputs are compared with the first one's; needs `--probe`.
+    #[arg(long, requires = "probe")]
+    second: bool,
     /// Node of the board, as its switches say.
     #[arg(long, default_value_t = NODE, requires = "bus")]
     node: u8,
@@ -170,7 +173,12 @@ fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Che
         .transpose()?;
     let link = omnibus::bus::adapter::open(bus)?;
     let paths = paths(arguments)?;
-    let hands = Box::new(Person { probe, paths });
+    let second = arguments.second;
+    let hands = Box::new(Person {
+        probe,
+        paths,
+        second,
+    });
     let mut bench = BoardBench { link, hands };
     level_one::run(&mut bench, node, &Options::FULL)
 }
