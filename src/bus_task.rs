@@ -28,7 +28,7 @@ use crate::board::{Can, Health, ParameterFlash, now, patiently};
 use crate::control;
 use crate::gateway::Gateway;
 use crate::led::{self, Pattern};
-use crate::shared::{BUS_PROGRESS, COMMAND, CONFIGURATION, IDENTIFIED, SYNC};
+use crate::shared::{BUS_PROGRESS, COMMAND, IDENTIFIED, SYNC};
 use crate::update::Updates;
 use crate::wake;
 
@@ -71,7 +71,7 @@ pub async fn bus(
         }
 
         if let Some(configuration) = side.take_configuration() {
-            CONFIGURATION.put(configuration);
+            control::configure(configuration);
         }
         COMMAND.put(side.command());
         if save(side, &mut store) || remember(side, &mut store, at) {

@@ -13,6 +13,7 @@ use core::cell::RefCell;
 use core::mem::MaybeUninit;
 
 use ::control::clock::TickSchedule;
+use ::control::configuration::Configuration;
 use ::control::interface::{Inputs, Report};
 use ::control::tick::ControlSide;
 use ::control::time::Micros;
@@ -24,7 +25,7 @@ use crate::board::now;
 use crate::board::{
     DRIVES_ARE_WIRED, Drives, Encoders, Indexes, Lines, Meters, Outputs, TickMutex, TickTimer,
 };
-use crate::shared::{COMMAND, CONFIGURATION, CONTROL_LATENESS, IDENTIFIED, SYNC};
+use crate::shared::{COMMAND, CONTROL_LATENESS, IDENTIFIED, SYNC};
 use crate::wake;
 use crate::watchdog::Guard;
 
@@ -107,13 +108,21 @@ pub fn report(use_it: impl FnOnce(&Report)) {
     });
 }
 
+/// Applies a new configuration, between two ticks, from where the bus side has it: a cell for it
+/// would hold a kilobyte. [`prepare`] comes before. Not inlined, so that its stack is released.
+#[inline(never)]
+pub fn configure(configuration: &Configuration) {
+    CONTROL.lock(|cell| {
+        if let Some(control) = &mut *cell.borrow_mut() {
+            control.apply(configuration);
+        }
+    });
+}
+
 impl Control {
     /// Everything in a tick; returns when the next one begins.
     #[inline(always)]
     fn tick(&mut self, begin: Micros) -> Micros {
-        if CONFIGURATION.is_full() {
-            self.apply_configuration();
-        }
         let parts = &mut self.parts;
         // Before the counts, so that no pulse is ahead of them.
         let index = parts.indexes.pulses();
@@ -174,24 +183,20 @@ impl Control {
         self.due
     }
 
-    /// Applies a new configuration. Not inlined, so that its stack is released.
-    #[inline(never)]
-    fn apply_configuration(&mut self) {
-        CONFIGURATION.receive_with(|configuration| {
-            self.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
-            let rolling = configuration.drivetrain.rolling();
-            let parts = &mut self.parts;
-            parts.encoders.set_filter(configuration.encoder_filter);
-            let listens = rolling.is_some_and(|rolling| rolling.rollers().has_index());
-            parts.indexes.listen(listens);
-            parts
-                .outputs
-                .configure(configuration.output_stage, configuration.pwm_hz);
-            if let Some(model) = configuration.output_stage.smart_drive() {
-                parts.drives.configure(configuration.drives, model);
-            }
-            self.senses = configuration.current.is_some();
-            self.side.configure(configuration);
-        });
+    fn apply(&mut self, configuration: &Configuration) {
+        self.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
+        let rolling = configuration.drivetrain.rolling();
+        let parts = &mut self.parts;
+        parts.encoders.set_filter(configuration.encoder_filter);
+        let listens = rolling.is_some_and(|rolling| rolling.rollers().has_index());
+        parts.indexes.listen(listens);
+        parts
+            .outputs
+            .configure(configuration.output_stage, configuration.pwm_hz);
+        if let Some(model) = configuration.output_stage.smart_drive() {
+            parts.drives.configure(configuration.drives, model);
+        }
+        self.senses = configuration.current.is_some();
+        self.side.configure(configuration);
     }
 }

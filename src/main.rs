@@ -23,7 +23,8 @@
 //! | cable | bus | ring of 256 bytes | yes | all of it and the line it ends in dropped, reported by `F` |
 //! | bus | CAN mailbox | one frame of the cable; the others stay in its ring | no | |
 //! | bus | CAN mailboxes | one frame waiting, then the queues of `robot` | those, yes | newest dropped, counted |
-//! | bus | control | [`shared`]: command, configuration, SYNC time | no, the latest wins | |
+//! | bus | control | [`shared`]: command, SYNC time | no, the latest wins | |
+//! | bus | control | configuration, applied by a call between two ticks | no | |
 //! | control | bus | [`shared`]: report | no, the latest wins | |
 //! | CAN interrupts, control | bus | [`wake`]: a signal | no, one is enough | |
 //! | bus | control | [`shared`]: count of turns | no | no progress: the watchdog is not fed, reset |

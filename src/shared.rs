@@ -3,7 +3,6 @@
 //! | cell | from | to | when it is not read in time |
 //! |---|---|---|---|
 //! | [`COMMAND`] | bus | control | the newer command replaces it; the older one is never wanted |
-//! | [`CONFIGURATION`] | bus | control | the newer configuration replaces it |
 //! | [`SYNC`] | bus | control | the newer time replaces it |
 //! | [`report`](crate::control::report) | control | bus | the next tick changes it |
 //! | [`IDENTIFIED`] | control | bus | the newer result replaces it |
@@ -12,14 +11,14 @@
 //!
 //! The control tick uses the cells where they are: the bus side does not run beside it. The bus
 //! side copies with interrupts masked (`board`'s `TickMutex`). That takes a microsecond for the
-//! data of every turn, and some ten for a new configuration, with the outputs off. Both are shorter
-//! than a frame on the bus (at least 50 us), so copying can delay a receive time stamp but cannot
-//! lose a frame. The signal that wakes the bus task is in [`wake`](crate::wake).
+//! data of every turn. A new configuration has no cell: the bus side calls
+//! [`configure`](crate::control::configure), with interrupts masked and the outputs off. Both are
+//! shorter than it takes to fill the three places of a receive FIFO (at least 150 us), so they can
+//! delay a receive time stamp but cannot lose a frame. The signal that wakes the bus task is in [`wake`](crate::wake).
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use control::configuration::Configuration;
 use control::interface::Command;
 use control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
@@ -46,17 +45,9 @@ impl<T: Copy> Latest<T> {
     }
 }
 
-/// Content of a mailbox. Unlike an `Option`, an empty one is all zeros, so it takes no flash.
-#[derive(Clone, Copy)]
-#[repr(u32)]
-enum Content<T> {
-    Empty = 0,
-    Full(T) = 1,
-}
-
 /// A value that one side puts in and the other receives, once: the latest wins.
 pub struct Mailbox<T: Copy> {
-    content: Mutex<TickMutex, RefCell<Content<T>>>,
+    content: Mutex<TickMutex, RefCell<Option<T>>>,
     /// Read without the mutex, by the tick. Relaxed: there is one core, and the mutex around the
     /// content keeps the compiler's order.
     full: AtomicBool,
@@ -65,45 +56,25 @@ pub struct Mailbox<T: Copy> {
 impl<T: Copy> Mailbox<T> {
     const fn new() -> Self {
         Self {
-            content: Mutex::new(RefCell::new(Content::Empty)),
+            content: Mutex::new(RefCell::new(None)),
             full: AtomicBool::new(false),
         }
     }
 
     /// Puts a value in. By reference, so that it is copied once.
     pub fn put(&self, value: &T) {
-        self.content
-            .lock(|cell| *cell.borrow_mut() = Content::Full(*value));
+        self.content.lock(|cell| *cell.borrow_mut() = Some(*value));
         self.full.store(true, Ordering::Relaxed);
-    }
-
-    /// Whether there is a value to receive.
-    pub fn is_full(&self) -> bool {
-        self.full.load(Ordering::Relaxed)
     }
 
     /// Empties it: returns the value if there is one.
     pub fn receive(&self) -> Option<T> {
-        let mut received = None;
-        self.receive_with(|value| received = Some(*value));
-        received
-    }
-
-    /// Empties it, and uses the value where it is if there is one: for what is too large to be
-    /// copied onto the stack.
-    pub fn receive_with(&self, use_it: impl FnOnce(&T)) {
-        if !self.is_full() {
-            return;
+        if !self.full.load(Ordering::Relaxed) {
+            return None;
         }
         // Before the content: a value that is put in between is found twice rather than missed.
         self.full.store(false, Ordering::Relaxed);
-        self.content.lock(|cell| {
-            let mut cell = cell.borrow_mut();
-            if let Content::Full(value) = &*cell {
-                use_it(value);
-                *cell = Content::Empty;
-            }
-        });
+        self.content.lock(|cell| cell.borrow_mut().take())
     }
 }
 
@@ -115,9 +86,6 @@ pub static SYNC: Mailbox<Micros> = Mailbox::new();
 
 /// The result of an identification, until the bus side has received it.
 pub static IDENTIFIED: Mailbox<Outcome> = Mailbox::new();
-
-/// A new configuration, until the control side has received it.
-pub static CONFIGURATION: Mailbox<Configuration> = Mailbox::new();
 
 /// Turns that the bus task has completed.
 pub static BUS_PROGRESS: Progress = Progress::new();
