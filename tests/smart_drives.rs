@@ -335,6 +335,18 @@ fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
         let stored = session.wire().read(NODE, address, Kind::U8).unwrap();
         assert_eq!(stored, Value::U8(identifier));
     }
+    // A drive reports 30 degrees until it is told otherwise; the hottest counts.
+    for hot in [30, 47] {
+        session
+            .link()
+            .world
+            .set_smart_drive(0, 2, DriveChange::Temperature(hot));
+        for _ in 0..3 {
+            session.cycle(Twist::new(0.3, 0.0, 0.0)).unwrap();
+        }
+        let read = session.wire().read(NODE, address::TEMPERATURE, Kind::U8);
+        assert_eq!(read.unwrap(), Value::U8(hot));
+    }
     let robot = session.link().world.truth().robots[0];
     for rate in <[f64; 4]>::from(robot.wheel_rates) {
         assert!((rate * 0.076 / 0.3 - 1.0).abs() < 0.01, "{rate}");

@@ -295,7 +295,7 @@ impl NativeRobot {
             let (counts, fault) = drives.read(now);
             inputs.encoder_counts = counts;
             inputs.drive_fault = inputs.drive_fault.or(fault);
-            let outputs = control.tick_current(now, &command, &inputs);
+            let outputs = control.tick_current(now, &command, &inputs, drives.temperature());
             drives.send(outputs.drive, outputs.drivers_enabled);
             outputs
         } else {

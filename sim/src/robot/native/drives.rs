@@ -129,6 +129,11 @@ impl SmartDrives {
         (seen.counts(wheels, now), seen.fault(wheels, now))
     }
 
+    /// The temperature of the hottest motor, degrees Celsius.
+    pub fn temperature(&self) -> u8 {
+        self.seen.temperature(&self.wheels)
+    }
+
     /// Commands the currents of the wheels, A; where the drivers are disabled, none.
     pub fn send(&mut self, currents: [f32; 4], enabled: bool) {
         let mut by_identifier = [0.0; 4];
