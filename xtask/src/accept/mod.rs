@@ -140,7 +140,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         date: report::today(),
         hardware,
         mutation: mutation.map(|mutation| mutation.name.to_owned()),
+        limits: match hardware {
+            true => Vec::new(),
+            false => Options::SHORT.limits(),
+        },
     };
+    for limit in &subject.limits {
+        println!("  {limit}");
+    }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
         write(path, &text)?;
