@@ -109,6 +109,56 @@ impl Options {
     };
 }
 
+impl Options {
+    /// How much is done of what takes long: check, what, number.
+    fn amounts(&self) -> [(&'static str, &'static str, u64); 7] {
+        [
+            (
+                "can.errors",
+                "frames until the error counters are read",
+                self.frames.into(),
+            ),
+            ("flash.saves_refused", "saves", self.saves.into()),
+            ("start.counted", "cold starts", self.starts.into()),
+            (
+                "clock.crystal",
+                "seconds between two looks at the clocks",
+                self.clock_s,
+            ),
+            ("load.at_rest", "seconds of load at rest", self.load_s),
+            ("load.driving", "seconds of load driving", self.drive_s),
+            ("skew.pwm", "seconds of two boards", self.skew_s),
+        ]
+    }
+
+    /// What these do less of than a trial of a real board, and what no emulated one has tried.
+    #[must_use]
+    pub fn limits(&self) -> Vec<String> {
+        let both = self.amounts().into_iter().zip(Self::FULL.amounts());
+        let shorter = both.filter(|(here, real)| here.2 < real.2);
+        let mut limits: Vec<String> = shorter
+            .map(|((check, what, here), (.., real))| format!("{check}: {here} {what}, not {real}"))
+            .collect();
+        limits.push(
+            "probe-rs was not run: the emulator wrote the images into its flash, and read and set \
+             its memory, by itself"
+                .to_owned(),
+        );
+        limits
+    }
+
+    /// The amounts as a table of Markdown, for docs/acceptance.md.
+    #[must_use]
+    pub fn table() -> String {
+        let mut text = "| amount | emulated | real |\n|---|---|---|\n".to_owned();
+        let both = Self::SHORT.amounts().into_iter().zip(Self::FULL.amounts());
+        for ((check, what, here), (.., real)) in both {
+            text += &format!("| {what} (`{check}`) | {here} | {real} |\n");
+        }
+        text
+    }
+}
+
 /// Tries a board; returns what was found.
 ///
 /// # Errors
@@ -241,5 +291,30 @@ fn at_most(name: &str, promise: Promise, unit: &'static str, procedure: &'static
         unit,
         source: promise.source,
         procedure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_says_how_much_shorter_an_emulated_trial_is() {
+        let page = include_str!("../../../docs/acceptance.md");
+        let table = Options::table();
+        assert!(page.contains(&table), "docs/acceptance.md lacks\n{table}");
+    }
+
+    #[test]
+    fn what_is_shorter_is_a_limit_and_what_is_not_is_none() {
+        let limits = Options::SHORT.limits();
+        let frames = "can.errors: 2000 frames until the error counters are read, not 1000000";
+        assert_eq!(limits[0], frames);
+        assert!(!limits.iter().any(|limit| limit.contains("saves")));
+        assert!(
+            limits
+                .last()
+                .is_some_and(|last| last.starts_with("probe-rs"))
+        );
     }
 }

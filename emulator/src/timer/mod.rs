@@ -7,8 +7,8 @@
 //! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of
 //! PSC, ARR and CCR with update events, repetition counter, one-pulse mode, compare flags, encoder
 //! mode with its input filters, PWM and forced outputs, MOE, idle levels, the break input and the
-//! lock levels, capture of a channel's own pin ([`capture`]). Not modelled, and refused: capture of
-//! another pin, slave modes other than encoder, triggers to other peripherals, DMA bursts.
+//! lock levels, and capture of a channel's pin ([`capture`]). Not modelled, and refused: capture of
+//! other pins, slave modes other than encoder, triggers to other peripherals, DMA bursts.
 
 pub mod capture;
 pub mod counter;

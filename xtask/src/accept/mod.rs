@@ -31,16 +31,18 @@ use board::{BoardBench, Paths, Person};
 /// What an emulated board without defects measures, for comparison.
 const EMULATED: &str = include_str!("../../../acceptance/emulated/level-1.json");
 
-/// Checks that compare the board's time with the master's. An emulated board that has to keep up
-/// with this computer's clock falls behind it, above all while its flash changes.
+/// Checks that compare the board's time with the master's, or need setpoints in time. An emulated
+/// board that has to keep up with this computer's clock falls behind it, above all while its flash
+/// changes.
 #[cfg(unix)]
-const BY_THE_MASTERS_CLOCK: [&str; 6] = [
+const BY_THE_MASTERS_CLOCK: [&str; 7] = [
     "clock.crystal",
     "clock.watchdog",
     "watchdog.halt",
     "watchdog.panic",
     "flash.program",
     "flash.erase",
+    "load.driving",
 ];
 
 /// A promise was not kept.
@@ -140,7 +142,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         date: report::today(),
         hardware,
         mutation: mutation.map(|mutation| mutation.name.to_owned()),
+        limits: match hardware {
+            true => Vec::new(),
+            false => Options::SHORT.limits(),
+        },
     };
+    for limit in &subject.limits {
+        println!("  {limit}");
+    }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
         write(path, &text)?;
