@@ -82,7 +82,7 @@ fn parameters_that_an_older_image_did_not_have_are_at_their_defaults() {
     bench.stored = image(2, &[]);
     let stored = bench.stored.clone();
     bench.control(order::RESET).unwrap();
-    let mut reads = |bench: &mut Bench, slot: u32| {
+    let reads = |bench: &mut Bench, slot: u32| {
         assert_eq!(bench.read(at::RUNNING_SLOT), slot);
         assert_eq!(half_track(bench), 0.4);
         assert_eq!(bench.read(at::HALF_WHEELBASE), default);
