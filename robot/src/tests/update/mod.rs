@@ -2,6 +2,7 @@
 
 mod bench;
 mod parameters;
+mod power;
 mod second_client;
 
 use std::vec;
