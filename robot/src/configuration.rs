@@ -127,8 +127,8 @@ fn mount(parameters: &Parameters) -> Result<Mount, ConfigurationError> {
     .map_err(|_| ConfigurationError::Inconsistent(at::MOUNT_X))
 }
 
-/// Wheels, rollers and compensation together. Not inlined: otherwise all its numbers are kept one by
-/// one, and are copied so.
+/// Wheels, rollers and compensation together. Not inlined: otherwise all its numbers are kept and
+/// copied one by one.
 #[inline(never)]
 fn drivetrain(parameters: &Parameters, mount: Mount) -> Result<Drivetrain, ConfigurationError> {
     let bad = ConfigurationError::Inconsistent;
