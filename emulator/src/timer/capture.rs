@@ -33,7 +33,7 @@ impl Timer {
         };
         if wanted {
             let overrun = self.sr & flag::compare(channel) != 0;
-            self.sr |= u32::from(overrun) * (OVERCAPTURE << channel) | flag::compare(channel);
+            self.sr |= (u32::from(overrun) * (OVERCAPTURE << channel)) | flag::compare(channel);
             let count = self.count();
             self.ccr[channel].set_now(count);
         }
