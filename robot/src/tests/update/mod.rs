@@ -1,6 +1,6 @@
 //! An update over the bus, from the client's first request to the reset, and what is refused.
 
-mod bench;
+pub mod bench;
 
 use std::vec;
 
