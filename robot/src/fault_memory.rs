@@ -136,7 +136,7 @@ impl FaultMemory {
     }
 
     /// Whether this start's number is in flash, so that no later start has it.
-    pub const fn is_start_kept(&self) -> bool {
+    pub const fn has_stored_start(&self) -> bool {
         self.is_start_stored && !self.has_failed
     }
 

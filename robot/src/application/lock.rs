@@ -26,7 +26,7 @@ impl Application {
     /// later start, and where computing it delays no decision.
     #[inline(never)]
     pub(super) fn challenge(&self, out: &mut Code) -> Result<(), AbortCode> {
-        if self.nmt == NmtState::Operational || !self.memory.is_start_kept() {
+        if self.nmt == NmtState::Operational || !self.memory.has_stored_start() {
             return Err(AbortCode::DeviceState);
         }
         let (serial, start) = (self.identity.serial, self.memory.start);

@@ -276,22 +276,18 @@ impl<F: Flash> RecordStore<F> {
         self.append(kind::IMAGE, image, 0)
     }
 
-    /// The newest key; zeros when there has never been one. One that has decayed is another key,
-    /// so that a locked robot stays locked.
+    /// The newest key; zeros for none. One that has decayed is another: a robot stays locked.
     pub fn key(&self) -> Key {
-        let mut key = NO_KEY;
-        if let Some(record) = self.key {
-            for (to, at) in key.iter_mut().zip(record.content()..) {
-                *to = byte(&self.flash, at);
-            }
-        }
-        key
+        self.key.map_or(NO_KEY, |record| {
+            let mut at = record.content()..;
+            NO_KEY.map(|_| at.next().map_or(0, |at| byte(&self.flash, at)))
+        })
     }
 
     /// Stores a key in place of the last one.
     ///
     /// # Errors
-    /// When the flash fails; the last key is still there, or the new one is.
+    /// As [`RecordStore::save`].
     pub fn set_key(&mut self, key: &Key) -> Result<(), StoreError> {
         self.append(kind::KEY, key, 0)
     }
