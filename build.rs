@@ -11,6 +11,27 @@ use std::{env, fs};
 
 use boot::slots::{self, Slot};
 
+// Said by the compiler: the HAL's own build script refuses two chips, too, and cargo runs it while
+// this one is compiled. With fewer than three jobs at once only the HAL's error is seen.
+#[cfg(all(feature = "board-nucleo-f446re", feature = "board-robomaster-c"))]
+compile_error!(
+    "two boards are selected, and an image is for one: with --no-default-features --features, \
+     select board-nucleo-f446re or board-robomaster-c"
+);
+#[cfg(all(
+    feature = "self-test",
+    any(
+        feature = "bench",
+        feature = "slot-b",
+        feature = "drives-c620",
+        feature = "fixed-point"
+    )
+))]
+compile_error!(
+    "self-test is an image of its own for the reference board, without a robot: it goes with none \
+     of bench, slot-b, drives-c620, fixed-point"
+);
+
 /// The boards: feature, and memory layout; the reference board first.
 const BOARDS: [(&str, &str); 2] = [
     ("board-nucleo-f446re", "memory/nucleo_f446re.x"),

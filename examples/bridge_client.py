@@ -9,6 +9,8 @@ import json
 import socket
 import sys
 
+if len(sys.argv) != 2 or ":" not in sys.argv[1]:
+    sys.exit(__doc__)
 host, port = sys.argv[1].rsplit(":", 1)
 connection = socket.create_connection((host, int(port)), timeout=10)
 lines = connection.makefile("r", encoding="utf-8")

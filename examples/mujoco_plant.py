@@ -21,31 +21,36 @@ import mujoco
 # Wheels in the protocol's order: ahead, left, and the sign of the roller axle's lateral part on the ground.
 CORNERS = ((1, 1, -1), (1, -1, 1), (-1, 1, 1), (-1, -1, -1))
 CLEARANCE = 1e-4  # m, above the floor at the beginning
-DENSITY = 1100.0  # of a roller (rubber), kg/m3
 SLICES = 200  # of a roller, for its mass and inertia
 
 
-def parse():
+def parse(arguments=None):
+    """Options from the command line, or from a list."""
     parser = argparse.ArgumentParser(description="A plant for Omnibus in MuJoCo.")
     parser.add_argument("--port", type=int, default=7700, help="0 takes a free one; it is printed")
     parser.add_argument("--rollers", type=int, default=8, help="of a wheel")
     parser.add_argument("--roller-radius", type=float, default=0.0335, help="at its middle, m")
     parser.add_argument("--balls", type=int, default=25, help="that make up a roller")
+    parser.add_argument("--roller-angle", type=float, help="degrees; by default what the robot takes it for")
+    parser.add_argument("--roller-density", type=float, default=1100.0, help="rubber, kg/m3")
+    parser.add_argument("--roller-damping", type=float, default=1e-4, help="of their own turning, N m s")
+    parser.add_argument("--overlap", type=float, default=1.05, help="length of a roller over its share of the wheel")
+    parser.add_argument("--contact-time", type=float, default=0.004, help="in which a dent is gone, s: softness")
     parser.add_argument("--mass", type=float, default=60.0, help="of a robot without its wheels, kg")
     parser.add_argument("--friction", type=float, default=0.35, help="between rollers and floor")
     parser.add_argument("--seed", type=int, default=1, help="of the rollers' phases")
     parser.add_argument("--step", type=float, default=1e-3, help="longest step of the physics, s")
-    return parser.parse_args()
+    return parser.parse_args(arguments)
 
 
-def solid(hub, radius, ahead, reach):
+def solid(density, hub, radius, ahead, reach):
     """Mass of a roller (kg) and its moments of inertia across and along its axle (kg m2)."""
     width = 2 * reach / SLICES
     mass = across = along = 0.0
     for k in range(SLICES):
         place = reach * ((2 * k + 1) / SLICES - 1)
         size = radius - math.hypot(hub, place * ahead)
-        slice_mass = DENSITY * math.pi * size**2 * width
+        slice_mass = density * math.pi * size**2 * width
         mass += slice_mass
         along += slice_mass * size**2 / 2
         across += slice_mass * (size**2 / 4 + place**2)
@@ -55,10 +60,12 @@ def solid(hub, radius, ahead, reach):
 def roller(options, robot, side, psi):
     """One roller as XML: `psi` is its place on the wheel, rad, 0 at the bottom and growing as the wheel rolls ahead."""
     radius, angle = robot["wheel_radius"], robot["roller_angle"]
+    if options.roller_angle is not None:
+        angle = math.radians(options.roller_angle)
     hub = radius - options.roller_radius
     ahead, across = math.sin(angle), side * math.cos(angle)
-    reach = 1.05 * hub * math.tan(math.pi / options.rollers) / ahead
-    mass, slow, quick = solid(hub, radius, ahead, reach)
+    reach = options.overlap * hub * math.tan(math.pi / options.rollers) / ahead
+    mass, slow, quick = solid(options.roller_density, hub, radius, ahead, reach)
     balls = ""
     for k in range(options.balls):
         along = reach * (2 * k / (options.balls - 1) - 1)
@@ -67,7 +74,7 @@ def roller(options, robot, side, psi):
     place = f"{-hub * math.sin(psi)} 0 {-hub * math.cos(psi)}"
     return (
         f'<body pos="{place}" euler="0 {psi} 0"><joint type="hinge" axis="{ahead} {across} 0" '
-        f'damping="1e-4" armature="1e-5"/><inertial pos="0 0 0" zaxis="{ahead} {across} 0" mass="{mass}" '
+        f'damping="{options.roller_damping}" armature="1e-5"/><inertial pos="0 0 0" zaxis="{ahead} {across} 0" mass="{mass}" '
         f'diaginertia="{slow} {slow} {quick}"/>{balls}</body>'
     )
 
@@ -113,7 +120,7 @@ def model(options, robots, phases):
       <compiler angle="radian" autolimits="true"/>
       <option timestep="{options.step}" cone="elliptic" impratio="20" integrator="implicitfast"/>
       <default><geom type="sphere" friction="{options.friction} 0 0" condim="3" contype="1"
-        conaffinity="2" solref="0.004 1"/></default>
+        conaffinity="2" solref="{options.contact_time} 1"/></default>
       <worldbody>
         <geom type="plane" size="0 0 1" contype="2" conaffinity="1"/>
         {bodies}

@@ -4,16 +4,19 @@
     omnibus group show groups/single.toml --json > single.json
     python examples/python_master.py socket://127.0.0.1:7701 single.json
 
-Robots are plain CANopen devices; for real work use `omnibus`, which checks more.
+It needs `pip install canopen pyserial`. Robots are plain CANopen devices; for real work use
+`omnibus`, which checks more.
 """
 
 import json
 import struct
 import sys
 import time
+from pathlib import Path
 
 import canopen
 
+EDS = str(Path(__file__).parent.parent / "docs" / "omnibus.eds")
 PERIOD = 0.01  # s, the group file's sync_period_ms
 TYPES = {0x05: "<B", 0x06: "<H", 0x07: "<I", 0x08: "<f"}  # CiA 301, table 44
 
@@ -34,7 +37,7 @@ def main(channel, shown):
         robot = json.load(file)["robots"][0]
     network = canopen.Network()
     network.connect(interface="slcan", channel=channel, sleep_after_open=0)
-    node = network.add_node(robot["node"], "docs/omnibus.eds")
+    node = network.add_node(robot["node"], EDS)
     network.send_periodic(0x701, [5], 0.1)  # the master's heartbeat
     node.nmt.state = "PRE-OPERATIONAL"
     configure(node, robot["parameters"])
@@ -58,4 +61,6 @@ def main(channel, shown):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
     main(*sys.argv[1:3])

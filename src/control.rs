@@ -144,7 +144,8 @@ impl Control {
         };
         let wanted = COMMAND.with(|command| {
             if DRIVES_ARE_WIRED {
-                self.side.tick_current(begin, command, &inputs)
+                let temperature = parts.drives.temperature();
+                self.side.tick_current(begin, command, &inputs, temperature)
             } else {
                 self.side.tick(begin, command, &inputs)
             }

@@ -18,6 +18,8 @@ use crate::board::{BootCode, Can, ProgramFlash, patiently, reset};
 pub const DEVICE: Device = Device {
     board: if cfg!(feature = "board-robomaster-c") {
         ImageBoard::ROBOMASTER_C
+    } else if cfg!(feature = "drives-c620") {
+        ImageBoard::NUCLEO_F446RE_C620
     } else {
         ImageBoard::NUCLEO_F446RE
     },

@@ -12,6 +12,8 @@ use canopen::Micros;
 use emulator::Firmware;
 use group::GroupFile;
 use kinematics::Twist;
+use omnibus::commission::motors::turn_wheel;
+use omnibus::commission::wheel_test::{Observed, test_wheels};
 use omnibus::path::curve::Curve;
 use omnibus::session::Group;
 use omnibus::simulation::link::SimLink;
@@ -27,7 +29,15 @@ fn load(variable: &str) -> Firmware {
     Firmware::load(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// These tests with the image that a variable names.
+/// Robots of the image that a variable names, or native ones.
+fn backend(image: &str) -> Backend {
+    match image {
+        "native" => Backend::Native,
+        variable => Backend::Emulator(load(variable)),
+    }
+}
+
+/// These tests with the image that a variable names, or with native robots.
 macro_rules! tests {
     ($variable:literal, $($test:ident)*) => {
         $(#[test] fn $test() { super::$test($variable); })*
@@ -42,6 +52,22 @@ mod reference {
         a_fault_of_a_drive_is_named_in_time
         a_start_is_refused_with_the_name_of_the_fault
         the_other_kind_of_drive_is_refused_by_name
+        no_drive_has_current_after_any_stop
+        crossed_identifiers_are_a_matter_of_the_group_file
+        the_wheel_test_finds_exchanged_drives
+    }
+}
+
+/// Robots without an image, whose bus of drives is the same model.
+mod native {
+    tests! { "native",
+        it_drives_straight
+        a_fault_of_a_drive_is_named_in_time
+        a_start_is_refused_with_the_name_of_the_fault
+        the_other_kind_of_drive_is_refused_by_name
+        no_drive_has_current_after_any_stop
+        crossed_identifiers_are_a_matter_of_the_group_file
+        the_wheel_test_finds_exchanged_drives
     }
 }
 
@@ -53,6 +79,7 @@ mod board_c {
         a_robot_that_says_nothing_is_noticed_by_its_drives
         a_fault_of_a_drive_is_named_in_time
         a_start_is_refused_with_the_name_of_the_fault
+        no_drive_has_current_after_any_stop
     }
 }
 
@@ -61,10 +88,7 @@ fn link(group: &GroupFile, image: &str) -> SimLink {
         threads: 1,
         ..Options::default()
     };
-    SimLink::new(
-        World::new(group, Backend::Emulator(load(image)), options).unwrap(),
-        "test",
-    )
+    SimLink::new(World::new(group, backend(image), options).unwrap(), "test")
 }
 
 /// A robot that drives at a twist.
@@ -218,6 +242,161 @@ fn a_start_is_refused_with_the_name_of_the_fault(image: &str) {
         master.run(60).unwrap();
         assert_eq!(code(&master), Code::Fault(fault), "{change:?}");
         assert!(!master.world.truth().robots[0].brake_released);
+    }
+}
+
+/// Every way in which a robot in motion comes to a stop, with what does it and how long a drive may
+/// have current after it, ms: after a cut what naming it and one command take; after a ramp what
+/// 0.6 m/s at 2.4 m/s2 and the jerk take, the silence that begins it and the brake. A drive that
+/// has taken another identifier hears no command: its own time-out counts.
+const STOPS: [(&str, Stop, u64); 10] = [
+    ("emergency stop", |m| m.world.set_emergency_stop(0, true), 3),
+    ("driver fault", |m| m.world.set_driver_fault(0, true), 3),
+    (
+        "a drive is off",
+        |m| change(m, DriveChange::Power(false)),
+        7,
+    ),
+    (
+        "a drive has identifier 7",
+        |m| change(m, DriveChange::Identifier(7)),
+        TIME_OUT,
+    ),
+    (
+        "a drive has that of another",
+        |m| change(m, DriveChange::Identifier(1)),
+        7,
+    ),
+    (
+        "a motor is hot",
+        |m| change(m, DriveChange::Temperature(81)),
+        RAMP,
+    ),
+    ("power", |m| m.world.set_power(0, false), 1),
+    (
+        "NMT stop",
+        |m| m.command(canopen::NmtCommand::Stop, None),
+        RAMP,
+    ),
+    (
+        "NMT reset",
+        |m| m.command(canopen::NmtCommand::ResetNode, None),
+        RAMP,
+    ),
+    (
+        "its bus is pulled",
+        |m| m.world.set_connected(0, false),
+        RAMP,
+    ),
+];
+
+type Stop = fn(&mut TestMaster);
+
+const RAMP: u64 = 900;
+const TIME_OUT: u64 = sim::smart_drive::TIME_OUT_NS / 1_000_000 + 3;
+
+fn change(master: &mut TestMaster, change: DriveChange) {
+    master.world.set_smart_drive(0, 1, change);
+}
+
+fn no_drive_has_current_after_any_stop(image: &str) {
+    let group = common::group("c620");
+    for (name, stop, ms) in STOPS {
+        let mut master = moving(&group, image);
+        let currents = |master: &TestMaster| master.world.truth().robots[0].currents;
+        assert!(currents(&master).iter().any(|a| a.abs() > 0.3), "{name}");
+        stop(&mut master);
+        master.run(ms).unwrap();
+        for later_ms in 0..300 {
+            assert_eq!(currents(&master), [0.0; 4], "{name}, {ms} + {later_ms} ms");
+            master.run(1).unwrap();
+        }
+        assert!(!master.world.truth().robots[0].brake_released, "{name}");
+    }
+}
+
+/// The drives' identifiers are the group file's: the master writes them, and a robot drives as any
+/// other.
+fn crossed_identifiers_are_a_matter_of_the_group_file(image: &str) {
+    let mut group = common::group("c620");
+    group.robots[0].output.drive_identifiers = [3, 1, 4, 2];
+    let mut link = link(&group, image);
+    let mut session = driving(&mut link, &group, 0.3);
+    for (wheel, address) in [
+        address::DRIVE_FRONT_LEFT,
+        address::DRIVE_FRONT_RIGHT,
+        address::DRIVE_REAR_LEFT,
+        address::DRIVE_REAR_RIGHT,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let identifier = group.robots[0].output.drive_identifiers[wheel];
+        let stored = session.wire().read(NODE, address, Kind::U8).unwrap();
+        assert_eq!(stored, Value::U8(identifier));
+    }
+    // A drive reports 30 degrees until it is told otherwise; the hottest counts.
+    for hot in [30, 47] {
+        session
+            .link()
+            .world
+            .set_smart_drive(0, 2, DriveChange::Temperature(hot));
+        for _ in 0..3 {
+            session.cycle(Twist::new(0.3, 0.0, 0.0)).unwrap();
+        }
+        let read = session.wire().read(NODE, address::TEMPERATURE, Kind::U8);
+        assert_eq!(read.unwrap(), Value::U8(hot));
+    }
+    let robot = session.link().world.truth().robots[0];
+    for rate in <[f64; 4]>::from(robot.wheel_rates) {
+        assert!((rate * 0.076 / 0.3 - 1.0).abs() < 0.01, "{rate}");
+    }
+    assert!(
+        robot.pose.x > 0.1 && robot.pose.y.abs() < 0.01,
+        "{:?}",
+        robot.pose
+    );
+}
+
+/// Two drives with each other's identifiers: the robot sees nothing wrong, an eye does, and the
+/// test of the wheels says what the group file's key has to be. With that key all is well.
+fn the_wheel_test_finds_exchanged_drives(image: &str) {
+    let mut group = common::group("c620");
+    for (identifiers, wrong) in [([1, 2, 3, 4], 2), ([1, 4, 3, 2], 0)] {
+        let mut link = link(&group, image);
+        link.world.set_smart_drive(0, 1, DriveChange::Identifier(4));
+        link.world.set_smart_drive(0, 3, DriveChange::Identifier(2));
+        group.robots[0].output.drive_identifiers = identifiers;
+        let mut session = Group::connect(&mut link, &group).unwrap();
+        session.configure(true).unwrap();
+        let period_us = session.period_us();
+        // The eye: which wheel of the world goes farthest while one is to turn.
+        let seen = [0, 1, 2, 3].map(|wheel| {
+            let before = session.link().world.truth().robots[0].wheel_angles;
+            turn_wheel(session.wire(), NODE, period_us, wheel, &mut |_| Ok(())).unwrap();
+            let after = session.link().world.truth().robots[0].wheel_angles;
+            let way = |n: &usize| (after[*n] - before[*n]).abs();
+            (0..4).max_by(|a, b| way(a).total_cmp(&way(b))).unwrap()
+        });
+        let mut problems = |eyes: bool| {
+            let mut look = |wheel: usize| {
+                let (wheel, forward) = (seen[wheel], true);
+                Ok(eyes.then_some(Observed::Wheel { wheel, forward }))
+            };
+            let wire = session.wire();
+            let found = test_wheels(wire, NODE, period_us, &mut look, &mut |_| Ok(())).unwrap();
+            found
+                .into_iter()
+                .filter_map(|finding| finding.problem)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(problems(false), [""; 0]);
+        let problems = problems(true);
+        assert_eq!(problems.len(), wrong, "{problems:?}");
+        for problem in problems {
+            let key = "drive_identifiers = [1, 4, 3, 2]";
+            assert!(problem.contains(key), "{problem}");
+        }
     }
 }
 

@@ -24,7 +24,21 @@ pub trait Debugger {
     /// # Errors
     /// As [`Debugger::read`].
     fn write(&mut self, address: u32, word: u32) -> anyhow::Result<()>;
+
+    /// Begins to read, and returns where the words will be: frames have to go on meanwhile, and a
+    /// debugger may take longer than setpoints may be late.
+    ///
+    /// # Errors
+    /// As [`Debugger::read`].
+    fn read_meanwhile(&mut self, address: u32, words: usize) -> anyhow::Result<Reading> {
+        let (answer, reading) = std::sync::mpsc::channel();
+        let _ = answer.send(self.read(address, words));
+        Ok(reading)
+    }
 }
+
+/// Words that a debugger reads meanwhile.
+pub type Reading = std::sync::mpsc::Receiver<anyhow::Result<Vec<u32>>>;
 
 /// A board on a bus. Times are those of the master's clock, in us.
 pub trait Bench {
@@ -60,6 +74,24 @@ pub trait Bench {
     /// # Errors
     /// When that fails.
     fn force_bus_off(&mut self) -> anyhow::Result<()>;
+
+    /// Takes these wires (places in [`crate::wires::WIRES`]) out; the next image starts without
+    /// them.
+    ///
+    /// # Errors
+    /// When that fails.
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()>;
+
+    /// Puts a second board with the shipped image on the bus, and [`crate::wires::SECOND`] between
+    /// the two; starts the shipped image on the first one with its other wires out but
+    /// [`crate::wires::WITH_SECOND`]. Returns the second's node number, or nothing where there is
+    /// no second board.
+    ///
+    /// # Errors
+    /// When that fails.
+    fn join_second(&mut self) -> anyhow::Result<Option<u8>> {
+        Ok(None)
+    }
 
     /// The debugger, if there is one. The program goes on meanwhile.
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {

@@ -3,6 +3,8 @@
 use anyhow::{Context as _, ensure};
 use protocol::Fault;
 
+use crate::promise::{self, SAFETY};
+
 /// One row of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Promise {
@@ -140,9 +142,24 @@ fn row(
 /// # Errors
 /// As [`read`], and when the table has no such row.
 pub fn of(number: u8) -> anyhow::Result<Promise> {
-    let all = read(crate::promise::SAFETY.text)?;
+    let all = read(SAFETY.text)?;
     let found = all.into_iter().find(|promise| promise.number == number);
     found.with_context(|| format!("docs/safety.md has no cause {number}"))
+}
+
+/// The time of a cause in the table of docs/safety.md, ms.
+///
+/// # Errors
+/// When the table has no such row or no time in it.
+pub fn time(number: u8) -> anyhow::Result<promise::Promise> {
+    let row = of(number)?;
+    let millis = row.millis;
+    let millis =
+        millis.with_context(|| format!("cause {number} of {} has no time", SAFETY.path))?;
+    Ok(promise::Promise {
+        value: millis,
+        source: format!("{}: cause {number}, {}", SAFETY.path, row.cause),
+    })
 }
 
 #[cfg(test)]
@@ -176,5 +193,12 @@ mod tests {
     #[test]
     fn a_name_that_is_not_its_code_is_refused() {
         assert!(read("| 1 | silence | 0x8130 SyncLost | ramp | 501 ms | |").is_err());
+    }
+
+    #[test]
+    fn the_emergency_stop_has_its_time() {
+        assert_eq!(time(15).unwrap().value, 1.0);
+        assert!(time(23).is_err(), "no time is promised");
+        assert!(time(250).is_err());
     }
 }

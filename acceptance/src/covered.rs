@@ -28,7 +28,7 @@ pub const FIGURES: &[(&str, Covered)] = &[
     ("sincos", Not(COUNTED)),
     ("tick.mean", Not(COUNTED)),
     ("tick_", Not(COUNTED)),
-    ("load", By("load.at_rest")),
+    ("load", By("load.driving")),
     ("tick.jitter", Not(WHEN_DRIVING)),
     (
         "tick.rate",

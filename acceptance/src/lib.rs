@@ -23,5 +23,5 @@ pub mod promise;
 pub mod report;
 pub mod wires;
 
-pub use bench::{Bench, Debugger, Image};
+pub use bench::{Bench, Debugger, Image, Reading};
 pub use check::{Bound, Check, Outcome};

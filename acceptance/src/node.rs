@@ -22,6 +22,12 @@ impl<'a> Node<'a> {
         Self { bench, id }
     }
 
+    /// Its node-ID.
+    #[must_use]
+    pub fn id(&self) -> NodeId {
+        self.id
+    }
+
     /// Waits for the board's boot-up message; returns when it ended, us, or nothing when it did not
     /// come in time.
     ///

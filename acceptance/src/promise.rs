@@ -5,8 +5,6 @@
 
 use anyhow::{Context as _, bail};
 
-use crate::causes;
-
 /// A document, as it was when this was built.
 #[derive(Clone, Copy)]
 pub struct Document {
@@ -82,18 +80,33 @@ pub fn number(document: Document, before: &str, after: &str) -> anyhow::Result<P
     }
 }
 
-/// The time of a cause in the table of docs/safety.md, ms.
+/// What a figure of docs/performance.md is held to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// What it should be at most.
+    Budget,
+    /// What a run of the bench fails beyond.
+    Ceiling,
+}
+
+/// The budget or the ceiling of a figure of docs/performance.md, in the unit of its row.
 ///
 /// # Errors
-/// When the table has no such row or no time in it.
-pub fn cause(number: u8) -> anyhow::Result<Promise> {
-    let row = causes::of(number)?;
-    let millis = row.millis;
-    let millis =
-        millis.with_context(|| format!("cause {number} of {} has no time", SAFETY.path))?;
+/// When the page has no such row, or no number there.
+pub fn figure(name: &str, column: Column) -> anyhow::Result<Promise> {
+    let (cell, word) = match column {
+        Column::Budget => (4, "budget"),
+        Column::Ceiling => (5, "ceiling"),
+    };
+    let row = PERFORMANCE.text.lines().find_map(|line| {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        (cells.get(1) == Some(&format!("`{name}`").as_str())).then(|| cells.get(cell).copied())
+    });
+    let text = row.flatten().unwrap_or("");
+    let value = text.parse();
     Ok(Promise {
-        value: millis,
-        source: format!("{}: cause {number}, {}", SAFETY.path, row.cause),
+        value: value.with_context(|| format!("{} has no {word} of {name}", PERFORMANCE.path))?,
+        source: format!("{}: {word} of {name}", PERFORMANCE.path),
     })
 }
 
@@ -122,9 +135,11 @@ mod tests {
     }
 
     #[test]
-    fn the_emergency_stop_has_its_time() {
-        assert_eq!(cause(15).unwrap().value, 1.0);
-        assert!(cause(23).is_err(), "no time is promised");
-        assert!(cause(250).is_err());
+    fn a_figure_has_its_budget_and_its_ceiling() {
+        assert_eq!(figure("skew.worst", Column::Budget).unwrap().value, 10.0);
+        let load = figure("load", Column::Ceiling).unwrap();
+        assert!((4.0..5.0).contains(&load.value), "{load:?}");
+        assert!(figure("load.bus_side", Column::Ceiling).is_err());
+        assert!(figure("skew", Column::Budget).is_err());
     }
 }

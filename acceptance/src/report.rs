@@ -72,6 +72,8 @@ pub struct Subject {
     pub hardware: bool,
     /// The mutation, if there is one.
     pub mutation: Option<String>,
+    /// What of it says less than a trial of hardware, in sentences.
+    pub limits: Vec<String>,
 }
 
 /// How many promises came out which way.
@@ -121,6 +123,7 @@ pub fn json(subject: &Subject, checks: &[Check]) -> Value {
         "date": subject.date,
         "hardware": subject.hardware,
         "mutation": subject.mutation,
+        "limits": subject.limits,
         "kept": count.kept,
         "missed": count.missed,
         "not_tried": count.not_tried,
@@ -217,6 +220,13 @@ pub fn html(subject: &Subject, checks: &[Check]) -> String {
         let chosen = checks.iter().filter(|check| check.outcome() == outcome);
         table(&mut out, title, expected, chosen);
     }
+    if !subject.limits.is_empty() {
+        out.push_str("<h2>What this does not say</h2><ul>");
+        for limit in &subject.limits {
+            let _ = write!(out, "<li>{}</li>", escape(limit));
+        }
+        out.push_str("</ul>");
+    }
     out.push_str(
         "<h2>Where this comes from</h2><p>Every promise is read from the document that makes it, \
          and every figure is measured by the procedure beside it. <code>docs/acceptance.md</code> \
@@ -300,6 +310,7 @@ mod tests {
             date: date(0),
             hardware: false,
             mutation: None,
+            limits: vec!["fewer frames".to_owned()],
         };
         let page = html(&subject, &checks);
         for words in [
@@ -309,6 +320,7 @@ mod tests {
             "0.25",
             "&lt;board&gt;",
             "a &lt; b",
+            "<li>fewer frames</li>",
         ] {
             assert!(page.contains(words), "{words}");
         }

@@ -35,6 +35,11 @@ pub const STOP: [u8; 2] = [14, 15];
 /// Supply voltage.
 pub const SUPPLY: u8 = 16;
 
+/// Wires that stay in beside a second board: its own signal, and the stop.
+pub const WITH_SECOND: [u8; 3] = [INVERSE[3], STOP[0], STOP[1]];
+/// The wire from the second board to the first.
+pub const SECOND: Wire = wire(pin(b'D', 2), pin(b'B', 14), "the other board's inverse");
+
 /// All wires, in their order.
 pub const WIRES: [Wire; 17] = [
     wire(pin(b'A', 8), pin(b'A', 15), "PWM front left"),

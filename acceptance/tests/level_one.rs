@@ -3,7 +3,7 @@
 //! `OMNIBUS_ELF` and `OMNIBUS_ELF_SELF_TEST` name the images (`cargo xtask test` builds them).
 
 use acceptance::emulated::mutation::MUTATIONS;
-use acceptance::emulated::{EmulatedBench, Images, Mutation, NODE};
+use acceptance::emulated::{EmulatedBench, Faults, Images, Mutation, NODE};
 use acceptance::level_one::{self, Options, Parts};
 use acceptance::node::Node;
 use acceptance::wires::{self, WIRES, Wire};
@@ -16,6 +16,7 @@ use protocol::self_test::{OUTPUTS, PIN};
 const OPTIONS: Options = Options {
     frames: 200,
     starts: 1,
+    skew_s: 5,
     ..Options::SHORT
 };
 
@@ -66,10 +67,10 @@ fn every_mutation_is_caught_by_the_check_that_should() {
         let shipped = of_the_shipped
             .iter()
             .any(|area| mutation.caught_by.starts_with(area));
-        let parts = if shipped {
-            Parts::Shipped
-        } else {
-            Parts::SelfTest
+        let parts = match mutation.caught_by {
+            "skew.pwm" => Parts::Second,
+            _ if shipped => Parts::Shipped,
+            _ => Parts::SelfTest,
         };
         let options = Options { parts, ..OPTIONS };
         let mut bench = EmulatedBench::new(&images, Some(mutation));
@@ -126,6 +127,24 @@ fn swapped_wires_are_named() {
         let edge = [12, 14].contains(&place);
         assert!(named || edge && notes.len() == 2, "{place}: {notes:?}");
     }
+}
+
+#[test]
+fn a_missing_wire_from_the_second_board_is_named() {
+    let images = images();
+    let faults = Faults {
+        second_wire_missing: true,
+        ..Faults::default()
+    };
+    let mut bench = EmulatedBench::with_faults(&images, faults);
+    let options = Options {
+        parts: Parts::Second,
+        ..OPTIONS
+    };
+    let checks = level_one::run(&mut bench, NodeId::new(NODE).unwrap(), &options).unwrap();
+    assert_eq!(broken(&checks), ["skew.pwm"]);
+    let words = "the second board's PD2 is not seen at PB14: is wire 18 in?";
+    assert_eq!(checks[0].note, words);
 }
 
 #[test]

@@ -54,13 +54,17 @@ impl Board {
     pub const NUCLEO_F446RE: Self = Self(1);
     /// RoboMaster Development Board C.
     pub const ROBOMASTER_C: Self = Self(2);
+    /// NUCLEO-F446RE whose wheels are turned by smart drives: its image is another one, and would
+    /// move nothing, or the wrong pins, on a robot with bridges.
+    pub const NUCLEO_F446RE_C620: Self = Self(3);
 
-    /// Name, as in the firmware's features.
+    /// The firmware's features that make its image.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::NUCLEO_F446RE => "board-nucleo-f446re",
             Self::ROBOMASTER_C => "board-robomaster-c",
+            Self::NUCLEO_F446RE_C620 => "board-nucleo-f446re, drives-c620",
             Self(_) => "an unknown board",
         }
     }

@@ -23,9 +23,6 @@ pub const BOOT_LENGTH: u32 = 0x4000;
 /// First address of the sector with the mark of the cable.
 pub const MARK: u32 = 0x0800_C000;
 
-/// The sector with the mark of the cable.
-pub const MARK_SECTOR: u8 = 3;
-
 /// Bytes at the end of a slot that say what is known about it.
 pub const TAIL_LENGTH: u32 = 64;
 

@@ -108,8 +108,6 @@ pub mod flags {
     pub const OVERRUN: u8 = 1 << 3;
     /// Error passive: usually no other node acknowledges.
     pub const PASSIVE: u8 = 1 << 5;
-    /// Arbitration was lost.
-    pub const ARBITRATION_LOST: u8 = 1 << 6;
     /// Bus error: here, bus-off.
     pub const BUS_ERROR: u8 = 1 << 7;
 }

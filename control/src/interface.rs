@@ -152,6 +152,9 @@ pub struct Report {
     pub supply: Option<f32>,
     /// Current of the motors, A, as the sensors measure it; 0 where it is not measured.
     pub current: f32,
+    /// Temperature of the hottest motor, degrees Celsius, as smart drives report it; 0 where it is
+    /// not measured.
+    pub temperature: u8,
     /// Ticks more than half a period late, so far.
     pub late_ticks: u32,
     /// State of each wheel's roller phase.
@@ -181,6 +184,7 @@ impl Report {
         pose: Pose::ZERO,
         supply: None,
         current: 0.0,
+        temperature: 0,
         late_ticks: 0,
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [0.0; 4],

@@ -10,7 +10,7 @@
 //! The internal oscillators are assumed to have the error of the crystal, except for the LSI of the
 //! watchdog, which has its own tolerance and frequency.
 
-const PS_PER_S: u128 = 1_000_000_000_000;
+const PS_PER_S: u64 = 1_000_000_000_000;
 
 /// Maps core cycles to local time and local time to the world's time.
 #[derive(Debug, Clone)]
@@ -20,6 +20,38 @@ pub struct Clock {
     segment_cycle: u64,
     segment_ps: u64,
     hz: u64,
+    /// Time of a cycle in ps.
+    cycle_ps: Fraction,
+    /// Local time over the world's.
+    local: Fraction,
+}
+
+/// Numerator and denominator in lowest terms, so that most products fit 64 bits.
+type Fraction = (u64, u64);
+
+const fn fraction(numerator: u64, denominator: u64) -> Fraction {
+    let (mut divisor, mut rest) = (numerator, denominator);
+    while rest != 0 {
+        (divisor, rest) = (rest, divisor % rest);
+    }
+    (numerator / divisor, denominator / divisor)
+}
+
+/// `value` times a fraction: the whole part, and whether something is left.
+fn times(value: u64, (numerator, denominator): Fraction) -> (u64, bool) {
+    let (whole, part) = (value / denominator, value % denominator);
+    let (more, left) = match part.checked_mul(numerator) {
+        Some(product) => (product / denominator, product % denominator),
+        None => {
+            let product = u128::from(part) * u128::from(numerator);
+            let denominator = u128::from(denominator);
+            (
+                (product / denominator) as u64,
+                (product % denominator) as u64,
+            )
+        }
+    };
+    (whole * numerator + more, left != 0)
 }
 
 impl Clock {
@@ -27,12 +59,15 @@ impl Clock {
     /// `crystal_ppm` and the core at `hz`, which is the internal oscillator's frequency.
     #[must_use]
     pub fn new(crystal_ppm: f64, hz: u64) -> Self {
+        // Half a million ppm either way is far beyond anything that oscillates.
+        let error_e12 = (crystal_ppm.clamp(-5e5, 5e5) * 1e6).round() as i64;
         Self {
-            // Half a million ppm either way is far beyond anything that oscillates.
-            error_e12: (crystal_ppm.clamp(-5e5, 5e5) * 1e6).round() as i64,
+            error_e12,
             segment_cycle: 0,
             segment_ps: 0,
             hz,
+            cycle_ps: fraction(PS_PER_S, hz),
+            local: fraction(PS_PER_S.saturating_add_signed(error_e12), PS_PER_S),
         }
     }
 
@@ -54,36 +89,39 @@ impl Clock {
             self.segment_ps = self.local_ps(now);
             self.segment_cycle = now;
             self.hz = hz;
+            self.cycle_ps = fraction(PS_PER_S, hz);
         }
     }
 
     /// Local time in ps of the start of a cycle, rounded down.
     #[must_use]
     pub fn local_ps(&self, cycle: u64) -> u64 {
-        let cycles = u128::from(cycle.saturating_sub(self.segment_cycle));
-        self.segment_ps + (cycles * PS_PER_S / u128::from(self.hz)) as u64
+        let cycles = cycle.saturating_sub(self.segment_cycle);
+        self.segment_ps + times(cycles, self.cycle_ps).0
     }
 
     /// First cycle that starts at or after a local time in ps.
     #[must_use]
     pub fn cycle_at_local(&self, ps: u64) -> u64 {
-        let ps = u128::from(ps.saturating_sub(self.segment_ps));
-        self.segment_cycle + (ps * u128::from(self.hz)).div_ceil(PS_PER_S) as u64
+        let (numerator, denominator) = self.cycle_ps;
+        let ps = ps.saturating_sub(self.segment_ps);
+        let (cycles, left) = times(ps, (denominator, numerator));
+        self.segment_cycle + cycles + u64::from(left)
     }
 
-    /// Local time in ps at a world time in ns.
+    /// Local time in ps at a world time in ns. What the crystal's error adds or takes is rounded
+    /// towards zero.
     #[must_use]
     pub fn world_to_local_ps(&self, t_ns: u64) -> u64 {
-        let ps = i128::from(t_ns) * 1000;
-        (ps + ps * i128::from(self.error_e12) / PS_PER_S as i128) as u64
+        let (ps, left) = times(t_ns * 1000, self.local);
+        ps + u64::from(left && self.error_e12 < 0)
     }
 
     /// World time in ns, rounded up, at a local time in ps.
     #[must_use]
     pub fn local_to_world_ns(&self, ps: u64) -> u64 {
-        let scale = PS_PER_S as i128 + i128::from(self.error_e12);
-        let ns = i128::from(ps) * PS_PER_S as i128 / scale;
-        (ns as u128).div_ceil(1000) as u64
+        let (local, world) = self.local;
+        times(ps, (world, local)).0.div_ceil(1000)
     }
 
     /// World time in ns, rounded up, of a cycle.

@@ -15,7 +15,7 @@
 //! halfwords hides no wait. The caches are always consistent with the flash: the model does not
 //! detect a program that fails to clear them after an erase.
 
-use crate::chip::Family;
+use crate::family::Family;
 
 /// Lines in the largest flash of all chips that have the caches: of 128 bits.
 const LINES: usize = (crate::chip::LARGEST_FLASH >> 4) as usize;

@@ -60,6 +60,7 @@ pub mod can;
 pub mod chip;
 pub mod clock;
 mod defect;
+pub mod family;
 mod fast;
 mod fetch;
 mod firmware;

@@ -199,6 +199,9 @@ pub struct OutputStage {
     pub pwm_frequency: u16,
     /// How a duty is put on a bridge's inputs.
     pub kind: StageKind,
+    /// Identifiers of the smart drives, 1 to 4, all different: front left, front right, rear left,
+    /// rear right.
+    pub drive_identifiers: [u8; 4],
     /// The robot's driver enable switches all bridges off.
     pub enable_wired: bool,
     /// Sensors of the motors' current, where there are any.

@@ -142,6 +142,16 @@ pub fn parameters(file: &GroupFile, robot: &Robot, compensation: bool) -> Vec<Pa
     let release_ms = releases.max().unwrap_or(0);
     let is_smart = robot.output.kind.drive_current().is_some();
     let drive_constant = if is_smart { robot.motor.constant } else { 0.0 };
+    if is_smart {
+        let wheels = [
+            address::DRIVE_FRONT_LEFT,
+            address::DRIVE_FRONT_RIGHT,
+            address::DRIVE_REAR_LEFT,
+            address::DRIVE_REAR_RIGHT,
+        ];
+        let identifiers = robot.output.drive_identifiers.map(Value::U8);
+        out.extend(wheels.into_iter().zip(identifiers));
+    }
     let limits = &file.limits;
     out.extend([
         real(address::WINDING_RESISTANCE, resistance),

@@ -188,6 +188,7 @@ pub struct Motor {
     pub direction_pause: Option<At<bool>>,
     pub pwm_frequency: Option<At<f64>>,
     pub output_stage: Option<At<StageKind>>,
+    pub drive_identifiers: Option<At<[f64; 4]>>,
     pub enable_wired: Option<At<bool>>,
     pub current_scale: Option<At<f64>>,
     pub current_offset: Option<At<f64>>,

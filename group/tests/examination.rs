@@ -141,20 +141,21 @@ fn robots_on_the_same_floor_are_refused() {
 
 #[test]
 fn speeds_beyond_the_wheels_are_mentioned() {
-    // 22 rad/s x 0.1524 m = 3.35 m/s; turning, the far wheels are at 0.95 m and 0.37 m, which is
+    // 15 rad/s x 0.1524 m = 2.29 m/s; turning, the far wheels are at 0.95 m and 0.37 m, which is
     // 0.6 + 0.35 + 0.37 m of rim a radian.
     let (errors, warnings) = messages(&[
-        ("linear_speed = 2.0", "linear_speed = 50"),
+        ("max_wheel_rate = 22", "max_wheel_rate = 15"),
+        ("linear_speed = 2.0", "linear_speed = 3"),
         ("yaw_rate = 1.0", "yaw_rate = 2.6"),
     ]);
     assert!(errors.is_empty());
     assert_eq!(
         warnings,
         [
-            "pair.toml:6: limits.linear_speed: is 50 m/s, but the wheels of node 2 reach only 3.35 \
+            "pair.toml:6: limits.linear_speed: is 3 m/s, but the wheels of node 2 reach only 2.29 \
              m/s ahead (max_wheel_rate times wheel_radius); lower it, or the group moves slower \
              than commanded",
-            "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 reach only 2.54 \
+            "pair.toml:7: limits.yaw_rate: is 2.6 rad/s, but the wheels of node 2 reach only 1.73 \
              rad/s; lower it, or the group turns slower than commanded",
         ]
     );

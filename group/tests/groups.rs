@@ -214,6 +214,40 @@ fn the_kind_of_motor_driver_is_written_with_its_default() {
     }
 }
 
+/// Identifiers of smart drives are those of the wheels in their order, each once; a robot with
+/// bridges is not told any.
+#[test]
+fn the_identifiers_of_smart_drives_are_written() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/c620.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let with = |keys: &str| {
+        let text = text.replacen("largest_current", &format!("{keys}\nlargest_current"), 1);
+        GroupFile::parse("c620.toml", &text)
+    };
+    for (keys, identifiers) in [
+        ("", [1, 2, 3, 4]),
+        ("drive_identifiers = [3, 1, 4, 2]", [3, 1, 4, 2]),
+    ] {
+        let file = with(keys).unwrap();
+        for (sub, identifier) in (1..).zip(identifiers) {
+            let wanted = Some(Value::U8(identifier));
+            assert_eq!(written(&file, 0, 0x202C, sub), wanted, "{keys}");
+        }
+    }
+    for wrong in [
+        "[1, 2, 3, 3]",
+        "[0, 1, 2, 3]",
+        "[1, 2, 3, 5]",
+        "[1.5, 2, 3, 4]",
+    ] {
+        let refused = with(&format!("drive_identifiers = {wrong}")).unwrap_err();
+        let refused = refused.to_string();
+        assert!(refused.contains("each of 1, 2, 3 and 4 once"), "{refused}");
+    }
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/single.toml");
+    assert_eq!(written(&GroupFile::load(path).unwrap(), 0, 0x202C, 1), None);
+}
+
 /// A robot that had a sensor, a pause or another frequency before forgets it.
 #[test]
 fn sensors_and_frequencies_are_written_with_their_defaults() {

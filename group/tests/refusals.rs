@@ -138,6 +138,23 @@ fn infinite() {
 }
 
 #[test]
+fn a_speed_that_no_setpoint_can_hold() {
+    // A setpoint's components are 16 bits in 0.1 mm/s and 0.1 mrad/s: 32 767 of them at most.
+    assert_eq!(
+        refusal("linear_speed = 2.0", "linear_speed = 50"),
+        "pair.toml:6: limits.linear_speed: is 50 m/s; give more than 0, up to 3.2767 m/s; if the \
+         value is in mm/s, write 0.05"
+    );
+    assert_eq!(
+        refusal("linear_speed = 2.0", "yaw_rate = 4"),
+        "pair.toml:6: limits.yaw_rate: is 4 rad/s; give more than 0, up to 3.2767 rad/s; if the \
+         value is in degrees per second, write 0.0698"
+    );
+    let fastest = VALID.replace("linear_speed = 2.0", "linear_speed = 3.2767");
+    GroupFile::parse("pair.toml", &fastest).unwrap();
+}
+
+#[test]
 fn two_robots_with_one_node() {
     assert_eq!(
         refusal("node = 3", "node = 2"),

@@ -46,7 +46,7 @@ fn forward_odometry(k: &MemberKinematics, angles: &WheelRates, odometry: &mut Od
 #[inline(never)]
 fn wheel_loop(wheel: &mut WheelLoop, reference: &WheelReference, rate: Rate, out: &mut Voltage) {
     let tick = Available {
-        voltage: Voltage::new(24.0),
+        voltage: const { Voltage::new(24.0) },
         dt: Time::from_micros(1_000),
     };
     *out = wheel.update(*reference, rate, tick, &mut Held::default());

@@ -60,17 +60,6 @@ pub fn from_rates<S: Real>(rates: WheelRates<S>) -> [S; 4] {
     ]
 }
 
-/// Wheel rates out of the paper's order and sign, rad/s.
-#[must_use]
-pub fn to_rates<S: Real>([one, two, three, four]: [S; 4]) -> WheelRates<S> {
-    WheelRates {
-        front_left: -two,
-        front_right: -one,
-        rear_left: -three,
-        rear_right: -four,
-    }
-}
-
 /// A row times a twist.
 #[must_use]
 pub fn times<S: Real>([a, b, c]: [S; 3], twist: PaperTwist<S>) -> S {

@@ -48,6 +48,7 @@ fn simulated_robots_keep_every_promise_of_level_two() {
     // What the group file does not say, so that these causes are tried as well.
     for (at, value) in [
         (address::SUPPLY_MINIMUM, Value::F32(18.0)),
+        (address::SUPPLY_MAXIMUM, Value::F32(30.0)),
         (address::PROTECTIVE_STOP, Value::U8(1)),
     ] {
         session.wire().write(2, at, value).unwrap();

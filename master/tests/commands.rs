@@ -47,6 +47,11 @@ fn status() {
         json(&["status", "--json", "--bus", BUS])["robots"][0]["state"],
         "Unconfigured"
     );
+    // Drives that have not been told otherwise report 30 degrees; bridges report none.
+    for (bus, degrees) in [("sim:groups/c620.toml", 30.into()), (BUS, Value::Null)] {
+        let found = json(&["status", "--json", "--bus", bus]);
+        assert_eq!(found["robots"][0]["motor_temperature_c"], degrees, "{bus}");
+    }
     let arguments = ["status", "--history", "--bus", BUS];
     check("status-history", &transcript(&arguments));
     let found = json(&[&arguments[..], &["--json"]].concat());

@@ -2,6 +2,7 @@
 //! in whichever phase.
 
 use std::collections::VecDeque;
+use std::path::Path;
 
 use boot::header::{Board, Header, Link as ImageLink};
 use boot::{Crypto, Slot, Software, sign};
@@ -11,6 +12,9 @@ use omnibus::bus::wire::Wire;
 use omnibus::commission::update::{self, Before, Image, Step};
 use omnibus::simulation;
 use protocol::{Kind, address as at};
+
+#[path = "common/mod.rs"]
+mod common;
 
 const NEW: u32 = 0x0002_0000;
 const OLD: u32 = 0x0001_0000;
@@ -261,4 +265,63 @@ fn a_file_that_not_all_can_take_changes_nothing() {
     assert!(Image::read(short).is_err());
     let error = update::go_back(&mut wire, &before, &mut |_| ());
     assert!(error.unwrap_err().to_string().contains("no other image"));
+}
+
+/// The command: what it says before it begins, and what each option leaves alone.
+#[test]
+fn the_command_shows_versions_and_keeps_to_its_options() {
+    let write = |name: &str, bytes: Vec<u8>| {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.into_os_string().into_string().unwrap()
+    };
+    let new = write("new.image", file(NEW, |_| ()));
+    let update = |arguments: &[&str]| {
+        let bus = ["--bus", "sim:groups/tcc-3.toml"];
+        let output = common::omnibus(&[&["update"], arguments, &bus[..]].concat());
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (
+            output.status.code(),
+            text(output.stdout),
+            text(output.stderr),
+        )
+    };
+    let before = |node: u8| format!("node {node}: version 0.1.0 in slot A, gets 0.2.0");
+
+    let (code, result, notes) = update(&[&new, "--dry-run"]);
+    assert_eq!((code, &*result), (Some(0), "nothing was changed\n"));
+    assert!((2..5).all(|node| notes.contains(&before(node))), "{notes}");
+    assert!(!notes.contains("erases"), "{notes}");
+
+    let (code, result, notes) = update(&[&new, "--node", "3"]);
+    let all = "all robots run the new image\n";
+    assert_eq!((code, &*result), (Some(0), all), "{notes}");
+    assert!(notes.contains("node 3: confirmed"), "{notes}");
+    assert!(
+        !notes.contains("node 2") && !notes.contains("node 4"),
+        "{notes}"
+    );
+
+    let (code, result, notes) = update(&[&new]);
+    assert_eq!((code, &*result), (Some(0), all), "{notes}");
+    for node in 2..5 {
+        assert!(
+            notes.contains(&format!("node {node}: confirmed")),
+            "{notes}"
+        );
+    }
+
+    let (code, _, notes) = update(&["--rollback"]);
+    assert!(notes.contains("no other image"), "{notes}");
+    assert!(code.is_some_and(|code| code != 0) && !notes.contains("goes back\n"));
+
+    // What the other robots would not understand is for all of them or for none.
+    let wire = write("wire.image", file(NEW, |header| header.wire_version += 1));
+    let (code, _, notes) = update(&[&wire, "--node", "3"]);
+    assert!(
+        code == Some(2) && notes.contains("update all of them"),
+        "{notes}"
+    );
+    let (code, _, _) = update(&[&new, "--node", "18"]);
+    assert_eq!(code, Some(2));
 }

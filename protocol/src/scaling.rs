@@ -12,6 +12,10 @@ pub const VELOCITY_STEPS: f32 = 10_000.0;
 /// Steps per rad/s in a twist field: one LSB is 0.1 mrad/s, the range is +-3.2767 rad/s.
 pub const YAW_RATE_STEPS: f32 = 10_000.0;
 
+/// The largest magnitude of a component of a twist in a frame, m/s or rad/s: 3.2767. A group cannot
+/// be commanded more.
+pub const TWIST_MAX: f64 = i16::MAX as f64 / 1e4;
+
 /// Steps per rad/s of a wheel rate: one LSB is 2 mrad/s, the range +-65.534 rad/s.
 pub const WHEEL_RATE_STEPS: f32 = 500.0;
 

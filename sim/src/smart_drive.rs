@@ -28,6 +28,8 @@ use canopen::bits::frame_bits;
 use emulator::{CanFrame, CanPort};
 use group::StageKind;
 
+use crate::motor::Bridge;
+
 /// How long a drive goes on without a command, ns: an assumption.
 pub const TIME_OUT_NS: u64 = 100_000_000;
 
@@ -53,6 +55,48 @@ pub enum DriveChange {
     Identifier(u8),
     /// Its motor has this temperature, degrees Celsius.
     Temperature(u8),
+}
+
+/// The robot's end of the drives' bus: its second CAN controller.
+pub trait Connector {
+    /// The frame that it would send.
+    fn pending(&self) -> Option<Frame>;
+
+    /// That frame is on the wire.
+    fn begin(&mut self) -> Option<Frame>;
+
+    /// A drive's frame went first.
+    fn lost_arbitration(&mut self);
+
+    /// Its frame has been sent.
+    fn transmitted(&mut self);
+
+    /// A drive's frame has ended, which took so many bits.
+    fn receive(&mut self, frame: &Frame, bits: u32);
+}
+
+impl Connector for CanPort<'_> {
+    fn pending(&self) -> Option<Frame> {
+        CanPort::pending(self).and_then(|frame| to_frame(&frame))
+    }
+
+    fn begin(&mut self) -> Option<Frame> {
+        CanPort::begin(self).and_then(|frame| to_frame(&frame))
+    }
+
+    fn lost_arbitration(&mut self) {
+        CanPort::lost_arbitration(self);
+    }
+
+    fn transmitted(&mut self) {
+        CanPort::transmitted(self);
+    }
+
+    fn receive(&mut self, frame: &Frame, bits: u32) {
+        if let Some(frame) = CanFrame::new(frame.id(), frame.data()) {
+            self.receive_stuffed(&frame, bits);
+        }
+    }
 }
 
 /// One drive with its motor's rotor.
@@ -113,8 +157,8 @@ pub struct DriveBus {
 }
 
 impl DriveBus {
-    /// The drives of a robot, if its wheels are turned by such: identifiers 1 to 4 in the usual
-    /// order, with power since just now.
+    /// The drives of a robot, if its wheels are turned by such: with the identifiers that
+    /// the group file gives them, and power since just now.
     #[must_use]
     pub fn new(robot: &group::Robot, now_ns: u64) -> Option<Self> {
         let largest = f64::from(robot.output.kind.drive_current()?);
@@ -124,7 +168,7 @@ impl DriveBus {
         };
         let motor = &robot.motor;
         let drive = |place: u8| Drive {
-            identifier: place + 1,
+            identifier: robot.output.drive_identifiers[usize::from(place)],
             powered: true,
             temperature: 30,
             counts: 1_000 * i64::from(place),
@@ -195,6 +239,16 @@ impl DriveBus {
         })
     }
 
+    /// The same as bridges that put these voltages on the motors.
+    #[must_use]
+    pub fn bridges(&self, rates: [f64; 4], supply: f64, brake_released: bool) -> [Bridge; 4] {
+        self.voltages(rates, supply).map(|voltage| Bridge {
+            duty: voltage.unwrap_or(0.0),
+            enabled: voltage.is_some(),
+            brake_released,
+        })
+    }
+
     /// The currents that the drives regulate to, A.
     #[must_use]
     pub fn currents(&self) -> [f64; 4] {
@@ -213,7 +267,7 @@ impl DriveBus {
     }
 
     /// The bus at a time, which is not past the next event, with the robot's connector.
-    pub fn run(&mut self, now_ns: u64, port: &mut CanPort<'_>) {
+    pub fn run(&mut self, now_ns: u64, port: &mut impl Connector) {
         self.now_ns = now_ns;
         if let Some(transfer) = self.transfer.take_if(|transfer| transfer.end_ns <= now_ns) {
             self.deliver(&transfer, port);
@@ -222,8 +276,7 @@ impl DriveBus {
         if self.transfer.is_some() || now_ns < self.free_ns {
             return;
         }
-        let robot = port.pending().and_then(|frame| to_frame(&frame));
-        let robot = robot.map(|frame| (frame.id(), Sender::Robot));
+        let robot = port.pending().map(|frame| (frame.id(), Sender::Robot));
         let ready = self.drives.iter().enumerate();
         let ready = ready.filter(|(_, drive)| drive.powered && drive.reports_ns <= now_ns);
         let drives = ready.map(|(place, drive)| (drive.report_id(), Sender::Drive(place)));
@@ -234,7 +287,7 @@ impl DriveBus {
             port.lost_arbitration();
         }
         let frame = match sender {
-            Sender::Robot => port.begin().and_then(|frame| to_frame(&frame)),
+            Sender::Robot => port.begin(),
             Sender::Drive(place) => {
                 let turned_ns = self.turned_ns;
                 let drive = &mut self.drives[place];
@@ -250,7 +303,7 @@ impl DriveBus {
         });
     }
 
-    fn deliver(&mut self, transfer: &Transfer, port: &mut CanPort<'_>) {
+    fn deliver(&mut self, transfer: &Transfer, port: &mut impl Connector) {
         match transfer.sender {
             Sender::Robot => {
                 port.transmitted();
@@ -259,10 +312,7 @@ impl DriveBus {
                 }
             }
             Sender::Drive(_) => {
-                let bits = frame_bits(&transfer.frame);
-                if let Some(frame) = CanFrame::new(transfer.frame.id(), transfer.frame.data()) {
-                    port.receive_stuffed(&frame, bits);
-                }
+                port.receive(&transfer.frame, frame_bits(&transfer.frame));
             }
         }
     }
@@ -316,7 +366,7 @@ fn to_frame(frame: &CanFrame) -> Option<Frame> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motor::{Bridge, Motor};
+    use crate::motor::Motor;
 
     fn robot() -> group::Robot {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/c620.toml");

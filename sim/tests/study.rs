@@ -93,3 +93,27 @@ fn a_study_waits_for_nobody() {
         "plant: simulation.plant: a study cannot wait for another program; use table or contact"
     );
 }
+
+/// `omnibus-sim study GROUP | head`, with the reader gone before the first line.
+#[test]
+fn a_command_without_a_reader_ends_without_a_word() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let ended = std::process::Command::new(env!("CARGO_BIN_EXE_omnibus-sim"))
+        .args([
+            "study",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/../groups/tcc-3.toml"),
+        ])
+        .args(["--groups", "1"])
+        .stdout(writer)
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .and_then(std::process::Child::wait_with_output)
+        .unwrap();
+    let errors = String::from_utf8_lossy(&ended.stderr);
+    assert!(
+        ended.status.success() && errors.is_empty(),
+        "{} {errors}",
+        ended.status
+    );
+}

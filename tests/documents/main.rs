@@ -3,13 +3,15 @@
 //! The checks read the Markdown files and the sources as text. They cannot tell whether a sentence
 //! is true; they find links that lead nowhere, files and tests that are gone ([`self`]), tables and
 //! sentences that repeat a constant and no longer agree with it ([`boards`], [`statements`]), and
-//! files, essays and names that break a rule of style ([`style`]).
+//! files, essays and names that break a rule of style ([`style`]), and modules that import each
+//! other in a circle ([`modules`]).
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 mod boards;
+mod modules;
 mod statements;
 mod style;
 

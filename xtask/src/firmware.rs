@@ -87,9 +87,14 @@ pub fn build_self_test() -> anyhow::Result<PathBuf> {
 }
 
 /// Builds the image for the second slot, which has no boot code.
-pub fn build_slot_b() -> anyhow::Result<PathBuf> {
+pub fn build_slot_b(board: Board, smart: bool) -> anyhow::Result<PathBuf> {
+    let drives = match board {
+        Board::NucleoF446re if smart => ",drives-c620",
+        Board::NucleoF446re | Board::RobomasterC => "",
+    };
     build_variant(|command| {
-        command.args(["--features", "slot-b"]);
+        let features = format!("{},slot-b{drives}", board.feature());
+        command.args(["--no-default-features", "--features", &features]);
     })
 }
 
@@ -132,9 +137,37 @@ pub fn build_all_boards() -> anyhow::Result<()> {
         build_for(board)?;
     }
     build_for_drives()?;
+    let two = ["--features", Board::RobomasterC.feature()];
+    refuse("two boards are selected", &two)?;
+    refuse("self-test is an image", &["--features", "self-test,bench"])?;
+    let none = ["--no-default-features", "--target", cargo::TARGET];
+    refuse("0 boards are selected", &none)?;
     println!(
         "images with boot code and a vector table: {}",
         Board::ALL.map(Board::feature).join(", ")
+    );
+    Ok(())
+}
+
+/// Checks that a choice of features ends in an error of the firmware's own, which lists the boards
+/// where it is about them. On the host, where there is no HAL that could refuse two chips before.
+fn refuse(error: &str, features: &[&str]) -> anyhow::Result<()> {
+    let output = cargo::command()
+        .args(["check", "--release", "--package", BINARY, "--bin", BINARY])
+        .arg("--target-dir")
+        .arg(cargo::target_folder().join("variants"))
+        .args(features)
+        .output()
+        .context("cannot start cargo")?;
+    let messages = String::from_utf8_lossy(&output.stderr);
+    let listed = Board::ALL
+        .iter()
+        .all(|board| messages.contains(board.feature()));
+    ensure!(
+        !output.status.success()
+            && messages.contains(error)
+            && (listed || !error.contains("boards")),
+        "{features:?} does not end in the firmware's error \"{error}\", but with: {messages}"
     );
     Ok(())
 }

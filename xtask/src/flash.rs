@@ -24,6 +24,7 @@ pub struct Arguments {
 }
 
 /// A debug probe, by way of `probe-rs`.
+#[derive(Clone)]
 pub struct Probe {
     board: Board,
     /// Serial number, when several are connected.

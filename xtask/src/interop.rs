@@ -125,6 +125,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Has a multi-body simulation say how many of a calibration's intervals hold.
+pub fn coverage(robots: u32, first: u32) -> anyhow::Result<()> {
+    let python = python()?;
+    cargo::run(cargo::command().args(["build", "--package=omnibus-master", "--bin=omnibus"]))?;
+    for what in ["phases", "coefficients"] {
+        let mut asks = Command::new(&python);
+        asks.current_dir(cargo::root().join("tests/interop"))
+            .args(["-B", "multi_body.py", "--what", what])
+            .args(["--first", &first.to_string()])
+            .args(["--robots", &robots.to_string()])
+            .env("OMNIBUS", cargo::target_folder().join("debug/omnibus"));
+        cargo::run(&mut asks)?;
+    }
+    Ok(())
+}
+
 /// Builds the tool with its features `ros` and `vda5050` beside the usual one, which is put back:
 /// both are called `omnibus`, and the usual one is what the other suites test.
 fn with_doors(built: &Path) -> anyhow::Result<PathBuf> {

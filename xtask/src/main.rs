@@ -54,6 +54,13 @@ enum Task {
         /// Number of robots: four phases and five coefficients each.
         #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(10..))]
         robots: u32,
+        /// Has the robots in a multi-body simulation, `examples/mujoco_plant.py`, instead: a robot
+        /// takes two minutes.
+        #[arg(long)]
+        multi_body: bool,
+        /// Number of the first of those robots; others are drawn from other numbers.
+        #[arg(long, default_value_t = 1, requires = "multi_body")]
+        first: u32,
     },
     /// Injects every cause of a stop into emulated robots and measures their reaction.
     Faults(faults::Arguments),
@@ -115,7 +122,12 @@ fn run(task: Task) -> anyhow::Result<ExitCode> {
         Task::Accept(arguments) => return accept::run(&arguments),
         Task::Demo(arguments) => demo::run(&arguments),
         Task::Test { board, rest } => test::run(board, &rest),
-        Task::Coverage { robots } => cargo::coverage(robots),
+        Task::Coverage {
+            robots,
+            multi_body: true,
+            first,
+        } => interop::coverage(robots, first),
+        Task::Coverage { robots, .. } => cargo::coverage(robots),
         Task::Faults(arguments) => faults::run(&arguments),
         Task::Interop(arguments) => interop::run(&arguments),
         Task::Socketcan => socketcan::run(),

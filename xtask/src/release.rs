@@ -22,6 +22,30 @@ pub struct Arguments {
     /// OMNIBUS_PUBLIC_KEY.
     #[arg(long, conflicts_with = "key")]
     development: bool,
+    /// Board of the robots.
+    #[arg(long, value_enum, default_value_t)]
+    board: firmware::Board,
+    /// For robots whose wheels are turned by smart drives, as all with a board that has no others.
+    #[arg(long)]
+    smart_drives: bool,
+}
+
+/// Robots that take the same image.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+struct Robots {
+    board: firmware::Board,
+    smart_drives: bool,
+}
+
+impl Robots {
+    /// As the header has them.
+    const fn in_header(self) -> Board {
+        match self.board {
+            firmware::Board::NucleoF446re if self.smart_drives => Board::NUCLEO_F446RE_C620,
+            firmware::Board::NucleoF446re => Board::NUCLEO_F446RE,
+            firmware::Board::RobomasterC => Board::ROBOMASTER_C,
+        }
+    }
 }
 
 /// Options of `cargo xtask keys`.
@@ -40,18 +64,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => key::DEVELOPMENT_PRIVATE,
     };
     check_pair(&private, arguments.development)?;
-    let a = image(&firmware::build(omnibus::report::Scalar::F32)?, Slot::A)?;
-    let b = image(&firmware::build_slot_b()?, Slot::B)?;
-    let header = header(&a, &b);
-    let message = header.to_bytes();
-    let signed = [&message[..], &boot::sign(&private, &message)].concat();
-    // What a robot will say of it.
-    Header::parse(&signed).context("the header that was made cannot be read")?;
-    ensure!(
-        Header::is_signed(&signed, &Software::default()),
-        "the signature is wrong"
-    );
-
+    let robots = Robots {
+        board: arguments.board,
+        smart_drives: arguments.smart_drives,
+    };
+    // Board C has smart drives anyway.
+    let smart = robots.in_header() != Board::NUCLEO_F446RE;
+    let slot_a = firmware::build_with(robots.board, smart)?;
+    let Release {
+        header,
+        signed,
+        a,
+        b,
+    } = sign(&private, robots, &slot_a)?;
     let out = &arguments.out;
     write(out, &[&signed, &a, &b])?;
     write(&beside(out, "slot-a"), &[&signed, &a])?;
@@ -76,12 +101,52 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The parts of a file.
+struct Release {
+    header: Header,
+    signed: Vec<u8>,
+    a: Vec<u8>,
+    b: Vec<u8>,
+}
+
+/// Builds the image for slot B and signs it with that for slot A.
+fn sign(private: &[u8; 32], robots: Robots, slot_a: &Path) -> anyhow::Result<Release> {
+    let a = image(slot_a, Slot::A)?;
+    let slot_b = firmware::build_slot_b(robots.board, robots.smart_drives)?;
+    let b = image(&slot_b, Slot::B)?;
+    let header = header(robots, &a, &b);
+    let message = header.to_bytes();
+    let signed = [&message[..], &boot::sign(private, &message)].concat();
+    // What a robot will say of it.
+    Header::parse(&signed).context("the header that was made cannot be read")?;
+    ensure!(
+        Header::is_signed(&signed, &Software::default()),
+        "the signature is wrong"
+    );
+    Ok(Release {
+        header,
+        signed,
+        a,
+        b,
+    })
+}
+
+/// The bytes of a file with this image for slot A, for reference boards with bridges that believe
+/// the development key.
+pub fn development_file(slot_a: &Path) -> anyhow::Result<Vec<u8>> {
+    check_pair(&key::DEVELOPMENT_PRIVATE, true)?;
+    let Release { signed, a, b, .. } = sign(&key::DEVELOPMENT_PRIVATE, Robots::default(), slot_a)?;
+    Ok([signed, a, b].concat())
+}
+
 /// Makes a file for robots that believe the development key.
 pub fn development(out: PathBuf) -> anyhow::Result<()> {
     run(&Arguments {
         out,
         key: None,
         development: true,
+        board: firmware::Board::default(),
+        smart_drives: false,
     })
 }
 
@@ -144,9 +209,9 @@ fn check_pair(private: &[u8; 32], development: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn header(a: &[u8], b: &[u8]) -> Header {
+fn header(robots: Robots, a: &[u8], b: &[u8]) -> Header {
     Header {
-        board: Board::NUCLEO_F446RE,
+        board: robots.in_header(),
         hardware: release::HARDWARE_REVISION,
         wire_version: protocol::WIRE_VERSION,
         version: robot::Identity::FIRMWARE,

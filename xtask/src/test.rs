@@ -67,7 +67,7 @@ fn run_all(rest: &[String]) -> anyhow::Result<()> {
     std::fs::copy(bench.with_extension(""), &bench)?;
     let self_test = firmware::build_self_test()?.with_extension("self-test");
     std::fs::copy(self_test.with_extension(""), &self_test)?;
-    let slot_b = firmware::build_slot_b()?.with_extension("slot-b");
+    let slot_b = firmware::build_slot_b(Board::NucleoF446re, false)?.with_extension("slot-b");
     std::fs::copy(slot_b.with_extension(""), &slot_b)?;
     let drives = firmware::build_for_drives()?.with_extension("drives");
     std::fs::copy(drives.with_extension(""), &drives)?;

@@ -2,13 +2,15 @@
 //! level 1, and mutations.
 
 pub mod mutation;
+mod second;
 
 use canopen::Frame;
 use emulator::{Board, BoardConfig, CanError, CanFrame, Firmware, Port};
 
 use crate::bench::{Bench, Debugger, Image};
-use crate::wires::{WIRES, Wire};
+use crate::wires::{self, WIRES, Wire};
 pub use mutation::Mutation;
+use second::Second;
 
 const US: u64 = 1_000;
 /// A bit on the bus, ns.
@@ -36,6 +38,7 @@ pub struct EmulatedBench<'a> {
     sent: u32,
     image: Image,
     board: Board,
+    second: Option<Second>,
     /// World time at which the board was switched on.
     on_ns: u64,
 }
@@ -51,6 +54,10 @@ pub struct Faults {
     pub stray_write: Option<u32>,
     /// The number of the start is lost in a power cycle, with all that is stored.
     pub forgets: bool,
+    /// The second board hears frames this much later than the first, ns.
+    pub second_late_ns: u64,
+    /// The wire from the second board is not in.
+    pub second_wire_missing: bool,
 }
 
 impl Default for Faults {
@@ -60,6 +67,8 @@ impl Default for Faults {
             bit_time_of_others: 1.0,
             stray_write: None,
             forgets: false,
+            second_late_ns: 0,
+            second_wire_missing: false,
         }
     }
 }
@@ -78,6 +87,12 @@ impl<'a> EmulatedBench<'a> {
             mutation.apply(&mut config, &mut faults);
         }
         Self::with_wires(images, config, faults, WIRES.to_vec())
+    }
+
+    /// A board with something wrong outside it.
+    #[must_use]
+    pub fn with_faults(images: &'a Images, faults: Faults) -> Self {
+        Self::with_wires(images, BoardConfig::default(), faults, WIRES.to_vec())
     }
 
     /// A board without defects and with these wires.
@@ -101,6 +116,7 @@ impl<'a> EmulatedBench<'a> {
             sent: 0,
             image: Image::SelfTest,
             board,
+            second: None,
             on_ns: 0,
         };
         bench.attach();
@@ -117,8 +133,22 @@ impl<'a> EmulatedBench<'a> {
         self.on_ns + self.board.now_ns()
     }
 
-    /// Runs the board until a world time.
+    /// Runs the board until a world time, and the second one first: its edges come by wire.
     fn run(&mut self, world_ns: u64) -> anyhow::Result<()> {
+        if let Some(second) = &mut self.second {
+            let edges = second.run(world_ns)?;
+            for (at_ns, high) in edges {
+                if !self.faults.second_wire_missing {
+                    self.run_first(at_ns)?;
+                    let (to, pin) = port(wires::SECOND.to);
+                    self.board.set_input(to, pin, high);
+                }
+            }
+        }
+        self.run_first(world_ns)
+    }
+
+    fn run_first(&mut self, world_ns: u64) -> anyhow::Result<()> {
         let local = world_ns.saturating_sub(self.on_ns);
         self.board
             .run_until(local)
@@ -143,7 +173,17 @@ impl<'a> EmulatedBench<'a> {
     /// Lets the board's next frame pass, or be damaged; `None` if there is none before a time.
     fn next_frame(&mut self, until_ns: u64) -> anyhow::Result<Option<CanFrame>> {
         loop {
+            if let Some(frame) = self.next_of_second()? {
+                return Ok(Some(frame));
+            }
             if self.board.can().pending().is_none() {
+                if self.second.is_some() {
+                    if self.now_ns() >= until_ns {
+                        return Ok(None);
+                    }
+                    self.run(until_ns.min(self.now_ns() + second::SLICE_NS))?;
+                    continue;
+                }
                 let local = until_ns.saturating_sub(self.on_ns);
                 if self.board.now_ns() >= local {
                     return Ok(None);
@@ -173,6 +213,7 @@ impl<'a> EmulatedBench<'a> {
                 continue;
             }
             self.board.can().transmitted();
+            self.tell_second(&frame)?;
             return Ok(Some(frame));
         }
     }
@@ -218,6 +259,7 @@ impl Bench for EmulatedBench<'_> {
             self.board.can().arrives(&frame, bit_time);
             self.run(end)?;
             self.board.can().receive(&frame);
+            self.tell_second(&frame)?;
         }
         Ok(())
     }
@@ -242,6 +284,19 @@ impl Bench for EmulatedBench<'_> {
         let kept = (!self.faults.forgets).then_some(&content[..]);
         self.switch_on(kept);
         Ok(())
+    }
+
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()> {
+        let out: Vec<Wire> = wires.iter().map(|place| wires::at(*place)).collect();
+        self.wires.retain(|wire| !out.contains(wire));
+        Ok(())
+    }
+
+    fn join_second(&mut self) -> anyhow::Result<Option<u8>> {
+        self.wires = wires::WITH_SECOND.map(wires::at).to_vec();
+        self.flash(Image::Shipped)?;
+        self.second = Some(Second::start(&self.images.shipped, self.now_ns()));
+        Ok(Some(NODE + 1))
     }
 
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {

@@ -30,6 +30,8 @@ enum Change {
     StrayWrite(u32),
     /// What is stored is lost with the power.
     Forgets,
+    /// The second board hears frames this much later, ns.
+    SecondLate(u64),
 }
 
 impl Mutation {
@@ -43,6 +45,7 @@ impl Mutation {
             Change::BitTimeOfOthers(times) => faults.bit_time_of_others = times,
             Change::StrayWrite(address) => faults.stray_write = Some(address),
             Change::Forgets => faults.forgets = true,
+            Change::SecondLate(ns) => faults.second_late_ns = ns,
         }
     }
 
@@ -238,6 +241,12 @@ pub const MUTATIONS: &[Mutation] = &[
         what: "what is stored is lost with the power",
         caught_by: "start.counted",
         change: Change::Forgets,
+    },
+    Mutation {
+        name: "second-late",
+        what: "a second board hears frames 50 us later than the first",
+        caught_by: "skew.pwm",
+        change: Change::SecondLate(50_000),
     },
     Mutation {
         name: "transmit-errors",

@@ -6,9 +6,11 @@
 
 mod bus;
 mod clocks;
+mod driving;
 mod encoders;
 mod outputs;
 mod running;
+mod skew;
 mod stops;
 mod storage;
 mod wiring;
@@ -61,6 +63,10 @@ pub struct Options {
     pub starts: u32,
     /// Time over which the load is measured, s.
     pub load_s: u64,
+    /// The same while the board drives, s.
+    pub drive_s: u64,
+    /// Time over which two boards are compared, s.
+    pub skew_s: u64,
     /// What is tried.
     pub parts: Parts,
 }
@@ -68,12 +74,14 @@ pub struct Options {
 /// Parts of level 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
-    /// Both.
+    /// All of them.
     All,
     /// What the self-test image measures.
     SelfTest,
     /// What the shipped image does.
     Shipped,
+    /// What two boards do.
+    Second,
 }
 
 impl Options {
@@ -84,6 +92,8 @@ impl Options {
         frames: 1_000_000,
         starts: 20,
         load_s: 5,
+        drive_s: 60,
+        skew_s: 60,
         parts: Parts::All,
     };
     /// For an emulated board, which is the same each time.
@@ -93,8 +103,60 @@ impl Options {
         frames: 2_000,
         starts: 3,
         load_s: 1,
+        drive_s: 2,
+        skew_s: 60,
         parts: Parts::All,
     };
+}
+
+impl Options {
+    /// How much is done of what takes long: check, what, number.
+    fn amounts(&self) -> [(&'static str, &'static str, u64); 7] {
+        [
+            (
+                "can.errors",
+                "frames until the error counters are read",
+                self.frames.into(),
+            ),
+            ("flash.saves_refused", "saves", self.saves.into()),
+            ("start.counted", "cold starts", self.starts.into()),
+            (
+                "clock.crystal",
+                "seconds between two looks at the clocks",
+                self.clock_s,
+            ),
+            ("load.at_rest", "seconds of load at rest", self.load_s),
+            ("load.driving", "seconds of load driving", self.drive_s),
+            ("skew.pwm", "seconds of two boards", self.skew_s),
+        ]
+    }
+
+    /// What these do less of than a trial of a real board, and what no emulated one has tried.
+    #[must_use]
+    pub fn limits(&self) -> Vec<String> {
+        let both = self.amounts().into_iter().zip(Self::FULL.amounts());
+        let shorter = both.filter(|(here, real)| here.2 < real.2);
+        let mut limits: Vec<String> = shorter
+            .map(|((check, what, here), (.., real))| format!("{check}: {here} {what}, not {real}"))
+            .collect();
+        limits.push(
+            "probe-rs was not run: the emulator wrote the images into its flash, and read and set \
+             its memory, by itself"
+                .to_owned(),
+        );
+        limits
+    }
+
+    /// The amounts as a table of Markdown, for docs/acceptance.md.
+    #[must_use]
+    pub fn table() -> String {
+        let mut text = "| amount | emulated | real |\n|---|---|---|\n".to_owned();
+        let both = Self::SHORT.amounts().into_iter().zip(Self::FULL.amounts());
+        for ((check, what, here), (.., real)) in both {
+            text += &format!("| {what} (`{check}`) | {here} | {real} |\n");
+        }
+        text
+    }
 }
 
 /// Tries a board; returns what was found.
@@ -107,7 +169,8 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
         options,
         checks: Vec::new(),
     };
-    if options.parts != Parts::Shipped {
+    let has = |part| options.parts == Parts::All || options.parts == part;
+    if has(Parts::SelfTest) {
         session.start()?;
         if session.wires()? {
             session.outputs()?;
@@ -120,10 +183,18 @@ pub fn run(bench: &mut dyn Bench, node: NodeId, options: &Options) -> anyhow::Re
         session.raw_flash()?;
         session.failures()?;
     }
-    if options.parts != Parts::SelfTest {
+    if has(Parts::Shipped) {
+        // The shipped program drives, and these lines are inputs and outputs of its own.
+        session
+            .node
+            .bench
+            .take_out(&[wires::ENABLE, wires::BRAKE])?;
         session.storage()?;
         session.running()?;
         session.bus()?;
+    }
+    if has(Parts::Second) {
+        session.skew()?;
     }
     Ok(session.checks)
 }
@@ -220,5 +291,30 @@ fn at_most(name: &str, promise: Promise, unit: &'static str, procedure: &'static
         unit,
         source: promise.source,
         procedure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_says_how_much_shorter_an_emulated_trial_is() {
+        let page = include_str!("../../../docs/acceptance.md");
+        let table = Options::table();
+        assert!(page.contains(&table), "docs/acceptance.md lacks\n{table}");
+    }
+
+    #[test]
+    fn what_is_shorter_is_a_limit_and_what_is_not_is_none() {
+        let limits = Options::SHORT.limits();
+        let frames = "can.errors: 2000 frames until the error counters are read, not 1000000";
+        assert_eq!(limits[0], frames);
+        assert!(!limits.iter().any(|limit| limit.contains("saves")));
+        assert!(
+            limits
+                .last()
+                .is_some_and(|last| last.starts_with("probe-rs"))
+        );
     }
 }

@@ -2,18 +2,19 @@
 //!
 //! Start-up paints the stack, so the paint that is left shows how deep it was. For the load a timer
 //! that nothing uses counts without a clock in sleep (RM0390 6.3.14, TIM6LPEN), so it counts the
-//! time that the core is awake, and the program has no part in it. The board is at rest, with SYNC
-//! at 100 Hz: a bare board cannot drive.
+//! time that the core is awake, and the program has no part in it. It is measured at rest with SYNC
+//! at 100 Hz, and while the board drives as far as a bare one can ([`super::driving`]); the stack
+//! is read after that.
 //!
-//! What it cannot do: without a debugger neither is tried. Whether the timer stops while the chip
-//! is told to keep its clocks for the debugger (DBGMCU_CR) is not said in the manual; a figure
-//! near 100 % would mean that it does not.
+//! What it cannot do: without a debugger none of this is tried. Whether the timer stops while the
+//! chip is told to keep its clocks for the debugger (DBGMCU_CR) is not said in the manual; a figure
+//! near 100 % would mean that it does not. The counter is read while the board drives, and by when
+//! is not known to better than the debugger takes, so driving lasts long.
 
-use canopen::Frame;
-
-use super::{Session, at_most};
+use super::driving::Drive;
+use super::{Session, What, at_most};
 use crate::bench::Debugger;
-use crate::promise::{self, ACCEPTANCE, PERFORMANCE, Promise};
+use crate::promise::{self, ACCEPTANCE, Column, PERFORMANCE, Promise};
 
 /// The stack (`memory/nucleo_f446re.x`), and what start-up paints it with.
 const STACK: u32 = 0x2000_0000;
@@ -31,50 +32,62 @@ const TIM6_PSC: u32 = 0x4000_1028;
 const DIVIDER: u32 = 9_000;
 const COUNT_MS: f64 = 0.1;
 
-const SYNC: u16 = 0x080;
-const SYNC_US: u64 = 10_000;
+/// SYNCs a second.
+const SYNCS: u64 = 100;
 
 impl Session<'_> {
     /// Checks load and stack.
     pub(super) fn running(&mut self) -> anyhow::Result<()> {
-        let load = promise::number(ACCEPTANCE, "A board at rest is awake for at most", "%")?;
+        let mut rest = promise::number(ACCEPTANCE, "A board at rest is awake for at most", "%")?;
+        let mut driven = promise::figure("load", Column::Ceiling)?;
+        if !self.node.bench.hands_are_timed() {
+            // A real board may be reached by its own cable.
+            let cable = promise::figure("gateway.1_robots.load.more", Column::Ceiling)?;
+            for load in [&mut rest, &mut driven] {
+                load.value += cable.value;
+                load.source += "; with that of gateway.1_robots.load.more";
+            }
+        }
         let reserved = promise::number(PERFORMANCE, "stack, for which", "KB of the chip's")?;
         let half = Promise {
             value: reserved.value * 1024.0 / 2.0,
             source: format!("{}, half of it", reserved.source),
         };
-        let load = at_most(
+        let rest = at_most(
             "load.at_rest",
-            load,
+            rest,
             "%",
-            "time awake by a timer without a clock in sleep, at rest with 100 SYNCs a second",
+            "time awake by a timer without a clock in sleep, at rest with 100 setpoints a second",
+        );
+        let driven = at_most(
+            "load.driving",
+            driven,
+            "%",
+            "the same while the board follows a twist that always changes, its wheels standing",
         );
         let stack = at_most(
             "stack.high_water",
             half,
             "bytes",
-            "paint that is left on the stack",
+            "paint that is left on the stack, after driving",
         );
-        let Some(debugger) = self.node.bench.debugger() else {
-            for what in [load, stack] {
+        if self.node.bench.debugger().is_none() {
+            for what in [rest, driven, stack] {
                 self.leave_out(what, "it needs a debugger: --probe");
             }
             return Ok(());
-        };
-        begin(debugger)?;
-        let from = self.node.bench.now_us();
-        for sync in 0..self.options.load_s * 1_000_000 / SYNC_US {
-            let counter = [(sync % 240) as u8 + 1];
-            if let Some(frame) = Frame::new(SYNC, &counter) {
-                self.node.bench.send(&frame)?;
-            }
-            let next = (from + (sync + 1) * SYNC_US).saturating_sub(self.node.bench.now_us());
-            self.node.wait(next)?;
         }
-        let awake = self.debugged(|debugger| debugger.read(TIM6_CNT, 1))?;
-        let span_ms = (self.node.bench.now_us() - from) as f64 / 1000.0;
-        let awake_ms = f64::from(awake.first().copied().unwrap_or(0)) * COUNT_MS;
-        self.check(load, Ok(100.0 * awake_ms / span_ms));
+        let mut drive = Drive::new(&[self.node.id()])?;
+        self.load(rest, &mut drive, self.options.load_s)?;
+
+        self.release_stops()?;
+        match self.begin_to_drive(&mut drive) {
+            Ok(()) => {
+                self.load(driven, &mut drive, self.options.drive_s)?;
+                self.end_to_drive(&mut drive)?;
+            }
+            Err(error) => self.check(driven, Err(error)),
+        }
 
         let words = reserved.value as usize * 256;
         let content = self.debugged(|debugger| debugger.read(STACK, words))?;
@@ -83,7 +96,34 @@ impl Session<'_> {
         Ok(())
     }
 
-    fn debugged<T>(
+    /// Measures the load for so many seconds of SYNC; what it is asked to do is up to `drive`.
+    fn load(&mut self, what: What, drive: &mut Drive, seconds: u64) -> anyhow::Result<()> {
+        self.debugged(begin)?;
+        let from = self.node.bench.now_us();
+        let mut went_on = true;
+        for _ in 0..seconds * SYNCS {
+            went_on &= self.period(drive)?;
+        }
+        let reading = self.debugged(|debugger| debugger.read_meanwhile(TIM6_CNT, 1))?;
+        let awake = loop {
+            went_on &= self.period(drive)?;
+            match reading.try_recv() {
+                Ok(awake) => break awake?,
+                Err(std::sync::mpsc::TryRecvError::Empty) => {}
+                Err(error) => return Err(error.into()),
+            }
+        };
+        let span_ms = (self.node.bench.now_us() - from) as f64 / 1000.0;
+        let awake_ms = f64::from(awake.first().copied().unwrap_or(0)) * COUNT_MS;
+        let measured = match went_on {
+            true => Ok(100.0 * awake_ms / span_ms),
+            false => Err(anyhow::anyhow!("the board did not go on driving")),
+        };
+        self.check(what, measured);
+        Ok(())
+    }
+
+    pub(super) fn debugged<T>(
         &mut self,
         use_it: impl FnOnce(&mut dyn Debugger) -> anyhow::Result<T>,
     ) -> anyhow::Result<T> {
@@ -97,13 +137,23 @@ impl Session<'_> {
 /// Makes TIM6 count the time awake, from 0.
 fn begin(debugger: &mut dyn Debugger) -> anyhow::Result<()> {
     for (address, set, clear) in [(APB1ENR, TIM6, 0), (APB1LPENR, 0, TIM6)] {
-        let before = debugger.read(address, 1)?;
-        let before = before.first().copied().unwrap_or(0);
-        debugger.write(address, before & !clear | set)?;
+        change(debugger, address, clear, set)?;
     }
     debugger.write(TIM6_CR1, 0)?;
     debugger.write(TIM6_PSC, DIVIDER - 1)?;
     // The divider takes effect with an update, which also clears the counter.
     debugger.write(TIM6_EGR, 1)?;
     debugger.write(TIM6_CR1, 1)
+}
+
+/// Clears and sets bits of a register.
+pub(super) fn change(
+    debugger: &mut dyn Debugger,
+    address: u32,
+    clear: u32,
+    set: u32,
+) -> anyhow::Result<()> {
+    let before = debugger.read(address, 1)?;
+    let before = before.first().copied().unwrap_or(0);
+    debugger.write(address, before & !clear | set)
 }

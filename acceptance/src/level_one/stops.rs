@@ -4,8 +4,8 @@ use anyhow::bail;
 use protocol::self_test::{CLOCK, NEVER, NO_PIN, OUTPUTS, WATCHED};
 
 use super::{Session, What, at_most};
+use crate::causes;
 use crate::check::Bound;
-use crate::promise;
 use crate::wires::{self, BRAKE, ENABLE, PWM, STOP};
 
 /// First sub-index of the times, and that of the pins.
@@ -58,7 +58,7 @@ impl Session<'_> {
         }
         let what = at_most(
             &format!("stop.{name}"),
-            promise::cause(15)?,
+            causes::time(15)?,
             "ms",
             "from the edge at the stop input to the last low line, with interrupts masked",
         );

@@ -31,22 +31,20 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
 
     /// The nearest to a float; the ends for what lies beyond, zero for a NaN.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
     pub const fn new(value: f32) -> Self {
-        let steps = value * const { (1_u64 << FRACTION) as f32 };
-        // Beyond this a float has no digits behind the step, and a half would round it.
-        let half = if steps.abs() < const { (1_u32 << 22) as f32 } {
-            0.5_f32.copysign(steps)
-        } else {
-            0.0
-        };
-        Self((steps + half) as i32)
+        Self(nearest(value, const { FRACTION as i32 }))
     }
 
     /// As a float, to the 24 bits that it has.
     #[must_use]
     pub const fn to_f32(self) -> f32 {
-        self.0 as f32 * const { 1.0 / (1_u64 << FRACTION) as f32 }
+        // The division by a power of two is a subtraction from the exponent.
+        let bits = (self.0 as f32).to_bits();
+        f32::from_bits(if self.0 == 0 {
+            0
+        } else {
+            bits.wrapping_sub(const { FRACTION << 23 })
+        })
     }
 
     /// The number as the kinematics take it. They are linear and leave its scale as it is.
@@ -135,6 +133,38 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
             Quantity(self.0 >> const { FRACTION.saturating_sub(RESULT) })
         }
     }
+}
+
+/// The nearest number of steps of `2^-fraction` to a float, from the bits of the float: without a
+/// floating-point unit that takes a tenth of a multiplication, an addition and a conversion. Not
+/// inlined: a configuration converts some hundred numbers.
+#[expect(
+    clippy::cast_possible_wrap,
+    reason = "less than 2^24, or shifted to less than 2^31"
+)]
+#[inline(never)]
+const fn nearest(value: f32, fraction: i32) -> i32 {
+    /// Exponent of a float whose digits are whole steps of 1.
+    const WHOLE: i32 = 127 + 23;
+    let bits = value.to_bits();
+    let exponent = ((bits >> 23) & 0xFF) as i32;
+    let digits = (bits & 0x007F_FFFF) | 0x0080_0000;
+    let shift = exponent.wrapping_sub(WHOLE - fraction);
+    let steps = if shift >= 8 {
+        if value.is_nan() {
+            return 0;
+        }
+        return if value < 0.0 { i32::MIN } else { i32::MAX };
+    } else if shift >= 0 {
+        digits << shift
+    } else if shift >= -24 {
+        let half = 1 << (-shift - 1);
+        (digits + half) >> -shift
+    } else {
+        0
+    };
+    let sign = bits.cast_signed() >> 31;
+    (steps as i32 ^ sign).wrapping_sub(sign)
 }
 
 /// A product with `shift` fractional bits less, 1 to 62, to the nearest.
@@ -316,6 +346,43 @@ impl Integral {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn converts<const FRACTION: u32>() {
+        let scale = f64::from(2.0_f32.powi(FRACTION as i32));
+        // Each exponent, each sign, and digits that end in halves, below and above.
+        for high in 0..0x200_u32 {
+            for low in [0, 1, 0x1000, 0x2A_AAAA, 0x3F_FFFF, 0x40_0000, 0x7F_FFFF] {
+                let value = f32::from_bits((high << 23) | low);
+                // The cast saturates, and takes NaN for zero.
+                let nearest = (f64::from(value) * scale).round() as i32;
+                let found = Quantity::<FRACTION>::new(value);
+                assert_eq!(found.0, nearest, "{value:e}");
+            }
+        }
+        for steps in [
+            0,
+            1,
+            -1,
+            3,
+            0x00FF_FFFF,
+            0x0100_0001,
+            i32::MAX,
+            i32::MIN,
+            -5_555_555,
+        ] {
+            let nearest = (f64::from(steps) / scale) as f32;
+            assert_eq!(Quantity::<FRACTION>(steps).to_f32(), nearest, "{steps}");
+        }
+    }
+
+    #[test]
+    fn a_float_is_converted_to_the_nearest_step_and_back_to_the_nearest_float() {
+        converts::<10>();
+        converts::<15>();
+        converts::<23>();
+        converts::<27>();
+        converts::<36>();
+    }
 
     #[test]
     fn an_integral_has_the_bits_of_its_products() {

@@ -139,9 +139,17 @@ impl ControlSide {
         self.tick_with::<Bridge>(now, command, inputs)
     }
 
-    /// One tick with current drives: the outputs are currents.
+    /// One tick with current drives, of whose motors the hottest has this temperature, degrees
+    /// Celsius: the outputs are currents.
     #[inline(never)]
-    pub fn tick_current(&mut self, now: Micros, command: &Command, inputs: &Inputs) -> Outputs {
+    pub fn tick_current(
+        &mut self,
+        now: Micros,
+        command: &Command,
+        inputs: &Inputs,
+        temperature: u8,
+    ) -> Outputs {
+        self.supervision.report.temperature = temperature;
         self.tick_with::<CurrentDrive>(now, command, inputs)
     }
 

@@ -24,8 +24,8 @@
 
 use rsemu::cpu::arm::v7m::Config;
 
-use super::{Chip, Clocks, Family, Power, SystemMemory};
-use crate::system::flash::Sector;
+use super::{Chip, Clocks, Power, Sector, SystemMemory};
+use crate::family::Family;
 use crate::system::gpio::Port;
 use crate::system::map::Gate::{Ahb1, Apb1, Apb2, None as Always};
 use crate::system::map::Unit::{

@@ -14,8 +14,8 @@
 
 use rsemu::cpu::arm::v7m::Config;
 
-use super::{Chip, Clocks, F4_DETECTOR, Family, Power, SystemMemory, sectors};
-use crate::system::flash::Sector;
+use super::{Chip, Clocks, F4_DETECTOR, Power, Sector, SystemMemory, sectors};
+use crate::family::Family;
 use crate::system::gpio::Port;
 use crate::system::map::{self, Entry, Gate, Unit, entry};
 use crate::system::pins;

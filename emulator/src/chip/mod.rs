@@ -21,8 +21,8 @@ pub use f446::F446;
 
 use rsemu::cpu::arm::v7m::Config;
 
-use crate::system::flash::Sector;
-use crate::system::map::Entry;
+use crate::family::Family;
+use crate::system::map::{Entry, Gate, Unit};
 use crate::system::pins::Pins;
 
 /// All chips.
@@ -31,13 +31,12 @@ pub static ALL: [&Chip; 3] = [&F446, &F407, &F103];
 /// Bytes of the largest flash of all chips.
 pub(crate) const LARGEST_FLASH: u64 = 1024 * 1024;
 
-/// Whose registers a chip has.
+/// A sector: first byte, counted from the start of the flash, and length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Family {
-    /// STM32F1.
-    F1,
-    /// STM32F4.
-    F4,
+#[allow(missing_docs)]
+pub struct Sector {
+    pub start: u64,
+    pub length: u64,
 }
 
 /// One microcontroller.
@@ -149,6 +148,12 @@ impl Chip {
     /// All peripherals.
     pub(crate) fn all_peripherals(&self) -> impl Iterator<Item = &'static Entry> {
         self.peripherals.into_iter().flatten()
+    }
+
+    /// What gates the clock of a unit.
+    pub(crate) fn gate(&self, unit: Unit) -> Gate {
+        let found = self.all_peripherals().find(|entry| entry.unit == unit);
+        found.map_or(Gate::None, |entry| entry.gate)
     }
 }
 

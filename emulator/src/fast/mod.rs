@@ -35,7 +35,8 @@ use rsemu::cpu::arm::v7m::sys::Exception;
 use rsemu::cpu::arm::v7m::{ArmV7m, Regs, xpsr};
 
 use crate::address_space::Shared;
-use crate::chip::{Family, LARGEST_FLASH};
+use crate::chip::LARGEST_FLASH;
+use crate::family::Family;
 use crate::fetch::Fetch;
 use crate::memory_map::{FLASH_BASE, RAM_BASE};
 use crate::ram::Ram;

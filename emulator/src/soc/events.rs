@@ -1,7 +1,7 @@
 //! Events that are due, DMA, and interrupt lines of the chip.
 
 use super::Soc;
-use crate::chip::Family;
+use crate::family::Family;
 use crate::system::map::irq;
 use crate::system::rcc::cause;
 use crate::timer::Timer;

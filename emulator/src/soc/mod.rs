@@ -17,9 +17,10 @@ use rsemu::core::space::RamStore;
 
 use crate::board::BoardConfig;
 use crate::can::Can;
-use crate::chip::{Chip, Family};
+use crate::chip::Chip;
 use crate::clock::Clock;
 use crate::defect::{Defect, Defects};
+use crate::family::Family;
 use crate::ram::Ram;
 use crate::stop::StopKind;
 use crate::system::adc::Adc;
@@ -30,7 +31,7 @@ use crate::system::exti::Exti;
 use crate::system::flash::Flash;
 use crate::system::gpio::{Gpio, Mode, Port};
 use crate::system::iwdg::Iwdg;
-use crate::system::map::{Entry, Unit};
+use crate::system::map::{Entry, Gate, Unit};
 use crate::system::pwr::Pwr;
 use crate::system::rcc::{Rcc, cause};
 use crate::system::usart::Usart;
@@ -56,6 +57,7 @@ pub(crate) struct Soc {
     pub(crate) rcc: Rcc,
     pwr: Pwr,
     pub(crate) flash: Flash,
+    places: Places,
     gpio: [Gpio; Port::ALL.len()],
     exti: Exti,
     afio: Afio,
@@ -84,6 +86,38 @@ pub(crate) struct Soc {
     pub(crate) trace: Option<Box<Trace>>,
     /// A reset that a peripheral asks for, as bits of RCC_CSR.
     pub(crate) reset_request: u32,
+}
+
+/// What is looked up at every access, so that no table has to be searched.
+#[derive(Debug)]
+struct Places {
+    /// Peripherals that have a whole kilobyte from [`PERIPHERALS`] on.
+    pages: [Option<&'static Entry>; 256],
+    timer_gates: [Gate; 15],
+}
+
+const PERIPHERALS: u32 = 0x4000_0000;
+const PAGE: u32 = 0x400;
+
+impl Places {
+    fn new(chip: &Chip) -> Self {
+        let page = |number: usize| {
+            let first = PERIPHERALS + PAGE * number as u32;
+            let entry = chip.peripheral(first)?;
+            let last = chip.peripheral(first + PAGE - 1)?;
+            (entry.base == last.base).then_some(entry)
+        };
+        Self {
+            pages: std::array::from_fn(page),
+            timer_gates: std::array::from_fn(|number| chip.gate(Unit::Timer(number))),
+        }
+    }
+
+    fn peripheral(&self, chip: &Chip, address: u32) -> Option<&'static Entry> {
+        let page = address.checked_sub(PERIPHERALS)? / PAGE;
+        let known = self.pages.get(page as usize).copied().flatten();
+        known.or_else(|| chip.peripheral(address))
+    }
 }
 
 fn timer_kind(family: Family, number: usize) -> Kind {
@@ -133,6 +167,7 @@ impl Soc {
             rcc: Rcc::new(&chip.clocks, config.hse_hz),
             pwr,
             flash,
+            places: Places::new(chip),
             gpio: Port::ALL.map(|port| Gpio::new(chip.family, port)),
             exti: Exti::default(),
             afio: Afio::default(),
@@ -208,7 +243,7 @@ impl Soc {
                 >> shift)
                 & mask;
         }
-        let Some(entry) = self.chip.peripheral(aligned) else {
+        let Some(entry) = self.places.peripheral(self.chip, aligned) else {
             return self.unmodelled("nothing (reserved address)".to_owned(), address, None);
         };
         if let Some(value) = self.unclocked(entry, address, None) {
@@ -234,7 +269,7 @@ impl Soc {
             }
             return;
         }
-        let Some(entry) = self.chip.peripheral(aligned) else {
+        let Some(entry) = self.places.peripheral(self.chip, aligned) else {
             self.unmodelled(
                 "nothing (reserved address)".to_owned(),
                 address,

@@ -1,10 +1,10 @@
 //! Which peripheral has which pin, and what a change of a pin does.
 
 use super::Soc;
-use crate::chip::Family;
 use crate::defect::Defect;
+use crate::family::Family;
 use crate::system::gpio::{Mode, Port};
-use crate::system::map::{Gate, Unit};
+use crate::system::map::Unit;
 use crate::system::pins::Route;
 
 impl Soc {
@@ -61,19 +61,14 @@ impl Soc {
 
     /// Whether an STM32F1's remaps give a pin to a signal.
     fn selected(&self, route: &Route) -> bool {
-        self.afio.selects(route) && !self.afio.debug_has(route.port, route.pin)
+        self.afio.selects(route.af) && !self.afio.debug_has(route.port, route.pin)
     }
 
     pub(super) fn timer_clocked(&self, number: usize) -> bool {
-        self.clocked(Unit::Timer(number))
+        self.rcc.enabled(self.places.timer_gates[number])
     }
 
     pub(super) fn clocked(&self, unit: Unit) -> bool {
-        let gate = self
-            .chip
-            .all_peripherals()
-            .find(|entry| entry.unit == unit)
-            .map_or(Gate::None, |e| e.gate);
-        self.rcc.enabled(gate)
+        self.rcc.enabled(self.chip.gate(unit))
     }
 }

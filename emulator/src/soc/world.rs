@@ -3,8 +3,8 @@
 use super::Soc;
 use crate::can::CanFrame;
 use crate::can::port::Which;
-use crate::chip::Family;
 use crate::defect::Defect;
+use crate::family::Family;
 use crate::stop::StopKind;
 use crate::system::exti;
 use crate::system::gpio::{Mode, PinLevel, Port};

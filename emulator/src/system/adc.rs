@@ -20,7 +20,7 @@
 
 use std::cell::Cell;
 
-use crate::chip::Family;
+use crate::family::Family;
 use crate::system::gpio::Port;
 
 mod f1;

@@ -11,7 +11,6 @@
 //! effect); MAPR2.
 
 use crate::system::gpio::Port;
-use crate::system::pins::Route;
 
 /// Fields of MAPR that pins depend on: shift and mask.
 const FIELDS: [(u32, u32); 7] = [(0, 0), (6, 3), (8, 3), (10, 3), (12, 1), (13, 3), (3, 1)];
@@ -27,7 +26,7 @@ pub(crate) const USART2: u8 = 6;
 const SWJ_CFG: u32 = 7 << 24;
 
 /// The condition that a field has one of the values whose bits are set in `values`, for
-/// [`Route::af`].
+/// [`Route::af`](crate::system::pins::Route::af).
 pub(crate) const fn when(field: u8, values: u8) -> u8 {
     field << 4 | values
 }
@@ -60,12 +59,12 @@ impl Afio {
         Some(())
     }
 
-    /// Whether the remap that a pin needs for a signal is selected.
+    /// Whether the remap that a pin needs for a signal ([`when`]) is selected.
     #[must_use]
-    pub fn selects(&self, route: &Route) -> bool {
-        let (shift, mask) = FIELDS[usize::from(route.af >> 4) % FIELDS.len()];
+    pub fn selects(&self, remap: u8) -> bool {
+        let (shift, mask) = FIELDS[usize::from(remap >> 4) % FIELDS.len()];
         let value = self.mapr >> shift & mask;
-        route.af >> value & 1 != 0
+        remap >> value & 1 != 0
     }
 
     /// Whether a pin is the debug port's (table 37).
@@ -85,27 +84,19 @@ impl Afio {
 mod tests {
     use super::*;
 
-    fn route(af: u8) -> Route {
-        Route {
-            port: Port::B,
-            pin: 8,
-            af,
-        }
-    }
-
     #[test]
     fn a_field_selects_the_pins_of_its_peripheral() {
         let mut afio = Afio::default();
-        let [always, can] = [when(ALWAYS, 1), when(CAN, 0b0100)].map(route);
-        assert!(afio.selects(&always) && !afio.selects(&can));
+        let [always, can] = [when(ALWAYS, 1), when(CAN, 0b0100)];
+        assert!(afio.selects(always) && !afio.selects(can));
         afio.write(4, 2 << 13).unwrap();
-        assert!(afio.selects(&always) && afio.selects(&can));
+        assert!(afio.selects(always) && afio.selects(can));
         afio.write(4, 3 << 13).unwrap();
-        assert!(!afio.selects(&can));
-        let partial = route(when(TIM2, 0b1010));
+        assert!(!afio.selects(can));
+        let partial = when(TIM2, 0b1010);
         for (value, selected) in [(0, false), (1, true), (2, false), (3, true)] {
             afio.write(4, value << 8).unwrap();
-            assert_eq!(afio.selects(&partial), selected);
+            assert_eq!(afio.selects(partial), selected);
         }
     }
 

@@ -18,15 +18,8 @@ use std::sync::Arc;
 
 use rsemu::core::space::RamStore;
 
-use crate::chip::{Chip, Family};
-
-/// A sector: first byte, counted from the start of the flash, and length.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub struct Sector {
-    pub start: u64,
-    pub length: u64,
-}
+use crate::chip::{Chip, Sector};
+use crate::family::Family;
 
 const MS: u64 = 1_000_000_000; // ps
 /// Time to erase and program the option bytes: that of a sector of 16 KiB at 32 bits; the data

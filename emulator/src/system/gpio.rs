@@ -6,7 +6,7 @@
 
 mod f1;
 
-use crate::chip::Family;
+use crate::family::Family;
 
 /// A GPIO port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -10,7 +10,8 @@
 //! Lock and start-up times are typical or, where the data sheet (DS10693 rev 10, tables 38 to 45)
 //! gives no typical value, its largest.
 
-use crate::chip::{self, Family};
+use crate::chip;
+use crate::family::Family;
 use crate::system::map::Gate;
 
 const US: u64 = 1_000_000; // ps
@@ -61,7 +62,6 @@ pub mod reg {
     pub const PLLCFGR: u32 = 0x04;
     pub const CFGR: u32 = 0x08;
     pub const CIR: u32 = 0x0C;
-    pub const AHB1RSTR: u32 = 0x10;
     pub const APB2RSTR: u32 = 0x24;
     pub const AHB1ENR: u32 = 0x30;
     pub const APB2ENR: u32 = 0x44;

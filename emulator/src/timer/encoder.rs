@@ -21,7 +21,7 @@ use super::{Timer, cr1};
 pub(super) struct Inputs {
     /// Levels at the pins, and behind the filters.
     raw: [bool; 2],
-    filtered: [bool; 2],
+    pub(super) filtered: [bool; 2],
     /// When the filters will pass on the level at the pins, where that differs.
     due: [Option<u64>; 2],
     /// Clean edges that are in the filters, with the cycle at which they leave them.
@@ -156,6 +156,7 @@ impl Timer {
     /// they agree.
     fn edge(&mut self, input: usize) -> bool {
         self.encoder.filtered[input] = self.encoder.raw[input];
+        self.capture(input);
         // SMS 1 counts on TI2 only, 2 on TI1 only.
         let counted = self.smcr & 7 == 3 || self.smcr & 7 == [2, 1][input];
         if !self.encoder_ready() || !counted {

@@ -7,9 +7,10 @@
 //! Modelled: the internal clock with prescaler, up, down and centre-aligned counting, preload of
 //! PSC, ARR and CCR with update events, repetition counter, one-pulse mode, compare flags, encoder
 //! mode with its input filters, PWM and forced outputs, MOE, idle levels, the break input and the
-//! lock levels. Not modelled, and refused: input capture, slave modes other than encoder, triggers
-//! to other peripherals, DMA bursts.
+//! lock levels, and capture of a channel's pin ([`capture`]). Not modelled, and refused: capture of
+//! other pins, slave modes other than encoder, triggers to other peripherals, DMA bursts.
 
+pub mod capture;
 pub mod counter;
 pub mod encoder;
 pub mod output;
@@ -283,7 +284,11 @@ impl Timer {
             reg::PSC => self.psc.written as u32,
             reg::ARR => self.arr.written as u32,
             reg::RCR => self.rcr,
-            reg::CCR1..=reg::CCR4 => self.ccr[Self::channel_at(offset)].written as u32,
+            reg::CCR1..=reg::CCR4 => {
+                let channel = Self::channel_at(offset);
+                self.take_capture(channel);
+                self.ccr[channel].written as u32
+            }
             reg::BDTR => self.bdtr,
             reg::DCR => self.dcr,
             reg::OR => self.option,
@@ -416,8 +421,6 @@ impl Timer {
 
     fn write_ccmr(&mut self, index: usize, value: u32) -> Result<(), Unmodelled> {
         for half in 0..2 {
-            // An input on its own pin is what encoder mode needs; as a capture it would need a
-            // signal to time.
             if !matches!((value >> (8 * half)) & 3, 0 | 1) {
                 return Err(Unmodelled(
                     "input capture from another pin or TRC (CCMR.CCxS)",

@@ -1,10 +1,11 @@
 //! Keys of a file at its top level, `[limits]` and what belongs to the whole group.
 
 use protocol::address as at;
+use protocol::scaling::TWIST_MAX;
 
 use super::robot::ROBOT;
 use super::simulation::SIMULATION;
-use super::{ANY, DEGREE, Field, Kind, MILLISECOND, POSITIVE, field, number, to};
+use super::{ANY, DEGREE, Field, Kind, MILLISECOND, POSITIVE, Range, field, number, to};
 use crate::check::default;
 
 /// The file itself.
@@ -60,9 +61,27 @@ pub const FILE: &[Field] = &[
     ),
 ];
 
+/// A setpoint saturates at its ends, so a group that may go faster would be slow without a word.
+const IN_A_SETPOINT: Range = Range {
+    max: TWIST_MAX,
+    ..POSITIVE
+};
+
 const LIMITS: &[Field] = &[
-    number("linear_speed", "m/s", POSITIVE, "Fastest speed.").or(default::LINEAR_SPEED),
-    number("yaw_rate", "rad/s", POSITIVE, "Fastest turning.").or(default::YAW_RATE),
+    number(
+        "linear_speed",
+        "m/s",
+        IN_A_SETPOINT,
+        "Fastest speed, at most what a setpoint on the bus can hold.",
+    )
+    .or(default::LINEAR_SPEED),
+    number(
+        "yaw_rate",
+        "rad/s",
+        IN_A_SETPOINT,
+        "Fastest turning, at most what a setpoint on the bus can hold.",
+    )
+    .or(default::YAW_RATE),
     number(
         "linear_acceleration",
         "m/s2",

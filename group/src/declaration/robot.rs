@@ -207,6 +207,13 @@ const MOTOR: &[Field] = &[
     )
     .otherwise("pwm-direction"),
     field(
+        "drive_identifiers",
+        Kind::Numbers(Some(4)),
+        "Which smart drive turns which wheel: the identifiers of the drives front left, front right, \
+         rear left, rear right, 1 to 4, all different. `omnibus wheel-test --ask` finds them.",
+    )
+    .otherwise("1, 2, 3, 4"),
+    field(
         "enable_wired",
         Kind::Flag,
         "The robot's driver enable is wired to the drivers and switches all bridges off.",

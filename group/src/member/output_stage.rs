@@ -68,6 +68,7 @@ impl Checker<'_> {
             let remedy = "leave it at 1, or take another driver";
             field.refuse(key, own_duty, shared_duty, &problem, remedy);
         }
+        let drive_identifiers = field.drive_identifiers(own, shared);
         let pauses = (own.direction_pause.as_ref()).or(shared.direction_pause.as_ref());
         OutputStage {
             largest_current,
@@ -94,6 +95,7 @@ impl Checker<'_> {
                 "Hz, ",
             ),
             kind,
+            drive_identifiers,
             enable_wired,
             current_sensor: field.current_sensor(own, shared, largest_current),
         }
@@ -117,6 +119,26 @@ impl Member<'_, '_> {
             self.refuse(key, own, shared, &problem, &remedy);
         }
         value as u16
+    }
+
+    /// Which smart drive is which wheel's.
+    fn drive_identifiers(&self, own: &schema::Motor, shared: &schema::Motor) -> [u8; 4] {
+        const USUAL: [u8; 4] = [1, 2, 3, 4];
+        let (own, shared) = (&own.drive_identifiers, &shared.drive_identifiers);
+        let Some(given) = own.as_ref().or(shared.as_ref()) else {
+            return USUAL;
+        };
+        let given = given.get_ref();
+        let mut sorted = *given;
+        sorted.sort_by(f64::total_cmp);
+        if sorted != USUAL.map(f64::from) {
+            let problem = format!("is {given:?}");
+            let remedy = "give each of 1, 2, 3 and 4 once: front left, front right, rear left, rear \
+                          right";
+            self.refuse("motor.drive_identifiers", own, shared, &problem, remedy);
+            return USUAL;
+        }
+        given.map(|identifier| identifier as u8)
     }
 
     /// The sensors of the motors' current, where there are any; they have to show more than the

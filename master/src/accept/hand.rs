@@ -43,6 +43,13 @@ pub enum Task {
         /// This minimum, V.
         minimum_v: f32,
     },
+    /// Raises the supply above object 0x2025:3, which is little more than nominal meanwhile.
+    RaiseSupply {
+        /// Node of the robot.
+        node: u8,
+        /// This maximum, V.
+        maximum_v: f32,
+    },
 }
 
 impl Task {
@@ -55,7 +62,8 @@ impl Task {
             | Self::PressStop { node }
             | Self::DriverFault { node }
             | Self::OpenProtectiveStop { node }
-            | Self::LowerSupply { node, .. } => node,
+            | Self::LowerSupply { node, .. }
+            | Self::RaiseSupply { node, .. } => node,
         }
     }
 
@@ -80,6 +88,10 @@ impl Task {
             Self::LowerSupply { node, minimum_v } => format!(
                 "turn the motors' supply of node {node} down, below {minimum_v} V (object 0x2025:2)"
             ),
+            Self::RaiseSupply { node, maximum_v } => format!(
+                "turn the motors' supply of node {node} up, just above {maximum_v:.1} V and no \
+                 farther (object 0x2025:3, changed for this)"
+            ),
         }
     }
 
@@ -92,6 +104,7 @@ impl Task {
             Self::DriverFault { .. } => "take the wire off again",
             Self::OpenProtectiveStop { .. } => "close the protective stop",
             Self::LowerSupply { .. } => "turn the supply up again",
+            Self::RaiseSupply { .. } => "turn the supply down again",
         }
     }
 }

@@ -144,6 +144,13 @@ fn subject(arguments: &Arguments, group: &GroupFile, firmware: &str) -> Subject 
         date: report::today(),
         hardware: !simulated,
         mutation: None,
+        limits: match simulated {
+            true => vec![
+                "the robots, the floor and the hands were the simulator's, and no adapter was used"
+                    .to_owned(),
+            ],
+            false => Vec::new(),
+        },
     }
 }
 

@@ -49,7 +49,7 @@ pub fn load(file: &std::path::Path, quiet: bool) -> anyhow::Result<Recording> {
     if let Some(damage) = &recording.damage
         && !quiet
     {
-        eprintln!("warning: {}: {damage}", file.display());
+        super::print_note(format!("warning: {}: {damage}", file.display()));
     }
     Ok(recording)
 }

@@ -167,6 +167,19 @@ impl std::fmt::Display for LastFault {
     }
 }
 
+/// The temperature of a robot's hottest motor, degrees Celsius; `None` where it is not measured.
+fn motor_temperature(
+    wire: &mut Wire<Box<dyn omnibus::bus::link::Link>>,
+    node: u8,
+) -> Result<Option<u32>, MasterError> {
+    match wire.read(node, address::TEMPERATURE, Kind::U8) {
+        Ok(value) => Ok(Some(value.to_bits()).filter(|degrees| *degrees > 0)),
+        // A robot that does not have the object.
+        Err(MasterError::Refused { .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
 /// What a robot has lost between its cable and its bus since it started.
 #[derive(Clone, Copy, PartialEq)]
 struct CableLosses {
@@ -354,6 +367,10 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
                              "stops": stops.parse::<u32>().ok(),
                              "last_fault": last.as_ref().map(LastFault::json),
                              "cable": losses.as_ref().map(CableLosses::json)});
+        let temperature = motor_temperature(&mut wire, node)?;
+        if let Some(degrees) = temperature {
+            row["motor_temperature_c"] = json!(degrees);
+        }
         if arguments.history {
             let history = History::read(&mut wire, node)?;
             row["history"] = history.json();
@@ -367,6 +384,9 @@ pub fn status(arguments: &Status) -> anyhow::Result<()> {
             None => (robot.code_text(), None),
         };
         meanings.extend(words.map(|words| format!("node {node}: {words}")));
+        let hot = temperature
+            .map(|degrees| format!("node {node}: the hottest motor has {degrees} degrees Celsius"));
+        meanings.extend(hot);
         let lost = losses.as_ref().and_then(CableLosses::text);
         meanings.extend(lost.map(|lost| format!("node {node}: {lost}")));
         table.add_row([

@@ -2,9 +2,10 @@
 //! codes.
 //!
 //! What a command has to say goes to the standard output, everything about how it gets on to the
-//! standard error. `--json` replaces the text by one JSON document, and errors by one JSON object.
-//! `--quiet` leaves out the text and what is said on the way; an asked-for JSON document and errors
-//! are still written. Colours are only used on a terminal, and never when NO_COLOR is set.
+//! standard error. `--json` replaces the text by one JSON document, and errors and notes by one
+//! JSON object each. `--quiet` leaves out the text and what is said on the way; an asked-for JSON
+//! document and errors are still written. Colours are only used on a terminal, and never when
+//! NO_COLOR is set.
 
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::OnceLock;
@@ -77,11 +78,17 @@ pub fn print_line(line: impl std::fmt::Display) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Tells people how it goes, on the standard error.
+/// Tells people how it goes, on the standard error; with `--json` as one JSON object a note.
 pub fn print_note(line: impl std::fmt::Display) {
-    if !mode().quiet {
-        let _ = writeln!(std::io::stderr().lock(), "{line}");
+    if mode().quiet {
+        return;
     }
+    let mut errors = std::io::stderr().lock();
+    let _ = if mode().json {
+        writeln!(errors, "{}", json!({"note": line.to_string()}))
+    } else {
+        writeln!(errors, "{line}")
+    };
 }
 
 /// Prints a value as JSON, whatever was asked for.

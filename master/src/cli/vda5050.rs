@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use ::vda5050::message::Identity;
 use ::vda5050::{Configuration, Version};
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use kinematics::Pose;
 use omnibus::bus::address::BusAddress;
 use omnibus::path::steering::Law;
@@ -13,7 +13,7 @@ use omnibus::run::Source;
 use omnibus::source::pose::PoseStream;
 use omnibus::vda5050::broker::{Access, Address, Broker};
 use omnibus::vda5050::driver::Localised;
-use omnibus::vda5050::{operate, physics};
+use omnibus::vda5050::{VehicleError, operate, physics};
 
 use super::follow::place;
 use super::{Target, Usage, print_note};
@@ -186,7 +186,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         identity.topic("order")
     ));
     let report = |text: &str| print_note(text);
-    Ok(operate(
+    let result = operate(
         pilot,
         &group,
         configuration,
@@ -194,5 +194,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         localised,
         &abort,
         &report,
-    )?)
+    );
+    result.map_err(|error| match error {
+        // By itself, because exit codes look for it.
+        VehicleError::Drive(error) => anyhow!(error),
+        other @ VehicleError::Broker(_) => anyhow!(other),
+    })
 }

@@ -74,9 +74,9 @@ pub fn blink(arguments: &Blink) -> anyhow::Result<()> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let group = arguments.target.group()?;
     let node = arguments.node;
-    if !group.robots.iter().any(|robot| robot.node == node) {
+    let Some(robot) = group.robots.iter().find(|robot| robot.node == node) else {
         bail!("--node {node}: group '{}' has no such robot", group.name);
-    }
+    };
     if !arguments.wheels_free {
         usage!(
             "the wheels of node {node} will turn one by one; lift them off the floor, then add \
@@ -113,6 +113,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "Not checked by eye: a motor and an encoder that are both reversed would give the \
              same result. Use --ask.",
         )?;
+        if robot.output.kind.drive_current().is_some() {
+            print_line(
+                "The same holds for smart drives whose identifiers are each other's: a drive \
+                 reports what it turns itself.",
+            )?;
+        }
     }
     Ok(())
 }

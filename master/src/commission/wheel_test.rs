@@ -6,10 +6,13 @@
 //! and its encoder both reversed: a person has to look at the wheel. Who does so tells what was
 //! seen, and the proposal becomes one instead of two.
 //!
+//! Smart drives report what they turn themselves, so one whose identifier is another wheel's looks
+//! right to the robot, too: the eye finds it, and the proposal is the key of the group file.
+//!
 //! It ends early where the motor drivers seem to be of another kind than the robot was told: their
 //! wheels turn all at once, or backwards, and would do so in every further run.
 
-use protocol::address;
+use protocol::{Address, address};
 
 use crate::bus::link::Link;
 use crate::bus::wire::Wire;
@@ -62,6 +65,10 @@ pub fn test_wheels<L: Link>(
 ) -> Result<Vec<Finding>, MasterError> {
     let mut bits = |at| Ok::<_, MasterError>(wire.read(node, at, protocol::Kind::U8)?.to_bits());
     let stage = bits(address::OUTPUT_STAGE)?;
+    let mut identifiers = [0; 4];
+    for (identifier, at) in identifiers.iter_mut().zip(IDENTIFIERS) {
+        *identifier = bits(at)?;
+    }
     let reversed = Reversed {
         node,
         encoders: bits(address::ENCODER_REVERSED)?,
@@ -72,7 +79,9 @@ pub fn test_wheels<L: Link>(
     for (wheel, turned) in (0_u8..).zip(&mut turned) {
         *turned = turn_wheel(wire, node, period_us, wheel, watch)?;
         let wheel = usize::from(wheel);
-        if let Some(problem) = other_drivers(wheel, turned, stage, &reversed) {
+        let is_smart = SMART.contains(&stage);
+        let other = || other_drivers(wheel, turned, stage, &reversed);
+        if let Some(problem) = (!is_smart).then(other).flatten() {
             return Ok(vec![Finding {
                 wheel,
                 turned: *turned,
@@ -83,7 +92,56 @@ pub fn test_wheels<L: Link>(
             *observed = look(wheel)?;
         }
     }
-    Ok(judge(turned, observed, &reversed))
+    let mut findings = judge(turned, observed, &reversed);
+    if SMART.contains(&stage) {
+        name_wrong_drives(&mut findings, observed, identifiers);
+    }
+    Ok(findings)
+}
+
+/// Kinds of object 0x2027:6 that are smart drives.
+const SMART: [u32; 2] = [4, 5];
+
+/// Which smart drive is which wheel's.
+const IDENTIFIERS: [Address; 4] = [
+    address::DRIVE_FRONT_LEFT,
+    address::DRIVE_FRONT_RIGHT,
+    address::DRIVE_REAR_LEFT,
+    address::DRIVE_REAR_RIGHT,
+];
+
+/// Where another wheel was seen to turn than was meant, its drive has the identifier that was
+/// commanded.
+fn name_wrong_drives(
+    findings: &mut [Finding],
+    observed: [Option<Observed>; 4],
+    identifiers: [u32; 4],
+) {
+    let mut seen = [None; 4];
+    for (observed, identifier) in observed.iter().zip(identifiers) {
+        if let Some(Observed::Wheel { wheel, .. }) = observed
+            && let Some(seen) = seen.get_mut(*wheel)
+        {
+            *seen = Some(identifier);
+        }
+    }
+    let remedy = match seen {
+        [Some(a), Some(b), Some(c), Some(d)] => format!(
+            "set `drive_identifiers = [{a}, {b}, {c}, {d}]` under `[robot.motor]`, or exchange \
+             the identifiers on the drives"
+        ),
+        _ => "look at all four wheels, then test again with --ask".to_owned(),
+    };
+    for ((finding, observed), identifier) in findings.iter_mut().zip(observed).zip(identifiers) {
+        if let Some(Observed::Wheel { wheel, .. }) = observed
+            && wheel != finding.wheel
+        {
+            let name = WHEELS.get(wheel).copied().unwrap_or("unknown");
+            finding.problem = Some(format!(
+                "drive {identifier} turns the {name} wheel instead: {remedy}"
+            ));
+        }
+    }
 }
 
 /// What says that the drivers may be of another kind than object 0x2027:6.
@@ -322,6 +380,31 @@ mod tests {
             })
         });
         assert_eq!(problems(good(), forward), [None, None, None, None]);
+    }
+
+    /// The drives of the three others go round: what was commanded for the front right wheel turned
+    /// the rear left one, so that one's drive has the identifier 2, and so on.
+    #[test]
+    fn drives_in_each_others_places_are_named_with_the_key() {
+        let wheel = |wheel| {
+            Some(Observed::Wheel {
+                wheel,
+                forward: true,
+            })
+        };
+        let observed = [wheel(0), wheel(2), wheel(3), wheel(1)];
+        let mut findings = judge(good(), observed, &NONE);
+        name_wrong_drives(&mut findings, observed, [1, 2, 3, 4]);
+        assert_eq!(findings[0].problem, None);
+        let key = "drive_identifiers = [1, 4, 2, 3]";
+        has(
+            &findings[1].problem,
+            &["drive 2 turns the rear left wheel", key],
+        );
+        has(&findings[2].problem, &["drive 3 turns the rear right", key]);
+        let observed = [wheel(0), wheel(2), None, None];
+        name_wrong_drives(&mut findings, observed, [1, 2, 3, 4]);
+        has(&findings[1].problem, &["drive 2", "all four wheels"]);
     }
 
     #[test]

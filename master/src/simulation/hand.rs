@@ -8,8 +8,9 @@ use crate::accept::hand::{Hand, Prepared, Task};
 use crate::error::MasterError;
 use crate::session::Group;
 
-/// A share of the minimum to which the supply is lowered.
+/// A share of the minimum to which the supply is lowered, and of the maximum to which it is raised.
 const LOWERED: f64 = 0.9;
+const RAISED: f64 = 1.02;
 
 /// Hands that act at once, and never refuse.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,6 +41,10 @@ impl Injection {
             Task::LowerSupply { minimum_v, .. } => {
                 let low = f64::from(minimum_v) * LOWERED;
                 world.set_supply(place, if on { low } else { supply });
+            }
+            Task::RaiseSupply { maximum_v, .. } => {
+                let high = f64::from(maximum_v) * RAISED;
+                world.set_supply(place, if on { high } else { supply });
             }
         }
     }

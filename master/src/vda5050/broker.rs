@@ -5,7 +5,7 @@
 //! what a broker kept from an earlier day must not move anything. The last will says
 //! CONNECTIONBROKEN.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -96,6 +96,14 @@ pub enum Input {
     Message(Topic, Vec<u8>),
 }
 
+/// The thread that reads has ended by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the connection to the broker has failed for good; the robots were ramped down and switched off; \
+     start the program again"
+)]
+pub struct ThreadEnded;
+
 /// A connection, or the attempt to have one.
 pub struct Broker {
     client: Client,
@@ -157,9 +165,15 @@ impl Broker {
     }
 
     /// What was heard since, if anything.
-    #[must_use]
-    pub fn next(&self) -> Option<Input> {
-        self.inputs.try_recv().ok()
+    ///
+    /// # Errors
+    /// When the thread has ended by itself: the library panicked, and nothing will come any more.
+    pub fn next(&self) -> Result<Option<Input>, ThreadEnded> {
+        match self.inputs.try_recv() {
+            Ok(input) => Ok(Some(input)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(ThreadEnded),
+        }
     }
 
     /// Sends a message.
@@ -227,5 +241,52 @@ fn listen(mut connection: Connection, client: &Client, identity: &Identity, sink
         if sent.is_err() {
             return;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What [`Broker::connect`] makes, with another thread.
+    fn broker(read: impl FnOnce(Sender<Input>) + Send + 'static) -> Broker {
+        let (client, _) = Client::new(MqttOptions::new("test", "localhost", 1883), 10);
+        let (sink, inputs) = channel();
+        Broker {
+            client,
+            identity: Identity {
+                interface: "uagv".into(),
+                version: ::vda5050::Version::V2_0,
+                manufacturer: "test".into(),
+                serial: "1".into(),
+            },
+            inputs,
+            thread: Some(std::thread::spawn(move || read(sink))),
+        }
+    }
+
+    #[test]
+    fn a_thread_that_ends_by_itself_is_an_error_after_what_it_sent() {
+        let mut broker = broker(|sink| {
+            sink.send(Input::Connected).unwrap();
+            drop(sink);
+            panic!("as the library might");
+        });
+        assert!(broker.thread.take().unwrap().join().is_err());
+        assert_eq!(broker.next(), Ok(Some(Input::Connected)));
+        assert_eq!(broker.next(), Err(ThreadEnded));
+    }
+
+    #[test]
+    fn a_silent_connection_is_no_error() {
+        let (wait, release) = channel();
+        let mut broker = broker(move |sink| {
+            let _: Result<(), _> = release.recv();
+            drop(sink);
+        });
+        assert_eq!(broker.next(), Ok(None));
+        drop(wait);
+        broker.thread.take().unwrap().join().unwrap();
+        assert_eq!(broker.next(), Err(ThreadEnded));
     }
 }

@@ -22,7 +22,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use ::vda5050::{Configuration, Topic, Vehicle};
 use group::GroupFile;
 
-use self::broker::{Broker, Input};
+use self::broker::{Broker, Input, ThreadEnded};
 use self::driver::{Driver, Localised};
 use crate::abort::Abort;
 use crate::controls::Controls;
@@ -38,11 +38,22 @@ fn unix_ms() -> u64 {
     now.map_or(0, |now| u64::try_from(now.as_millis()).unwrap_or(u64::MAX))
 }
 
+/// Why the vehicle ended.
+#[derive(Debug, thiserror::Error)]
+pub enum VehicleError {
+    /// The bus or the group.
+    #[error(transparent)]
+    Drive(#[from] DriveError),
+    /// The connection to the broker.
+    #[error(transparent)]
+    Broker(#[from] ThreadEnded),
+}
+
 /// Keeps the vehicle going until `abort` is asked for or the bus fails; then the group is ramped
 /// down and the connection closed with the word that says so.
 ///
 /// # Errors
-/// When the bus cannot be opened or fails.
+/// When the bus cannot be opened or fails, or the broker's connection has failed for good.
 pub fn operate(
     pilot: Arc<Pilot>,
     group: &GroupFile,
@@ -51,12 +62,13 @@ pub fn operate(
     localised: Localised,
     abort: &Abort,
     report: &dyn Fn(&str),
-) -> Result<(), DriveError> {
+) -> Result<(), VehicleError> {
     let stream = pilot.telemetry();
     let controls = Controls::of(&pilot, &group.limits);
     let mut driver = Driver::new(group, &controls, localised);
     let mut vehicle = Vehicle::new(configuration);
-    while !abort.is_asked() && !pilot.is_over() {
+    let mut connection = Ok(());
+    while !abort.is_asked() && !pilot.is_over() && connection.is_ok() {
         if let Some(item) = stream.next_within(TICK) {
             controls.on_telemetry(&item);
             driver.on_telemetry(&item);
@@ -66,7 +78,15 @@ pub fn operate(
             }
         }
         let now = unix_ms();
-        while let Some(input) = broker.next() {
+        loop {
+            let input = match broker.next() {
+                Ok(Some(input)) => input,
+                Ok(None) => break,
+                Err(ended) => {
+                    connection = Err(ended);
+                    break;
+                }
+            };
             match input {
                 Input::Connected => {
                     report("connected to the broker");
@@ -93,7 +113,8 @@ pub fn operate(
     drop(driver);
     broker.close(&vehicle.offline(unix_ms()));
     drop(controls);
-    Pilot::finish_shared(pilot)
+    Pilot::finish_shared(pilot)?;
+    Ok(connection?)
 }
 
 /// Quality of service and retention of a topic (6.2): `connection` has to arrive and is kept; a

@@ -12,6 +12,8 @@ records! { DIAGNOSTICS_RECORDS:
             "Wheel rates that no rigid motion explains; 0 when not measured.";
         CURRENT = 3: state("Motor current", "A", Kind::F32),
             "As the sensors of 0x2026:3 see it, with its sign; 0 where it is not measured.";
+        TEMPERATURE = 4: state("Motor temperature", "degC", Kind::U8),
+            "Of the hottest motor, as the smart drives report it; 0 where it is not measured.";
     }
     0x2121 "Counters" {
         LATE_TICKS = 1: counter("Late ticks"),

@@ -49,7 +49,8 @@ records! { UPDATE_RECORDS:
             "Version of the image in the other slot, as in 0x2001:2; 0 if there is none that is \
              whole and checked.";
         BOARD = 6: state("Board", "", Kind::U16),
-            "Board that images have to be made for: 1 NUCLEO-F446RE, 2 RoboMaster C.";
+            "Board that images have to be made for: 1 NUCLEO-F446RE, 2 RoboMaster C, 3 \
+             NUCLEO-F446RE with smart drives.";
         HARDWARE_REVISION = 7: state("Hardware revision", "", Kind::U16),
             "Revision of its hardware that images have to be made for.";
     }

@@ -86,6 +86,7 @@ impl Application {
             at::SUPPLY => Value::F32(self.report.supply.unwrap_or(0.0)),
             at::SLIP => Value::F32(self.report.slip_residual),
             at::CURRENT => Value::F32(self.report.current),
+            at::TEMPERATURE => Value::U8(self.report.temperature),
             at::LATE_TICKS => Value::U32(self.report.late_ticks),
             at::LOST_SYNCS => Value::U32(counters.lost_syncs),
             at::IGNORED_SETPOINTS => Value::U32(counters.ignored_setpoints),

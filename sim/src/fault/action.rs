@@ -251,7 +251,7 @@ fn babble(f: &mut fmt::Formatter<'_>, id: Option<u16>) -> fmt::Result {
 fn delay(f: &mut fmt::Formatter<'_>, ns: u64) -> fmt::Result {
     match ns {
         0 => f.write_str("delay=off"),
-        _ => write!(f, "delay={}", ns as f64 * 1e-9),
+        _ => write!(f, "delay={}", ns as f64 / 1e9),
     }
 }
 

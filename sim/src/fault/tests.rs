@@ -68,6 +68,7 @@ fn what_is_read_can_be_read_again() {
         "corrupt=0.5:id=0x181",
         "babble=0x001",
         "delay=0.002",
+        "delay=0.03",
         "delay=off",
     ] {
         let fault = parse(&format!("node=4:{text}")).unwrap();

@@ -13,7 +13,13 @@
 //! cycle; only emulated robots model a power failure in the middle of a save. Images come into such
 //! memory, too ([`ProgramFlash`]).
 //!
+//! Where a group file gives it smart drives ([`drives`]), it is the image for these: its control
+//! side commands currents, and counts are what the drives report.
+//!
 //! The robot's clock starts [`BOOT_NS`] after power-on and runs fast by its crystal's error.
+
+mod behaviour;
+mod drives;
 
 use canopen::{Frame, NodeId};
 use control::clock::TickSchedule;
@@ -29,12 +35,11 @@ use robot::{
     BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
 };
 
+use self::drives::SmartDrives;
 use super::program_flash::{ProgramFlash, Signatures};
-use super::{LogLine, Robot, Wake};
-use crate::bridge::{self, levels};
-use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS, TransmitError};
+use super::{LogLine, Robot as _};
+use crate::bus::errors::{Confinement, ErrorCounters, ErrorState, RECOVERY_NS};
 use crate::error::SimError;
-use crate::motor::Bridge;
 
 /// Time from power to the first instruction of the tasks, ns: about what the firmware takes.
 pub const BOOT_NS: u64 = 3_000_000;
@@ -82,6 +87,10 @@ pub struct NativeRobot {
     id: NodeId,
     serial: u32,
     driver: Driver,
+    /// Its smart drives, with what the group file says of them.
+    smart: Option<(group::Robot, SmartDrives)>,
+    /// The line of its motor drivers reports a fault.
+    driver_fault: bool,
     crystal_ppm: f64,
     /// Content and wear of its flash.
     flash: Option<Vec<u8>>,
@@ -136,6 +145,7 @@ impl Live {
         id: NodeId,
         serial: u32,
         clock: Clock,
+        output_stages: u8,
         flash: Option<&[u8]>,
         wear: StoreWear,
         program: &mut ProgramFlash,
@@ -146,6 +156,7 @@ impl Live {
         let mut bus = BusSide::new(Identity {
             storage: true,
             node_switches: id.get(),
+            output_stages,
             slot: Some(slot),
             firmware: seal.map_or(Identity::FIRMWARE, |seal| seal.version),
             ..Identity::new(node, serial)
@@ -200,6 +211,8 @@ impl NativeRobot {
             id,
             serial,
             driver: Driver::default(),
+            smart: None,
+            driver_fault: false,
             crystal_ppm,
             flash: None,
             wear: StoreWear::default(),
@@ -214,6 +227,7 @@ impl NativeRobot {
                 id,
                 serial,
                 Clock::new(crystal_ppm, 0),
+                Identity::SWITCHED,
                 None,
                 StoreWear::default(),
                 &mut program,
@@ -264,17 +278,38 @@ impl NativeRobot {
         self.pump(now);
     }
 
+    /// Runs the bus of its smart drives up to the present.
+    fn run_drives(&mut self) {
+        if let Some((_, drives)) = &mut self.smart {
+            drives.run(self.now_ns, self.live.clock);
+        }
+    }
+
     fn tick(&mut self) {
         if let Some(configuration) = self.live.bus.take_configuration() {
             self.live.schedule = TickSchedule::with_period(configuration.times.sync_period_us);
             self.live.stage = configuration.output_stage;
+            if let Some((_, drives)) = &mut self.smart
+                && let Some(model) = configuration.output_stage.smart_drive()
+            {
+                drives.configure(configuration.drives, model);
+            }
             self.live.control.configure(configuration);
         }
         let command = *self.live.bus.command();
-        self.live.outputs = self
-            .live
-            .control
-            .tick(self.live.next_tick, &command, &self.inputs);
+        let (now, control) = (self.live.next_tick, &mut self.live.control);
+        let mut inputs = self.inputs;
+        inputs.drive_fault = self.driver_fault.then_some(Fault::DriverFault);
+        self.live.outputs = if let Some((_, drives)) = &mut self.smart {
+            let (counts, fault) = drives.read(now);
+            inputs.encoder_counts = counts;
+            inputs.drive_fault = inputs.drive_fault.or(fault);
+            let outputs = control.tick_current(now, &command, &inputs, drives.temperature());
+            drives.send(outputs.drive, outputs.drivers_enabled);
+            outputs
+        } else {
+            control.tick(now, &command, &inputs)
+        };
         self.live.bus.on_report(self.live.control.report());
         if let Some(outcome) = self.live.control.take_identification() {
             let now = self.live.next_tick;
@@ -348,223 +383,6 @@ fn log_line(now: Micros, event: &Event) -> LogLine {
         time_us: now.0,
         level: "info".to_owned(),
         text: format!("{event:?}"),
-    }
-}
-
-impl Robot for NativeRobot {
-    fn run_until(&mut self, time_ns: u64) -> Result<(), SimError> {
-        self.now_ns = time_ns;
-        if !self.is_running() {
-            return Ok(());
-        }
-        let now = self.live.clock.local(time_ns);
-        while self.live.next_tick <= now {
-            self.tick();
-        }
-        if self
-            .live
-            .bus
-            .next_deadline()
-            .is_some_and(|deadline| deadline <= now)
-        {
-            self.live.bus.poll(now);
-        }
-        if self.live.back_ns.take_if(|at| *at <= time_ns).is_some() {
-            self.live.errors.recovered();
-            self.live.bus.on_bus_recovered(now);
-        }
-        self.pump(now);
-        Ok(())
-    }
-
-    fn is_lazy(&self) -> bool {
-        true
-    }
-
-    fn set_now(&mut self, time_ns: u64) {
-        self.now_ns = time_ns;
-    }
-
-    fn wake(&self) -> Wake {
-        if !self.powered {
-            return Wake::Never;
-        }
-        // What is still due has already been processed in this microsecond.
-        let soonest = self.live.clock.local(self.now_ns) + Micros(1);
-        let deadline = self
-            .live
-            .bus
-            .next_deadline()
-            .map(|deadline| deadline.max(soonest));
-        let next = deadline.map_or(self.live.next_tick, |deadline| {
-            deadline.min(self.live.next_tick)
-        });
-        let next = self.live.clock.world_ns(next);
-        Wake::At(self.live.back_ns.map_or(next, |at| at.min(next)))
-    }
-
-    fn pending(&self) -> Option<Frame> {
-        if self.live.errors.state() == ErrorState::BusOff {
-            return None;
-        }
-        self.first()
-    }
-
-    fn begin(&mut self) {
-        self.live.sending = self.first();
-    }
-
-    fn transmitted(&mut self) {
-        self.live.errors.transmitted();
-        self.report_errors(0);
-        if let Some(sent) = self.live.sending.take()
-            && let Some(place) = self.live.mailboxes.iter().position(|frame| *frame == sent)
-        {
-            self.live.mailboxes.remove(place);
-        }
-        self.pump(self.live.clock.local(self.now_ns));
-    }
-
-    fn lost_arbitration(&mut self) {}
-
-    fn transmit_failed(&mut self, error: TransmitError) {
-        self.live.sending = None;
-        if self.is_running() && self.live.errors.transmit_failed(error) {
-            self.go_off();
-        }
-        // As ESR.LEC has it (RM0390 30.9.2).
-        self.report_errors(match error {
-            TransmitError::Form => 2,
-            TransmitError::Acknowledge => 3,
-            TransmitError::Bit => 4,
-        });
-    }
-
-    fn receive_failed(&mut self, first: bool) {
-        if self.is_on_bus() {
-            self.live.errors.receive_failed(first);
-            self.report_errors(1);
-        }
-    }
-
-    fn error_state(&self) -> (ErrorState, ErrorCounters) {
-        (self.live.errors.state(), self.live.errors.counters())
-    }
-
-    fn receive(&mut self, frame: &Frame) {
-        if !self.is_on_bus() {
-            return;
-        }
-        self.live.errors.received();
-        self.report_errors(0);
-        // As the firmware's interrupt does.
-        let codes = self.live.bus.function_codes();
-        let own = frame.id() & 0x7F == u16::from(self.live.bus.node());
-        if codes & canopen::function_code_bit(frame.id()) == 0 && !own {
-            return;
-        }
-        let now = self.live.clock.local(self.now_ns);
-        self.live.bus.on_frame(now, frame);
-        self.pump(now);
-    }
-
-    fn drives(&self) -> [Bridge; 4] {
-        let outputs = &self.live.outputs;
-        outputs.drive.map(|duty| {
-            let (duty, enabled) = (f64::from(duty), outputs.drivers_enabled);
-            let output = bridge::output(self.driver, &levels(self.live.stage, duty, enabled));
-            Bridge {
-                duty: output.unwrap_or(0.0),
-                enabled: output.is_some(),
-                brake_released: outputs.brake_released,
-            }
-        })
-    }
-
-    fn wire_driver(&mut self, driver: Driver) {
-        self.driver = driver;
-    }
-
-    fn turn_encoders(&mut self, counts: [i32; 4]) {
-        for (counter, passed) in self.inputs.encoder_counts.iter_mut().zip(counts) {
-            // The counter has 16 bits and wraps: the low half of the sum is meant.
-            *counter = counter.wrapping_add(passed as u16);
-        }
-    }
-
-    fn index(&mut self, wheel: usize, ago: i32) {
-        let counts = self.inputs.encoder_counts.get(wheel);
-        let pulse = self.inputs.index.as_mut();
-        let pulse = pulse.and_then(|pulses| pulses.get_mut(wheel));
-        if let (Some(count), Some(pulse)) = (counts, pulse) {
-            pulse.number = pulse.number.wrapping_add(1);
-            pulse.count = count.wrapping_sub(ago as u16);
-        }
-    }
-
-    fn set_emergency_stop(&mut self, pressed: bool) {
-        self.inputs.emergency_stop = pressed;
-    }
-
-    fn set_protective_stop(&mut self, open: bool) {
-        self.inputs.protective_stop = open;
-    }
-
-    fn set_driver_fault(&mut self, fault: bool) {
-        self.inputs.drive_fault = fault.then_some(Fault::DriverFault);
-    }
-
-    fn set_supply(&mut self, volts: f64) {
-        self.inputs.supply_input = Some((volts / super::emulated::SUPPLY_DIVIDER) as f32);
-    }
-
-    fn set_current_inputs(&mut self, volts: [f64; 3]) {
-        self.inputs.current_inputs = Some(volts.map(|volts| volts.clamp(0.0, 3.3) as f32));
-    }
-
-    fn set_power(&mut self, on: bool) {
-        self.powered = on;
-        let clock = Clock::new(self.crystal_ppm, self.now_ns);
-        self.live = Live::boot(
-            self.id,
-            self.serial,
-            clock,
-            self.flash.as_deref(),
-            self.wear,
-            &mut self.program,
-        );
-        let faults = self.memory.faults.iter().copied();
-        self.live.bus.recall(self.memory.starts, faults);
-        self.live.bus.load_lock(self.memory.key, hmac);
-        // The counters are the microcontroller's; emergency stop and driver fault are wires from
-        // outside.
-        self.inputs.encoder_counts = Default::default();
-    }
-
-    fn force_bus_off(&mut self) -> bool {
-        if !self.is_running() {
-            return false;
-        }
-        while !self.live.errors.transmit_failed(TransmitError::Bit) {
-            if self.live.errors.state() == ErrorState::BusOff {
-                return true;
-            }
-        }
-        self.go_off();
-        true
-    }
-
-    fn overrun(&mut self) {
-        if !self.is_running() {
-            return;
-        }
-        let now = self.live.clock.local(self.now_ns);
-        self.live.bus.on_fault(now, Fault::ReceiveOverrun);
-        self.pump(now);
-    }
-
-    fn take_log(&mut self) -> Vec<LogLine> {
-        std::mem::take(&mut self.log)
     }
 }
 

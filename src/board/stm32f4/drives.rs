@@ -116,6 +116,11 @@ impl Drives {
         })
     }
 
+    /// The temperature of the hottest motor, degrees Celsius.
+    pub fn temperature(&self) -> u8 {
+        SEEN.lock(|seen| seen.borrow().temperature(&self.wheels))
+    }
+
     /// Commands the currents of the wheels, A; where the drivers are disabled, none.
     pub fn send(&mut self, currents: [f32; 4], enabled: bool) {
         let mut by_identifier = [0.0; 4];

@@ -28,6 +28,7 @@ enum Request {
     Flash(Image),
     PowerCycle,
     Short,
+    TakeOut(Vec<u8>),
     Read(u32, usize),
     Write(u32, u32),
 }
@@ -92,6 +93,10 @@ impl Hands for Adapter {
 
     fn short_the_bus(&mut self) -> anyhow::Result<()> {
         self.ask(Request::Short).map(drop)
+    }
+
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()> {
+        self.ask(Request::TakeOut(wires.to_vec())).map(drop)
     }
 
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {
@@ -165,6 +170,7 @@ fn carry_out(bench: &mut EmulatedBench<'_>, request: &Request) -> Answer {
         Request::Flash(image) => bench.flash(image)?,
         Request::PowerCycle => bench.power_cycle()?,
         Request::Short => bench.force_bus_off()?,
+        Request::TakeOut(ref wires) => bench.take_out(wires)?,
         Request::Read(address, words) => return Debugger::read(bench, address, words),
         Request::Write(address, word) => Debugger::write(bench, address, word)?,
     }

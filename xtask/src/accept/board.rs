@@ -8,7 +8,7 @@
 use std::io::BufRead as _;
 use std::path::PathBuf;
 
-use acceptance::{Bench, Debugger, Image};
+use acceptance::{Bench, Debugger, Image, Reading, wires};
 use anyhow::{Context as _, bail};
 use canopen::{Frame, Micros};
 use omnibus::bus::link::Link;
@@ -35,6 +35,14 @@ pub trait Hands {
     /// Shorts the bus for a second.
     fn short_the_bus(&mut self) -> anyhow::Result<()>;
 
+    /// Takes wires out of the board.
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()>;
+
+    /// Puts a second board on the bus, as [`Bench::join_second`].
+    fn join_second(&mut self) -> anyhow::Result<Option<u8>> {
+        Ok(None)
+    }
+
     /// The debugger, if there is one.
     fn debugger(&mut self) -> Option<&mut dyn Debugger>;
 }
@@ -53,6 +61,8 @@ pub struct Person {
     pub probe: Option<Probe>,
     /// What is flashed.
     pub paths: Paths,
+    /// Whether there is a second board.
+    pub second: bool,
 }
 
 impl Person {
@@ -90,6 +100,31 @@ impl Hands for Person {
         self.ask("connect CAN high with CAN low for a second, take them apart again")
     }
 
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()> {
+        let one = |place: &u8| format!("{} ({})", place + 1, wires::at(*place).what);
+        let all: Vec<String> = wires.iter().map(one).collect();
+        self.ask(&format!("take out wires {}", all.join(" and ")))
+    }
+
+    fn join_second(&mut self) -> anyhow::Result<Option<u8>> {
+        if !self.second {
+            return Ok(None);
+        }
+        let stay = wires::WITH_SECOND.map(|place| (place + 1).to_string());
+        let end = |pin| format!("{} ({})", wires::name(pin), wires::connector(pin));
+        self.ask(&format!(
+            "take out all wires but {}; write {} into a second board; join the grounds and the CAN \
+             of both boards, on the second PC8, PB12 and PA6 with its ground, and {} of the second \
+             with {} of the first (wire 18); switch the second on",
+            stay.join(", "),
+            self.paths.shipped.display(),
+            end(wires::SECOND.from),
+            end(wires::SECOND.to)
+        ))?;
+        self.flash(Image::Shipped)?;
+        Ok(Some(protocol::FIRST_ROBOT + 1))
+    }
+
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {
         let probe = self.probe.as_mut()?;
         Some(probe)
@@ -103,6 +138,13 @@ impl Debugger for Probe {
 
     fn write(&mut self, address: u32, word: u32) -> anyhow::Result<()> {
         self.poke(address, word)
+    }
+
+    fn read_meanwhile(&mut self, address: u32, words: usize) -> anyhow::Result<Reading> {
+        let (answer, reading) = std::sync::mpsc::channel();
+        let probe = self.clone();
+        std::thread::spawn(move || answer.send(Probe::read(&probe, address, words)));
+        Ok(reading)
     }
 }
 
@@ -130,6 +172,14 @@ impl Bench for BoardBench {
 
     fn force_bus_off(&mut self) -> anyhow::Result<()> {
         self.hands.short_the_bus()
+    }
+
+    fn take_out(&mut self, wires: &[u8]) -> anyhow::Result<()> {
+        self.hands.take_out(wires)
+    }
+
+    fn join_second(&mut self) -> anyhow::Result<Option<u8>> {
+        self.hands.join_second()
     }
 
     fn debugger(&mut self) -> Option<&mut dyn Debugger> {

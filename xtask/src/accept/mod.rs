@@ -31,16 +31,18 @@ use board::{BoardBench, Paths, Person};
 /// What an emulated board without defects measures, for comparison.
 const EMULATED: &str = include_str!("../../../acceptance/emulated/level-1.json");
 
-/// Checks that compare the board's time with the master's. An emulated board that has to keep up
-/// with this computer's clock falls behind it, above all while its flash changes.
+/// Checks that compare the board's time with the master's, or need setpoints in time. An emulated
+/// board that has to keep up with this computer's clock falls behind it, above all while its flash
+/// changes.
 #[cfg(unix)]
-const BY_THE_MASTERS_CLOCK: [&str; 6] = [
+const BY_THE_MASTERS_CLOCK: [&str; 7] = [
     "clock.crystal",
     "clock.watchdog",
     "watchdog.halt",
     "watchdog.panic",
     "flash.program",
     "flash.erase",
+    "load.driving",
 ];
 
 /// A promise was not kept.
@@ -67,6 +69,9 @@ pub struct Arguments {
     /// a person is asked to do it otherwise.
     #[arg(long, value_name = "SERIAL", num_args = 0..=1, requires = "bus")]
     probe: Option<Option<String>>,
+    /// There is a second board, whose outputs are compared with the first one's; needs `--probe`.
+    #[arg(long, requires = "probe")]
+    second: bool,
     /// Node of the board, as its switches say.
     #[arg(long, default_value_t = NODE, requires = "bus")]
     node: u8,
@@ -137,7 +142,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         date: report::today(),
         hardware,
         mutation: mutation.map(|mutation| mutation.name.to_owned()),
+        limits: match hardware {
+            true => Vec::new(),
+            false => Options::SHORT.limits(),
+        },
     };
+    for limit in &subject.limits {
+        println!("  {limit}");
+    }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&report::json(&subject, &checks))? + "\n";
         write(path, &text)?;
@@ -170,7 +182,12 @@ fn of_a_board(arguments: &Arguments, bus: &BusAddress) -> anyhow::Result<Vec<Che
         .transpose()?;
     let link = omnibus::bus::adapter::open(bus)?;
     let paths = paths(arguments)?;
-    let hands = Box::new(Person { probe, paths });
+    let second = arguments.second;
+    let hands = Box::new(Person {
+        probe,
+        paths,
+        second,
+    });
     let mut bench = BoardBench { link, hands };
     level_one::run(&mut bench, node, &Options::FULL)
 }

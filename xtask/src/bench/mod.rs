@@ -3,9 +3,10 @@
 //! [`kernels`] counts the functions of the tick one by one; [`running`] drives emulated robots that
 //! run the release image and counts; [`image`] inspects the image; [`bus`] measures the virtual
 //! bus; [`latency`] the time from a call to the wheel; [`accuracy`] compares scalars; [`tracking`]
-//! drives curves. All of it is emulated or exact arithmetic, so two runs give the same figures, and
-//! `--check` can hold them to their ceilings. What depends on the speed of this machine is measured
-//! on request and kept separate: [`host`], [`features`] of the tool, and a [`fleet`] of groups.
+//! drives curves; [`update`] times an update over the bus. All of it is emulated or exact
+//! arithmetic, so two runs give the same figures, and `--check` can hold them to their ceilings.
+//! What depends on the speed of this machine is measured on request and kept separate: [`host`],
+//! [`features`] of the tool, and a [`fleet`] of groups.
 
 mod accuracy;
 mod bus;
@@ -22,6 +23,7 @@ pub mod profile;
 mod rate;
 mod running;
 mod tracking;
+mod update;
 mod watched;
 
 use std::path::{Path, PathBuf};
@@ -55,13 +57,16 @@ pub struct Arguments {
     /// at most a minute.
     #[arg(long, conflicts_with_all = ["write_docs", "host", "image"])]
     kernels: bool,
+    /// Times only an update over the bus, of eight robots.
+    #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host"])]
+    update: bool,
     /// Measures instead what the features `ros` and `vda5050` of the tool cost: crates, bytes, and
     /// time to build. Builds the tool three times from nothing.
-    #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host", "image", "check"])]
+    #[arg(long, conflicts_with_all = ["kernels", "update", "write_docs", "host", "image", "check"])]
     features_cost: bool,
     /// Measures instead what twenty groups under one fleet control cost (VDA 5050); needs mosquitto
     /// and Python. Takes a minute.
-    #[arg(long, conflicts_with_all = ["kernels", "write_docs", "host", "image", "check", "features_cost"])]
+    #[arg(long, conflicts_with_all = ["features_cost", "kernels", "update", "write_docs", "host", "image", "check"])]
     fleet: bool,
     /// Firmware image to measure; by default it is built.
     #[arg(long, value_name = "ELF")]
@@ -98,6 +103,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let image = Firmware::load(&elf)?;
     let group = GroupFile::load(cargo::root().join(GROUP))?;
+    if arguments.update {
+        let figures = update::figures(&group, &elf, &image)?;
+        print(&figures);
+        write_json(arguments.json.as_deref(), &figures, &[])?;
+        return hold(arguments, &figures);
+    }
 
     let alone = GroupFile::load(cargo::root().join(ALONE))?;
     let mut figures = kernels::figures()?;
@@ -113,6 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     figures.push(running::ready(&group, &image)?);
     figures.extend(latency::figures(&group, &image)?);
     figures.extend(gateway::figures(&group, &image)?);
+    figures.extend(update::figures(&group, &elf, &image)?);
     figures.extend(image::figures(&elf, &image)?);
     figures.extend(bus::figures(&group)?);
     figures.extend(accuracy::figures()?);

@@ -69,7 +69,7 @@ impl Adc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chip::Family;
+    use crate::family::Family;
     use crate::system::gpio::Port;
 
     /// Channel 14 at 12 MHz: 239.5 + 12.5 clocks are 21 us.

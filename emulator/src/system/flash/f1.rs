@@ -10,8 +10,9 @@
 
 use super::{
     CR_EOPIE, CR_ERRIE, CR_LOCK, CR_MER, CR_PG, CR_SER, CR_STRT, Flash, PRFTEN, SR_BSY, SR_EOP,
-    SR_PGSERR, SR_WRPERR, Sector,
+    SR_PGSERR, SR_WRPERR,
 };
+use crate::chip::Sector;
 use crate::memory_map::FLASH_BASE;
 
 const ERASE_MS: u64 = 40;

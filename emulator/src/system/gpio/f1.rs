@@ -108,7 +108,7 @@ pub(super) fn register_name(offset: u32) -> &'static str {
 mod tests {
     use super::super::{Mode, PinLevel, Port};
     use super::*;
-    use crate::chip::Family;
+    use crate::family::Family;
 
     fn port() -> Gpio {
         Gpio::new(Family::F1, Port::A)

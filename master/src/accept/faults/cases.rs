@@ -19,6 +19,10 @@ pub enum Means {
     Reversed,
     /// One member has another group parameter.
     Plan,
+    /// One member's configuration contradicts itself.
+    Inconsistent,
+    /// A hand raises the supply, and hardly any more is allowed meanwhile.
+    TooHigh,
     /// A hand pulls the encoder of the front left wheel.
     Encoder,
     /// A hand pulls the CAN connector.
@@ -56,7 +60,9 @@ pub const CASES: &[(u8, Means)] = &[
     (8, Means::NotANumber),
     (
         9,
-        Means::Not("the whole bus would be shorted; level 1 measures it as can.recovery"),
+        Means::Not(
+            "while the bus is shorted SYNC is missed first (2); level 1 measures it as can.recovery",
+        ),
     ),
     (
         10,
@@ -77,13 +83,10 @@ pub const CASES: &[(u8, Means)] = &[
         Means::Not("power would have to fail within 3 ms of a save"),
     ),
     (22, Means::Not("it would have to damage what is stored")),
-    (
-        23,
-        Means::Not("it would have to erase what is stored; docs/first-robot.md shows it"),
-    ),
+    (23, Means::Inconsistent),
     (24, Means::Not(NO_TIME)),
     (25, Means::Not(NO_TIME)),
-    (26, Means::Not("too high a supply may damage the drivers")),
+    (26, Means::TooHigh),
     (27, Means::Plan),
     (28, Means::Double),
     (29, Means::Protective),

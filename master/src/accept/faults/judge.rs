@@ -33,6 +33,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
                 | Means::Stop
                 | Means::Protective
                 | Means::Supply
+                | Means::TooHigh
                 | Means::Reversed
                 | Means::Double
         );
@@ -43,7 +44,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             })
             .collect();
         self.judge_reaction(promise, seen, &histories, &concerned);
-        self.judge_time(promise, seen, &histories, &concerned)?;
+        self.judge_time(promise, means, seen, &histories, &concerned)?;
         if let (Some(most), Some(faster)) = (promise.wheel_rate, seen.faster)
             && means != Means::Reversed
         {
@@ -145,11 +146,19 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
     fn judge_time(
         &mut self,
         promise: &Promise,
+        means: Means,
         seen: &Seen,
         histories: &[Vec<Entry>],
         concerned: &[usize],
     ) -> Result<(), AcceptError> {
-        let Some(millis) = promise.millis else {
+        let millis = match means {
+            Means::Reversed => {
+                let slow = promise::number(SAFETY, "| from 0.1 rad/s on |", "ms |")?;
+                Some(slow.value)
+            }
+            _ => promise.millis,
+        };
+        let Some(millis) = millis else {
             return Ok(());
         };
         let resolution = promise::number(ACCEPTANCE, "when a fault appeared within", "ms")?;

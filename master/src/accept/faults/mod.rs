@@ -4,7 +4,8 @@
 //!
 //! [`cases`] says of each row of the page how it is brought about, or why it is not. The master is
 //! at fault itself in some ([`Means::Heartbeat`] and its neighbours), a [`Hand`] does the others,
-//! two are wrong parameters. The group drives straight ahead, the cause appears, the robots'
+//! a few are wrong parameters, of which some do not let the group begin ([`at_rest`]). The group
+//! drives straight ahead, the cause appears, the robots'
 //! histories tell when each noticed ([`records`]), and their wheel rates what the wheels did.
 //!
 //! A cause that the master brings about has a time on its clock. One by hand is only known to lie
@@ -18,6 +19,7 @@
 //! are not tried.
 
 use acceptance::Bound;
+mod at_rest;
 pub mod cases;
 mod judge;
 
@@ -30,7 +32,6 @@ use protocol::{Address, Code, Kind, MemberState, Value, address};
 use cases::{CASES, Means};
 
 use super::hand::{Hand, Prepared, Task};
-use super::records;
 use super::{AcceptError, Trial, not_tried};
 use crate::bus::link::Link;
 use crate::error::MasterError;
@@ -50,6 +51,10 @@ const AFTER_US: u64 = 500_000;
 const STANDS: f32 = 0.05;
 /// Speed at which a reversed encoder is tried, m/s.
 const SLOW: f32 = 0.1;
+/// The largest supply that is allowed for a moment, over the nominal one: a full battery has more.
+const ALMOST: f32 = 1.03;
+/// A wheel with a reversed encoder is timed from this rate on, rad/s, as docs/safety.md has it.
+const TURNS: f32 = 0.1;
 /// A robot's number must have been unheard for a second before it can be started, µs.
 const UNHEARD_US: u64 = 1_200_000;
 
@@ -134,7 +139,9 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         let node = self.watched;
         let (speed, task) = match means {
             Means::With(_) => return Ok(None),
-            Means::Plan => return self.another_plan(promise).map(|()| None),
+            Means::Plan | Means::Inconsistent => {
+                return self.at_rest(promise, means).map(|()| None);
+            }
             Means::Reversed => (SLOW, None),
             Means::Encoder => (self.speed, Some(Task::UnplugEncoder { node, wheel: 0 })),
             Means::Bus => (self.speed, Some(Task::UnplugBus { node })),
@@ -142,12 +149,12 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             Means::Stop => (self.speed, Some(Task::PressStop { node })),
             Means::Protective => (self.speed, Some(Task::OpenProtectiveStop { node })),
             Means::Supply => {
-                let minimum = self
-                    .group
-                    .wire()
-                    .read(node, address::SUPPLY_MINIMUM, Kind::F32)?;
-                let minimum_v = f32::from_bits(minimum.to_bits());
+                let minimum_v = self.real(address::SUPPLY_MINIMUM)?;
                 (self.speed, Some(Task::LowerSupply { node, minimum_v }))
+            }
+            Means::TooHigh => {
+                let maximum_v = self.real(address::SUPPLY_NOMINAL)? * ALMOST;
+                (self.speed, Some(Task::RaiseSupply { node, maximum_v }))
             }
             _ => (self.speed, None),
         };
@@ -159,22 +166,27 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         {
             return Ok(Some(reason));
         }
-        let restore = match means {
-            Means::Reversed => {
+        let restore = match (means, task) {
+            (Means::Reversed, _) => {
                 let bits = self.byte(address::ENCODER_REVERSED)?;
-                Some((address::ENCODER_REVERSED, bits, bits ^ 1))
+                let [right, wrong] = [bits, bits ^ 1].map(Value::U8);
+                Some((address::ENCODER_REVERSED, right, wrong))
+            }
+            (_, Some(Task::RaiseSupply { maximum_v, .. })) => {
+                let right = Value::F32(self.real(address::SUPPLY_MAXIMUM)?);
+                Some((address::SUPPLY_MAXIMUM, right, Value::F32(maximum_v)))
             }
             _ => None,
         };
         if let Some((at, _, wrong)) = restore {
-            self.group.wire().write(node, at, Value::U8(wrong))?;
+            self.group.wire().write(node, at, wrong)?;
         }
         let seen = self.drive(speed, means, task);
         // However it ended, the group stands before anything else is done.
         self.group.wire().claim(true);
         self.group.ramp_down(STOP_PATIENCE_US)?;
         if let Some((at, right, _)) = restore {
-            self.group.wire().write(node, at, Value::U8(right))?;
+            self.group.wire().write(node, at, right)?;
         }
         let seen = match (seen, task) {
             (Ok(seen), _) => seen,
@@ -196,16 +208,11 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
 
     /// What a cause needs that the robot does not have.
     fn lacks(&mut self, means: Means) -> Result<Option<String>, AcceptError> {
-        let node = self.watched;
-        let mut real = |at: Address| -> Result<f32, MasterError> {
-            let value = self.group.wire().read(node, at, Kind::F32)?;
-            Ok(f32::from_bits(value.to_bits()))
-        };
         Ok(match means {
-            Means::Supply if real(address::SUPPLY)? <= 0.0 => {
+            Means::Supply | Means::TooHigh if self.real(address::SUPPLY)? <= 0.0 => {
                 Some("the robot does not measure its supply (0x2120:1)".to_owned())
             }
-            Means::Supply if real(address::SUPPLY_MINIMUM)? <= 0.0 => {
+            Means::Supply | Means::TooHigh if self.real(address::SUPPLY_MINIMUM)? <= 0.0 => {
                 Some("the robot has no minimum of its supply (0x2025:2)".to_owned())
             }
             Means::Protective if self.byte(address::PROTECTIVE_STOP)? == 0 => {
@@ -213,6 +220,11 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             }
             _ => None,
         })
+    }
+
+    fn real(&mut self, at: Address) -> Result<f32, MasterError> {
+        let value = self.group.wire().read(self.watched, at, Kind::F32)?;
+        Ok(f32::from_bits(value.to_bits()))
     }
 
     fn byte(&mut self, at: Address) -> Result<u8, MasterError> {
@@ -235,6 +247,7 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             faulted: vec![false; members],
             again: None,
         };
+        let begun = self.group.recorder().rows().len();
         let settled = self.group.wire().now().0 + SETTLE_US;
         while self.group.wire().now().0 < settled && !seen.all_faulted() {
             self.period(twist, None, &mut seen)?;
@@ -256,7 +269,12 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             }
         }
         if seen.cause.is_none() {
-            seen.cause = self.estimate(means, rows, seen.asked);
+            let from = if means == Means::Reversed {
+                begun
+            } else {
+                rows
+            };
+            seen.cause = self.estimate(means, from, seen.asked);
         }
         self.watch_rest(twist, means, &mut seen)?;
         let faster = self.fastest_since(rows, means == Means::Encoder);
@@ -366,14 +384,19 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
         let began = self.group.rows_began().0 as f64;
         let at_us = match means {
             Means::Bus => self.group.members()[place].status_at?.0 as f64,
-            Means::Encoder => {
+            Means::Encoder | Means::Reversed => {
                 let rows = &self.group.recorder().rows()[from..];
-                let turns = |row: &&crate::monitor::rows::Row| {
+                let rate = |row: &crate::monitor::rows::Row| {
                     let rates = row.members.get(place).and_then(|m| m.wheel_rates);
-                    rates.is_some_and(|rates| rates.front_left.abs() > asked / 2.0)
+                    rates.map_or(0.0, |rates| rates.front_left.abs())
                 };
-                let gone = rows.iter().position(|row| !turns(&row))?;
-                let last = rows.get(gone.checked_sub(1)?)?;
+                let shows = |row: &&crate::monitor::rows::Row| match means {
+                    Means::Encoder => rate(row) <= asked / 2.0,
+                    // It turns against its drive from the first motion on.
+                    _ => rate(row) > TURNS,
+                };
+                let first = rows.iter().position(|row| shows(&row))?;
+                let last = rows.get(first.checked_sub(1)?)?;
                 began + last.t * 1e6
             }
             _ => return None,
@@ -406,43 +429,6 @@ impl<L: Link, H: Hand<L>> Trial<'_, L, H> {
             .map(|member| member.node)
             .position(|node| node == self.watched);
         place.unwrap_or(0)
-    }
-
-    /// Cause 27: a member with another jerk must not even begin.
-    fn another_plan(&mut self, promise: &Promise) -> Result<(), AcceptError> {
-        let node = self.watched;
-        let at = address::JERK;
-        let right = self.group.wire().read(node, at, Kind::F32)?;
-        let jerk = f32::from_bits(right.to_bits());
-        let began = self.group.wire().now().0;
-        self.group.wire().write(node, at, Value::F32(jerk * 0.9))?;
-        let started = self.group.start();
-        self.group.ramp_down(STOP_PATIENCE_US)?;
-        self.group.wire().write(node, at, right)?;
-        match started {
-            Err(error) if ends_all(&error) => return Err(error.into()),
-            _ => {}
-        }
-        let nodes: Vec<u8> = self.group.members().iter().map(|m| m.node).collect();
-        let mut announced = 0;
-        for other in &nodes {
-            let history = records::since(self.group.wire(), *other, began)?;
-            let found = history.iter().any(|entry| entry.fault == promise.fault);
-            announced += usize::from(found);
-        }
-        let check = self.measured(
-            format!("fault.{:02}.reaction", promise.number),
-            Bound::AtLeast(1.0),
-            "robots",
-            source(promise),
-            "robots that announce it when the group is to start and one has another jerk",
-            announced as f64,
-        );
-        if started.is_ok() {
-            check.measured = Some(0.0);
-            check.note = "the group could be started".to_owned();
-        }
-        Ok(())
     }
 }
 

@@ -45,6 +45,8 @@ type Write = dyn FnMut(&Frame) -> io::Result<()> + Send;
 /// A link over an adapter.
 pub struct AdapterLink {
     bus: String,
+    /// What to check when frames stop.
+    lost: &'static str,
     started: Instant,
     received: Receiver<Received>,
     sender: Sender<Received>,
@@ -85,6 +87,15 @@ impl AdapterLink {
         });
         Self {
             bus: bus.to_string(),
+            lost: match bus {
+                BusAddress::SlcanTcp(_) | BusAddress::Socketcand(..) => {
+                    "check that the server still runs, and the network to it"
+                }
+                _ => {
+                    "check the adapter's plug, the termination, and that another node is on the \
+                     bus to acknowledge frames"
+                }
+            },
             started,
             received,
             sender,
@@ -104,9 +115,7 @@ impl AdapterLink {
             remedy: if let Some(diagnosis) = self.diagnosis.read() {
                 diagnosis.into()
             } else {
-                "check the adapter's plug, the termination, and that another node is on the bus \
-                     to acknowledge frames"
-                    .into()
+                self.lost.into()
             },
         }
     }

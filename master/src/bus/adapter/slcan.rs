@@ -263,7 +263,8 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("closed the connection"), "{error}");
-        assert!(error.contains("termination"), "{error}");
+        assert!(error.contains("the server still runs"), "{error}");
+        assert!(!error.contains("termination"), "{error}");
     }
 
     /// An adapter at the other end of a pseudo terminal: it echoes frames with the next identifier,

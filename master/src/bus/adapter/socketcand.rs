@@ -38,7 +38,10 @@ impl Reader {
             }
             self.consumed = 0;
             self.filled = match self.stream.read(&mut self.buffer) {
-                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(0) => {
+                    let closed = "the server has closed the connection";
+                    return Err(io::Error::new(io::ErrorKind::UnexpectedEof, closed));
+                }
                 Ok(count) => count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => 0,
                 Err(error) => return Err(error),

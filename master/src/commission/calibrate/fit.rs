@@ -370,7 +370,7 @@ fn speeds<'a>(seen: impl Iterator<Item = &'a Observation>) -> Vec<f64> {
     out
 }
 
-/// Refuses motions that lead askew or turn on the way.
+/// Refuses motions that drift sideways or turn on the way.
 fn sensible(seen: &[Observation]) -> Result<(), CalibrateError> {
     let along = |o: &Observation| {
         let ([bx, by, _], [mx, my, _]) = (o.believed, o.measured);

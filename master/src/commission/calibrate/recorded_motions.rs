@@ -3,7 +3,9 @@
 //! [`motions`] are mixed ones: sideways, with a little forward and a little turn, so that the four
 //! wheels turn at four rates and each ripples at a frequency of its own. That is what a gyro needs
 //! to tell them apart, which sees one axis only; poses would do with less. There and back, and with
-//! the slow and the fast wheels exchanged.
+//! the slow and the fast wheels exchanged. Every second repetition turns the other way, so that in
+//! two of them each wheel turns at each of the four rates once: what a model of the robot leaves
+//! out depends on the rates, and the same motion once more would only show it again.
 //!
 //! Wheel angles are those the robots give at rest before and after; between, their measured wheel
 //! rates are summed up and brought to fit. The caller provides the samples at every SYNC.
@@ -29,8 +31,13 @@ const RIM: f64 = 0.12;
 /// How long one of them takes with the rest before and after, s.
 pub(super) const LASTS: f64 = SECONDS + 2.0 * REST;
 /// Shares of that speed which go forward, sideways and into the turn: the rims of front left, front
-/// right, rear left and rear right get -1.4, 2.3, 1.9 and -1.0 of it.
-const SHARES: [f64; 3] = [0.45, 1.65, 0.2];
+/// right, rear left and rear right get -1.9, 2.3, 1.4 and -1.0 of it, and with the signs of forward
+/// and turn changed each of the others in turn. As much forward as turn here and the other way
+/// round would have the same rates; in a multi-body simulation phases were off by half as much
+/// again then.
+const SHARES: [f64; 3] = [0.2, 1.65, 0.45];
+/// Signs of forward and turn: two pairs of motions, one a repetition.
+const SIGNS: [[[f64; 2]; 2]; 2] = [[[1.0, 1.0], [-1.0, -1.0]], [[1.0, -1.0], [-1.0, 1.0]]];
 
 /// Poses of the robots in the order of the group file, now: m, m, rad, heading unwrapped.
 pub type Poses<'a, L> = &'a mut dyn FnMut(&mut L) -> Result<Vec<[f64; 3]>, MasterError>;
@@ -55,18 +62,19 @@ pub fn motions(
     limits: &group::Limits,
     repeats: u32,
 ) -> Vec<Twist> {
-    let [ahead, aside, turn] = SHARES;
     let lean = 1.0 / geometry.roller_angle().tan();
     let lever = geometry.half_track() + geometry.half_wheelbase() * lean;
+    let [ahead, aside, turn] = SHARES;
     let (aside, turn) = (aside / lean, turn / lever);
     let rim = RIM
         .min(f64::from(limits.linear_speed) / ahead.hypot(aside))
         .min(f64::from(limits.yaw_rate) / turn);
-    let one = [1.0, -1.0].map(|sign| {
-        let [x, y, w] = [sign * ahead, aside, sign * turn].map(|v| (v * rim) as f32);
+    let there_and_back = |[forward, round]: &[f64; 2]| {
+        let [x, y, w] = [forward * ahead, aside, round * turn].map(|v| (v * rim) as f32);
         [Twist::new(x, y, w), Twist::new(-x, -y, -w)]
-    });
-    (0..repeats).flat_map(|_| one.concat()).collect()
+    };
+    let signs = SIGNS.iter().cycle().take(repeats as usize).flatten();
+    signs.flat_map(there_and_back).collect()
 }
 
 /// Drives a group through motions and records every robot: one list of motions a robot. The group

@@ -159,6 +159,8 @@ pub struct Bench {
     /// What is in its flash besides programs.
     pub key: Key,
     pub starts: u32,
+    /// The image of parameters, which an update leaves alone; empty for none.
+    pub stored: Vec<u8>,
 }
 
 /// HMAC-SHA-512, as a robot has it of its boot code.
@@ -170,7 +172,7 @@ pub fn hmac(key: &Key, message: &[u8], out: &mut Code) -> bool {
 pub const NODE: u8 = 2;
 
 /// A program that the boot code has started from this slot.
-fn side(chip: &Chip, slot: Slot, now: Micros) -> BusSide {
+fn side(chip: &Chip, slot: Slot, now: Micros, stored: &[u8]) -> BusSide {
     let mut bus = BusSide::new(Identity {
         storage: true,
         slot: Some(slot),
@@ -183,7 +185,11 @@ fn side(chip: &Chip, slot: Slot, now: Micros) -> BusSide {
     });
     bus.survey(chip);
     let memory = Box::leak(Box::new([0; IMAGE_MAX]));
-    bus.load(now, memory, Stored::Nothing);
+    let stored = match stored {
+        [] => Stored::Nothing,
+        image => Stored::Image(image),
+    };
+    bus.load(now, memory, stored);
     bus.poll(now);
     while bus.pop_frame().is_some() {}
     bus
@@ -193,7 +199,7 @@ impl Bench {
     pub fn new() -> Self {
         let chip = Chip::new();
         Self {
-            bus: side(&chip, Slot::A, Micros(1)),
+            bus: side(&chip, Slot::A, Micros(1), &[]),
             chip,
             now: Micros(1_000),
             jobs: Vec::new(),
@@ -201,6 +207,7 @@ impl Bench {
             works: true,
             key: NO_KEY,
             starts: 0,
+            stored: Vec::new(),
         }
     }
 
@@ -227,7 +234,7 @@ impl Bench {
             boot::records::count_attempt(&mut self.chip, first.slot).unwrap();
         }
         self.now = Micros(1_000);
-        self.bus = side(&self.chip, first.slot, self.now);
+        self.bus = side(&self.chip, first.slot, self.now, &self.stored);
         self.bus.load_lock(self.key, hmac);
         self.bus.recall(self.starts, core::iter::empty());
     }
@@ -245,6 +252,17 @@ impl Bench {
     }
 
     pub fn transfer(&mut self, client: &mut SdoClient<'_>) -> Result<Vec<u8>, u32> {
+        self.transfer_beside(client, &[], 0)
+    }
+
+    /// The same; after so many of the client's frames come those of another client.
+    pub fn transfer_beside(
+        &mut self,
+        client: &mut SdoClient<'_>,
+        others: &[Frame],
+        after: usize,
+    ) -> Result<Vec<u8>, u32> {
+        let mut sent = 0;
         let outcome = loop {
             self.now = self.now + Micros(100);
             if let Some(frame) = self.bus.pop_frame() {
@@ -255,6 +273,12 @@ impl Bench {
             }
             let frame = client.pop_frame().expect("one of the two has to speak");
             self.bus.on_frame(self.now, &frame);
+            sent += 1;
+            if sent == after {
+                for other in others {
+                    self.bus.on_frame(self.now, other);
+                }
+            }
             // Only while the bus is quiet, as the bus task does it.
             if self.bus.update_job() == Some(Job::Program) {
                 self.work();

@@ -1,6 +1,9 @@
 //! An update over the bus, from the client's first request to the reset, and what is refused.
 
 pub mod bench;
+mod parameters;
+mod power;
+mod second_client;
 
 use std::vec;
 

@@ -5,6 +5,7 @@
 use std::fs::File;
 use std::io::BufWriter;
 
+use crate::output::print_line;
 use anyhow::Context as _;
 use emulator::waveform::{Signals, Waveform};
 use emulator::{Board, Port};
@@ -67,7 +68,10 @@ impl Bench {
         let result = self.world.run_until(canopen::Micros(until_us));
         for (_, line) in self.world.take_logs() {
             let seconds = line.time_us as f64 * 1e-6;
-            println!("{seconds:12.6} {:5} {}", line.level, line.text);
+            print_line(format_args!(
+                "{seconds:12.6} {:5} {}",
+                line.level, line.text
+            ))?;
         }
         if let Some(mut waveform) = self.waveform.take() {
             let changes = self.board()?.take_trace();

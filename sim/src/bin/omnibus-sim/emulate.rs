@@ -2,7 +2,7 @@
 //! bus at the endpoints, a trace in a file, a debugger at a port.
 
 use std::fs::File;
-use std::io::{BufWriter, Write as _};
+use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +17,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 use crate::bench::Bench;
 use crate::endpoints::Endpoints;
 use crate::gdb;
+use crate::output::print_line;
 use crate::serve::Speed;
 
 /// The robot that is emulated where no group file says otherwise.
@@ -95,7 +96,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     }
     let endpoints = arguments.endpoints.open(&group)?;
     for endpoint in &endpoints {
-        println!("{}", endpoint.announce());
+        print_line(endpoint.announce())?;
     }
     let stop = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&stop);
@@ -113,8 +114,7 @@ pub fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
 }
 
 fn run(bench: &mut Bench, speed: Speed, until_ns: u64, stop: &AtomicBool) -> anyhow::Result<()> {
-    println!("node {}", bench.node);
-    std::io::stdout().flush()?;
+    print_line(format_args!("node {}", bench.node))?;
     let began = Instant::now();
     while bench.world.now_ns() < until_ns && !stop.load(Ordering::Relaxed) {
         let left = until_ns - bench.world.now_ns();

@@ -6,7 +6,6 @@
 //! own and change nothing in flash. `monitor reset` presses the reset button. When GDB leaves, the
 //! robot goes on, and GDB may come back.
 
-use std::io::Write as _;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -31,6 +30,7 @@ use gdbstub::target::ext::monitor_cmd::{ConsoleOutput, MonitorCmd, MonitorCmdOps
 use gdbstub::target::{Target, TargetError, TargetResult};
 
 use crate::bench::Bench;
+use crate::output::print_line;
 
 /// Virtual time between two looks at whether the core has stopped, ns: what the rest of the world
 /// may go on after it.
@@ -48,8 +48,7 @@ pub fn serve(bench: &mut Bench, at: &str, until_ns: u64, stop: &AtomicBool) -> a
     let listener = TcpListener::bind(&address)
         .with_context(|| format!("--gdb {at}: cannot listen on {address}; give a free port"))?;
     listener.set_nonblocking(true)?;
-    println!("gdb {}", listener.local_addr()?);
-    std::io::stdout().flush()?;
+    print_line(format_args!("gdb {}", listener.local_addr()?))?;
     let mut session = Session {
         bench,
         until_ns,

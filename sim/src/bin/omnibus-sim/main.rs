@@ -3,6 +3,8 @@
 //! One file per subcommand; each either finishes, or says what failed and what to do about it, and
 //! exits with 1.
 
+#![deny(clippy::print_stdout)] // `output` has what does not panic without a reader.
+
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -12,6 +14,7 @@ mod emulate;
 mod endpoints;
 mod faults;
 mod gdb;
+mod output;
 mod paper;
 mod serve;
 mod study;
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is::<output::ReaderGone>() => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::output::print_line;
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use omnibus_sim::Backend;
@@ -57,7 +58,7 @@ enum BackendName {
 pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
     if arguments.list {
         for scenario in SCENARIOS {
-            println!("{:<22} {}", scenario.name, scenario.text);
+            print_line(format_args!("{:<22} {}", scenario.name, scenario.text))?;
         }
         return Ok(());
     }
@@ -100,12 +101,15 @@ pub fn paper(arguments: &Paper) -> anyhow::Result<()> {
         let findings = scenario
             .run(&setting)
             .with_context(|| format!("experiment {}", scenario.name))?;
-        println!("{}", to_text(&findings));
+        print_line(to_text(&findings))?;
         all.push(findings);
     }
     if let Some(folder) = &arguments.out {
         write(folder, &all, word)?;
-        println!("report   {}", folder.join("report.html").display());
+        print_line(format_args!(
+            "report   {}",
+            folder.join("report.html").display()
+        ))?;
     }
     Ok(())
 }

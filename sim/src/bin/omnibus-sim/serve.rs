@@ -3,7 +3,7 @@
 //! as fast as it can.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,6 +18,7 @@ use omnibus_sim::{Backend, MASTER, Options, World};
 
 use crate::endpoints::Endpoints;
 use crate::faults::Faults;
+use crate::output::print_line;
 
 /// Virtual time between two looks at the endpoints.
 const SLICE: Micros = Micros(500);
@@ -140,10 +141,9 @@ pub fn serve(arguments: &Serve) -> anyhow::Result<()> {
         );
     }
     for endpoint in &endpoints {
-        println!("{}", endpoint.announce());
+        print_line(endpoint.announce())?;
     }
-    println!("serving {}", group.name);
-    std::io::stdout().flush()?;
+    print_line(format_args!("serving {}", group.name))?;
     let pace = Pace {
         speed: arguments.speed,
         until,

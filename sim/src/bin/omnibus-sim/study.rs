@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use crate::output::print_line;
 use anyhow::{bail, ensure};
 use clap::{Args, ValueEnum};
 use group::GroupFile;
@@ -81,22 +82,25 @@ pub fn study(arguments: &Arguments) -> anyhow::Result<()> {
         .collect();
     errors.sort_by(f64::total_cmp);
     let shape = study.groups().iter().map(StudyGroup::worst_shape_error_mm);
-    println!(
+    print_line(format_args!(
         "{} groups, {} robots, {:.1} s of motion",
         study.groups().len(),
         study.robots(),
         motion.duration()
-    );
-    println!(
+    ))?;
+    print_line(format_args!(
         "distance from the end of the curve: median {:.1} mm, largest {:.1} mm",
         errors[errors.len() / 2],
         errors[errors.len() - 1]
-    );
-    println!("largest shape error: {:.2} mm", shape.fold(0.0, f64::max));
-    println!(
+    ))?;
+    print_line(format_args!(
+        "largest shape error: {:.2} mm",
+        shape.fold(0.0, f64::max)
+    ))?;
+    print_line(format_args!(
         "{seconds:.2} s on {threads} threads: {:.0} robot-seconds a second",
         study.robots() as f64 * motion.duration() / seconds
-    );
+    ))?;
     Ok(())
 }
 
@@ -116,22 +120,24 @@ pub fn scale() -> anyhow::Result<()> {
         let name = plant.name();
         let costs = scale::study_costs(plant)?;
         for (robots, cost) in scale::ROBOTS.iter().zip(costs) {
-            println!(
+            print_line(format_args!(
                 "study, {name} plant, {robots:>4} robots: {cost:.0} ns a robot and step of 1 ms"
-            );
+            ))?;
         }
         let spread = scale::spread(&costs);
-        println!("study, {name} plant: most expensive size over cheapest {spread:.2}");
+        print_line(format_args!(
+            "study, {name} plant: most expensive size over cheapest {spread:.2}"
+        ))?;
         if spread > FLAT {
             bad.push(format!("the cost of a robot on the {name} plant depends on the number of robots by more than the limit"));
         }
     }
     for plant in [OnPlant::Table, OnPlant::Contact] {
         let factor = scale::sixteen_on_a_bus(plant)?;
-        println!(
+        print_line(format_args!(
             "bus, {} plant, 16 native robots: {factor:.1} times real time",
             plant.name()
-        );
+        ))?;
         if plant == OnPlant::Table && factor < BUS_FACTOR {
             bad.push("16 robots on a bus are slower than 20 times real time".to_owned());
         }

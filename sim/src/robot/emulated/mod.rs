@@ -382,11 +382,7 @@ impl EmulatedRobot {
         let enabled = high(self.wiring.driver_enable);
         let brake_released = high(self.wiring.brake_release);
         if let Some(bus) = &self.drive_bus {
-            self.drives = bus.voltages(self.rates, self.supply).map(|voltage| Bridge {
-                duty: voltage.unwrap_or(0.0),
-                enabled: voltage.is_some(),
-                brake_released,
-            });
+            self.drives = bus.bridges(self.rates, self.supply, brake_released);
             return;
         }
         self.drives = std::array::from_fn(|wheel| {
