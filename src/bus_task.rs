@@ -141,7 +141,7 @@ fn save(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>) -> bool {
     true
 }
 
-/// Writes pending entries to the fault memory. Not inlined, for the same reason.
+/// Writes a key and pending entries of the fault memory. Not inlined, for the same reason.
 #[inline(never)]
 fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Micros) -> bool {
     if side.to_remember(at).is_none() {
@@ -151,6 +151,7 @@ fn remember(side: &mut BusSide, store: &mut RecordStore<ParameterFlash>, at: Mic
         while let Some(next) = side.to_remember(at) {
             let stored = match next {
                 Memorable::Start => store.add_start(),
+                Memorable::Key => store.set_key(side.new_key()),
                 Memorable::Fault(fault) => store.add_fault(&fault),
             };
             side.remembered(at, stored.is_ok());

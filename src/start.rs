@@ -47,6 +47,7 @@ fn load(side: &mut BusSide, store: &RecordStore<ParameterFlash>) {
     side.load(now(), IMAGE.take(), stored);
     side.counters_mut().store = store.wear();
     side.recall(store.starts(), store.faults());
+    side.load_lock(store.key(), update::hmac);
 }
 
 /// The node-ID stored by LSS, if there is one. Not inlined, for the same reason.

@@ -9,6 +9,7 @@
 use boot::Slot;
 use boot::header::{Board as ImageBoard, Device};
 use robot::BusSide;
+use robot::lock::{Code, Key, hmac_sha512};
 use robot::update::{Done, Job};
 
 use crate::board::{BootCode, Can, ProgramFlash, patiently, reset};
@@ -25,6 +26,15 @@ pub const DEVICE: Device = Device {
     hardware: boot::release::HARDWARE_REVISION,
     security_counter: boot::release::SECURITY_COUNTER,
 };
+
+/// HMAC-SHA-512 by the boot code, where there is one.
+pub fn hmac(key: &Key, message: &[u8], out: &mut Code) -> bool {
+    let boot = BootCode::find();
+    if let Some(boot) = &boot {
+        *out = hmac_sha512(boot, key, message);
+    }
+    boot.is_some()
+}
 
 /// The flash of programs and the boot code, on a robot that has both.
 pub struct Updates(Option<(ProgramFlash, BootCode)>);

@@ -137,6 +137,12 @@ pub trait Application {
         true
     }
 
+    /// Whether a client may change communication objects now; those that were saved are loaded
+    /// without asking.
+    fn may_configure(&self) -> bool {
+        true
+    }
+
     /// An NMT reset is in progress: bring the objects of that scope back to their power-on values.
     fn reset(&mut self, scope: ResetScope) {
         let _ = scope;

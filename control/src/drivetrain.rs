@@ -75,6 +75,8 @@ impl Drivetrain {
     ///
     /// # Errors
     /// [`GeometryError`] when the wheels leave a motion uncontrolled.
+    // Not inlined: a caller would take it apart, and copy number by number.
+    #[inline(never)]
     pub fn new(
         wheels: &[Wheel; 4],
         mount: Mount,

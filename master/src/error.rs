@@ -309,6 +309,9 @@ fn remedy(abort: AbortCode) -> &'static str {
         AbortCode::DeviceState => {
             "the robot does so only while its group is stopped (PRE-OPERATIONAL)"
         }
+        AbortCode::LocalControl => {
+            "the robot is locked; unlock it first (docs/operating.md, \"Locking robots\")"
+        }
         AbortCode::Timeout => "check the bus wiring and that the node is powered",
         _ => "see the object's text in docs/can-protocol.md",
     }

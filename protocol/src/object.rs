@@ -252,6 +252,8 @@ pub struct Object {
     pub mappable: bool,
     /// Must have been written (or loaded) before the drivers can be enabled.
     pub required: bool,
+    /// Refused while the robot is locked (abort 0x08000021).
+    pub guarded: bool,
     /// What it is, for people.
     pub text: &'static str,
 }
@@ -277,6 +279,7 @@ impl Object {
             persistent: false,
             mappable: false,
             required: false,
+            guarded: matches!(access, Access::Parameter),
             text,
         }
     }
@@ -322,6 +325,16 @@ impl Object {
     pub(crate) const fn download(address: Address, name: &'static str, text: &'static str) -> Self {
         let range = [Value::Domain; 3];
         Self::new(address, name, "", range, Access::WriteOnly, text)
+    }
+
+    /// The same, refused while the robot is locked.
+    #[must_use]
+    pub(crate) const fn guarded_download(
+        address: Address,
+        name: &'static str,
+        text: &'static str,
+    ) -> Self {
+        Self::download(address, name, text).guarded()
     }
 
     /// Something the robot tells.
@@ -418,6 +431,23 @@ impl Object {
         text: &'static str,
     ) -> Self {
         Self::new(address, name, unit, range, Access::ReadWrite, text)
+    }
+
+    /// The same, refused while the robot is locked.
+    #[must_use]
+    pub(crate) const fn guarded_setting(
+        address: Address,
+        name: &'static str,
+        unit: &'static str,
+        range: [Value; 3],
+        text: &'static str,
+    ) -> Self {
+        Self::setting(address, name, unit, range, text).guarded()
+    }
+
+    const fn guarded(mut self) -> Self {
+        self.guarded = true;
+        self
     }
 
     /// Lowest and highest value and default, as words.

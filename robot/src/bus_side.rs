@@ -31,6 +31,7 @@ use crate::counters::Counters;
 use crate::event::Event;
 use crate::fault_memory::Memorable;
 use crate::identity::Identity;
+use crate::lock::{Hmac, Key};
 use crate::parameters::Parameters;
 use crate::state::State;
 use crate::store::{IMAGE_MAX, Stored};
@@ -251,24 +252,40 @@ impl BusSide {
         self.device.finish_store(answer);
     }
 
+    /// Takes in the key of the lock that the platform has stored, and a hash; at start, before
+    /// anything else. Without it the lock is off and takes no key.
+    pub fn load_lock(&mut self, key: Key, hmac: Hmac) {
+        self.robot.lock.give(key, hmac);
+    }
+
     /// Takes in the starts that the platform has counted and the faults that it has stored, the
     /// newest last; at start, before there is a new one.
     pub fn recall(&mut self, starts: u32, faults: impl Iterator<Item = [u8; StoredFault::LENGTH]>) {
         self.robot.memory.recall(starts, faults);
     }
 
-    /// What the platform is to add to its fault memory now; then it calls [`BusSide::remembered`]
-    /// and asks again. Outputs are off. It may take half a second; a start that comes meanwhile
-    /// takes effect after that.
+    /// What the platform is to add to its flash now, a key or an entry of its fault memory; then it
+    /// calls [`BusSide::remembered`] and asks again. Outputs are off. It may take half a second; a
+    /// start that comes meanwhile takes effect after that.
     #[must_use]
     pub fn to_remember(&self, now: Micros) -> Option<Memorable> {
         let may_write = self.robot.is_off() && !self.robot.store.asked;
-        self.robot.memory.next(now).filter(|_| may_write)
+        let key = self.robot.lock.is_key_new.then_some(Memorable::Key);
+        key.or_else(|| self.robot.memory.next(now))
+            .filter(|_| may_write)
+    }
+
+    /// The key to store when [`BusSide::to_remember`] says so.
+    #[must_use]
+    pub const fn new_key(&self) -> &Key {
+        &self.robot.lock.new_key
     }
 
     /// What was to be remembered is stored, or cannot be.
     pub fn remembered(&mut self, now: Micros, is_stored: bool) {
-        self.robot.memory.stored(now, is_stored);
+        if !self.robot.lock.stored(now, is_stored) {
+            self.robot.memory.stored(now, is_stored);
+        }
     }
 
     /// Reads what is known about the slots of flash; at start, before anything else.

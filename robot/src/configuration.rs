@@ -278,7 +278,8 @@ fn geometry(parameters: &Parameters) -> Result<FourWheelGeometry, ConfigurationE
     .map_err(|_| ConfigurationError::Inconsistent(at::HALF_TRACK))
 }
 
-/// The four wheels, and the object to blame when they make no robot.
+/// The four wheels, and the object to blame when they make no robot. Not inlined, as above.
+#[inline(never)]
 fn wheels(parameters: &Parameters) -> Result<([Wheel; 4], Address), ConfigurationError> {
     let real = |address| parameters.real(address);
     if parameters.unsigned(at::INDIVIDUAL_WHEELS) == 0 {

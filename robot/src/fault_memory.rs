@@ -28,6 +28,8 @@ const STANDS: f32 = 0.01;
 pub enum Memorable {
     /// That there was a start.
     Start,
+    /// The key of the lock, in place of the last one.
+    Key,
     /// A fault.
     Fault([u8; StoredFault::LENGTH]),
 }
@@ -131,6 +133,11 @@ impl FaultMemory {
         if self.unstored == 0 {
             self.earliest = now + Micros(PAUSE_US);
         }
+    }
+
+    /// Whether this start's number is in flash, so that no later start has it.
+    pub const fn has_stored_start(&self) -> bool {
+        self.is_start_stored && !self.has_failed
     }
 
     /// How many faults are not in flash yet.

@@ -57,6 +57,7 @@ mod fault_memory;
 mod history;
 mod identity;
 mod interlock;
+pub mod lock;
 pub mod parameters;
 pub mod record_store;
 pub mod rhythm;

@@ -390,6 +390,56 @@ fn the_last_eight_faults_are_kept_in_order() {
     assert_eq!(load(&store), Some(image(1)));
 }
 
+/// The `n`th key.
+fn key(n: usize) -> [u8; 32] {
+    [n as u8; 32]
+}
+
+/// Changes the key again and again, with images in between, until the power fails; returns how many
+/// changes were complete.
+fn change_keys<F: Flash>(mut store: RecordStore<F>) -> usize {
+    let mut change = |n| {
+        store.set_key(&key(n))?;
+        // It is not what is cut, but makes the sectors fill up.
+        let _ = store.save(&image(n));
+        Ok::<(), StoreError>(())
+    };
+    (1..=12).take_while(|n| change(*n).is_ok()).count()
+}
+
+#[test]
+fn a_power_cut_at_every_operation_leaves_the_old_or_the_new_key() {
+    let whole = Fake::<SHORT>::new();
+    assert_eq!(change_keys(whole.power_on()), 12);
+    assert!(whole.memory.borrow().erases >= 2);
+    assert_eq!(whole.power_on().key(), key(12));
+    for left in [
+        Left::Nothing,
+        Left::Half,
+        Left::All,
+        Left::Some(0x0F0F_55AA),
+    ] {
+        for cut in 1..=whole.operations() {
+            let flash = Fake::<SHORT>::new();
+            let store = flash.power_on();
+            flash.cut(cut, left);
+            let complete = change_keys(store);
+            let mut store = flash.power_on();
+            let found = store.key();
+            let name = format!("{left:?} of operation {cut}, after {complete} changes");
+            assert!(
+                found == key(complete) || found == key(complete + 1),
+                "{name}"
+            );
+            // It goes on, and the key stays when the other sector takes over.
+            for n in 0..6 {
+                store.save(&image(n)).expect("it can be written");
+            }
+            assert_eq!(flash.power_on().key(), found, "{name}");
+        }
+    }
+}
+
 /// Bits that change by themselves, one in each word of what is stored.
 #[test]
 fn what_has_decayed_is_not_used_and_stops_nobody() {

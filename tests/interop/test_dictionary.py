@@ -7,6 +7,7 @@ import subprocess
 import sys
 import unittest
 
+import canopen
 from canopen.objectdictionary import ODArray
 from canopen.objectdictionary import datatypes as t
 
@@ -25,7 +26,8 @@ from robot import (
 
 TOO_HIGH, TOO_LOW, NOT_A_NUMBER = 0x06090031, 0x06090032, 0x06090030
 NOT_STORED = 0x08000020
-TOO_LONG, TOO_SHORT = 0x06070012, 0x06070013
+TOO_LONG, TOO_SHORT, LENGTH = 0x06070012, 0x06070013, 0x06070010
+CHALLENGE, RESPONSE, KEY = (0x2004, 2), (0x2004, 3), (0x2004, 4)
 BYTES = {
     t.UNSIGNED8: 1,
     t.UNSIGNED16: 2,
@@ -86,6 +88,9 @@ class Dictionary(Robot):
                 if entry["AccessType"] == "wo":
                     self.refused(WRITE_ONLY, self.upload, variable)
                     continue
+                if (variable.index, variable.subindex) == CHALLENGE:
+                    self.has_no_challenge(self.upload, variable)
+                    continue
                 data = self.upload(variable)
                 default = entry["DefaultValue"]
                 if variable.data_type == t.DOMAIN:
@@ -101,6 +106,12 @@ class Dictionary(Robot):
                 elif default:
                     self.assertEqual(int.from_bytes(data, "little"), number(default))
 
+    def has_no_challenge(self, action, *arguments):
+        """A robot without a key; in its first second it does not say which."""
+        with self.assertRaises(canopen.SdoAbortedError) as raised:
+            action(*arguments)
+        self.assertIn(raised.exception.code, (DEVICE_STATE, 0x08000024))
+
     def test_identity(self):
         device = eds_sections["DeviceInfo"]
         identity = [device[name] for name in ("VendorNumber", "ProductNumber", "RevisionNumber")]
@@ -113,9 +124,18 @@ class Dictionary(Robot):
                 if variable.index == 0x1003 and variable.subindex > 0:
                     self.refused(READ_ONLY, self.download, variable, bytes(4))
                     continue
+                if (variable.index, variable.subindex) == RESPONSE:
+                    self.has_no_challenge(self.download, variable, bytes(64))
+                    continue
+                if (variable.index, variable.subindex) == KEY:
+                    self.refused(LENGTH, self.download, variable, bytes(4))
+                    continue
                 if entry["AccessType"] == "wo":
                     # The image of an update, which nobody has prepared.
                     self.refused(DEVICE_STATE, self.download, variable, bytes(4))
+                    continue
+                if (variable.index, variable.subindex) == CHALLENGE:
+                    self.refused(READ_ONLY, self.download, variable, bytes(64))
                     continue
                 data = self.upload(variable)
                 if entry["AccessType"] in ("ro", "const"):
@@ -129,6 +149,9 @@ class Dictionary(Robot):
                 elif variable.index in (0x1010, 0x1011):
                     # Reads as what it can do; takes the signature only: `test_robot.py`.
                     self.refused(NOT_STORED, self.download, variable, data)
+                elif variable.index == 0x2004:
+                    # The lock, which takes only 1.
+                    self.refused(NOT_A_NUMBER, self.download, variable, data)
                 elif variable.index in (0x2100, 0x2101):
                     # A setpoint: written, not kept.
                     self.download(variable, data)

@@ -74,11 +74,13 @@ impl Core {
             Some(Ok(_) | Err(AbortCode::NoData)) => return Err(AbortCode::ReadOnly),
             Some(Err(code)) => return Err(code),
         };
-        if self.config.fixed_in_operation
-            && self.state == NmtState::Operational
-            && is_communication(index)
-        {
-            return Err(AbortCode::DeviceState);
+        if is_communication(index) {
+            if self.config.fixed_in_operation && self.state == NmtState::Operational {
+                return Err(AbortCode::DeviceState);
+            }
+            if self.state != NmtState::Initialising && !app.may_configure() {
+                return Err(AbortCode::LocalControl);
+            }
         }
         let mut bytes = [0; 4];
         for (to, from) in bytes.iter_mut().zip(data) {

@@ -63,8 +63,10 @@ end by one with error code 0.
 const OBJECT_NOTES: &str = "\
 Access: *const* never changes, *ro* is written by the robot only, *wo* cannot be read, *rw* may be
 written at any time unless its line says when, *set* is a parameter: refused while OPERATIONAL
-(abort 0x08000022). **Required** parameters must be written before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too high),
-0x06090032 (too low) or 0x06090030 (not a number), and nothing changes. Sub-index 0 of a record
+(abort 0x08000022). *set* and *guarded* objects are refused while the robot is locked (abort
+0x08000021, see 0x2004); the lock is off unless a key was set. **Required** parameters must be
+written before the drivers can be enabled. A value out of its limits is refused with 0x06090031 (too
+high), 0x06090032 (too low) or 0x06090030 (not a number), and nothing changes. Sub-index 0 of a record
 reads its highest sub-index. What is read by SDO is what is at that moment; what is sent as a PDO is
 what was at its SYNC. The code of a robot that is not started (0x2110:5) is what speaks against a
 start, like an emergency stop that is pressed.
@@ -392,6 +394,9 @@ fn objects<W: Write>(out: &mut W) -> Result {
             }
             if object.required {
                 write!(out, " **Required.**")?;
+            }
+            if object.guarded && object.access != Access::Parameter {
+                write!(out, " *Guarded.*")?;
             }
             writeln!(out, " {} |", object.text)?;
         }

@@ -3,7 +3,7 @@
 
 use super::record::Record;
 use super::{
-    commissioning, diagnostics, geometry, group, history, identity, limits, motors, process,
+    commissioning, diagnostics, geometry, group, history, identity, limits, lock, motors, process,
     rollers, update, wheels,
 };
 use crate::address::Address;
@@ -14,6 +14,7 @@ const PARTS: &[&[Record]] = &[
     update::PROGRAM_RECORDS,
     identity::IDENTITY_RECORDS,
     update::UPDATE_RECORDS,
+    lock::LOCK_RECORDS,
     geometry::ROBOT_RECORDS,
     wheels::wheel::RECORDS,
     geometry::DRIVE_RECORDS,
@@ -262,7 +263,7 @@ pub struct Entry {
     pub address: Address,
     /// Type on the wire.
     pub kind: Kind,
-    /// Access, and the bits [`MAPPABLE`] and [`REQUIRED`].
+    /// Access, and the bits [`GUARDED`], [`MAPPABLE`] and [`REQUIRED`].
     bits: u8,
     /// Number of its limits and default.
     range: u8,
@@ -275,6 +276,7 @@ const READ_ONLY: u8 = 1;
 const READ_WRITE: u8 = 2;
 const PARAMETER: u8 = 3;
 const WRITE_ONLY: u8 = 4;
+const GUARDED: u8 = 1 << 5;
 const MAPPABLE: u8 = 1 << 6;
 const REQUIRED: u8 = 1 << 7;
 const NO_SLOT: u8 = u8::MAX;
@@ -295,13 +297,19 @@ impl Entry {
     /// Who may write it.
     #[must_use]
     pub const fn access(&self) -> Access {
-        match self.bits & !(MAPPABLE | REQUIRED) {
+        match self.bits & !(GUARDED | MAPPABLE | REQUIRED) {
             CONST => Access::Const,
             READ_ONLY => Access::ReadOnly,
             WRITE_ONLY => Access::WriteOnly,
             READ_WRITE => Access::ReadWrite,
             _ => Access::Parameter,
         }
+    }
+
+    /// Must not be written while the robot is locked.
+    #[must_use]
+    pub const fn is_guarded(&self) -> bool {
+        self.bits & GUARDED != 0
     }
 
     /// May be mapped into a PDO.
@@ -358,12 +366,13 @@ impl Entry {
         };
         let mappable = if object.mappable { MAPPABLE } else { 0 };
         let required = if object.required { REQUIRED } else { 0 };
+        let guarded = if object.guarded { GUARDED } else { 0 };
         // What could be saved but not loaded.
         assert!(object.persistent == slot.is_some());
         Self {
             address: object.address,
             kind: object.kind,
-            bits: access | mappable | required,
+            bits: access | guarded | mappable | required,
             range,
             slot: match slot {
                 Some(slot) => slot,
@@ -441,7 +450,7 @@ mod tests {
                 assert_eq!(subs, want, "index {index:04X}");
             }
         }
-        assert_eq!(highest_sub(0x2004), None);
+        assert_eq!(highest_sub(0x2005), None);
         assert_eq!(highest_sub(0x1FFF), None);
     }
 
@@ -450,6 +459,18 @@ mod tests {
         for object in OBJECTS.iter().filter(|object| object.required) {
             assert_eq!(object.access, Access::Parameter);
             assert!(object.persistent);
+        }
+    }
+
+    #[test]
+    fn parameters_updates_and_the_key_are_guarded_and_nothing_that_moves_or_stops() {
+        for object in OBJECTS {
+            let address = object.address;
+            let others = [at::PROGRAM_DATA, at::PROGRAM_CONTROL, at::LOCK_KEY];
+            let wanted = object.persistent || others.contains(&address);
+            assert_eq!(object.guarded, wanted, "{} {address}", object.name);
+            assert_eq!(entry(address).unwrap().is_guarded(), wanted);
+            assert!(!(object.guarded && object.mappable), "{address}");
         }
     }
 

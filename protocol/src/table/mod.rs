@@ -19,6 +19,7 @@ mod group;
 pub mod history;
 mod identity;
 mod limits;
+mod lock;
 mod motors;
 mod process;
 mod record;
@@ -40,6 +41,7 @@ pub(crate) mod names {
     pub use super::group::*;
     pub use super::identity::*;
     pub use super::limits::*;
+    pub use super::lock::*;
     pub use super::motors::*;
     pub use super::process::*;
     pub use super::update::*;

@@ -6,17 +6,18 @@ use crate::object::{Kind, Object};
 
 records! { PROGRAM_RECORDS:
     0x1F50 "Program data" {
-        PROGRAM_DATA = 1: download("Program"),
+        PROGRAM_DATA = 1: guarded_download("Program"),
             "The signed header of an image file and the image linked for the slot of 0x2003:2, in \
              one download. It cannot be read.";
     }
     0x1F51 "Program control" {
-        PROGRAM_CONTROL = 1: setting("Program control", "", byte(0, 255, 1)),
+        PROGRAM_CONTROL = 1: guarded_setting("Program control", "", byte(0, 255, 1)),
             "Write 0 to prepare for an update, 3 to erase the other slot, 1 to start what was \
              received, 2 to start again, 0x80 to confirm an image on trial, 0x81 to go back to \
              the image in the other slot. Only in PRE-OPERATIONAL, with the outputs off. Reads 1 \
              as long as no update has begun, 0 after it has, 3 when the slot is erased, 0x80 when \
-             the running image is on trial.";
+             the running image is on trial. While that is so, 0x80 and 0x81 are taken from a locked \
+             robot, too.";
     }
     0x1F56 "Program software identification" {
         PROGRAM_IDENTIFICATION = 1: state("Program software identification", "", Kind::U32),

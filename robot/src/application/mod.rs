@@ -20,6 +20,7 @@
 //! | `plan` | what the members compare before they move |
 //! | `storage` | saving parameters |
 //! | `update` | a new image over the bus |
+//! | `lock` | who may change what the robot keeps |
 //!
 //! Time is that of the last frame or poll, [`Application::now`].
 
@@ -27,6 +28,7 @@ mod agree;
 mod alone;
 mod faults;
 mod identification;
+mod lock;
 mod objects;
 mod others;
 mod plan;
@@ -53,6 +55,7 @@ use crate::fault_memory::FaultMemory;
 use crate::history::History;
 use crate::identity::Identity;
 use crate::interlock::Interlock;
+use crate::lock::Lock;
 use crate::parameters::Parameters;
 use crate::rhythm::Rhythm;
 use crate::sequence::Setpoints;
@@ -86,6 +89,7 @@ pub(crate) struct Application {
     pub parameters: Parameters,
     pub store: Store,
     pub update: Update,
+    pub lock: Lock,
     configuration: Option<Configuration>,
     /// The control side has not been given the configuration yet.
     to_hand: bool,
@@ -153,6 +157,7 @@ impl Application {
             parameters: Parameters::new(),
             store: Store::new(),
             update: Update::new(identity.slot, identity.device_of_images),
+            lock: Lock::new(),
             configuration: None,
             to_hand: false,
             agreement: Agreement::new(),

@@ -82,6 +82,7 @@ impl Application {
             at::IDENTIFY_DAMPING => Value::F32(self.identification.damping),
             at::IDENTIFY_WHEELS => Value::U8(self.identification.bounds.wheels),
             at::BLINK => Value::U8(self.blinks_left()),
+            at::LOCK_STATE => Value::U8(self.lock.state(self.now())),
             at::SUPPLY => Value::F32(self.report.supply.unwrap_or(0.0)),
             at::SLIP => Value::F32(self.report.slip_residual),
             at::CURRENT => Value::F32(self.report.current),
@@ -154,6 +155,10 @@ impl Application {
             }
             Access::Parameter | Access::ReadWrite | Access::WriteOnly => {}
         }
+        self.pass_lock(entry, data)?;
+        if entry.address.index == at::LOCK_KEY.index && entry.kind == Kind::Domain {
+            return self.write_lock(address, data);
+        }
         if entry.kind == Kind::Domain {
             return self.write_set(entry, data);
         }
@@ -192,6 +197,7 @@ impl Application {
             (at::IDENTIFY_BANDWIDTH, Value::F32(value)) => record.bandwidth = value,
             (at::IDENTIFY_DAMPING, Value::F32(value)) => record.damping = value,
             (at::IDENTIFY_WHEELS, Value::U8(value)) => record.bounds.wheels = value,
+            (at::LOCK_STATE, Value::U8(1)) => self.lock.lock(),
             (at::BLINK, Value::U8(seconds)) => {
                 self.blinks_until = self.now() + Micros(u64::from(seconds) * 1_000_000);
             }

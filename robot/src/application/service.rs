@@ -3,7 +3,7 @@
 use canopen::{
     AbortCode, Errors, Frame, NmtState, NodeId, PdoDirection, ReceivedSync, ResetScope, Sink,
 };
-use protocol::address::PROGRAM_DATA;
+use protocol::address::{LOCK_CHALLENGE, PROGRAM_DATA};
 use protocol::{Access, Address, Kind, MASTER, table::highest_sub};
 
 use super::objects::find;
@@ -25,6 +25,11 @@ impl canopen::Application for Application {
             return Err(AbortCode::WriteOnly);
         }
         if entry.kind == Kind::Domain {
+            if entry.address == LOCK_CHALLENGE {
+                let to = out.first_chunk_mut().ok_or(AbortCode::OutOfMemory)?;
+                self.challenge(to)?;
+                return Ok(to.len());
+            }
             let block = self.block(entry.address);
             let to = out.get_mut(..block.len()).ok_or(AbortCode::OutOfMemory)?;
             to.copy_from_slice(block);
@@ -144,7 +149,11 @@ impl canopen::Application for Application {
     }
 
     fn may_change_node(&self) -> bool {
-        self.is_at_rest()
+        self.is_at_rest() && self.may_configure()
+    }
+
+    fn may_configure(&self) -> bool {
+        !self.lock.is_locked(self.now())
     }
 
     fn reset(&mut self, scope: ResetScope) {
@@ -152,6 +161,7 @@ impl canopen::Application for Application {
         self.alone.twist.is_fresh = false;
         self.alone.is_permitted = false;
         self.alone.for_now = false;
+        self.lock.lock();
         if self.identification.is_running {
             self.end_identification(self.now());
         }

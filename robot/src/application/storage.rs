@@ -60,6 +60,7 @@ impl Application {
         communication: Option<&[u8]>,
         node: Option<u8>,
     ) -> Result<StoreProgress, AbortCode> {
+        self.lock.pass(self.now())?;
         if !self.is_at_rest() || self.store.asked {
             return Err(AbortCode::DeviceState);
         }

@@ -66,6 +66,7 @@ impl Application {
 
 impl Sink for Application {
     fn begin(&mut self, size: Option<u32>, state: NmtState) -> Result<(), AbortCode> {
+        self.lock.pass(self.now())?;
         let may = self.may_update();
         self.update.begin(size, state, may)
     }

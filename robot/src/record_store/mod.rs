@@ -41,6 +41,7 @@ mod legacy;
 use protocol::crc32;
 
 use crate::counters::StoreWear;
+use crate::lock::{KEY_LENGTH, Key, NO_KEY};
 
 /// Two sectors of flash, as words at offsets in bytes from the first one.
 pub trait Flash {
@@ -103,6 +104,8 @@ mod kind {
     pub const FAULT: u16 = 3;
     /// A start.
     pub const START: u16 = 4;
+    /// The key of the lock.
+    pub const KEY: u16 = 5;
 }
 
 /// What a record is filled from.
@@ -186,6 +189,8 @@ pub struct RecordStore<F> {
     image: Image,
     /// The newest faults, the oldest of them first, and how many.
     faults: [Option<Record>; FAULTS],
+    /// The newest key.
+    key: Option<Record>,
     cut: bool,
 }
 
@@ -200,6 +205,7 @@ impl<F: Flash> RecordStore<F> {
             end: None,
             image: Image::Nothing,
             faults: [None; FAULTS],
+            key: None,
             cut: false,
         };
         let headers = [0, F::SECTOR].map(|sector| (sector, store.header(sector)));
@@ -268,6 +274,22 @@ impl<F: Flash> RecordStore<F> {
     /// When the flash fails; the last image is still there, or the new one is.
     pub fn save(&mut self, image: &[u8]) -> Result<(), StoreError> {
         self.append(kind::IMAGE, image, 0)
+    }
+
+    /// The newest key; zeros for none. One that has decayed is another: a robot stays locked.
+    pub fn key(&self) -> Key {
+        self.key.map_or(NO_KEY, |record| {
+            let mut at = record.content()..;
+            NO_KEY.map(|_| at.next().map_or(0, |at| byte(&self.flash, at)))
+        })
+    }
+
+    /// Stores a key in place of the last one.
+    ///
+    /// # Errors
+    /// As [`RecordStore::save`].
+    pub fn set_key(&mut self, key: &Key) -> Result<(), StoreError> {
+        self.append(kind::KEY, key, 0)
     }
 
     /// Stores a fault behind the others.
@@ -391,6 +413,7 @@ impl<F: Flash> RecordStore<F> {
                     *last = Some(record);
                 }
             }
+            kind::KEY if usize::from(record.length) == KEY_LENGTH => self.key = Some(record),
             _ => {}
         }
         let count = match record.kind {
@@ -455,11 +478,10 @@ impl<F: Flash> RecordStore<F> {
                 *fault = None;
                 continue;
             };
-            let to = Record { at: next, ..from };
-            self.write(to, Content::Flash(from.content()))?;
-            next = to.end();
-            *fault = Some(to);
+            *fault = Some(self.copy(from, &mut next)?);
         }
+        let key = self.key.filter(|_| new.kind != kind::KEY);
+        let key = key.map(|from| self.copy(from, &mut next)).transpose()?;
         let mut image = self.image;
         if new.kind != kind::IMAGE && image != Image::Nothing {
             let (at, length) = match image {
@@ -488,6 +510,7 @@ impl<F: Flash> RecordStore<F> {
         self.legacy = None;
         self.counts = counts;
         self.faults = faults;
+        self.key = key;
         self.image = image;
         self.cut = false;
         self.record(new);
@@ -501,6 +524,14 @@ impl<F: Flash> RecordStore<F> {
             self.flash.erase(old)
         };
         Ok(())
+    }
+
+    /// Copies a record to where the next one goes.
+    fn copy(&mut self, from: Record, next: &mut u32) -> Result<Record, StoreError> {
+        let to = Record { at: *next, ..from };
+        self.write(to, Content::Flash(from.content()))?;
+        *next = to.end();
+        Ok(to)
     }
 
     fn write_header(&mut self, sector: u32, header: &Header) -> Result<(), StoreError> {

@@ -5,6 +5,7 @@ mod encoders;
 mod group_rules;
 mod identification;
 mod interlock;
+mod lock;
 mod neighbours;
 mod output_stage;
 mod pairs;

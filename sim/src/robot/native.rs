@@ -29,6 +29,7 @@ use control::tick::ControlSide;
 use control::time::{Micros, TICK_US};
 use group::Driver;
 use protocol::{Fault, StoredFault};
+use robot::lock::{Code, Key, NO_KEY, hmac_sha512};
 use robot::update::{Done, Job};
 use robot::{
     BusSide, CanErrors, Event, IMAGE_MAX, Identity, Memorable, StoreWear, Stored, stored_node,
@@ -109,6 +110,13 @@ pub struct NativeRobot {
 struct Memory {
     starts: u32,
     faults: Vec<[u8; StoredFault::LENGTH]>,
+    key: Key,
+}
+
+/// HMAC-SHA-512, as a robot has it of its boot code.
+fn hmac(key: &Key, message: &[u8], out: &mut Code) -> bool {
+    *out = hmac_sha512(&Signatures::default(), key, message);
+    true
 }
 
 /// A running program and the CAN controller beside it.
@@ -156,6 +164,7 @@ impl Live {
         // The bus side wants memory that outlives it, as a static does on the robot: a kilobyte or
         // two for every time a robot is switched on.
         bus.survey(program);
+        bus.load_lock(NO_KEY, hmac);
         let memory = Box::leak(Box::new([0; IMAGE_MAX]));
         let stored = flash.map_or(Stored::Nothing, Stored::Image);
         bus.load(Micros::ZERO, memory, stored);
@@ -323,6 +332,7 @@ impl NativeRobot {
         while let Some(next) = self.live.bus.to_remember(now) {
             match next {
                 Memorable::Start => self.memory.starts += 1,
+                Memorable::Key => self.memory.key = *self.live.bus.new_key(),
                 Memorable::Fault(fault) => self.memory.faults.push(fault),
             }
             self.live.bus.remembered(now, true);

@@ -48,17 +48,7 @@ impl ProgramFlash {
         // SAFETY: a read of one register, which every Cortex-M4 has.
         let vectors = unsafe { (*vectors).vtor.read() };
         let running = Slot::containing(vectors)?;
-        let table = ADDRESS as *const Services;
-        // SAFETY: the address is aligned and in flash, which is always readable; of what is there
-        // only a word is read, of which any bits are valid.
-        let magic = unsafe { table.cast::<u32>().read() };
-        if magic != MAGIC {
-            return None;
-        }
-        // SAFETY: the magic word says that the boot code has put its table here, and nothing
-        // writes sector 0.
-        let services = unsafe { &*table };
-        Some((Self { running }, BootCode(services)))
+        Some((Self { running }, BootCode::find()?))
     }
 
     /// Their flash. Sectors are erased only with something to say meanwhile; the mailboxes have to
@@ -73,6 +63,23 @@ impl ProgramFlash {
     /// The slot that the program runs from.
     pub const fn running(&self) -> Slot {
         self.running
+    }
+}
+
+impl BootCode {
+    /// The functions of the boot code; `None` where there is none.
+    pub fn find() -> Option<Self> {
+        let table = ADDRESS as *const Services;
+        // SAFETY: the address is aligned and in flash, which is always readable; of what is there
+        // only a word is read, of which any bits are valid.
+        let magic = unsafe { table.cast::<u32>().read() };
+        if magic != MAGIC {
+            return None;
+        }
+        // SAFETY: the magic word says that the boot code has put its table here, and nothing
+        // writes sector 0.
+        let services = unsafe { &*table };
+        Some(Self(services))
     }
 }
 

@@ -9,11 +9,13 @@ use boot::records::{BLANK, candidates};
 use boot::{Crypto, Flash, FlashError, Slot, Software, sign};
 use canopen::client::{Outcome, SdoClient, SdoError};
 use canopen::{Frame, NodeId};
+use control::interface::Report;
 use control::time::Micros;
 use protocol::{Address, address as at, cob};
 
+use crate::lock::{Code, Key, NO_KEY, hmac_sha512};
 use crate::update::{Done, Job, order};
-use crate::{BusSide, IMAGE_MAX, Identity, Stored};
+use crate::{BusSide, IMAGE_MAX, Identity, Memorable, Stored};
 
 const BASE: u32 = 0x0800_0000;
 
@@ -154,8 +156,17 @@ pub struct Bench {
     pub resets: usize,
     /// The platform does its jobs.
     pub works: bool,
+    /// What is in its flash besides programs.
+    pub key: Key,
+    pub starts: u32,
     /// The image of parameters, which an update leaves alone; empty for none.
     pub stored: Vec<u8>,
+}
+
+/// HMAC-SHA-512, as a robot has it of its boot code.
+pub fn hmac(key: &Key, message: &[u8], out: &mut Code) -> bool {
+    *out = hmac_sha512(&Software::default(), key, message);
+    true
 }
 
 pub const NODE: u8 = 2;
@@ -194,6 +205,8 @@ impl Bench {
             jobs: Vec::new(),
             resets: 0,
             works: true,
+            key: NO_KEY,
+            starts: 0,
             stored: Vec::new(),
         }
     }
@@ -222,6 +235,20 @@ impl Bench {
         }
         self.now = Micros(1_000);
         self.bus = side(&self.chip, first.slot, self.now, &self.stored);
+        self.bus.load_lock(self.key, hmac);
+        self.bus.recall(self.starts, core::iter::empty());
+    }
+
+    /// Puts into flash what waits for that.
+    fn remember(&mut self) {
+        while let Some(next) = self.bus.to_remember(self.now) {
+            match next {
+                Memorable::Key => self.key = *self.bus.new_key(),
+                Memorable::Start => self.starts += 1,
+                Memorable::Fault(_) => {}
+            }
+            self.bus.remembered(self.now, true);
+        }
     }
 
     pub fn transfer(&mut self, client: &mut SdoClient<'_>) -> Result<Vec<u8>, u32> {
@@ -258,6 +285,7 @@ impl Bench {
             }
         };
         self.work();
+        self.remember();
         match outcome {
             Outcome::Uploaded | Outcome::Downloaded => Ok(client.data().to_vec()),
             Outcome::Failed(SdoError::Aborted(code)) => Err(code),
@@ -279,14 +307,18 @@ impl Bench {
     }
 
     pub fn read(&mut self, address: Address) -> u32 {
-        let mut client = Self::client();
-        let now = canopen::Micros(self.now.0);
-        client.upload(now, address.index, address.sub).unwrap();
-        let bytes = self.transfer(&mut client).unwrap();
+        let bytes = self.read_bytes(address).unwrap();
         bytes
             .iter()
             .rev()
             .fold(0, |value, byte| value << 8 | u32::from(*byte))
+    }
+
+    pub fn read_bytes(&mut self, address: Address) -> Result<Vec<u8>, u32> {
+        let mut client = Self::client();
+        let now = canopen::Micros(self.now.0);
+        client.upload(now, address.index, address.sub).unwrap();
+        self.transfer(&mut client)
     }
 
     pub fn control(&mut self, value: u8) -> Result<(), u32> {
@@ -342,9 +374,15 @@ impl Bench {
                 let heartbeat = Frame::new(cob::MASTER_HEARTBEAT, &[5]).unwrap();
                 self.bus.on_frame(self.now, &heartbeat);
             }
+            let report = Report {
+                at: self.now,
+                ..Report::NONE
+            };
+            self.bus.on_report(&report);
             self.bus.poll(self.now);
             while self.bus.pop_frame().is_some() {}
             self.work();
+            self.remember();
         }
     }
 

@@ -1,6 +1,6 @@
 //! An update over the bus, from the client's first request to the reset, and what is refused.
 
-mod bench;
+pub mod bench;
 mod parameters;
 mod power;
 mod second_client;

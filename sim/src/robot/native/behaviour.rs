@@ -7,7 +7,7 @@ use protocol::Fault;
 use robot::Identity;
 
 use super::drives::SmartDrives;
-use super::{Clock, Live, NativeRobot};
+use super::{Clock, Live, NativeRobot, hmac};
 use crate::bridge::{self, levels};
 use crate::bus::errors::{ErrorCounters, ErrorState, TransmitError};
 use crate::error::SimError;
@@ -249,6 +249,7 @@ impl Robot for NativeRobot {
         );
         let faults = self.memory.faults.iter().copied();
         self.live.bus.recall(self.memory.starts, faults);
+        self.live.bus.load_lock(self.memory.key, hmac);
         // The counters are the microcontroller's; emergency stop and driver fault are wires from
         // outside.
         self.inputs.encoder_counts = Default::default();
