@@ -69,6 +69,21 @@ pub enum MasterError {
         /// The reason the node gave.
         abort: AbortCode,
     },
+    /// A robot has another key than the one given.
+    #[error("node {node}: it has another key; give the file that its key was set from")]
+    WrongKey {
+        /// The node.
+        node: u8,
+    },
+    /// A robot takes no key at present.
+    #[error(
+        "node {node}: it takes no key now; after wrong ones it waits up to 64 s, and it must not be \
+         OPERATIONAL; try again then"
+    )]
+    Barred {
+        /// The node.
+        node: u8,
+    },
     /// A robot answered an SDO request with something that is no answer to it.
     #[error("node {node}: {object}: {problem}; this happens when two masters use the bus")]
     Answer {
@@ -309,9 +324,7 @@ fn remedy(abort: AbortCode) -> &'static str {
         AbortCode::DeviceState => {
             "the robot does so only while its group is stopped (PRE-OPERATIONAL)"
         }
-        AbortCode::LocalControl => {
-            "the robot is locked; unlock it first (docs/operating.md, \"Locking robots\")"
-        }
+        AbortCode::LocalControl => "the robot is locked; `omnibus unlock --key FILE` first",
         AbortCode::Timeout => "check the bus wiring and that the node is powered",
         _ => "see the object's text in docs/can-protocol.md",
     }

@@ -59,6 +59,10 @@ enum Command {
     Blink(cli::wheel_test::Blink),
     /// Brings a new image to all robots, or to none.
     Update(cli::update::Arguments),
+    /// Locks what robots keep by a key, or gives them one.
+    Lock(cli::lock::Lock),
+    /// Unlocks robots for a while, by their key.
+    Unlock(cli::lock::Unlock),
     /// Turns one wheel after the other and reports wrong wiring.
     WheelTest(cli::wheel_test::Arguments),
     /// Identifies the motors of one robot and sets its wheel loops.
@@ -105,6 +109,8 @@ fn main() -> ExitCode {
         Command::Teleop(arguments) => cli::live::teleop(&arguments),
         Command::Scan(arguments) => cli::nodes::scan(&arguments),
         Command::Status(arguments) => cli::nodes::status(&arguments),
+        Command::Lock(arguments) => cli::lock::run(&arguments),
+        Command::Unlock(arguments) => cli::lock::run_unlock(&arguments),
         Command::Reset(arguments) => cli::reset::run(&arguments),
         Command::Update(arguments) => cli::update::run(&arguments),
         Command::Param(arguments) => cli::param::run(&arguments),

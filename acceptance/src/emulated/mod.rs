@@ -213,7 +213,7 @@ impl<'a> EmulatedBench<'a> {
                 continue;
             }
             self.board.can().transmitted();
-            self.tell_second(&frame)?;
+            self.pass_to_second(&frame)?;
             return Ok(Some(frame));
         }
     }
@@ -259,7 +259,7 @@ impl Bench for EmulatedBench<'_> {
             self.board.can().arrives(&frame, bit_time);
             self.run(end)?;
             self.board.can().receive(&frame);
-            self.tell_second(&frame)?;
+            self.pass_to_second(&frame)?;
         }
         Ok(())
     }

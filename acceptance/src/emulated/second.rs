@@ -88,7 +88,7 @@ impl EmulatedBench<'_> {
     }
 
     /// A frame of another node has passed.
-    pub(super) fn tell_second(&mut self, frame: &CanFrame) -> anyhow::Result<()> {
+    pub(super) fn pass_to_second(&mut self, frame: &CanFrame) -> anyhow::Result<()> {
         if self.second.is_none() {
             return Ok(());
         }

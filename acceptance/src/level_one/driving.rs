@@ -16,8 +16,8 @@ use group::GroupFile;
 use kinematics::Twist;
 use protocol::{GroupTwist, MemberState, MemberStatus, Value, address, cob};
 
-use super::running::change;
 use super::{PATIENCE_US, Session};
+use crate::bench::Debugger;
 use crate::node::Node;
 use crate::wires::{self, STOP};
 
@@ -230,4 +230,16 @@ impl Session<'_> {
             Err(error) => format!("{error:#}"),
         }
     }
+}
+
+/// Clears and sets bits of a register.
+pub(super) fn change(
+    debugger: &mut dyn Debugger,
+    address: u32,
+    clear: u32,
+    set: u32,
+) -> anyhow::Result<()> {
+    let before = debugger.read(address, 1)?;
+    let before = before.first().copied().unwrap_or(0);
+    debugger.write(address, before & !clear | set)
 }

@@ -11,7 +11,7 @@
 //! near 100 % would mean that it does not. The counter is read while the board drives, and by when
 //! is not known to better than the debugger takes, so driving lasts long.
 
-use super::driving::Drive;
+use super::driving::{Drive, change};
 use super::{Session, What, at_most};
 use crate::bench::Debugger;
 use crate::promise::{self, ACCEPTANCE, Column, PERFORMANCE, Promise};
@@ -144,16 +144,4 @@ fn begin(debugger: &mut dyn Debugger) -> anyhow::Result<()> {
     // The divider takes effect with an update, which also clears the counter.
     debugger.write(TIM6_EGR, 1)?;
     debugger.write(TIM6_CR1, 1)
-}
-
-/// Clears and sets bits of a register.
-pub(super) fn change(
-    debugger: &mut dyn Debugger,
-    address: u32,
-    clear: u32,
-    set: u32,
-) -> anyhow::Result<()> {
-    let before = debugger.read(address, 1)?;
-    let before = before.first().copied().unwrap_or(0);
-    debugger.write(address, before & !clear | set)
 }

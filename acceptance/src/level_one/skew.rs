@@ -13,8 +13,7 @@
 use anyhow::{Context as _, ensure};
 use canopen::NodeId;
 
-use super::driving::{Drive, REVERSAL};
-use super::running::change;
+use super::driving::{Drive, REVERSAL, change};
 use super::{Session, at_most};
 use crate::promise::{self, Column};
 use crate::wires;

@@ -40,6 +40,7 @@ pub mod drive;
 pub mod follow;
 pub mod group;
 pub mod live;
+pub mod lock;
 pub mod lss;
 pub mod motors;
 pub mod nodes;

@@ -263,6 +263,8 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
             | MasterError::BusDiagnosis { .. }
             | MasterError::WireVersion { .. }
             | MasterError::Refused { .. }
+            | MasterError::WrongKey { .. }
+            | MasterError::Barred { .. }
             | MasterError::Answer { .. }
             | MasterError::ReadBack { .. }
             | MasterError::Configuration { .. }

@@ -53,8 +53,8 @@ fn by_tape(mut answer: impl FnMut(usize, &str) -> String) -> std::process::Outpu
     let errors = BufReader::new(child.stderr.take().unwrap());
     let mut asked = 0;
     for line in errors.lines() {
-        let said: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
-        let note = said["note"].as_str().unwrap_or_default();
+        let value: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
+        let note = value["note"].as_str().unwrap_or_default();
         if note.starts_with("commanded") {
             writeln!(stdin, "{}", answer(asked, note)).unwrap();
             asked += 1;

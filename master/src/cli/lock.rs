@@ -1,0 +1,181 @@
+//! `omnibus lock` and `omnibus unlock`: a key that guards what robots keep.
+
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use omnibus::bus::link::Link;
+use omnibus::bus::wire::Wire;
+use omnibus::commission::lock::{self, Key, LockState};
+use omnibus::commission::survey::Survey;
+use omnibus::error::MasterError;
+use serde_json::json;
+
+use super::output::Found;
+use super::{Target, Usage, json, print_json, print_line, print_note};
+
+const LOCK_EXAMPLES: &str = "Examples:
+  omnibus lock --set-key lock.key --new --bus socketcan:can0     # a new key for all robots on the bus
+  omnibus lock --bus socketcan:can0                              # locks robots that have a key
+  omnibus lock --remove-key --bus socketcan:can0                 # of unlocked robots
+
+A locked robot refuses parameters, node ids and updates; it drives and stops as ever. The key travels over the bus when
+it is set: have nothing else on the bus then. A lost key takes a debug probe (docs/security.md).";
+
+const UNLOCK_EXAMPLES: &str = "Examples:
+  omnibus unlock --key lock.key --bus socketcan:can0
+  pass robots/key | omnibus unlock --key - --bus socketcan:can0
+
+Robots lock themselves at every reset, and when nothing was written for ten minutes.";
+
+#[derive(clap::Args)]
+#[command(after_help = LOCK_EXAMPLES)]
+pub struct Lock {
+    /// Gives the robots the key in this file (- for standard input), and locks them.
+    #[arg(long, value_name = "FILE", conflicts_with = "remove_key")]
+    set_key: Option<PathBuf>,
+    /// Makes that file, with a new key, which only you can read.
+    #[arg(long, requires = "set_key")]
+    new: bool,
+    /// Takes the key from the robots, which have to be unlocked.
+    #[arg(long)]
+    remove_key: bool,
+    /// This robot only.
+    #[arg(long)]
+    node: Option<u8>,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(clap::Args)]
+#[command(after_help = UNLOCK_EXAMPLES)]
+pub struct Unlock {
+    /// File with the key, - for standard input.
+    #[arg(long, value_name = "FILE")]
+    key: PathBuf,
+    /// This robot only.
+    #[arg(long)]
+    node: Option<u8>,
+    #[command(flatten)]
+    target: Target,
+}
+
+/// `omnibus lock`.
+pub fn run(arguments: &Lock) -> anyhow::Result<()> {
+    let file = arguments.set_key.as_deref();
+    // Bad input is refused before anything else.
+    let known = file.filter(|_| !arguments.new).map(read).transpose()?;
+    let (mut wire, nodes) = robots(&arguments.target, arguments.node)?;
+    let states = nodes
+        .iter()
+        .map(|node| lock::state(&mut wire, *node))
+        .collect::<Result<Vec<_>, _>>()?;
+    // Nothing is changed unless all can follow.
+    for (node, state) in nodes.iter().zip(&states) {
+        let changes = file.is_some() || arguments.remove_key;
+        match state {
+            LockState::Locked if changes => usage!(
+                "node {node} is locked, and has its key already; `omnibus unlock --key FILE` first"
+            ),
+            LockState::NoKey if !changes => {
+                usage!("node {node} has no key; `omnibus lock --set-key FILE` gives it one")
+            }
+            _ => {}
+        }
+    }
+    let key = match file {
+        Some(path) if arguments.new => Some(new_key(path)?),
+        _ => known,
+    };
+    for node in &nodes {
+        if let Some(key) = &key {
+            lock::set_key(&mut wire, *node, Some(key))?;
+        }
+        if arguments.remove_key {
+            lock::set_key(&mut wire, *node, None)?;
+        } else {
+            lock::lock(&mut wire, *node)?;
+        }
+    }
+    finish(&mut wire, &nodes)
+}
+
+/// `omnibus unlock`.
+pub fn run_unlock(arguments: &Unlock) -> anyhow::Result<()> {
+    let key = read(&arguments.key)?;
+    let (mut wire, nodes) = robots(&arguments.target, arguments.node)?;
+    for node in &nodes {
+        lock::unlock(&mut wire, *node, &key)?;
+    }
+    finish(&mut wire, &nodes)
+}
+
+fn robots(target: &Target, only: Option<u8>) -> anyhow::Result<(Wire<Box<dyn Link>>, Vec<u8>)> {
+    if let Some(node) = only
+        && !protocol::is_robot(node)
+    {
+        usage!("--node {node}: robots are nodes 2 to 17");
+    }
+    let mut wire = target.exclusive()?;
+    let found = Survey::take(&mut wire, None)?.found;
+    let mut nodes: Vec<u8> = found.iter().map(|robot| robot.node).collect();
+    nodes.retain(|node| only.is_none_or(|only| only == *node));
+    if nodes.is_empty() {
+        return Err(match only {
+            Some(node) => MasterError::NodeSilent { node }.into(),
+            None => Found(format!("no robot answers on {}", target.bus)).into(),
+        });
+    }
+    Ok((wire, nodes))
+}
+
+/// Says how the robots are now.
+fn finish(wire: &mut Wire<Box<dyn Link>>, nodes: &[u8]) -> anyhow::Result<()> {
+    let mut all = Vec::new();
+    for node in nodes {
+        let state = match lock::state(wire, *node)? {
+            LockState::NoKey => "without a key",
+            LockState::Locked => "locked",
+            LockState::Unlocked => "unlocked",
+        };
+        if json() {
+            all.push(json!({"node": node, "lock": state}));
+        } else {
+            print_line(format_args!("node {node} is {state}"))?;
+        }
+    }
+    if json() {
+        return print_json(&json!({"robots": all}));
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> anyhow::Result<Key> {
+    let bytes = if path == Path::new("-") {
+        let mut bytes = Vec::new();
+        std::io::stdin().read_to_end(&mut bytes).map(|_| bytes)
+    } else {
+        std::fs::read(path)
+    };
+    let bytes = bytes.with_context(|| format!("cannot read the key {}", path.display()))?;
+    lock::key(&bytes).map_err(|problem| Usage(format!("{}: {problem}", path.display())).into())
+}
+
+fn new_key(path: &Path) -> anyhow::Result<Key> {
+    let mut key = Key::default();
+    getrandom::fill(&mut key).context("the system has no random numbers")?;
+    let mut options = std::fs::OpenOptions::new();
+    // Never over another key.
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let file = options.open(path);
+    let mut file = file.with_context(|| format!("cannot create {}", path.display()))?;
+    file.write_all(&key)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    print_note(format_args!(
+        "Keep a copy of {}: without it a locked robot takes a debug probe.",
+        path.display()
+    ));
+    Ok(key)
+}
