@@ -60,6 +60,8 @@ pub struct Unlock {
     target: Target,
 }
 
+type BusWire = Wire<Box<dyn Link>>;
+
 /// `omnibus lock`.
 pub fn run(arguments: &Lock) -> anyhow::Result<()> {
     let file = arguments.set_key.as_deref();
@@ -110,7 +112,7 @@ pub fn run_unlock(arguments: &Unlock) -> anyhow::Result<()> {
     finish(&mut wire, &nodes)
 }
 
-fn robots(target: &Target, only: Option<u8>) -> anyhow::Result<(Wire<Box<dyn Link>>, Vec<u8>)> {
+fn robots(target: &Target, only: Option<u8>) -> anyhow::Result<(BusWire, Vec<u8>)> {
     if let Some(node) = only
         && !protocol::is_robot(node)
     {
@@ -130,7 +132,7 @@ fn robots(target: &Target, only: Option<u8>) -> anyhow::Result<(Wire<Box<dyn Lin
 }
 
 /// Says how the robots are now.
-fn finish(wire: &mut Wire<Box<dyn Link>>, nodes: &[u8]) -> anyhow::Result<()> {
+fn finish(wire: &mut BusWire, nodes: &[u8]) -> anyhow::Result<()> {
     let mut all = Vec::new();
     for node in nodes {
         let state = match lock::state(wire, *node)? {
