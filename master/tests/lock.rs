@@ -5,19 +5,25 @@ mod common;
 use std::path::Path;
 
 use canopen::Micros;
+use group::GroupFile;
+use kinematics::Twist;
+use omnibus::Group;
 use omnibus::bus::wire::Wire;
 use omnibus::commission::lock::{self, LockState};
 use omnibus::error::MasterError;
 use omnibus::simulation;
 use omnibus::simulation::link::SimLink;
-use protocol::{Value, address as at};
+use protocol::{MemberState, Value, address as at};
 
 const NODE: u8 = 2;
 const KEY: lock::Key = *b"thirty-two bytes of a secret key";
 
+fn group() -> GroupFile {
+    GroupFile::load(common::root().join("groups/single.toml")).unwrap()
+}
+
 fn wire() -> Wire<SimLink> {
-    let group = ::group::GroupFile::load(common::root().join("groups/single.toml")).unwrap();
-    let mut link = simulation::open(&group, None, "sim").unwrap();
+    let mut link = simulation::open(&group(), None, "sim").unwrap();
     link.world.run_until(Micros(100_000)).unwrap();
     Wire::visiting(link)
 }
@@ -52,6 +58,36 @@ fn a_locked_robot_keeps_its_parameters_until_it_is_unlocked() {
     write(&mut wire).unwrap();
     lock::set_key(&mut wire, NODE, None).unwrap();
     assert_eq!(lock::state(&mut wire, NODE).unwrap(), LockState::NoKey);
+}
+
+/// What a robot has already needs no key, so a locked group drives; anything else needs it.
+#[test]
+fn a_locked_robot_that_is_configured_drives() {
+    let mut file = group();
+    let mut link = simulation::open(&file, None, "sim").unwrap();
+    let mut group = Group::connect(&mut link, &file).unwrap();
+    group.configure(true).unwrap();
+    lock::set_key(group.wire(), NODE, Some(&KEY)).unwrap();
+    lock::lock(group.wire(), NODE).unwrap();
+    drop(group);
+
+    let mut group = Group::connect(&mut link, &file).unwrap();
+    group.start().unwrap();
+    group.set_twist(Twist::new(0.2, 0.0, 0.0)).unwrap();
+    group.run(0.5).unwrap();
+    assert!(
+        group.members()[0]
+            .status
+            .is_some_and(|status| status.state == MemberState::Moving)
+    );
+    group.stop().unwrap();
+    assert_eq!(lock::state(group.wire(), NODE).unwrap(), LockState::Locked);
+    drop(group);
+
+    file.limits.linear_jerk *= 0.5;
+    let mut group = Group::connect(&mut link, &file).unwrap();
+    let error = group.configure(true).unwrap_err().to_string();
+    assert!(error.contains("omnibus unlock --key FILE"), "{error}");
 }
 
 #[test]

@@ -78,6 +78,12 @@ impl Transfer<'_> {
     }
 }
 
+/// Whether a robot refused because of its lock.
+fn is_locked(error: &MasterError) -> bool {
+    let refused = |abort: &AbortCode| *abort == AbortCode::LocalControl;
+    matches!(error.cause(), MasterError::Refused { abort, .. } if refused(abort))
+}
+
 impl<L: Link> Wire<L> {
     /// Reads an object of a type.
     ///
@@ -105,7 +111,7 @@ impl<L: Link> Wire<L> {
         Ok(())
     }
 
-    /// Writes an object and reads it back.
+    /// Writes an object and reads it back. A locked robot that has the value already may keep it.
     ///
     /// # Errors
     /// As [`Wire::write`] and [`Wire::read`], and when the value read is not the value written.
@@ -115,7 +121,15 @@ impl<L: Link> Wire<L> {
         address: Address,
         value: Value,
     ) -> Result<(), MasterError> {
-        self.write(node, address, value)?;
+        let written = self.write(node, address, value);
+        if !written.as_ref().err().is_some_and(is_locked) {
+            written?;
+            return self.read_back(node, address, value);
+        }
+        self.read_back(node, address, value).or(written)
+    }
+
+    fn read_back(&mut self, node: u8, address: Address, value: Value) -> Result<(), MasterError> {
         let found = self.read(node, address, value.kind())?;
         if found.to_bits() == value.to_bits() {
             return Ok(());
