@@ -5,8 +5,8 @@
 //! [`cases`] says of each row of the page how it is brought about, or why it is not. The master is
 //! at fault itself in some ([`Means::Heartbeat`] and its neighbours), a [`Hand`] does the others,
 //! a few are wrong parameters, of which some do not let the group begin ([`at_rest`]). The group
-//! drives straight ahead, the cause appears, the robots'
-//! histories tell when each noticed ([`records`]), and their wheel rates what the wheels did.
+//! drives straight ahead, the cause appears, the robots' histories tell when each noticed, and
+//! their wheel rates what the wheels did.
 //!
 //! A cause that the master brings about has a time on its clock. One by hand is only known to lie
 //! after the last frame that contradicts it: the last status of a robot whose plug is pulled, the
