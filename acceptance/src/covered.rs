@@ -42,6 +42,10 @@ pub const FIGURES: &[(&str, Covered)] = &[
     ("8_robots.sync_to_pwm", Not(WHEN_DRIVING)),
     ("gateway.", Not(CABLE)),
     (
+        "update.",
+        Not("no report updates a robot; `omnibus update` shows how long it takes"),
+    ),
+    (
         "bus.",
         Not("it is the length of frames, which no board changes"),
     ),

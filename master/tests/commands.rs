@@ -236,7 +236,7 @@ fn a_group_of_ones_own() {
     );
     let checked = omnibus(&["group", "check", &file, "--json"]);
     let found: Value = serde_json::from_slice(&checked.stdout).unwrap();
-    assert_eq!(found["problems"].as_array().unwrap().len(), 4);
+    assert_eq!(found["problems"].as_array().unwrap().len(), 5);
     std::fs::remove_dir_all(folder).unwrap();
 }
 
