@@ -162,8 +162,8 @@ impl Firmware {
         let bad_table = |error: &dyn std::fmt::Display| LoadError::Defmt(error.to_string());
         let table = Table::parse(&elf).map_err(|error| bad_table(&error))?;
         let locations = match &table {
-            Some(table) => table.get_locations(&elf).unwrap_or_default(),
-            None => Locations::new(),
+            Some(table) if DEBUG_INFO => table.get_locations(&elf).unwrap_or_default(),
+            _ => Locations::new(),
         };
         drop(file);
         Ok(Self {
@@ -331,11 +331,18 @@ pub fn programmed(elf: &[u8]) -> Result<Vec<(u32, Vec<u8>)>, LoadError> {
     Ok(parts)
 }
 
+/// Whether images may have debug information. In a browser they have none, so that what reads it
+/// need not be loaded.
+const DEBUG_INFO: bool = cfg!(not(target_family = "wasm"));
+
 type Slice<'a> = gimli::EndianSlice<'a, gimli::LittleEndian>;
 
 fn debug_information<'a>(
     file: &ElfFile32<'a, object::LittleEndian>,
 ) -> Option<addr2line::Context<Slice<'a>>> {
+    if !DEBUG_INFO {
+        return None;
+    }
     let load = |id: gimli::SectionId| -> Result<_, gimli::Error> {
         let data = file
             .section_by_name(id.name())
