@@ -118,6 +118,8 @@ fn the_commands_name_what_to_do() {
     let (code, result, _) = on_the_bus(&["lock", "--set-key", file, "--new"]);
     assert_eq!((code, &*result), (Some(0), "node 2 is locked\n"));
     assert_eq!(std::fs::read(&path).unwrap().len(), 32);
+    let (code, _, error) = on_the_bus(&["lock", "--set-key", "-", "--new"]);
+    assert_eq!(code, Some(2), "{error}");
     // Never over another key.
     let (code, _, error) = on_the_bus(&["lock", "--set-key", file, "--new"]);
     assert_eq!(code, Some(1), "{error}");

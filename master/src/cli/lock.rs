@@ -65,6 +65,9 @@ type BusWire = Wire<Box<dyn Link>>;
 /// `omnibus lock`.
 pub fn run(arguments: &Lock) -> anyhow::Result<()> {
     let file = arguments.set_key.as_deref();
+    if arguments.new && file == Some(Path::new("-")) {
+        usage!("--new makes a file; give --set-key its name, not -");
+    }
     // Bad input is refused before anything else.
     let known = file.filter(|_| !arguments.new).map(read).transpose()?;
     let (mut wire, nodes) = robots(&arguments.target, arguments.node)?;

@@ -242,7 +242,11 @@ fn assign_selected<L: Link>(
     })?;
     match set {
         Some(0) => {}
-        Some(_) => return Err(problem("the robot refuses that node id")),
+        Some(_) => {
+            return Err(problem(
+                "the robot refuses that node id; a locked one takes none before `omnibus unlock`",
+            ));
+        }
         None => return Err(problem("the robot was selected and then did not answer")),
     }
     if store {
