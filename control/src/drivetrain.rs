@@ -20,7 +20,7 @@ use kinematics::{
     GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
-use crate::quantity::Quantity;
+use crate::quantity::{Angle, Lever, Quantity, Rate, Ratio};
 use crate::rollers::Rolling;
 
 /// The kinematics that take the tick's own numbers.
@@ -38,9 +38,82 @@ const fn raw(wheels: &Kinematics) -> &Kinematics {
 pub struct Drivetrain {
     /// Uncompensated, in the robot's frame; in fixed point with the feature of that name.
     wheels: Kinematics,
-    mount: Mount,
+    mount: Placement,
     compensation: GridCompensation,
     contact: Contact,
+}
+
+/// Fractional bits of a twist that is not scaled to the robot's limits yet: the largest setpoint,
+/// 3.3 m/s and rad/s, asks 480 m/s of a member 50 m ahead and 50 m aside whose coefficients are 2.
+const SETPOINT: u32 = 20;
+
+/// A twist or its derivative or integral, in the tick's own numbers.
+type Motion<const FRACTION: u32> = Twist<Quantity<FRACTION>>;
+
+/// In the tick's own numbers.
+#[inline]
+const fn quantities<const FRACTION: u32>(twist: Twist) -> Motion<FRACTION> {
+    Twist {
+        vx: Quantity::new(twist.vx),
+        vy: Quantity::new(twist.vy),
+        omega: Quantity::new(twist.omega),
+    }
+}
+
+/// As floats.
+#[inline]
+pub(crate) const fn single<const FRACTION: u32>(twist: Motion<FRACTION>) -> Twist {
+    Twist {
+        vx: twist.vx.to_f32(),
+        vy: twist.vy.to_f32(),
+        omega: twist.omega.to_f32(),
+    }
+}
+
+/// A [`Mount`] in the tick's own numbers: `K_j`, equation (11), and back.
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Placement {
+    x: Lever,
+    y: Lever,
+    sin: Ratio,
+    cos: Ratio,
+}
+
+impl Placement {
+    fn new(mount: &Mount) -> Self {
+        let [[cos, sin, _], ..] = mount.matrix();
+        Self {
+            x: Lever::new(mount.pose().x),
+            y: Lever::new(mount.pose().y),
+            sin: Ratio::new(sin),
+            cos: Ratio::new(cos),
+        }
+    }
+
+    /// As [`Mount::to_member`].
+    #[inline]
+    fn member<const FRACTION: u32>(&self, group: Motion<FRACTION>) -> Motion<FRACTION> {
+        let vx = group.vx - group.omega.times(self.y);
+        let vy = group.vy + group.omega.times(self.x);
+        Twist {
+            vx: vx.times::<_, FRACTION>(self.cos) + vy.times(self.sin),
+            vy: vy.times::<_, FRACTION>(self.cos) - vx.times(self.sin),
+            omega: group.omega,
+        }
+    }
+
+    /// As [`Mount::to_group`].
+    #[inline]
+    fn group<const FRACTION: u32>(&self, member: Motion<FRACTION>) -> Motion<FRACTION> {
+        let Twist { vx, vy, omega } = member;
+        let ahead = vx.times::<_, FRACTION>(self.cos) - vy.times(self.sin);
+        let aside = vx.times::<_, FRACTION>(self.sin) + vy.times(self.cos);
+        Twist {
+            vx: ahead + omega.times(self.y),
+            vy: aside - omega.times(self.x),
+            omega,
+        }
+    }
 }
 
 /// Where the wheels touch the floor.
@@ -57,7 +130,7 @@ pub enum Contact {
 }
 
 /// Coefficients along x, along y and about z of the robot.
-pub type Coefficients = [f32; 3];
+pub type Coefficients = [Ratio; 3];
 
 /// The coefficients a control tick works with.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -85,7 +158,7 @@ impl Drivetrain {
     ) -> Result<Self, GeometryError> {
         Ok(Self {
             wheels: Kinematics::from_wheels(wheels, &Mount::IDENTITY, &VelocityCompensation::NONE)?,
-            mount,
+            mount: Placement::new(&mount),
             compensation,
             contact,
         })
@@ -104,7 +177,8 @@ impl Drivetrain {
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
     #[must_use]
     pub fn inverse(&self, group: Twist) -> WheelRates {
-        self.rates(group, &self.at(group))
+        self.wheels
+            .inverse(self.asked::<SETPOINT>(group, &self.at(group)))
     }
 
     /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s
@@ -115,7 +189,7 @@ impl Drivetrain {
             return self.inverse(group);
         };
         // Rates are linear in the secant, so the fastest is at one of its ends.
-        let asked = times(self.mount.to_member(group), &self.at(group));
+        let asked = self.asked::<SETPOINT>(group, &self.at(group));
         let slow: [f32; 4] = rolling.wheels.inverse(asked, &rolling.least).into();
         let fast: [f32; 4] = rolling.wheels.inverse(asked, &rolling.largest).into();
         let [a, b, c, d] = slow;
@@ -137,30 +211,32 @@ impl Drivetrain {
         group: Twist,
         factors: &Factors,
     ) -> [Quantity<FRACTION>; 4] {
-        let member = self.member_twist(group, factors);
-        let scalar = |value| Quantity::<FRACTION>::new(value).scalar();
+        let member = self.member(quantities::<FRACTION>(group), &factors.asked);
         let wheels: [_; 4] = raw(&self.wheels)
             .inverse(Twist {
-                vx: scalar(member.vx),
-                vy: scalar(member.vy),
-                omega: scalar(member.omega),
+                vx: member.vx.scalar(),
+                vy: member.vy.scalar(),
+                omega: member.omega.scalar(),
             })
             .into();
         wheels.map(Quantity::from_scalar)
     }
 
-    /// What the wheels are asked for, a twist of the robot in its own frame, when they turn at
-    /// these rates or by these angles.
+    /// The group's twist when the wheels turn at these rates; its displacement for angles.
     #[inline]
-    pub(crate) fn forward<const FRACTION: u32>(&self, wheels: [Quantity<FRACTION>; 4]) -> Twist {
+    pub(crate) fn forward<const FRACTION: u32>(
+        &self,
+        wheels: [Quantity<FRACTION>; 4],
+        factors: &Factors,
+    ) -> Motion<FRACTION> {
         let wheels = WheelRates::from(wheels.map(Quantity::scalar));
         let twist = raw(&self.wheels).forward(&wheels);
-        let single = |value| Quantity::<FRACTION>::from_scalar(value).to_f32();
-        Twist {
-            vx: single(twist.vx),
-            vy: single(twist.vy),
-            omega: single(twist.omega),
-        }
+        let asked = Twist {
+            vx: Quantity::from_scalar(twist.vx),
+            vy: Quantity::from_scalar(twist.vy),
+            omega: Quantity::from_scalar(twist.omega),
+        };
+        self.group(asked, factors)
     }
 
     /// What no rigid motion explains in these wheel rates, rad/s.
@@ -186,7 +262,7 @@ impl Drivetrain {
         let asked = self.at(Twist::ZERO);
         Factors {
             asked,
-            achieved: asked.map(|one| 1.0 / one),
+            achieved: inverse(asked),
             reference_next: true,
         }
     }
@@ -201,7 +277,7 @@ impl Drivetrain {
         if factors.reference_next {
             factors.asked = self.at(reference);
         } else {
-            factors.achieved = self.at(measured).map(|one| 1.0 / one);
+            factors.achieved = inverse(self.at(measured));
         }
         factors.reference_next = !factors.reference_next;
     }
@@ -210,39 +286,71 @@ impl Drivetrain {
     /// group.
     #[inline]
     pub(crate) fn member_twist(&self, group: Twist, factors: &Factors) -> Twist {
-        times(self.mount.to_member(group), &factors.asked)
+        self.asked::<{ Rate::FRACTION }>(group, &factors.asked)
     }
 
-    /// The group's twist for what the wheels are asked for; displacements alike.
+    /// The group's twist for what the wheels are asked for.
     #[inline]
     pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist {
-        self.mount.to_group(times(asked, &factors.achieved))
+        single(self.group(quantities::<{ Rate::FRACTION }>(asked), factors))
+    }
+
+    /// The same for displacements.
+    #[inline]
+    pub(crate) fn group_displacement(&self, asked: Twist, factors: &Factors) -> Twist<Angle> {
+        self.group(quantities(asked), factors)
+    }
+
+    #[inline]
+    fn member<const FRACTION: u32>(
+        &self,
+        group: Motion<FRACTION>,
+        coefficients: &Coefficients,
+    ) -> Motion<FRACTION> {
+        times(self.mount.member(group), coefficients)
+    }
+
+    #[inline]
+    fn group<const FRACTION: u32>(
+        &self,
+        asked: Motion<FRACTION>,
+        factors: &Factors,
+    ) -> Motion<FRACTION> {
+        self.mount.group(times(asked, &factors.achieved))
+    }
+
+    #[inline]
+    fn asked<const FRACTION: u32>(&self, group: Twist, coefficients: &Coefficients) -> Twist {
+        single(self.member(quantities::<FRACTION>(group), coefficients))
     }
 
     fn at(&self, group: Twist) -> Coefficients {
-        self.compensation.coefficients(self.mount.to_member(group))
-    }
-
-    #[inline]
-    fn rates(&self, group: Twist, coefficients: &Coefficients) -> WheelRates {
-        let member = self.mount.to_member(group);
-        self.wheels.inverse(times(member, coefficients))
+        let group = quantities::<{ Rate::FRACTION }>(group);
+        let member = single(self.mount.member(group));
+        self.compensation.coefficients(member).map(Ratio::new)
     }
 }
 
+/// One over each coefficient.
+fn inverse(coefficients: Coefficients) -> Coefficients {
+    coefficients.map(|one| Ratio::new(1.0 / one.to_f32()))
+}
+
 #[inline]
-fn times(twist: Twist, [x, y, w]: &Coefficients) -> Twist {
+fn times<const FRACTION: u32>(
+    twist: Motion<FRACTION>,
+    [x, y, w]: &Coefficients,
+) -> Motion<FRACTION> {
     Twist {
-        vx: twist.vx * x,
-        vy: twist.vy * y,
-        omega: twist.omega * w,
+        vx: twist.vx.times(*x),
+        vy: twist.vy.times(*y),
+        omega: twist.omega.times(*w),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::{Angle, Rate};
     use kinematics::{AxisTable, FourWheelGeometry, Pose, SpeedCompensation};
 
     fn drivetrain(compensation: GridCompensation) -> Drivetrain {
@@ -290,20 +398,92 @@ mod tests {
             let mut back = Twist::ZERO;
             for _ in 0..=ticks {
                 let rates: [Rate; 4] = drivetrain.wheels(twist, &factors);
-                back = drivetrain.group_twist(drivetrain.forward(rates), &factors);
+                back = single(drivetrain.forward(rates, &factors));
                 drivetrain.renew(&mut factors, twist, back);
             }
             same(back, twist);
             let rates = drivetrain.inverse(twist);
             let seen = <[f32; 4]>::from(rates).map(Rate::new);
-            same(
-                drivetrain.group_twist(drivetrain.forward(seen), &factors),
-                twist,
-            );
+            same(single(drivetrain.forward(seen, &factors)), twist);
             let angles: [f32; 4] = rates.into();
             let moved = angles.map(|rate| Angle::new(rate * 1e-3));
-            let moved = drivetrain.group_twist(drivetrain.forward(moved), &factors);
+            let moved = single(drivetrain.forward(moved, &factors));
             same(moved * 1e3, twist);
         }
+    }
+
+    /// Mount and compensation by themselves, against `f64`, over what the robot accepts.
+    #[test]
+    fn mount_and_compensation_are_off_by_their_steps() {
+        let geometry = FourWheelGeometry::new(0.370, 0.350, 0.1524, 0.785).unwrap();
+        for place in 0..400_i16 {
+            // Up to 50 m, any heading, coefficients from 0.5 to 2 (0x2011, 0x2012).
+            let part = |step: i16| f32::from((place * step) % 401) / 200.0 - 1.0;
+            let pose = Pose::new(50.0 * part(7), 50.0 * part(11), 6.3 * part(13));
+            let c = [17, 19, 23].map(|step| 2.0_f32.powf(part(step)));
+            let mount = Mount::new(pose).unwrap();
+            let drivetrain = Drivetrain::new(
+                &geometry.wheels().unwrap(),
+                mount,
+                GridCompensation::from(&VelocityCompensation::new(c[0], c[1], c[2]).unwrap()),
+                Contact::Ideal,
+            )
+            .unwrap();
+            let factors = drivetrain.factors();
+            // Members of up to 20 m/s and 1 rad/s.
+            let group = Twist::new(20.0 * part(29), 20.0 * part(31), part(37));
+            let wide = Mount::new(Pose::new(
+                f64::from(pose.x),
+                f64::from(pose.y),
+                f64::from(pose.heading),
+            ))
+            .unwrap();
+            let exact = wide.to_member(Twist {
+                vx: group.vx.into(),
+                vy: group.vy.into(),
+                omega: group.omega.into(),
+            });
+            let exact = [exact.vx, exact.vy, exact.omega];
+            let found = drivetrain.member_twist(group, &factors);
+            let found = [found.vx, found.vy, found.omega];
+            // Steps: of a result, of a coefficient or cosine, of a lever; or those of a float. A
+            // velocity of the sum below has one of a number of 128 m/s at the most.
+            let (rate, ratio, lever) = if cfg!(feature = "fixed-point") {
+                (2.0_f64.powi(-23), 2.0_f64.powi(-27), 2.0_f64.powi(-25))
+            } else {
+                (2.0_f64.powi(-17), 2.0_f64.powi(-23), 2.0_f64.powi(-18))
+            };
+            // Half a step for each of two sums, two products and the input, twice that for the
+            // coefficient, and a float's step to give it out; the sine is off by 1e-7.
+            let speed = f64::from(group.vx.hypot(group.vy)) + 71.0;
+            let bound = 2.0 * (3.0 * rate + lever + speed * (ratio + 1.5e-7 + 1.2e-7));
+            for ((found, exact), c) in found.into_iter().zip(exact).zip(c) {
+                let off = (f64::from(found) - exact * f64::from(c)).abs();
+                assert!(off <= bound, "{off:e} {bound:e} {pose:?} {group:?}");
+            }
+            // And back: twice as much, as the coefficients may halve and double again.
+            let back = drivetrain.group_twist(drivetrain.member_twist(group, &factors), &factors);
+            let far = (back.vx - group.vx).hypot(back.vy - group.vy);
+            assert!(
+                f64::from(far) <= 4.0 * bound,
+                "{far:e} {bound:e} {pose:?} {c:?}"
+            );
+        }
+    }
+
+    /// The scale to the wheels' limit is computed from it, so it must not end at 256 m/s.
+    #[test]
+    fn the_fastest_setpoint_does_not_saturate() {
+        let geometry = FourWheelGeometry::new(0.370, 0.350, 0.1524, 0.785).unwrap();
+        let drivetrain = Drivetrain::new(
+            &geometry.wheels().unwrap(),
+            Mount::new(Pose::new(50.0, -50.0, 0.785)).unwrap(),
+            GridCompensation::from(&VelocityCompensation::new(2.0, 2.0, 2.0).unwrap()),
+            Contact::Ideal,
+        )
+        .unwrap();
+        let slow = drivetrain.fastest(Twist::new(0.0, 0.0, 0.05)).front_left;
+        let fast = drivetrain.fastest(Twist::new(0.0, 0.0, 3.2)).front_left;
+        assert!((fast / slow - 64.0).abs() < 1e-4, "{fast} {slow}");
     }
 }

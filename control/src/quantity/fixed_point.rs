@@ -16,6 +16,8 @@ use super::{Angle, AngleGain, Time, Voltage};
 pub struct Quantity<const FRACTION: u32>(i32);
 
 impl<const FRACTION: u32> Quantity<FRACTION> {
+    /// How many fractional bits it has in fixed point.
+    pub const FRACTION: u32 = FRACTION;
     /// Nothing.
     pub const ZERO: Self = Self(0);
     /// The largest.

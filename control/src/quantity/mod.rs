@@ -57,5 +57,7 @@ pub type AngleGain = Quantity<20>;
 pub type Bandwidth = Quantity<22>;
 /// A bandwidth in ticks, or another number of the order of 1.
 pub type Ratio = Quantity<27>;
+/// Where a robot is mounted in its group, m.
+pub type Lever = Quantity<25>;
 /// What is divided by a small one: counts in a radian, or 1/s.
 pub type Large = Quantity<10>;

@@ -11,6 +11,8 @@ use super::{Angle, AngleGain, Time, Voltage};
 pub struct Quantity<const FRACTION: u32>(f32);
 
 impl<const FRACTION: u32> Quantity<FRACTION> {
+    /// How many fractional bits it has in fixed point.
+    pub const FRACTION: u32 = FRACTION;
     /// Nothing.
     pub const ZERO: Self = Self(0.0);
     /// More than any.

@@ -66,6 +66,11 @@ fn products_are_off_by_half_a_step() {
     product::<22, 36, 27>((400.0, 0.02)); // bandwidth, time
     product::<27, 27, 27>((3.9, 3.9)); // angle, share
     product::<27, 22, 23>((0.5, 400.0)); // angle, bandwidth
+    product::<23, 27, 23>((120.0, 2.0)); // velocity, coefficient
+    product::<27, 27, 27>((2.0, 2.0)); // displacement, coefficient
+    product::<23, 25, 23>((4.0, 50.0)); // yaw rate, lever
+    product::<19, 25, 19>((50.0, 50.0)); // yaw acceleration, lever
+    product::<27, 25, 27>((0.2, 50.0)); // turn, lever
 }
 
 #[test]
@@ -231,6 +236,7 @@ fn the_table_of_the_documents_is_this_one() {
         AngleGain,
         Bandwidth,
         Ratio,
+        Lever,
         Large
     ];
     assert_eq!(rows.len(), names.len());

@@ -3,6 +3,7 @@
 use kinematics::WheelRates;
 
 use super::motion::{Motion, Wheel};
+use crate::drivetrain::single;
 use crate::interface::{Inputs, Report};
 use crate::quantity::{Angle, Rate, Time};
 
@@ -71,13 +72,13 @@ impl Motion {
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
             let turned = WheelRates::from(turned.map(Angle::to_f32));
-            drivetrain.group_twist(wheels.displacement(&turned, &middle), factors)
+            drivetrain.group_displacement(wheels.displacement(&turned, &middle), factors)
         } else {
-            report.measured = drivetrain.group_twist(drivetrain.forward(rates), factors);
+            report.measured = single(drivetrain.forward(rates, factors));
             report.slip_residual = drivetrain.unexplained(rates).to_f32();
-            drivetrain.group_twist(drivetrain.forward(turned), factors)
+            drivetrain.forward(turned, factors)
         };
-        self.odometry.update(moved, 1.0);
+        self.odometry.update(single(moved), 1.0);
         report.pose = self.odometry.pose();
     }
 }
