@@ -33,6 +33,7 @@ pub mod interface;
 pub mod limiter;
 pub mod math;
 pub mod observer;
+pub mod odometry;
 pub mod output_stage;
 pub mod quantity;
 pub mod rollers;

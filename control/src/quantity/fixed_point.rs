@@ -49,6 +49,16 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
         })
     }
 
+    /// The integer.
+    pub(crate) const fn to_bits(self) -> i32 {
+        self.0
+    }
+
+    /// From the integer.
+    pub(crate) const fn from_bits(bits: i32) -> Self {
+        Self(bits)
+    }
+
     /// The number as the kinematics take it. They are linear and leave its scale as it is.
     #[must_use]
     #[inline(always)]

@@ -78,7 +78,7 @@ impl Motion {
             report.slip_residual = drivetrain.unexplained(rates).to_f32();
             drivetrain.forward(turned, factors)
         };
-        self.odometry.update(single(moved), 1.0);
+        self.odometry.advance(moved);
         report.pose = self.odometry.pose();
     }
 }

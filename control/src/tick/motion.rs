@@ -1,6 +1,6 @@
 //! What moves: the state that exists once there is a configuration, and its four wheels.
 
-use kinematics::{Odometry, Twist};
+use kinematics::Twist;
 use protocol::{Fault, Reaction};
 
 use super::Tick;
@@ -8,6 +8,7 @@ use crate::configuration::Configuration;
 use crate::drivetrain::Factors;
 use crate::limiter::Limiter;
 use crate::observer::Observer;
+use crate::odometry::Odometry;
 use crate::quantity::{Acceleration, Angle, Count, Ratio, Voltage};
 use crate::rollers::Rollers;
 use crate::setpoint::Interpolator;
