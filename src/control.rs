@@ -15,6 +15,7 @@ use core::mem::MaybeUninit;
 use ::control::clock::TickSchedule;
 use ::control::configuration::Configuration;
 use ::control::interface::{Inputs, Report};
+use ::control::quantity::InputVoltage;
 use ::control::tick::ControlSide;
 use ::control::time::Micros;
 use embassy_sync::blocking_mutex::Mutex;
@@ -139,7 +140,7 @@ impl Control {
             emergency_stop: parts.outputs.emergency_stop(),
             drive_fault: line.then_some(Fault::DriverFault).or(drive_fault),
             protective_stop: parts.lines.protective_stop(),
-            supply_input: Some(parts.meters.supply()),
+            supply_input: Some(InputVoltage::new(parts.meters.supply())),
             current_inputs: self.senses.then(|| parts.meters.currents()),
         };
         let wanted = COMMAND.with(|command| {
@@ -150,11 +151,12 @@ impl Control {
                 self.side.tick(begin, command, &inputs)
             }
         });
+        let given = wanted.given();
         let duty = if DRIVES_ARE_WIRED {
-            parts.drives.send(wanted.drive, wanted.drivers_enabled);
+            parts.drives.send(given, wanted.drivers_enabled);
             [0.0; 4]
         } else {
-            wanted.drive
+            given
         };
         parts
             .outputs

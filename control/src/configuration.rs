@@ -10,6 +10,7 @@ use crate::current::CurrentConfiguration;
 use crate::drivetrain::Drivetrain;
 use crate::limiter::ChangeLimits;
 use crate::output_stage::OutputStage;
+use crate::quantity::Rate;
 use crate::smart_drive::DriveConfiguration;
 use crate::supply::SupplyConfiguration;
 use crate::wheel::Gains;
@@ -70,15 +71,15 @@ impl Times {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Thresholds {
     /// rad/s.
-    pub slip_limit: f32,
+    pub slip_limit: Rate,
     /// rad/s.
-    pub slip_fault: f32,
+    pub slip_fault: Rate,
     /// m/s.
-    pub strain_limit: f32,
+    pub strain_limit: Rate,
     /// m/s.
-    pub strain_fault: f32,
+    pub strain_fault: Rate,
     /// rad/s.
-    pub blocked_rate: f32,
+    pub blocked_rate: Rate,
 }
 
 /// A complete and consistent configuration.

@@ -20,8 +20,9 @@ use kinematics::{
     GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
-use crate::quantity::{Angle, Lever, Quantity, Rate, Ratio};
+use crate::quantity::{Angle, Lever, Quantity, Rate, Ratio, Velocity};
 use crate::rollers::Rolling;
+use crate::twist::{quantities, single, to};
 
 /// The kinematics that take the tick's own numbers.
 #[cfg(feature = "fixed-point")]
@@ -49,26 +50,6 @@ const SETPOINT: u32 = 20;
 
 /// A twist or its derivative or integral, in the tick's own numbers.
 type Motion<const FRACTION: u32> = Twist<Quantity<FRACTION>>;
-
-/// In the tick's own numbers.
-#[inline]
-const fn quantities<const FRACTION: u32>(twist: Twist) -> Motion<FRACTION> {
-    Twist {
-        vx: Quantity::new(twist.vx),
-        vy: Quantity::new(twist.vy),
-        omega: Quantity::new(twist.omega),
-    }
-}
-
-/// As floats.
-#[inline]
-pub(crate) const fn single<const FRACTION: u32>(twist: Motion<FRACTION>) -> Twist {
-    Twist {
-        vx: twist.vx.to_f32(),
-        vy: twist.vy.to_f32(),
-        omega: twist.omega.to_f32(),
-    }
-}
 
 /// A [`Mount`] in the tick's own numbers: `K_j`, equation (11), and back.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -178,7 +159,7 @@ impl Drivetrain {
     #[must_use]
     pub fn inverse(&self, group: Twist) -> WheelRates {
         self.wheels
-            .inverse(self.asked::<SETPOINT>(group, &self.at(group)))
+            .inverse(self.asked::<SETPOINT>(group, &self.at(quantities(group))))
     }
 
     /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s
@@ -189,7 +170,7 @@ impl Drivetrain {
             return self.inverse(group);
         };
         // Rates are linear in the secant, so the fastest is at one of its ends.
-        let asked = self.asked::<SETPOINT>(group, &self.at(group));
+        let asked = self.asked::<SETPOINT>(group, &self.at(quantities(group)));
         let slow: [f32; 4] = rolling.wheels.inverse(asked, &rolling.least).into();
         let fast: [f32; 4] = rolling.wheels.inverse(asked, &rolling.largest).into();
         let [a, b, c, d] = slow;
@@ -208,10 +189,10 @@ impl Drivetrain {
     #[inline]
     pub(crate) fn wheels<const FRACTION: u32>(
         &self,
-        group: Twist,
+        group: Motion<FRACTION>,
         factors: &Factors,
     ) -> [Quantity<FRACTION>; 4] {
-        let member = self.member(quantities::<FRACTION>(group), &factors.asked);
+        let member = self.member(group, &factors.asked);
         let wheels: [_; 4] = raw(&self.wheels)
             .inverse(Twist {
                 vx: member.vx.scalar(),
@@ -259,7 +240,7 @@ impl Drivetrain {
     /// The factors of a robot that stands.
     #[must_use]
     pub fn factors(&self) -> Factors {
-        let asked = self.at(Twist::ZERO);
+        let asked = self.at(Twist::default());
         Factors {
             asked,
             achieved: inverse(asked),
@@ -270,12 +251,17 @@ impl Drivetrain {
     /// Renews one half of the factors: those of the reference or those of the measurement, both
     /// given in the group frame.
     #[inline]
-    pub fn renew(&self, factors: &mut Factors, reference: Twist, measured: Twist) {
+    pub fn renew(
+        &self,
+        factors: &mut Factors,
+        reference: Twist<Velocity>,
+        measured: Twist<Rate>,
+    ) {
         if self.compensation.is_constant() {
             return;
         }
         if factors.reference_next {
-            factors.asked = self.at(reference);
+            factors.asked = self.at(to(reference));
         } else {
             factors.achieved = inverse(self.at(measured));
         }
@@ -291,8 +277,8 @@ impl Drivetrain {
 
     /// The group's twist for what the wheels are asked for.
     #[inline]
-    pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist {
-        single(self.group(quantities::<{ Rate::FRACTION }>(asked), factors))
+    pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist<Rate> {
+        self.group(quantities(asked), factors)
     }
 
     /// The same for displacements.
@@ -324,8 +310,7 @@ impl Drivetrain {
         single(self.member(quantities::<FRACTION>(group), coefficients))
     }
 
-    fn at(&self, group: Twist) -> Coefficients {
-        let group = quantities::<{ Rate::FRACTION }>(group);
+    fn at(&self, group: Twist<Rate>) -> Coefficients {
         let member = single(self.mount.member(group));
         self.compensation.coefficients(member).map(Ratio::new)
     }
@@ -397,9 +382,10 @@ mod tests {
             let mut factors = drivetrain.factors();
             let mut back = Twist::ZERO;
             for _ in 0..=ticks {
-                let rates: [Rate; 4] = drivetrain.wheels(twist, &factors);
-                back = single(drivetrain.forward(rates, &factors));
-                drivetrain.renew(&mut factors, twist, back);
+                let rates: [Rate; 4] = drivetrain.wheels(quantities(twist), &factors);
+                let seen = drivetrain.forward(rates, &factors);
+                back = single(seen);
+                drivetrain.renew(&mut factors, quantities(twist), seen);
             }
             same(back, twist);
             let rates = drivetrain.inverse(twist);
@@ -462,7 +448,7 @@ mod tests {
                 assert!(off <= bound, "{off:e} {bound:e} {pose:?} {group:?}");
             }
             // And back: twice as much, as the coefficients may halve and double again.
-            let back = drivetrain.group_twist(drivetrain.member_twist(group, &factors), &factors);
+            let back = single(drivetrain.group_twist(drivetrain.member_twist(group, &factors), &factors));
             let far = (back.vx - group.vx).hypot(back.vy - group.vy);
             assert!(
                 f64::from(far) <= 4.0 * bound,

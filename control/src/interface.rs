@@ -9,6 +9,9 @@ use crate::time::Micros;
 use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
+use crate::odometry::Odometry;
+use crate::quantity::{Drive, InputVoltage, Rate, Velocity, Voltage};
+use crate::twist::{single, still};
 use crate::rollers::{IndexPulse, RollerState};
 use identification::Bounds;
 
@@ -84,7 +87,7 @@ pub struct Inputs {
     /// configured.
     pub protective_stop: bool,
     /// Voltage at the supply's measuring input, behind its divider, V, where there is one.
-    pub supply_input: Option<f32>,
+    pub supply_input: Option<InputVoltage>,
     /// Voltages at the current sensors' inputs, V, where sensors are configured and the board has
     /// such inputs.
     pub current_inputs: Option<[f32; 3]>,
@@ -97,7 +100,7 @@ pub struct Inputs {
 pub struct Outputs {
     /// What each wheel's drive gets ([`crate::wheel_drive`]): a duty, -1 to 1, or a current, A.
     /// Positive rolls the base forward where the motor is not reversed. Order as the encoders.
-    pub drive: [f32; 4],
+    pub drive: [Drive; 4],
     /// Motor drivers on.
     pub drivers_enabled: bool,
     /// Holding brake released. It is spring-applied: `false` is braked.
@@ -107,10 +110,16 @@ pub struct Outputs {
 impl Outputs {
     /// No torque, drivers off, braked.
     pub const SAFE: Self = Self {
-        drive: [0.0; 4],
+        drive: [Drive::ZERO; 4],
         drivers_enabled: false,
         brake_released: false,
     };
+
+    /// What each wheel's drive gets, as floats.
+    #[must_use]
+    pub fn given(&self) -> [f32; 4] {
+        self.drive.map(Drive::to_f32)
+    }
 }
 
 /// The control side's message to the bus side.
@@ -137,19 +146,19 @@ pub struct Report {
     /// Sequence of the setpoint it follows.
     pub sequence: u8,
     /// Group twist after all limits, group frame.
-    pub twist_ref: Twist,
+    pub twist_ref: Twist<Velocity>,
     /// Group twist as the wheels measure it, group frame.
-    pub measured: Twist,
+    pub measured: Twist<Rate>,
     /// Wheel rates that no rigid motion explains, rad/s.
-    pub slip_residual: f32,
+    pub slip_residual: Rate,
     /// Reference wheel rates, rad/s.
-    pub rates_ref: WheelRates,
+    pub rates_ref: [Rate; 4],
     /// Wheel rates measured, rad/s.
-    pub rates: WheelRates,
-    /// Pose of the group frame since the robot was configured.
-    pub pose: Pose,
+    pub rates: [Rate; 4],
+    /// Since the robot was configured, for the pose of the group frame.
+    pub odometry: Odometry,
     /// Supply voltage, V, where it is measured: the mean over some ticks.
-    pub supply: Option<f32>,
+    pub supply: Option<Voltage>,
     /// Current of the motors, A, as the sensors measure it; 0 where it is not measured.
     pub current: f32,
     /// Temperature of the hottest motor, degrees Celsius, as smart drives report it; 0 where it is
@@ -176,12 +185,12 @@ impl Report {
         protective_stop: false,
         limit: None,
         sequence: 0,
-        twist_ref: Twist::ZERO,
-        measured: Twist::ZERO,
-        slip_residual: 0.0,
-        rates_ref: WheelRates::ZERO,
-        rates: WheelRates::ZERO,
-        pose: Pose::ZERO,
+        twist_ref: still(),
+        measured: still(),
+        slip_residual: Rate::ZERO,
+        rates_ref: [Rate::ZERO; 4],
+        rates: [Rate::ZERO; 4],
+        odometry: Odometry::new(),
         supply: None,
         current: 0.0,
         temperature: 0,
@@ -189,4 +198,46 @@ impl Report {
         roller_states: [RollerState::Constant; 4],
         roller_sweeps: [0.0; 4],
     };
+
+    /// Group twist after all limits, group frame.
+    #[must_use]
+    pub fn twist_ref(&self) -> Twist {
+        single(self.twist_ref)
+    }
+
+    /// Group twist as the wheels measure it, group frame.
+    #[must_use]
+    pub fn measured(&self) -> Twist {
+        single(self.measured)
+    }
+
+    /// Wheel rates that no rigid motion explains, rad/s.
+    #[must_use]
+    pub const fn slip_residual(&self) -> f32 {
+        self.slip_residual.to_f32()
+    }
+
+    /// Reference wheel rates, rad/s.
+    #[must_use]
+    pub fn rates_ref(&self) -> WheelRates {
+        self.rates_ref.map(Rate::to_f32).into()
+    }
+
+    /// Wheel rates measured, rad/s.
+    #[must_use]
+    pub fn rates(&self) -> WheelRates {
+        self.rates.map(Rate::to_f32).into()
+    }
+
+    /// Pose of the group frame since the robot was configured.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.odometry.pose()
+    }
+
+    /// Supply voltage, V, where it is measured.
+    #[must_use]
+    pub fn supply(&self) -> Option<f32> {
+        self.supply.map(Voltage::to_f32)
+    }
 }

@@ -45,5 +45,6 @@ pub mod threshold;
 pub mod tick;
 pub mod time;
 mod watch;
+pub mod twist;
 pub mod wheel;
 pub mod wheel_drive;

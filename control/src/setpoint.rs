@@ -6,46 +6,51 @@
 //! ticks fall at different times still follow the same line. Its slope is passed on as the expected
 //! acceleration.
 
-use crate::time::Micros;
 use kinematics::Twist;
+
+use crate::quantity::{Acceleration, Part, PerSecond, Velocity};
+use crate::time::Micros;
+use crate::twist::{quantities, scaled};
 
 /// A straight line from the last target to this one.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Interpolator {
-    from: Twist,
-    to: Twist,
-    slope: Twist,
+    from: Twist<Velocity>,
+    to: Twist<Velocity>,
+    slope: Twist<Acceleration>,
     begin: Micros,
     update: u16,
-    period_us: f32,
-    per_period: f32,
+    period_us: u32,
+    part: Part,
+    per_second: PerSecond,
 }
 
 /// Input of the limiter.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Input {
     /// m/s, m/s, rad/s, group frame.
-    pub twist: Twist,
+    pub twist: Twist<Velocity>,
     /// Its change per second.
-    pub slope: Twist,
+    pub slope: Twist<Acceleration>,
 }
 
 impl Interpolator {
     /// For SYNCs every `period_us` microseconds.
     #[must_use]
-    pub fn new(period_us: f32) -> Self {
+    pub fn new(period_us: u32) -> Self {
         Self {
             period_us,
-            per_period: 1.0 / period_us,
+            part: Part::of(period_us),
+            per_second: PerSecond::of_micros(period_us),
             ..Self::default()
         }
     }
 
     /// Starts over from this twist: the next target is reached from here.
-    pub fn restart(&mut self, twist: Twist, update: u16) {
+    pub fn restart(&mut self, twist: Twist<Velocity>, update: u16) {
         self.from = twist;
         self.to = twist;
-        self.slope = Twist::ZERO;
+        self.slope = Twist::default();
         self.update = update;
     }
 
@@ -65,8 +70,8 @@ impl Interpolator {
     fn renew(&mut self, now: Micros, target: Twist, update: u16, begin: Micros) {
         if now >= begin {
             self.from = self.input(begin).twist;
-            self.to = target;
-            self.slope = (target - self.from) * (self.per_period * 1e6);
+            self.to = quantities(target);
+            self.slope = scaled(self.to - self.from, self.per_second);
             self.begin = begin;
             self.update = update;
         }
@@ -74,15 +79,15 @@ impl Interpolator {
 
     #[inline]
     fn input(&self, now: Micros) -> Input {
-        let elapsed = u32::try_from(now.since(self.begin).0).unwrap_or(u32::MAX) as f32;
+        let elapsed = u32::try_from(now.since(self.begin).0).unwrap_or(u32::MAX);
         if elapsed >= self.period_us {
             return Input {
                 twist: self.to,
-                slope: Twist::ZERO,
+                slope: Twist::default(),
             };
         }
         Input {
-            twist: self.from + (self.to - self.from) * (elapsed * self.per_period),
+            twist: self.from + scaled(self.to - self.from, self.part.at(elapsed)),
             slope: self.slope,
         }
     }
@@ -92,10 +97,10 @@ impl Interpolator {
 mod tests {
     use super::*;
 
-    const PERIOD_US: f32 = 10_000.0;
+    const PERIOD_US: u32 = 10_000;
 
     fn vx(input: Input) -> f32 {
-        input.twist.vx
+        input.twist.vx.to_f32()
     }
 
     #[test]
@@ -104,13 +109,13 @@ mod tests {
         let target = Twist::new(1.0, 0.0, -2.0);
         let begin = Micros(50_000);
         let input = line.at(Micros(50_000), target, 1, begin);
-        assert_eq!((vx(input), input.slope.vx), (0.0, 100.0));
+        assert_eq!((vx(input), input.slope.vx.to_f32()), (0.0, 100.0));
         let input = line.at(Micros(52_500), target, 1, begin);
         assert!((vx(input) - 0.25).abs() < 1e-6);
-        assert!((input.twist.omega + 0.5).abs() < 1e-6);
-        assert!((input.slope.omega + 200.0).abs() < 1e-4);
+        assert!((input.twist.omega.to_f32() + 0.5).abs() < 1e-6);
+        assert!((input.slope.omega.to_f32() + 200.0).abs() < 1e-4);
         let input = line.at(Micros(60_000), target, 1, begin);
-        assert_eq!((vx(input), input.slope.vx), (1.0, 0.0));
+        assert_eq!((vx(input), input.slope.vx.to_f32()), (1.0, 0.0));
     }
 
     #[test]
@@ -159,13 +164,13 @@ mod tests {
                 let now = Micros(tick * 1_000 + phase);
                 let update = (now.0 / 10_000) as u16 + 1;
                 let begin = Micros(u64::from(update - 1) * 10_000);
-                let target = Twist::new(f32::from(update) * f32::from(update), 0.0, 0.0);
+                let target = Twist::new(0.1 * f32::from(update * update), 0.0, 0.0);
                 value = vx(line.at(now, target, update, begin));
             }
             value
         };
-        // At 54.3 and 54.4 ms: a tenth of a millisecond on a slope of 11 in 10 ms.
-        assert!((walk(400) - walk(300) - 0.11).abs() < 1e-4);
+        // At 54.3 and 54.4 ms: a tenth of a millisecond on a slope of 1.1 in 10 ms.
+        assert!((walk(400) - walk(300) - 0.011).abs() < 1e-5);
     }
 
     #[test]
@@ -174,6 +179,6 @@ mod tests {
         let target = Twist::new(1.0, 0.0, 0.0);
         line.at(Micros(0), target, 1, Micros(0));
         let input = line.at(Micros(u64::MAX), target, 1, Micros(0));
-        assert_eq!((vx(input), input.slope.vx), (1.0, 0.0));
+        assert_eq!((vx(input), input.slope.vx.to_f32()), (1.0, 0.0));
     }
 }

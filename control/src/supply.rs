@@ -10,13 +10,14 @@
 //! cuts and the holding brake takes the energy. An input at the end of its range has the same
 //! reaction: either the divider's ground is open or the voltage exceeds the range.
 
-use crate::time::Micros;
 use protocol::Fault;
 
+use crate::quantity::{Divider, InputVoltage, Ratio, Voltage};
 use crate::threshold::Lasting;
+use crate::time::Micros;
 
 /// Part of a new sample in the mean: it follows with a time constant of four ticks.
-const FRESH: f32 = 0.25;
+const FRESH: Ratio = Ratio::new(0.25);
 
 /// Voltage at the input above which the converter is at its end, V: three steps of 4096 below its
 /// reference of 3.3 V.
@@ -32,26 +33,26 @@ const HIGH_US: u64 = 10_000;
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct SupplyConfiguration {
     /// Where it is not measured, V.
-    pub nominal: f32,
+    pub nominal: Voltage,
     /// Below this the robot comes to rest, V; 0 where the supply is not measured.
-    pub minimum: f32,
+    pub minimum: Voltage,
     /// Above this the drivers go off, V; 0 for no check.
-    pub maximum: f32,
+    pub maximum: Voltage,
     /// Less than this above the minimum is reported, V.
-    pub margin: f32,
+    pub margin: Voltage,
     /// Supply voltage per voltage at the input.
-    pub divider: f32,
+    pub divider: Divider,
     /// Largest duty.
-    pub duty_max: f32,
+    pub duty_max: Ratio,
 }
 
 /// Filters and checks the supply of one robot.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub(crate) struct Supply {
     /// Of the last ticks, V; `None` where it is not measured.
-    mean: Option<f32>,
+    mean: Option<Voltage>,
     /// Of this tick, V.
-    sample: f32,
+    sample: Voltage,
     /// The input is at the end of its range.
     at_end: bool,
     low: Lasting,
@@ -62,7 +63,7 @@ impl Supply {
     pub(crate) const fn new() -> Self {
         Self {
             mean: None,
-            sample: 0.0,
+            sample: Voltage::ZERO,
             at_end: false,
             low: Lasting::new(),
             high: Lasting::new(),
@@ -71,19 +72,23 @@ impl Supply {
 
     /// Processes the voltage at the input, V; returns the voltage at full duty, V.
     #[inline]
-    pub(crate) fn update(&mut self, input: Option<f32>, supply: &SupplyConfiguration) -> f32 {
+    pub(crate) fn update(
+        &mut self,
+        input: Option<InputVoltage>,
+        supply: &SupplyConfiguration,
+    ) -> Voltage {
         let measured = match input {
-            Some(input) if supply.minimum > 0.0 => input,
+            Some(input) if supply.minimum > Voltage::ZERO => input,
             // Without a minimum no divider is connected, so the input does not show the supply.
             Some(_) | None => {
                 self.mean = None;
                 return supply.nominal;
             }
         };
-        self.at_end = measured > FULL_SCALE;
-        self.sample = measured * supply.divider;
+        self.at_end = measured > const { InputVoltage::new(FULL_SCALE) };
+        self.sample = measured.times(supply.divider);
         let mean = self.mean.unwrap_or(self.sample);
-        let mean = mean + FRESH * (self.sample - mean);
+        let mean = mean + (self.sample - mean).times(FRESH);
         self.mean = Some(mean);
         if mean > supply.minimum {
             mean
@@ -93,7 +98,7 @@ impl Supply {
     }
 
     /// The mean, V, where it is measured.
-    pub(crate) const fn voltage(&self) -> Option<f32> {
+    pub(crate) const fn voltage(&self) -> Option<Voltage> {
         self.mean
     }
 
@@ -107,7 +112,7 @@ impl Supply {
     /// Whether it has been too high for too long.
     #[inline]
     pub(crate) fn too_high(&mut self, supply: &SupplyConfiguration, now: Micros) -> Option<Fault> {
-        let above = supply.maximum > 0.0 && self.sample > supply.maximum;
+        let above = supply.maximum > Voltage::ZERO && self.sample > supply.maximum;
         let high = self.mean.is_some() && (above || self.at_end);
         let lasts = self.high.update(high, now, HIGH_US);
         lasts.then_some(Fault::SupplyHigh)
@@ -133,19 +138,19 @@ mod tests {
     use super::*;
 
     const SUPPLY: SupplyConfiguration = SupplyConfiguration {
-        nominal: 24.0,
-        minimum: 18.0,
-        maximum: 30.0,
-        margin: 1.0,
-        divider: 11.0,
-        duty_max: 1.0,
+        nominal: Voltage::new(24.0),
+        minimum: Voltage::new(18.0),
+        maximum: Voltage::new(30.0),
+        margin: Voltage::new(1.0),
+        divider: Divider::new(11.0),
+        duty_max: Ratio::new(1.0),
     };
 
     /// Runs `volts(ms)` for so long; the first fault with its time.
     fn run(millis: u64, volts: impl Fn(u64) -> f32) -> Option<(u64, Fault)> {
         let mut supply = Supply::new();
         (0..millis).find_map(|ms| {
-            supply.update(Some(volts(ms) / SUPPLY.divider), &SUPPLY);
+            supply.update(Some(InputVoltage::new(volts(ms) / 11.0)), &SUPPLY);
             let now = Micros(ms * 1_000);
             let fault = supply.too_high(&SUPPLY, now);
             let fault = fault.or(supply.too_low(&SUPPLY, now));
@@ -165,12 +170,12 @@ mod tests {
     #[test]
     fn the_end_of_the_range_is_too_high_without_a_maximum() {
         let open = SupplyConfiguration {
-            maximum: 0.0,
+            maximum: Voltage::ZERO,
             ..SUPPLY
         };
         let mut supply = Supply::new();
         let found = (0..100_u64).find(|ms| {
-            supply.update(Some(3.3), &open);
+            supply.update(Some(InputVoltage::new(3.3)), &open);
             supply.too_high(&open, Micros(ms * 1_000)).is_some()
         });
         assert_eq!(found, Some(10));
@@ -179,12 +184,12 @@ mod tests {
     #[test]
     fn the_duty_is_worth_the_mean_and_at_least_the_minimum() {
         let mut supply = Supply::new();
-        assert_eq!(supply.update(None, &SUPPLY), 24.0);
+        assert_eq!(supply.update(None, &SUPPLY).to_f32(), 24.0);
         let mut worth = 0.0;
         for ms in 0..200 {
             // Ripple of 2 V in every tick.
             let volts = if ms % 2 == 0 { 25.0 } else { 23.0 };
-            worth = supply.update(Some(volts / 11.0), &SUPPLY);
+            worth = supply.update(Some(InputVoltage::new(volts / 11.0)), &SUPPLY).to_f32();
         }
         // A step of 2 V leaves 2 V * 0.25 / 1.75 from tick to tick, half of it to either side.
         assert!(
@@ -193,7 +198,7 @@ mod tests {
         );
         assert!(!supply.is_short(&SUPPLY));
         for _ in 0..200 {
-            worth = supply.update(Some(5.0 / 11.0), &SUPPLY);
+            worth = supply.update(Some(InputVoltage::new(5.0 / 11.0)), &SUPPLY).to_f32();
         }
         assert_eq!(worth, 18.0);
         assert!(supply.is_short(&SUPPLY));

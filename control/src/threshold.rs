@@ -1,9 +1,10 @@
 //! A threshold with hysteresis, and one that must be exceeded for a time.
 
+use crate::quantity::{Rate, Ratio};
 use crate::time::Micros;
 
 /// Below this part of its threshold a limit is over.
-const RELEASE: f32 = 0.8;
+const RELEASE: Ratio = Ratio::new(0.8);
 
 /// A limit that comes at its threshold and goes at four fifths of it.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -15,13 +16,13 @@ pub struct Hysteresis {
 impl Hysteresis {
     /// Looks at a value (its magnitude); a threshold of 0 is never reached.
     #[inline]
-    pub fn update(&mut self, value: f32, threshold: f32) -> bool {
+    pub fn update(&mut self, value: Rate, threshold: Rate) -> bool {
         let bound = if self.active {
-            threshold * RELEASE
+            threshold.times(RELEASE)
         } else {
             threshold
         };
-        self.active = threshold > 0.0 && value > bound;
+        self.active = threshold > Rate::ZERO && value > bound;
         self.active
     }
 
@@ -68,12 +69,13 @@ mod tests {
     #[test]
     fn a_limit_comes_at_its_threshold_and_goes_at_four_fifths() {
         let mut limit = Hysteresis::default();
-        assert!(!limit.update(1.0, 1.0));
-        assert!(limit.update(1.01, 1.0));
-        assert!(limit.update(0.81, 1.0));
-        assert!(!limit.update(0.8, 1.0));
-        assert!(!limit.update(0.9, 1.0), "off again, until the threshold");
-        assert!(!limit.update(9.0, 0.0), "zero is off");
+        let mut update = |value, threshold| limit.update(Rate::new(value), Rate::new(threshold));
+        assert!(!update(1.0, 1.0));
+        assert!(update(1.01, 1.0));
+        assert!(update(0.81, 1.0));
+        assert!(!update(0.799, 1.0));
+        assert!(!update(0.9, 1.0), "off again, until the threshold");
+        assert!(!update(9.0, 0.0), "zero is off");
     }
 
     #[test]

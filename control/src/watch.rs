@@ -29,9 +29,9 @@ use crate::time::Micros;
 use protocol::Fault;
 
 use crate::configuration::{Configuration, WheelConfiguration};
-use crate::quantity::{Rate, Time, Voltage};
+use crate::quantity::{Angle, Duration, Quantity, Rate, RateGain, Ratio, Time, Voltage};
 use crate::silence::STRAY_COUNTS_PER_SECOND;
-use crate::wheel::{Gains, WheelMeasurement};
+use crate::wheel::WheelMeasurement;
 
 /// Inversion must last this fraction of the wheel fault time.
 const INVERTED_DIVISOR: u64 = 10;
@@ -40,14 +40,20 @@ const INVERTED_DIVISOR: u64 = 10;
 const CRAWL_FACTOR: u64 = 5;
 
 /// The voltage would have slowed a free wheel down by this part of its fastest rate
-const SLOWED_PART: f32 = 0.6;
+const SLOWED_PART: Ratio = Ratio::new(0.6);
 /// and this, rad/s,
-const SLOWED: f32 = 0.2;
+const SLOWED: Rate = Rate::new(0.2);
 /// but it still has this part of its fastest rate.
-const UNSLOWED: f32 = 0.9;
+const UNSLOWED: Ratio = Ratio::new(0.9);
 
 /// A wheel this close to its reference is healthy, rad/s.
 const WELL: Rate = Rate::new(0.02);
+
+/// So far ahead it is alive, whatever was asked for, rad.
+const ALIVE: Angle = Angle::new(4.0);
+
+/// 1/(V s^2/rad).
+type PerAcceleration = Quantity<16>;
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Suspicion {
@@ -55,29 +61,40 @@ struct Suspicion {
     /// Time since which it lags by the whole threshold, not just by half the reference.
     whole: Option<Micros>,
     /// Angle of the encoder since then, rad.
-    travel: f32,
+    travel: Angle,
     /// Its fastest rate in that time, rad/s.
-    fastest: f32,
+    fastest: Rate,
     /// Rate by which the opposing voltage would have slowed a free wheel down, rad/s.
-    slowed: f32,
+    slowed: Rate,
 }
 
 impl Suspicion {
-    fn add(&mut self, measured: WheelMeasurement, voltage: f32, gains: &Gains, dt: f32) {
-        let rate = measured.rate.to_f32().abs();
-        self.travel += measured.turned.to_f32();
+    fn add(&mut self, measured: WheelMeasurement, voltage: Voltage, model: &Model, dt: Time) {
+        let rate = measured.rate.abs();
+        self.travel += measured.turned;
         self.fastest = self.fastest.max(rate);
-        if gains.acceleration > 0.0 {
-            let against = voltage.abs() + gains.static_friction + gains.speed * rate;
-            self.slowed += against / gains.acceleration * dt;
-        }
+        let against = voltage.abs() + model.static_friction + model.speed.times(rate);
+        // V s.
+        let impulse: Angle = against.times(dt);
+        self.slowed += impulse.times(model.per_acceleration);
     }
 
     /// Whether the wheel keeps turning although its voltage should have stopped it by now. A pushed
     /// wheel also turns against its voltage, but is slowed down by it.
-    fn runs(&self, rate: f32) -> bool {
-        self.slowed > SLOWED_PART * self.fastest + SLOWED && rate > UNSLOWED * self.fastest
+    fn runs(&self, rate: Rate) -> bool {
+        let (part, fastest): (Rate, Rate) =
+            (self.fastest.times(SLOWED_PART), self.fastest.times(UNSLOWED));
+        self.slowed > part + SLOWED && rate > fastest
     }
+}
+
+/// What slows a wheel down.
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Model {
+    static_friction: Voltage,
+    speed: RateGain,
+    /// 0 where the acceleration feedforward is not known.
+    per_acceleration: PerAcceleration,
 }
 
 /// Time of a suspicious tick, and whether the wheel lags by the whole threshold.
@@ -92,16 +109,16 @@ struct Tick {
 /// Watches one wheel.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) struct Watch {
-    gains: Gains,
+    model: Model,
     blocked_rate: Rate,
     /// Voltage that certainly turns a free wheel.
     effort: Voltage,
     /// Two counts, rad: one may come from vibration at an edge.
-    nothing: f32,
+    nothing: Angle,
     /// Rate that an open input may count, rad/s.
-    stray: f32,
+    stray: Angle,
     /// Smallest angle by which a wheel turns against its drive in the short time, rad.
-    against: f32,
+    against: Angle,
     time_us: u64,
     suspicion: Option<Suspicion>,
     fault: Option<Fault>,
@@ -109,18 +126,26 @@ pub(crate) struct Watch {
 
 impl Watch {
     pub(crate) fn new(configuration: &Configuration, wheel: &WheelConfiguration) -> Self {
-        let blocked_rate = configuration.thresholds.blocked_rate;
+        let blocked_rate = configuration.thresholds.blocked_rate.to_f32();
         let time_us = configuration.times.wheel_fault_us;
         let short_s = (time_us / INVERTED_DIVISOR) as f32 * 1e-6;
         Self {
-            gains: wheel.gains,
+            model: Model {
+                static_friction: Voltage::new(wheel.gains.static_friction),
+                speed: RateGain::new(wheel.gains.speed),
+                per_acceleration: if wheel.gains.acceleration > 0.0 {
+                    PerAcceleration::new(1.0 / wheel.gains.acceleration)
+                } else {
+                    PerAcceleration::ZERO
+                },
+            },
             blocked_rate: Rate::new(blocked_rate),
             effort: Voltage::new(
                 1.5 * wheel.gains.static_friction + 0.1 * wheel.gains.speed * blocked_rate,
             ),
-            nothing: 2.0 * wheel.step.abs(),
-            stray: STRAY_COUNTS_PER_SECOND * wheel.step.abs(),
-            against: 0.25 * blocked_rate * short_s,
+            nothing: Angle::new(2.0 * wheel.step.abs()),
+            stray: Angle::new(STRAY_COUNTS_PER_SECOND * wheel.step.abs()),
+            against: Angle::new(0.25 * blocked_rate * short_s),
             time_us,
             suspicion: None,
             fault: None,
@@ -177,8 +202,6 @@ impl Watch {
         tick: Tick,
     ) {
         let stands = rate_ref.abs() < WELL;
-        let (rate_ref, voltage) = (rate_ref.to_f32(), voltage.to_f32());
-        let rate = measured.rate.to_f32().abs();
         // A weak suspicion at standstill may have come from the estimate, which still lagged behind
         // a push.
         let weak = |known: Suspicion| known.whole.is_none();
@@ -188,31 +211,34 @@ impl Watch {
         let suspicion = self.suspicion.get_or_insert(Suspicion {
             since: tick.now,
             whole: None,
-            travel: 0.0,
-            fastest: 0.0,
-            slowed: 0.0,
+            travel: Angle::ZERO,
+            fastest: Rate::ZERO,
+            slowed: Rate::ZERO,
         });
         // A strong suspicion stays strong.
         if tick.whole {
             suspicion.whole.get_or_insert(tick.now);
         }
-        suspicion.add(measured, voltage, &self.gains, tick.dt.to_f32());
+        suspicion.add(measured, voltage, &self.model, tick.dt);
         let suspicion = *suspicion;
         let lasted_us = tick.now.since(suspicion.since).0;
         let whole_us = suspicion.whole.map(|since| tick.now.since(since).0);
-        let lasted = lasted_us as f32 * 1e-6;
+        let lasted = Duration::from_micros(lasted_us);
         let travel = suspicion.travel;
-        if whole_us.is_none() && !stands && self.acquits(travel, rate_ref * lasted) {
+        if whole_us.is_none() && !stands && self.acquits(travel, rate_ref.times(lasted)) {
             self.suspicion = None;
             return;
         }
         let short_us = self.time_us / INVERTED_DIVISOR;
-        let against = |direction: f32| {
-            direction > 0.0 && travel < -self.against || direction < 0.0 && travel > self.against
+        let against = |ahead: bool, back: bool| {
+            ahead && travel < -self.against || back && travel > self.against
         };
-        let goes_back = whole_us.is_some_and(|us| us >= short_us) && against(rate_ref);
-        let runs = suspicion.runs(rate);
-        let reversed = lasted_us >= short_us && against(voltage) && (goes_back || runs);
+        let goes_back = whole_us.is_some_and(|us| us >= short_us)
+            && against(rate_ref > Rate::ZERO, rate_ref < Rate::ZERO);
+        let runs = suspicion.runs(measured.rate.abs());
+        let reversed = lasted_us >= short_us
+            && against(voltage > Voltage::ZERO, voltage < Voltage::ZERO)
+            && (goes_back || runs);
         let found = if reversed {
             Fault::EncoderInverted
         } else if match whole_us {
@@ -220,7 +246,7 @@ impl Watch {
             None => stands || lasted_us < self.time_us * CRAWL_FACTOR,
         } {
             return;
-        } else if travel.abs() <= self.nothing + self.stray * lasted {
+        } else if travel.abs() <= self.nothing + self.stray.times(lasted) {
             Fault::EncoderDead
         } else {
             Fault::WheelBlocked
@@ -234,8 +260,8 @@ impl Watch {
     /// Whether this travel, rad, shows that a wheel with this reference is alive. A wheel that its
     /// load turns faster or slower than the reference does; a few stray counts do not, and a wheel
     /// that turns back may be reversed.
-    fn acquits(&self, travel: f32, asked: f32) -> bool {
-        let ahead = if asked < 0.0 { -travel } else { travel };
-        ahead > self.nothing && ahead > 0.25 * asked.abs()
+    fn acquits(&self, travel: Angle, asked: Angle) -> bool {
+        let ahead = if asked < Angle::ZERO { -travel } else { travel };
+        ahead > self.nothing && ahead > asked.abs().half().half().min(ALIVE)
     }
 }

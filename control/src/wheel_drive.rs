@@ -31,27 +31,47 @@
 //! An identification of the motors behind current drives finds the voltages that this conversion
 //! puts in, so it confirms `kV` and `R` and measures friction and inertia only.
 
+use crate::quantity::{Conductance, Drive, Rate, RateGain, Sign, Voltage};
 use crate::wheel::Gains;
 
 /// What the motors of a robot are, as far as a drive's command depends on it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct MotorLimits {
-    /// Resistance of a winding, ohm; 0 where it is not known.
-    pub resistance: f32,
+    /// The voltage at a motor at rest at which it takes its largest current, V; no bound where that
+    /// is not known.
+    at_rest: f32,
+    /// One over the resistance of a winding; 0 where it is not known.
+    conductance: Conductance,
     /// Largest current of a motor, A; 0 where it is not known.
-    pub current: f32,
-    /// Back EMF and torque constant at the wheel, V s/rad; 0 where it is not known apart from the
-    /// speed feedforward, which has the viscous friction in it.
-    pub constant: f32,
+    current: Drive,
+    /// Back EMF and torque constant at the wheel; 0 where it is not known apart from the speed
+    /// feedforward, which has the viscous friction in it.
+    constant: RateGain,
 }
 
 impl MotorLimits {
+    /// Motors of this resistance (ohm), largest current (A) and constant at the wheel (V s/rad); 0
+    /// for each that is not known.
+    #[must_use]
+    pub fn new(resistance: f32, current: f32, constant: f32) -> Self {
+        let voltage = resistance * current;
+        Self {
+            at_rest: if voltage > 0.0 { voltage } else { f32::MAX },
+            conductance: if resistance > 0.0 {
+                Conductance::new(1.0 / resistance)
+            } else {
+                Conductance::ZERO
+            },
+            current: Drive::new(current),
+            constant: RateGain::new(constant),
+        }
+    }
+
     /// The voltage at a motor at rest at which it takes its largest current, V; no bound where that
     /// is not known.
     #[must_use]
-    pub fn at_rest(&self) -> f32 {
-        let voltage = self.resistance * self.current;
-        if voltage > 0.0 { voltage } else { f32::MAX }
+    pub const fn at_rest(&self) -> f32 {
+        self.at_rest
     }
 }
 
@@ -59,13 +79,13 @@ impl MotorLimits {
 #[derive(Clone, Copy)]
 pub struct Wanted {
     /// Voltages at the motors, V; positive rolls the base forward.
-    pub voltages: [f32; 4],
-    /// 1, or -1 where the motor is reversed.
-    pub signs: [f32; 4],
+    pub voltages: [Voltage; 4],
+    /// Negative where the motor is reversed.
+    pub signs: [Sign; 4],
     /// Measured rates of the wheels, rad/s.
-    pub rates: [f32; 4],
+    pub rates: [Rate; 4],
     /// Voltage at full duty, V.
-    pub supply: f32,
+    pub supply: Voltage,
 }
 
 /// A kind of wheel drive.
@@ -74,7 +94,7 @@ pub trait WheelDrive {
     const MAY_RAMP: bool;
 
     /// What the drives are given, with the sign of each motor.
-    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [f32; 4];
+    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [Drive; 4];
 }
 
 /// An H-bridge behind a PWM: its command is a duty, -1 to 1.
@@ -84,11 +104,11 @@ impl WheelDrive for Bridge {
     const MAY_RAMP: bool = false;
 
     #[inline(always)]
-    fn commands(wanted: &Wanted, _: [&Gains; 4], _: &MotorLimits) -> [f32; 4] {
-        let per_volt = 1.0 / wanted.supply;
+    fn commands(wanted: &Wanted, _: [&Gains; 4], _: &MotorLimits) -> [Drive; 4] {
+        let per_volt = wanted.supply.inverse();
         let [a, b, c, d] = wanted.voltages;
         let [e, f, g, h] = wanted.signs;
-        [a * e, b * f, c * g, d * h].map(|voltage| voltage * per_volt)
+        [e.times(a), f.times(b), g.times(c), h.times(d)].map(|voltage| voltage.times(per_volt))
     }
 }
 
@@ -99,12 +119,13 @@ impl WheelDrive for CurrentDrive {
     const MAY_RAMP: bool = true;
 
     #[inline]
-    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [f32; 4] {
+    fn commands(wanted: &Wanted, gains: [&Gains; 4], motors: &MotorLimits) -> [Drive; 4] {
         let [a, b, c, d] = wanted.voltages;
         let [e, f, g, h] = wanted.signs;
         let [i, j, k, l] = wanted.rates;
         let [m, n, o, p] = gains;
-        let one = |voltage, sign: f32, rate, gains| sign * current(voltage, rate, gains, motors);
+        let one =
+            |voltage, sign: Sign, rate, gains| sign.times(current(voltage, rate, gains, motors));
         [
             one(a, e, i, m),
             one(b, f, j, n),
@@ -117,25 +138,25 @@ impl WheelDrive for CurrentDrive {
 /// The current that a voltage would cause in the winding of a motor that turns, within what it may
 /// take, A. No voltage is no current: a wheel that is not driven coasts. What is not a number is
 /// none either.
-fn current(voltage: f32, rate: f32, gains: &Gains, motors: &MotorLimits) -> f32 {
-    if voltage == 0.0 {
-        return 0.0;
+fn current(voltage: Voltage, rate: Rate, gains: &Gains, motors: &MotorLimits) -> Drive {
+    if voltage == Voltage::ZERO {
+        return Drive::ZERO;
     }
-    let constant = if motors.constant > 0.0 {
+    let constant = if motors.constant > RateGain::ZERO {
         motors.constant
     } else {
-        gains.speed
+        RateGain::new(gains.speed)
     };
-    let current = (voltage - constant * rate) / motors.resistance;
+    let current: Drive = (voltage - constant.times(rate)).times(motors.conductance);
     // Compared, not clamped: NaN and a motor without data get nothing.
     if current.abs() <= motors.current {
         current
-    } else if current > 0.0 {
+    } else if current > Drive::ZERO {
         motors.current
-    } else if current < 0.0 {
+    } else if current < Drive::ZERO {
         -motors.current
     } else {
-        0.0
+        Drive::ZERO
     }
 }
 
@@ -150,26 +171,26 @@ mod tests {
         proportional: 0.0,
         integral: 0.0,
     };
-    const MOTORS: MotorLimits = MotorLimits {
-        resistance: 0.2,
-        current: 10.0,
-        constant: 0.0,
-    };
+    fn motors(constant: f32) -> MotorLimits {
+        MotorLimits::new(0.2, 10.0, constant)
+    }
 
     fn commands<D: WheelDrive>(voltages: [f32; 4], rates: [f32; 4]) -> [f32; 4] {
         let wanted = Wanted {
-            voltages,
-            signs: [1.0, -1.0, 1.0, -1.0],
-            rates,
-            supply: 24.0,
+            voltages: voltages.map(Voltage::new),
+            signs: [1.0, -1.0, 1.0, -1.0].map(Sign::new),
+            rates: rates.map(Rate::new),
+            supply: Voltage::new(24.0),
         };
-        D::commands(&wanted, [&GAINS; 4], &MOTORS)
+        D::commands(&wanted, [&GAINS; 4], &motors(0.0)).map(Drive::to_f32)
     }
 
     #[test]
     fn a_bridge_gets_the_voltage_over_the_supply() {
         let given = commands::<Bridge>([12.0, 12.0, -6.0, 0.0], [5.0; 4]);
-        assert_eq!(given, [0.5, -0.5, -0.25, 0.0]);
+        for (given, expected) in given.into_iter().zip([0.5, -0.5, -0.25, 0.0]) {
+            assert!((given - expected).abs() < 1e-6, "{given} {expected}");
+        }
     }
 
     /// (3.5 V - 0.3 V s/rad x 10 rad/s) / 0.2 ohm is 2.5 A; plugging, (-1 - 3) / 0.2 is -20 A, of
@@ -182,22 +203,17 @@ mod tests {
             assert!((given - expected).abs() < 1e-5, "{given} {expected}");
         }
         // A constant of its own: (3.5 - 0.25 x 10) / 0.2 is 5 A.
-        let known = MotorLimits {
-            constant: 0.25,
-            ..MOTORS
-        };
-        assert!((current(3.5, 10.0, &GAINS, &known) - 5.0).abs() < 1e-5);
+        let (voltage, rate) = (Voltage::new(3.5), Rate::new(10.0));
+        let known = current(voltage, rate, &GAINS, &motors(0.25));
+        assert!((known.to_f32() - 5.0).abs() < 1e-5);
     }
 
     #[test]
     fn no_voltage_is_no_current_and_nothing_comes_of_nonsense() {
         assert_eq!(commands::<CurrentDrive>([0.0; 4], [10.0; 4]), [0.0; 4]);
         assert_eq!(commands::<CurrentDrive>([f32::NAN; 4], [0.0; 4]), [0.0; 4]);
-        let unknown = MotorLimits {
-            resistance: 0.0,
-            current: 0.0,
-            constant: 0.0,
-        };
-        assert_eq!(current(1.0, 0.0, &GAINS, &unknown), 0.0);
+        let unknown = MotorLimits::new(0.0, 0.0, 0.0);
+        let none = current(Voltage::new(1.0), Rate::ZERO, &GAINS, &unknown);
+        assert_eq!(none, Drive::ZERO);
     }
 }

@@ -11,6 +11,7 @@ use control::drivetrain::{Contact, Drivetrain};
 use control::interface::{Command, Inputs, Mode, Outputs};
 use control::limiter::ChangeLimits;
 use control::output_stage::OutputStage;
+use control::quantity::{Divider, InputVoltage, Rate, Ratio, Voltage};
 use control::rollers::{IndexPulse, RollerConfiguration, RollerWheel, Rolling};
 use control::smart_drive::DriveConfiguration;
 use control::supply::SupplyConfiguration;
@@ -66,12 +67,12 @@ fn drive(configuration: &Configuration, counted: Run) -> Option<()> {
         let given = given(configuration.crc, number, now, counts);
         let run = if number < TICKS { uncounted } else { counted };
         run(core::hint::black_box(&mut side), now, &given, &mut outputs);
-        let rates: [f32; 4] = side.report().rates_ref.into();
+        let rates: [f32; 4] = side.report().rates_ref().into();
         for (turn, rate) in turns.iter_mut().zip(rates) {
             *turn += rate * (TICK_US as f32 * 1e-6 / TAU);
         }
     }
-    (outputs.drivers_enabled && outputs.drive != [0.0; 4]).then_some(())
+    (outputs.drivers_enabled && outputs.drive != Outputs::SAFE.drive).then_some(())
 }
 
 /// Command and inputs of one tick: a new setpoint every ten, and an index pulse after the first.
@@ -93,7 +94,7 @@ fn given(crc: u32, number: u16, now: Micros, counts: [u16; 4]) -> (Command, Inpu
     };
     let inputs = Inputs {
         encoder_counts: counts,
-        supply_input: Some(24.0 / 11.0),
+        supply_input: Some(const { InputVoltage::new(24.0 / 11.0) }),
         index: Some([pulse; 4]),
         ..Inputs::default()
     };
@@ -156,29 +157,25 @@ fn configuration(phase: bool) -> Option<Configuration> {
         thresholds: THRESHOLDS,
         times: TIMES,
         drives: DriveConfiguration::DEFAULT,
-        motors: MotorLimits {
-            resistance: 0.3,
-            current: 40.0,
-            constant: 0.0,
-        },
+        motors: MotorLimits::new(0.3, 40.0, 0.0),
     })
 }
 
 const SUPPLY: SupplyConfiguration = SupplyConfiguration {
-    nominal: 24.0,
-    minimum: 18.0,
-    maximum: 30.0,
-    margin: 1.0,
-    divider: 11.0,
-    duty_max: 1.0,
+    nominal: Voltage::new(24.0),
+    minimum: Voltage::new(18.0),
+    maximum: Voltage::new(30.0),
+    margin: Voltage::new(1.0),
+    divider: Divider::new(11.0),
+    duty_max: Ratio::new(1.0),
 };
 
 const THRESHOLDS: Thresholds = Thresholds {
-    slip_limit: 1.0,
-    slip_fault: 2.5,
-    strain_limit: 0.05,
-    strain_fault: 0.3,
-    blocked_rate: 2.0,
+    slip_limit: Rate::new(1.0),
+    slip_fault: Rate::new(2.5),
+    strain_limit: Rate::new(0.05),
+    strain_fault: Rate::new(0.3),
+    blocked_rate: Rate::new(2.0),
 };
 
 const TIMES: Times = Times {

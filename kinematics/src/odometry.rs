@@ -45,8 +45,14 @@ pub struct Odometry<S = f32> {
 impl<S: Real> Odometry<S> {
     /// Starts at the origin, heading along x.
     #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+    pub const fn new() -> Self {
+        Self {
+            heading: 0,
+            x: S::ZERO,
+            y: S::ZERO,
+            lost_x: S::ZERO,
+            lost_y: S::ZERO,
+        }
     }
 
     /// Starts at this pose (m, m, rad).

@@ -10,7 +10,7 @@ use control::current::CurrentConfiguration;
 use control::drivetrain::{Contact, Drivetrain};
 use control::limiter::ChangeLimits;
 use control::output_stage::OutputStage;
-use control::quantity::{AccelerationGain, Angle};
+use control::quantity::{AccelerationGain, Angle, Divider, Rate, Ratio, Voltage};
 use control::rollers::{RollerConfiguration, RollerWheel, Rolling};
 use control::smart_drive::{DriveConfiguration, frames};
 use control::supply::{FULL_SCALE, SupplyConfiguration};
@@ -103,11 +103,11 @@ pub fn build(
         pwm_hz: parameters.unsigned(at::PWM_FREQUENCY),
         output_stage,
         drives: drives(parameters, output_stage)?,
-        motors: MotorLimits {
-            resistance: real(at::WINDING_RESISTANCE),
-            current: real(at::CURRENT_MAX),
-            constant: real(at::DRIVE_CONSTANT),
-        },
+        motors: MotorLimits::new(
+            real(at::WINDING_RESISTANCE),
+            real(at::CURRENT_MAX),
+            real(at::DRIVE_CONSTANT),
+        ),
         direction_pause: parameters.unsigned(at::DIRECTION_PAUSE) != 0,
         brake: BrakeTimes {
             release_us: u64::from(parameters.unsigned(at::BRAKE_RELEASE)) * 1000,
@@ -173,23 +173,23 @@ fn change_limits(parameters: &Parameters, linear: Address, yaw: Address) -> Chan
 fn supply(parameters: &Parameters) -> SupplyConfiguration {
     let real = |address| parameters.real(address);
     SupplyConfiguration {
-        nominal: real(at::SUPPLY_NOMINAL),
-        minimum: real(at::SUPPLY_MINIMUM),
-        maximum: real(at::SUPPLY_MAXIMUM),
-        margin: real(at::SUPPLY_MARGIN),
-        divider: real(at::SUPPLY_DIVIDER),
-        duty_max: real(at::DUTY_MAX),
+        nominal: Voltage::new(real(at::SUPPLY_NOMINAL)),
+        minimum: Voltage::new(real(at::SUPPLY_MINIMUM)),
+        maximum: Voltage::new(real(at::SUPPLY_MAXIMUM)),
+        margin: Voltage::new(real(at::SUPPLY_MARGIN)),
+        divider: Divider::new(real(at::SUPPLY_DIVIDER)),
+        duty_max: Ratio::new(real(at::DUTY_MAX)),
     }
 }
 
 fn thresholds(parameters: &Parameters) -> Thresholds {
-    let real = |address| parameters.real(address);
+    let rate = |address| Rate::new(parameters.real(address));
     Thresholds {
-        slip_limit: real(at::SLIP_LIMIT),
-        slip_fault: real(at::SLIP_FAULT),
-        strain_limit: real(at::STRAIN_LIMIT),
-        strain_fault: real(at::STRAIN_FAULT),
-        blocked_rate: real(at::BLOCKED_RATE),
+        slip_limit: rate(at::SLIP_LIMIT),
+        slip_fault: rate(at::SLIP_FAULT),
+        strain_limit: rate(at::STRAIN_LIMIT),
+        strain_fault: rate(at::STRAIN_FAULT),
+        blocked_rate: rate(at::BLOCKED_RATE),
     }
 }
 

@@ -11,6 +11,7 @@ use protocol::{FIRST_ROBOT, Fault, MAX_ROBOTS};
 
 use control::configuration::Configuration;
 use control::math::sqrt;
+use control::quantity::Rate;
 use control::threshold::{Hysteresis, Lasting};
 
 /// Compares measured twists at every SYNC.
@@ -62,8 +63,9 @@ impl Strain {
         self.own = measured;
         self.worst = sqrt(worst_squared);
         let thresholds = &configuration.thresholds;
-        self.limit.update(self.worst, thresholds.strain_limit);
-        let bad = thresholds.strain_fault > 0.0 && self.worst > thresholds.strain_fault;
+        let worst = Rate::new(self.worst);
+        self.limit.update(worst, thresholds.strain_limit);
+        let bad = thresholds.strain_fault > Rate::ZERO && worst > thresholds.strain_fault;
         // A consequence must not be announced before its cause.
         let lasting_us = configuration.times.consequence_us();
         self.fault

@@ -24,7 +24,7 @@ const TURNS: i64 = 21_874_088_818;
 const TAU: Quantity<28> = Quantity::from_bits(1_686_629_713);
 
 /// Integrates the displacements of the ticks.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Odometry {
     /// 2^-64 turns.
     heading: i64,

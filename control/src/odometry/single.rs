@@ -5,13 +5,13 @@ use kinematics::{Pose, Twist};
 use crate::quantity::Angle;
 
 /// Integrates the displacements of the ticks.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Odometry(kinematics::Odometry);
 
 impl Odometry {
     /// At the origin, heading along x.
     #[must_use]
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self(kinematics::Odometry::new())
     }
 

@@ -8,7 +8,8 @@ use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
 use fixed::types::I16F16;
 
-use super::{Angle, AngleGain, Time, Voltage};
+use super::root::reciprocal;
+use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
 
 /// A number with that many fractional bits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
@@ -258,6 +259,97 @@ impl Time {
             return Self::MAX;
         }
         Self(((micros as u64 * STEPS) >> 16) as i32)
+    }
+}
+
+impl Duration {
+    /// So many microseconds, at most half an hour.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "below 2^31")]
+    pub const fn from_micros(micros: u64) -> Self {
+        /// Steps of a microsecond, with 32 more fractional bits.
+        const STEPS: u64 = (1 << (20 + 32)) / 1_000_000;
+        let micros = if micros < 1_800_000_000 { micros } else { 1_800_000_000 };
+        Self((micros.wrapping_mul(STEPS) >> 32) as i32)
+    }
+}
+
+impl PerSecond {
+    /// One over so many microseconds, at least 123.
+    #[must_use]
+    #[inline(always)]
+    pub const fn of_micros(micros: u32) -> Self {
+        // 1e6 with 18 fractional bits takes 38; a division of 32 bits leaves a remainder for the
+        // last six.
+        let whole = (1_000_000 << 12) / micros;
+        let rest = (1_000_000 << 12) % micros;
+        let bits = (whole << 6) | ((rest << 6) / micros);
+        Self(if bits > i32::MAX as u32 {
+            i32::MAX
+        } else {
+            bits.cast_signed()
+        })
+    }
+}
+
+impl Voltage {
+    /// One over it; it is above zero. Ends at 16, which is one over a sixteenth of a volt.
+    #[must_use]
+    #[inline(always)]
+    pub const fn inverse(self) -> Ratio {
+        /// Bits of the result by bits of the voltage have as many fractional ones.
+        const FRACTION: u32 = 42;
+        let (mantissa, shift) = reciprocal(self.0.cast_unsigned());
+        if shift <= FRACTION {
+            return Quantity(i32::MAX);
+        }
+        Quantity((mantissa >> (shift - FRACTION)).cast_signed())
+    }
+}
+
+/// The parts of a span of time.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Part {
+    /// One over it, with 31 significant bits.
+    mantissa: u32,
+    shift: u32,
+}
+
+impl Part {
+    /// Of so many microseconds.
+    #[must_use]
+    pub const fn of(micros: u32) -> Self {
+        let (mantissa, shift) = reciprocal(micros);
+        Self { mantissa, shift }
+    }
+
+    /// Which part so many microseconds of them are.
+    #[must_use]
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 2^27")]
+    pub const fn at(self, micros: u32) -> Ratio {
+        let product = micros as u64 * self.mantissa as u64;
+        Quantity((product >> (self.shift - Ratio::FRACTION)) as i32)
+    }
+}
+
+/// A sign, and nothing else of a number.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Sign(i32);
+
+impl Sign {
+    /// That of a number which is not zero.
+    #[must_use]
+    pub const fn new(value: f32) -> Self {
+        Self(if value < 0.0 { -1 } else { 0 })
+    }
+
+    /// A number with its own sign times this one.
+    #[must_use]
+    #[inline(always)]
+    pub const fn times<const FRACTION: u32>(self, value: Quantity<FRACTION>) -> Quantity<FRACTION> {
+        // The least of all is never reached: a voltage's own bound is far below.
+        Quantity((value.0 ^ self.0).wrapping_sub(self.0))
     }
 }
 

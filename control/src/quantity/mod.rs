@@ -26,6 +26,8 @@
 mod fixed_point;
 #[cfg(feature = "fixed-point")]
 use fixed_point as scalar;
+#[cfg(feature = "fixed-point")]
+pub(crate) mod root;
 #[cfg(not(feature = "fixed-point"))]
 mod single;
 #[cfg(not(feature = "fixed-point"))]
@@ -33,7 +35,7 @@ use single as scalar;
 #[cfg(test)]
 mod tests;
 
-pub use scalar::{Count, Half, Integral, Quantity};
+pub use scalar::{Count, Half, Integral, Part, Quantity, Sign};
 
 /// Rate of a wheel, rad/s.
 pub type Rate = Quantity<23>;
@@ -61,3 +63,19 @@ pub type Ratio = Quantity<27>;
 pub type Lever = Quantity<25>;
 /// What is divided by a small one: counts in a radian, or 1/s.
 pub type Large = Quantity<10>;
+/// Velocity of a group, m/s or rad/s.
+pub type Velocity = Quantity<27>;
+/// Acceleration of a group within its limits, m/s^2 or rad/s^2.
+pub type Change = Quantity<24>;
+/// Jerk of a group, m/s^3 or rad/s^3; also one over a time, 1/s.
+pub type Jerk = Quantity<18>;
+/// One over a time, 1/s.
+pub type PerSecond = Quantity<18>;
+/// V at an input of the processor.
+pub type InputVoltage = Quantity<27>;
+/// V of the supply for 1 V at its input.
+pub type Divider = Quantity<22>;
+/// What a drive is given: a duty, or A.
+pub type Drive = Quantity<24>;
+/// 1/ohm.
+pub type Conductance = Quantity<20>;

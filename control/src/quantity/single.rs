@@ -3,7 +3,7 @@
 use core::cmp::Ordering;
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
-use super::{Angle, AngleGain, Time, Voltage};
+use super::{Angle, AngleGain, Duration, PerSecond, Ratio, Time, Voltage};
 
 /// A number whose fractional bits single precision has no need of.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
@@ -185,6 +185,70 @@ impl Time {
     #[inline(always)]
     pub const fn from_micros(micros: u32) -> Self {
         Self(micros as f32 * 1e-6)
+    }
+}
+
+impl Duration {
+    /// So many microseconds.
+    #[must_use]
+    pub const fn from_micros(micros: u64) -> Self {
+        Self(micros as f32 * 1e-6)
+    }
+}
+
+impl PerSecond {
+    /// One over so many microseconds.
+    #[must_use]
+    #[inline(always)]
+    pub const fn of_micros(micros: u32) -> Self {
+        Self(1e6 / micros as f32)
+    }
+}
+
+impl Voltage {
+    /// One over it; it is above zero.
+    #[must_use]
+    #[inline(always)]
+    pub const fn inverse(self) -> Ratio {
+        Quantity(1.0 / self.0)
+    }
+}
+
+/// The parts of a span of time.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Part(f32);
+
+impl Part {
+    /// Of so many microseconds.
+    #[must_use]
+    pub const fn of(micros: u32) -> Self {
+        Self(1.0 / micros as f32)
+    }
+
+    /// Which part so many microseconds of them are.
+    #[must_use]
+    #[inline(always)]
+    pub const fn at(self, micros: u32) -> Ratio {
+        Quantity(micros as f32 * self.0)
+    }
+}
+
+/// A sign, and nothing else of a number.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Sign(f32);
+
+impl Sign {
+    /// That of a number which is not zero.
+    #[must_use]
+    pub const fn new(value: f32) -> Self {
+        Self(1.0_f32.copysign(value))
+    }
+
+    /// A number with its own sign times this one.
+    #[must_use]
+    #[inline(always)]
+    pub const fn times<const FRACTION: u32>(self, value: Quantity<FRACTION>) -> Quantity<FRACTION> {
+        Quantity(self.0 * value.0)
     }
 }
 

@@ -7,9 +7,11 @@ use super::grant::settled;
 use super::motion::Motion;
 use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs, Report};
-use crate::quantity::{Acceleration, Angle, Rate, Voltage};
+use crate::limiter::Step;
+use crate::quantity::{self, Acceleration, Angle, Rate, Voltage};
 use crate::rollers::Rollers;
 use crate::setpoint::Input;
+use crate::twist::{single, to};
 use crate::wheel::{Held, WheelMeasurement, WheelReference};
 use crate::wheel_drive::{Wanted, WheelDrive};
 
@@ -17,7 +19,7 @@ use crate::wheel_drive::{Wanted, WheelDrive};
 #[derive(Clone, Copy)]
 struct Drive {
     /// What the drives get.
-    commands: [f32; 4],
+    commands: [quantity::Drive; 4],
     /// The limit that applied to any wheel.
     held: Held,
 }
@@ -98,9 +100,8 @@ impl Motion {
         } else {
             (Input::default(), &self.configuration.ramp)
         };
-        let limited = self
-            .limiter
-            .step(input.twist, input.slope, tick.dt.to_f32(), limits);
+        let step = Step::of_micros(tick.bounded_us);
+        let limited = self.limiter.step(input.twist, input.slope, step, limits);
         if mode != Mode::Follow {
             // The next setpoint begins from here.
             self.interpolator
@@ -140,9 +141,9 @@ impl Motion {
             voltages = self.pause(voltages);
         }
         let wanted = Wanted {
-            voltages: voltages.map(Voltage::to_f32),
+            voltages,
             signs,
-            rates: report.rates.into(),
+            rates: report.rates,
             supply: tick.supply,
         };
         Drive {
@@ -153,7 +154,10 @@ impl Motion {
 
     /// What the drives get.
     #[inline(always)]
-    pub(super) fn commands<D: WheelDrive>(&self, wanted: &Wanted) -> [f32; 4] {
+    pub(super) fn commands<D: WheelDrive>(
+        &self,
+        wanted: &Wanted,
+    ) -> [quantity::Drive; 4] {
         let [a, b, c, d] = &self.configuration.wheels;
         let gains = [&a.gains, &b.gains, &c.gains, &d.gains];
         D::commands(wanted, gains, &self.configuration.motors)
@@ -177,20 +181,23 @@ impl Motion {
             // Rates for the present roller angles, and the acceleration that brings the wheels to
             // the rates for the roller angles and the twist of the next tick.
             let wheels = rollers.kinematics();
+            let acceleration = single(self.limiter.acceleration());
+            let velocity = single(velocity);
             let asked = drivetrain.member_twist(velocity, &self.factors);
             let now = wheels.inverse(asked, rollers.secants());
             let ahead = rollers.ahead(&now, dt);
-            let next = velocity + self.limiter.acceleration() * dt;
+            let next = velocity + acceleration * dt;
             let asked = drivetrain.member_twist(next, &self.factors);
             let next = wheels.inverse(asked, &ahead);
-            report.rates_ref = now;
             let rates = <[f32; 4]>::from(now).map(Rate::new);
+            report.rates_ref = rates;
             self.accelerations = per_second(&now, &next, dt).map(Acceleration::new);
             rates
         } else {
-            let rates = drivetrain.wheels(velocity, &self.factors);
-            self.accelerations = drivetrain.wheels(self.limiter.acceleration(), &self.factors);
-            report.rates_ref = rates.map(Rate::to_f32).into();
+            let rates = drivetrain.wheels(to(velocity), &self.factors);
+            let acceleration = to(self.limiter.acceleration());
+            self.accelerations = drivetrain.wheels(acceleration, &self.factors);
+            report.rates_ref = rates;
             rates
         }
     }

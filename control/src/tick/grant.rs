@@ -1,6 +1,5 @@
 //! *Grant*: how much of the bus side's request is allowed, and the safe state.
 
-use kinematics::{Twist, WheelRates};
 use protocol::Reaction;
 
 use super::Supervision;
@@ -9,10 +8,12 @@ use super::motion::Motion;
 use crate::brake::Brake;
 use crate::interface::{Command, Mode, Outputs};
 use crate::limiter::Limiter;
+use crate::quantity::Rate;
 use crate::time::Micros;
+use crate::twist::still;
 
 /// Wheels slower than this are at rest, rad/s.
-const STANDING_RATE: f32 = 0.05;
+const STANDING_RATE: Rate = Rate::new(0.05);
 
 /// Longest time from the end of a ramp until the wheels are at rest, us; then the brake is engaged
 /// anyway.
@@ -63,8 +64,8 @@ impl Supervision {
         self.brake = Brake::Engaged;
         self.report.standstill = standstill;
         self.report.limit = None;
-        self.report.twist_ref = Twist::ZERO;
-        self.report.rates_ref = WheelRates::ZERO;
+        self.report.twist_ref = still();
+        self.report.rates_ref = [Rate::ZERO; 4];
         Outputs::SAFE
     }
 }
@@ -74,7 +75,7 @@ impl Supervision {
 pub(super) fn settled(
     since: &mut Option<Micros>,
     limiter: &Limiter,
-    rates: &WheelRates,
+    rates: &[Rate; 4],
     now: Micros,
 ) -> bool {
     if !limiter.stands() {
@@ -82,7 +83,6 @@ pub(super) fn settled(
         return false;
     }
     let waited = now.since(*since.get_or_insert(now)).0;
-    let rates: [f32; 4] = (*rates).into();
     let standing = rates.iter().all(|rate| rate.abs() < STANDING_RATE);
     (standing && waited >= 20_000) || waited >= SETTLE_US
 }

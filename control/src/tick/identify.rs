@@ -2,14 +2,14 @@
 //! standstill.
 
 use identification::{Identification, Step, Stopped};
-use kinematics::{Twist, WheelRates};
 
 use super::grant::settled;
 use super::motion::Motion;
 use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs};
-use crate::quantity::Angle;
+use crate::quantity::{Angle, Rate, Voltage};
 use crate::time::TICK_US;
+use crate::twist::still;
 use crate::wheel_drive::{Wanted, WheelDrive};
 
 impl Supervision {
@@ -26,8 +26,8 @@ impl Supervision {
     ) -> Outputs {
         let mode = self.report.mode;
         self.report.limit = None;
-        self.report.twist_ref = Twist::ZERO;
-        self.report.rates_ref = WheelRates::ZERO;
+        self.report.twist_ref = still();
+        self.report.rates_ref = [Rate::ZERO; 4];
         motion.rest(command.update);
         let voltage = self.identification_voltage(
             motion,
@@ -42,19 +42,19 @@ impl Supervision {
             return self.safe(command.mode == Mode::Ramp);
         }
         let nominal = motion.configuration.supply.nominal;
-        let supply = self.report.supply.unwrap_or(nominal).max(nominal * 0.5);
+        let supply = self.report.supply.unwrap_or(nominal).max(nominal.half());
         let [a, b, c, d] = &motion.wheels;
         let wanted = Wanted {
             voltages: [0, 1, 2, 3].map(|wheel| {
                 if command.bounds.drives(wheel) {
-                    voltage
+                    Voltage::new(voltage)
                 } else {
-                    0.0
+                    Voltage::ZERO
                 }
             }),
             signs: [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign],
             // Not the observer's, which lag in an acceleration that no reference announces.
-            rates: turned.map(|turned| turned.to_f32() / tick.dt.to_f32()),
+            rates: turned.map(|turned| Rate::new(turned.to_f32() / tick.dt.to_f32())),
             supply,
         };
         Outputs {
@@ -72,13 +72,13 @@ impl Supervision {
         turned: [f32; 4],
         dt: f32,
     ) -> f32 {
-        let nominal = motion.configuration.supply.nominal;
+        let nominal = motion.configuration.supply.nominal.to_f32();
         let run = self.identification.get_or_insert_with(|| {
             let motors = &motion.configuration.motors;
             Identification::new(command.bounds, nominal, motors.at_rest(), TICK_US)
         });
         if self.report.mode == Mode::Identify {
-            return match run.tick(turned, self.report.rates.into(), dt) {
+            return match run.tick(turned, self.report.rates().into(), dt) {
                 Step::Voltage(voltage) => voltage,
                 Step::Finished(outcome) => {
                     run.end();

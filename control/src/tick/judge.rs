@@ -1,11 +1,11 @@
 //! *Judge*: what is wrong. The first fault is kept until the bus side's next start.
 
-use kinematics::WheelRates;
 use protocol::{Fault, Reaction};
 
 use super::motion::Motion;
 use super::{OVERDUE_US, Supervision, Tick, span};
 use crate::interface::{Command, Inputs, Mode};
+use crate::quantity::Rate;
 use crate::time::Micros;
 use crate::wheel_drive::WheelDrive;
 
@@ -16,7 +16,7 @@ const BUS_SILENT_US: u32 = 25_000;
 
 /// A robot whose wheels turn faster is not started, rad/s: well above the rate that a step of a
 /// coarse encoder causes, and slow enough that the loops bring it to rest without full voltage.
-const TURNING_RATE: f32 = 0.2;
+const TURNING_RATE: Rate = Rate::new(0.2);
 
 impl Supervision {
     /// A new start clears latched faults; a cause that is still present is latched again in the
@@ -69,7 +69,7 @@ impl Supervision {
         let bound = motion.configuration.thresholds.slip_fault;
         // Wheels that turn one by one are not rolling on a floor.
         let rolls = command.mode != Mode::Identify;
-        let slips = rolls && bound > 0.0 && self.report.slip_residual.abs() > bound;
+        let slips = rolls && bound > Rate::ZERO && self.report.slip_residual.abs() > bound;
         if !slips {
             self.slip_fault.reset();
             return None;
@@ -128,8 +128,7 @@ pub(super) fn live_fault<D: WheelDrive>(inputs: &Inputs) -> Option<Fault> {
 }
 
 /// Whether any wheel turns too fast for a start.
-pub(super) fn turns(rates: &WheelRates) -> bool {
-    let rates: [f32; 4] = (*rates).into();
+pub(super) fn turns(rates: &[Rate; 4]) -> bool {
     rates.iter().any(|rate| rate.abs() > TURNING_RATE)
 }
 

@@ -3,7 +3,6 @@
 use kinematics::WheelRates;
 
 use super::motion::{Motion, Wheel};
-use crate::drivetrain::single;
 use crate::interface::{Inputs, Report};
 use crate::quantity::{Angle, Rate, Time};
 
@@ -45,7 +44,7 @@ impl Motion {
         {
             *rate = wheel.observer.update(turned, acceleration, dt);
         }
-        report.rates = WheelRates::from(rates.map(Rate::to_f32));
+        report.rates = rates;
         self.locate(previous, inputs, rates, turned, report);
         turned
     }
@@ -66,20 +65,20 @@ impl Motion {
             let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
             let wheels = rollers.kinematics();
-            let (asked, residual) = wheels.measure(&report.rates, rollers.secants());
+            let (asked, residual) = wheels.measure(&report.rates(), rollers.secants());
             report.measured = drivetrain.group_twist(asked, factors);
-            report.slip_residual = residual;
+            report.slip_residual = Rate::new(residual);
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
             let turned = WheelRates::from(turned.map(Angle::to_f32));
             drivetrain.group_displacement(wheels.displacement(&turned, &middle), factors)
         } else {
-            report.measured = single(drivetrain.forward(rates, factors));
-            report.slip_residual = drivetrain.unexplained(rates).to_f32();
+            report.measured = drivetrain.forward(rates, factors);
+            report.slip_residual = drivetrain.unexplained(rates);
             drivetrain.forward(turned, factors)
         };
         self.odometry.advance(moved);
-        report.pose = self.odometry.pose();
+        report.odometry = self.odometry;
     }
 }
 

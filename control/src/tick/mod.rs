@@ -45,10 +45,12 @@ struct Tick {
     now: Micros,
     /// Time since the last tick, bounded so that the observer stays stable after a long pause.
     dt: Time,
+    /// The same, us.
+    bounded_us: u32,
     /// The same without the bound, us.
     elapsed_us: u32,
     /// Voltage at full duty, V.
-    supply: f32,
+    supply: Voltage,
     /// Voltage at the largest duty, V.
     available: Voltage,
 }
@@ -232,9 +234,10 @@ impl Supervision {
         Tick {
             now,
             dt: Time::from_micros(bounded_us),
+            bounded_us,
             elapsed_us,
             supply,
-            available: Voltage::new(supply * bounds.duty_max),
+            available: supply.times(bounds.duty_max),
         }
     }
 

@@ -1,6 +1,5 @@
 //! What moves: the state that exists once there is a configuration, and its four wheels.
 
-use kinematics::Twist;
 use protocol::{Fault, Reaction};
 
 use super::Tick;
@@ -9,10 +8,11 @@ use crate::drivetrain::Factors;
 use crate::limiter::Limiter;
 use crate::observer::Observer;
 use crate::odometry::Odometry;
-use crate::quantity::{Acceleration, Angle, Count, Ratio, Voltage};
+use crate::quantity::{Acceleration, Angle, Count, Rate, Ratio, Sign, Voltage};
 use crate::rollers::Rollers;
 use crate::setpoint::Interpolator;
 use crate::silence::{Silence, Trust};
+use crate::twist::still;
 use crate::watch::Watch;
 use crate::wheel::{Available, Held, WheelLoop, WheelMeasurement, WheelReference};
 
@@ -24,7 +24,7 @@ const LEAST_RESIDUAL: f32 = 0.1;
 #[derive(Clone, Copy)]
 pub(super) struct Wheel {
     pub(super) step: Count,
-    pub(super) motor_sign: f32,
+    pub(super) motor_sign: Sign,
     /// Its error for a slip residual of 1, if it alone were wrong; 0 for a wheel that the residual
     /// does not identify.
     pub(super) odd: Ratio,
@@ -45,11 +45,11 @@ impl Wheel {
         // Turning alone, by 1 rad/s, it makes this residual.
         let alone = [0, 1, 2, 3].map(|other| if other == place { 1.0 } else { 0.0 });
         let residual = configuration.drivetrain.slip_residual(&alone.into());
-        let watches = configuration.thresholds.blocked_rate > 0.0;
+        let watches = configuration.thresholds.blocked_rate > Rate::ZERO;
         let listens = watches && residual.abs() > LEAST_RESIDUAL;
         Self {
             step: Count::new(wheel.step),
-            motor_sign: wheel.motor_sign,
+            motor_sign: Sign::new(wheel.motor_sign),
             given: Voltage::ZERO,
             odd: if listens {
                 Ratio::new(1.0 / residual)
@@ -125,7 +125,7 @@ impl Motion {
     #[inline(always)]
     pub(super) fn new(configuration: &Configuration, rollers: Option<Rollers>) -> Self {
         Self {
-            interpolator: Interpolator::new(configuration.times.sync_period_us as f32),
+            interpolator: Interpolator::new(configuration.times.sync_period_us),
             limiter: Limiter::default(),
             odometry: Odometry::new(),
             accelerations: [Acceleration::ZERO; 4],
@@ -163,7 +163,7 @@ impl Motion {
     pub(super) fn rest(&mut self, update: u16) {
         self.limiter.reset();
         self.accelerations = [Acceleration::ZERO; 4];
-        self.interpolator.restart(Twist::ZERO, update);
+        self.interpolator.restart(still(), update);
         for wheel in &mut self.wheels {
             wheel.wheel_loop.reset();
         }

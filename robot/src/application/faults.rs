@@ -98,7 +98,7 @@ impl Application {
     pub(super) fn record(&mut self, fault: Fault, now: Micros) {
         let time_ms = u32::try_from(now.0 / 1000).unwrap_or(u32::MAX);
         self.faults.push(fault.code(), time_ms);
-        let (supply, rates) = (self.report.supply, self.report.rates.into());
+        let (supply, rates) = (self.report.supply(), self.report.rates().into());
         self.memory.push(fault.code(), time_ms, supply, rates);
         self.announcements.appear(fault);
         self.emit(Event::Fault(fault));

@@ -28,14 +28,17 @@ impl Application {
             record::ALONE_TWIST => self.alone.twist.bytes,
             record::STATUS => self.status().encode(),
             record::MEASURED => MeasuredTwist {
-                twist: report.measured,
+                twist: report.measured(),
                 sequence: report.sequence,
                 group: self.configuration.as_ref().map_or(0, |known| known.group),
             }
             .encode(),
-            record::POSE => PoseReport { pose: report.pose }.encode(),
+            record::POSE => PoseReport {
+                pose: report.pose(),
+            }
+            .encode(),
             record::RATES => WheelRateReport {
-                rates: report.rates,
+                rates: report.rates(),
             }
             .encode(),
             _ => return None,
@@ -50,7 +53,7 @@ impl Application {
             state: self.state.reported(is_complete),
             sequence: self.setpoints.sequence(),
             scale: self.own.scale,
-            slip_residual: (report.configuration != 0).then_some(report.slip_residual),
+            slip_residual: (report.configuration != 0).then(|| report.slip_residual()),
             code: self.code(),
             plan: self.own.plan,
         }

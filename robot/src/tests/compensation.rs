@@ -52,7 +52,7 @@ fn the_tick_uses_the_table_both_ways() {
     for (speed, coefficient) in [(0.1, 1.141), (0.3, 1.151), (0.5, 1.157), (0.7, 1.157)] {
         world.drive(Twist::new(0.0, speed, 0.0), 1500);
         let report = world.robots[0].control.report();
-        let rate = report.rates_ref.front_right;
+        let rate = report.rates_ref().front_right;
         let want = speed * coefficient / 0.1524;
         assert!((rate / want - 1.0).abs() < 2e-4, "{speed}: {rate}, {want}");
         // An encoder of 4096 counts shows 0.1 m/s to 1.5 % from tick to tick; the mean is what
@@ -61,7 +61,7 @@ fn the_tick_uses_the_table_both_ways() {
         let sum: f32 = (0..100)
             .map(|_| {
                 world.drive(twist, 1);
-                world.robots[0].control.report().measured.vy
+                world.robots[0].control.report().measured().vy
             })
             .sum();
         let measured = sum / 100.0;

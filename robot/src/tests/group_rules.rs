@@ -11,7 +11,7 @@ use crate::state::State;
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 
 fn reference(world: &World, robot: usize) -> Twist {
-    world.robots[robot].control.report().twist_ref
+    world.robots[robot].control.report().twist_ref()
 }
 
 /// Largest difference between any two members' references since the last call's end.
@@ -324,7 +324,7 @@ fn rule_3_emergency_stop_cuts_its_own_drivers_and_stops_the_rest_by_ramp() {
             let robot = &world.robots[2];
             assert!(!robot.outputs.drivers_enabled, "cut in the next tick");
             assert!(!robot.outputs.brake_released);
-            assert_eq!(robot.outputs.drive, [0.0; 4]);
+            assert_eq!(robot.outputs.given(), [0.0; 4]);
         },
         &[0, 1],
         Fault::MemberStopped,

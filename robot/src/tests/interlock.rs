@@ -34,7 +34,7 @@ fn a_start_while_a_speed_is_streamed_moves_nothing() {
     for _ in 0..1000 {
         world.step();
         for robot in &world.robots {
-            assert_eq!(robot.control.report().twist_ref, Twist::ZERO);
+            assert_eq!(robot.control.report().twist_ref(), Twist::ZERO);
         }
     }
     assert!(all_are(&world, State::Armed));
@@ -111,7 +111,7 @@ fn a_member_started_late_holds_the_others_back() {
     for _ in 0..500 {
         world.step();
         for robot in &world.robots {
-            assert_eq!(robot.control.report().twist_ref, Twist::ZERO);
+            assert_eq!(robot.control.report().twist_ref(), Twist::ZERO);
         }
     }
 }
@@ -196,7 +196,7 @@ fn another_sync_period_is_named_and_not_followed() {
     for _ in 0..300 {
         world.step();
         assert!(all_are(&world, State::Armed));
-        assert_eq!(world.robots[0].control.report().twist_ref, Twist::ZERO);
+        assert_eq!(world.robots[0].control.report().twist_ref(), Twist::ZERO);
     }
     assert_eq!(world.status(2).code, Code::Limit(Limit::SyncPeriod));
 }

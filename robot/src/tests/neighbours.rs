@@ -267,7 +267,7 @@ fn alone_it_is_slow_and_not_for_long() {
     let mut fastest = 0.0_f32;
     for _ in 0..100 {
         ask_alone(&mut world, Twist::new(0.0, 1.0, 0.0), 1, &mut sequence);
-        fastest = fastest.max(world.robots[0].control.report().twist_ref.vy);
+        fastest = fastest.max(world.robots[0].control.report().twist_ref().vy);
     }
     assert_eq!(world.robots[0].bus.state(), State::Alone);
     // 250 mm/s, and the least step of the scale it is brought down by.
@@ -370,7 +370,7 @@ fn an_nmt_reset_in_motion_is_a_ramp() {
             let (mut last, mut steepest) = (0.6_f32, 0.0_f32);
             for _ in 0..1500 {
                 world.step();
-                let vx = world.robots[0].control.report().twist_ref.vx;
+                let vx = world.robots[0].control.report().twist_ref().vx;
                 steepest = steepest.max((last - vx) / 1e-3);
                 last = vx;
             }

@@ -8,6 +8,7 @@ use protocol::{Address, Fault, Limit, Value};
 use super::world::{SPEED, SUPPLY, World};
 use crate::state::State;
 use control::interface::Outputs;
+use control::quantity::InputVoltage;
 
 const FORWARD: Twist = Twist::new(0.6, 0.0, 0.0);
 /// Of a motor of these tests.
@@ -44,7 +45,7 @@ fn torque() -> [(Address, Value); 2] {
 /// resistance.
 fn current(world: &World, wheel: usize) -> f64 {
     let robot = &world.robots[0];
-    let voltage = f64::from(robot.outputs.drive[wheel] * SUPPLY);
+    let voltage = f64::from(robot.outputs.given()[wheel] * SUPPLY);
     (voltage - f64::from(SPEED) * robot.rates[wheel]) / f64::from(RESISTANCE)
 }
 
@@ -85,7 +86,7 @@ fn without_a_largest_current_the_bound_is_half_of_the_supply() {
     world.robots[0].blocked = [true; 4];
     world.run(60);
     assert!(world.robots[0].outputs.drivers_enabled);
-    for duty in world.robots[0].outputs.drive {
+    for duty in world.robots[0].outputs.given() {
         assert!(duty.abs() <= 0.5 + 0.01, "{duty}");
     }
 }
@@ -224,7 +225,7 @@ fn another_divider_measures_another_supply() {
         (at::SUPPLY_DIVIDER, Value::F32(22.0)),
     ]);
     assert_eq!(world.read(2, at::CONFIGURATION_STATUS), Ok(0));
-    world.robots[0].inputs.supply_input = Some(48.0 / 22.0);
+    world.robots[0].inputs.supply_input = Some(InputVoltage::new(48.0 / 22.0));
     world.start();
     world.run(50);
     let volts = f32::from_bits(world.read(2, at::SUPPLY).unwrap());
@@ -240,7 +241,7 @@ fn no_duty_is_larger_than_the_largest() {
     let mut most = 0.0_f32;
     for _ in 0..2_000 {
         world.step();
-        let duty = world.robots[0].outputs.drive[0];
+        let duty = world.robots[0].outputs.given()[0];
         most = most.max(duty);
         assert!(duty <= 0.3 + 1e-6, "{duty}");
     }
@@ -260,7 +261,7 @@ fn a_bridge_rests_before_it_changes_its_direction_if_asked() {
             world.twist = Some(FORWARD * sign);
             for _ in 0..1_000 {
                 world.step();
-                let duty = world.robots[0].outputs.drive;
+                let duty = world.robots[0].outputs.given();
                 for (now, before) in duty.iter().zip(last) {
                     straight += u32::from(now * before < 0.0);
                 }
@@ -302,7 +303,7 @@ fn nothing_is_followed_and_no_wheel_judged_until_the_brake_has_let_go() {
         }
         world.step();
         let report = *world.robots[0].control.report();
-        assert_eq!(report.twist_ref, Twist::ZERO);
+        assert_eq!(report.twist_ref(), Twist::ZERO);
         assert!(world.robots[0].outputs.drivers_enabled);
     }
     assert_eq!(world.robots[0].bus.state(), State::Moving);

@@ -62,7 +62,7 @@ fn a_fault_that_ramps_tears_nothing() {
     let mut torn = 0.0_f32;
     for _ in 0..2000 {
         world.step();
-        let speed = |robot: usize| world.robots[robot].control.report().twist_ref.vx;
+        let speed = |robot: usize| world.robots[robot].control.report().twist_ref().vx;
         torn += (speed(0) - speed(1)) * 1e-3;
     }
     std::println!("supply low in one: {:.2} mm torn", torn * 1e3);
@@ -110,7 +110,7 @@ fn torn(phase: u64, cut_votes: bool) -> f32 {
     let mut torn = 0.0_f32;
     for _ in 0..2000 {
         world.step();
-        let speed = |robot: usize| world.robots[robot].control.report().twist_ref.vx;
+        let speed = |robot: usize| world.robots[robot].control.report().twist_ref().vx;
         assert_eq!(speed(0), speed(1));
         assert_eq!(speed(2), speed(3));
         torn += (speed(2) - speed(0)) * 1e-3;

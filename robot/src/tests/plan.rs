@@ -57,7 +57,7 @@ fn is_refused(mut world: World, what: &str) {
     for _ in 0..500 {
         world.step();
         for robot in &world.robots {
-            assert_eq!(robot.control.report().twist_ref, Twist::ZERO);
+            assert_eq!(robot.control.report().twist_ref(), Twist::ZERO);
         }
     }
     assert_eq!(world.emergencies(2), [0xFF1B]);
@@ -138,7 +138,7 @@ fn a_member_that_understood_another_twist_stops_the_group() {
     world.run(13);
     for robot in &world.robots {
         assert_eq!(robot.bus.state().fault(), Some(Fault::PlanMismatch));
-        assert!(robot.control.report().twist_ref.vy.abs() < 1e-6);
+        assert!(robot.control.report().twist_ref().vy.abs() < 1e-6);
     }
 }
 

@@ -202,12 +202,12 @@ pub(super) fn driving() -> World {
 fn measure((cause, fault, _): &Case) -> u32 {
     let mut world = driving();
     cause(&mut world);
-    let before = world.robots[0].control.report().twist_ref.vx;
+    let before = world.robots[0].control.report().twist_ref().vx;
     for millis in 0..1000 {
         let robot = &world.robots[0];
         let reacted = match fault.reaction() {
             Reaction::Cut => !robot.outputs.drivers_enabled,
-            Reaction::Ramp => robot.control.report().twist_ref.vx < before - 1e-6,
+            Reaction::Ramp => robot.control.report().twist_ref().vx < before - 1e-6,
         };
         if reacted {
             let seen = robot.bus.state().fault().or(robot.control.report().fault);

@@ -45,7 +45,7 @@ fn setpoint_pipeline_reproduces_the_curve() {
     let mut world = fast(&[2]);
     let mut worst = 0.0_f32;
     figure_eight(&mut world, 20, |world, want| {
-        let error = world.robots[0].control.report().twist_ref - want;
+        let error = world.robots[0].control.report().twist_ref() - want;
         worst = worst.max(error.vx.abs()).max(error.vy.abs());
     });
     // Two chords of 10 ms on a curve of at most 2.5 m * (2 w)^3 = 0.62 m/s^3: 0.62 * 0.01^2 / 8 =
@@ -59,7 +59,7 @@ fn wheels_follow_the_figure_eight_within_one_percent_of_their_peak() {
     let (mut sum, mut count, mut peak) = (0.0_f64, 0_u32, 0.0_f64);
     figure_eight(&mut world, 22, |world, _| {
         for robot in &world.robots {
-            let wanted: [f32; 4] = robot.control.report().rates_ref.into();
+            let wanted: [f32; 4] = robot.control.report().rates_ref().into();
             for (wanted, rate) in wanted.into_iter().zip(robot.rates) {
                 let wanted = f64::from(wanted);
                 sum += (rate - wanted) * (rate - wanted);
@@ -81,7 +81,7 @@ fn odometry_is_what_the_encoders_turned() {
     let mut world = World::started(&[2]);
     world.drive(Twist::new(0.3, 0.0, 0.0), 3000);
     world.drive(Twist::ZERO, 1500);
-    let pose = world.robots[0].control.report().pose;
+    let pose = world.robots[0].control.report().pose();
     // Straight ahead: the angle of a wheel times its radius, to one count.
     let rolled = world.robots[0].angles[0] as f32 * 0.1524;
     let count = core::f32::consts::TAU / 4096.0 * 0.1524;

@@ -49,7 +49,7 @@ fn wheels_described_one_by_one_make_the_same_robot() {
         world.start();
         world.run(30);
         world.drive(twist, 1500);
-        <[f32; 4]>::from(world.robots[0].control.report().rates_ref)
+        <[f32; 4]>::from(world.robots[0].control.report().rates_ref())
     });
     for (one, other) in rates[0].iter().zip(rates[1]) {
         assert!((one - other).abs() < 1e-4, "{rates:?}");
@@ -68,7 +68,7 @@ fn a_wheel_of_another_size_turns_at_another_rate() {
     world.start();
     world.run(30);
     world.drive(Twist::new(0.3, 0.0, 0.0), 1500);
-    let rates = world.robots[0].control.report().rates_ref;
+    let rates = world.robots[0].control.report().rates_ref();
     assert!((rates.front_left - 2.0 * 0.3 / RADIUS).abs() < 1e-3);
     assert!((rates.front_right - 0.3 / RADIUS).abs() < 1e-3);
 }

@@ -11,6 +11,7 @@ use protocol::address::{self as at, motor};
 use protocol::{Address, ENTRIES, GroupTwist, MASTER, MemberStatus, Value, cob};
 
 use control::interface::{Inputs, Outputs};
+use control::quantity::InputVoltage;
 use control::tick::ControlSide;
 
 use crate::{BusSide, Event, Identity};
@@ -98,12 +99,12 @@ impl Robot {
     /// The supply is this, V, and measured.
     pub fn set_supply(&mut self, volts: f32) {
         self.supply = Some(volts);
-        self.inputs.supply_input = Some(volts / DIVIDER);
+        self.inputs.supply_input = Some(InputVoltage::new(volts / DIVIDER));
     }
 
     /// The group's velocity as its true wheel rates make it, if it drove alone.
     pub fn moves(&self) -> Twist {
-        self.control.report().measured
+        self.control.report().measured()
     }
 
     fn turn(&mut self) {
@@ -111,7 +112,7 @@ impl Robot {
         let dt = 1e-3 / f64::from(STEPS);
         for wheel in 0..4 {
             let voltage = if self.outputs.drivers_enabled {
-                f64::from(self.outputs.drive[wheel] * self.supply.unwrap_or(SUPPLY))
+                f64::from(self.outputs.given()[wheel] * self.supply.unwrap_or(SUPPLY))
             } else {
                 0.0
             };

@@ -305,7 +305,7 @@ impl NativeRobot {
             inputs.encoder_counts = counts;
             inputs.drive_fault = inputs.drive_fault.or(fault);
             let outputs = control.tick_current(now, &command, &inputs, drives.temperature());
-            drives.send(outputs.drive, outputs.drivers_enabled);
+            drives.send(outputs.given(), outputs.drivers_enabled);
             outputs
         } else {
             control.tick(now, &command, &inputs)

@@ -1,6 +1,7 @@
 //! A native robot as the world sees it.
 
 use canopen::Frame;
+use control::quantity::InputVoltage;
 use control::time::Micros;
 use group::Driver;
 use protocol::Fault;
@@ -151,7 +152,7 @@ impl Robot for NativeRobot {
                 Default::default()
             };
         }
-        outputs.drive.map(|duty| {
+        outputs.given().map(|duty| {
             let (duty, enabled) = (f64::from(duty), outputs.drivers_enabled);
             let output = bridge::output(self.driver, &levels(self.live.stage, duty, enabled));
             Bridge {
@@ -220,7 +221,8 @@ impl Robot for NativeRobot {
         if let Some((_, drives)) = &mut self.smart {
             drives.supply = volts;
         }
-        self.inputs.supply_input = Some((volts / SUPPLY_DIVIDER) as f32);
+        let input = InputVoltage::new((volts / SUPPLY_DIVIDER) as f32);
+        self.inputs.supply_input = Some(input);
     }
 
     fn set_current_inputs(&mut self, volts: [f64; 3]) {

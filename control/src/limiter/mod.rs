@@ -17,107 +17,80 @@
 //!
 //! Cost: about 110 instructions while following, about 190 while a limit applies.
 
+#[cfg(feature = "fixed-point")]
+#[path = "fixed_point.rs"]
+mod scalar;
+#[cfg(not(feature = "fixed-point"))]
+#[path = "single.rs"]
+mod scalar;
+
 use kinematics::Twist;
 
-use crate::math::{inverse_sqrt, sqrt};
+use crate::quantity::{Acceleration, Change, PerSecond, Quantity, Ratio, Time, Velocity};
+use crate::twist::{scaled, to, within};
 
-/// Limits on a twist's change.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct ChangeLimits {
-    acceleration_inverse: f32,
-    acceleration_yaw_inverse: f32,
-    jerk_inverse: f32,
-    jerk_yaw_inverse: f32,
-}
-
-impl ChangeLimits {
-    /// Limits in m/s^2, rad/s^2, m/s^3, rad/s^3; all above zero.
-    #[must_use]
-    pub fn new(acceleration: f32, acceleration_yaw: f32, jerk: f32, jerk_yaw: f32) -> Self {
-        Self {
-            acceleration_inverse: 1.0 / acceleration,
-            acceleration_yaw_inverse: 1.0 / acceleration_yaw,
-            jerk_inverse: 1.0 / jerk,
-            jerk_yaw_inverse: 1.0 / jerk_yaw,
-        }
-    }
-}
-
-/// The square of a twist's size when one unit is `1 / linear` and `1 / angular`.
-#[inline]
-fn size_squared(twist: Twist, linear: f32, angular: f32) -> f32 {
-    let along = (twist.vx * twist.vx + twist.vy * twist.vy) * (linear * linear);
-    let about = twist.omega * angular;
-    let about = about * about;
-    if along > about { along } else { about }
-}
+pub use scalar::ChangeLimits;
 
 /// A twist that changes within limits.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct Limiter {
-    velocity: Twist,
-    acceleration: Twist,
+    velocity: Twist<Velocity>,
+    acceleration: Twist<Change>,
+}
+
+/// The time of one step, s, and one over it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Step {
+    /// s.
+    pub dt: Time,
+    /// 1/s.
+    pub per_second: PerSecond,
+}
+
+impl Step {
+    /// Of so many microseconds.
+    #[must_use]
+    #[inline]
+    pub const fn of_micros(micros: u32) -> Self {
+        Self {
+            dt: Time::from_micros(micros),
+            per_second: PerSecond::of_micros(micros),
+        }
+    }
 }
 
 impl Limiter {
-    /// One step of `dt` s towards `input`, which changes at `slope` per second. Returns whether a
-    /// limit kept it from getting there.
+    /// One step towards `input`, which changes at `slope` per second. Returns whether a limit kept
+    /// it from getting there.
     #[inline]
-    pub fn step(&mut self, input: Twist, slope: Twist, dt: f32, limits: &ChangeLimits) -> bool {
-        let per_dt = 1.0 / dt;
-        let behind = input - (self.velocity + slope * dt);
-        // The remaining distance in steps of jerk: m squared.
-        let grid = per_dt * per_dt;
-        let m_squared = size_squared(
-            behind,
-            limits.jerk_inverse * grid,
-            limits.jerk_yaw_inverse * grid,
-        );
-        let gain = if m_squared <= 1.0 {
-            per_dt
-        } else {
-            let m = sqrt(m_squared);
-            let n = 0.5 * (sqrt(1.0 + 8.0 * m) - 1.0);
-            per_dt * n / m
-        };
-        let wanted = slope + behind * gain;
-        let change = wanted - self.acceleration;
-        let jerk_squared = size_squared(
-            change,
-            limits.jerk_inverse * per_dt,
-            limits.jerk_yaw_inverse * per_dt,
-        );
-        let jerk_bites = jerk_squared > 1.0;
-        let change = if jerk_bites {
-            change * inverse_sqrt(jerk_squared)
-        } else {
-            change
-        };
-        let acceleration = self.acceleration + change;
-        let acceleration_squared = size_squared(
-            acceleration,
-            limits.acceleration_inverse,
-            limits.acceleration_yaw_inverse,
-        );
-        let acceleration_bites = acceleration_squared > 1.0;
-        self.acceleration = if acceleration_bites {
-            acceleration * inverse_sqrt(acceleration_squared)
-        } else {
-            acceleration
-        };
-        self.velocity = self.velocity + self.acceleration * dt;
-        jerk_bites || acceleration_bites || m_squared > 1.0
+    pub fn step(
+        &mut self,
+        input: Twist<Velocity>,
+        slope: Twist<Acceleration>,
+        step: Step,
+        limits: &ChangeLimits,
+    ) -> bool {
+        let behind = input - (self.velocity + scaled(slope, step.dt));
+        let approach = limits.approach(behind, step.per_second);
+        let wanted = slope + scaled(behind, approach.per_second);
+        let change = wanted - to(self.acceleration);
+        let jerk = limits.jerk_share(change, step);
+        let acceleration = self.acceleration + shared(change, jerk);
+        let bound = limits.acceleration_share(acceleration);
+        self.acceleration = shared(acceleration, bound);
+        self.velocity = self.velocity + scaled(self.acceleration, step.dt);
+        jerk.is_some() || bound.is_some() || approach.is_far
     }
 
     /// The twist after the last step.
     #[must_use]
-    pub const fn velocity(&self) -> Twist {
+    pub const fn velocity(&self) -> Twist<Velocity> {
         self.velocity
     }
 
     /// Its change per second over the last step.
     #[must_use]
-    pub const fn acceleration(&self) -> Twist {
+    pub const fn acceleration(&self) -> Twist<Change> {
         self.acceleration
     }
 
@@ -125,10 +98,8 @@ impl Limiter {
     #[must_use]
     #[inline(never)]
     pub fn stands(&self) -> bool {
-        let still = |twist: Twist, bound: f32| {
-            twist.vx.abs() < bound && twist.vy.abs() < bound && twist.omega.abs() < bound
-        };
-        still(self.velocity, 1e-5) && still(self.acceleration, 1e-2)
+        within(self.velocity, const { Velocity::new(1e-5) })
+            && within(self.acceleration, const { Change::new(1e-2) })
     }
 
     /// Resets to standstill.
@@ -137,11 +108,31 @@ impl Limiter {
     }
 }
 
+/// How fast the rest of the way is made.
+#[derive(Clone, Copy)]
+struct Approach {
+    /// Of what is left, 1/s.
+    per_second: PerSecond,
+    /// More is left than one step can make.
+    is_far: bool,
+}
+
+/// The share of a twist that a limit leaves; without a share all of it.
+#[inline(always)]
+fn shared<const A: u32>(twist: Twist<Quantity<A>>, share: Option<Ratio>) -> Twist<Change> {
+    match share {
+        None => to(twist),
+        Some(share) => scaled(twist, share),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::twist::{quantities, single};
 
     const DT: f32 = 1e-3;
+    const STEP: Step = Step::of_micros(1_000);
     const ACCELERATION: f32 = 2.0;
     const YAW: f32 = 4.0;
     const JERK: f32 = 20.0;
@@ -159,9 +150,9 @@ mod tests {
     fn run(limiter: &mut Limiter, input: Twist, steps: usize) {
         let limits = limits();
         for _ in 0..steps {
-            let before = limiter.acceleration();
-            limiter.step(input, Twist::ZERO, DT, &limits);
-            let a = limiter.acceleration();
+            let before = single(limiter.acceleration());
+            limiter.step(quantities(input), Twist::default(), STEP, &limits);
+            let a = single(limiter.acceleration());
             // One part in 1e5 for the rounding of f32.
             assert!(linear(a) <= ACCELERATION * 1.000_01);
             assert!(a.omega.abs() <= YAW * 1.000_01);
@@ -176,13 +167,13 @@ mod tests {
         // 1 m/s with 2 m/s^2 and 20 m/s^3: 1/2 + 2/20 = 0.6 s.
         let mut limiter = Limiter::default();
         run(&mut limiter, Twist::new(1.0, 0.0, 0.0), 590);
-        assert!(limiter.velocity().vx < 1.0 - 1e-5, "too early");
+        assert!(single(limiter.velocity()).vx < 1.0 - 1e-5, "too early");
         let mut highest = 0.0_f32;
         for _ in 0..30 {
             run(&mut limiter, Twist::new(1.0, 0.0, 0.0), 1);
-            highest = highest.max(limiter.velocity().vx);
+            highest = highest.max(single(limiter.velocity()).vx);
         }
-        assert!((limiter.velocity().vx - 1.0).abs() < 1e-5, "too late");
+        assert!((single(limiter.velocity()).vx - 1.0).abs() < 1e-5, "too late");
         assert!(highest <= 1.0 + 1e-5, "overshoot to {highest}");
     }
 
@@ -193,9 +184,9 @@ mod tests {
         let mut peak = 0.0_f32;
         for _ in 0..103 {
             run(&mut limiter, Twist::new(0.0, 0.05, 0.0), 1);
-            peak = peak.max(limiter.acceleration().vy);
+            peak = peak.max(single(limiter.acceleration()).vy);
         }
-        assert!((limiter.velocity().vy - 0.05).abs() < 1e-6);
+        assert!((single(limiter.velocity()).vy - 0.05).abs() < 1e-6);
         // Within one jerk step of the closed form.
         assert!((peak - 1.0).abs() <= JERK * DT, "peak {peak}");
     }
@@ -212,9 +203,9 @@ mod tests {
             // 1 - cos starts with zero velocity and acceleration.
             let input = Twist::new(0.5 * (1.0 - cos), 0.0, 0.0);
             let slope = Twist::new(1.0 * sin, 0.0, 0.0);
-            limiter.step(input, slope, DT, &limits);
+            limiter.step(quantities(input), quantities(slope), STEP, &limits);
             if step > 10 {
-                worst = worst.max((limiter.velocity().vx - input.vx).abs());
+                worst = worst.max((single(limiter.velocity()).vx - input.vx).abs());
             }
             phase += DT;
         }
@@ -224,12 +215,12 @@ mod tests {
     #[test]
     fn standstill_is_reached_along_the_direction_of_motion() {
         let mut limiter = Limiter {
-            velocity: Twist::new(0.6, -0.3, 0.9),
-            acceleration: Twist::ZERO,
+            velocity: quantities(Twist::new(0.6, -0.3, 0.9)),
+            acceleration: Twist::default(),
         };
         for _ in 0..600 {
             run(&mut limiter, Twist::ZERO, 1);
-            let v = limiter.velocity();
+            let v = single(limiter.velocity());
             if v.vx < 1e-4 {
                 break;
             }
@@ -244,14 +235,14 @@ mod tests {
     fn standstill_does_not_reverse() {
         for speed in [0.001, 0.02, 0.3, 1.0, 2.5] {
             let mut limiter = Limiter {
-                velocity: Twist::new(speed, 0.0, 0.0),
-                acceleration: Twist::ZERO,
+                velocity: quantities(Twist::new(speed, 0.0, 0.0)),
+                acceleration: Twist::default(),
             };
             for _ in 0..2000 {
                 run(&mut limiter, Twist::ZERO, 1);
                 // A quarter of one step of jerk, 5e-6 m/s: the grid does not divide every way
                 // evenly.
-                let v = limiter.velocity().vx;
+                let v = single(limiter.velocity()).vx;
                 assert!(v >= -0.25 * JERK * DT * DT, "reversed to {v} from {speed}");
             }
             assert!(limiter.stands());
@@ -263,7 +254,7 @@ mod tests {
         // Yaw alone would take 2/4 + 4/40 = 0.6 s, x alone 0.1 s or so.
         let mut limiter = Limiter::default();
         run(&mut limiter, Twist::new(0.05, 0.0, 2.0), 300);
-        let v = limiter.velocity();
+        let v = single(limiter.velocity());
         assert!((v.omega / v.vx / 40.0 - 1.0).abs() < 1e-3);
     }
 }
