@@ -20,7 +20,7 @@ use kinematics::{
     GeometryError, GridCompensation, Mount, Twist, VelocityCompensation, Wheel, WheelRates,
 };
 
-use crate::quantity::{Angle, Lever, Quantity, Rate, Ratio, Velocity};
+use crate::quantity::{Lever, Quantity, Rate, Ratio, Velocity};
 use crate::rollers::Rolling;
 use crate::twist::{quantities, single, to};
 
@@ -158,8 +158,7 @@ impl Drivetrain {
     /// Wheel rates (rad/s) that make the group move with this twist (group frame).
     #[must_use]
     pub fn inverse(&self, group: Twist) -> WheelRates {
-        self.wheels
-            .inverse(self.asked::<SETPOINT>(group, &self.at(quantities(group))))
+        self.wheels.inverse(self.setpoint(group))
     }
 
     /// The fastest that each wheel has to turn for this twist, wherever its rollers stand, rad/s
@@ -170,7 +169,7 @@ impl Drivetrain {
             return self.inverse(group);
         };
         // Rates are linear in the secant, so the fastest is at one of its ends.
-        let asked = self.asked::<SETPOINT>(group, &self.at(quantities(group)));
+        let asked = self.setpoint(group);
         let slow: [f32; 4] = rolling.wheels.inverse(asked, &rolling.least).into();
         let fast: [f32; 4] = rolling.wheels.inverse(asked, &rolling.largest).into();
         let [a, b, c, d] = slow;
@@ -192,7 +191,7 @@ impl Drivetrain {
         group: Motion<FRACTION>,
         factors: &Factors,
     ) -> [Quantity<FRACTION>; 4] {
-        let member = self.member(group, &factors.asked);
+        let member = self.asked(group, factors);
         let wheels: [_; 4] = raw(&self.wheels)
             .inverse(Twist {
                 vx: member.vx.scalar(),
@@ -251,12 +250,7 @@ impl Drivetrain {
     /// Renews one half of the factors: those of the reference or those of the measurement, both
     /// given in the group frame.
     #[inline]
-    pub fn renew(
-        &self,
-        factors: &mut Factors,
-        reference: Twist<Velocity>,
-        measured: Twist<Rate>,
-    ) {
+    pub fn renew(&self, factors: &mut Factors, reference: Twist<Velocity>, measured: Twist<Rate>) {
         if self.compensation.is_constant() {
             return;
         }
@@ -271,20 +265,12 @@ impl Drivetrain {
     /// What the wheels are asked for, a twist of the robot in its own frame, for a twist of the
     /// group.
     #[inline]
-    pub(crate) fn member_twist(&self, group: Twist, factors: &Factors) -> Twist {
-        self.asked::<{ Rate::FRACTION }>(group, &factors.asked)
-    }
-
-    /// The group's twist for what the wheels are asked for.
-    #[inline]
-    pub(crate) fn group_twist(&self, asked: Twist, factors: &Factors) -> Twist<Rate> {
-        self.group(quantities(asked), factors)
-    }
-
-    /// The same for displacements.
-    #[inline]
-    pub(crate) fn group_displacement(&self, asked: Twist, factors: &Factors) -> Twist<Angle> {
-        self.group(quantities(asked), factors)
+    pub(crate) fn asked<const FRACTION: u32>(
+        &self,
+        group: Motion<FRACTION>,
+        factors: &Factors,
+    ) -> Motion<FRACTION> {
+        self.member(group, &factors.asked)
     }
 
     #[inline]
@@ -296,8 +282,9 @@ impl Drivetrain {
         times(self.mount.member(group), coefficients)
     }
 
+    /// The group's twist or displacement for that of what the wheels are asked for.
     #[inline]
-    fn group<const FRACTION: u32>(
+    pub(crate) fn group<const FRACTION: u32>(
         &self,
         asked: Motion<FRACTION>,
         factors: &Factors,
@@ -306,8 +293,9 @@ impl Drivetrain {
     }
 
     #[inline]
-    fn asked<const FRACTION: u32>(&self, group: Twist, coefficients: &Coefficients) -> Twist {
-        single(self.member(quantities::<FRACTION>(group), coefficients))
+    fn setpoint(&self, group: Twist) -> Twist {
+        let coefficients = self.at(quantities(group));
+        single(self.member(quantities::<SETPOINT>(group), &coefficients))
     }
 
     fn at(&self, group: Twist<Rate>) -> Coefficients {
@@ -336,6 +324,7 @@ fn times<const FRACTION: u32>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::Angle;
     use kinematics::{AxisTable, FourWheelGeometry, Pose, SpeedCompensation};
 
     fn drivetrain(compensation: GridCompensation) -> Drivetrain {
@@ -430,7 +419,8 @@ mod tests {
                 omega: group.omega.into(),
             });
             let exact = [exact.vx, exact.vy, exact.omega];
-            let found = drivetrain.member_twist(group, &factors);
+            let asked: Twist<Rate> = drivetrain.asked(quantities(group), &factors);
+            let found = single(asked);
             let found = [found.vx, found.vy, found.omega];
             // Steps: of a result, of a coefficient or cosine, of a lever; or those of a float. A
             // velocity of the sum below has one of a number of 128 m/s at the most.
@@ -448,7 +438,7 @@ mod tests {
                 assert!(off <= bound, "{off:e} {bound:e} {pose:?} {group:?}");
             }
             // And back: twice as much, as the coefficients may halve and double again.
-            let back = single(drivetrain.group_twist(drivetrain.member_twist(group, &factors), &factors));
+            let back = single(drivetrain.group(asked, &factors));
             let far = (back.vx - group.vx).hypot(back.vy - group.vy);
             assert!(
                 f64::from(far) <= 4.0 * bound,

@@ -10,9 +10,9 @@ use kinematics::{Pose, Twist, WheelRates};
 use protocol::{Fault, Limit};
 
 use crate::odometry::Odometry;
-use crate::quantity::{Drive, InputVoltage, Rate, Velocity, Voltage};
-use crate::twist::{single, still};
+use crate::quantity::{Angle, Drive, InputVoltage, Rate, Velocity, Voltage};
 use crate::rollers::{IndexPulse, RollerState};
+use crate::twist::{single, still};
 use identification::Bounds;
 
 /// The mode that the bus side requests. The control side decides: it owns drivers, brake and
@@ -169,7 +169,7 @@ pub struct Report {
     /// State of each wheel's roller phase.
     pub roller_states: [RollerState; 4],
     /// Roller angle of each wheel, rad.
-    pub roller_sweeps: [f32; 4],
+    pub roller_sweeps: [Angle; 4],
 }
 
 impl Report {
@@ -196,7 +196,7 @@ impl Report {
         temperature: 0,
         late_ticks: 0,
         roller_states: [RollerState::Constant; 4],
-        roller_sweeps: [0.0; 4],
+        roller_sweeps: [Angle::ZERO; 4],
     };
 
     /// Group twist after all limits, group frame.

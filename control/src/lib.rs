@@ -44,7 +44,7 @@ pub mod supply;
 pub mod threshold;
 pub mod tick;
 pub mod time;
-mod watch;
 pub mod twist;
+mod watch;
 pub mod wheel;
 pub mod wheel_drive;

@@ -189,7 +189,9 @@ mod tests {
         for ms in 0..200 {
             // Ripple of 2 V in every tick.
             let volts = if ms % 2 == 0 { 25.0 } else { 23.0 };
-            worth = supply.update(Some(InputVoltage::new(volts / 11.0)), &SUPPLY).to_f32();
+            worth = supply
+                .update(Some(InputVoltage::new(volts / 11.0)), &SUPPLY)
+                .to_f32();
         }
         // A step of 2 V leaves 2 V * 0.25 / 1.75 from tick to tick, half of it to either side.
         assert!(
@@ -198,7 +200,9 @@ mod tests {
         );
         assert!(!supply.is_short(&SUPPLY));
         for _ in 0..200 {
-            worth = supply.update(Some(InputVoltage::new(5.0 / 11.0)), &SUPPLY).to_f32();
+            worth = supply
+                .update(Some(InputVoltage::new(5.0 / 11.0)), &SUPPLY)
+                .to_f32();
         }
         assert_eq!(worth, 18.0);
         assert!(supply.is_short(&SUPPLY));

@@ -82,8 +82,10 @@ impl Suspicion {
     /// Whether the wheel keeps turning although its voltage should have stopped it by now. A pushed
     /// wheel also turns against its voltage, but is slowed down by it.
     fn runs(&self, rate: Rate) -> bool {
-        let (part, fastest): (Rate, Rate) =
-            (self.fastest.times(SLOWED_PART), self.fastest.times(UNSLOWED));
+        let (part, fastest): (Rate, Rate) = (
+            self.fastest.times(SLOWED_PART),
+            self.fastest.times(UNSLOWED),
+        );
         self.slowed > part + SLOWED && rate > fastest
     }
 }

@@ -128,7 +128,9 @@ fn part<const FRACTION: u32>(limit: Change, square: u64) -> Ratio {
 #[inline]
 const fn square<const FRACTION: u32>(a: Quantity<FRACTION>, b: Quantity<FRACTION>) -> u64 {
     let (a, b) = (a.abs().to_bits() as i64, b.abs().to_bits() as i64);
-    a.wrapping_mul(a).wrapping_add(b.wrapping_mul(b)).cast_unsigned()
+    a.wrapping_mul(a)
+        .wrapping_add(b.wrapping_mul(b))
+        .cast_unsigned()
 }
 
 #[inline]

@@ -173,7 +173,10 @@ mod tests {
             run(&mut limiter, Twist::new(1.0, 0.0, 0.0), 1);
             highest = highest.max(single(limiter.velocity()).vx);
         }
-        assert!((single(limiter.velocity()).vx - 1.0).abs() < 1e-5, "too late");
+        assert!(
+            (single(limiter.velocity()).vx - 1.0).abs() < 1e-5,
+            "too late"
+        );
         assert!(highest <= 1.0 + 1e-5, "overshoot to {highest}");
     }
 

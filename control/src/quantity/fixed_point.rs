@@ -60,6 +60,26 @@ impl<const FRACTION: u32> Quantity<FRACTION> {
         Self(bits)
     }
 
+    /// From an integer with so many fractional bits, to the nearest.
+    #[inline]
+    pub(crate) const fn resampled(bits: i32, fraction: u32) -> Self {
+        if fraction > FRACTION {
+            let shift = fraction - FRACTION;
+            // A number that is shifted has room for half a step.
+            let half = (bits >> (shift - 1)) & 1;
+            return Self((bits >> shift) + half);
+        }
+        let shift = FRACTION - fraction;
+        let (most, least) = (i32::MAX >> shift, i32::MIN >> shift);
+        if bits > most {
+            Self(i32::MAX)
+        } else if bits < least {
+            Self(i32::MIN)
+        } else {
+            Self(bits << shift)
+        }
+    }
+
     /// The number as the kinematics take it. They are linear and leave its scale as it is.
     #[must_use]
     #[inline(always)]
@@ -269,7 +289,11 @@ impl Duration {
     pub const fn from_micros(micros: u64) -> Self {
         /// Steps of a microsecond, with 32 more fractional bits.
         const STEPS: u64 = (1 << (20 + 32)) / 1_000_000;
-        let micros = if micros < 1_800_000_000 { micros } else { 1_800_000_000 };
+        let micros = if micros < 1_800_000_000 {
+            micros
+        } else {
+            1_800_000_000
+        };
         Self((micros.wrapping_mul(STEPS) >> 32) as i32)
     }
 }

@@ -29,9 +29,13 @@ mod scalar;
 mod tests;
 mod tracked;
 
-use kinematics::{FourWheelGeometry, GeometryError, RollerAngle, RollerTrack, WheelRates};
+use kinematics::{FourWheelGeometry, GeometryError, RollerAngle, RollerTrack};
 
+use crate::quantity::{Angle, Rate, Time};
+
+use scalar::Pitch;
 pub use scalar::{Secant, Value, Wheels};
+pub(crate) use scalar::{displacement, inverse, measure};
 use tracked::PATIENCE;
 use tracked::Tracked;
 
@@ -105,8 +109,8 @@ pub struct RollerWheel {
     secant: Secant,
     /// Begins here.
     track: RollerTrack,
-    /// Steps of a roller angle for a radian of the wheel; 0 for ideal rollers.
-    per_radian: f32,
+    /// From one roller to the next.
+    pitch: Pitch,
     /// Roller angle at the index.
     phase: RollerAngle,
     /// Counts of a turn of the wheel, which behind a gear need not be whole.
@@ -139,24 +143,24 @@ impl RollerWheel {
     )]
     pub fn new(rollers: u8, phase: f32, counts: f32) -> Result<Self, GeometryError> {
         let count = u16::from(rollers);
-        let (track, angle, per_radian) = if rollers == 0 {
+        let (track, angle, pitch) = if rollers == 0 {
             (
                 RollerTrack::new(3, f64::from(counts))?,
                 RollerAngle::default(),
-                0.0,
+                Pitch::NONE,
             )
         } else {
             let known = kinematics::Rollers::<f32>::new(count)?;
             (
                 RollerTrack::new(count, f64::from(counts))?,
                 RollerAngle::new(phase, &known),
-                4_294_967_296.0 / known.pitch(),
+                Pitch::new(known.pitch()),
             )
         };
         Ok(Self {
             secant: scalar::secant(count)?,
             track,
-            per_radian,
+            pitch,
             phase: angle,
             turn: counts.abs(),
             patience: (PATIENCE * counts.abs()) as i32,
@@ -164,7 +168,7 @@ impl RollerWheel {
     }
 
     fn is_ideal(&self) -> bool {
-        self.per_radian == 0.0
+        self.pitch.is_none()
     }
 }
 
@@ -291,17 +295,12 @@ impl Rollers {
     }
 
     /// The secants in `dt` s, when the wheels turn with these rates (rad/s).
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a tick's part of a roller; beyond half a roller it saturates"
-    )]
     #[inline]
-    pub fn ahead(&self, rates: &WheelRates, dt: f32) -> Secants {
-        let rates: [f32; 4] = (*rates).into();
+    pub fn ahead(&self, rates: [Rate; 4], dt: Time) -> Secants {
         let [a, b, c, d] = &self.wheels;
         let [ra, rb, rc, rd] = rates;
-        let one = |wheel: &Tracked, rate: f32| {
-            let steps = (rate * dt * wheel.configuration.per_radian) as i32;
+        let one = |wheel: &Tracked, rate: Rate| {
+            let steps = wheel.configuration.pitch.steps(rate.times(dt));
             wheel.secant(RollerAngle::from_bits(steps))
         };
         [one(a, ra), one(b, rb), one(c, rc), one(d, rd)]
@@ -314,12 +313,13 @@ impl Rollers {
 
     /// Angle by which each wheel has turned past the middle of its ground roller, rad; true for
     /// wheels in [`RollerState::Known`], else counted from where the robot was configured.
-    pub fn sweeps(&self) -> [f32; 4] {
+    pub fn sweeps(&self) -> [Angle; 4] {
         self.wheels.map(|wheel| {
-            if wheel.configuration.is_ideal() {
-                0.0
+            let pitch = wheel.configuration.pitch;
+            if pitch.is_none() {
+                Angle::ZERO
             } else {
-                wheel.track.angle().to_bits() as f32 / wheel.configuration.per_radian
+                pitch.sweep(wheel.track.angle().to_bits())
             }
         })
     }

@@ -1,6 +1,5 @@
 //! *Follow*: from the group's setpoint to what the drives of the four wheels get.
 
-use kinematics::WheelRates;
 use protocol::Limit;
 
 use super::grant::settled;
@@ -9,9 +8,9 @@ use super::{Supervision, Tick};
 use crate::interface::{Command, Mode, Outputs, Report};
 use crate::limiter::Step;
 use crate::quantity::{self, Acceleration, Angle, Rate, Voltage};
-use crate::rollers::Rollers;
+use crate::rollers::{self, Rollers};
 use crate::setpoint::Input;
-use crate::twist::{single, to};
+use crate::twist::{scaled, to};
 use crate::wheel::{Held, WheelMeasurement, WheelReference};
 use crate::wheel_drive::{Wanted, WheelDrive};
 
@@ -100,8 +99,9 @@ impl Motion {
         } else {
             (Input::default(), &self.configuration.ramp)
         };
-        let step = Step::of_micros(tick.bounded_us);
-        let limited = self.limiter.step(input.twist, input.slope, step, limits);
+        let limited = self
+            .limiter
+            .step(input.twist, input.slope, tick.step, limits);
         if mode != Mode::Follow {
             // The next setpoint begins from here.
             self.interpolator
@@ -121,7 +121,7 @@ impl Motion {
         turned: [Angle; 4],
         tick: &Tick,
     ) -> Drive {
-        let references = self.refer(report, tick.dt.to_f32());
+        let references = self.refer(report, tick.step);
         // Unrolled: a fifth fewer instructions than a loop.
         let [a, b, c, d] = &mut self.wheels;
         let signs = [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign];
@@ -154,10 +154,7 @@ impl Motion {
 
     /// What the drives get.
     #[inline(always)]
-    pub(super) fn commands<D: WheelDrive>(
-        &self,
-        wanted: &Wanted,
-    ) -> [quantity::Drive; 4] {
+    pub(super) fn commands<D: WheelDrive>(&self, wanted: &Wanted) -> [quantity::Drive; 4] {
         let [a, b, c, d] = &self.configuration.wheels;
         let gains = [&a.gains, &b.gains, &c.gains, &d.gains];
         D::commands(wanted, gains, &self.configuration.motors)
@@ -174,25 +171,22 @@ impl Motion {
 
     /// The wheels' references, from the group's twist and acceleration.
     #[inline]
-    fn refer(&mut self, report: &mut Report, dt: f32) -> [Rate; 4] {
+    fn refer(&mut self, report: &mut Report, step: Step) -> [Rate; 4] {
         let (drivetrain, velocity) = (&self.configuration.drivetrain, self.limiter.velocity());
         drivetrain.renew(&mut self.factors, velocity, report.measured);
         if let Some(rollers) = &self.rollers {
             // Rates for the present roller angles, and the acceleration that brings the wheels to
             // the rates for the roller angles and the twist of the next tick.
             let wheels = rollers.kinematics();
-            let acceleration = single(self.limiter.acceleration());
-            let velocity = single(velocity);
-            let asked = drivetrain.member_twist(velocity, &self.factors);
-            let now = wheels.inverse(asked, rollers.secants());
-            let ahead = rollers.ahead(&now, dt);
-            let next = velocity + acceleration * dt;
-            let asked = drivetrain.member_twist(next, &self.factors);
-            let next = wheels.inverse(asked, &ahead);
-            let rates = <[f32; 4]>::from(now).map(Rate::new);
-            report.rates_ref = rates;
-            self.accelerations = per_second(&now, &next, dt).map(Acceleration::new);
-            rates
+            let asked = drivetrain.asked(to(velocity), &self.factors);
+            let now = rollers::inverse(wheels, asked, rollers.secants());
+            let ahead = rollers.ahead(now, step.dt);
+            let next = velocity + scaled(self.limiter.acceleration(), step.dt);
+            let asked = drivetrain.asked(to(next), &self.factors);
+            let next = rollers::inverse(wheels, asked, &ahead);
+            report.rates_ref = now;
+            self.accelerations = pairs(now, next, |now, next| (next - now).times(step.per_second));
+            now
         } else {
             let rates = drivetrain.wheels(to(velocity), &self.factors);
             let acceleration = to(self.limiter.acceleration());
@@ -205,7 +199,7 @@ impl Motion {
 
 /// Combines two values of every wheel into one.
 #[inline(always)]
-fn pairs<A, B, T>(first: [A; 4], second: [B; 4], make: fn(A, B) -> T) -> [T; 4] {
+fn pairs<A, B, T>(first: [A; 4], second: [B; 4], make: impl Fn(A, B) -> T) -> [T; 4] {
     let [a, b, c, d] = first;
     let [e, f, g, h] = second;
     [make(a, e), make(b, f), make(c, g), make(d, h)]
@@ -219,16 +213,4 @@ const fn reference(rate: Rate, acceleration: Acceleration) -> WheelReference {
 #[inline(always)]
 const fn measurement(rate: Rate, turned: Angle) -> WheelMeasurement {
     WheelMeasurement { rate, turned }
-}
-
-/// Change per second over one step of `dt` s.
-#[inline]
-fn per_second(from: &WheelRates, to: &WheelRates, dt: f32) -> [f32; 4] {
-    let per_second = 1.0 / dt;
-    [
-        (to.front_left - from.front_left) * per_second,
-        (to.front_right - from.front_right) * per_second,
-        (to.rear_left - from.rear_left) * per_second,
-        (to.rear_right - from.rear_right) * per_second,
-    ]
 }

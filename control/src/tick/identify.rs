@@ -33,7 +33,7 @@ impl Supervision {
             motion,
             command,
             turned.map(Angle::to_f32),
-            tick.dt.to_f32(),
+            tick.step.dt.to_f32(),
         );
         let ramps = mode == Mode::Ramp && !self.report.standstill;
         let (limiter, rates) = (&motion.limiter, &self.report.rates);
@@ -54,7 +54,7 @@ impl Supervision {
             }),
             signs: [a.motor_sign, b.motor_sign, c.motor_sign, d.motor_sign],
             // Not the observer's, which lag in an acceleration that no reference announces.
-            rates: turned.map(|turned| Rate::new(turned.to_f32() / tick.dt.to_f32())),
+            rates: turned.map(|turned| Rate::new(turned.to_f32() / tick.step.dt.to_f32())),
             supply,
         };
         Outputs {

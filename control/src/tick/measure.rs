@@ -1,10 +1,9 @@
 //! *Measure*: from encoder counts to the wheels' rates, the group's twist, slip and pose.
 
-use kinematics::WheelRates;
-
 use super::motion::{Motion, Wheel};
 use crate::interface::{Inputs, Report};
 use crate::quantity::{Angle, Rate, Time};
+use crate::rollers;
 
 impl Motion {
     /// Angle by which each wheel turned, rad, a whole number of counts.
@@ -65,13 +64,12 @@ impl Motion {
             let passed = passed(previous, &inputs.encoder_counts);
             let middle = rollers.update(passed, inputs.encoder_counts, inputs.index.as_ref());
             let wheels = rollers.kinematics();
-            let (asked, residual) = wheels.measure(&report.rates(), rollers.secants());
-            report.measured = drivetrain.group_twist(asked, factors);
-            report.slip_residual = Rate::new(residual);
+            let (asked, residual) = rollers::measure(wheels, rates, rollers.secants());
+            report.measured = drivetrain.group(asked, factors);
+            report.slip_residual = residual;
             report.roller_states = rollers.states();
             report.roller_sweeps = rollers.sweeps();
-            let turned = WheelRates::from(turned.map(Angle::to_f32));
-            drivetrain.group_displacement(wheels.displacement(&turned, &middle), factors)
+            drivetrain.group(rollers::displacement(wheels, turned, &middle), factors)
         } else {
             report.measured = drivetrain.forward(rates, factors);
             report.slip_residual = drivetrain.unexplained(rates);

@@ -24,7 +24,8 @@ use crate::brake::Brake;
 use crate::configuration::Configuration;
 use crate::current::Current;
 use crate::interface::{Command, Inputs, Mode, Outputs, Report};
-use crate::quantity::{Time, Voltage};
+use crate::limiter::Step;
+use crate::quantity::Voltage;
 use crate::rollers::{RollerState, Rollers};
 use crate::supply::Supply;
 use crate::threshold::{Hysteresis, Lasting};
@@ -44,9 +45,7 @@ const OVERDUE_US: u32 = 20_000;
 struct Tick {
     now: Micros,
     /// Time since the last tick, bounded so that the observer stays stable after a long pause.
-    dt: Time,
-    /// The same, us.
-    bounded_us: u32,
+    step: Step,
     /// The same without the bound, us.
     elapsed_us: u32,
     /// Voltage at full duty, V.
@@ -114,7 +113,7 @@ impl ControlSide {
         side.report.mode = Mode::Off;
         side.report.current = 0.0;
         side.report.roller_states = [RollerState::Constant; 4];
-        side.report.roller_sweeps = [0.0; 4];
+        side.report.roller_sweeps = Report::NONE.roller_sweeps;
         // The angles known from the wheels' indexes stay valid.
         let before = self.motion.as_ref();
         let before = before.and_then(|motion| motion.rollers.as_ref());
@@ -193,7 +192,7 @@ impl Supervision {
         elapsed_us: u32,
     ) -> Outputs {
         let tick = self.powered(motion, inputs, elapsed_us);
-        let turned = motion.measure(previous, inputs, tick.dt, &mut self.report);
+        let turned = motion.measure(previous, inputs, tick.step.dt, &mut self.report);
         if D::MAY_RAMP
             && let Some(fault) = inputs.drive_fault
         {
@@ -233,8 +232,7 @@ impl Supervision {
         let bounded_us = elapsed_us.clamp(TICK_US / 4, OVERDUE_US);
         Tick {
             now,
-            dt: Time::from_micros(bounded_us),
-            bounded_us,
+            step: Step::of_micros(bounded_us),
             elapsed_us,
             supply,
             available: supply.times(bounds.duty_max),

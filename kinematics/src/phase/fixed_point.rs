@@ -139,8 +139,8 @@ fn power(exponent: u32) -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Folded<const M: usize> {
     rows: [[i32; 3]; M],
-    /// A step of the result.
-    step: f32,
+    /// Fractional bits of the result.
+    fraction: u32,
 }
 
 /// The most fractional bits with which nothing of this size reaches 2^32; `None` below `least`.
@@ -187,6 +187,11 @@ pub struct FixedPhaseMember {
 }
 
 impl FixedPhaseMember {
+    /// Fractional bits of the twist that [`FixedPhaseMember::inverse_bits`] takes.
+    pub const TWIST_FRACTION: u32 = TWIST;
+    /// Fractional bits of the rates that [`FixedPhaseMember::measure_bits`] takes.
+    pub const RATE_FRACTION: u32 = RATE;
+
     /// Folds geometry, mount and compensation in floating point and keeps the result in fixed
     /// point.
     ///
@@ -231,17 +236,41 @@ impl FixedPhaseMember {
     pub fn inverse(&self, group: Twist, secants: &[i32; 4]) -> WheelRates {
         const STEPS: f32 = (1 << TWIST) as f32;
         let twist = [group.vx, group.vy, group.omega].map(|value| cut(value, STEPS));
+        let step = step(self.to_wheels.fraction);
+        let rates = self.inverse_bits(twist, secants);
+        rates.map(|rate| single(rate, step)).into()
+    }
+
+    /// [`FixedPhaseMember::inverse`] in whole numbers: a twist with
+    /// [`FixedPhaseMember::TWIST_FRACTION`] fractional bits, and rates with
+    /// [`FixedPhaseMember::rates_fraction`].
+    #[must_use]
+    #[inline]
+    pub fn inverse_bits(&self, twist: [i32; 3], secants: &[i32; 4]) -> [i32; 4] {
         let [left, right, front, rear] = &self.to_wheels.rows;
         let (left, right) = (dot(left, &twist), dot(right, &twist));
         let (front, rear) = (dot(front, &twist), dot(rear, &twist));
         let [fl, fr, rl, rr] = *secants;
-        let single = |rate| single(rate, self.to_wheels.step);
-        WheelRates {
-            front_left: single(minus_product(left, fl, front)),
-            front_right: single(plus_product(right, fr, front)),
-            rear_left: single(plus_product(left, rl, rear)),
-            rear_right: single(minus_product(right, rr, rear)),
-        }
+        [
+            minus_product(left, fl, front),
+            plus_product(right, fr, front),
+            plus_product(left, rl, rear),
+            minus_product(right, rr, rear),
+        ]
+    }
+
+    /// Fractional bits of the rates that [`FixedPhaseMember::inverse_bits`] gives.
+    #[must_use]
+    #[inline]
+    pub const fn rates_fraction(&self) -> u32 {
+        self.to_wheels.fraction
+    }
+
+    /// Fractional bits of the twist that [`FixedPhaseMember::measure_bits`] gives.
+    #[must_use]
+    #[inline]
+    pub const fn twist_fraction(&self) -> u32 {
+        self.to_group.fraction
     }
 
     /// The group twist (group frame) these wheel rates (rad/s) mean with these secants, and the
@@ -250,8 +279,9 @@ impl FixedPhaseMember {
     #[inline]
     pub fn measure(&self, rates: &WheelRates, secants: &[i32; 4]) -> (Twist, f32) {
         const STEPS: f32 = (1 << RATE) as f32;
-        let ([vx, vy, omega], residual) = self.solve(rates, STEPS, secants);
-        let step = self.to_group.step;
+        let rates = <[f32; 4]>::from(*rates).map(|rate| nearest(rate, STEPS));
+        let ([vx, vy, omega], residual) = self.measure_bits(rates, secants);
+        let step = step(self.to_group.fraction);
         let twist = Twist {
             vx: single(vx, step),
             vy: single(vy, step),
@@ -260,11 +290,14 @@ impl FixedPhaseMember {
         (twist, single(residual, 0.5 / STEPS))
     }
 
-    /// Steps of the twist, and the difference of the front and the rear pair in steps of a wheel
-    /// rate.
+    /// [`FixedPhaseMember::measure`] in whole numbers: rates with
+    /// [`FixedPhaseMember::RATE_FRACTION`] fractional bits, a twist with
+    /// [`FixedPhaseMember::twist_fraction`], and the residual with one more than the rates. With
+    /// more bits of the rates, or of angles, both results have as many more.
+    #[must_use]
     #[inline]
-    fn solve(&self, rates: &WheelRates, steps: f32, secants: &[i32; 4]) -> ([i32; 3], i32) {
-        let [fl, fr, rl, rr] = <[f32; 4]>::from(*rates).map(|rate| nearest(rate, steps));
+    pub fn measure_bits(&self, rates: [i32; 4], secants: &[i32; 4]) -> ([i32; 3], i32) {
+        let [fl, fr, rl, rr] = rates;
         let [s_fl, s_fr, s_rl, s_rr] = *secants;
         // Two secants fill 31 bits, and at three rollers a little more.
         let pair = |a: i32, b: i32| {
@@ -310,8 +343,9 @@ impl FixedPhaseMember {
     #[inline]
     pub fn displacement(&self, increments: &WheelRates, secants: &[i32; 4]) -> Twist {
         const STEPS: f32 = FINE * (1 << RATE) as f32;
-        let ([vx, vy, omega], _) = self.solve(increments, STEPS, secants);
-        let step = self.to_group.step * (1.0 / FINE);
+        let increments = <[f32; 4]>::from(*increments).map(|angle| nearest(angle, STEPS));
+        let ([vx, vy, omega], _) = self.measure_bits(increments, secants);
+        let step = step(self.to_group.fraction) * (1.0 / FINE);
         Twist {
             vx: single(vx, step),
             vy: single(vy, step),
@@ -347,7 +381,7 @@ fn to_wheels<S: Real>(member: &PhaseMember<S>) -> Result<Folded<4>, GeometryErro
             row(front, bits)?,
             row(rear, bits)?,
         ],
-        step: step(bits + TWIST - 32 - LEAN),
+        fraction: bits + TWIST - 32 - LEAN,
     })
 }
 
@@ -359,14 +393,13 @@ fn to_group<S: Real>(member: &PhaseMember<S>) -> Result<Folded<3>, GeometryError
     let row = |[a, b, c]: [f64; 3]| Ok([scaled(a, bits)?, scaled(b, bits)?, scaled(c, bits)?]);
     Ok(Folded {
         rows: [row(vx)?, row(vy)?, row(omega)?],
-        step: step(bits + RATE - 32),
+        fraction: bits + RATE - 32,
     })
 }
 
-/// A step of a number with that many fractional bits.
-#[expect(clippy::cast_possible_truncation, reason = "a power of two is exact")]
-fn step(bits: u32) -> f32 {
-    (1.0 / power(bits)) as f32
+/// A step of a number with that many fractional bits, at most 126.
+const fn step(bits: u32) -> f32 {
+    f32::from_bits(127_u32.wrapping_sub(bits) << 23)
 }
 
 /// Whole steps, towards zero; the ends for what lies beyond, zero for a NaN.

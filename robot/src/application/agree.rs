@@ -46,7 +46,9 @@ impl Application {
             self.transition(state::Event::Failed(Fault::TwoMasters), at);
         }
         if let Some(configuration) = &self.configuration
-            && let Some(fault) = self.strain.on_sync(at, self.report.measured(), configuration)
+            && let Some(fault) = self
+                .strain
+                .on_sync(at, self.report.measured(), configuration)
             && self.state == State::Moving
         {
             self.transition(state::Event::Failed(fault), at);

@@ -128,7 +128,7 @@ impl Application {
             }
             Address { index, sub } if index == rollers::sweep(0).index => {
                 let wheel = usize::from(sub.checked_sub(1)?);
-                Value::F32(*self.report.roller_sweeps.get(wheel)?)
+                Value::F32(self.report.roller_sweeps.get(wheel)?.to_f32())
             }
             _ if let Some(value) = self.update_value(address) => value,
             _ => match self.process_data(address.index) {
