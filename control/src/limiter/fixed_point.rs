@@ -145,7 +145,6 @@ const fn times(a: u64, b: u32) -> u64 {
 }
 
 #[inline]
-#[expect(clippy::cast_possible_truncation, reason = "the upper word")]
 const fn upper(wide: u64) -> u32 {
     (wide >> 32) as u32
 }

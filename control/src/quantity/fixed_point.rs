@@ -285,7 +285,6 @@ impl Time {
 impl Duration {
     /// So many microseconds, at most half an hour.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "below 2^31")]
     pub const fn from_micros(micros: u64) -> Self {
         /// Steps of a microsecond, with 32 more fractional bits.
         const STEPS: u64 = (1 << (20 + 32)) / 1_000_000;
@@ -324,10 +323,16 @@ impl Voltage {
         /// Bits of the result by bits of the voltage have as many fractional ones.
         const FRACTION: u32 = 42;
         let (mantissa, shift) = reciprocal(self.0.cast_unsigned());
-        if shift <= FRACTION {
-            return Quantity(i32::MAX);
-        }
-        Quantity((mantissa >> (shift - FRACTION)).cast_signed())
+        let bits = if shift < FRACTION {
+            u32::MAX
+        } else {
+            mantissa >> (shift - FRACTION)
+        };
+        Quantity(if bits > i32::MAX as u32 {
+            i32::MAX
+        } else {
+            bits.cast_signed()
+        })
     }
 }
 

@@ -71,6 +71,13 @@ fn products_are_off_by_half_a_step() {
     product::<23, 25, 23>((4.0, 50.0)); // yaw rate, lever
     product::<19, 25, 19>((50.0, 50.0)); // yaw acceleration, lever
     product::<27, 25, 27>((0.2, 50.0)); // turn, lever
+    product::<27, 18, 19>((6.6, 600.0)); // what is left, one over a time
+    product::<19, 27, 24>((100.0, 1.0)); // change, share
+    product::<24, 36, 27>((50.0, 0.02)); // acceleration of the group, time
+    product::<18, 36, 24>((5_000.0, 0.02)); // jerk, time
+    product::<27, 22, 15>((3.3, 100.0)); // input, divider
+    product::<15, 27, 24>((100.0, 1.0)); // voltage, one over the supply
+    product::<15, 20, 24>((0.5, 200.0)); // voltage, conductance
 }
 
 #[test]
@@ -111,9 +118,30 @@ fn conversions_are_off_by_half_a_step() {
         );
     }
     for micros in 250..=20_000_u16 {
+        let inverse = exact(PerSecond::of_micros(micros.into()));
+        let off = (inverse / (1e6 / f64::from(micros)) - 1.0).abs();
+        assert!(off < 2e-7, "{micros} us: {inverse} 1/s");
+        let part = exact(Part::of(20_000).at(micros.into()));
+        let off = (part - f64::from(micros) / 20_000.0).abs();
+        assert!(off < 2e-8 + 1.2e-7 * part, "{micros} us: {part}");
         let time = exact(Time::from_micros(micros.into()));
         let off = (time / (f64::from(micros) * 1e-6) - 1.0).abs();
         assert!(off < 2e-7, "{micros} us: {time} s");
+    }
+}
+
+#[test]
+fn one_over_a_voltage_is_off_by_its_steps() {
+    let mut spread = Spread(5);
+    for _ in 0..10_000 {
+        // From a tenth of a volt to a hundred.
+        let voltage = Voltage::new(spread.of(100.0).abs());
+        let (found, exact) = (exact(voltage.inverse()), 1.0 / exact(voltage));
+        let off = (found - exact).abs();
+        assert!(
+            off <= step::<27>(0.0) + 1.2e-7 * exact,
+            "{voltage:?}: {found}"
+        );
     }
 }
 
@@ -237,7 +265,15 @@ fn the_table_of_the_documents_is_this_one() {
         Bandwidth,
         Ratio,
         Lever,
-        Large
+        Large,
+        Velocity,
+        Change,
+        Jerk,
+        PerSecond,
+        InputVoltage,
+        Divider,
+        Drive,
+        Conductance
     ];
     assert_eq!(rows.len(), names.len());
     for (name, bits) in names {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::Stdio;
 
 use anyhow::{Context as _, bail, ensure};
+use emulator::profile::Call;
 use emulator::{Board, BoardConfig, Firmware};
 
 use omnibus::report::Scalar;
@@ -81,6 +82,12 @@ const KERNELS: [Kernel; 17] = [
     ("tick_phase", "tick_phase", None, None),
 ];
 
+/// Largest mean of a whole tick in fixed point without a floating-point unit: budget and ceiling.
+const FIXED_TICKS: [(&str, Option<f64>, f64); 2] = [
+    ("tick_alone", Some(4_000.0), 4_000.0),
+    ("tick_phase", None, 5_200.0),
+];
+
 /// Time that the image is given, ns; on its 16 MHz it needs about half of it.
 const TIME_NS: u64 = 2_000_000_000;
 
@@ -107,10 +114,21 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
             .iter()
             .map(|(function, ..)| address(function))
             .collect::<anyhow::Result<Vec<_>>>()?;
+        let soft: Vec<u32> = firmware
+            .functions()
+            .iter()
+            .filter(|symbol| is_software_float(&symbol.name))
+            .map(|symbol| symbol.address)
+            .collect();
+        ensure!(
+            core == "m4f" || !soft.is_empty(),
+            "{core}: the counting image has no software floating point under the names looked for"
+        );
         if let Some(profile) = board.profile() {
             profile.watch(nothing);
             profile.watch(right);
             addresses.iter().for_each(|address| profile.watch(*address));
+            soft.iter().for_each(|address| profile.watch(*address));
         }
         board.run_until(TIME_NS)?;
         let profile = board.take_profile().context("no call was counted")?;
@@ -146,12 +164,45 @@ pub fn figures() -> anyhow::Result<Vec<Figure>> {
                     middle = middle.peer(*value, name);
                 }
             }
+            if core == "m3_fixed"
+                && let Some((_, budget, ceiling)) =
+                    FIXED_TICKS.iter().find(|(tick, ..)| tick == name)
+            {
+                middle = middle.ceiling(*ceiling);
+                if let Some(budget) = budget {
+                    middle = middle.budget(*budget);
+                }
+                let inside = profile.calls(address);
+                let calls = soft.iter().flat_map(|address| profile.calls(*address));
+                let calls = calls.filter(|call| {
+                    let at = |tick: &&Call| {
+                        tick.began < call.began
+                            && call.began + call.cycles < tick.began + tick.cycles
+                    };
+                    inside.iter().find(at).is_some()
+                });
+                let name = format!("{name}.{core}.soft_float");
+                figures.push(Figure::new(name, calls.count() as f64, "calls").ceiling(0.0));
+            }
             figures.push(figure("min", counts.min().unwrap_or_default() as f64));
             figures.push(middle);
             figures.push(worst);
         }
     }
     Ok(figures)
+}
+
+/// Whether a function of this name computes with floats for a core that cannot.
+fn is_software_float(name: &str) -> bool {
+    let arm = [
+        "__aeabi_f",
+        "__aeabi_d",
+        "__aeabi_i2",
+        "__aeabi_ui2",
+        "__aeabi_l2",
+        "__aeabi_ul2",
+    ];
+    arm.iter().any(|begin| name.starts_with(begin)) || name.starts_with("compiler_builtins::float")
 }
 
 fn build(target: &str, scalar: Scalar) -> anyhow::Result<PathBuf> {
