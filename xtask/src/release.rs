@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         a.len(),
         b.len(),
         if arguments.development {
-            ", signed with the development key: anybody can make such a file"
+            ", signed with the development key: anyone can make such a file"
         } else {
             ""
         }
