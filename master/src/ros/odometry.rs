@@ -81,7 +81,8 @@ impl Odometry {
         let dt = self.at.map_or(0.0, |before| now.t - before);
         let dt = if (0.0..GAP).contains(&dt) { dt } else { 0.0 };
         self.at = Some(now.t);
-        // Poses start again with a configuration, which only happens to robots that are not running.
+        // Poses start again with a configuration, which only happens to robots that are not
+        // running.
         if now.phase == SessionState::Idle {
             self.anchored = false;
         }
